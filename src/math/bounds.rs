@@ -1,0 +1,62 @@
+//! Axis-aligned bounding boxes.
+
+use glam::Vec3;
+
+/// An axis-aligned box; empty when `min > max` in any component.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// The least corner.
+    pub min: Vec3,
+    /// The greatest corner.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// The box that contains nothing.
+    pub const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// The smallest box around the points.
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Bounds::EMPTY, Bounds::with)
+    }
+
+    /// The box grown to contain `p`.
+    pub fn with(self, p: Vec3) -> Self {
+        Bounds { min: self.min.min(p), max: self.max.max(p) }
+    }
+
+    /// The smallest box around both.
+    pub fn union(self, other: Bounds) -> Self {
+        Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Whether nothing is inside.
+    pub fn is_empty(&self) -> bool {
+        !(self.min.x <= self.max.x && self.min.y <= self.max.y && self.min.z <= self.max.z)
+    }
+
+    /// The middle; zero for the empty box.
+    pub fn center(&self) -> Vec3 {
+        if self.is_empty() { Vec3::ZERO } else { self.min * 0.5 + self.max * 0.5 }
+    }
+
+    /// Half the diagonal: the radius of the sphere around [`center`](Self::center) that contains the box.
+    pub fn radius(&self) -> f32 {
+        if self.is_empty() { 0.0 } else { (self.max * 0.5 - self.min * 0.5).length() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn empty_box_has_no_radius_and_union_grows() {
+        assert!(Bounds::EMPTY.is_empty());
+        assert_eq!(Bounds::EMPTY.radius(), 0.0);
+        let b = Bounds::of([Vec3::ZERO, Vec3::new(2.0, 0.0, 0.0)]);
+        assert_eq!(b.center(), Vec3::X);
+        assert_eq!(b.radius(), 1.0);
+        assert_eq!(b.union(Bounds::EMPTY), b);
+    }
+}

@@ -1,0 +1,78 @@
+//! Orthonormal frames. In a frame's local coordinates, z is the normal.
+
+use glam::Vec3;
+
+/// A right-handed orthonormal frame (s, t, n).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// First tangent.
+    pub s: Vec3,
+    /// Second tangent.
+    pub t: Vec3,
+    /// Normal.
+    pub n: Vec3,
+}
+
+impl Frame {
+    /// A frame around the unit vector `n`, with no preferred tangent. [Duff 2017, listing 3]
+    #[inline]
+    pub fn from_normal(n: Vec3) -> Self {
+        let sign = 1f32.copysign(n.z);
+        let a = -1.0 / (sign + n.z);
+        let b = n.x * n.y * a;
+        Frame {
+            s: Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x),
+            t: Vec3::new(b, sign + n.y * n.y * a, -n.y),
+            n,
+        }
+    }
+
+    /// A frame around the unit vector `n` whose first tangent lies as near as possible to `dpdu`;
+    /// without a usable `dpdu`, as [`from_normal`](Self::from_normal).
+    #[inline]
+    pub fn from_normal_tangent(n: Vec3, dpdu: Vec3) -> Self {
+        let s = dpdu - n * n.dot(dpdu);
+        let l2 = s.length_squared();
+        if !(l2 > 0.0 && l2.is_finite()) {
+            return Frame::from_normal(n);
+        }
+        let s = s / l2.sqrt();
+        Frame { s, t: n.cross(s), n }
+    }
+
+    /// World to local.
+    #[inline]
+    pub fn to_local(&self, v: Vec3) -> Vec3 {
+        Vec3::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
+    }
+
+    /// Local to world.
+    #[inline]
+    pub fn to_world(&self, v: Vec3) -> Vec3 {
+        self.s * v.x + self.t * v.y + self.n * v.z
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_orthonormal_and_right_handed_also_at_the_poles() {
+        for n in [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::new(0.6, 0.0, -0.8), Vec3::new(1e-7, 1e-7, -1.0)] {
+            let n = n.normalize();
+            for f in [Frame::from_normal(n), Frame::from_normal_tangent(n, Vec3::new(0.3, 1.0, 0.2))] {
+                assert!((f.s.cross(f.t) - f.n).length() < 1e-5, "{f:?}");
+                assert!((f.s.length() - 1.0).abs() < 1e-5);
+                let v = Vec3::new(0.1, -0.7, 0.4);
+                assert!((f.to_world(f.to_local(v)) - v).length() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn a_useless_tangent_falls_back() {
+        assert_eq!(Frame::from_normal_tangent(Vec3::Z, Vec3::Z), Frame::from_normal(Vec3::Z));
+        assert_eq!(Frame::from_normal_tangent(Vec3::Z, Vec3::NAN), Frame::from_normal(Vec3::Z));
+    }
+}

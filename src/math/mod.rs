@@ -1,0 +1,11 @@
+//! Geometry's arithmetic: frames, rays with epsilon-free offsets, bounds, robust sums.
+
+pub mod bounds;
+pub mod frame;
+pub mod ray;
+pub mod robust;
+
+pub use bounds::Bounds;
+pub use frame::Frame;
+pub use ray::Ray;
+pub use glam::{DAffine3, DMat3, DMat4, DVec3, Mat3, Vec2, Vec3};
