@@ -1,0 +1,91 @@
+//! The film: image size, crop, reconstruction filter, and the sums that samples go to.
+
+/// A reconstruction filter; radii and deviations are in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Filter {
+    /// Constant over `|x| < radius`.
+    Box {
+        /// Half the width.
+        radius: f32,
+    },
+    /// Linear from 1 at the centre to 0 at `radius`.
+    Tent {
+        /// Half the width.
+        radius: f32,
+    },
+    /// A Gaussian, lowered to reach 0 at four standard deviations.
+    Gaussian {
+        /// Standard deviation.
+        stddev: f32,
+    },
+}
+
+/// Which channels an image file gets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PixelFormat {
+    /// Luminance only.
+    Luminance,
+    /// Luminance and alpha.
+    LuminanceAlpha,
+    /// Red, green, blue.
+    Rgb,
+    /// Red, green, blue and alpha (the share of samples that hit something).
+    Rgba,
+    /// CIE XYZ.
+    Xyz,
+    /// CIE XYZ and alpha.
+    Xyza,
+}
+
+/// How the numbers of an EXR are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ComponentFormat {
+    /// 16-bit floats; values beyond their range are clamped and counted.
+    Half,
+    /// 32-bit floats.
+    Float,
+}
+
+/// A rectangle of pixels; x to the right and y downwards from the image's top left corner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRect {
+    /// Leftmost column.
+    pub x: u32,
+    /// Topmost row.
+    pub y: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+/// The film as a scene describes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilmSettings {
+    /// Columns of the full image.
+    pub width: u32,
+    /// Rows of the full image.
+    pub height: u32,
+    /// The part to render; `None` for all of it.
+    pub crop: Option<PixelRect>,
+    /// The reconstruction filter.
+    pub filter: Filter,
+    /// Channels of the output.
+    pub pixel_format: PixelFormat,
+    /// Storage of the output.
+    pub component_format: ComponentFormat,
+}
+
+impl Default for FilmSettings {
+    /// Mitsuba's defaults of `hdrfilm`.
+    fn default() -> Self {
+        FilmSettings {
+            width: 768,
+            height: 576,
+            crop: None,
+            filter: Filter::Gaussian { stddev: 0.5 },
+            pixel_format: PixelFormat::Rgb,
+            component_format: ComponentFormat::Half,
+        }
+    }
+}

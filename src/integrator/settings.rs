@@ -1,0 +1,105 @@
+//! What a scene file or the command line says about an integrator.
+
+/// A feature of the first surface that a camera ray meets, written as an image layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Aov {
+    /// Share of the light that a diffuse white illumination would send back.
+    Albedo,
+    /// Geometric normal in the world.
+    GeometricNormal,
+    /// Shading normal in the world.
+    ShadingNormal,
+    /// Position in the world.
+    Position,
+    /// Distance from the camera along the ray.
+    Depth,
+    /// Texture coordinates.
+    Uv,
+    /// Index of the triangle within its shape.
+    PrimitiveIndex,
+    /// Index of the shape within the scene.
+    ShapeIndex,
+    /// Variance of the pixel's mean, from the two half-buffers.
+    Variance,
+    /// Number of samples of the pixel.
+    Samples,
+}
+
+/// An image layer: its name in the file and what it holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// Prefix of the channel names.
+    pub name: String,
+    /// Content.
+    pub aov: Aov,
+}
+
+/// Path integrator. [Kajiya 1986; Veach 1997]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    pub max_depth: Option<u32>,
+    /// Depth from which Russian roulette may end a path.
+    pub rr_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl Default for PathSettings {
+    fn default() -> Self {
+        PathSettings { max_depth: None, rr_depth: 5, hide_emitters: false }
+    }
+}
+
+/// Direct illumination only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DirectSettings {
+    /// Samples of the emitters at each shading point.
+    pub emitter_samples: u32,
+    /// Samples of the BSDF at each shading point.
+    pub bsdf_samples: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl Default for DirectSettings {
+    fn default() -> Self {
+        DirectSettings { emitter_samples: 1, bsdf_samples: 1, hide_emitters: false }
+    }
+}
+
+/// An integrator and its parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Settings {
+    /// Path tracing.
+    Path(PathSettings),
+    /// Direct illumination.
+    Direct(DirectSettings),
+    /// Distance to the first surface.
+    Depth,
+    /// Layers of surface features, beside the image of another integrator if there is one.
+    Aov {
+        /// The layers in file order.
+        layers: Vec<Layer>,
+        /// The integrator that makes the image; `None` for a black image.
+        image: Option<Box<Settings>>,
+    },
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings::Path(PathSettings::default())
+    }
+}
+
+impl Settings {
+    /// The integrator's name in the scene language.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Settings::Path(_) => "path",
+            Settings::Direct(_) => "direct",
+            Settings::Depth => "depth",
+            Settings::Aov { .. } => "aov",
+        }
+    }
+}

@@ -1,0 +1,42 @@
+//! A scene as plain data, the way a scene file or a program builds it; [`compile`](super::compile) checks it.
+
+use crate::color::Rgb;
+use crate::emitter::Emitter;
+use crate::error::Place;
+use crate::ids::MaterialId;
+use crate::material::Material;
+use crate::math::DAffine3;
+use crate::sensor::SensorSettings;
+use crate::shape::Shape;
+
+/// A shape placed in the world.
+#[derive(Clone, Debug)]
+pub struct PlacedShape {
+    /// The scene file's name for it; may be empty.
+    pub name: String,
+    /// Where the scene file says it, for messages.
+    pub place: Option<Place>,
+    /// The shape in its own coordinates.
+    pub shape: Shape,
+    /// Its own coordinates to the world.
+    pub to_world: DAffine3,
+    /// Whether front and back are exchanged.
+    pub flip_normals: bool,
+    /// What it is made of.
+    pub material: MaterialId,
+    /// Radiance emitted by its front, W·m⁻²·sr⁻¹; `None` where it does not emit.
+    pub emission: Option<Rgb>,
+}
+
+/// A whole scene, before it is compiled.
+#[derive(Clone, Debug, Default)]
+pub struct Description {
+    /// The shapes in file order.
+    pub shapes: Vec<PlacedShape>,
+    /// The materials; shapes refer to them by index.
+    pub materials: Vec<Material>,
+    /// The emitters that are no shapes.
+    pub emitters: Vec<Emitter>,
+    /// The sensors in file order; a scene to render has at least one.
+    pub sensors: Vec<SensorSettings>,
+}

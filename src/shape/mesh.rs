@@ -1,0 +1,19 @@
+//! Triangle meshes as plain arrays.
+
+use crate::math::{Vec2, Vec3};
+
+/// A triangle mesh in its own coordinates.
+///
+/// `normals` and `uvs` are empty or have one entry per position. A triangle's geometric normal is
+/// `(p1 − p0) × (p2 − p0)`, its front the side that this points to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Vertex positions.
+    pub positions: Vec<Vec3>,
+    /// Vertex normals for smooth shading; empty for a faceted mesh.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates.
+    pub uvs: Vec<Vec2>,
+    /// Triangles as indices into the vertex arrays.
+    pub indices: Vec<[u32; 3]>,
+}

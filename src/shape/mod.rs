@@ -1,0 +1,27 @@
+//! Shapes: what the scene language can place in the world.
+
+pub mod mesh;
+
+pub use mesh::Mesh;
+
+use crate::math::Vec3;
+
+/// A shape in its own coordinates, as a scene names it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// A triangle mesh.
+    Mesh(Mesh),
+    /// The square [−1, 1]² in the plane z = 0 with normal +z; uv = (x + 1, y + 1) / 2.
+    Rectangle,
+    /// The cube [−1, 1]³ with faceted normals outwards; uv covers [0, 1]² on every face.
+    Cube,
+    /// A sphere.
+    Sphere {
+        /// Centre.
+        center: Vec3,
+        /// Radius, positive.
+        radius: f32,
+    },
+    /// The unit disk in the plane z = 0 with normal +z; uv = (radius, angle / 2π).
+    Disk,
+}
