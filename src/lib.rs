@@ -2,6 +2,7 @@
 #![deny(unsafe_code)]
 
 pub mod accel;
+pub mod bsdf;
 pub mod color;
 pub mod emitter;
 pub mod error;
