@@ -76,6 +76,7 @@ pub mod integrator;
 pub mod loader;
 pub mod material;
 pub mod math;
+pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod sensor;
