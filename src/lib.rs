@@ -64,14 +64,17 @@
 
 pub mod accel;
 pub mod bsdf;
+pub mod cli;
 pub mod color;
 #[cfg(feature = "embree")]
 #[allow(unsafe_code)]
 pub mod embree;
 pub mod emitter;
 pub mod error;
+pub mod estimate;
 pub mod film;
 pub mod ids;
+pub mod image;
 pub mod integrator;
 pub mod loader;
 pub mod material;

@@ -1,7 +1,8 @@
-//! The one integration-test binary.
+//! The integration tests, in one binary.
 
 #[cfg(feature = "embree")]
 mod embree_ffi;
+mod image_io;
 mod meshes;
 mod parity;
 mod watertight;

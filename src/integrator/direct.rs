@@ -95,6 +95,10 @@ impl Integrator for DirectIntegrator {
         "direct"
     }
 
+    fn shows_environment(&self) -> bool {
+        !self.settings.hide_emitters
+    }
+
     fn li(&self, scene: &Scene, wave: Wave<'_>, query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]) {
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);

@@ -80,6 +80,11 @@ pub trait Integrator: Send + Sync {
     /// Its name in the scene language.
     fn name(&self) -> &'static str;
 
+    /// Whether rays that meet nothing show the environment; its alpha is 1 then.
+    fn shows_environment(&self) -> bool {
+        false
+    }
+
     /// Estimates the radiance along each ray of `wave` into `out`, which has as many entries.
     fn li(&self, scene: &Scene, wave: Wave<'_>, query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]);
 }

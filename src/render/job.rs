@@ -46,6 +46,8 @@ pub struct Job<'a> {
     pub progress: &'a Progress,
     /// Whether alpha is summed.
     pub(super) alpha: bool,
+    /// Whether a ray that meets nothing counts as opaque, because it sees the environment.
+    pub(super) opaque_environment: bool,
     pub(super) filter: FilterSampler,
 }
 
@@ -91,6 +93,7 @@ impl<'a> Job<'a> {
             settings,
             progress,
             alpha: camera.film.pixel_format.has_alpha(),
+            opaque_environment: scene.environment.is_some() && integrator.shows_environment(),
             filter: FilterSampler::new(camera.film.filter),
         }
     }

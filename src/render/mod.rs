@@ -1,6 +1,7 @@
 //! Rendering a scene: passes over sample ranges, threads, stop rules, progress, the account of it all.
 
 pub mod job;
+pub mod output;
 pub mod progress;
 pub mod stop;
 pub mod tracing;

@@ -116,7 +116,8 @@ impl CameraWorker {
             self.values.clear();
             self.values.extend(radiance.value.to_array());
             if job.alpha {
-                self.values.push(if radiance.distance.is_finite() { 1.0 } else { 0.0 });
+                let opaque = job.opaque_environment || radiance.distance.is_finite();
+                self.values.push(if opaque { 1.0 } else { 0.0 });
             }
             for layer in job.sampled_layers() {
                 let start = self.values.len();

@@ -63,6 +63,14 @@ impl Perspective {
         Ray { o: self.origin + d * (self.near * length), t_max: (self.far - self.near) * length, d, time: 0.0 }
     }
 
+    /// In the sensor's coordinates, the vectors across the image plane (its full width and height) and the one
+    /// to its top left corner, at distance 1 along the viewing axis.
+    pub fn image_plane(&self) -> [DVec3; 3] {
+        let inverse = self.to_world.matrix3.inverse();
+        let (width, height) = (f64::from(self.film.width), f64::from(self.film.height));
+        [inverse * self.dx * width, inverse * self.dy * height, inverse * self.corner]
+    }
+
     /// World to sensor, for the image's metadata.
     pub fn world_to_camera(&self) -> DAffine3 {
         self.to_world.inverse()
