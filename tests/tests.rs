@@ -5,4 +5,6 @@ mod embree_ffi;
 mod image_io;
 mod meshes;
 mod parity;
+mod scattering;
+mod support;
 mod watertight;
