@@ -26,16 +26,6 @@ impl Random {
         Vec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
     }
 
-    /// A unit vector, uniform on the sphere.
-    pub fn direction(&mut self) -> Vec3 {
-        loop {
-            let p = self.cube();
-            if (0.01..1.0).contains(&p.length_squared()) {
-                return p.normalize();
-            }
-        }
-    }
-
     pub fn below(&mut self, n: usize) -> usize {
         (self.next() % n as u64) as usize
     }
