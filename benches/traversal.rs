@@ -1,8 +1,8 @@
 //! Mray/s of every traversal on the same rays: `cargo bench --bench traversal [-- FILTER]`.
 //!
 //! Handicaps, so that no row is read for more than it says:
-//! * Rays come from 2 threads, each with its own half of a wave buffer that fits its cache; a row is the best of
-//!   several passes. The machine's ISA and Embree's packet width are printed.
+//! * Rays come from 2 threads, each with its own waves; a wave counts with its shortest time over the passes. The
+//!   machine's ISA and Embree's packet width are printed.
 //! * "robust no" is Embree without watertight edges; it is never used for rendering.
 //! * "obvhs' own" is obvhs' CWBVH with its own node test and its own precomputed triangles, single rays, SSE
 //!   (four boxes at a time), not watertight, and it returns no barycentric coordinates. It is built with the same
@@ -89,14 +89,17 @@ fn bumpy_sphere(n: u32) -> Mesh {
         for j in 0..=n {
             let (theta, phi) = (i as f32 / n as f32, j as f32 / n as f32);
             let (theta, phi) = (std::f32::consts::PI * theta, std::f32::consts::TAU * phi);
-            let r = 1.0 + 0.1 * (13.0 * theta).sin() * (17.0 * phi).sin() + 0.02 * (97.0 * theta + 89.0 * phi).sin();
+            let r = 1.0
+                + 0.1 * (13.0 * theta).sin() * (17.0 * phi).sin()
+                + 0.02 * (97.0 * theta + 89.0 * phi).sin();
             positions.push(Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()) * r);
         }
     }
     let at = |i: u32, j: u32| i * (n + 1) + j;
     let cells = (0..n * n).map(|c| (c / n, c % n));
-    let indices =
-        cells.flat_map(|(i, j)| [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)]]);
+    let indices = cells.flat_map(|(i, j)| {
+        [[at(i, j), at(i + 1, j), at(i, j + 1)], [at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)]]
+    });
     Mesh { name: String::new(), positions, indices: indices.collect(), eye: Vec3::new(0.0, 0.4, 3.0) }
 }
 
@@ -124,27 +127,29 @@ fn rays(mesh: &Mesh, accel: &dyn Accel, coherence: Coherence, count: usize) -> V
     result
 }
 
-/// Mray/s of `f`, called from every thread for its own waves; the best of the passes.
+/// Mray/s of `f`, called from every thread for its own waves. Each wave counts with its shortest time over the
+/// passes, so that what else the machine does in between is not measured.
 fn measure(rays: &[Ray], f: impl Fn(&[Ray], &mut Vec<Option<Hit>>, &mut Vec<bool>) + Sync) -> f64 {
-    let share = rays.len() / THREADS;
-    let start = Instant::now();
-    let mut best = f64::INFINITY;
-    let mut passes = 0;
-    while passes < 3 || start.elapsed() < LEAST_TIME {
-        let times: Vec<f64> = std::thread::scope(|scope| {
-            let run = |part: &[Ray]| {
-                let (mut hits, mut occluded) = (vec![None; WAVE], vec![false; WAVE]);
+    let run = |share: &[Ray]| {
+        let (mut hits, mut occluded) = (vec![None; WAVE], vec![false; WAVE]);
+        let mut shortest = [f64::INFINITY; WAVES];
+        let start = Instant::now();
+        let mut passes = 0;
+        while passes < 5 || start.elapsed() < LEAST_TIME {
+            for (wave, shortest) in share.chunks_exact(WAVE).zip(&mut shortest) {
                 let start = Instant::now();
-                part.chunks_exact(WAVE).for_each(|wave| f(wave, &mut hits, &mut occluded));
-                start.elapsed().as_secs_f64()
-            };
-            let threads: Vec<_> = rays.chunks_exact(share).map(|part| scope.spawn(move || run(part))).collect();
-            threads.into_iter().map(|t| t.join().expect("no panic")).collect()
-        });
-        best = best.min(times.iter().sum::<f64>() / THREADS as f64);
-        passes += 1;
-    }
-    rays.len() as f64 / best * 1e-6
+                f(wave, &mut hits, &mut occluded);
+                *shortest = shortest.min(start.elapsed().as_secs_f64());
+            }
+            passes += 1;
+        }
+        share.len() as f64 / shortest.iter().sum::<f64>()
+    };
+    std::thread::scope(|scope| {
+        let shares = rays.chunks_exact(WAVE * WAVES);
+        let threads: Vec<_> = shares.map(|share| scope.spawn(|| run(share))).collect();
+        threads.into_iter().map(|t| t.join().expect("no panic")).sum::<f64>() * 1e-6
+    })
 }
 
 /// The rows of one accelerator: single rays and waves, or single rays alone.
@@ -178,11 +183,13 @@ fn obvhs_rows(mesh: &Mesh, sets: &[(Coherence, Vec<Ray>)]) {
     };
     let triangles: Vec<Triangle> = mesh.indices.iter().map(triangle).collect();
     let start = Instant::now();
-    let bvh: CwBvh = build_cwbvh_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+    let bvh: CwBvh =
+        build_cwbvh_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
     let seconds = start.elapsed().as_secs_f64();
     let ordered: Vec<RtCompressedTriangle> =
         bvh.primitive_indices.iter().map(|&i| (&triangles[i as usize]).into()).collect();
-    let bytes = size_of_val(&bvh.nodes[..]) + size_of_val(&ordered[..]) + size_of_val(&bvh.primitive_indices[..]);
+    let bytes =
+        size_of_val(&bvh.nodes[..]) + size_of_val(&ordered[..]) + size_of_val(&bvh.primitive_indices[..]);
     print_build("obvhs' own", seconds, bytes, mesh.indices.len());
     let query = |ray: &Ray| ObvhsRay::new(ray.o.into(), ray.d.into(), 0.0, ray.t_max);
     let mut figures = Vec::new();
@@ -205,7 +212,10 @@ fn obvhs_rows(mesh: &Mesh, sets: &[(Coherence, Vec<Ray>)]) {
 }
 
 fn print_build(label: &str, seconds: f64, bytes: usize, triangles: usize) {
-    println!("  {label:<22} built in {seconds:>6.3} s, {:>6.1} bytes a triangle", bytes as f64 / triangles as f64);
+    println!(
+        "  {label:<22} built in {seconds:>6.3} s, {:>6.1} bytes a triangle",
+        bytes as f64 / triangles as f64
+    );
 }
 
 fn bench(mesh: Mesh) {
@@ -213,7 +223,8 @@ fn bench(mesh: Mesh) {
     println!("  {:<30} {:>19} {:>19}", "", "coherent", "incoherent");
     println!("  {:<30} {:>9} {:>9} {:>9} {:>9}", "", "intersect", "occluded", "intersect", "occluded");
     let (positions, indices) = (Arc::new(mesh.positions.clone().into()), Arc::new(mesh.indices.clone()));
-    let geometry = || vec![Geometry::Triangles { positions: Arc::clone(&positions), indices: Arc::clone(&indices) }];
+    let geometry =
+        || vec![Geometry::Triangles { positions: Arc::clone(&positions), indices: Arc::clone(&indices) }];
     let mut sets = Vec::new();
     for &kind in AccelKind::ALL {
         let robustness: &[bool] = if kind == AccelKind::Obvhs { &[true] } else { &[true, false] };

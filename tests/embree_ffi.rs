@@ -1,8 +1,8 @@
 //! The safe wrapper of Embree keeps its promises: layouts, padding, panics in callbacks, order of drops.
 
 use buffon::embree::{
-    Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16, SceneBuilder,
-    SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
+    Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
+    SceneBuilder, SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -143,7 +143,8 @@ fn a_panic_in_a_callback_goes_on_after_the_query() {
     beyond[0] = 0.75;
     let single = caught(&mut || scene.intersect1(&mut RayHit1::new(&beyond), Coherence::Incoherent));
     assert_eq!(single, "the trap is shut");
-    let occluded = caught(&mut || assert!(!scene.occluded1(&mut RayHit1::new(&beyond), Coherence::Incoherent)));
+    let occluded =
+        caught(&mut || assert!(!scene.occluded1(&mut RayHit1::new(&beyond), Coherence::Incoherent)));
     assert_eq!(occluded, "the trap is shut");
     let mut rays = [DOWN; WIDTH];
     rays[9] = beyond;

@@ -59,7 +59,9 @@ fn scenes() -> Vec<Scene> {
 
 /// Rays of all kinds: between random points, aimed at vertices and edges, along the axes, from surfaces, shadow rays.
 fn ray(scene: &Scene, random: &mut Random) -> Ray {
-    let mesh = scene.meshes[random.below(scene.meshes.iter().flatten().count())].as_ref().expect("meshes come first");
+    let mesh = scene.meshes[random.below(scene.meshes.iter().flatten().count())]
+        .as_ref()
+        .expect("meshes come first");
     let origin = match random.below(4) {
         0 => random.cube() * 4.0,
         1 => (random.cube() * 8.0).round() / 8.0,
@@ -249,7 +251,12 @@ fn invalid_primitives_are_dropped_and_counted_alike() {
     let bad_sphere = Geometry::Analytic(Primitive::Sphere { center: Vec3::ZERO, radius: f32::NAN });
     let good_sphere = Geometry::Analytic(Primitive::Sphere { center: Vec3::ZERO, radius: 0.5 });
     for &kind in AccelKind::ALL {
-        let list = vec![nothing.clone().geometry(), bad_sphere.clone(), mesh.clone().geometry(), good_sphere.clone()];
+        let list = vec![
+            nothing.clone().geometry(),
+            bad_sphere.clone(),
+            mesh.clone().geometry(),
+            good_sphere.clone(),
+        ];
         let built = build(kind, list, 0, true).expect("built");
         assert_eq!(built.dropped, 6, "{kind}");
         assert_eq!((built.accel.bounds().min, built.accel.bounds().max), (-Vec3::ONE, Vec3::ONE));
@@ -279,7 +286,11 @@ fn invalid_rays_hit_nothing_and_disturb_no_neighbour() {
         for (i, ray) in rays.iter().enumerate() {
             let valid = i % 3 != 0;
             let single = accel.intersect(ray);
-            assert_eq!((hits[i].is_some(), occluded[i], single.is_some()), (valid, valid, valid), "{kind}: {ray:?}");
+            assert_eq!(
+                (hits[i].is_some(), occluded[i], single.is_some()),
+                (valid, valid, valid),
+                "{kind}: {ray:?}"
+            );
             assert_eq!(hits[i].map(|h| h.t), valid.then_some(2.0));
         }
     }

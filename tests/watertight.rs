@@ -43,7 +43,8 @@ fn escaped<'a>(accel: &dyn Accel, rays: &'a [Ray]) -> Vec<&'a Ray> {
     let mut occluded = vec![false; rays.len()];
     accel.intersect_wave(rays, &mut hits, Coherence::Incoherent);
     accel.occluded_wave(rays, &mut occluded, Coherence::Incoherent);
-    let single = |i: usize| !i.is_multiple_of(10) || (accel.intersect(&rays[i]).is_some() && accel.occluded(&rays[i]));
+    let single =
+        |i: usize| !i.is_multiple_of(10) || (accel.intersect(&rays[i]).is_some() && accel.occluded(&rays[i]));
     let escapes = |i: &usize| !(hits[*i].is_some() && occluded[*i] && single(*i));
     (0..rays.len()).filter(escapes).map(|i| &rays[i]).collect()
 }
@@ -67,7 +68,8 @@ fn no_ray_escapes_from_a_closed_mesh_through_vertices_or_edges() {
         for center in [Vec3::ZERO, Vec3::new(1e4, -1e4, 1e4)] {
             let mut random = Random(seed);
             let mesh = mesh.clone().map(|p| p + center);
-            let rays: Vec<Ray> = (0..rays_each).map(|_| aimed_ray(&mesh, center, *inside, &mut random)).collect();
+            let rays: Vec<Ray> =
+                (0..rays_each).map(|_| aimed_ray(&mesh, center, *inside, &mut random)).collect();
             for &kind in AccelKind::ALL {
                 let accel = build(kind, vec![mesh.clone().geometry()], 0, true).expect("built").accel;
                 let escaped = escaped(&*accel, &rays);

@@ -2,8 +2,8 @@
 
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive};
 use crate::embree::{
-    self, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16, SceneBuilder,
-    SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
+    self, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
+    SceneBuilder, SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
@@ -30,10 +30,10 @@ impl EmbreeAccel {
     pub(super) fn new(geometry: Vec<Geometry>, bounds: Bounds, threads: usize, robust: bool) -> Result<Self> {
         let device = Device::new(DeviceOptions { threads })?;
         let mut builder = SceneBuilder::new(&device, SceneOptions { robust })?;
-        let analytic_id = u32::try_from(geometry.len())
-            .ok()
-            .filter(|&n| n < INVALID_ID)
-            .ok_or_else(|| Error::scene(format!("{} shapes are more than Embree can number", geometry.len())))?;
+        let analytic_id =
+            u32::try_from(geometry.len()).ok().filter(|&n| n < INVALID_ID).ok_or_else(|| {
+                Error::scene(format!("{} shapes are more than Embree can number", geometry.len()))
+            })?;
         let mut analytic = Vec::new();
         let mut surfaces = Vec::new();
         for (id, entry) in (0..).zip(geometry) {
@@ -58,7 +58,11 @@ impl EmbreeAccel {
     /// The geometry and the primitive that Embree's ids stand for.
     #[inline]
     fn place(&self, geometry: u32, primitive: u32) -> (u32, u32) {
-        if geometry < self.analytic_id { (geometry, primitive) } else { (self.analytic[primitive as usize], 0) }
+        if geometry < self.analytic_id {
+            (geometry, primitive)
+        } else {
+            (self.analytic[primitive as usize], 0)
+        }
     }
 
     #[inline]

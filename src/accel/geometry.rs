@@ -129,7 +129,8 @@ fn check_mesh(positions: &VertexBuffer, indices: &mut Arc<Vec<[u32; 3]>>, result
         }
     }
     if out_of_range {
-        let repaired = indices.iter().map(|t| if t.iter().all(|&i| (i as usize) < count) { *t } else { [0; 3] });
+        let repaired =
+            indices.iter().map(|t| if t.iter().all(|&i| (i as usize) < count) { *t } else { [0; 3] });
         *indices = Arc::new(if count == 0 { Vec::new() } else { repaired.collect() });
     }
 }

@@ -275,7 +275,9 @@ const _: () = {
     assert!(align_of::<RayHit1>() == align_of::<sys::RTCRayHit>());
     assert!(offset_of!(RayHit1, t_far) == offset_of!(sys::RTCRay, tfar));
     assert!(offset_of!(RayHit1, u) == offset_of!(sys::RTCRayHit, hit) + offset_of!(sys::RTCHit, u));
-    assert!(offset_of!(RayHit1, geometry) == offset_of!(sys::RTCRayHit, hit) + offset_of!(sys::RTCHit, geomID));
+    assert!(
+        offset_of!(RayHit1, geometry) == offset_of!(sys::RTCRayHit, hit) + offset_of!(sys::RTCHit, geomID)
+    );
     assert!(size_of::<Rays16>() == size_of::<sys::RTCRay16>());
     assert!(align_of::<Rays16>() == align_of::<sys::RTCRay16>());
     assert!(offset_of!(Rays16, direction) == offset_of!(sys::RTCRay16, dir_x));
@@ -296,7 +298,8 @@ mod tests {
 
     #[test]
     fn a_packet_is_the_transpose_of_its_rays() {
-        let rows: [[f32; 8]; WIDTH] = std::array::from_fn(|i| std::array::from_fn(|k| (i * 8 + k + 1) as f32));
+        let rows: [[f32; 8]; WIDTH] =
+            std::array::from_fn(|i| std::array::from_fn(|k| (i * 8 + k + 1) as f32));
         let mut rays = Rays16::default();
         rays.load(&rows);
         for (i, row) in rows.iter().enumerate() {
