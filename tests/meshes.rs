@@ -26,16 +26,6 @@ impl Random {
         Vec3::new(self.unit(), self.unit(), self.unit()) * 2.0 - 1.0
     }
 
-    /// A unit vector, uniform on the sphere.
-    pub fn direction(&mut self) -> Vec3 {
-        loop {
-            let p = self.cube();
-            if (0.01..1.0).contains(&p.length_squared()) {
-                return p.normalize();
-            }
-        }
-    }
-
     pub fn below(&mut self, n: usize) -> usize {
         (self.next() % n as u64) as usize
     }
@@ -114,10 +104,12 @@ pub fn cube() -> Mesh {
 
 /// A height field over [-1, 1]² with `n`² squares.
 pub fn terrain(n: u32) -> Mesh {
-    let height = |x: f32, y: f32| 0.2 * (7.0 * x).sin() * (5.0 * y).cos() + 0.05 * (31.0 * x + 17.0 * y).sin();
+    let height =
+        |x: f32, y: f32| 0.2 * (7.0 * x).sin() * (5.0 * y).cos() + 0.05 * (31.0 * x + 17.0 * y).sin();
     let coordinate = |i: u32| 2.0 * i as f32 / n as f32 - 1.0;
     let at = |i: u32| (coordinate(i % (n + 1)), coordinate(i / (n + 1)));
-    let positions = (0..(n + 1) * (n + 1)).map(|i| Vec3::new(at(i).0, at(i).1, height(at(i).0, at(i).1))).collect();
+    let positions =
+        (0..(n + 1) * (n + 1)).map(|i| Vec3::new(at(i).0, at(i).1, height(at(i).0, at(i).1))).collect();
     let squares = (0..n * n).map(|i| (i / n) * (n + 1) + i % n);
     let indices = squares.flat_map(|a| [[a, a + 1, a + n + 1], [a + 1, a + n + 2, a + n + 1]]).collect();
     Mesh { positions, indices }

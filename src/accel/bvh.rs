@@ -57,7 +57,9 @@ impl Bvh {
             .map_err(|e| Error::internal(format!("starting the threads that build the BVH: {e}")))?;
         let tree = match boxes.is_empty() {
             true => CwBvh::default(),
-            false => pool.install(|| build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default())),
+            false => {
+                pool.install(|| build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default()))
+            }
         };
         drop(boxes);
         let entries = tree.primitive_indices.iter().map(|&i| entry(&geometry, places[i as usize])).collect();
@@ -125,7 +127,10 @@ impl Bvh {
         };
         if let Some((t, u, v)) = found {
             let primitive = if entry.primitive == ANALYTIC { 0 } else { entry.primitive };
-            nearest.offer(Hit { t, u, v, geometry: entry.geometry, primitive, instance: NO_INSTANCE }, ray.t_max);
+            nearest.offer(
+                Hit { t, u, v, geometry: entry.geometry, primitive, instance: NO_INSTANCE },
+                ray.t_max,
+            );
         }
     }
 }

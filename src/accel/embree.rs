@@ -2,8 +2,8 @@
 
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive};
 use crate::embree::{
-    self, CommittedScene, Device, DeviceOptions, INVALID_ID, RayHit1, RayHits16, Rays16, SceneBuilder,
-    SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
+    self, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
+    SceneBuilder, SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
@@ -30,10 +30,10 @@ impl EmbreeAccel {
     pub(super) fn new(geometry: Vec<Geometry>, bounds: Bounds, threads: usize, robust: bool) -> Result<Self> {
         let device = Device::new(DeviceOptions { threads })?;
         let mut builder = SceneBuilder::new(&device, SceneOptions { robust })?;
-        let analytic_id = u32::try_from(geometry.len())
-            .ok()
-            .filter(|&n| n < INVALID_ID)
-            .ok_or_else(|| Error::scene(format!("{} shapes are more than Embree can number", geometry.len())))?;
+        let analytic_id =
+            u32::try_from(geometry.len()).ok().filter(|&n| n < INVALID_ID).ok_or_else(|| {
+                Error::scene(format!("{} shapes are more than Embree can number", geometry.len()))
+            })?;
         let mut analytic = Vec::new();
         let mut surfaces = Vec::new();
         for (id, entry) in (0..).zip(geometry) {
@@ -58,7 +58,11 @@ impl EmbreeAccel {
     /// The geometry and the primitive that Embree's ids stand for.
     #[inline]
     fn place(&self, geometry: u32, primitive: u32) -> (u32, u32) {
-        if geometry < self.analytic_id { (geometry, primitive) } else { (self.analytic[primitive as usize], 0) }
+        if geometry < self.analytic_id {
+            (geometry, primitive)
+        } else {
+            (self.analytic[primitive as usize], 0)
+        }
     }
 
     #[inline]
@@ -86,9 +90,6 @@ impl Accel for EmbreeAccel {
     }
 
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        if !super::is_valid_ray(ray) {
-            return None;
-        }
         let mut query = RayHit1::new(bytemuck::cast_ref(ray));
         self.scene.intersect1(&mut query, embree::Coherence::Incoherent);
         if query.geometry == INVALID_ID {
@@ -99,31 +100,29 @@ impl Accel for EmbreeAccel {
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        super::is_valid_ray(ray)
-            && self.scene.occluded1(&mut RayHit1::new(bytemuck::cast_ref(ray)), embree::Coherence::Incoherent)
+        self.scene.occluded1(&mut RayHit1::new(bytemuck::cast_ref(ray)), embree::Coherence::Incoherent)
     }
 
     fn intersect_wave(&self, rays: &[Ray], hits: &mut [Option<Hit>], coherence: Coherence) {
         assert_eq!(rays.len(), hits.len(), "one hit for each ray");
         let coherence = coherence.into();
         let mut packet = RayHits16::default();
+        let trace = |packet: &mut RayHits16, hits: &mut [Option<Hit>]| {
+            packet.clear_hits();
+            self.scene.intersect16(&Mask16::ALL, packet, coherence);
+            for (i, hit) in hits.iter_mut().enumerate() {
+                *hit = self.hit16(packet, i);
+            }
+        };
         let (rays, rays_tail) = bytemuck::cast_slice::<Ray, [f32; 8]>(rays).as_chunks::<WIDTH>();
         let (hits, hits_tail) = hits.as_chunks_mut::<WIDTH>();
         for (rays, hits) in rays.iter().zip(hits) {
-            let valid = packet.rays.load(rays);
-            packet.clear_hits();
-            self.scene.intersect16(&valid, &mut packet, coherence);
-            for (i, hit) in hits.iter_mut().enumerate() {
-                *hit = self.hit16(&packet, i);
-            }
+            packet.rays.load(rays);
+            trace(&mut packet, hits);
         }
         if !rays_tail.is_empty() {
-            let valid = packet.rays.load_tail(rays_tail);
-            packet.clear_hits();
-            self.scene.intersect16(&valid, &mut packet, coherence);
-            for (i, hit) in hits_tail.iter_mut().enumerate() {
-                *hit = self.hit16(&packet, i);
-            }
+            packet.rays.load_tail(rays_tail);
+            trace(&mut packet, hits_tail);
         }
     }
 
@@ -131,21 +130,21 @@ impl Accel for EmbreeAccel {
         assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
         let coherence = coherence.into();
         let mut packet = Rays16::default();
+        let trace = |packet: &mut Rays16, occluded: &mut [bool]| {
+            let traced = self.scene.occluded16(&Mask16::ALL, packet, coherence);
+            for (i, occluded) in occluded.iter_mut().enumerate() {
+                *occluded = traced.get(i) & (packet.t_far[i] == f32::NEG_INFINITY);
+            }
+        };
         let (rays, rays_tail) = bytemuck::cast_slice::<Ray, [f32; 8]>(rays).as_chunks::<WIDTH>();
         let (occluded, occluded_tail) = occluded.as_chunks_mut::<WIDTH>();
         for (rays, occluded) in rays.iter().zip(occluded) {
-            let valid = packet.load(rays);
-            self.scene.occluded16(&valid, &mut packet, coherence);
-            for (i, occluded) in occluded.iter_mut().enumerate() {
-                *occluded = valid.get(i) & (packet.t_far[i] == f32::NEG_INFINITY);
-            }
+            packet.load(rays);
+            trace(&mut packet, occluded);
         }
         if !rays_tail.is_empty() {
-            let valid = packet.load_tail(rays_tail);
-            self.scene.occluded16(&valid, &mut packet, coherence);
-            for (i, occluded) in occluded_tail.iter_mut().enumerate() {
-                *occluded = valid.get(i) & (packet.t_far[i] == f32::NEG_INFINITY);
-            }
+            packet.load_tail(rays_tail);
+            trace(&mut packet, occluded_tail);
         }
     }
 }

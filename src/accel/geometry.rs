@@ -5,7 +5,7 @@ use crate::math::{Bounds, Vec3};
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// Vertices beyond this in any component make a primitive invalid, as in Embree.
+/// A vertex or a ray beyond this in any component makes a primitive or a ray invalid, as in Embree.
 pub const COORDINATE_LIMIT: f32 = 1.844e18;
 
 /// Vertex positions, followed by padding: Embree reads 16 bytes at the last one. Derefs to the positions alone.
@@ -129,7 +129,8 @@ fn check_mesh(positions: &VertexBuffer, indices: &mut Arc<Vec<[u32; 3]>>, result
         }
     }
     if out_of_range {
-        let repaired = indices.iter().map(|t| if t.iter().all(|&i| (i as usize) < count) { *t } else { [0; 3] });
+        let repaired =
+            indices.iter().map(|t| if t.iter().all(|&i| (i as usize) < count) { *t } else { [0; 3] });
         *indices = Arc::new(if count == 0 { Vec::new() } else { repaired.collect() });
     }
 }

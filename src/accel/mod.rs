@@ -16,7 +16,7 @@ pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer};
 pub use primitive::{Primitive, PrimitiveHit};
 
 use crate::error::{Error, Result};
-use crate::math::{Bounds, Ray};
+use crate::math::{Bounds, Ray, Vec3};
 use std::fmt;
 use std::str::FromStr;
 
@@ -54,8 +54,8 @@ pub enum Coherence {
 
 /// A built acceleration structure: immutable, asked from any number of threads.
 ///
-/// A ray with a component that is not finite (but `t_max` may be infinite), with a zero direction, or with
-/// `t_max` not above 0 hits nothing. Directions need not be of unit length.
+/// A ray with a component of origin or direction that is NaN or beyond [`COORDINATE_LIMIT`], with a zero direction,
+/// or with `t_max` not above 0 hits nothing. Directions need not be of unit length.
 pub trait Accel: Send + Sync {
     /// The name of the back end, for statistics.
     fn name(&self) -> &'static str;
@@ -98,7 +98,8 @@ pub trait Accel: Send + Sync {
 /// Whether a ray can hit anything: see [`Accel`].
 #[inline]
 fn is_valid_ray(ray: &Ray) -> bool {
-    ray.o.is_finite() && ray.d.is_finite() && ray.d.max_element().max(-ray.d.min_element()) > 0.0 && ray.t_max > 0.0
+    let within = |v: Vec3| v.abs().cmple(Vec3::splat(COORDINATE_LIMIT)).all();
+    within(ray.o) && within(ray.d) && ray.d != Vec3::ZERO && ray.t_max > 0.0
 }
 
 /// The back ends that a scene can be rendered with.
@@ -204,7 +205,7 @@ mod tests {
         for &kind in AccelKind::ALL {
             let built = build(kind, Vec::new(), 1, true).expect("built");
             assert!(built.accel.bounds().is_empty());
-            assert_eq!(built.accel.intersect(&Ray::new(crate::math::Vec3::ZERO, crate::math::Vec3::X)), None);
+            assert_eq!(built.accel.intersect(&Ray::new(Vec3::ZERO, Vec3::X)), None);
         }
     }
 }

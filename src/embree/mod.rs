@@ -22,7 +22,7 @@ mod scene;
 mod user;
 
 pub use device::{Device, DeviceOptions, version};
-pub use packet::{Mask16, RayHit1, RayHits16, Rays16, WIDTH};
+pub use packet::{COMPONENT_LIMIT, Mask16, RayHit1, RayHits16, Rays16, WIDTH};
 pub use scene::{Coherence, CommittedScene, SceneBuilder, SceneOptions};
 pub use user::{UserHit, UserPrimitives, UserRay};
 

@@ -7,6 +7,9 @@ use std::mem::{align_of, offset_of, size_of};
 /// Rays in a packet.
 pub const WIDTH: usize = 16;
 
+/// The greatest absolute value of a component of a vertex or a ray; Embree's `FLT_LARGE`.
+pub const COMPONENT_LIMIT: f32 = 1.844e18;
+
 /// A ray and its hit: `RTCRayHit`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(16))]
@@ -98,23 +101,26 @@ pub struct RayHits16 {
     pub instance: [u32; WIDTH],
 }
 
-/// Which rays of a packet are to be traced. Aligned like the packet, as Embree demands.
+/// A choice of the rays of a packet. Aligned like the packet, as Embree demands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(64))]
 pub struct Mask16([i32; WIDTH]);
 
 impl Mask16 {
-    /// The rays for which `valid` holds.
+    /// All rays.
+    pub const ALL: Mask16 = Mask16([-1; WIDTH]);
+
+    /// The rays for which `chosen` holds.
     #[inline]
-    pub fn from_fn(mut valid: impl FnMut(usize) -> bool) -> Self {
+    pub fn from_fn(mut chosen: impl FnMut(usize) -> bool) -> Self {
         let mut mask = [0; WIDTH];
         for (i, lane) in mask.iter_mut().enumerate() {
-            *lane = -i32::from(valid(i));
+            *lane = -i32::from(chosen(i));
         }
         Mask16(mask)
     }
 
-    /// Whether ray `i` is to be traced.
+    /// Whether ray `i` is chosen.
     #[inline]
     pub fn get(&self, i: usize) -> bool {
         self.0[i] != 0
@@ -169,41 +175,55 @@ impl RayHits16 {
 }
 
 impl Rays16 {
-    /// Transposes sixteen rays of 8 floats (origin, t_far, direction, time) into the packet and says which are
-    /// valid: all components finite (`t_far` may be infinite), a direction that is not zero, `t_far` > 0.
-    /// Embree itself filters no invalid rays.
+    /// Transposes sixteen rays of 8 floats (origin, t_far, direction, time) into the packet.
     #[inline]
-    pub fn load(&mut self, rays: &[[f32; 8]; WIDTH]) -> Mask16 {
+    pub fn load(&mut self, rays: &[[f32; 8]; WIDTH]) {
         let [x, y, z] = &mut self.origin;
         let [dx, dy, dz] = &mut self.direction;
-        let columns = [x, y, z, &mut self.t_far, dx, dy, dz, &mut self.time];
-        transpose(rays, columns);
-        self.validity()
+        transpose(rays, [x, y, z, &mut self.t_far, dx, dy, dz, &mut self.time]);
     }
 
-    /// The first `rays.len()` of a packet, as [`load`](Self::load); the others are invalid.
+    /// The first `rays.len()` of a packet, as [`load`](Self::load); the others become invalid rays.
     ///
     /// # Panics
     /// If there are more rays than a packet holds.
-    pub fn load_tail(&mut self, rays: &[[f32; 8]]) -> Mask16 {
+    pub fn load_tail(&mut self, rays: &[[f32; 8]]) {
         let mut padded = [[0.0; 8]; WIDTH];
         padded[..rays.len()].copy_from_slice(rays);
-        self.load(&padded)
+        self.load(&padded);
     }
 
+    /// Those of the wanted rays that are valid: see [`CommittedScene`](super::CommittedScene).
     #[inline]
-    fn validity(&self) -> Mask16 {
+    pub(super) fn valid(&self, wanted: &Mask16) -> Mask16 {
         let ([x, y, z], [dx, dy, dz]) = (&self.origin, &self.direction);
-        let mut mask = [0; WIDTH];
-        for i in 0..WIDTH {
-            // 0·x is 0 for a finite x and NaN else.
-            let sum = x[i] * 0.0 + y[i] * 0.0 + z[i] * 0.0 + dx[i] * 0.0 + dy[i] * 0.0 + dz[i] * 0.0;
-            let directed = dx[i].to_bits() | dy[i].to_bits() | dz[i].to_bits();
-            let valid = (sum == 0.0) & (directed << 1 != 0) & (self.t_far[i] > 0.0);
-            mask[i] = -i32::from(valid);
+        let mut mask = wanted.0;
+        for (i, lane) in mask.iter_mut().enumerate() {
+            let ray = [x[i], y[i], z[i], dx[i], dy[i], dz[i]];
+            *lane &= -i32::from(is_valid(ray, self.t_near[i], self.t_far[i]));
         }
         Mask16(mask)
     }
+}
+
+impl RayHit1 {
+    /// Whether the ray is valid: see [`CommittedScene`](super::CommittedScene).
+    #[inline]
+    pub(super) fn is_valid(&self) -> bool {
+        let ([x, y, z], [dx, dy, dz]) = (self.origin, self.direction);
+        is_valid([x, y, z, dx, dy, dz], self.t_near, self.t_far)
+    }
+}
+
+/// All components of origin and direction within [`COMPONENT_LIMIT`], a direction that is not zero, and
+/// `0 ≤ t_near < t_far`. False for NaN.
+#[inline]
+fn is_valid([x, y, z, dx, dy, dz]: [f32; 6], t_near: f32, t_far: f32) -> bool {
+    let mut valid = (t_near >= 0.0) & (t_far > t_near);
+    for component in [x, y, z, dx, dy, dz] {
+        valid &= component.abs() <= COMPONENT_LIMIT;
+    }
+    valid & ((dx != 0.0) | (dy != 0.0) | (dz != 0.0))
 }
 
 /// `columns[k][i] = rows[i][k]`.
@@ -255,7 +275,9 @@ const _: () = {
     assert!(align_of::<RayHit1>() == align_of::<sys::RTCRayHit>());
     assert!(offset_of!(RayHit1, t_far) == offset_of!(sys::RTCRay, tfar));
     assert!(offset_of!(RayHit1, u) == offset_of!(sys::RTCRayHit, hit) + offset_of!(sys::RTCHit, u));
-    assert!(offset_of!(RayHit1, geometry) == offset_of!(sys::RTCRayHit, hit) + offset_of!(sys::RTCHit, geomID));
+    assert!(
+        offset_of!(RayHit1, geometry) == offset_of!(sys::RTCRayHit, hit) + offset_of!(sys::RTCHit, geomID)
+    );
     assert!(size_of::<Rays16>() == size_of::<sys::RTCRay16>());
     assert!(align_of::<Rays16>() == align_of::<sys::RTCRay16>());
     assert!(offset_of!(Rays16, direction) == offset_of!(sys::RTCRay16, dir_x));
@@ -276,27 +298,30 @@ mod tests {
 
     #[test]
     fn a_packet_is_the_transpose_of_its_rays() {
-        let rows: [[f32; 8]; WIDTH] = std::array::from_fn(|i| std::array::from_fn(|k| (i * 8 + k + 1) as f32));
+        let rows: [[f32; 8]; WIDTH] =
+            std::array::from_fn(|i| std::array::from_fn(|k| (i * 8 + k + 1) as f32));
         let mut rays = Rays16::default();
-        let mask = rays.load(&rows);
+        rays.load(&rows);
         for (i, row) in rows.iter().enumerate() {
             let (o, d) = (rays.origin, rays.direction);
             let column = [o[0][i], o[1][i], o[2][i], rays.t_far[i], d[0][i], d[1][i], d[2][i], rays.time[i]];
             assert_eq!(&column, row);
-            assert!(mask.get(i));
         }
     }
 
     #[test]
     fn invalid_rays_are_masked() {
         let good = [1.0, 2.0, 3.0, f32::INFINITY, 0.0, -1.0, 0.0, 0.0];
-        let mut rows = [good; 6];
+        let mut rows = [good; 7];
         rows[1][0] = f32::NAN;
         rows[2][4] = f32::INFINITY;
         rows[3][5] = -0.0;
         rows[4][3] = 0.0;
         rows[5][3] = f32::NAN;
-        let mask = Rays16::default().load_tail(&rows);
+        rows[6][2] = -2e18;
+        let mut rays = Rays16::default();
+        rays.load_tail(&rows);
+        let mask = rays.valid(&Mask16::ALL);
         assert_eq!(mask, Mask16::from_fn(|i| i == 0));
         assert_eq!(mask.as_ptr() as usize % 64, 0);
     }

@@ -218,6 +218,10 @@ impl SceneBuilder {
 }
 
 /// A scene that is built. It does not change any more; queries may come from any number of threads.
+///
+/// An invalid ray hits nothing and is left as it was: one with a component of origin or direction that is NaN or
+/// beyond [`COMPONENT_LIMIT`](super::COMPONENT_LIMIT), with a zero direction, or without `0 ≤ t_near < t_far`.
+/// Embree itself does not look: a build with assertions, such as Debian's, aborts the process.
 pub struct CommittedScene {
     // Declared first, so dropped before what it reads.
     scene: SceneHandle,
@@ -250,6 +254,9 @@ impl CommittedScene {
     /// Finds the nearest hit. A miss leaves the ray as it was.
     #[inline]
     pub fn intersect1(&self, ray: &mut RayHit1, coherence: Coherence) {
+        if !ray.is_valid() {
+            return;
+        }
         let mut context = coherence.context();
         // SAFETY: the scene is committed; `RayHit1` is `RTCRayHit` in size, alignment and layout.
         unsafe { sys::rtcIntersect1(self.scene.raw, context.as_mut_ptr(), (&raw mut *ray).cast()) };
@@ -259,6 +266,9 @@ impl CommittedScene {
     /// Whether anything is hit.
     #[inline]
     pub fn occluded1(&self, ray: &mut RayHit1, coherence: Coherence) -> bool {
+        if !ray.is_valid() {
+            return false;
+        }
         let mut context = coherence.context();
         // SAFETY: the scene is committed; `RayHit1` begins with `RTCRay`.
         unsafe { sys::rtcOccluded1(self.scene.raw, context.as_mut_ptr(), (&raw mut *ray).cast()) };
@@ -266,25 +276,31 @@ impl CommittedScene {
         ray.t_far == f32::NEG_INFINITY
     }
 
-    /// Finds the nearest hits of the valid rays of a packet. A miss leaves a ray as it was.
+    /// Finds the nearest hits of the wanted rays of a packet. A miss leaves a ray as it was.
+    /// Returns which rays were traced: the wanted ones that are valid.
     #[inline]
-    pub fn intersect16(&self, valid: &Mask16, rays: &mut RayHits16, coherence: Coherence) {
+    pub fn intersect16(&self, wanted: &Mask16, rays: &mut RayHits16, coherence: Coherence) -> Mask16 {
+        let valid = rays.rays.valid(wanted);
         let mut context = coherence.context();
         let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `RayHits16` is `RTCRayHit16` in size, alignment and layout, and the mask
         // is aligned alike.
         unsafe { sys::rtcIntersect16(valid.as_ptr(), self.scene.raw, context_ptr, rays.cast()) };
         context.finish();
+        valid
     }
 
-    /// Finds whether the valid rays of a packet hit anything: then `t_far` becomes -∞.
+    /// Finds whether the wanted rays of a packet hit anything: then `t_far` becomes -∞.
+    /// Returns which rays were traced: the wanted ones that are valid.
     #[inline]
-    pub fn occluded16(&self, valid: &Mask16, rays: &mut Rays16, coherence: Coherence) {
+    pub fn occluded16(&self, wanted: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
+        let valid = rays.valid(wanted);
         let mut context = coherence.context();
         let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is
         // aligned alike.
         unsafe { sys::rtcOccluded16(valid.as_ptr(), self.scene.raw, context_ptr, rays.cast()) };
         context.finish();
+        valid
     }
 }
