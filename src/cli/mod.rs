@@ -1,0 +1,4 @@
+//! The command line.
+
+pub mod diff;
+pub mod info_image;
