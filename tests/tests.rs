@@ -1,3 +1,4 @@
 //! The integration tests, in one binary.
 
+mod diff_metrics;
 mod image_io;
