@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use buffon::cli::diff::{DiffArgs, run};
+use buffon::cli::diff::{DiffArgs, Outcome, outcome};
 use buffon::error::Kind;
 use buffon::image::{ErrorKind, Image, WriteOptions, compare, error_map, invalid, read, write};
 use clap::Parser;
@@ -34,9 +34,14 @@ impl Folder {
 
 /// The exit code of `buffon diff A B MORE...`.
 fn diff(a: &Path, b: &Path, more: &[&str]) -> u8 {
+    said(a, b, more).exit_code
+}
+
+/// What `buffon diff A B MORE...` says.
+fn said(a: &Path, b: &Path, more: &[&str]) -> Outcome {
     let words = [Path::new("diff"), a, b].map(|p| p.as_os_str().to_owned());
     let line = Line::try_parse_from(words.into_iter().chain(more.iter().map(|w| w.into()))).unwrap();
-    run(&line.args).unwrap()
+    outcome(&line.args).unwrap()
 }
 
 fn flat(value: f32, channels: &[&str]) -> Image {
@@ -119,7 +124,7 @@ fn what_cannot_be_read_is_an_error_with_exit_code_4() {
     let dir = Folder::new();
     let a = dir.save("a.exr", &flat(0.5, &RGB));
     let line = Line::try_parse_from([Path::new("diff"), &a, &dir.path("missing.exr")]).unwrap();
-    let error = run(&line.args).unwrap_err();
+    let error = outcome(&line.args).unwrap_err();
     assert_eq!(error.kind, Kind::Output);
     assert_eq!(error.kind.exit_code(), 4);
     assert!(error.to_string().ends_with("missing.exr: no such file"), "{error}");
@@ -189,4 +194,40 @@ fn the_z_test_accepts_noise_of_the_stated_variance_and_rejects_bias() {
     let variance = dir.save("variance.exr", &flat(1e6, &RGB));
     let more = ["--z", "--variance", variance.to_str().unwrap()];
     assert_eq!(diff(&biased, &r, &more), 0);
+}
+
+#[test]
+fn the_report_says_what_was_found_as_text_and_as_json() {
+    let dir = Folder::new();
+    let mut image = flat(0.5, &["R", "G", "B", "Z"]);
+    image.pixel_mut(4, 3)[2] = 1.0;
+    let (a, r) = (dir.save("a.exr", &image), dir.save("r.exr", &flat(0.5, &RGB)));
+    let found = said(&a, &r, &["--metric", "max", "--fail", "0.25"]);
+    // One value of 600 is off by 0.5: MSE 0.25 / 600, relMSE that over 0.26.
+    let expected = "\
+picture (R, G, B)
+  relMSE 1.602564e-3   trimmed 0.000000e0
+  MSE 4.166667e-4   RMSE 2.041241e-2   PSNR 33.802 dB
+  mean difference 8.333333e-4   ratio of means 1.001667
+  largest difference 5.000000e-1 at pixel (4, 3), channel B
+only in one image, not compared: Z
+different by max with threshold 0.25
+";
+    assert_eq!((found.text.as_str(), found.exit_code), (expected, 1));
+    let json: serde_json::Value = serde_json::from_str(&said(&a, &r, &["--json"]).text).unwrap();
+    assert_eq!(json["result"], "different");
+    assert_eq!(json["metric"], "relmse");
+    assert_eq!(json["layers"][0]["max_at"], serde_json::json!([4, 3]));
+    assert!((json["value"].as_f64().unwrap() - 0.25 / 600.0 / 0.26).abs() < 1e-9);
+
+    image.pixel_mut(1, 1)[0] = f32::NAN;
+    let bad = dir.save("bad.exr", &image);
+    let found = said(&bad, &r, &[]);
+    let path = bad.display();
+    let first = format!("{path}: 1 NaN and 0 infinite values, the first at pixel (1, 1), channel R\n");
+    assert!(found.text.starts_with(&first), "{}", found.text);
+    assert!(found.text.ends_with("different: an image with NaN or infinite values never passes\n"));
+    let small = dir.save("small.exr", &Image::new(4, 4, &RGB));
+    let found = said(&a, &small, &[]);
+    assert_eq!(found.text, "not comparable: the sizes differ: 20x10 and 4x4\n");
 }
