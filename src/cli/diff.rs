@@ -123,6 +123,25 @@ struct Verdict {
 /// # Errors
 /// If an image cannot be read or the picture of the error cannot be written.
 pub fn run(args: &DiffArgs) -> Result<u8> {
+    let outcome = outcome(args)?;
+    print(&outcome.text)?;
+    Ok(outcome.exit_code)
+}
+
+/// What a comparison says, and its exit code.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Lines of text, or of JSON if that was asked for.
+    pub text: String,
+    /// 0 same, 1 different, 3 not comparable.
+    pub exit_code: u8,
+}
+
+/// Runs the comparison without printing.
+///
+/// # Errors
+/// As [`run`].
+pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
     if args.fail.is_some_and(f64::is_nan) {
         return Err(Error::usage("expected a number, found NaN").about("--fail"));
     }
@@ -134,18 +153,18 @@ pub fn run(args: &DiffArgs) -> Result<u8> {
                 let picture = picture(&a, &b, &verdict).map_err(|e| Error::internal(e.to_string()))?;
                 write(path, &picture, &WriteOptions::default())?;
             }
-            print(&if args.json { to_json(args, &verdict) + "\n" } else { to_text(args, &verdict) })?;
-            Ok(if verdict.same { SAME } else { DIFFERENT })
+            let text = if args.json { to_json(args, &verdict) } else { to_text(args, &verdict) };
+            Ok(Outcome { text, exit_code: if verdict.same { SAME } else { DIFFERENT } })
         }
         Err(why) => {
-            print(&if args.json {
-                json!({ "a": args.a, "b": args.b, "result": "not comparable", "reason": why.to_string() })
-                    .to_string()
-                    + "\n"
+            let reason = why.to_string();
+            let text = if args.json {
+                let (a, b) = (&args.a, &args.b);
+                json!({ "a": a, "b": b, "result": "not comparable", "reason": reason }).to_string() + "\n"
             } else {
-                format!("not comparable: {why}\n")
-            })?;
-            Ok(NOT_COMPARABLE)
+                format!("not comparable: {reason}\n")
+            };
+            Ok(Outcome { text, exit_code: NOT_COMPARABLE })
         }
     }
 }
@@ -238,7 +257,7 @@ fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
     text
 }
 
-/// A number as JSON: null for NaN, and for infinite values, which JSON cannot hold.
+/// A layer's numbers; null for NaN and infinite ones, which JSON cannot hold.
 fn layer_json(layer: &LayerComparison) -> Json {
     json!({
         "layer": layer.layer, "channels": layer.channels,
@@ -276,4 +295,5 @@ fn to_json(args: &DiffArgs, verdict: &Verdict) -> String {
         "backend": crate::image::backend(),
     })
     .to_string()
+        + "\n"
 }

@@ -261,3 +261,50 @@ pub fn error_map(a: &Image, b: &Image, kind: ErrorKind) -> Result<Image, NotComp
     map.data = errors.into_iter().map(|e| e as f32).collect();
     Ok(map)
 }
+
+#[cfg(all(test, feature = "oiio"))]
+mod tests {
+    use super::*;
+
+    /// Two images whose values wander over a few magnitudes, without infinities.
+    fn pair() -> (Image, Image) {
+        let mut a = Image::new(130, 70, &["R", "G", "B"]);
+        let mut b = a.clone();
+        for (i, (x, r)) in a.data.iter_mut().zip(&mut b.data).enumerate() {
+            *r = ((i * 7919) % 1009) as f32 / 250.0;
+            *x = *r + (((i * 104_729) % 997) as f32 - 498.0) * 1e-4;
+        }
+        a.pixel_mut(77, 33)[2] -= 3.0;
+        (a, b)
+    }
+
+    #[test]
+    fn our_own_numbers_are_those_of_openimageio() {
+        let (a, b) = pair();
+        let ours = Backend::RustCrates.difference(&a, &b).unwrap();
+        let theirs = Backend::OpenImageIo.difference(&a, &b).unwrap();
+        // It subtracts in single precision.
+        let near = |x: f64, y: f64| (x - y).abs() <= 1e-6 * y.abs();
+        assert!(near(ours.mean_absolute, theirs.mean_absolute), "{ours:?} {theirs:?}");
+        assert!(near(ours.rms, theirs.rms), "{ours:?} {theirs:?}");
+        assert!(near(ours.psnr, theirs.psnr), "{ours:?} {theirs:?}");
+        assert!(near(ours.max, theirs.max), "{ours:?} {theirs:?}");
+        let at = |d: super::super::format::Difference| (d.x, d.y, d.channel);
+        assert_eq!((at(ours), at(theirs)), ((77, 33, 2), (77, 33, 2)));
+        assert_eq!(Backend::OpenImageIo.difference(&a, &a), Backend::RustCrates.difference(&a, &a));
+    }
+
+    #[test]
+    fn invalid_values_are_counted_alike() {
+        let (mut a, _) = pair();
+        for (i, bad) in
+            [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN, f32::NAN].into_iter().enumerate()
+        {
+            a.data[100 + 1717 * i] = bad;
+        }
+        assert_eq!(Backend::OpenImageIo.count_invalid(&a), Ok((3, 2)));
+        assert_eq!(Backend::RustCrates.count_invalid(&a), Ok((3, 2)));
+        let first = Location { x: 33, y: 0, channel: "G".into() };
+        assert_eq!(invalid(&a), Invalid { nan: 3, inf: 2, first: Some(first) });
+    }
+}

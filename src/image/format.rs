@@ -195,7 +195,8 @@ impl Backend {
 /// Metadata that both libraries keep of an OpenEXR file: everything but what describes the encoding itself
 /// and the standard attributes that one of them does not hand out.
 pub(super) fn kept(metadata: Metadata) -> Metadata {
-    const DROPPED: [&str; 12] = [
+    const DROPPED: [&str; 13] = [
+        "DateTime",
         "Orientation",
         "PixelAspectRatio",
         "capDate",

@@ -8,6 +8,7 @@
 //! alike and [`backend`] says which it is.
 
 mod compare;
+mod exr_header;
 mod format;
 mod heat;
 mod metadata;
@@ -17,6 +18,7 @@ mod oiio;
 mod pfm;
 mod pure;
 mod read;
+mod replace;
 mod srgb;
 mod write;
 mod ztest;
@@ -28,6 +30,7 @@ pub use format::{Backend, backend, set_threads};
 pub use heat::{HeatScale, heat};
 pub use metadata::{Metadata, Value};
 pub use read::{read, read_with};
+pub use replace::replace;
 pub use srgb::{from_srgb, to_srgb};
 pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
 pub use ztest::{ZTest, z_test};
@@ -141,14 +144,21 @@ impl Image {
         Some(Image { width, height, channels: self.channels.clone(), data, metadata: self.metadata.clone() })
     }
 
-    /// Puts channels into the order that every reader gives: the picture first (R, G, B, A, then others by
+    /// Puts channels into the order that every reader gives: the picture first (R or Y, G, B, A, then others by
     /// name), then the layers by name, each in the same way.
     fn sort_channels(self) -> Image {
         let mut indices: Vec<usize> = (0..self.channels.len()).collect();
         indices.sort_by_key(|&i| {
             let name = self.channels[i].as_str();
             let (layer, channel) = name.rsplit_once('.').unwrap_or(("", name));
-            let rank = ["R", "G", "B", "A"].iter().position(|c| *c == channel).unwrap_or(4);
+            let rank = match channel {
+                "R" => 0,
+                "Y" if layer.is_empty() => 0,
+                "G" => 1,
+                "B" => 2,
+                "A" => 3,
+                _ => 4,
+            };
             (layer, rank, channel)
         });
         if indices.iter().enumerate().all(|(to, &from)| to == from) {

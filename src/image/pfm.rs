@@ -28,8 +28,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Image, String> {
     if !scale.is_normal() {
         return Err(format!("expected a scale other than 0, found {scale}"));
     }
-    let values = width as u128 * height as u128 * channels as u128;
-    if values == 0 || values > u128::from(MAX_VALUES) {
+    let values = (width as u64).saturating_mul(height as u64).saturating_mul(channels as u64);
+    if values == 0 || values > MAX_VALUES {
         return Err(format!(
             "expected a size of at least 1x1 and at most {MAX_VALUES} values, found {width}x{height}"
         ));

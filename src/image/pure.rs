@@ -1,7 +1,7 @@
 //! Files by the crates `exr` and `image`.
 
 use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::io::{BufReader, BufWriter, Cursor};
 use std::path::Path;
 
 use ::image::codecs::jpeg::JpegEncoder;
@@ -13,6 +13,7 @@ use exr::prelude::{
     Text, WritableImage, f16, read,
 };
 
+use super::exr_header::sort_attributes;
 use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
 use super::srgb::{Bytes, Depth, Raster};
 use super::{Compression, Image, Metadata, SampleFormat, Value};
@@ -117,7 +118,11 @@ pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
     let layer = Layer::new(size, attributes, encoding, AnyChannels::sort(list.into_iter().collect()));
     let window = IntegerBounds::from_dimensions(size);
     let file = ExrImage { attributes: ImageAttributes::new(window), layer_data: layer };
-    file.write().to_file(path).map_err(|e| e.to_string())
+    let mut bytes = Cursor::new(Vec::new());
+    file.write().to_buffered(&mut bytes).map_err(|e| e.to_string())?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    std::fs::write(path, bytes).map_err(|e| e.to_string())
 }
 
 /// The crate's name for a compression.

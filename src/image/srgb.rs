@@ -56,12 +56,16 @@ pub(super) fn decode(raster: Raster) -> Image {
     if let Depth::Integer(top) = depth {
         let scale = f64::from(top);
         let table: Vec<f32> = (0..=top).map(|i| from_srgb(f64::from(i) / scale) as f32).collect();
+        let code = |value: f32| (f64::from(value) * scale).round().clamp(0.0, scale);
         for pixel in samples.chunks_exact_mut(channels) {
             let colours = channels - usize::from(has_alpha);
-            let alpha = if has_alpha { pixel[colours] } else { 1.0 };
+            let mut alpha = 1.0;
+            if has_alpha {
+                alpha = (code(pixel[colours]) / scale) as f32;
+                pixel[colours] = alpha;
+            }
             for value in &mut pixel[..colours] {
-                let code = (f64::from(*value) * scale).round().clamp(0.0, scale) as usize;
-                *value = table[code] * alpha;
+                *value = table[code(*value) as usize] * alpha;
             }
         }
     }

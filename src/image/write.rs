@@ -2,14 +2,18 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::format::{Backend, ExrOutput, Format};
-use super::{Image, pfm, srgb};
+use super::replace::replace;
+use super::{Image, Value, pfm, srgb};
 use crate::error::{Error, Result};
 
 /// The largest finite half.
 const HALF_MAX: f32 = 65504.0;
+
+/// The longest side that libjpeg writes.
+const JPEG_MAX: usize = 65500;
 
 /// How an OpenEXR file stores values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -103,34 +107,36 @@ pub fn write_with(
     let fail = |message: String| Error::output(message).in_file(path);
     let format = Format::of_extension(path).ok_or_else(|| fail(unknown_extension(path)))?;
     check(image).map_err(fail)?;
-    let mut report = WriteReport::default();
-    let target = Target::of(path).map_err(fail)?;
-    let part = target.part().map_err(fail)?;
+    let (width, height) = (image.width, image.height);
+    let lacks_picture = || fail(no_picture(image, format));
     match format {
         Format::OpenExr => {
             let (data, clamped_half) = match options.samples {
                 SampleFormat::Half => clamp_to_half(&image.data),
                 SampleFormat::Float => (Cow::Borrowed(&image.data[..]), 0),
             };
-            report.clamped_half = clamped_half;
-            let output =
-                ExrOutput { image, data: &data, samples: options.samples, compression: options.compression };
-            backend.write_exr(&part, &output)
+            let (samples, compression) = (options.samples, options.compression);
+            let output = ExrOutput { image, data: &data, samples, compression };
+            replace(path, |part| backend.write_exr(part, &output))?;
+            return Ok(WriteReport { clamped_half });
         }
         Format::Pfm => {
-            let (channels, data) = picture(image).ok_or_else(|| fail(no_picture(image, format)))?;
-            std::fs::write(&part, pfm::encode(image.width, image.height, channels, &data))
-                .map_err(|e| e.to_string())
+            let (channels, data) = picture(image).ok_or_else(lacks_picture)?;
+            let bytes = pfm::encode(width, height, channels, &data);
+            replace(path, |part| std::fs::write(part, bytes).map_err(|e| e.to_string()))?;
         }
         Format::Png | Format::Jpeg | Format::Hdr => {
-            let bytes = srgb::encode(image, options.exposure, format == Format::Png)
-                .ok_or_else(|| fail(no_picture(image, format)))?;
-            backend.write_bytes(&part, format, &bytes, options.jpeg_quality.clamp(1, 100))
+            let keep_alpha = format == Format::Png;
+            let bytes = srgb::encode(image, options.exposure, keep_alpha).ok_or_else(lacks_picture)?;
+            if format == Format::Jpeg && width.max(height) > JPEG_MAX {
+                let limit = format!("expected at most {JPEG_MAX}x{JPEG_MAX} pixels, found {width}x{height}");
+                return Err(fail(limit).about("JPEG"));
+            }
+            let quality = options.jpeg_quality.clamp(1, 100);
+            replace(path, |part| backend.write_bytes(part, format, &bytes, quality))?;
         }
     }
-    .map_err(|why| fail(format!("cannot be written ({})", why.trim())))?;
-    part.persist(&target.path).map_err(|e| fail(format!("cannot be written: {}", e.error)))?;
-    Ok(report)
+    Ok(WriteReport::default())
 }
 
 fn unknown_extension(path: &Path) -> String {
@@ -171,6 +177,14 @@ fn check(image: &Image) -> Result<(), String> {
             return Err(format!("there are two channels named \"{name}\""));
         }
     }
+    for (name, value) in image.metadata.iter() {
+        let text = if let Value::Text(text) = value { text.as_str() } else { "" };
+        if name.is_empty() || name.len() > 255 || name.contains('\0') || text.contains('\0') {
+            return Err(format!(
+                "expected a metadata name of 1 to 255 bytes and no NUL, found {name:?} = {text:?}"
+            ));
+        }
+    }
     Ok(())
 }
 
@@ -190,49 +204,4 @@ fn clamp_to_half(data: &[f32]) -> (Cow<'_, [f32]>, usize) {
     }
     let within = data.iter().map(|v| if beyond(&v) { v.clamp(-HALF_MAX, HALF_MAX) } else { *v }).collect();
     (Cow::Owned(within), clamped)
-}
-
-/// Where an output goes.
-struct Target {
-    /// The file itself, behind symbolic links.
-    path: PathBuf,
-    folder: PathBuf,
-}
-
-impl Target {
-    fn of(path: &Path) -> Result<Target, String> {
-        // A link is written through, not replaced.
-        let path = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-        if path.is_dir() {
-            return Err("cannot be written: it is a folder".into());
-        }
-        let folder = match path.parent() {
-            Some(parent) if parent != Path::new("") => parent.to_owned(),
-            _ => PathBuf::from("."),
-        };
-        match folder.is_dir() {
-            true => Ok(Target { path, folder }),
-            false => Err(format!("cannot be written: there is no folder \"{}\"", folder.display())),
-        }
-    }
-
-    /// A new file beside the target, `name.XXXXXX.part.exr`; it is removed unless it is persisted. The
-    /// extension stays last because libraries go by it.
-    fn part(&self) -> Result<tempfile::TempPath, String> {
-        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
-        let extension = self.path.extension().unwrap_or_default().to_string_lossy();
-        let (prefix, suffix) = (format!("{stem}."), format!(".part.{extension}"));
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&prefix).suffix(&suffix);
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
-        let file = builder.tempfile_in(&self.folder).map_err(|e| {
-            // The reason alone: the temporary name means nothing to anybody.
-            format!("cannot be written: {}", e.raw_os_error().map_or(e, std::io::Error::from_raw_os_error))
-        })?;
-        Ok(file.into_temp_path())
-    }
 }

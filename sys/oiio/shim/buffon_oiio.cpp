@@ -80,6 +80,13 @@ void put(OIIO::ImageSpec &spec, const BuffonOiioAttribute &a)
     }
 }
 
+/// Debian's build prints notes for developers on stderr unless told not to.
+void be_quiet()
+{
+    static const bool done = OIIO::attribute("debug", 0);
+    (void)done;
+}
+
 /// An ImageBuf around the caller's pixels, which it only reads.
 OIIO::ImageBuf view(const float *pixels, int32_t width, int32_t height, int32_t channels)
 {
@@ -108,6 +115,7 @@ void buffon_oiio_set_threads(int32_t threads) noexcept
 BuffonOiioReader *buffon_oiio_open(const char *path, const char *format, char *message, size_t size) noexcept
 {
     return guarded<BuffonOiioReader *>(nullptr, message, size, [&]() -> BuffonOiioReader * {
+        be_quiet();
         auto reader = std::make_unique<BuffonOiioReader>();
         reader->input = OIIO::ImageInput::create(format);
         if (!reader->input) {
@@ -221,6 +229,7 @@ int32_t buffon_oiio_read(BuffonOiioReader *reader, float *pixels, size_t count, 
 int32_t buffon_oiio_write(const char *path, const BuffonOiioOutput *o, char *message, size_t size) noexcept
 {
     return guarded(0, message, size, [&] {
+        be_quiet();
         std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(o->format);
         if (!output) {
             say(OIIO::geterror(), message, size);
@@ -235,6 +244,10 @@ int32_t buffon_oiio_write(const char *path, const BuffonOiioOutput *o, char *mes
         }
         spec.attribute("compression", o->compression);
         spec.attribute("oiio:UnassociatedAlpha", o->bytes ? 1 : 0);
+        // Without one the OpenEXR writer puts in the present time, and the same image is never the same file.
+        // A date of a type that it cannot write is left out.
+        const uint8_t no_date = 0;
+        spec.attribute("DateTime", OIIO::TypeUInt8, &no_date);
         for (size_t i = 0; i < o->attribute_count; ++i)
             put(spec, o->attributes[i]);
         const OIIO::TypeDesc type = o->bytes ? OIIO::TypeUInt8 : OIIO::TypeFloat;
