@@ -153,23 +153,25 @@ impl<'g> Props<'g> {
         }
     }
 
+    /// An error about a property, or about the object where it has none of the name.
+    pub fn error(&self, name: &'static str, message: &str) -> Error {
+        match self.object.properties.iter().find(|p| p.name == name) {
+            Some(property) => property.error(message),
+            None => self.object.error(format!("{name}: {message}")),
+        }
+    }
+
     /// The error for a property with a value that cannot be: what was expected, and what was found.
     pub fn refusal(&self, name: &'static str, expected: &str) -> Error {
-        let Some(property) = self.object.properties.iter().find(|p| p.name == name) else {
-            return self.object.error(format!("{name}: {expected}"));
+        let property = self.object.properties.iter().find(|p| p.name == name);
+        let found = match property.map(|p| &p.value) {
+            Some(Value::Integer(v)) => v.to_string(),
+            Some(Value::Float(v)) => v.to_string(),
+            Some(Value::Text(v)) => quoted(v),
+            Some(Value::Vector(v)) => format!("{}, {}, {}", v.x, v.y, v.z),
+            _ => return self.error(name, expected),
         };
-        let found = match &property.value {
-            Value::Integer(v) => v.to_string(),
-            Value::Float(v) => v.to_string(),
-            Value::Text(v) => quoted(v),
-            Value::Boolean(v) => v.to_string(),
-            Value::Rgb([r, g, b]) => format!("{r}, {g}, {b}"),
-            Value::Vector(v) => format!("{}, {}, {}", v.x, v.y, v.z),
-            Value::Spectrum(_) | Value::SpectrumFile(_) | Value::Transform(_) => {
-                return property.error(expected);
-            }
-        };
-        property.error(format!("{expected}, found {found}"))
+        self.error(name, &format!("{expected}, found {found}"))
     }
 
     /// The objects of a class inside the object.

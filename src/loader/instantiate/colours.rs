@@ -51,8 +51,10 @@ impl Builder<'_> {
     fn reduce(&mut self, property: &Property, spectrum: &Spectrum, quantity: Quantity) -> Rgb {
         let reduced = spectrum.to_rgb(quantity);
         if let Some(raw) = reduced.out_of_gamut {
-            let message =
-                format!("the spectrum's colour {}, {}, {} is out of range and clamped", raw.r, raw.g, raw.b);
+            let message = format!(
+                "the spectrum's colour {:.3}, {:.3}, {:.3} is out of range and clamped",
+                raw.r, raw.g, raw.b
+            );
             self.loaded.warnings.push(property.error(message));
         }
         reduced.rgb

@@ -36,6 +36,8 @@ const AOVS: [(&str, Aov); 8] = [
     ("shape_index", Aov::ShapeIndex),
 ];
 const UNSUPPORTED_AOVS: [&str; 5] = ["dp_du", "dp_dv", "duv_dx", "duv_dy", "boundary_test"];
+/// What the layers of an `aov` integrator look like.
+const PAIRS: &str = "expected name:kind pairs such as dd.y:depth";
 /// Most samples of a kind at a shading point.
 const MAX_SAMPLES: i64 = 65_536;
 
@@ -84,8 +86,8 @@ fn direct(props: &Props) -> Result<DirectSettings> {
     let shading = count("shading_samples")?;
     let (emitter, bsdf) = (count("emitter_samples")?, count("bsdf_samples")?);
     if shading.is_some() && (emitter.is_some() || bsdf.is_some()) {
-        let expected = "expected either shading_samples or emitter_samples and bsdf_samples, not both";
-        return Err(props.refusal("shading_samples", expected));
+        let message = "expected either shading_samples or emitter_samples and bsdf_samples, found both";
+        return Err(props.error("shading_samples", message));
     }
     let default = DirectSettings::default();
     let settings = DirectSettings {
@@ -104,12 +106,11 @@ fn layers(props: &Props) -> Result<Vec<Layer>> {
     let Some(text) = props.text("aovs")? else {
         return Err(props.object.error("the property aovs is missing"));
     };
-    let refuse = |message: String| props.refusal("aovs", &message);
+    let refuse = |message: String| props.error("aovs", &message);
     let mut layers: Vec<Layer> = Vec::new();
     for word in text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty()) {
         let pair = word.split_once(':').filter(|(name, kind)| !name.is_empty() && !kind.is_empty());
-        let (name, kind) =
-            pair.ok_or_else(|| refuse("expected name:kind pairs such as dd.y:depth".to_owned()))?;
+        let (name, kind) = pair.ok_or_else(|| props.refusal("aovs", PAIRS))?;
         if UNSUPPORTED_AOVS.contains(&kind) {
             return Err(refuse(format!("the layer kind {} is not supported", quoted(kind))));
         }
@@ -123,7 +124,7 @@ fn layers(props: &Props) -> Result<Vec<Layer>> {
         layers.push(Layer { name: name.to_owned(), aov: aov.1 });
     }
     match layers.is_empty() {
-        true => Err(refuse("expected name:kind pairs such as dd.y:depth".to_owned())),
+        true => Err(props.refusal("aovs", PAIRS)),
         false => Ok(layers),
     }
 }

@@ -63,7 +63,7 @@ fn rigid(props: &Props) -> Result<DAffine3> {
     let m = to_world.matrix3;
     let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.length());
     if lengths.iter().any(|l| (l - 1.0).abs() > SCALE_TOLERANCE) {
-        return Err(props.refusal("to_world", "a camera cannot be scaled"));
+        return Err(props.error("to_world", "a camera cannot be scaled"));
     }
     Ok(to_world)
 }
@@ -82,7 +82,7 @@ fn field_of_view(props: &Props) -> Result<(f64, FovAxis)> {
     let focal = props.text("focal_length")?;
     match (fov, focal) {
         (Some(_), Some(_)) => {
-            Err(props.refusal("focal_length", "expected either fov or focal_length, not both"))
+            Err(props.error("focal_length", "expected either fov or focal_length, found both"))
         }
         (Some(degrees), None) if degrees > 0.0 && degrees < 180.0 => Ok((degrees.to_radians(), axis)),
         (Some(_), None) => Err(props.refusal("fov", "expected degrees between 0 and 180")),

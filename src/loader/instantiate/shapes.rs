@@ -91,7 +91,7 @@ fn sphere(props: &Props, to_world: &DAffine3) -> Result<Shape> {
     let off = [m.y_axis.length() - scale, m.z_axis.length() - scale];
     let lean = [m.x_axis.dot(m.y_axis), m.y_axis.dot(m.z_axis), m.z_axis.dot(m.x_axis)].map(|d| d / scale);
     if off.iter().chain(&lean).any(|d| d.abs() > SPHERE_TOLERANCE * scale) {
-        return Err(props.refusal("to_world", "a sphere cannot be scaled differently along different axes"));
+        return Err(props.error("to_world", "a sphere cannot be scaled differently along different axes"));
     }
     Ok(Shape::Sphere { center, radius })
 }
