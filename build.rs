@@ -22,8 +22,14 @@ fn main() {
         }
     }
     let features = std::env::var("CARGO_CFG_TARGET_FEATURE").unwrap_or_default();
-    let wide = ["avx512f", "avx2", "sse4.2", "sse2", "neon"].into_iter().find(|f| features.split(',').any(|g| g == *f));
-    parts.push(format!("{} {}", std::env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default(), wide.unwrap_or("scalar")));
+    let wide = ["avx512f", "avx2", "sse4.2", "sse2", "neon"]
+        .into_iter()
+        .find(|f| features.split(',').any(|g| g == *f));
+    parts.push(format!(
+        "{} {}",
+        std::env::var("CARGO_CFG_TARGET_ARCH").unwrap_or_default(),
+        wide.unwrap_or("scalar")
+    ));
     println!("cargo:rustc-env=BUFFON_VERSION={} ({})", env!("CARGO_PKG_VERSION"), parts.join(", "));
 }
 

@@ -85,7 +85,12 @@ fn rough_conductors_conserve_energy_and_are_reciprocal() {
     for distribution in [Distribution::Beckmann, Distribution::Ggx] {
         for alpha in [1e-3, 0.01, 0.1, 0.5, 1.0] {
             let mirror = Bsdf::RoughConductor(RoughConductor {
-                microfacets: Microfacets { distribution, alpha_x: alpha, alpha_y: alpha, sample_visible: true },
+                microfacets: Microfacets {
+                    distribution,
+                    alpha_x: alpha,
+                    alpha_y: alpha,
+                    sample_visible: true,
+                },
                 fresnel: ConductorFresnel { eta: Rgb::splat(0.0), k: Rgb::splat(1e9) },
                 specular_reflectance: Rgb::WHITE,
             });
@@ -176,7 +181,12 @@ fn emitter_samples_follow_their_density() {
     check_emitter("sphere", tests, scenes::sphere(1.0), place(0.5, 0.3, 1.5, 1.0), o, 0.98);
     check_emitter("sphere from nearby", tests, scenes::sphere(1.0), place(0.0, 0.0, 1.05, 1.0), o, 0.98);
     let mesh = Mesh {
-        positions: vec![Vec3::new(-1.0, -1.0, 1.0), Vec3::new(-1.0, 1.5, 1.0), Vec3::new(1.0, -1.0, 1.2), Vec3::new(1.0, 1.0, 0.6)],
+        positions: vec![
+            Vec3::new(-1.0, -1.0, 1.0),
+            Vec3::new(-1.0, 1.5, 1.0),
+            Vec3::new(1.0, -1.0, 1.2),
+            Vec3::new(1.0, 1.0, 0.6),
+        ],
         indices: vec![[0, 1, 2], [2, 1, 3]],
         ..Mesh::default()
     };
@@ -205,7 +215,8 @@ fn emitter_samples_follow_their_density() {
 fn emitters_are_sampled_at_every_scale() {
     for distance in [1.000_01f64, 1.5, 10.0, 1e3, 1e6] {
         let world =
-            WorldShape::new(scenes::sphere(1.0), &DAffine3::from_translation(DVec3::Z * distance), false).unwrap();
+            WorldShape::new(scenes::sphere(1.0), &DAffine3::from_translation(DVec3::Z * distance), false)
+                .unwrap();
         let area = AreaEmitter::new(&world, Rgb::WHITE).unwrap();
         let exact = {
             let sin2 = 1.0 / (distance * distance);

@@ -3,6 +3,8 @@
 #[cfg(feature = "embree")]
 mod embree_ffi;
 mod image_io;
+mod loader;
+mod loader_errors;
 mod meshes;
 mod parity;
 mod scattering;

@@ -75,7 +75,8 @@ mod tests {
 
     #[test]
     fn equal_indices_let_light_pass_unchanged() {
-        let air = Dielectric { eta: 1.0, specular_reflectance: Rgb::WHITE, specular_transmittance: Rgb::WHITE };
+        let air =
+            Dielectric { eta: 1.0, specular_reflectance: Rgb::WHITE, specular_transmittance: Rgb::WHITE };
         let wo = Vec3::new(0.6, 0.0, 0.8);
         let s = air.sample(wo, 0.0).unwrap();
         assert!((s.wi + wo).length() < 1e-6);

@@ -59,8 +59,7 @@ impl Microfacets {
 
     /// Smith's Λ. [Heitz 2014, Eq. 53 and 68]
     fn lambda(&self, w: Vec3) -> f32 {
-        let tan2_alpha2 =
-            ((w.x * self.alpha_x).powi(2) + (w.y * self.alpha_y).powi(2)) / (w.z * w.z);
+        let tan2_alpha2 = ((w.x * self.alpha_x).powi(2) + (w.y * self.alpha_y).powi(2)) / (w.z * w.z);
         if tan2_alpha2 == 0.0 {
             return 0.0;
         }
@@ -153,7 +152,11 @@ fn beckmann_slopes(cos: f32, sin: f32, u: Vec2) -> (f32, f32) {
     let mut x = (low + high) * 0.5;
     for _ in 0..40 {
         let f = primitive(x) - target;
-        if f > 0.0 { high = x } else { low = x }
+        if f > 0.0 {
+            high = x
+        } else {
+            low = x
+        }
         let derivative = (cos - sin * x).max(0.0) * (-x * x).exp();
         let newton = x - f / derivative;
         let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::{Value as Json, json};
 
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::image::{
     Comparison, ErrorKind, HeatScale, Image, Invalid, LayerComparison, NotComparable, WriteOptions, ZTest,
     compare, error_map, heat, read, write, z_test,
@@ -124,7 +124,7 @@ struct Verdict {
 /// If an image cannot be read or the picture of the error cannot be written.
 pub fn run(args: &DiffArgs) -> Result<u8> {
     let outcome = outcome(args)?;
-    print(&outcome.text)?;
+    super::print(&outcome.text)?;
     Ok(outcome.exit_code)
 }
 
@@ -166,18 +166,6 @@ pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
             };
             Ok(Outcome { text, exit_code: NOT_COMPARABLE })
         }
-    }
-}
-
-/// Prints on standard output. A reader that has gone is no failure.
-fn print(text: &str) -> Result<()> {
-    use std::io::{ErrorKind, Write};
-    let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            Err(Error::new(Kind::Output, format!("cannot be written: {e}")).about("standard output"))
-        }
-        _ => Ok(()),
     }
 }
 

@@ -53,7 +53,10 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     for sensor in &settings {
         let film = &sensor.film;
         let rect = film.rect();
-        line("sensor", format!("perspective, {}x{}, {} pixels to render", film.width, film.height, rect.area()));
+        line(
+            "sensor",
+            format!("perspective, {}x{}, {} pixels to render", film.width, film.height, rect.area()),
+        );
     }
     line("shapes", count(scene.shapes.iter().map(|s| shape_kind(&s.world))));
     line("triangles", scene.triangle_count().to_string());

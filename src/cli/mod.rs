@@ -17,8 +17,10 @@ use std::process::ExitCode;
 /// Buffon renders scenes by Monte Carlo integration, and says how large its error is.
 #[derive(Debug, Parser)]
 #[command(name = "buffon", version = VERSION, propagate_version = true, max_term_width = 100)]
-#[command(after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 scene or asset, 4 reading or writing \
-    output, 5 invalid samples or warnings under --strict, 128 + n stopped by signal n (what there is was written).")]
+#[command(
+    after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 scene or asset, 4 reading or writing \
+    output, 5 invalid samples or warnings under --strict, 128 + n stopped by signal n (what there is was written)."
+)]
 pub struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -118,7 +118,8 @@ impl View {
             None => "running".into(),
         };
         let per_pixel = self.progress.pixel_samples() as f64 / self.pixels as f64;
-        line += &format!(", {:.0} samples per pixel, {:.2} M samples/s", per_pixel.floor(), self.rate() * 1e-6);
+        line +=
+            &format!(", {:.0} samples per pixel, {:.2} M samples/s", per_pixel.floor(), self.rate() * 1e-6);
         if let Some(relmse) = self.progress.relmse() {
             line += &format!(", relMSE about {relmse:.1e}");
         }

@@ -1,7 +1,7 @@
 //! `buffon render`: a scene in, an image out.
 
 use super::progress::{ProgressKind, Watcher};
-use super::stats::{self, Account, Seconds};
+use super::stats::{Account, Seconds};
 use super::values;
 use crate::accel::AccelKind;
 use crate::error::{Error, Kind, Result};
@@ -111,7 +111,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     let target = args.output.clone().unwrap_or_else(|| args.scene.with_extension("exr"));
     image::check_output(&target)?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
-        stats::check_output(path)?;
+        image::check_replaceable(path)?;
     }
     let mut prepared = prepare(args)?;
     let progress = Arc::new(Progress::new());
@@ -178,7 +178,8 @@ fn prepare(args: &RenderArgs) -> Result<Prepared> {
         (sensor.film.width, sensor.film.height, sensor.film.crop) = (width, height, None);
     }
     if let Some(crop) = args.crop {
-        let inside = |start: u32, length: u32, whole: u32| start.checked_add(length).is_some_and(|end| end <= whole);
+        let inside =
+            |start: u32, length: u32, whole: u32| start.checked_add(length).is_some_and(|end| end <= whole);
         let film = &mut sensor.film;
         if !inside(crop.x, crop.width, film.width) || !inside(crop.y, crop.height, film.height) {
             return Err(Error::usage(format!(
@@ -195,7 +196,12 @@ fn prepare(args: &RenderArgs) -> Result<Prepared> {
     warn(args, report.warnings.clone())?;
     if report.dropped_primitives > 0 {
         let n = report.dropped_primitives;
-        warn(args, vec![Error::scene(format!("{n} primitives are invalid (not finite, or out of range) and were left out"))])?;
+        warn(
+            args,
+            vec![Error::scene(format!(
+                "{n} primitives are invalid (not finite, or out of range) and were left out"
+            ))],
+        )?;
     }
     let settings = choose_integrator(args.integrator.as_deref(), integrator)?;
     let stop = stop_rules(args, samples_per_pixel);

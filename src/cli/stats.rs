@@ -1,12 +1,12 @@
 //! `--stats`: the machine-readable account of a render.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::image::replace;
 use crate::render::Rendered;
 use crate::sampling::SamplerKind;
 use crate::scene::{CompileReport, Scene};
 use cpu_time::ProcessTime;
 use serde_json::{Map, Value, json};
-use std::io::Write;
 use std::path::Path;
 
 /// Wall time of the parts of a run.
@@ -58,11 +58,7 @@ impl Account<'_> {
         if path == Path::new("-") {
             return super::print(&text).map(drop);
         }
-        let fail = |e: std::io::Error| Error::output(format!("cannot be written: {e}")).in_file(path);
-        let mut file = part_of(path)?;
-        file.write_all(text.as_bytes()).map_err(fail)?;
-        file.persist(path).map_err(|e| fail(e.error))?;
-        Ok(())
+        replace(path, |part| std::fs::write(part, text).map_err(|e| e.to_string()))
     }
 
     fn json(&self) -> Value {
@@ -109,23 +105,6 @@ impl Account<'_> {
             "needs": needs,
         })
     }
-}
-
-/// Whether the account could be written there.
-///
-/// # Errors
-/// If it could not.
-pub fn check_output(path: &Path) -> Result<()> {
-    part_of(path).map(drop)
-}
-
-/// A temporary file beside `path`, to be renamed when it is whole.
-fn part_of(path: &Path) -> Result<tempfile::NamedTempFile> {
-    let folder = path.parent().filter(|p| *p != Path::new("")).unwrap_or(Path::new("."));
-    tempfile::Builder::new().suffix(".part.json").tempfile_in(folder).map_err(|e| {
-        let reason = e.raw_os_error().map_or(e, std::io::Error::from_raw_os_error);
-        Error::output(format!("cannot be written: {reason}")).in_file(path)
-    })
 }
 
 /// The most memory that the process has had resident; `None` where the system does not tell.

@@ -3,8 +3,8 @@
 use super::spherical_rectangle::Rectangle;
 use super::{EmitterSample, Target};
 use crate::color::Rgb;
-use crate::math::robust::gamma;
 use crate::math::ray::offset_origin;
+use crate::math::robust::gamma;
 use crate::math::{Frame, Vec2, Vec3};
 use crate::sampling::mis::area_to_solid_angle;
 use crate::sampling::{Distribution1D, warp};

@@ -171,7 +171,10 @@ mod tests {
             for i in 0..n * n {
                 let u = Vec2::new(((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32);
                 let q = seen.sample(u);
-                assert!(q.x.abs() <= 1.00001 && q.y.abs() <= 1.00001 && q.z.abs() < 1e-5 * (1.0 + p.z.abs()), "{q}");
+                assert!(
+                    q.x.abs() <= 1.00001 && q.y.abs() <= 1.00001 && q.z.abs() < 1e-5 * (1.0 + p.z.abs()),
+                    "{q}"
+                );
                 count += usize::from(inside(q));
             }
             let part = Rectangle::new(Vec3::new(-1.0, -0.5, 0.0), Vec3::X * 1.25, Vec3::Y * 1.5).unwrap();

@@ -102,7 +102,13 @@ mod tests {
             let (mut m0, mut m2) = (0.0, 0.0);
             for i in 0..=n {
                 let x = -2.0 + 4.0 * f64::from(i) / f64::from(n);
-                let c = if i == 0 || i == n { 1.0 } else if i % 2 == 1 { 4.0 } else { 2.0 };
+                let c = if i == 0 || i == n {
+                    1.0
+                } else if i % 2 == 1 {
+                    4.0
+                } else {
+                    2.0
+                };
                 m0 += c * w(x);
                 m2 += c * w(x) * x * x;
             }
@@ -123,7 +129,11 @@ mod tests {
                 m2 += x * x;
             }
             assert!((m1 / f64::from(n)).abs() < 1e-5, "{filter:?}");
-            assert!((m2 / f64::from(n) - variance).abs() < 2e-5, "{filter:?}: {} {variance}", m2 / f64::from(n));
+            assert!(
+                (m2 / f64::from(n) - variance).abs() < 2e-5,
+                "{filter:?}: {} {variance}",
+                m2 / f64::from(n)
+            );
         }
     }
 }

@@ -30,7 +30,7 @@ pub use format::{Backend, backend, set_threads};
 pub use heat::{HeatScale, heat};
 pub use metadata::{Metadata, Value};
 pub use read::{read, read_with};
-pub use replace::replace;
+pub use replace::{check_replaceable, replace};
 pub use srgb::{from_srgb, to_srgb};
 pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
 pub use ztest::{ZTest, z_test};

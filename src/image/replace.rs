@@ -14,7 +14,27 @@ use crate::error::{Error, Result};
 /// # Errors
 /// If the folder is missing or cannot be written to, if there is a folder of that name, or if `fill` fails.
 pub fn replace(path: &Path, fill: impl FnOnce(&Path) -> Result<(), String>) -> Result<()> {
-    let fail = |message: String| Error::output(format!("cannot be written: {message}")).in_file(path);
+    let fail = |message: String| failure(path, &message);
+    let (target, part) = begin(path)?;
+    fill(&part).map_err(fail)?;
+    part.persist(&target).map_err(|e| fail(reason(e.error)))
+}
+
+/// Whether [`replace`] could begin there: a long computation should not fail at its end.
+///
+/// # Errors
+/// As those of [`replace`].
+pub fn check_replaceable(path: &Path) -> Result<()> {
+    begin(path).map(drop)
+}
+
+fn failure(path: &Path, message: &str) -> Error {
+    Error::output(format!("cannot be written: {message}")).in_file(path)
+}
+
+/// The file behind symbolic links, and a temporary one beside it.
+fn begin(path: &Path) -> Result<(PathBuf, tempfile::TempPath)> {
+    let fail = |message: String| failure(path, &message);
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if target.is_dir() {
         return Err(fail("it is a folder".into()));
@@ -27,8 +47,7 @@ pub fn replace(path: &Path, fill: impl FnOnce(&Path) -> Result<(), String>) -> R
         return Err(fail(format!("there is no folder \"{}\"", folder.display())));
     }
     let part = temporary(&target, &folder).map_err(fail)?;
-    fill(&part).map_err(fail)?;
-    part.persist(&target).map_err(|e| fail(reason(e.error)))
+    Ok((target, part))
 }
 
 /// A new, empty file in the folder, which is removed when dropped.

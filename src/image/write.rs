@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::format::{Backend, ExrOutput, Format};
-use super::replace::replace;
+use super::replace::{check_replaceable, replace};
 use super::{Image, Value, pfm, srgb};
 use crate::error::{Error, Result};
 
@@ -94,7 +94,7 @@ pub fn write(path: &Path, image: &Image, options: &WriteOptions) -> Result<Write
 pub fn check_output(path: &Path) -> Result<()> {
     let fail = |message: String| Error::output(message).in_file(path);
     Format::of_extension(path).ok_or_else(|| fail(unknown_extension(path)))?;
-    Target::of(path).and_then(|target| target.part()).map(drop).map_err(fail)
+    check_replaceable(path)
 }
 
 /// [`write`] with a given library.

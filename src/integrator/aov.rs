@@ -14,7 +14,14 @@ impl Integrator for NoImage {
         "aov"
     }
 
-    fn li(&self, scene: &Scene, wave: Wave<'_>, _query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]) {
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        _query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
         worker.intersect(scene, wave.rays, wave.coherence);
         for (out, hit) in out.iter_mut().zip(&worker.hits) {
             *out = Radiance { distance: hit.map_or(f32::INFINITY, |h| h.t), ..Radiance::NONE };
@@ -53,18 +60,8 @@ impl Aov {
     }
 
     /// The names that [`by_name`](Self::by_name) knows, one for each layer.
-    pub const NAMES: [&'static str; 10] = [
-        "albedo",
-        "N",
-        "geo_normal",
-        "P",
-        "Z",
-        "uv",
-        "prim_index",
-        "shape_index",
-        "variance",
-        "samples",
-    ];
+    pub const NAMES: [&'static str; 10] =
+        ["albedo", "N", "geo_normal", "P", "Z", "uv", "prim_index", "shape_index", "variance", "samples"];
 
     /// Whether it is averaged over the samples of a pixel (else it comes from the film itself).
     pub fn is_sampled(self) -> bool {

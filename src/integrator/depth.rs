@@ -13,7 +13,14 @@ impl Integrator for DepthIntegrator {
         "depth"
     }
 
-    fn li(&self, scene: &Scene, wave: Wave<'_>, _query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]) {
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        _query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
         worker.intersect(scene, wave.rays, wave.coherence);
         for (out, hit) in out.iter_mut().zip(&worker.hits) {
             *out = hit.map_or(Radiance::NONE, |h| Radiance { value: Rgb::splat(h.t), distance: h.t });

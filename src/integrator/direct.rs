@@ -25,7 +25,13 @@ impl DirectIntegrator {
     }
 
     /// Emitter sample `i` of every path in hand.
-    fn emitter_sample(&self, scene: &Scene, i: u32, points: &[Option<SurfaceInteraction>], worker: &mut Worker) {
+    fn emitter_sample(
+        &self,
+        scene: &Scene,
+        i: u32,
+        points: &[Option<SurfaceInteraction>],
+        worker: &mut Worker,
+    ) {
         let Worker { sampler, paths, numbers, shadows, .. } = worker;
         draw_1d(*sampler, Dimension::emitter_choice(0).repeat(i), &paths.keys, &mut numbers.emitter_choice);
         draw_2d(*sampler, Dimension::emitter_point(0).repeat(i), &paths.keys, &mut numbers.emitter_point);
@@ -99,7 +105,14 @@ impl Integrator for DirectIntegrator {
         !self.settings.hide_emitters
     }
 
-    fn li(&self, scene: &Scene, wave: Wave<'_>, query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]) {
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);
         intersect(scene, &worker.paths.rays, wave.coherence, &mut worker.hits, &mut worker.counters);

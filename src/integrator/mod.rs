@@ -86,7 +86,14 @@ pub trait Integrator: Send + Sync {
     }
 
     /// Estimates the radiance along each ray of `wave` into `out`, which has as many entries.
-    fn li(&self, scene: &Scene, wave: Wave<'_>, query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]);
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    );
 }
 
 /// The integrator that the settings describe; the layers of `aov` are the render job's business.

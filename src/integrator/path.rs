@@ -78,7 +78,14 @@ impl Integrator for PathIntegrator {
         !self.settings.hide_emitters
     }
 
-    fn li(&self, scene: &Scene, wave: Wave<'_>, query: RadianceQuery, worker: &mut Worker, out: &mut [Radiance]) {
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);
         let mut depth = 0;
@@ -143,7 +150,10 @@ fn shade_wave(bounce: &Bounce<'_>, scatter: bool, worker: &mut Worker, out: &mut
 }
 
 /// Shades path `i`: adds what it found, queues a shadow ray, and writes its continuation to place `to`.
-#[expect(clippy::too_many_arguments, reason = "the arrays of a wave, split so that they can be borrowed apart")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the arrays of a wave, split so that they can be borrowed apart"
+)]
 #[inline]
 fn shade(
     bounce: &Bounce<'_>,
@@ -184,7 +194,10 @@ fn shade(
 }
 
 /// Samples the BSDF and plays roulette; writes the path's continuation to place `to`.
-#[expect(clippy::too_many_arguments, reason = "the arrays of a wave, split so that they can be borrowed apart")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the arrays of a wave, split so that they can be borrowed apart"
+)]
 #[inline]
 fn continue_path(
     bounce: &Bounce<'_>,

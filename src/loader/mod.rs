@@ -1,10 +1,28 @@
 //! Loaders: scene files in, [`Description`] and settings out.
+//!
+//! A scene file is XML in Mitsuba 3's language. It goes through four steps, each in its own file:
+//! [`xml`] reads elements that know their place, [`resolve`] substitutes parameters, follows includes and
+//! references and types the values, [`props`] answers questions about an object and remembers which were asked, and
+//! [`instantiate`] turns objects into the scene's plain data.
 
-use crate::error::Error;
+mod files;
+mod graph;
+mod instantiate;
+mod mesh;
+mod names;
+mod parameters;
+mod props;
+mod resolve;
+mod transform;
+mod upgrade;
+mod values;
+mod xml;
+
+use crate::error::{Error, Place, Result};
 use crate::integrator;
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the user adds to a scene file.
 #[derive(Clone, Debug, Default)]
@@ -30,4 +48,70 @@ pub struct Loaded {
     pub warnings: Vec<Error>,
     /// What the user should know but need not change (a sampler that was mapped).
     pub notes: Vec<String>,
+}
+
+/// Loads a scene (`.xml`) or a bare mesh (`.obj`, `.ply`).
+///
+/// A bare mesh gets a camera that frames it from the front and above, an even white environment and a grey
+/// material, and a note that says so.
+///
+/// # Errors
+/// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column where there are any: what cannot be read, is
+/// malformed, unknown or out of range. All missing mesh and spectrum files come in one error.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    match extension.as_str() {
+        "xml" => load_xml(path, options),
+        "obj" | "ply" => {
+            let mut loaded = instantiate::bare::load(path)?;
+            let unused = |(name, _): &(String, String)| {
+                Error::scene("nothing to define: a mesh file has no parameters").about(format!("-D {name}"))
+            };
+            loaded.warnings.extend(options.defines.iter().map(unused));
+            Ok(loaded)
+        }
+        _ => Err(Error::scene("expected a scene (.xml) or a mesh (.obj, .ply)").in_file(path)),
+    }
+}
+
+/// Loads a scene in Mitsuba's language.
+fn load_xml(path: &Path, options: &LoadOptions) -> Result<Loaded> {
+    let resolved = resolve::resolve(path, options)?;
+    instantiate::instantiate(resolved)
+}
+
+/// Reads a file.
+///
+/// # Errors
+/// When it does not exist or cannot be read, with what the system says.
+fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path)
+        .map_err(|e| Error::scene(format!("cannot be read: {}", system_message(&e))).in_file(path))
+}
+
+/// The system's words for an error without the code that Rust appends.
+fn system_message(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    match text.split_once(" (os error") {
+        Some((words, _)) => words.to_lowercase(),
+        None => text,
+    }
+}
+
+/// Reads a text file.
+///
+/// # Errors
+/// When it cannot be read or is not UTF-8.
+fn read_text(path: &Path) -> Result<String> {
+    let text = String::from_utf8(read_bytes(path)?).map_err(|e| {
+        let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
+        let line = 1 + before.iter().filter(|b| **b == b'\n').count();
+        let column = 1 + before.iter().rev().take_while(|b| **b != b'\n').count();
+        let place = Place { line: line as u32, column: column as u32, ..Place::file(path) };
+        Error::scene("expected text in UTF-8, found an invalid byte").at(place)
+    })?;
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => rest.to_owned(),
+        None => text,
+    })
 }

@@ -115,8 +115,9 @@ impl<'a> Job<'a> {
             .num_threads(self.settings.threads)
             .build()
             .map_err(|e| Error::internal(format!("cannot start {} threads: {e}", self.settings.threads)))?;
-        let channels =
-            3 + usize::from(self.alpha) + self.sampled_layers().map(|aov| aov.channels().len()).sum::<usize>();
+        let channels = 3
+            + usize::from(self.alpha)
+            + self.sampled_layers().map(|aov| aov.channels().len()).sum::<usize>();
         let rect = self.camera.film.rect();
         let mut tiles: Vec<Tile> = tiles_of(rect).map(|rect| Tile::new(rect, channels)).collect();
         let workers: Vec<Mutex<CameraWorker>> = (0..pool.current_num_threads())

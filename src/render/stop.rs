@@ -56,14 +56,16 @@ impl StopRules {
         {
             return Some(StopReason::Error);
         }
-        (done > 0 && self.time.is_some_and(|_| self.pass_within_time(done, elapsed) == 0)).then_some(StopReason::Time)
+        (done > 0 && self.time.is_some_and(|_| self.pass_within_time(done, elapsed) == 0))
+            .then_some(StopReason::Time)
     }
 
     /// Samples per pixel of the next pass: as many as before, up to a limit, and no more than the rules leave.
     pub fn next_pass(&self, done: u64, elapsed: Duration) -> u64 {
         let pass = done.clamp(2, LARGEST_PASS);
         let left = self.samples.map_or(u64::MAX, |n| n - done.min(n));
-        let in_time = if done > 0 && self.time.is_some() { self.pass_within_time(done, elapsed) } else { u64::MAX };
+        let in_time =
+            if done > 0 && self.time.is_some() { self.pass_within_time(done, elapsed) } else { u64::MAX };
         pass.min(left).min(in_time)
     }
 

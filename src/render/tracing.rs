@@ -94,7 +94,9 @@ impl CameraWorker {
         draw_2d(self.worker.sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         self.rays.clear();
         let per_pixel = (samples.end - samples.start) as usize;
-        for (j, (&u, &v)) in self.positions[0].iter().zip(&self.positions[1]).enumerate().take(self.keys.len()) {
+        for (j, (&u, &v)) in
+            self.positions[0].iter().zip(&self.positions[1]).enumerate().take(self.keys.len())
+        {
             let (x, y) = tile.position(j / per_pixel);
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             self.rays.push(job.camera.ray(centre + job.filter.sample(Vec2::new(u, v))));

@@ -23,7 +23,8 @@ impl Distribution1D {
     /// The distribution in proportion to `weights`, summed in `f64`. Weights that are not finite and positive
     /// count as zero; if all do, the distribution is empty.
     pub fn new(weights: &[f64]) -> Self {
-        let clean: Vec<f64> = weights.iter().map(|&w| if w > 0.0 && w.is_finite() { w } else { 0.0 }).collect();
+        let clean: Vec<f64> =
+            weights.iter().map(|&w| if w > 0.0 && w.is_finite() { w } else { 0.0 }).collect();
         let total: f64 = clean.iter().sum();
         if total <= 0.0 {
             return Distribution1D::default();

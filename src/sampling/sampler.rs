@@ -208,10 +208,7 @@ fn sobol_1d(index: u32, seed: u32) -> u32 {
 fn sobol_2d(index: u32, seed: u32) -> [u32; 2] {
     let seeds = pcg3d(seed, 0x967a_889b, 0x368c_c8b7);
     let i = shuffle(index, seeds[0]);
-    [
-        owen_reversed(i, seeds[1]).reverse_bits(),
-        owen_reversed(pascal_reversed(i), seeds[2]).reverse_bits(),
-    ]
+    [owen_reversed(i, seeds[1]).reverse_bits(), owen_reversed(pascal_reversed(i), seeds[2]).reverse_bits()]
 }
 
 /// The image of `i` under a pseudo-random permutation of `0..n`. [Kensler 2013, listing 2]
@@ -338,7 +335,8 @@ mod tests {
     fn samplers_are_unbiased_and_their_dimensions_uncorrelated() {
         for sampler in [Sampler::Independent, Sampler::Stratified { side: 2 }, Sampler::Sobol] {
             let n = 40_000u32;
-            let keys: Vec<_> = (0..n).map(|i| SampleKey::new(2, i % 200, i / 200, u64::from(i % 8))).collect();
+            let keys: Vec<_> =
+                (0..n).map(|i| SampleKey::new(2, i % 200, i / 200, u64::from(i % 8))).collect();
             let a = pairs(sampler, &keys, Dimension::emitter_point(0));
             let b = pairs(sampler, &keys, Dimension::bsdf_direction(0));
             let centred = |v: f32| f64::from(v) - 0.5;

@@ -42,8 +42,9 @@ pub struct CompileReport {
 /// If a transform is not finite, a sphere is squeezed, a sensor is singular, or the accelerator cannot be built.
 pub fn compile(description: Description, options: CompileOptions) -> Result<(Scene, CompileReport)> {
     let mut report = CompileReport::default();
-    let materials: Vec<SceneMaterial> =
-        (0..description.materials.len()).map(|i| scene_material(&description.materials, i)).collect::<Result<_>>()?;
+    let materials: Vec<SceneMaterial> = (0..description.materials.len())
+        .map(|i| scene_material(&description.materials, i))
+        .collect::<Result<_>>()?;
     let mut lights = Vec::new();
     let mut shapes = Vec::with_capacity(description.shapes.len());
     for placed in description.shapes {

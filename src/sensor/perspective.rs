@@ -60,7 +60,12 @@ impl Perspective {
         let length = direction.length() as f32;
         let d = (direction / f64::from(length)).as_vec3();
         // `length` is the reciprocal of the cosine to the viewing axis.
-        Ray { o: self.origin + d * (self.near * length), t_max: (self.far - self.near) * length, d, time: 0.0 }
+        Ray {
+            o: self.origin + d * (self.near * length),
+            t_max: (self.far - self.near) * length,
+            d,
+            time: 0.0,
+        }
     }
 
     /// In the sensor's coordinates, the vectors across the image plane (its full width and height) and the one

@@ -3,7 +3,7 @@
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
-use buffon::film::{ComponentFormat, Filter, FilmSettings, PixelFormat};
+use buffon::film::{ComponentFormat, FilmSettings, Filter, PixelFormat};
 use buffon::ids::MaterialId;
 use buffon::integrator::{self, Settings};
 use buffon::material::Material;

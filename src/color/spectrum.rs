@@ -1,0 +1,116 @@
+//! Spectra given by wavelength, reduced to linear Rec.709 as Mitsuba 3's rgb variants do it.
+
+use super::{Rgb, cie};
+
+/// What a spectrum stands for; it decides how it is reduced to RGB.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// A share in [0, 1] of reflected or transmitted light, seen under D65.
+    Reflectance,
+    /// A property without upper bound such as an index of refraction, seen under D65.
+    Unbounded,
+    /// Emitted light.
+    Emission,
+}
+
+/// A spectrum, as a scene gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Spectrum {
+    /// The same value at every wavelength.
+    Constant(f64),
+    /// Values at wavelengths in nm, linear between them and zero outside.
+    Samples(Vec<(f64, f64)>),
+}
+
+/// A spectrum reduced to RGB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reduced {
+    /// The colour, clamped to what the quantity allows.
+    pub rgb: Rgb,
+    /// The colour before it was clamped, where that changed it.
+    pub out_of_gamut: Option<Rgb>,
+}
+
+/// Steps of the sum over [360, 830] nm, as many as Mitsuba takes.
+const STEPS: usize = 1000;
+/// The integral of ȳ, so that a spectrum of ones has the luminance 1.
+const Y_INTEGRAL: f64 = 106.750_259_399_414_06;
+/// Makes the luminance of D65 one on that scale.
+const D65_SCALE: f64 = 98.997_417_518_762_55;
+/// CIE XYZ to linear Rec.709.
+const XYZ_TO_RGB: [[f64; 3]; 3] =
+    [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875991, 0.041556], [0.055648, -0.204043, 1.057311]];
+
+impl Spectrum {
+    /// A spectrum of samples.
+    ///
+    /// # Errors
+    /// A sentence when there are fewer than two samples, when the wavelengths do not increase, or when a number
+    /// is not finite or a value negative.
+    pub fn from_samples(samples: Vec<(f64, f64)>) -> Result<Self, String> {
+        if samples.len() < 2 {
+            return Err(format!("expected at least two wavelength:value pairs, found {}", samples.len()));
+        }
+        if let Some(&(nm, v)) =
+            samples.iter().find(|s| !(s.0.is_finite() && s.0 > 0.0 && s.1.is_finite() && s.1 >= 0.0))
+        {
+            return Err(format!("expected positive wavelengths and values of at least 0, found {nm}:{v}"));
+        }
+        match samples.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
+            Some(pair) => {
+                Err(format!("expected increasing wavelengths, found {} after {}", pair[1].0, pair[0].0))
+            }
+            None => Ok(Spectrum::Samples(samples)),
+        }
+    }
+
+    /// The linear Rec.709 colour of the spectrum as the given quantity.
+    ///
+    /// Samples are summed at 1000 wavelengths against the CIE 1931 2° observer, and against D65 unless they are
+    /// emission. A constant needs no sum: as reflectance or index it is neutral, as emission it is the equal-energy
+    /// white, which is not the neutral (D65) white of Rec.709.
+    pub fn to_rgb(&self, quantity: Quantity) -> Reduced {
+        let xyz = match self {
+            Spectrum::Constant(v) if quantity == Quantity::Emission => [*v; 3],
+            Spectrum::Constant(v) => return Reduced { rgb: Rgb::splat(*v as f32), out_of_gamut: None },
+            Spectrum::Samples(samples) => integrate(samples, quantity != Quantity::Emission),
+        };
+        let channel = |row: [f64; 3]| (row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2]) as f32;
+        let raw = Rgb::from(XYZ_TO_RGB.map(channel));
+        let limit = if quantity == Quantity::Reflectance { 1.0 } else { f32::MAX };
+        let rgb = raw.map(|v| v.clamp(0.0, limit));
+        Reduced { rgb, out_of_gamut: (rgb != raw).then_some(raw) }
+    }
+}
+
+/// XYZ of a sampled spectrum, possibly lit by D65, on the scale where ones have luminance 1.
+fn integrate(samples: &[(f64, f64)], lit: bool) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for i in 0..STEPS {
+        let nm = cie::FIRST_NM + i as f64 / (STEPS - 1) as f64 * (cie::LAST_NM - cie::FIRST_NM);
+        let Some(value) = interpolate(samples, nm) else { continue };
+        let at = ((nm - cie::FIRST_NM) / cie::STEP_NM).min((cie::OBSERVER.len() - 1) as f64);
+        let low = (at as usize).min(cie::OBSERVER.len() - 2);
+        let mix = |a: f64, b: f64| a + (at - low as f64) * (b - a);
+        let light = if lit { mix(cie::D65[low], cie::D65[low + 1]) / D65_SCALE } else { 1.0 };
+        for (channel, total) in sum.iter_mut().enumerate() {
+            *total += value * light * mix(cie::OBSERVER[low][channel], cie::OBSERVER[low + 1][channel]);
+        }
+    }
+    sum.map(|v| v * (cie::LAST_NM - cie::FIRST_NM) / STEPS as f64 / Y_INTEGRAL)
+}
+
+/// The value at a wavelength; `None` outside the samples.
+fn interpolate(samples: &[(f64, f64)], nm: f64) -> Option<f64> {
+    let above = samples.partition_point(|s| s.0 <= nm);
+    let (last_nm, last) = *samples.last()?;
+    if above == 0 || nm > last_nm {
+        return None;
+    }
+    let Some(&(x1, y1)) = samples.get(above) else { return Some(last) };
+    let (x0, y0) = samples[above - 1];
+    Some(y0 + (nm - x0) / (x1 - x0) * (y1 - y0))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,37 @@
+//! Finding the files that a scene names.
+
+use std::path::{Path, PathBuf};
+
+/// Folders to look for files in, besides that of the file that names them.
+#[derive(Clone, Debug, Default)]
+pub struct Folders {
+    /// `<path>` folders, the latest first.
+    scene: Vec<PathBuf>,
+    /// The first scene file's folder and the user's `-a` folders.
+    user: Vec<PathBuf>,
+}
+
+impl Folders {
+    /// The folder of the scene and the user's.
+    pub fn new(scene_file: &Path, search_paths: &[PathBuf]) -> Self {
+        let own = scene_file.parent().map(Path::to_path_buf);
+        Folders { scene: Vec::new(), user: own.into_iter().chain(search_paths.iter().cloned()).collect() }
+    }
+
+    /// Adds the folder of a `<path>` element; it is looked in before those added earlier.
+    pub fn prepend(&mut self, folder: PathBuf) {
+        self.scene.insert(0, folder);
+    }
+
+    /// The first existing file or folder of a name: as named if absolute, else beside the file that names it, then in the
+    /// scene's folders, then in the user's.
+    pub fn find(&self, named_in: &Path, name: &str) -> Option<PathBuf> {
+        let name = Path::new(name);
+        let own = named_in.parent().map(Path::to_path_buf);
+        let folders = own.iter().chain(&self.scene).chain(&self.user);
+        if name.as_os_str().is_empty() {
+            return None;
+        }
+        folders.map(|folder| folder.join(name)).find(|path| path.exists())
+    }
+}

@@ -1,0 +1,261 @@
+//! A resolved scene file: objects with typed properties, in an arena.
+
+use super::names;
+use super::values::quoted;
+use super::xml::Spot;
+use crate::color::spectrum::Spectrum;
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DVec3};
+use std::collections::HashMap;
+
+/// Index of an object in its [`Graph`].
+pub type ObjectId = usize;
+
+/// A chain of objects inside objects longer than this is refused.
+const MAX_CHAIN: usize = 100;
+
+/// What an object is: the names of the elements that declare one.
+pub const CLASSES: [&str; 13] = [
+    "scene",
+    "shape",
+    "bsdf",
+    "emitter",
+    "sensor",
+    "film",
+    "rfilter",
+    "sampler",
+    "integrator",
+    "texture",
+    "medium",
+    "phase",
+    "volume",
+];
+
+/// The value of a property.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// A whole number.
+    Integer(i64),
+    /// A number.
+    Float(f64),
+    /// A text.
+    Text(String),
+    /// True or false.
+    Boolean(bool),
+    /// A linear Rec.709 colour.
+    Rgb([f64; 3]),
+    /// A spectrum in the scene file.
+    Spectrum(Spectrum),
+    /// A spectrum in a file of its own.
+    SpectrumFile(String),
+    /// A point or vector.
+    Vector(DVec3),
+    /// A transformation.
+    Transform(DAffine3),
+}
+
+/// A property of an object.
+#[derive(Clone, Debug)]
+pub struct Property {
+    /// Its name, in today's language.
+    pub name: String,
+    /// Its element's name.
+    pub tag: String,
+    /// Its value.
+    pub value: Value,
+    /// Where it is written.
+    pub spot: Spot,
+}
+
+impl Property {
+    /// An error about the property, at its place.
+    pub fn error(&self, message: impl Into<String>) -> Error {
+        Error::scene(message).about(format!("<{} name=\"{}\">", self.tag, self.name)).at(self.spot.place())
+    }
+}
+
+/// An object inside another, written there or referred to.
+#[derive(Clone, Debug)]
+pub struct Child {
+    /// The name it has there; mostly none.
+    pub name: Option<String>,
+    /// The object.
+    pub object: ObjectId,
+    /// Where it is written or referred to.
+    pub spot: Spot,
+}
+
+/// An object of the scene: a plugin with its properties and the objects inside it.
+#[derive(Clone, Debug)]
+pub struct Object {
+    /// One of [`CLASSES`].
+    pub class: String,
+    /// Its plugin's name; `scene` for the scene itself.
+    pub plugin: String,
+    /// Its name for references; may be empty.
+    pub id: String,
+    /// Its properties in file order.
+    pub properties: Vec<Property>,
+    /// The objects inside it in file order.
+    pub children: Vec<Child>,
+    /// Where it is written.
+    pub spot: Spot,
+}
+
+impl Object {
+    /// The object as messages name it: `<bsdf type="diffuse">`.
+    pub fn thing(&self) -> String {
+        match self.class.as_str() {
+            "scene" => "<scene>".to_owned(),
+            class => format!("<{class} type=\"{}\">", self.plugin),
+        }
+    }
+
+    /// An error about the object, at its place.
+    pub fn error(&self, message: impl Into<String>) -> Error {
+        Error::scene(message).about(self.thing()).at(self.spot.place())
+    }
+}
+
+/// A reference that waits for its target.
+#[derive(Debug)]
+struct Reference {
+    from: ObjectId,
+    slot: usize,
+    id: String,
+    error: Error,
+}
+
+/// The objects of a scene file; the first is the scene.
+#[derive(Debug, Default)]
+pub struct Graph {
+    /// The objects, in the order in which they are written.
+    pub objects: Vec<Object>,
+    ids: HashMap<String, ObjectId>,
+    references: Vec<Reference>,
+    aliases: Vec<(String, String, Error)>,
+}
+
+impl Graph {
+    /// Adds an object.
+    ///
+    /// # Errors
+    /// When its id is taken.
+    pub fn add(&mut self, object: Object) -> Result<ObjectId> {
+        let index = self.objects.len();
+        if !object.id.is_empty() {
+            if let Some(&other) = self.ids.get(&object.id) {
+                let other = Error::scene("the other one")
+                    .about(self.objects[other].thing())
+                    .at(self.objects[other].spot.place());
+                let message = format!("the id {} is given twice", quoted(&object.id));
+                return Err(object.error(message).with_others(vec![other]));
+            }
+            self.ids.insert(object.id.clone(), index);
+        }
+        self.objects.push(object);
+        Ok(index)
+    }
+
+    /// Adds a reference from an object to an id that may come later; `error` has its place.
+    pub fn refer(&mut self, from: ObjectId, name: Option<String>, spot: Spot, id: &str, error: Error) {
+        let children = &mut self.objects[from].children;
+        self.references.push(Reference { from, slot: children.len(), id: id.to_owned(), error });
+        children.push(Child { name, object: usize::MAX, spot });
+    }
+
+    /// Adds a second name for an id that may come later; `error` has its place.
+    pub fn alias(&mut self, id: &str, second: &str, error: Error) {
+        self.aliases.push((id.to_owned(), second.to_owned(), error));
+    }
+
+    /// Finds the targets of all references.
+    ///
+    /// # Errors
+    /// Unknown ids (all of them at once, each with the nearest known one), an alias whose name is taken, a cycle of references,
+    /// objects inside objects more than a hundred deep.
+    pub fn link(&mut self) -> Result<()> {
+        for (id, second, mut error) in std::mem::take(&mut self.aliases) {
+            let Some(&target) = self.ids.get(&id) else {
+                error.message = self.unknown(&id);
+                return Err(error);
+            };
+            if self.ids.insert(second.clone(), target).is_some() {
+                error.message = format!("the id {} is taken", quoted(&second));
+                return Err(error);
+            }
+        }
+        let mut unknown = Vec::new();
+        for mut reference in std::mem::take(&mut self.references) {
+            match self.ids.get(&reference.id) {
+                Some(&target) => self.objects[reference.from].children[reference.slot].object = target,
+                None => {
+                    reference.error.message = self.unknown(&reference.id);
+                    unknown.push(reference.error);
+                }
+            }
+        }
+        match unknown.is_empty() {
+            true => self.check_chains(),
+            false => Err(unknown.remove(0).with_others(unknown)),
+        }
+    }
+
+    fn unknown(&self, id: &str) -> String {
+        let mut known: Vec<_> = self.ids.keys().map(String::as_str).collect();
+        known.sort_unstable();
+        format!("no object has the id {}{}", quoted(id), names::did_you_mean(id, known))
+    }
+
+    /// Refuses cycles and long chains. Objects are taken once all that contain them are taken, so what remains is
+    /// in a cycle or inside one.
+    fn check_chains(&self) -> Result<()> {
+        let mut containers = vec![0usize; self.objects.len()];
+        for child in self.objects.iter().flat_map(|o| &o.children) {
+            containers[child.object] += 1;
+        }
+        let mut depth = vec![1; self.objects.len()];
+        let mut ready: Vec<_> = (0..self.objects.len()).filter(|i| containers[*i] == 0).collect();
+        while let Some(i) = ready.pop() {
+            if depth[i] > MAX_CHAIN {
+                return Err(self.objects[i].error(format!("nested deeper than {MAX_CHAIN} levels")));
+            }
+            for child in &self.objects[i].children {
+                let c = child.object;
+                depth[c] = depth[c].max(depth[i] + 1);
+                containers[c] -= 1;
+                if containers[c] == 0 {
+                    ready.push(c);
+                }
+            }
+        }
+        match containers.iter().position(|c| *c > 0) {
+            Some(start) => Err(self.cycle_error(start, &containers)),
+            None => Ok(()),
+        }
+    }
+
+    /// The error for a cycle that contains or reaches `start`: walks up among the objects that remain until one repeats.
+    fn cycle_error(&self, start: ObjectId, containers: &[usize]) -> Error {
+        let container = |inner: ObjectId| {
+            let holds = |o: &Object| o.children.iter().any(|c| c.object == inner);
+            self.objects.iter().enumerate().position(|(i, o)| containers[i] > 0 && holds(o))
+        };
+        let mut path = vec![start];
+        while let Some(next) = container(path[path.len() - 1]) {
+            if let Some(at) = path.iter().position(|p| *p == next) {
+                path.drain(..at);
+                break;
+            }
+            path.push(next);
+        }
+        path.reverse();
+        path.push(path[0]);
+        let name = |i: &ObjectId| match self.objects[*i].id.as_str() {
+            "" => self.objects[*i].thing(),
+            id => quoted(id),
+        };
+        let shown: Vec<_> = path.iter().take(10).map(name).collect();
+        self.objects[path[0]].error(format!("it contains itself: {}", shown.join(" contains ")))
+    }
+}

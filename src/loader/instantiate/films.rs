@@ -1,0 +1,116 @@
+//! Films (`hdrfilm`) and reconstruction filters (`box`, `tent`, `gaussian`).
+
+use super::{Builder, unknown_plugin};
+use crate::error::Result;
+use crate::film::{ComponentFormat, FilmSettings, Filter, PixelFormat, PixelRect};
+use crate::loader::graph::ObjectId;
+use crate::loader::props::Props;
+
+const SUPPORTED: [&str; 1] = ["hdrfilm"];
+const MITSUBA: [&str; 1] = ["specfilm"];
+const SUPPORTED_FILTERS: [&str; 3] = ["box", "tent", "gaussian"];
+const MITSUBA_FILTERS: [&str; 3] = ["catmullrom", "lanczos", "mitchell"];
+/// Longest side of an image.
+const MAX_SIDE: i64 = 65_536;
+/// Most pixels of an image.
+const MAX_PIXELS: u64 = 1 << 28;
+/// Widest filter, in pixels.
+const MAX_FILTER: f32 = 100.0;
+
+impl Builder<'_> {
+    /// The film inside a sensor, or the default one.
+    ///
+    /// # Errors
+    /// As for [`instantiate`](super::instantiate).
+    pub fn film(&mut self, sensor: &Props) -> Result<FilmSettings> {
+        let Some(object) = sensor.child("film")? else { return Ok(FilmSettings::default()) };
+        let props = Props::new(self.graph, object);
+        if props.object.plugin != "hdrfilm" {
+            return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
+        }
+        let default = FilmSettings::default();
+        let side = |name, default: u32| Ok(props.integer(name, 1..=MAX_SIDE)?.map_or(default, |v| v as u32));
+        let (width, height) = (side("width", default.width)?, side("height", default.height)?);
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(props
+                .object
+                .error(format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}")));
+        }
+        let filter = match props.child("rfilter")? {
+            Some(filter) => self.filter(filter)?,
+            None => default.filter,
+        };
+        let film = FilmSettings {
+            width,
+            height,
+            crop: crop(&props, width, height)?,
+            filter,
+            pixel_format: pixel_format(&props)?,
+            component_format: component_format(&props)?,
+        };
+        let formats = [("openexr", ()), ("exr", ()), ("rgbe", ()), ("pfm", ())];
+        props.choice("file_format", &formats, ())?;
+        props.find("banner");
+        self.ignore(&props, &["sample_border"], "a sample belongs to one pixel, so borders need none");
+        self.ignore(&props, &["compensate"], "sums are always compensated");
+        self.finish(props);
+        Ok(film)
+    }
+
+    /// A reconstruction filter.
+    fn filter(&mut self, object: ObjectId) -> Result<Filter> {
+        let props = Props::new(self.graph, object);
+        let width = |name, default| {
+            let value = props.positive(name, default)?;
+            match value <= MAX_FILTER {
+                true => Ok(value),
+                false => Err(props.refusal(name, &format!("expected at most {MAX_FILTER} pixels"))),
+            }
+        };
+        let filter = match props.object.plugin.as_str() {
+            "box" => Filter::Box { radius: 0.5 },
+            "tent" => Filter::Tent { radius: width("radius", 1.0)? },
+            "gaussian" => Filter::Gaussian { stddev: width("stddev", 0.5)? },
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED_FILTERS, &MITSUBA_FILTERS)),
+        };
+        self.finish(props);
+        Ok(filter)
+    }
+}
+
+/// The crop window, where any of its four properties is given.
+fn crop(props: &Props, width: u32, height: u32) -> Result<Option<PixelRect>> {
+    let get =
+        |name, least, default: u32| Ok(props.integer(name, least..=MAX_SIDE)?.map_or(default, |v| v as u32));
+    let rect = PixelRect {
+        x: get("crop_offset_x", 0, 0)?,
+        y: get("crop_offset_y", 0, 0)?,
+        width: get("crop_width", 1, width)?,
+        height: get("crop_height", 1, height)?,
+    };
+    if rect.x + rect.width > width || rect.y + rect.height > height {
+        let found = format!("{} x {} at {}, {}", rect.width, rect.height, rect.x, rect.y);
+        return Err(props
+            .object
+            .error(format!("expected a crop within the image of {width} x {height}, found {found}")));
+    }
+    let whole = PixelRect { x: 0, y: 0, width, height };
+    Ok((rect != whole).then_some(rect))
+}
+
+fn pixel_format(props: &Props) -> Result<PixelFormat> {
+    let words = [
+        ("luminance", PixelFormat::Luminance),
+        ("luminance_alpha", PixelFormat::LuminanceAlpha),
+        ("rgb", PixelFormat::Rgb),
+        ("rgba", PixelFormat::Rgba),
+        ("xyz", PixelFormat::Xyz),
+        ("xyza", PixelFormat::Xyza),
+    ];
+    props.choice("pixel_format", &words, PixelFormat::Rgb)
+}
+
+fn component_format(props: &Props) -> Result<ComponentFormat> {
+    let words = [("float16", ComponentFormat::Half), ("float32", ComponentFormat::Float)];
+    props.choice("component_format", &words, ComponentFormat::Half)
+}

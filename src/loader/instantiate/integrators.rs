@@ -1,0 +1,130 @@
+//! Integrators: `path`, `direct`, `depth`, `aov`.
+
+use super::{Builder, unknown_plugin};
+use crate::error::Result;
+use crate::integrator::Settings;
+use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings};
+use crate::loader::graph::ObjectId;
+use crate::loader::names;
+use crate::loader::props::Props;
+use crate::loader::values::quoted;
+
+const SUPPORTED: [&str; 4] = ["path", "direct", "depth", "aov"];
+const MITSUBA: [&str; 13] = [
+    "batch",
+    "direct_projective",
+    "moment",
+    "prb",
+    "prb_basic",
+    "prb_projective",
+    "prbvolpath",
+    "ptracer",
+    "stokes",
+    "volpath",
+    "volpathmis",
+    "volprim_rf_basic",
+    "prb_threepoint",
+];
+const AOVS: [(&str, Aov); 8] = [
+    ("albedo", Aov::Albedo),
+    ("depth", Aov::Depth),
+    ("position", Aov::Position),
+    ("uv", Aov::Uv),
+    ("geo_normal", Aov::GeometricNormal),
+    ("sh_normal", Aov::ShadingNormal),
+    ("prim_index", Aov::PrimitiveIndex),
+    ("shape_index", Aov::ShapeIndex),
+];
+const UNSUPPORTED_AOVS: [&str; 5] = ["dp_du", "dp_dv", "duv_dx", "duv_dy", "boundary_test"];
+/// What the layers of an `aov` integrator look like.
+const PAIRS: &str = "expected name:kind pairs such as dd.y:depth";
+/// Most samples of a kind at a shading point.
+const MAX_SAMPLES: i64 = 65_536;
+
+impl Builder<'_> {
+    /// The settings of an integrator.
+    ///
+    /// # Errors
+    /// As for [`instantiate`](super::instantiate).
+    pub fn integrator(&mut self, object: ObjectId) -> Result<Settings> {
+        let props = Props::new(self.graph, object);
+        let settings = match props.object.plugin.as_str() {
+            "path" => Settings::Path(path(&props)?),
+            "direct" => Settings::Direct(direct(&props)?),
+            "depth" => Settings::Depth,
+            "aov" => {
+                let image = match props.child("integrator")? {
+                    Some(inner) => Some(Box::new(self.integrator(inner)?)),
+                    None => None,
+                };
+                Settings::Aov { layers: layers(&props)?, image }
+            }
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
+        };
+        self.ignore(&props, &["samples_per_pass", "block_size", "timeout"], "the render job decides");
+        self.finish(props);
+        Ok(settings)
+    }
+}
+
+fn path(props: &Props) -> Result<PathSettings> {
+    let default = PathSettings::default();
+    let max_depth = match props.integer("max_depth", -1..=i64::from(u32::MAX))? {
+        None => default.max_depth,
+        Some(depth) => u32::try_from(depth).ok(),
+    };
+    let rr_depth = props.integer("rr_depth", 1..=i64::from(u32::MAX))?;
+    Ok(PathSettings {
+        max_depth,
+        rr_depth: rr_depth.map_or(default.rr_depth, |d| d as u32),
+        hide_emitters: props.boolean("hide_emitters", default.hide_emitters)?,
+    })
+}
+
+fn direct(props: &Props) -> Result<DirectSettings> {
+    let count = |name| Ok(props.integer(name, 0..=MAX_SAMPLES)?.map(|n| n as u32));
+    let shading = count("shading_samples")?;
+    let (emitter, bsdf) = (count("emitter_samples")?, count("bsdf_samples")?);
+    if shading.is_some() && (emitter.is_some() || bsdf.is_some()) {
+        let message = "expected either shading_samples or emitter_samples and bsdf_samples, found both";
+        return Err(props.error("shading_samples", message));
+    }
+    let default = DirectSettings::default();
+    let settings = DirectSettings {
+        emitter_samples: shading.or(emitter).unwrap_or(default.emitter_samples),
+        bsdf_samples: shading.or(bsdf).unwrap_or(default.bsdf_samples),
+        hide_emitters: props.boolean("hide_emitters", default.hide_emitters)?,
+    };
+    match settings.emitter_samples + settings.bsdf_samples {
+        0 => Err(props.object.error("expected at least one emitter or bsdf sample")),
+        _ => Ok(settings),
+    }
+}
+
+/// The layers of an `aov` integrator: `name:kind` pairs with commas or spaces between them.
+fn layers(props: &Props) -> Result<Vec<Layer>> {
+    let Some(text) = props.text("aovs")? else {
+        return Err(props.object.error("the property aovs is missing"));
+    };
+    let refuse = |message: String| props.error("aovs", &message);
+    let mut layers: Vec<Layer> = Vec::new();
+    for word in text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty()) {
+        let pair = word.split_once(':').filter(|(name, kind)| !name.is_empty() && !kind.is_empty());
+        let (name, kind) = pair.ok_or_else(|| props.refusal("aovs", PAIRS))?;
+        if UNSUPPORTED_AOVS.contains(&kind) {
+            return Err(refuse(format!("the layer kind {} is not supported", quoted(kind))));
+        }
+        let aov = AOVS.iter().find(|(known, _)| *known == kind).ok_or_else(|| {
+            let near = names::did_you_mean(kind, AOVS.iter().map(|(known, _)| *known));
+            refuse(format!("unknown layer kind {}{near}", quoted(kind)))
+        })?;
+        if layers.iter().any(|layer| layer.name == name) {
+            return Err(refuse(format!("two layers are named {}", quoted(name))));
+        }
+        layers.push(Layer { name: name.to_owned(), aov: aov.1 });
+    }
+    match layers.is_empty() {
+        true => Err(props.refusal("aovs", PAIRS)),
+        false => Ok(layers),
+    }
+}

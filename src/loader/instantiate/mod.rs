@@ -1,0 +1,164 @@
+//! From objects to the scene's plain data: one file for each family of plugins.
+
+pub mod bare;
+mod bsdfs;
+mod colours;
+mod emitters;
+mod films;
+mod integrators;
+mod samplers;
+mod sensors;
+mod shapes;
+
+use super::files::Folders;
+use super::graph::{Graph, Object, ObjectId};
+use super::props::Props;
+use super::resolve::Resolved;
+use super::{Loaded, names};
+use crate::emitter::Emitter;
+use crate::error::{Error, Result};
+use crate::ids::MaterialId;
+use crate::material::Material;
+use std::collections::{HashMap, HashSet};
+
+/// Turns a resolved scene file into a scene.
+///
+/// # Errors
+/// Unknown plugins, values out of range, what Buffon does not support, missing files (all of them at once).
+pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
+    let loaded = Loaded { warnings: resolved.warnings, notes: resolved.notes, ..Loaded::default() };
+    let mut builder = Builder {
+        graph: &resolved.graph,
+        folders: &resolved.folders,
+        loaded,
+        materials: HashMap::new(),
+        default_material: None,
+        missing: Vec::new(),
+    };
+    builder.scene()?;
+    if !builder.missing.is_empty() {
+        let first = builder.missing.remove(0);
+        return Err(first.with_others(builder.missing));
+    }
+    Ok(builder.loaded)
+}
+
+/// A scene in the making.
+struct Builder<'g> {
+    graph: &'g Graph,
+    folders: &'g Folders,
+    loaded: Loaded,
+    materials: HashMap<ObjectId, MaterialId>,
+    default_material: Option<MaterialId>,
+    missing: Vec<Error>,
+}
+
+impl<'g> Builder<'g> {
+    /// Instantiates what is in the scene itself, each object once.
+    fn scene(&mut self) -> Result<()> {
+        let graph = self.graph;
+        let props = Props::new(graph, 0);
+        if let Some(integrator) = props.child("integrator")? {
+            self.loaded.integrator = self.integrator(integrator)?;
+        } else {
+            self.note("the scene names no integrator: path is used");
+        }
+        let sensors = self.once(&props, "sensor");
+        for (i, sensor) in sensors.into_iter().enumerate() {
+            self.sensor(sensor, i == 0)?;
+        }
+        for bsdf in self.once(&props, "bsdf") {
+            self.material(bsdf)?;
+        }
+        for emitter in self.once(&props, "emitter") {
+            self.emitter(emitter)?;
+        }
+        for shape in self.once(&props, "shape") {
+            self.shape(shape)?;
+        }
+        for class in ["texture", "medium", "volume", "phase"] {
+            if let Some(object) = self.once(&props, class).first() {
+                return Err(unsupported(&graph.objects[*object]));
+            }
+        }
+        self.finish(props);
+        if self.loaded.description.sensors.is_empty() {
+            self.loaded.warnings.push(graph.objects[0].error("the scene has no sensor"));
+        }
+        Ok(())
+    }
+
+    /// The objects of a class in the scene, without those that it contains twice.
+    fn once(&self, props: &Props, class: &str) -> Vec<ObjectId> {
+        let all = props.children(class).into_iter().map(|child| child.object);
+        let mut seen = HashSet::new();
+        all.filter(|object| seen.insert(*object)).collect()
+    }
+
+    /// Collects the warnings about what an object was not asked for.
+    fn finish(&mut self, props: Props) {
+        for warning in props.finish() {
+            if !self.loaded.warnings.contains(&warning) {
+                self.loaded.warnings.push(warning);
+            }
+        }
+    }
+
+    /// Adds a note unless there is one of the same words.
+    fn note(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if !self.loaded.notes.contains(&text) {
+            self.loaded.notes.push(text);
+        }
+    }
+
+    /// Accepts properties that make no difference here, with a note that says why.
+    fn ignore(&mut self, props: &Props, names: &[&'static str], why: &str) {
+        for name in names {
+            if props.find(name).is_some() {
+                let thing = props.object.thing();
+                self.note(format!("{thing}: {name} is ignored: {why}"));
+            }
+        }
+    }
+
+    /// Adds a material.
+    fn add_material(&mut self, material: Material) -> MaterialId {
+        let materials = &mut self.loaded.description.materials;
+        materials.push(material);
+        MaterialId::from(materials.len() - 1)
+    }
+
+    /// Adds an emitter that is no shape.
+    fn add_emitter(&mut self, emitter: Emitter) {
+        self.loaded.description.emitters.push(emitter);
+    }
+
+    /// The file of a property; `None` is remembered as missing.
+    fn find_file(&mut self, props: &Props, name: &'static str) -> Result<Option<std::path::PathBuf>> {
+        let Some(text) = props.text(name)? else {
+            return Err(props.object.error(format!("the property {name} is missing")));
+        };
+        let property =
+            props.find(name).map(|p| p.error(format!("there is no file {}", super::values::quoted(text))));
+        let found = self.folders.find(props.object.spot.file(), text);
+        if found.is_none() {
+            self.missing.extend(property);
+        }
+        Ok(found)
+    }
+}
+
+/// The error for a plugin that is not one of those that can be used: known to Mitsuba but not supported, or unknown.
+fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Error {
+    if mitsuba.contains(&object.plugin.as_str()) {
+        return unsupported(object);
+    }
+    let near = names::did_you_mean(&object.plugin, supported.iter().chain(mitsuba).copied());
+    object.error(format!("unknown {}{near}", object.class))
+}
+
+/// The error for a plugin that Mitsuba has and Buffon does not.
+fn unsupported(object: &Object) -> Error {
+    object.error(format!("this {} is not supported", object.class))
+}

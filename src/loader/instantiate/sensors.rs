@@ -1,0 +1,100 @@
+//! Sensors: `perspective`.
+
+use super::{Builder, unknown_plugin};
+use crate::error::Result;
+use crate::loader::graph::ObjectId;
+use crate::loader::props::Props;
+use crate::math::DAffine3;
+use crate::sensor::{FovAxis, SensorSettings};
+
+const SUPPORTED: [&str; 1] = ["perspective"];
+const MITSUBA: [&str; 7] =
+    ["batch", "distant", "irradiancemeter", "measured", "orthographic", "radiancemeter", "thinlens"];
+/// Focal length in mm of a camera that gives neither it nor a field of view.
+const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
+/// Diagonal of the 35 mm film's 36 mm x 24 mm frame, which focal lengths refer to.
+const FRAME_DIAGONAL: f64 = 43.266_615_305_567_87;
+/// How far the lengths of a camera's axes may be from 1.
+const SCALE_TOLERANCE: f64 = 1e-2;
+
+impl Builder<'_> {
+    /// Adds a sensor. The first one's sampler is the scene's.
+    ///
+    /// # Errors
+    /// As for [`instantiate`](super::instantiate).
+    pub fn sensor(&mut self, object: ObjectId, first: bool) -> Result<()> {
+        let props = Props::new(self.graph, object);
+        if props.object.plugin != "perspective" {
+            return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
+        }
+        let to_world = rigid(&props)?;
+        let (fov, fov_axis) = field_of_view(&props)?;
+        let near_clip = f64::from(props.positive("near_clip", 1e-2)?);
+        let far_clip = f64::from(props.positive("far_clip", 1e4)?);
+        if near_clip >= far_clip {
+            let name = if props.find("near_clip").is_some() { "near_clip" } else { "far_clip" };
+            return Err(props.refusal(name, "expected near_clip to be less than far_clip"));
+        }
+        let offset = [props.float("principal_point_offset_x")?, props.float("principal_point_offset_y")?];
+        let film = self.film(&props)?;
+        if let Some(sampler) = props.child("sampler")? {
+            self.sampler(sampler, first)?;
+        }
+        self.ignore(&props, &["shutter_open", "shutter_close"], "nothing moves");
+        let settings = SensorSettings {
+            name: props.object.id.clone(),
+            to_world,
+            fov,
+            fov_axis,
+            near_clip,
+            far_clip,
+            principal_point_offset: offset.map(|v| v.unwrap_or(0.0)),
+            film,
+        };
+        self.finish(props);
+        self.loaded.description.sensors.push(settings);
+        Ok(())
+    }
+}
+
+/// `to_world` without scale: lengths along the viewing axis would not be those of the world.
+fn rigid(props: &Props) -> Result<DAffine3> {
+    let to_world = props.to_world()?;
+    let m = to_world.matrix3;
+    let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.length());
+    if lengths.iter().any(|l| (l - 1.0).abs() > SCALE_TOLERANCE) {
+        return Err(props.error("to_world", "a camera cannot be scaled"));
+    }
+    Ok(to_world)
+}
+
+/// The field of view in radians and what it spans, from `fov` or `focal_length`.
+fn field_of_view(props: &Props) -> Result<(f64, FovAxis)> {
+    let axes = [
+        ("x", FovAxis::X),
+        ("y", FovAxis::Y),
+        ("diagonal", FovAxis::Diagonal),
+        ("smaller", FovAxis::Smaller),
+        ("larger", FovAxis::Larger),
+    ];
+    let axis = props.choice("fov_axis", &axes, FovAxis::X)?;
+    let fov = props.float("fov")?;
+    let focal = props.text("focal_length")?;
+    match (fov, focal) {
+        (Some(_), Some(_)) => {
+            Err(props.error("focal_length", "expected either fov or focal_length, found both"))
+        }
+        (Some(degrees), None) if degrees > 0.0 && degrees < 180.0 => Ok((degrees.to_radians(), axis)),
+        (Some(_), None) => Err(props.refusal("fov", "expected degrees between 0 and 180")),
+        (None, focal) => {
+            let length = match focal {
+                Some(text) => text.trim().trim_end_matches("mm").trim_end().parse().unwrap_or(f64::NAN),
+                None => DEFAULT_FOCAL_LENGTH,
+            };
+            if !(length > 0.0 && length.is_finite()) {
+                return Err(props.refusal("focal_length", "expected a length such as 50mm"));
+            }
+            Ok((2.0 * (0.5 * FRAME_DIAGONAL / length).atan(), FovAxis::Diagonal))
+        }
+    }
+}

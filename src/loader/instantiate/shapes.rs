@@ -1,0 +1,97 @@
+//! Shapes: `obj`, `ply`, `rectangle`, `cube`, `sphere`, `disk`.
+
+use super::{Builder, unknown_plugin};
+use crate::error::Result;
+use crate::loader::graph::ObjectId;
+use crate::loader::mesh::{self, Format};
+use crate::loader::props::Props;
+use crate::math::{DAffine3, DVec3};
+use crate::scene::description::PlacedShape;
+use crate::shape::{Mesh, Shape};
+
+const SUPPORTED: [&str; 6] = ["obj", "ply", "rectangle", "cube", "sphere", "disk"];
+const MITSUBA: [&str; 12] = [
+    "bsplinecurve",
+    "blender",
+    "cylinder",
+    "ellipsoids",
+    "ellipsoidsmesh",
+    "instance",
+    "linearcurve",
+    "merge",
+    "sdfgrid",
+    "serialized",
+    "shapegroup",
+    "catmullrom",
+];
+/// How much the axes of a sphere's transformation may differ, relatively: more than a matrix printed with six digits does.
+const SPHERE_TOLERANCE: f64 = 1e-4;
+
+impl Builder<'_> {
+    /// Adds a shape with its material and emitter.
+    ///
+    /// # Errors
+    /// As for [`instantiate`](super::instantiate).
+    pub fn shape(&mut self, object: ObjectId) -> Result<()> {
+        let props = Props::new(self.graph, object);
+        let to_world = props.to_world()?;
+        let shape = match props.object.plugin.as_str() {
+            "obj" => self.mesh(&props, Format::Obj, &to_world)?,
+            "ply" => self.mesh(&props, Format::Ply, &to_world)?,
+            "rectangle" => Shape::Rectangle,
+            "cube" => Shape::Cube,
+            "disk" => Shape::Disk,
+            "sphere" => sphere(&props, &to_world)?,
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
+        };
+        let material = match props.child("bsdf")? {
+            Some(bsdf) => self.material(bsdf)?,
+            None => self.default_material(),
+        };
+        let emission = match props.child("emitter")? {
+            Some(emitter) => Some(self.area_emitter(emitter)?),
+            None => None,
+        };
+        for class in ["medium", "sensor", "texture"] {
+            if let Some(inside) = props.child(class)? {
+                return Err(super::unsupported(&self.graph.objects[inside]));
+            }
+        }
+        self.ignore(&props, &["silhouette_sampling_weight"], "nothing here differentiates images");
+        let flip_normals = props.boolean("flip_normals", false)?;
+        let place = Some(props.object.spot.place());
+        let name = props.object.id.clone();
+        self.finish(props);
+        let shape = PlacedShape { name, place, shape, to_world, flip_normals, material, emission };
+        self.loaded.description.shapes.push(shape);
+        Ok(())
+    }
+
+    /// A mesh from a file; an empty one while files are missing.
+    fn mesh(&mut self, props: &Props, format: Format, to_world: &DAffine3) -> Result<Shape> {
+        let options = mesh::Options {
+            face_normals: props.boolean("face_normals", false)?,
+            // OBJ's v points up and an image's down, so it is turned by default there, as in Mitsuba.
+            flip_tex_coords: props.boolean("flip_tex_coords", format == Format::Obj)?,
+        };
+        let Some(path) = self.find_file(props, "filename")? else { return Ok(Shape::Mesh(Mesh::default())) };
+        let mesh = mesh::load(&path, format, options, to_world, &mut self.loaded.warnings)?;
+        Ok(Shape::Mesh(mesh))
+    }
+}
+
+fn sphere(props: &Props, to_world: &DAffine3) -> Result<Shape> {
+    let radius = props.positive("radius", 1.0)?;
+    let center = props.point("center")?.unwrap_or(DVec3::ZERO).as_vec3();
+    if !center.is_finite() {
+        return Err(props.refusal("center", "expected a point in the range of 32-bit floats"));
+    }
+    let m = to_world.matrix3;
+    let scale = m.x_axis.length();
+    let off = [m.y_axis.length() - scale, m.z_axis.length() - scale];
+    let lean = [m.x_axis.dot(m.y_axis), m.y_axis.dot(m.z_axis), m.z_axis.dot(m.x_axis)].map(|d| d / scale);
+    if off.iter().chain(&lean).any(|d| d.abs() > SPHERE_TOLERANCE * scale) {
+        return Err(props.error("to_world", "a sphere cannot be scaled differently along different axes"));
+    }
+    Ok(Shape::Sphere { center, radius })
+}

@@ -1,0 +1,90 @@
+//! Triangle meshes from files: reading, checking, and the vertex normals that a file lacks.
+
+mod normals;
+mod obj;
+mod ply;
+
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, Vec3};
+use crate::shape::Mesh;
+use std::path::Path;
+
+/// Formats of mesh files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Wavefront OBJ.
+    Obj,
+    /// Stanford PLY.
+    Ply,
+}
+
+/// What the scene asks of a mesh.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// Whether the mesh is faceted: normals are neither read nor computed.
+    pub face_normals: bool,
+    /// Whether v of the texture coordinates is turned upside down.
+    pub flip_tex_coords: bool,
+}
+
+/// Reads a mesh.
+///
+/// Polygons are split into fans. Where the file has no vertex normals (or invalid ones) and the mesh is not faceted,
+/// they are computed in the world, as Mitsuba does, so `to_world` matters where it is no similarity. Vertices that no
+/// face uses are of no harm. What had to be ignored or mended is added to `warnings`.
+///
+/// # Errors
+/// When the file cannot be read or is malformed (with the line, where it is text), when a face refers to a vertex that does
+/// not exist, or when there is no face.
+pub fn load(
+    path: &Path,
+    format: Format,
+    options: Options,
+    to_world: &DAffine3,
+    warnings: &mut Vec<Error>,
+) -> Result<Mesh> {
+    let bytes = super::read_bytes(path)?;
+    let mut mesh = match format {
+        Format::Obj => obj::parse(path, &bytes, warnings)?,
+        Format::Ply => ply::parse(path, &bytes)?,
+    };
+    if mesh.indices.is_empty() {
+        return Err(Error::scene("the file has no faces").in_file(path));
+    }
+    let broken = mesh.positions.iter().filter(|p| !p.is_finite()).count();
+    if broken > 0 {
+        let message =
+            format!("{broken} of {} vertices are not finite; their faces are dropped", mesh.positions.len());
+        warnings.push(Error::scene(message).in_file(path));
+    }
+    if options.flip_tex_coords {
+        mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+    }
+    match options.face_normals {
+        true => mesh.normals = Vec::new(),
+        false => complete_normals(&mut mesh, to_world, path, warnings),
+    }
+    Ok(mesh)
+}
+
+/// Normalises the normals, and computes those that are missing or invalid.
+fn complete_normals(mesh: &mut Mesh, to_world: &DAffine3, path: &Path, warnings: &mut Vec<Error>) {
+    if mesh.normals.is_empty() {
+        mesh.normals = normals::compute(mesh, to_world);
+        return;
+    }
+    let unit = |n: &Vec3| n.as_dvec3().try_normalize().map(|n| n.as_vec3());
+    let invalid: Vec<_> = (0..mesh.normals.len()).filter(|i| unit(&mesh.normals[*i]).is_none()).collect();
+    let computed = if invalid.is_empty() { Vec::new() } else { normals::compute(mesh, to_world) };
+    for (i, normal) in mesh.normals.iter_mut().enumerate() {
+        *normal = unit(normal).unwrap_or_else(|| computed[i]);
+    }
+    if !invalid.is_empty() {
+        let message = format!(
+            "{} of {} vertex normals are zero or not finite; they are computed",
+            invalid.len(),
+            mesh.normals.len()
+        );
+        warnings.push(Error::scene(message).in_file(path));
+    }
+}

@@ -1,0 +1,224 @@
+//! Questions to an object's properties. Each is remembered, so that what nobody asked for can be told.
+
+use super::graph::{Child, Graph, Object, ObjectId, Property, Value};
+use super::names;
+use super::values::quoted;
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DVec3};
+use std::cell::{Cell, RefCell};
+use std::ops::RangeInclusive;
+
+/// An object's properties and children, and which of them were asked for.
+pub struct Props<'g> {
+    /// The object.
+    pub object: &'g Object,
+    graph: &'g Graph,
+    asked: RefCell<Vec<&'static str>>,
+    used: Vec<Cell<bool>>,
+    used_children: Vec<Cell<bool>>,
+}
+
+impl<'g> Props<'g> {
+    /// The properties of an object.
+    pub fn new(graph: &'g Graph, object: ObjectId) -> Self {
+        let object = &graph.objects[object];
+        Props {
+            object,
+            graph,
+            asked: RefCell::default(),
+            used: vec![Cell::new(false); object.properties.len()],
+            used_children: vec![Cell::new(false); object.children.len()],
+        }
+    }
+
+    /// A property by name.
+    pub fn find(&self, name: &'static str) -> Option<&'g Property> {
+        self.asked.borrow_mut().push(name);
+        let i = self.object.properties.iter().position(|p| p.name == name)?;
+        self.used[i].set(true);
+        Some(&self.object.properties[i])
+    }
+
+    /// A number.
+    ///
+    /// # Errors
+    /// When the property is of another type, as for all typed questions.
+    pub fn float(&self, name: &'static str) -> Result<Option<f64>> {
+        self.typed(name, "a number", |value| match value {
+            Value::Float(v) => Some(*v),
+            Value::Integer(v) => Some(*v as f64),
+            _ => None,
+        })
+    }
+
+    /// A number that fits an `f32` and is greater than zero.
+    ///
+    /// # Errors
+    /// Also when it is not positive.
+    pub fn positive(&self, name: &'static str, default: f32) -> Result<f32> {
+        let value = self.float(name)?.unwrap_or(f64::from(default)) as f32;
+        match value > 0.0 && value.is_finite() {
+            true => Ok(value),
+            false => Err(self.refusal(name, "expected a number greater than 0")),
+        }
+    }
+
+    /// A whole number in a range, or the default.
+    ///
+    /// # Errors
+    /// Also when it is out of the range.
+    pub fn integer(&self, name: &'static str, range: RangeInclusive<i64>) -> Result<Option<i64>> {
+        let value = self.typed(name, "a whole number", |value| match value {
+            Value::Integer(v) => Some(*v),
+            _ => None,
+        })?;
+        match value {
+            Some(v) if !range.contains(&v) => Err(self.refusal(
+                name,
+                &format!("expected a whole number from {} to {}", range.start(), range.end()),
+            )),
+            value => Ok(value),
+        }
+    }
+
+    /// True or false.
+    ///
+    /// # Errors
+    /// When the property is of another type.
+    pub fn boolean(&self, name: &'static str, default: bool) -> Result<bool> {
+        let value = self.typed(name, "true or false", |value| match value {
+            Value::Boolean(v) => Some(*v),
+            _ => None,
+        })?;
+        Ok(value.unwrap_or(default))
+    }
+
+    /// A text.
+    ///
+    /// # Errors
+    /// When the property is of another type.
+    pub fn text(&self, name: &'static str) -> Result<Option<&'g str>> {
+        self.typed(name, "a string", |value| match value {
+            Value::Text(v) => Some(v.as_str()),
+            _ => None,
+        })
+    }
+
+    /// One of several words, in any case.
+    ///
+    /// # Errors
+    /// Also when it is none of them.
+    pub fn choice<T: Copy>(&self, name: &'static str, words: &[(&str, T)], default: T) -> Result<T> {
+        let Some(text) = self.text(name)? else { return Ok(default) };
+        let found = words.iter().find(|(word, _)| word.eq_ignore_ascii_case(text));
+        found.map(|(_, value)| *value).ok_or_else(|| {
+            let list: Vec<_> = words.iter().map(|(word, _)| *word).collect();
+            self.refusal(name, &format!("expected one of {}", list.join(", ")))
+        })
+    }
+
+    /// A point.
+    ///
+    /// # Errors
+    /// When the property is of another type.
+    pub fn point(&self, name: &'static str) -> Result<Option<DVec3>> {
+        self.typed(name, "a point", |value| match value {
+            Value::Vector(v) => Some(*v),
+            _ => None,
+        })
+    }
+
+    /// `to_world`, or the identity.
+    ///
+    /// # Errors
+    /// When the property is of another type.
+    pub fn to_world(&self) -> Result<DAffine3> {
+        let value = self.typed("to_world", "a transform", |value| match value {
+            Value::Transform(v) => Some(*v),
+            _ => None,
+        })?;
+        Ok(value.unwrap_or(DAffine3::IDENTITY))
+    }
+
+    fn typed<T>(
+        &self,
+        name: &'static str,
+        expected: &str,
+        get: impl Fn(&'g Value) -> Option<T>,
+    ) -> Result<Option<T>> {
+        let Some(property) = self.find(name) else { return Ok(None) };
+        match get(&property.value) {
+            Some(value) => Ok(Some(value)),
+            None => Err(property.error(format!("expected {expected}, found a {}", property.tag))),
+        }
+    }
+
+    /// An error about a property, or about the object where it has none of the name.
+    pub fn error(&self, name: &'static str, message: &str) -> Error {
+        match self.object.properties.iter().find(|p| p.name == name) {
+            Some(property) => property.error(message),
+            None => self.object.error(format!("{name}: {message}")),
+        }
+    }
+
+    /// The error for a property with a value that cannot be: what was expected, and what was found.
+    pub fn refusal(&self, name: &'static str, expected: &str) -> Error {
+        let property = self.object.properties.iter().find(|p| p.name == name);
+        let found = match property.map(|p| &p.value) {
+            Some(Value::Integer(v)) => v.to_string(),
+            Some(Value::Float(v)) => v.to_string(),
+            Some(Value::Text(v)) => quoted(v),
+            Some(Value::Vector(v)) => format!("{}, {}, {}", v.x, v.y, v.z),
+            _ => return self.error(name, expected),
+        };
+        self.error(name, &format!("{expected}, found {found}"))
+    }
+
+    /// The objects of a class inside the object.
+    pub fn children(&self, class: &str) -> Vec<&'g Child> {
+        let of_class = |(_, child): &(usize, &'g Child)| self.graph.objects[child.object].class == class;
+        let found = self.object.children.iter().enumerate().filter(of_class);
+        found.inspect(|(i, _)| self.used_children[*i].set(true)).map(|(_, child)| child).collect()
+    }
+
+    /// The object of a class inside the object, if there is one.
+    ///
+    /// # Errors
+    /// When there are several.
+    pub fn child(&self, class: &str) -> Result<Option<ObjectId>> {
+        match self.children(class)[..] {
+            [] => Ok(None),
+            [child] => Ok(Some(child.object)),
+            [_, second, ..] => {
+                let error = self.graph.objects[second.object]
+                    .error(format!("{} has room for one {class}", self.object.thing()));
+                Err(error.at(second.spot.place()))
+            }
+        }
+    }
+
+    /// The object inside the object that has a name there, such as a texture.
+    pub fn named_child(&self, name: &str) -> Option<&'g Object> {
+        let i = self.object.children.iter().position(|c| c.name.as_deref() == Some(name))?;
+        self.used_children[i].set(true);
+        Some(&self.graph.objects[self.object.children[i].object])
+    }
+
+    /// Warnings about what nobody asked for.
+    pub fn finish(self) -> Vec<Error> {
+        let asked = self.asked.into_inner();
+        let thing = self.object.thing();
+        let properties = self.object.properties.iter().zip(&self.used).filter(|(_, used)| !used.get());
+        let properties = properties.map(|(property, _)| {
+            let near = names::did_you_mean(&property.name, asked.iter().copied());
+            property.error(format!("{thing} has no such property{near}"))
+        });
+        let children = self.object.children.iter().zip(&self.used_children).filter(|(_, used)| !used.get());
+        let children = children.map(|(child, _)| {
+            self.graph.objects[child.object]
+                .error(format!("{thing} has no use for it"))
+                .at(child.spot.place())
+        });
+        properties.chain(children).collect()
+    }
+}

@@ -1,0 +1,67 @@
+//! What changed in the scene language at version 2: camelCase names became snake_case, and a few were renamed.
+
+/// A property's name in today's language: `toWorld` becomes `to_world`, `intIOR` becomes `int_ior`.
+pub fn property(plugin: &str, name: &str) -> String {
+    let snake = snake_case(name);
+    match (plugin, snake.as_str()) {
+        ("diffuse", "diffuse_reflectance") => "reflectance".to_owned(),
+        _ => snake,
+    }
+}
+
+/// An element's name in today's language.
+pub fn tag(tag: &str) -> &str {
+    if tag == "lookAt" { "lookat" } else { tag }
+}
+
+/// An underscore before each run of capitals that follows a small letter, and the run in small letters.
+fn snake_case(name: &str) -> String {
+    let mut out = String::with_capacity(name.len() + 4);
+    let mut previous = ' ';
+    let mut in_run = false;
+    for c in name.chars() {
+        let starts = previous.is_ascii_lowercase() && c.is_ascii_uppercase();
+        in_run = c.is_ascii_uppercase() && (starts || in_run);
+        if starts {
+            out.push('_');
+        }
+        out.push(if in_run { c.to_ascii_lowercase() } else { c });
+        previous = c;
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn camel_case_becomes_snake_case() {
+        let names = [
+            "toWorld",
+            "intIOR",
+            "sampleCount",
+            "hide_emitters",
+            "alphaU",
+            "diffuseReflectance",
+            "X",
+            "fovAxis",
+        ];
+        let upgraded = names.map(|n| property("roughconductor", n));
+        assert_eq!(
+            upgraded,
+            [
+                "to_world",
+                "int_ior",
+                "sample_count",
+                "hide_emitters",
+                "alpha_u",
+                "diffuse_reflectance",
+                "X",
+                "fov_axis"
+            ]
+        );
+        assert_eq!(property("diffuse", "diffuseReflectance"), "reflectance");
+        assert_eq!(tag("lookAt"), "lookat");
+    }
+}

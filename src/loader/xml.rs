@@ -1,0 +1,203 @@
+//! XML in, elements that know their place out.
+
+use crate::error::{Error, Place, Result};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Elements nested deeper than this are refused, so that no recursion over them exhausts the stack.
+pub const MAX_DEPTH: usize = 100;
+
+/// Lines longer than this (in bytes) are not repeated in messages.
+const MAX_SHOWN_LINE: usize = 4096;
+
+/// A text file that elements come from.
+#[derive(Debug)]
+pub struct Source {
+    /// The file, as the user named it or as it was found.
+    pub path: PathBuf,
+    text: String,
+    line_starts: Vec<usize>,
+}
+
+/// Where an element or attribute stands; cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Spot {
+    source: Arc<Source>,
+    offset: usize,
+}
+
+/// An attribute of an element.
+#[derive(Clone, Debug)]
+pub struct Attribute {
+    /// Its name.
+    pub name: String,
+    /// Its value with XML's own escapes resolved.
+    pub value: String,
+}
+
+/// An XML element.
+#[derive(Clone, Debug)]
+pub struct Element {
+    /// Its name.
+    pub tag: String,
+    /// Its attributes in file order.
+    pub attributes: Vec<Attribute>,
+    /// The elements inside it.
+    pub children: Vec<Element>,
+    /// Where it starts.
+    pub spot: Spot,
+}
+
+impl Source {
+    fn new(path: &Path, text: String) -> Self {
+        let newlines = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1);
+        let line_starts = std::iter::once(0).chain(newlines).collect();
+        Source { path: path.to_path_buf(), text, line_starts }
+    }
+}
+
+impl Spot {
+    /// Line, column and text of the spot.
+    pub fn place(&self) -> Place {
+        let source = &*self.source;
+        let line = source.line_starts.partition_point(|start| *start <= self.offset).max(1);
+        let start = source.line_starts[line - 1];
+        let end = source.line_starts.get(line).map_or(source.text.len(), |next| next - 1);
+        let column = 1 + source.text[start..self.offset].chars().count();
+        let text =
+            if end - start > MAX_SHOWN_LINE { "" } else { source.text[start..end].trim_end_matches('\r') };
+        Place { file: source.path.clone(), line: line as u32, column: column as u32, text: text.to_owned() }
+    }
+
+    /// The file that the spot is in.
+    pub fn file(&self) -> &Path {
+        &self.source.path
+    }
+}
+
+impl Element {
+    /// The value of an attribute.
+    pub fn attribute(&self, name: &str) -> Option<&str> {
+        self.attributes.iter().find(|a| a.name == name).map(|a| a.value.as_str())
+    }
+
+    /// The element as messages name it: `<float name="alpha">`, `<bsdf type="diffuse">` or `<translate>`.
+    pub fn thing(&self) -> String {
+        let shown = ["name", "type", "id"].iter().find_map(|n| self.attribute(n).map(|v| (n, v)));
+        match shown {
+            Some((name, value)) => format!("<{} {name}=\"{value}\">", self.tag),
+            None => format!("<{}>", self.tag),
+        }
+    }
+
+    /// An error about the element, at its place.
+    pub fn error(&self, message: impl Into<String>) -> Error {
+        Error::scene(message).about(self.thing()).at(self.spot.place())
+    }
+}
+
+/// Parses a file's text. Text between elements is of no meaning; where there is any, a warning is added.
+///
+/// # Errors
+/// What is wrong with the XML, at its place; a document type declaration (so no entities can be defined);
+/// elements nested deeper than [`MAX_DEPTH`].
+pub fn parse(path: &Path, text: String, warnings: &mut Vec<Error>) -> Result<Element> {
+    let source = Arc::new(Source::new(path, text));
+    let document = roxmltree::Document::parse(&source.text).map_err(|e| parse_error(&source, &e))?;
+    convert(document.root_element(), &source, 1, warnings)
+}
+
+/// The library's error as ours.
+fn parse_error(source: &Arc<Source>, error: &roxmltree::Error) -> Error {
+    if matches!(error, roxmltree::Error::DtdDetected) {
+        let offset = source.text.find("<!DOCTYPE").unwrap_or(0);
+        let spot = Spot { source: source.clone(), offset };
+        return Error::scene("document type declarations and their entities are refused")
+            .about("<!DOCTYPE>")
+            .at(spot.place());
+    }
+    let pos = error.pos();
+    let text = error.to_string();
+    let message = text.split(" at ").next().unwrap_or_default().replace("'", "\"");
+    let line = (pos.row as usize).clamp(1, source.line_starts.len());
+    let start = source.line_starts[line - 1];
+    let rest = &source.text[start..];
+    let offset = rest.char_indices().nth(pos.col.max(1) as usize - 1).map_or(rest.len(), |(i, _)| i);
+    let spot = Spot { source: source.clone(), offset: start + offset };
+    Error::scene(format!("malformed XML: {message}")).at(spot.place())
+}
+
+/// An element and what is inside it.
+fn convert(
+    node: roxmltree::Node,
+    source: &Arc<Source>,
+    depth: usize,
+    warnings: &mut Vec<Error>,
+) -> Result<Element> {
+    let spot = |node: roxmltree::Node| Spot { source: source.clone(), offset: node.range().start };
+    let attributes = node.attributes().map(|a| Attribute { name: a.name().into(), value: a.value().into() });
+    let mut element = Element {
+        tag: node.tag_name().name().to_owned(),
+        attributes: attributes.collect(),
+        children: Vec::new(),
+        spot: spot(node),
+    };
+    if depth > MAX_DEPTH {
+        return Err(element.error(format!("nested deeper than {MAX_DEPTH} levels")));
+    }
+    for child in node.children() {
+        if child.is_element() {
+            element.children.push(convert(child, source, depth + 1, warnings)?);
+        } else if child.is_text() && child.text().is_some_and(|t| !t.trim().is_empty()) {
+            let place = spot(child).place();
+            let place =
+                if place.text.trim().is_empty() { Place { text: String::new(), ..place } } else { place };
+            warnings.push(Error::scene("the text inside it is ignored").about(element.thing()).at(place));
+        }
+    }
+    Ok(element)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse_text(text: &str) -> Result<Element> {
+        parse(Path::new("s.xml"), text.to_owned(), &mut Vec::new())
+    }
+
+    #[test]
+    fn elements_know_their_place() {
+        let root = parse_text("<scene>\n  <bsdf type=\"diffuse\"/>é<float\n   name=\"a&amp;b\"/>\n</scene>")
+            .unwrap();
+        let [bsdf, float] = &root.children[..] else { panic!() };
+        assert_eq!(bsdf.spot.place().to_string(), "s.xml:2:3");
+        assert_eq!(float.spot.place().to_string(), "s.xml:2:26");
+        assert_eq!(float.attribute("name"), Some("a&b"));
+        assert_eq!(bsdf.thing(), "<bsdf type=\"diffuse\">");
+    }
+
+    #[test]
+    fn malformed_xml_is_told_with_its_place() {
+        let message = |text: &str| parse_text(text).unwrap_err().to_string();
+        assert_eq!(
+            message("<scene>\n  <bsdf>\n</scene>"),
+            "s.xml:3:1: malformed XML: expected \"bsdf\" tag, not \"scene\"\n  | </scene>\n  | ^"
+        );
+        assert_eq!(message(""), "s.xml:1:1: malformed XML: the document does not have a root node");
+    }
+
+    #[test]
+    fn entities_and_deep_nesting_are_refused() {
+        let bomb = "<!DOCTYPE a [<!ENTITY x \"xxxx\"><!ENTITY y \"&x;&x;\">]>\n<scene a=\"&y;\"/>";
+        assert_eq!(
+            parse_text(bomb).unwrap_err().to_string().lines().next().unwrap(),
+            "s.xml:1:1: <!DOCTYPE>: document type declarations and their entities are refused"
+        );
+        let deep = "<a>".repeat(50_000) + &"</a>".repeat(50_000);
+        assert_eq!(
+            parse_text(&deep).unwrap_err().to_string(),
+            "s.xml:1:301: <a>: nested deeper than 100 levels"
+        );
+    }
+}

@@ -1,0 +1,499 @@
+//! Scene files as a whole: what the loader makes of them.
+
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::error::Result;
+use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
+use buffon::integrator::Settings;
+use buffon::integrator::settings::{Aov, DirectSettings, Layer, PathSettings};
+use buffon::loader::{LoadOptions, Loaded, load};
+use buffon::material::{Distribution, Material};
+use buffon::math::{DAffine3, DVec3, Vec3};
+use buffon::sampling::SamplerKind;
+use buffon::sensor::FovAxis;
+use buffon::shape::Shape;
+use proptest::prelude::*;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// A folder with files; the scene is `scene.xml`.
+pub struct Files(TempDir);
+
+impl Files {
+    /// Writes the files.
+    pub fn new(files: &[(&str, &str)]) -> Self {
+        let dir = TempDir::new().unwrap();
+        for (name, text) in files {
+            let path = dir.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, text).unwrap();
+        }
+        Files(dir)
+    }
+
+    /// Loads `scene.xml`.
+    pub fn load(&self, options: &LoadOptions) -> Result<Loaded> {
+        load(&self.0.path().join("scene.xml"), options)
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// A text without the folder's name.
+    pub fn relative(&self, text: impl ToString) -> String {
+        text.to_string().replace(&format!("{}/", self.0.path().display()), "")
+    }
+}
+
+/// A scene of the current version with the given elements.
+pub fn scene(inside: &str) -> String {
+    format!("<scene version=\"3.0.0\">\n{inside}\n</scene>")
+}
+
+/// What the loader makes of a scene's elements; there must be no warnings.
+fn loaded(inside: &str) -> Loaded {
+    let files = Files::new(&[("scene.xml", &scene(&format!("{SENSOR}{inside}")))]);
+    let loaded = files.load(&LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    loaded
+}
+
+const SENSOR: &str = "<sensor type='perspective'/>";
+const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nf 1/1 2/1 3/1\n";
+
+/// In the manner of the Cornell box that Bitterli's collection has for Mitsuba 3.
+pub const BOX: &str = r#"<scene version="3.0.0">
+	<default name="integrator" value="path" />
+	<default name="spp" value="64" />
+	<default name="resy" value="512" />
+	<default name="resx" value="1024" />
+	<default name="max_depth" value="30" />
+	<integrator type="$integrator">
+		<integer name="max_depth" value="$max_depth" />
+	</integrator>
+	<sensor type="perspective">
+		<float name="fov" value="19.5" />
+		<transform name="to_world">
+			<matrix value="-1 0 0 0 0 1 0 1 0 0 -1 6.8 0 0 0 1" />
+		</transform>
+		<sampler type="independent">
+			<integer name="sample_count" value="$spp" />
+		</sampler>
+		<film type="hdrfilm">
+			<integer name="width" value="$resx" />
+			<integer name="height" value="$resy" />
+			<string name="file_format" value="openexr" />
+			<string name="pixel_format" value="rgb" />
+			<rfilter type="tent" />
+		</film>
+	</sensor>
+	<bsdf type="twosided" id="LeftWallBSDF">
+		<bsdf type="diffuse">
+			<rgb name="reflectance" value="0.63, 0.065, 0.05" />
+		</bsdf>
+	</bsdf>
+	<bsdf type="twosided" id="LightBSDF">
+		<bsdf type="diffuse">
+			<rgb name="reflectance" value="0, 0, 0" />
+		</bsdf>
+	</bsdf>
+	<shape type="rectangle" id="LeftWall">
+		<transform name="to_world">
+			<matrix value="-4.37114e-008 8.74228e-008 -2 -1 1 3.82137e-015 -8.74228e-008 1 0 -1 -4.37114e-008 0 0 0 0 1" />
+		</transform>
+		<ref id="LeftWallBSDF" />
+	</shape>
+	<shape type="cube" id="ShortBox">
+		<transform name="to_world">
+			<matrix value="0.0851643 0.289542 1.31134e-008 0.328631 3.72265e-009 1.26563e-008 -0.3 0.3 -0.284951 0.0865363 5.73206e-016 0.374592 0 0 0 1" />
+		</transform>
+		<ref id="LeftWallBSDF" />
+	</shape>
+	<shape type="rectangle" id="Light">
+		<transform name="to_world">
+			<matrix value="0.235 -1.66103e-008 -7.80685e-009 -0.005 -2.05444e-008 3.90343e-009 -0.0893 1.98 2.05444e-008 0.19 8.30516e-009 -0.03 0 0 0 1" />
+		</transform>
+		<ref id="LightBSDF" />
+		<emitter type="area">
+			<rgb name="radiance" value="17, 12, 4" />
+		</emitter>
+	</shape>
+</scene>"#;
+
+#[test]
+fn a_box_of_the_collection_is_read() {
+    let files = Files::new(&[("scene.xml", BOX)]);
+    let loaded = files.load(&LoadOptions::default()).unwrap();
+    assert!(loaded.warnings.is_empty() && loaded.notes.is_empty(), "{loaded:?}");
+    let path = PathSettings { max_depth: Some(30), ..PathSettings::default() };
+    assert_eq!(loaded.integrator, Settings::Path(path));
+    assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Independent), Some(64)));
+    let scene = &loaded.description;
+    let sensor = &scene.sensors[0];
+    assert_eq!((sensor.fov, sensor.fov_axis), (19.5f64.to_radians(), FovAxis::X));
+    assert_eq!(sensor.to_world.translation, DVec3::new(0.0, 1.0, 6.8));
+    assert_eq!((sensor.film.width, sensor.film.height), (1024, 512));
+    assert_eq!(sensor.film.filter, Filter::Tent { radius: 1.0 });
+    assert_eq!(
+        scene.shapes.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(),
+        ["LeftWall", "ShortBox", "Light"]
+    );
+    assert_eq!(scene.shapes[0].material, scene.shapes[1].material);
+    assert_eq!(scene.shapes[0].to_world.translation, DVec3::new(-1.0, 1.0, 0.0));
+    assert_eq!(scene.shapes[2].emission, Some(Rgb::new(17.0, 12.0, 4.0)));
+    let Material::TwoSided(inner) = scene.materials[scene.shapes[0].material.index()] else {
+        panic!("{scene:?}")
+    };
+    assert_eq!(
+        scene.materials[inner.index()],
+        Material::Diffuse { reflectance: Rgb::new(0.63, 0.065, 0.05) }
+    );
+    assert_eq!(scene.shapes[1].place.as_ref().unwrap().line, 42);
+}
+
+/// In the manner of the collection's scene with an egg of glass and a lamp of metal.
+const LAMP: &str = r#"<scene version="3.0.0">
+	<sensor type="perspective"><float name="fov" value="35" /></sensor>
+	<bsdf type="dielectric" id="GlassBSDF">
+		<float name="int_ior" value="1.5" />
+		<float name="ext_ior" value="1" />
+	</bsdf>
+	<bsdf type="twosided" id="LampBSDF">
+		<bsdf type="roughconductor">
+			<float name="alpha" value="0.25" />
+			<string name="distribution" value="beckmann" />
+			<rgb name="specular_reflectance" value="1, 1, 1" />
+			<rgb name="eta" value="2.8656, 2.11918, 1.94008" />
+			<rgb name="k" value="3.03233, 2.05611, 1.61629" />
+		</bsdf>
+	</bsdf>
+	<shape type="obj" id="Lamp_0001">
+		<string name="filename" value="models/Mesh007.obj" />
+		<transform name="to_world"><matrix value="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1" /></transform>
+		<boolean name="face_normals" value="true" />
+		<ref id="LampBSDF" />
+	</shape>
+	<shape type="obj"><string name="filename" value="models/Mesh007.obj" /><ref id="GlassBSDF" /></shape>
+	<shape type="rectangle" id="Bulb">
+		<emitter type="area"><rgb name="radiance" value="523.258, 523.258, 523.258" /></emitter>
+	</shape>
+</scene>"#;
+
+#[test]
+fn a_lamp_of_the_collection_is_read() {
+    let files = Files::new(&[("scene.xml", LAMP), ("models/Mesh007.obj", TRIANGLE)]);
+    let loaded = files.load(&LoadOptions::default()).unwrap();
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    assert_eq!(loaded.notes, ["the scene names no integrator: path is used"]);
+    let scene = &loaded.description;
+    let Shape::Mesh(faceted) = &scene.shapes[0].shape else { panic!() };
+    assert!(faceted.normals.is_empty());
+    assert_eq!(faceted.uvs[0].y, 0.75);
+    let Shape::Mesh(smooth) = &scene.shapes[1].shape else { panic!() };
+    assert_eq!(smooth.normals, [Vec3::Z; 3]);
+    let Material::TwoSided(lamp) = scene.materials[scene.shapes[0].material.index()] else { panic!() };
+    let expected = Material::RoughConductor {
+        distribution: Distribution::Beckmann,
+        alpha: [0.25; 2],
+        sample_visible: true,
+        eta: Rgb::new(2.8656, 2.11918, 1.94008),
+        k: Rgb::new(3.03233, 2.05611, 1.61629),
+        specular_reflectance: Rgb::WHITE,
+    };
+    assert_eq!(scene.materials[lamp.index()], expected);
+    let default = &scene.materials[scene.shapes[2].material.index()];
+    assert_eq!(*default, Material::Diffuse { reflectance: Rgb::splat(0.5) });
+}
+
+#[track_caller]
+fn assert_transform(steps: &str, expected: [[f64; 4]; 3]) {
+    let loaded =
+        loaded(&format!("<shape type='disk'><transform name='to_world'>{steps}</transform></shape>"));
+    let found: DAffine3 = loaded.description.shapes[0].to_world;
+    for (i, row) in expected.iter().enumerate() {
+        let m = found.matrix3;
+        let found = [m.x_axis[i], m.y_axis[i], m.z_axis[i], found.translation[i]];
+        for (f, e) in found.iter().zip(row) {
+            assert!((f - e).abs() < 1e-5, "row {i}: {found:?} instead of {row:?}");
+        }
+    }
+}
+
+#[test]
+fn transformations_apply_in_order() {
+    // What Mitsuba 3.9.1 makes of them.
+    assert_transform(
+        "<scale value='2'/><lookat origin='1,2,3' target='4,5,7' up='0,1,0'/><translate x='5'/>",
+        [[1.6, -0.617395, 1.02899, 6.0], [0.0, 1.71499, 1.02899, 2.0], [-1.2, -0.823193, 1.37199, 3.0]],
+    );
+    assert_transform(
+        "<translate x='1'/><rotate z='1' angle='90'/>",
+        [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]],
+    );
+    assert_transform(
+        "<rotate z='2' angle='90'/><translate x='1'/><scale x='2' y='3'/>",
+        [[0.0, -2.0, 0.0, 2.0], [3.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+    );
+    assert_transform(
+        "<matrix value='1 2 3  0 1 4  0 0 1'/>",
+        [[1.0, 2.0, 3.0, 0.0], [0.0, 1.0, 4.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+    );
+    assert_transform(
+        "<lookat origin='0 0 0' target='0 0 2'/>",
+        [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+    );
+}
+
+#[test]
+fn the_first_default_counts_and_the_users_value_before_it() {
+    let text = scene(&format!(
+        "{SENSOR}<default name='d' value='3'/><integrator type='path'><integer name='max_depth' value='$d'/></integrator>"
+    ));
+    let files = Files::new(&[("scene.xml", &text)]);
+    let depth = |defines: &[(&str, &str)]| {
+        let defines = defines.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
+        let loaded = files.load(&LoadOptions { defines, ..LoadOptions::default() }).unwrap();
+        let Settings::Path(path) = loaded.integrator else { panic!() };
+        (path.max_depth, loaded.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())
+    };
+    assert_eq!(depth(&[]), (Some(3), vec![]));
+    assert_eq!(depth(&[("d", "-1")]), (None, vec![]));
+    assert_eq!(depth(&[("dd", "8")]).1, ["-D dd=8: the scene never uses $dd (did you mean \"d\"?)"]);
+}
+
+#[test]
+fn includes_folders_aliases_and_later_references_are_followed() {
+    let files = Files::new(&[
+        (
+            "scene.xml",
+            &scene(&format!(
+                "{SENSOR}<path value='assets'/>
+                <shape type='disk'><ref id='second'/></shape>
+                <include filename='parts/materials.xml'/>
+                <alias id='first' as='second'/>
+                <shape type='obj'><string name='filename' value='a.obj'/></shape>
+                <shape type='disk'><bsdf type='diffuse'><spectrum name='reflectance' filename='grey.spd'/></bsdf></shape>"
+            )),
+        ),
+        ("parts/materials.xml", &scene("<default name='r' value='0.25'/><include filename='first.xml'/>")),
+        (
+            "parts/first.xml",
+            "<bsdf version='3.0.0' type='diffuse' id='first'><float name='reflectance' value='$r'/></bsdf>",
+        ),
+        ("assets/a.obj", TRIANGLE),
+        ("assets/grey.spd", "# a comment\n400 0.5\n700 0.5\n"),
+    ]);
+    let loaded = files.load(&LoadOptions::default()).unwrap();
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    let scene = &loaded.description;
+    let material = |i: usize| &scene.materials[scene.shapes[i].material.index()];
+    assert_eq!(*material(0), Material::Diffuse { reflectance: Rgb::splat(0.25) });
+    assert!(matches!(scene.shapes[1].shape, Shape::Mesh(_)));
+    let Material::Diffuse { reflectance } = material(2) else { panic!() };
+    assert!((reflectance.g - 0.5).abs() < 0.01, "{reflectance:?}");
+}
+
+#[test]
+fn the_users_folders_are_searched_last() {
+    let assets = Files::new(&[("a.obj", TRIANGLE)]);
+    let text = scene(&format!("{SENSOR}<shape type='obj'><string name='filename' value='a.obj'/></shape>"));
+    let files = Files::new(&[("scene.xml", &text)]);
+    assert!(files.load(&LoadOptions::default()).is_err());
+    let search_paths = vec![assets.path().to_path_buf()];
+    assert!(files.load(&LoadOptions { search_paths, ..LoadOptions::default() }).is_ok());
+}
+
+#[test]
+fn old_scenes_are_upgraded() {
+    let text = r#"<scene version="0.6.0">
+        <integrator type="path"><integer name="maxDepth" value="5"/><boolean name="hideEmitters" value="true"/></integrator>
+        <sensor type="perspective">
+            <float name="nearClip" value="1"/><float name="fov" value="45"/><string name="fovAxis" value="smaller"/>
+            <transform name="toWorld"><lookAt origin="0,0,5" target="0,0,0" up="0,1,0"/></transform>
+            <sampler type="ldsampler"><integer name="sampleCount" value="16"/></sampler>
+        </sensor>
+        <bsdf type="dielectric" id="glass"><string name="intIOR" value="water"/><float name="extIOR" value="1"/></bsdf>
+        <bsdf type="diffuse" id="d"><rgb name="diffuseReflectance" value=".1"/></bsdf>
+        <shape type="sphere"><float name="radius" value="2"/><ref id="glass"/></shape>
+    </scene>"#;
+    let files = Files::new(&[("scene.xml", text)]);
+    let loaded = files.load(&LoadOptions::default()).unwrap();
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    let notes: Vec<_> = loaded.notes.iter().map(|n| files.relative(n)).collect();
+    assert_eq!(
+        notes,
+        [
+            "scene.xml: upgraded from version 0.6.0: camelCase names became snake_case",
+            "the sampler ldsampler is mapped to sobol"
+        ]
+    );
+    assert_eq!(
+        loaded.integrator,
+        Settings::Path(PathSettings { max_depth: Some(5), rr_depth: 5, hide_emitters: true })
+    );
+    assert_eq!(loaded.samples_per_pixel, Some(16));
+    let sensor = &loaded.description.sensors[0];
+    assert_eq!((sensor.near_clip, sensor.fov_axis), (1.0, FovAxis::Smaller));
+    let Material::Dielectric { int_ior, ext_ior, .. } = loaded.description.materials[0] else { panic!() };
+    assert_eq!((int_ior, ext_ior), (1.333, 1.0));
+    assert_eq!(loaded.description.materials[1], Material::Diffuse { reflectance: Rgb::splat(0.1) });
+}
+
+#[test]
+fn every_value_of_film_and_sensor_is_read() {
+    let loaded = {
+        let text = scene(
+            "<sensor type='perspective' id='cam'>
+                <string name='focal_length' value='50mm'/>
+                <float name='far_clip' value='1e3'/><float name='principal_point_offset_y' value='-0.1'/>
+                <film type='hdrfilm'>
+                    <integer name='width' value='640'/><integer name='height' value='480'/>
+                    <integer name='crop_offset_x' value='10'/><integer name='crop_width' value='20'/>
+                    <string name='pixel_format' value='RGBA'/><string name='component_format' value='float32'/>
+                    <rfilter type='gaussian'><float name='stddev' value='0.7'/></rfilter>
+                    <boolean name='sample_border' value='true'/>
+                </film>
+                <sampler type='multijitter'><integer name='seed' value='1'/></sampler>
+            </sensor>",
+        );
+        Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).unwrap()
+    };
+    let sensor = &loaded.description.sensors[0];
+    assert_eq!(sensor.name, "cam");
+    // Mitsuba gives 38.1848 degrees to the width of a 4:3 image, which is this diagonal.
+    let x = 2.0 * ((0.5 * sensor.fov).tan() * 0.8).atan();
+    assert!((x.to_degrees() - 38.1848).abs() < 1e-4 && sensor.fov_axis == FovAxis::Diagonal);
+    assert_eq!((sensor.near_clip, sensor.far_clip), (f64::from(0.01f32), 1e3));
+    assert_eq!(sensor.principal_point_offset, [0.0, -0.1]);
+    assert_eq!(sensor.film.crop, Some(PixelRect { x: 10, y: 0, width: 20, height: 480 }));
+    assert_eq!(
+        (sensor.film.pixel_format, sensor.film.component_format),
+        (PixelFormat::Rgba, ComponentFormat::Float)
+    );
+    assert_eq!(sensor.film.filter, Filter::Gaussian { stddev: 0.7 });
+    assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Stratified), None));
+    assert_eq!(
+        loaded.notes,
+        [
+            "the scene names no integrator: path is used",
+            "<film type=\"hdrfilm\">: sample_border is ignored: a sample belongs to one pixel, so borders need none",
+            "the sampler multijitter is mapped to stratified",
+            "<sampler type=\"multijitter\">: seed is ignored: the command line's --seed decides",
+        ]
+    );
+}
+
+#[test]
+fn every_integrator_is_read() {
+    let integrator = |inside: &str| loaded(&format!("<integrator {inside}</integrator>")).integrator;
+    assert_eq!(integrator("type='depth'>"), Settings::Depth);
+    let direct = DirectSettings { emitter_samples: 4, bsdf_samples: 4, hide_emitters: false };
+    assert_eq!(
+        integrator("type='direct'><integer name='shading_samples' value='4'/>"),
+        Settings::Direct(direct)
+    );
+    let direct = DirectSettings { emitter_samples: 3, bsdf_samples: 1, hide_emitters: true };
+    let text = "type='direct'><integer name='emitter_samples' value='3'/><boolean name='hide_emitters' value='true'/>";
+    assert_eq!(integrator(text), Settings::Direct(direct));
+    let text = "type='aov'><string name='aovs' value='dd.y:depth,nn:sh_normal'/><integrator type='path' name='image'/>";
+    let layer = |name: &str, aov| Layer { name: name.to_owned(), aov };
+    let layers = vec![layer("dd.y", Aov::Depth), layer("nn", Aov::ShadingNormal)];
+    assert_eq!(integrator(text), Settings::Aov { layers, image: Some(Box::new(Settings::default())) });
+}
+
+#[test]
+fn emitters_spheres_and_conductors_are_read() {
+    let loaded = loaded(
+        "<emitter type='point'><point name='position' value='1, 2, 3'/><float name='intensity' value='5'/></emitter>
+         <emitter type='point'><transform name='to_world'><translate y='2'/></transform></emitter>
+         <emitter type='constant'><spectrum name='radiance' value='1'/></emitter>
+         <shape type='sphere'><point name='center' x='1' y='0' z='0'/><boolean name='flip_normals' value='true'/>
+            <bsdf type='conductor'><string name='material' value='Au'/></bsdf></shape>
+         <shape type='disk'><bsdf type='roughconductor'><float name='alpha_u' value='.1'/><float name='alpha_v' value='.2'/>
+            <string name='distribution' value='ggx'/><boolean name='sample_visible' value='false'/></bsdf></shape>",
+    );
+    let scene = &loaded.description;
+    assert_eq!(
+        scene.emitters[0],
+        Emitter::Point { position: Vec3::new(1.0, 2.0, 3.0), intensity: Rgb::splat(5.0) }
+    );
+    assert_eq!(
+        scene.emitters[1],
+        Emitter::Point { position: Vec3::new(0.0, 2.0, 0.0), intensity: Rgb::WHITE }
+    );
+    let Emitter::Constant { radiance } = scene.emitters[2] else { panic!() };
+    assert!((radiance.r - 1.20479).abs() < 1e-4, "{radiance:?}");
+    assert_eq!(scene.shapes[0].shape, Shape::Sphere { center: Vec3::X, radius: 1.0 });
+    assert!(scene.shapes[0].flip_normals);
+    let eta = Rgb::new(0.143036, 0.375307, 1.44205);
+    let k = Rgb::new(3.983, 2.38556, 1.60336);
+    assert_eq!(scene.materials[0], Material::Conductor { eta, k, specular_reflectance: Rgb::WHITE });
+    let Material::RoughConductor { alpha, distribution, sample_visible, k, .. } = scene.materials[1] else {
+        panic!()
+    };
+    assert_eq!((alpha, distribution, sample_visible, k), ([0.1, 0.2], Distribution::Ggx, false, Rgb::WHITE));
+}
+
+#[test]
+fn a_mesh_alone_is_framed() {
+    let files = Files::new(&[("tri.obj", TRIANGLE)]);
+    let loaded = load(&files.path().join("tri.obj"), &LoadOptions::default()).unwrap();
+    let scene = &loaded.description;
+    assert_eq!(scene.emitters, [Emitter::Constant { radiance: Rgb::WHITE }]);
+    assert_eq!(
+        scene.materials[scene.shapes[0].material.index()],
+        Material::TwoSided(buffon::ids::MaterialId(0))
+    );
+    assert_eq!(loaded.notes.len(), 1);
+    let sensor = &scene.sensors[0];
+    let Shape::Mesh(mesh) = &scene.shapes[0].shape else { panic!() };
+    let half = (0.5 * sensor.fov).tan();
+    for p in &mesh.positions {
+        let seen = sensor.to_world.inverse().transform_point3(p.as_dvec3());
+        assert!(seen.z > sensor.near_clip && seen.z < sensor.far_clip, "{seen}");
+        assert!(seen.x.abs() < half * seen.z && seen.y.abs() < half * seen.z, "{seen}");
+    }
+    assert!(sensor.to_world.translation.y > 0.5 && sensor.to_world.translation.z > 0.5);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Whatever becomes of a scene's text, loading it ends with a scene or an error.
+    #[test]
+    fn a_mutated_scene_never_panics(
+        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0usize..12, "[-0-9a-z<>/\"'=$. é]{0,6}"), 1..6)
+    ) {
+        let mut text: Vec<char> = BOX.chars().collect();
+        for (at, removed, inserted) in edits {
+            let at = at.index(text.len());
+            let end = (at + removed).min(text.len());
+            text.splice(at..end, inserted.chars());
+        }
+        let files = Files::new(&[("scene.xml", &text.iter().collect::<String>())]);
+        if let Err(error) = files.load(&LoadOptions::default()) {
+            prop_assert!(!error.to_string().is_empty());
+        }
+    }
+
+    /// The same for meshes.
+    #[test]
+    fn a_mutated_mesh_never_panics(
+        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0usize..4, "[-0-9a-z/. \n]{0,4}"), 1..5)
+    ) {
+        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+        for (name, text) in [("m.obj", TRIANGLE), ("m.ply", ply)] {
+            let mut text: Vec<char> = text.chars().collect();
+            for (at, removed, inserted) in &edits {
+                let at = at.index(text.len().max(1));
+                let end = (at + removed).min(text.len());
+                text.splice(at..end, inserted.chars());
+            }
+            let files = Files::new(&[(name, &text.iter().collect::<String>())]);
+            let _ = load(&files.path().join(name), &LoadOptions::default());
+        }
+    }
+}
