@@ -420,7 +420,7 @@ fn what_cannot_be_read_is_said() {
 fn files_cut_short_are_refused_by_name() {
     let dir = folder();
     let image = picture(64, 64, &["R", "G", "B"]);
-    for (name, format) in [("a.exr", "OpenEXR"), ("a.png", "PNG")] {
+    for (name, format) in [("a.exr", "OpenEXR"), ("a.png", "PNG"), ("a.jpg", "JPEG"), ("a.pfm", "PFM")] {
         let whole = dir.path().join(name);
         write(&whole, &image, &WriteOptions::default()).unwrap();
         let bytes = fs::read(&whole).unwrap();

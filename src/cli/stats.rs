@@ -58,7 +58,7 @@ impl Account<'_> {
         if path == Path::new("-") {
             return super::print(&text).map(drop);
         }
-        replace(path, |part| std::fs::write(part, text).map_err(|e| e.to_string()))
+        replace(path, text.as_bytes())
     }
 
     fn json(&self) -> Value {

@@ -140,12 +140,12 @@ impl Backend {
         }
     }
 
-    /// Writes an OpenEXR file.
-    pub(super) fn write_exr(self, path: &Path, output: &ExrOutput) -> Result<(), String> {
+    /// The bytes of an OpenEXR file.
+    pub(super) fn encode_exr(self, output: &ExrOutput) -> Result<Vec<u8>, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::write_exr(path, output),
-            Backend::RustCrates => pure::write_exr(path, output),
+            Backend::OpenImageIo => super::oiio::encode_exr(output),
+            Backend::RustCrates => pure::encode_exr(output),
         }
     }
 
@@ -158,18 +158,12 @@ impl Backend {
         }
     }
 
-    /// Writes a PNG or JPEG file.
-    pub(super) fn write_bytes(
-        self,
-        path: &Path,
-        format: Format,
-        bytes: &Bytes,
-        quality: u8,
-    ) -> Result<(), String> {
+    /// The bytes of a PNG or JPEG file.
+    pub(super) fn encode_bytes(self, format: Format, bytes: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::write_bytes(path, format, bytes, quality),
-            Backend::RustCrates => pure::write_bytes(path, format, bytes, quality),
+            Backend::OpenImageIo => super::oiio::encode_bytes(format, bytes, quality),
+            Backend::RustCrates => pure::encode_bytes(format, bytes, quality),
         }
     }
 

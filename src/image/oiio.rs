@@ -267,9 +267,30 @@ struct Job<'a> {
     metadata: Metadata,
 }
 
-/// Writes a file.
-fn write(path: &Path, job: &Job) -> Result<(), String> {
-    let path = c_path(path)?;
+/// An encoded file; the only owner of the shim's buffer.
+struct Buffer(NonNull<sys::BuffonOiioBuffer>);
+
+impl Drop for Buffer {
+    fn drop(&mut self) {
+        // SAFETY: the pointer came from `buffon_oiio_encode`, this is its only owner and gives it up here.
+        unsafe { sys::buffon_oiio_free(self.0.as_ptr()) }
+    }
+}
+
+impl Buffer {
+    fn bytes(&self) -> Vec<u8> {
+        let mut size = 0;
+        // SAFETY: the buffer is alive, and so for as long as `self` are the `size` bytes that are returned;
+        // there are some, because every format has a header.
+        unsafe {
+            let bytes = sys::buffon_oiio_bytes(self.0.as_ptr(), &mut size);
+            std::slice::from_raw_parts(bytes, size).to_vec()
+        }
+    }
+}
+
+/// The bytes of a file.
+fn encode(job: &Job) -> Result<Vec<u8>, String> {
     let names: Vec<CString> = job.channels.iter().map(c_text).collect::<Result<_, _>>()?;
     let name_pointers: Vec<*const c_char> = names.iter().map(|n| n.as_ptr()).collect();
     let compression = c_text(&job.compression)?;
@@ -295,12 +316,12 @@ fn write(path: &Path, job: &Job) -> Result<(), String> {
     // SAFETY: all strings end with a NUL and, like the arrays, outlive the call; there are as many names as
     // channels, and exactly one of the pixel buffers is given, of the length that size and channels ask for;
     // `size` bytes of `buffer` are ours to write.
-    let done = unsafe { sys::buffon_oiio_write(path.as_ptr(), &output, buffer, size) };
-    if done == 0 { Err(message.text()) } else { Ok(()) }
+    let encoded = unsafe { sys::buffon_oiio_encode(&output, buffer, size) };
+    NonNull::new(encoded).map(|b| Buffer(b).bytes()).ok_or_else(|| message.text())
 }
 
-/// Writes an OpenEXR file of one part.
-pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
+/// The bytes of an OpenEXR file of one part.
+pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     let image = output.image;
     let sample = match output.samples {
         SampleFormat::Half => sys::BUFFON_OIIO_SAMPLE_HALF,
@@ -313,24 +334,21 @@ pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
         Compression::Zip => "zip",
         Compression::Piz => "piz",
     };
-    write(
-        path,
-        &Job {
-            format: Format::OpenExr,
-            width: image.width,
-            height: image.height,
-            channels: image.channels.iter().map(String::as_str).collect(),
-            sample,
-            floats: Some(output.data),
-            bytes: None,
-            compression: compression.into(),
-            metadata: image.metadata.clone(),
-        },
-    )
+    encode(&Job {
+        format: Format::OpenExr,
+        width: image.width,
+        height: image.height,
+        channels: image.channels.iter().map(String::as_str).collect(),
+        sample,
+        floats: Some(output.data),
+        bytes: None,
+        compression: compression.into(),
+        metadata: image.metadata.clone(),
+    })
 }
 
-/// Writes a PNG or JPEG file; JPEG with full chroma resolution.
-pub(super) fn write_bytes(path: &Path, format: Format, pixels: &Bytes, quality: u8) -> Result<(), String> {
+/// The bytes of a PNG or JPEG file; JPEG with full chroma resolution.
+pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
     let channels: &[&str] = match pixels.channels {
         1 => &["Y"],
         2 => &["Y", "A"],
@@ -343,20 +361,17 @@ pub(super) fn write_bytes(path: &Path, format: Format, pixels: &Bytes, quality: 
         }
         _ => ("zip".into(), Metadata::new()),
     };
-    write(
-        path,
-        &Job {
-            format,
-            width: pixels.width,
-            height: pixels.height,
-            channels: channels.to_vec(),
-            sample: sys::BUFFON_OIIO_SAMPLE_BYTE,
-            floats: None,
-            bytes: Some(&pixels.bytes),
-            compression,
-            metadata,
-        },
-    )
+    encode(&Job {
+        format,
+        width: pixels.width,
+        height: pixels.height,
+        channels: channels.to_vec(),
+        sample: sys::BUFFON_OIIO_SAMPLE_BYTE,
+        floats: None,
+        bytes: Some(&pixels.bytes),
+        compression,
+        metadata,
+    })
 }
 
 /// Width, height and channels for a call; the image's values are as many as they say.

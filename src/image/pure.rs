@@ -1,7 +1,7 @@
 //! Files by the crates `exr` and `image`.
 
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Cursor};
+use std::io::{BufReader, Cursor};
 use std::path::Path;
 
 use ::image::codecs::jpeg::JpegEncoder;
@@ -92,8 +92,8 @@ fn metadata_of(layer: LayerAttributes, shared: &ImageAttributes) -> Metadata {
     kept(metadata)
 }
 
-/// Writes an OpenEXR file of one part.
-pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
+/// The bytes of an OpenEXR file of one part.
+pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     let image = output.image;
     let count = image.channels.len();
     let mut list = Vec::with_capacity(count);
@@ -122,7 +122,7 @@ pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
     file.write().to_buffered(&mut bytes).map_err(|e| e.to_string())?;
     let mut bytes = bytes.into_inner();
     sort_attributes(&mut bytes);
-    std::fs::write(path, bytes).map_err(|e| e.to_string())
+    Ok(bytes)
 }
 
 /// The crate's name for a compression.
@@ -213,9 +213,9 @@ fn fractions<T: Into<f32>>(samples: Vec<T>, top: f32) -> Vec<f32> {
     samples.into_iter().map(|v| v.into() / top).collect()
 }
 
-/// Writes a PNG or JPEG file.
-pub(super) fn write_bytes(path: &Path, format: Format, pixels: &Bytes, quality: u8) -> Result<(), String> {
-    let mut file = BufWriter::new(File::create(path).map_err(|e| e.to_string())?);
+/// The bytes of a PNG or JPEG file.
+pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
+    let mut file = Vec::new();
     let (width, height) = (pixels.width as u32, pixels.height as u32);
     let colour = match pixels.channels {
         1 => ExtendedColorType::L8,
@@ -233,7 +233,7 @@ pub(super) fn write_bytes(path: &Path, format: Format, pixels: &Bytes, quality: 
         _ => PngEncoder::new(&mut file).write_image(&pixels.bytes, width, height, colour),
     }
     .map_err(|e| e.to_string())?;
-    file.into_inner().map(drop).map_err(|e| e.to_string())
+    Ok(file)
 }
 
 /// Differences of two images of the same shape.

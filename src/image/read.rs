@@ -33,6 +33,12 @@ pub fn read_with(backend: Backend, path: &Path) -> Result<Image> {
             pfm::decode(&bytes).map_err(damaged)?
         }
         Format::Png | Format::Jpeg | Format::Hdr => {
+            if format == Format::Jpeg {
+                let bytes = std::fs::read(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
+                if !jpeg_is_whole(&bytes) {
+                    return Err(damaged("the end of the image is missing".into()));
+                }
+            }
             srgb::decode(backend.read_raster(path, format).map_err(damaged)?)
         }
     };
@@ -56,6 +62,24 @@ fn sniff(path: &Path) -> Result<Format, String> {
     Format::of_content(&start).ok_or_else(|| {
         "expected an image (OpenEXR, PNG, JPEG, Radiance HDR or PFM), found something else".into()
     })
+}
+
+/// Whether a JPEG file has an end of image behind its first scan. Decoders fill up what is missing with grey.
+fn jpeg_is_whole(bytes: &[u8]) -> bool {
+    // Segments: 0xff, a marker, a length that counts itself; thumbnails in them have ends of their own.
+    let mut at = 2;
+    while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
+        if marker == 0xff {
+            at += 1;
+            continue;
+        }
+        at += 2 + usize::from(u16::from_be_bytes([high, low]));
+        if marker == 0xda {
+            // Within a scan 0xff is followed by 0 or by a restart marker.
+            return bytes.get(at..).is_some_and(|scan| scan.windows(2).any(|w| w == [0xff, 0xd9]));
+        }
+    }
+    false
 }
 
 /// One image of all parts of a file.

@@ -1,22 +1,20 @@
 //! Files that appear whole or not at all.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Writes a file under another name in the same folder and renames it when it is complete, so that an older
-/// file of that name is whole until the new one is, and stays if writing fails. A symbolic link is written
-/// through.
-///
-/// `fill` gets the temporary path, `name.XXXXXX.part.ext`: the extension stays last because libraries choose
-/// the format by it. The file exists there, empty. Its error is the reason alone, without the file.
+/// Writes a file under another name in the same folder, `name.XXXXXX.part.ext`, and renames it when it is
+/// complete, so that an older file of that name is whole until the new one is, and stays if writing fails. A
+/// symbolic link is written through.
 ///
 /// # Errors
-/// If the folder is missing or cannot be written to, if there is a folder of that name, or if `fill` fails.
-pub fn replace(path: &Path, fill: impl FnOnce(&Path) -> Result<(), String>) -> Result<()> {
+/// If the folder is missing, full or cannot be written to, or if there is a folder of that name.
+pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
     let fail = |message: String| failure(path, &message);
     let (target, part) = begin(path)?;
-    fill(&part).map_err(fail)?;
+    fill(&part, bytes).map_err(|e| fail(reason(e)))?;
     part.persist(&target).map_err(|e| fail(reason(e.error)))
 }
 
@@ -50,6 +48,13 @@ fn begin(path: &Path) -> Result<(PathBuf, tempfile::TempPath)> {
     Ok((target, part))
 }
 
+/// Writes a file and waits until it is on the disk: a rename must not overtake it.
+fn fill(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = std::fs::OpenOptions::new().write(true).open(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}
+
 /// A new, empty file in the folder, which is removed when dropped.
 fn temporary(target: &Path, folder: &Path) -> Result<tempfile::TempPath, String> {
     let stem = target.file_stem().unwrap_or_default().to_string_lossy();
@@ -71,35 +76,44 @@ fn reason(error: std::io::Error) -> String {
     error.raw_os_error().map_or(error, std::io::Error::from_raw_os_error).to_string()
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
     use std::fs;
 
     #[test]
-    fn a_failed_write_leaves_the_older_file_and_nothing_else() {
+    fn a_new_file_takes_the_place_of_the_old_and_leaves_nothing_beside_it() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("image.exr");
-        replace(&path, |part| fs::write(part, "old").map_err(|e| e.to_string())).unwrap();
-        let error = replace(&path, |part| {
-            let name = part.file_name().unwrap().to_string_lossy().into_owned();
-            assert!(name.starts_with("image.") && name.ends_with(".part.exr"), "{name}");
-            assert_eq!(fs::read_to_string(&path).unwrap(), "old");
-            fs::write(part, "ne").unwrap();
-            Err("the disk is full".into())
-        });
-        let expected = format!("{}: cannot be written: the disk is full", path.display());
-        assert_eq!(error.unwrap_err().to_string(), expected);
-        assert_eq!(fs::read_to_string(&path).unwrap(), "old");
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+        for content in ["old", "new and longer"] {
+            replace(&path, content.as_bytes()).unwrap();
+            assert_eq!(fs::read_to_string(&path).unwrap(), content);
+            assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+        }
     }
 
+    /// Runs itself in a process whose files may not be longer than 8 KiB.
     #[test]
-    fn a_panic_leaves_no_temporary_file() {
+    fn a_full_disk_leaves_the_older_file_and_nothing_else() {
+        const WHERE: &str = "BUFFON_TEST_FULL_DISK";
+        if let Some(path) = std::env::var_os(WHERE) {
+            let error = replace(Path::new(&path), &[0; 100_000]).unwrap_err().to_string();
+            let expected = Path::new(&path).display();
+            assert_eq!(error, format!("{expected}: cannot be written: File too large (os error 27)"));
+            return;
+        }
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("image.exr");
-        let run = || replace(&path, |_| panic!("a defect"));
-        assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
-        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
+        fs::write(&path, "old").unwrap();
+        let name = "image::replace::tests::a_full_disk_leaves_the_older_file_and_nothing_else";
+        let status = std::process::Command::new("sh")
+            .args(["-c", "trap '' XFSZ; ulimit -f 16; exec \"$0\" --exact \"$1\" >/dev/null"])
+            .arg(std::env::current_exe().unwrap())
+            .arg(name)
+            .env(WHERE, &path)
+            .status();
+        assert!(status.unwrap().success());
+        assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
     }
 }

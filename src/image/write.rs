@@ -109,34 +109,35 @@ pub fn write_with(
     check(image).map_err(fail)?;
     let (width, height) = (image.width, image.height);
     let lacks_picture = || fail(no_picture(image, format));
-    match format {
+    let failed = |why: String| fail(format!("cannot be written: {why}"));
+    let mut report = WriteReport::default();
+    let bytes = match format {
         Format::OpenExr => {
             let (data, clamped_half) = match options.samples {
                 SampleFormat::Half => clamp_to_half(&image.data),
                 SampleFormat::Float => (Cow::Borrowed(&image.data[..]), 0),
             };
+            report.clamped_half = clamped_half;
             let (samples, compression) = (options.samples, options.compression);
-            let output = ExrOutput { image, data: &data, samples, compression };
-            replace(path, |part| backend.write_exr(part, &output))?;
-            return Ok(WriteReport { clamped_half });
+            backend.encode_exr(&ExrOutput { image, data: &data, samples, compression }).map_err(failed)?
         }
         Format::Pfm => {
             let (channels, data) = picture(image).ok_or_else(lacks_picture)?;
-            let bytes = pfm::encode(width, height, channels, &data);
-            replace(path, |part| std::fs::write(part, bytes).map_err(|e| e.to_string()))?;
+            pfm::encode(width, height, channels, &data)
         }
         Format::Png | Format::Jpeg | Format::Hdr => {
             let keep_alpha = format == Format::Png;
-            let bytes = srgb::encode(image, options.exposure, keep_alpha).ok_or_else(lacks_picture)?;
+            let pixels = srgb::encode(image, options.exposure, keep_alpha).ok_or_else(lacks_picture)?;
             if format == Format::Jpeg && width.max(height) > JPEG_MAX {
                 let limit = format!("expected at most {JPEG_MAX}x{JPEG_MAX} pixels, found {width}x{height}");
                 return Err(fail(limit).about("JPEG"));
             }
             let quality = options.jpeg_quality.clamp(1, 100);
-            replace(path, |part| backend.write_bytes(part, format, &bytes, quality))?;
+            backend.encode_bytes(format, &pixels, quality).map_err(failed)?
         }
-    }
-    Ok(WriteReport::default())
+    };
+    replace(path, &bytes)?;
+    Ok(report)
 }
 
 fn unknown_extension(path: &Path) -> String {

@@ -1,5 +1,6 @@
 #include "buffon_oiio.h"
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imagebuf.h>
 #include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
@@ -16,6 +17,10 @@ struct BuffonOiioReader {
     OIIO::ImageSpec spec;
     std::string part_name;
     int part = 0;
+};
+
+struct BuffonOiioBuffer {
+    OIIO::Filesystem::IOVecOutput file;
 };
 
 namespace {
@@ -226,14 +231,15 @@ int32_t buffon_oiio_read(BuffonOiioReader *reader, float *pixels, size_t count, 
     });
 }
 
-int32_t buffon_oiio_write(const char *path, const BuffonOiioOutput *o, char *message, size_t size) noexcept
+BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, size_t size) noexcept
 {
-    return guarded(0, message, size, [&] {
+    return guarded<BuffonOiioBuffer *>(nullptr, message, size, [&]() -> BuffonOiioBuffer * {
+        auto buffer = std::make_unique<BuffonOiioBuffer>();
         be_quiet();
         std::unique_ptr<OIIO::ImageOutput> output = OIIO::ImageOutput::create(o->format);
         if (!output) {
             say(OIIO::geterror(), message, size);
-            return 0;
+            return nullptr;
         }
         OIIO::ImageSpec spec(o->width, o->height, o->channels, type_of(o->sample));
         spec.alpha_channel = -1;
@@ -252,16 +258,28 @@ int32_t buffon_oiio_write(const char *path, const BuffonOiioOutput *o, char *mes
             put(spec, o->attributes[i]);
         const OIIO::TypeDesc type = o->bytes ? OIIO::TypeUInt8 : OIIO::TypeFloat;
         const void *data = o->bytes ? static_cast<const void *>(o->bytes) : o->floats;
-        if (!output->open(path, spec) || !output->write_image(type, data)) {
-            std::string why = output->geterror();
-            output->close();
-            say(why, message, size);
-            return 0;
-        }
-        if (!output->close()) {
+        // Not used: nothing is opened by this name.
+        const std::string name = std::string("memory.") + o->format;
+        if (!output->set_ioproxy(&buffer->file) || !output->open(name, spec) || !output->write_image(type, data)
+            || !output->close()) {
             say(output->geterror(), message, size);
-            return 0;
+            return nullptr;
         }
+        return buffer.release();
+    });
+}
+
+const uint8_t *buffon_oiio_bytes(const BuffonOiioBuffer *buffer, size_t *size) noexcept
+{
+    const std::vector<unsigned char> &bytes = buffer->file.buffer();
+    *size = bytes.size();
+    return bytes.data();
+}
+
+void buffon_oiio_free(BuffonOiioBuffer *buffer) noexcept
+{
+    guarded(0, nullptr, 0, [&] {
+        delete buffer;
         return 1;
     });
 }

@@ -42,6 +42,9 @@ typedef struct BuffonOiioAttribute {
 /* An image file that is open for reading. */
 typedef struct BuffonOiioReader BuffonOiioReader;
 
+/* An encoded file in memory. */
+typedef struct BuffonOiioBuffer BuffonOiioBuffer;
+
 /* What a part of a file holds. */
 typedef struct BuffonOiioPart {
     int32_t width;
@@ -107,9 +110,16 @@ int32_t buffon_oiio_attribute(const BuffonOiioReader *reader, size_t index,
 int32_t buffon_oiio_read(BuffonOiioReader *reader, float *pixels, size_t count, char *message,
                          size_t message_size) BUFFON_OIIO_NOEXCEPT;
 
-/* Writes a file. */
-int32_t buffon_oiio_write(const char *path, const BuffonOiioOutput *output, char *message,
-                          size_t message_size) BUFFON_OIIO_NOEXCEPT;
+/* Encodes a file in memory; NULL on failure. Not on disk, because the library's writers do not all notice
+ * when that is full: PNG says nothing and JPEG ends the process. */
+BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *output, char *message,
+                                     size_t message_size) BUFFON_OIIO_NOEXCEPT;
+
+/* The bytes of an encoded file and, in `size`, how many there are. */
+const uint8_t *buffon_oiio_bytes(const BuffonOiioBuffer *buffer, size_t *size) BUFFON_OIIO_NOEXCEPT;
+
+/* Frees an encoded file; NULL is allowed. */
+void buffon_oiio_free(BuffonOiioBuffer *buffer) BUFFON_OIIO_NOEXCEPT;
 
 /* Compares two images of the same shape. A NaN that meets a NaN counts as equal. */
 int32_t buffon_oiio_compare(const float *a, const float *b, int32_t width, int32_t height, int32_t channels,
