@@ -295,3 +295,12 @@ fn invalid_rays_hit_nothing_and_disturb_no_neighbour() {
         }
     }
 }
+
+#[test]
+fn many_equal_triangles_build_and_the_first_is_hit() {
+    let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
+    let mesh = Mesh { positions: corners, indices: vec![[0, 1, 2]; 100_000] };
+    let accel = build(AccelKind::Obvhs, vec![mesh.geometry()], 0, true).expect("built").accel;
+    let hit = accel.intersect(&Ray::new(Vec3::new(0.25, 0.25, 1.0), -Vec3::Z)).expect("a hit");
+    assert_eq!((hit.t, hit.primitive), (1.0, 0));
+}
