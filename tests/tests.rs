@@ -2,3 +2,6 @@
 
 mod loader;
 mod loader_errors;
+mod loader_plugin_errors;
+mod loader_plugins;
+mod loader_robustness;
