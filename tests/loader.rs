@@ -234,7 +234,7 @@ fn transformations_apply_in_order() {
         [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]],
     );
     assert_transform(
-        "<rotate z='2' angle='90'/><translate x='1'/><scale x='2' y='3'/>",
+        "<rotate z='1' angle='90'/><translate x='1'/><scale x='2' y='3'/>",
         [[0.0, -2.0, 0.0, 2.0], [3.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     );
     assert_transform(
@@ -242,8 +242,17 @@ fn transformations_apply_in_order() {
         [[1.0, 2.0, 3.0, 0.0], [0.0, 1.0, 4.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     );
     assert_transform(
-        "<lookat origin='0 0 0' target='0 0 2'/>",
-        [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        "<lookat origin='0 0 0' target='1 2 -3'/>",
+        [
+            [-0.0792865, 0.960357, 0.267261, 0.0],
+            [0.841427, -0.0792865, 0.534522, 0.0],
+            [0.534522, 0.267261, -0.801784, 0.0],
+        ],
+    );
+    // An axis is a direction, whatever its length (Mitsuba 3.9.1 scales by it).
+    assert_transform(
+        "<rotate z='2' angle='90'/>",
+        [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     );
 }
 
