@@ -168,7 +168,8 @@ mod tests {
             column: 5,
             text: "    <float name=\"alpha\" value=\"1,0\"/>".into(),
         };
-        let error = Error::scene("expected a number, found \"1,0\"").about("<float name=\"alpha\">").at(place);
+        let error =
+            Error::scene("expected a number, found \"1,0\"").about("<float name=\"alpha\">").at(place);
         assert_eq!(
             error.to_string(),
             "scene.xml:12:5: <float name=\"alpha\">: expected a number, found \"1,0\"\n  |     <float name=\"alpha\" value=\"1,0\"/>\n  |     ^"

@@ -1,16 +1,85 @@
-//! Buffon: a Monte-Carlo renderer.
+//! Buffon: a Monte-Carlo renderer that reports speed against error.
+//!
+//! This page holds the conventions of the whole crate, once. They differ between renderers, so they are said.
+//!
+//! # Directions, cosine, densities
+//!
+//! - `wo` is the known direction, `wi` the sampled one. Both point away from the surface. In the local frame
+//!   the normal is z.
+//! - `f` is the bare BSDF, without the cosine. The weight of a sampled direction is `f·|cosθ|/pdf`.
+//! - A `pdf` is per unit solid angle unless its name says otherwise (`pdf_area`, `pmf`).
+//!   [`sampling::mis::area_to_solid_angle`] is the one conversion.
+//! - Sampling returns an `Option` of a struct; `None` means that nothing is scattered or emitted there.
+//! - A delta distribution has the density infinity, which the power heuristic turns into the weight 1.
+//!
+//! # Units
+//!
+//! - Colours are linear Rec.709 RGB. Radiance is W·m⁻²·sr⁻¹, radiant intensity W·sr⁻¹. Lengths are scene units.
+//! - Angles are radians; only scene files have degrees.
+//!
+//! # Error
+//!
+//! - relMSE is the mean over pixels and channels of `(x − r)² / (r² + 0.01)` for an image x and a reference r.
+//! - Efficiency is `1 / (relMSE · seconds)`.
+//! - An error estimate comes from the difference of two halves of the samples that are scrambled independently,
+//!   never from the variance within a quasi-random sequence.
+//!
+//! # Determinism
+//!
+//! A value depends on (scene, seed, pixel, sample index, dimension) and on nothing else: not on the number of
+//! threads, the order of tiles, or where a render was stopped.
+//!
+//! # Robustness
+//!
+//! There is no epsilon in world units. Surface points carry a bound on their rounding error, rays start at an
+//! offset derived from it, and shadow rays end short of their target by as much.
+//!
+//! # Bibliography
+//!
+//! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
+//! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[Duff 2017]` Building an orthonormal basis, revisited. JCGT 6(1).
+//! - `[Dupuy and Benyoub 2023]` Sampling visible GGX normals with spherical caps. HPG.
+//! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
+//! - `[Heitz 2014]` Understanding the masking-shadowing function in microfacet-based BRDFs. JCGT 3(2).
+//! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals. EGSR.
+//! - `[Heitz 2019]` A low-distortion map between triangle and square.
+//! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
+//! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
+//! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
+//! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
+//! - `[Lagarde 2013]` Memo on Fresnel equations.
+//! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
+//! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
+//! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
+//! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
+//! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
+//! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.
+//! - `[Vegdahl 2021]` Owen scrambling based dithered blue-noise sampling; Building a better LK hash.
+//! - `[Wächter and Binder 2019]` A fast and robust method for avoiding self-intersection. Ray Tracing Gems.
+//! - `[Walter 2007]` Microfacet models for refraction through rough surfaces. EGSR.
+//! - `[Wellons 2018]` Prospecting for hash functions.
+//! - `[Woop 2013]` Woop, Benthin, Wald: Watertight ray/triangle intersection. JCGT 2(1).
 #![deny(unsafe_code)]
 
 pub mod accel;
+pub mod bsdf;
+pub mod cli;
 pub mod color;
+#[cfg(feature = "embree")]
+#[allow(unsafe_code)]
+pub mod embree;
 pub mod emitter;
 pub mod error;
+pub mod estimate;
 pub mod film;
 pub mod ids;
+pub mod image;
 pub mod integrator;
 pub mod loader;
 pub mod material;
 pub mod math;
+pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod sensor;

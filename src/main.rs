@@ -1,1 +1,12 @@
-fn main() {}
+//! The program `buffon`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    // Before anything else: nothing below may run on a CPU that lacks what it was compiled for.
+    if let Some(sentence) = buffon::cli::cpu::missing_feature() {
+        eprintln!("buffon: {sentence}");
+        return ExitCode::from(1);
+    }
+    buffon::cli::main()
+}

@@ -1,7 +1,15 @@
-//! All integration tests, in one binary.
+//! The integration tests, in one binary.
 
+#[cfg(feature = "embree")]
+mod embree_ffi;
+mod image_io;
 mod loader;
 mod loader_errors;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;
+mod meshes;
+mod parity;
+mod scattering;
+mod support;
+mod watertight;

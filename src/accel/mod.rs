@@ -4,8 +4,21 @@
 //! single rays and for waves of rays. All back ends agree on what a hit is:
 //! `0 < t < t_max`, both sides of every surface, no backface culling.
 
+pub mod brute_force;
+pub mod bvh;
+#[cfg(feature = "embree")]
+pub mod embree;
+mod geometry;
+pub mod primitive;
+mod triangle;
+
+pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer};
+pub use primitive::{Primitive, PrimitiveHit};
+
+use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
-use std::sync::Arc;
+use std::fmt;
+use std::str::FromStr;
 
 /// The value of [`Hit::instance`] for geometry that is not instanced.
 pub const NO_INSTANCE: u32 = u32::MAX;
@@ -37,4 +50,162 @@ pub enum Coherence {
     Coherent,
     /// Neighbours have nothing in common (diffuse bounces).
     Incoherent,
+}
+
+/// A built acceleration structure: immutable, asked from any number of threads.
+///
+/// A ray with a component of origin or direction that is NaN or beyond [`COORDINATE_LIMIT`], with a zero direction,
+/// or with `t_max` not above 0 hits nothing. Directions need not be of unit length.
+pub trait Accel: Send + Sync {
+    /// The name of the back end, for statistics.
+    fn name(&self) -> &'static str;
+
+    /// The box around all valid primitives; empty when there are none.
+    fn bounds(&self) -> Bounds;
+
+    /// Bytes of the acceleration structure itself, without the shared vertex and index arrays.
+    fn memory_bytes(&self) -> usize;
+
+    /// The nearest hit with `0 < t < t_max`.
+    fn intersect(&self, ray: &Ray) -> Option<Hit>;
+
+    /// Whether there is any hit with `0 < t < t_max`.
+    fn occluded(&self, ray: &Ray) -> bool;
+
+    /// [`intersect`](Self::intersect) for a wave of rays: `hits[i]` answers `rays[i]`.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    fn intersect_wave(&self, rays: &[Ray], hits: &mut [Option<Hit>], _coherence: Coherence) {
+        assert_eq!(rays.len(), hits.len(), "one hit for each ray");
+        for (ray, hit) in rays.iter().zip(hits) {
+            *hit = self.intersect(ray);
+        }
+    }
+
+    /// [`occluded`](Self::occluded) for a wave of rays: `occluded[i]` answers `rays[i]`.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    fn occluded_wave(&self, rays: &[Ray], occluded: &mut [bool], _coherence: Coherence) {
+        assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
+        for (ray, occluded) in rays.iter().zip(occluded) {
+            *occluded = self.occluded(ray);
+        }
+    }
+}
+
+/// Whether a ray can hit anything: see [`Accel`].
+#[inline]
+fn is_valid_ray(ray: &Ray) -> bool {
+    let within = |v: Vec3| v.abs().cmple(Vec3::splat(COORDINATE_LIMIT)).all();
+    within(ray.o) && within(ray.d) && ray.d != Vec3::ZERO && ray.t_max > 0.0
+}
+
+/// The back ends that a scene can be rendered with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AccelKind {
+    /// Embree 3.
+    #[cfg(feature = "embree")]
+    Embree,
+    /// The pure-Rust BVH, built by obvhs.
+    Obvhs,
+}
+
+impl AccelKind {
+    /// All back ends of this build.
+    pub const ALL: &[AccelKind] = &[
+        #[cfg(feature = "embree")]
+        AccelKind::Embree,
+        AccelKind::Obvhs,
+    ];
+}
+
+impl Default for AccelKind {
+    /// Embree if it is compiled in.
+    fn default() -> Self {
+        AccelKind::ALL[0]
+    }
+}
+
+impl fmt::Display for AccelKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            #[cfg(feature = "embree")]
+            AccelKind::Embree => "embree",
+            AccelKind::Obvhs => "obvhs",
+        })
+    }
+}
+
+impl FromStr for AccelKind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        let found = AccelKind::ALL.iter().find(|kind| kind.to_string() == name);
+        found.copied().ok_or_else(|| {
+            if name == "embree" {
+                return Error::usage("this Buffon was built without Embree (feature `embree`); use `obvhs`");
+            }
+            let names: Vec<String> = AccelKind::ALL.iter().map(|kind| format!("`{kind}`")).collect();
+            Error::usage(format!("expected {}, found `{name}`", names.join(" or ")))
+        })
+    }
+}
+
+/// What [`build`] returns.
+pub struct Built {
+    /// The acceleration structure.
+    pub accel: Box<dyn Accel>,
+    /// Primitives that can never be hit and were left out: an index out of range, a coordinate that is not finite
+    /// or beyond [`COORDINATE_LIMIT`], an analytic surface without extent. The same for every back end.
+    pub dropped: usize,
+}
+
+/// Builds an acceleration structure over `geometry`; the index in the list is [`Hit::geometry`].
+///
+/// `threads` is the number of threads that build, 0 for all cores. `robust` makes Embree watertight along edges;
+/// it is false only to measure what that costs. The pure-Rust BVH is always watertight.
+///
+/// # Errors
+/// If the back end cannot be started or runs out of memory, or if there are 2^32 primitives or more.
+pub fn build(kind: AccelKind, mut geometry: Vec<Geometry>, threads: usize, robust: bool) -> Result<Built> {
+    let geometry::Checked { dropped, bounds } = geometry::check(&mut geometry);
+    let accel: Box<dyn Accel> = match kind {
+        #[cfg(feature = "embree")]
+        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(geometry, bounds, threads, robust)?),
+        AccelKind::Obvhs => {
+            let _ = robust;
+            Box::new(bvh::Bvh::new(geometry, bounds, threads)?)
+        }
+    };
+    Ok(Built { accel, dropped })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_back_end_is_named_and_an_unknown_name_is_answered_with_the_known_ones() {
+        for kind in AccelKind::ALL {
+            assert_eq!(kind.to_string().parse(), Ok(*kind));
+        }
+        let error = "bvh".parse::<AccelKind>().unwrap_err().to_string();
+        assert!(error.starts_with("expected `") && error.ends_with("`obvhs`, found `bvh`"), "{error}");
+        #[cfg(not(feature = "embree"))]
+        assert_eq!(
+            "embree".parse::<AccelKind>().unwrap_err().to_string(),
+            "this Buffon was built without Embree (feature `embree`); use `obvhs`"
+        );
+    }
+
+    #[test]
+    fn an_empty_scene_has_no_bounds_and_no_hits() {
+        for &kind in AccelKind::ALL {
+            let built = build(kind, Vec::new(), 1, true).expect("built");
+            assert!(built.accel.bounds().is_empty());
+            assert_eq!(built.accel.intersect(&Ray::new(Vec3::ZERO, Vec3::X)), None);
+        }
+    }
 }

@@ -1,5 +1,11 @@
 //! The film: image size, crop, reconstruction filter, and the sums that samples go to.
 
+pub mod filter;
+pub mod tile;
+
+pub use filter::FilterSampler;
+pub use tile::Tile;
+
 /// A reconstruction filter; radii and deviations are in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Filter {
@@ -74,6 +80,27 @@ pub struct FilmSettings {
     pub pixel_format: PixelFormat,
     /// Storage of the output.
     pub component_format: ComponentFormat,
+}
+
+impl PixelFormat {
+    /// Whether the image has an alpha channel.
+    pub fn has_alpha(self) -> bool {
+        matches!(self, PixelFormat::LuminanceAlpha | PixelFormat::Rgba | PixelFormat::Xyza)
+    }
+}
+
+impl PixelRect {
+    /// Pixels of the rectangle.
+    pub fn area(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+}
+
+impl FilmSettings {
+    /// The part of the image to render.
+    pub fn rect(&self) -> PixelRect {
+        self.crop.unwrap_or(PixelRect { x: 0, y: 0, width: self.width, height: self.height })
+    }
 }
 
 impl Default for FilmSettings {

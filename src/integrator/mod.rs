@@ -1,5 +1,108 @@
 //! Integrators: estimators of the radiance that arrives along a wave of rays.
+//!
+//! The one seam is [`Integrator::li`]: a wave of rays in, radiance out. The camera's samples are a wave, and so
+//! are the rays with which one integrator asks another.
 
+pub mod aov;
+pub mod depth;
+pub mod direct;
+pub mod emission;
+pub mod lighting;
+pub mod path;
 pub mod settings;
+pub mod worker;
 
+pub use depth::DepthIntegrator;
+pub use direct::DirectIntegrator;
+pub use path::PathIntegrator;
 pub use settings::Settings;
+pub use worker::{Counters, Worker};
+
+use crate::accel::Coherence;
+use crate::color::Rgb;
+use crate::math::Ray;
+use crate::sampling::SampleKey;
+use crate::scene::Scene;
+
+/// A wave of rays, each with the key of the sample that it belongs to.
+#[derive(Clone, Copy, Debug)]
+pub struct Wave<'a> {
+    /// The rays.
+    pub rays: &'a [Ray],
+    /// As many keys: they decide every random number of the path that a ray begins.
+    pub keys: &'a [SampleKey],
+    /// What is known about neighbouring rays.
+    pub coherence: Coherence,
+}
+
+/// Which light is wanted, by the number of edges between the ray's origin and the emitter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RadianceQuery {
+    /// Light emitted by what the ray meets first: one edge.
+    pub emitted: bool,
+    /// Light scattered once: two edges.
+    pub direct: bool,
+    /// Light scattered more than once.
+    pub indirect: bool,
+}
+
+impl RadianceQuery {
+    /// All light.
+    pub const ALL: RadianceQuery = RadianceQuery { emitted: true, direct: true, indirect: true };
+
+    /// Whether light of a path with that many edges is wanted.
+    #[inline]
+    pub fn wants(&self, edges: u32) -> bool {
+        match edges {
+            0 | 1 => self.emitted,
+            2 => self.direct,
+            _ => self.indirect,
+        }
+    }
+}
+
+/// What arrives along a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Radiance {
+    /// Radiance, W·m⁻²·sr⁻¹.
+    pub value: Rgb,
+    /// Ray parameter of the first surface, infinite where the ray met nothing.
+    pub distance: f32,
+}
+
+impl Radiance {
+    /// Nothing, from nowhere.
+    pub const NONE: Radiance = Radiance { value: Rgb::BLACK, distance: f32::INFINITY };
+}
+
+/// An estimator of radiance.
+pub trait Integrator: Send + Sync {
+    /// Its name in the scene language.
+    fn name(&self) -> &'static str;
+
+    /// Whether rays that meet nothing show the environment; its alpha is 1 then.
+    fn shows_environment(&self) -> bool {
+        false
+    }
+
+    /// Estimates the radiance along each ray of `wave` into `out`, which has as many entries.
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    );
+}
+
+/// The integrator that the settings describe; the layers of `aov` are the render job's business.
+pub fn create(settings: &Settings) -> Box<dyn Integrator> {
+    match settings {
+        Settings::Path(path) => Box::new(PathIntegrator::new(*path)),
+        Settings::Direct(direct) => Box::new(DirectIntegrator::new(*direct)),
+        Settings::Depth => Box::new(DepthIntegrator),
+        Settings::Aov { image: Some(image), .. } => create(image),
+        Settings::Aov { image: None, .. } => Box::new(aov::NoImage),
+    }
+}

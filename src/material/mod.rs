@@ -1,16 +1,9 @@
 //! Materials: what a surface is made of, as plain data.
 
+pub use crate::bsdf::microfacet::Distribution;
+
 use crate::color::Rgb;
 use crate::ids::MaterialId;
-
-/// The distribution of microfacet normals of a rough surface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Distribution {
-    /// Beckmann: Gaussian slopes.
-    Beckmann,
-    /// Trowbridge-Reitz (GGX): longer tails.
-    Ggx,
-}
 
 /// A material, as a scene names it.
 #[derive(Clone, Debug, PartialEq)]

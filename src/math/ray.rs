@@ -5,7 +5,7 @@ use glam::Vec3;
 
 /// A ray `o + t·d` for `0 < t < t_max`. `d` need not be of unit length; a shadow ray has the vector to
 /// its target as `d` and `t_max = 1`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Ray {
     /// Origin.

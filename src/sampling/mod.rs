@@ -1,13 +1,12 @@
-//! Sampling: point sets, warps, distributions, multiple importance sampling.
+//! Sampling: point sets, warps, discrete distributions, multiple importance sampling.
 
-/// A sampler by name; what each does is told where it is built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum SamplerKind {
-    /// Independent uniform numbers.
-    Independent,
-    /// Jittered strata in each dimension pair.
-    Stratified,
-    /// Padded Owen-scrambled Sobol pairs.
-    #[default]
-    Sobol,
-}
+pub mod dimension;
+pub mod distribution;
+pub mod hash;
+pub mod mis;
+pub mod sampler;
+pub mod warp;
+
+pub use dimension::Dimension;
+pub use distribution::Distribution1D;
+pub use sampler::{SampleKey, Sampler, SamplerKind};

@@ -1,5 +1,9 @@
 //! Sensors: where camera rays come from.
 
+pub mod perspective;
+
+pub use perspective::Perspective;
+
 use crate::film::FilmSettings;
 use crate::math::DAffine3;
 

@@ -1,8 +1,10 @@
 //! Shapes: what the scene language can place in the world.
 
 pub mod mesh;
+pub mod world;
 
 pub use mesh::Mesh;
+pub use world::{TriangleMesh, WorldShape};
 
 use crate::math::Vec3;
 

@@ -1,0 +1,191 @@
+//! Analytic surfaces that are intersected without tessellation, by the same function in every back end.
+
+use super::geometry::is_valid;
+use crate::math::{Bounds, DVec3, Ray, Vec3};
+
+/// An analytic surface in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Primitive {
+    /// A sphere.
+    Sphere {
+        /// Centre.
+        center: Vec3,
+        /// Radius, greater than zero.
+        radius: f32,
+    },
+    /// An ellipse: the image of the unit disk under an affine map.
+    Disk {
+        /// Image of the origin.
+        center: Vec3,
+        /// Image of the unit disk's x axis.
+        du: Vec3,
+        /// Image of the unit disk's y axis; need not be perpendicular to `du`.
+        dv: Vec3,
+    },
+}
+
+/// A hit of an analytic surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrimitiveHit {
+    /// Ray parameter, `0 < t < t_max`.
+    pub t: f32,
+    /// First surface coordinate.
+    pub u: f32,
+    /// Second surface coordinate.
+    pub v: f32,
+}
+
+impl Primitive {
+    /// Whether the surface can be hit: finite and within the coordinate limit, positive radius, axes that span a plane.
+    pub fn is_valid(&self) -> bool {
+        let b = self.bounds();
+        let spans = match *self {
+            Primitive::Sphere { radius, .. } => radius > 0.0,
+            Primitive::Disk { du, dv, .. } => du.as_dvec3().cross(dv.as_dvec3()).length_squared() > 0.0,
+        };
+        spans && is_valid(b.min) && is_valid(b.max)
+    }
+
+    /// A box around the surface, rounded outwards.
+    pub fn bounds(&self) -> Bounds {
+        let (center, extent) = match *self {
+            Primitive::Sphere { center, radius } => (center, DVec3::splat(radius.into())),
+            Primitive::Disk { center, du, dv } => {
+                let (du, dv) = (du.as_dvec3(), dv.as_dvec3());
+                (center, (du * du + dv * dv).map(f64::sqrt))
+            }
+        };
+        let center = center.as_dvec3();
+        let (min, max) = ((center - extent).as_vec3(), (center + extent).as_vec3());
+        Bounds { min: min.map(f32::next_down), max: max.map(f32::next_up) }
+    }
+
+    /// The nearest hit with `0 < t < t_max`, from either side.
+    ///
+    /// For a sphere `u` and `v` are 0: the caller finds its coordinates from the direction to the hit. For a disk
+    /// they are the coordinates of the hit in the basis (du, dv): the point is `center + u·du + v·dv`.
+    ///
+    /// It computes in double precision, so the only rounding of `t` that matters is that to `f32`. An origin that
+    /// was moved off the surface by an error bound lies strictly on one side here, too: a ray that leaves a
+    /// sphere to the outside misses it, and one that goes inside hits its far side.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray) -> Option<PrimitiveHit> {
+        match *self {
+            Primitive::Sphere { center, radius } => intersect_sphere(center, radius, ray),
+            Primitive::Disk { center, du, dv } => intersect_disk(center, du, dv, ray),
+        }
+    }
+}
+
+/// `t` as `f32` if it is within the ray.
+#[inline]
+fn within(t: f64, ray: &Ray) -> Option<f32> {
+    let t = t as f32;
+    (t > 0.0 && t < ray.t_max).then_some(t)
+}
+
+/// The quadratic in the form that keeps its digits for distant origins and near tangents.
+/// [Haines, Günther, Akenine-Möller 2019, "Precision Improvements for Ray/Sphere Intersection", Eq. 5 and 10]
+fn intersect_sphere(center: Vec3, radius: f32, ray: &Ray) -> Option<PrimitiveHit> {
+    let f = ray.o.as_dvec3() - center.as_dvec3();
+    let d = ray.d.as_dvec3();
+    let r2 = f64::from(radius) * f64::from(radius);
+    let a = d.length_squared();
+    let b = -f.dot(d);
+    let discriminant = r2 - (f + d * (b / a)).length_squared();
+    if discriminant.is_nan() || discriminant < 0.0 {
+        return None;
+    }
+    let c = f.length_squared() - r2;
+    let q = b + (a * discriminant).sqrt().copysign(b);
+    // c/q is the root nearer to the origin of the line's parameter, q/a the other one.
+    let (t0, t1) = (c / q, q / a);
+    let (near, far) = if t0 < t1 { (t0, t1) } else { (t1, t0) };
+    let t = within(near, ray).or_else(|| within(far, ray))?;
+    Some(PrimitiveHit { t, u: 0.0, v: 0.0 })
+}
+
+fn intersect_disk(center: Vec3, du: Vec3, dv: Vec3, ray: &Ray) -> Option<PrimitiveHit> {
+    let (du, dv, d) = (du.as_dvec3(), dv.as_dvec3(), ray.d.as_dvec3());
+    let n = du.cross(dv);
+    let to_center = center.as_dvec3() - ray.o.as_dvec3();
+    let t = n.dot(to_center) / n.dot(d);
+    let t_rounded = within(t, ray)?;
+    let p = d * t - to_center;
+    let n2 = n.length_squared();
+    let (u, v) = (p.cross(dv).dot(n) / n2, du.cross(p).dot(n) / n2);
+    (u * u + v * v <= 1.0).then_some(PrimitiveHit { t: t_rounded, u: u as f32, v: v as f32 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNIT: Primitive = Primitive::Sphere { center: Vec3::ZERO, radius: 1.0 };
+
+    #[test]
+    fn a_sphere_is_hit_from_outside_inside_and_not_behind() {
+        let hit = |o, d| UNIT.intersect(&Ray::new(o, d)).map(|h| h.t);
+        assert_eq!(hit(Vec3::new(0.0, 0.0, -3.0), Vec3::Z), Some(2.0));
+        assert_eq!(hit(Vec3::new(0.0, 0.0, -3.0), Vec3::Z * 4.0), Some(0.5));
+        assert_eq!(hit(Vec3::ZERO, Vec3::Z), Some(1.0));
+        assert_eq!(hit(Vec3::new(0.0, 0.0, 3.0), Vec3::Z), None);
+        assert_eq!(hit(Vec3::new(0.0, 1.1, -3.0), Vec3::Z), None);
+        let short = Ray { t_max: 2.0, ..Ray::new(Vec3::new(0.0, 0.0, -3.0), Vec3::Z) };
+        assert_eq!(UNIT.intersect(&short), None);
+    }
+
+    #[test]
+    fn an_origin_beside_the_surface_hits_only_what_lies_ahead() {
+        let outside = Vec3::new(0.0, 0.0, 1f32.next_up());
+        let inside = Vec3::new(0.0, 0.0, 1f32.next_down());
+        assert_eq!(UNIT.intersect(&Ray::new(outside, Vec3::Z)), None);
+        let across = UNIT.intersect(&Ray::new(inside, -Vec3::Z)).expect("the far side").t;
+        assert!((across - 2.0).abs() < 1e-6);
+        let out = UNIT.intersect(&Ray::new(inside, Vec3::Z)).expect("the near side").t;
+        assert!(out > 0.0 && out < 1e-6);
+    }
+
+    #[test]
+    fn far_origins_and_near_tangents_keep_their_digits() {
+        let o = Vec3::new(1e4, 0.999_999, 0.0);
+        let hit = UNIT.intersect(&Ray::new(o, -Vec3::X)).expect("just inside the silhouette");
+        let expected = 1e4 - (1.0 - 0.999_999f64.powi(2)).sqrt();
+        assert!((f64::from(hit.t) - expected).abs() <= 1e-3);
+        assert_eq!(UNIT.intersect(&Ray::new(Vec3::new(1e4, 1.000_001, 0.0), -Vec3::X)), None);
+    }
+
+    #[test]
+    fn a_skewed_disk_returns_its_own_coordinates() {
+        let (center, du, dv) = (Vec3::new(1.0, 2.0, 3.0), Vec3::new(2.0, 0.0, 0.0), Vec3::new(1.0, 1.0, 0.5));
+        let disk = Primitive::Disk { center, du, dv };
+        let target = center + du * 0.3 - dv * 0.6;
+        let ray = Ray::new(target + Vec3::new(0.1, 0.2, 5.0), Vec3::new(-0.1, -0.2, -5.0));
+        let hit = disk.intersect(&ray).expect("inside");
+        assert!((hit.t - 1.0).abs() < 1e-6 && (hit.u - 0.3).abs() < 1e-5 && (hit.v + 0.6).abs() < 1e-5);
+        let beside = Ray::new(center + du * 0.8 + dv * 0.8 + Vec3::Z, -Vec3::Z);
+        assert_eq!(disk.intersect(&beside), None);
+        let in_plane = Ray::new(center - du * 3.0, du);
+        assert_eq!(disk.intersect(&in_plane), None);
+    }
+
+    #[test]
+    fn bounds_contain_the_surface_and_invalid_surfaces_are_found() {
+        let disk = Primitive::Disk { center: Vec3::ONE, du: Vec3::X, dv: Vec3::new(1.0, 1.0, 0.0) };
+        let b = disk.bounds();
+        assert!(b.max.x >= 1.0 + 2f32.sqrt() && b.max.y >= 2.0 && b.min.z < 1.0 && b.max.z > 1.0);
+        assert!(disk.is_valid() && UNIT.is_valid());
+        assert!(!Primitive::Disk { center: Vec3::ZERO, du: Vec3::X, dv: Vec3::X }.is_valid());
+        assert!(!Primitive::Sphere { center: Vec3::NAN, radius: 1.0 }.is_valid());
+        assert!(!Primitive::Sphere { center: Vec3::ZERO, radius: f32::INFINITY }.is_valid());
+    }
+
+    #[test]
+    fn invalid_rays_hit_nothing() {
+        for (o, d) in [(Vec3::NAN, Vec3::X), (Vec3::ZERO, Vec3::NAN), (Vec3::ZERO, Vec3::ZERO)] {
+            assert_eq!(UNIT.intersect(&Ray::new(o, d)), None);
+            let disk = Primitive::Disk { center: Vec3::Z, du: Vec3::X, dv: Vec3::Y };
+            assert_eq!(disk.intersect(&Ray::new(o, d)), None);
+        }
+    }
+}

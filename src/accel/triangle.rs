@@ -1,0 +1,102 @@
+//! The watertight ray/triangle test. [Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection"]
+
+use crate::math::Ray;
+
+/// A ray prepared for the test: the axes in the order that makes z the dominant one, and the shear that makes the
+/// direction the z axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ShearedRay {
+    o: [f32; 3],
+    axes: [usize; 3],
+    shear: [f32; 3],
+}
+
+impl ShearedRay {
+    /// Prepares a ray with a direction that is finite and not zero.
+    #[inline]
+    pub fn new(ray: &Ray) -> Self {
+        let d = ray.d.to_array();
+        let z = ray.d.abs().max_position();
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        // Keeps the winding; it does not matter for the answer, but keeps the signs of the paper.
+        if d[z] < 0.0 {
+            (x, y) = (y, x);
+        }
+        ShearedRay { o: ray.o.to_array(), axes: [x, y, z], shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]] }
+    }
+
+    /// A corner relative to the origin, sheared: (x, y, unscaled z).
+    #[inline]
+    fn transform(&self, corner: &[f32; 3]) -> [f32; 3] {
+        let relative = |axis: usize| corner[axis] - self.o[axis];
+        let [x, y, z] = self.axes.map(relative);
+        [x - self.shear[0] * z, y - self.shear[1] * z, z]
+    }
+
+    /// The hit's parameter and the barycentric weights of the second and third corner, if `0 < t ≤ t_max`.
+    ///
+    /// Two triangles with a common edge get the same edge function up to its sign, and where `f32` makes it zero
+    /// it is computed again without rounding: no ray passes between them. Both sides are hit.
+    #[inline]
+    pub fn intersect(&self, corners: &[[f32; 3]; 3], t_max: f32) -> Option<(f32, f32, f32)> {
+        let [a, b, c] = [&corners[0], &corners[1], &corners[2]].map(|p| self.transform(p));
+        let mut u = edge(c, b);
+        let mut v = edge(a, c);
+        let mut w = edge(b, a);
+        if u == 0.0 || v == 0.0 || w == 0.0 {
+            (u, v, w) = (edge_exact(c, b), edge_exact(a, c), edge_exact(b, a));
+        }
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return None;
+        }
+        let det = u + v + w;
+        if det == 0.0 {
+            return None;
+        }
+        let t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2] / det;
+        (t > 0.0 && t <= t_max).then(|| (t, v / det, w / det))
+    }
+}
+
+/// The edge function of the projected corners p and q: exactly antisymmetric.
+#[inline]
+fn edge(p: [f32; 3], q: [f32; 3]) -> f32 {
+    p[0] * q[1] - p[1] * q[0]
+}
+
+/// The edge function with the exact sign: the products of two `f32` are exact in `f64`.
+#[cold]
+fn edge_exact(p: [f32; 3], q: [f32; 3]) -> f32 {
+    let (px, py, qx, qy) = (f64::from(p[0]), f64::from(p[1]), f64::from(q[0]), f64::from(q[1]));
+    (px * qy - py * qx) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Vec3;
+
+    const CORNERS: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
+
+    #[test]
+    fn u_and_v_weigh_the_second_and_third_corner_from_both_sides() {
+        for side in [1.0, -1.0] {
+            let ray = Ray::new(Vec3::new(0.5, 1.5, side), Vec3::new(0.0, 0.0, -2.0 * side));
+            let (t, u, v) = ShearedRay::new(&ray).intersect(&CORNERS, 1.0).expect("a hit");
+            assert!((t - 0.5).abs() < 1e-6 && (u - 0.25).abs() < 1e-6 && (v - 0.5).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn corners_and_edges_belong_to_the_triangle_and_the_plane_does_not() {
+        for (x, y) in [(0.0, 0.0), (2.0, 0.0), (0.0, 3.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.5)] {
+            let ray = Ray::new(Vec3::new(x, y, 1.0), -Vec3::Z);
+            assert!(ShearedRay::new(&ray).intersect(&CORNERS, f32::INFINITY).is_some(), "({x}, {y})");
+        }
+        let in_plane = Ray::new(Vec3::new(-1.0, 1.0, 0.0), Vec3::X);
+        assert_eq!(ShearedRay::new(&in_plane).intersect(&CORNERS, f32::INFINITY), None);
+        let point = [[1.0; 3]; 3];
+        let at_it = Ray::new(Vec3::ZERO, Vec3::ONE);
+        assert_eq!(ShearedRay::new(&at_it).intersect(&point, f32::INFINITY), None);
+    }
+}

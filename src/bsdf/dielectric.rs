@@ -1,0 +1,85 @@
+//! A smooth boundary between two dielectrics.
+
+use super::fresnel;
+use super::{BsdfSample, Lobe};
+use crate::color::Rgb;
+use crate::math::Vec3;
+
+/// Reflection and refraction of radiance at a smooth boundary.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dielectric {
+    /// Index of refraction below the surface (−z) over that above it.
+    pub eta: f32,
+    /// A factor on the reflection.
+    pub specular_reflectance: Rgb,
+    /// A factor on the transmission.
+    pub specular_transmittance: Rgb,
+}
+
+impl Dielectric {
+    /// Reflects with the Fresnel probability, else refracts.
+    ///
+    /// Refracted radiance is scaled by the squared ratio of the indices, because the solid angle changes.
+    /// [Veach 1997, Eq. 5.2]
+    #[inline]
+    pub fn sample(&self, wo: Vec3, u_lobe: f32) -> Option<BsdfSample> {
+        if wo.z == 0.0 {
+            return None;
+        }
+        // Index of the far side over that of wo's side.
+        let eta = if wo.z > 0.0 { self.eta } else { 1.0 / self.eta };
+        let r = fresnel::dielectric(wo.z.abs(), eta);
+        if u_lobe < r.reflectance {
+            return Some(BsdfSample {
+                wi: Vec3::new(-wo.x, -wo.y, wo.z),
+                weight: self.specular_reflectance,
+                pdf: f32::INFINITY,
+                lobe: Lobe::Specular,
+                eta: 1.0,
+            });
+        }
+        let scale = 1.0 / eta;
+        Some(BsdfSample {
+            wi: Vec3::new(-scale * wo.x, -scale * wo.y, (-r.cos_t).copysign(-wo.z)).normalize(),
+            weight: self.specular_transmittance * (scale * scale),
+            pdf: f32::INFINITY,
+            lobe: Lobe::Specular,
+            eta,
+        })
+    }
+
+    /// Reflectance plus transmittance along the normal.
+    pub fn albedo(&self) -> Rgb {
+        let r = fresnel::dielectric(1.0, self.eta).reflectance;
+        self.specular_reflectance * r + self.specular_transmittance * (1.0 - r)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refraction_obeys_snell_and_conserves_flux() {
+        let glass =
+            Dielectric { eta: 1.5, specular_reflectance: Rgb::WHITE, specular_transmittance: Rgb::WHITE };
+        let wo = Vec3::new(0.6, 0.0, 0.8);
+        let s = glass.sample(wo, 1f32.next_down()).unwrap();
+        assert!((s.wi.x + 0.4).abs() < 1e-6 && s.wi.z < 0.0);
+        assert!((s.weight.r - 1.0 / 2.25).abs() < 1e-6);
+        // Back through the boundary: the same way, the inverse scale.
+        let back = glass.sample(s.wi, 1f32.next_down()).unwrap();
+        assert!((back.wi - wo).length() < 1e-6);
+        assert!((back.weight.r * s.weight.r - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn equal_indices_let_light_pass_unchanged() {
+        let air =
+            Dielectric { eta: 1.0, specular_reflectance: Rgb::WHITE, specular_transmittance: Rgb::WHITE };
+        let wo = Vec3::new(0.6, 0.0, 0.8);
+        let s = air.sample(wo, 0.0).unwrap();
+        assert!((s.wi + wo).length() < 1e-6);
+        assert_eq!(s.weight, Rgb::WHITE);
+    }
+}

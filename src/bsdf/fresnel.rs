@@ -1,0 +1,107 @@
+//! Fresnel's equations for unpolarised light.
+
+use crate::color::Rgb;
+
+/// Reflectance of a smooth boundary, and the refracted cosine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Refraction {
+    /// Share of the light that is reflected.
+    pub reflectance: f32,
+    /// Cosine of the refracted direction on the far side, not negative; 0 under total internal reflection.
+    pub cos_t: f32,
+}
+
+/// Fresnel reflectance between dielectrics: `cos_i ≥ 0` on the near side, `eta` the index of the far side over
+/// that of the near side. `eta = 1` reflects nothing. [Born and Wolf 1999, 1.5.2]
+#[inline]
+pub fn dielectric(cos_i: f32, eta: f32) -> Refraction {
+    // cos²θt = 1 − (1 − cos²θi)/η², arranged so that η near 1 at grazing angles loses no digits.
+    let scale = 1.0 / (eta * eta);
+    let cos2_t = (eta - 1.0) * (eta + 1.0) * scale + cos_i * cos_i * scale;
+    if cos2_t <= 0.0 {
+        return Refraction { reflectance: 1.0, cos_t: 0.0 };
+    }
+    if eta == 1.0 {
+        return Refraction { reflectance: 0.0, cos_t: cos_i };
+    }
+    let cos_t = cos2_t.sqrt();
+    let r_s = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+    let r_p = (cos_t - eta * cos_i) / (cos_t + eta * cos_i);
+    Refraction { reflectance: 0.5 * (r_s * r_s + r_p * r_p), cos_t }
+}
+
+/// A conductor's complex index of refraction relative to the outside, per channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ConductorFresnel {
+    /// Real part.
+    pub eta: Rgb,
+    /// Imaginary part.
+    pub k: Rgb,
+}
+
+impl ConductorFresnel {
+    /// Reflectance at the cosine `cos_i ≥ 0` of the incident direction.
+    #[inline]
+    pub fn reflectance(&self, cos_i: f32) -> Rgb {
+        self.eta.zip(self.k, |eta, k| conductor(cos_i, eta, k))
+    }
+}
+
+/// Fresnel reflectance of a conductor with index `eta + i k`. [Lagarde 2013, from Born and Wolf 1999, 14.2]
+#[inline]
+pub fn conductor(cos_i: f32, eta: f32, k: f32) -> f32 {
+    let cos2 = cos_i * cos_i;
+    let sin2 = 1.0 - cos2;
+    let t0 = eta * eta - k * k - sin2;
+    let a2_plus_b2 = (t0 * t0 + 4.0 * eta * eta * k * k).sqrt();
+    let a = (0.5 * (a2_plus_b2 + t0)).max(0.0).sqrt();
+    let t1 = a2_plus_b2 + cos2;
+    let t2 = 2.0 * cos_i * a;
+    let r_s = (t1 - t2) / (t1 + t2);
+    let t3 = cos2 * a2_plus_b2 + sin2 * sin2;
+    let t4 = t2 * sin2;
+    let r_p = r_s * (t3 - t4) / (t3 + t4);
+    let r = 0.5 * (r_s + r_p);
+    if r.is_finite() { r.clamp(0.0, 1.0) } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normal_incidence_has_its_closed_form() {
+        let r = dielectric(1.0, 1.5);
+        assert!((r.reflectance - 0.04).abs() < 1e-6);
+        assert!((r.cos_t - 1.0).abs() < 1e-6);
+        let c = conductor(1.0, 0.2, 3.0);
+        let exact = ((0.2f32 - 1.0).powi(2) + 9.0) / ((0.2f32 + 1.0).powi(2) + 9.0);
+        assert!((c - exact).abs() < 1e-6);
+    }
+
+    #[test]
+    fn equal_indices_vanish_and_the_critical_angle_reflects_everything() {
+        for cos in [1.0, 0.5, 1e-3, 0.0] {
+            assert_eq!(dielectric(cos, 1.0).reflectance, if cos > 0.0 { 0.0 } else { 1.0 });
+        }
+        let critical = (1.0f32 - (1.0f32 / 1.5).powi(2)).sqrt();
+        assert_eq!(dielectric(critical * 0.999, 1.0 / 1.5).reflectance, 1.0);
+        assert!(dielectric(critical * 1.01, 1.0 / 1.5).reflectance < 1.0);
+    }
+
+    #[test]
+    fn a_conductor_without_absorption_is_a_dielectric() {
+        for cos in [1.0, 0.7, 0.3, 0.01] {
+            let (a, b) = (conductor(cos, 1.5, 0.0), dielectric(cos, 1.5).reflectance);
+            assert!((a - b).abs() < 2e-6, "{cos}: {a} {b}");
+        }
+    }
+
+    #[test]
+    fn reciprocity_of_refraction() {
+        let r = dielectric(0.6, 1.5);
+        let back = dielectric(r.cos_t, 1.0 / 1.5);
+        assert!((r.reflectance - back.reflectance).abs() < 1e-6);
+        assert!((back.cos_t - 0.6).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,229 @@
+//! Distributions of microfacet normals. [Walter 2007; Heitz 2014, 2018]
+
+use crate::math::{Vec2, Vec3};
+use std::f32::consts::PI;
+
+/// A family of distributions of microfacet normals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Distribution {
+    /// Beckmann: Gaussian slopes.
+    Beckmann,
+    /// Trowbridge-Reitz (GGX): longer tails.
+    Ggx,
+}
+
+/// A distribution of microfacet normals with its roughness.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Microfacets {
+    /// The family.
+    pub distribution: Distribution,
+    /// Roughness along x.
+    pub alpha_x: f32,
+    /// Roughness along y.
+    pub alpha_y: f32,
+    /// Whether [`sample`](Self::sample) draws visible normals (else all normals).
+    pub sample_visible: bool,
+}
+
+impl Microfacets {
+    /// Whether roughness depends on the direction.
+    pub fn is_anisotropic(&self) -> bool {
+        self.alpha_x != self.alpha_y
+    }
+
+    /// The density D(m) of normals per unit solid angle and unit area of the surface. [Walter 2007, Eq. 25, 33]
+    #[inline]
+    pub fn d(&self, m: Vec3) -> f32 {
+        if m.z <= 0.0 {
+            return 0.0;
+        }
+        let cos2 = m.z * m.z;
+        let slope2 = (m.x / self.alpha_x).powi(2) + (m.y / self.alpha_y).powi(2);
+        let area = PI * self.alpha_x * self.alpha_y;
+        let d = match self.distribution {
+            Distribution::Beckmann => (-slope2 / cos2).exp() / (area * cos2 * cos2),
+            Distribution::Ggx => 1.0 / (area * (slope2 + cos2) * (slope2 + cos2)),
+        };
+        if d.is_finite() { d } else { 0.0 }
+    }
+
+    /// Smith's masking: the share of facets visible from `w`, zero where `w` and the facet `m` disagree on the
+    /// side. [Heitz 2014, Eq. 43]
+    #[inline]
+    pub fn g1(&self, w: Vec3, m: Vec3) -> f32 {
+        if w.dot(m) * w.z <= 0.0 {
+            return 0.0;
+        }
+        1.0 / (1.0 + self.lambda(w))
+    }
+
+    /// Smith's Λ. [Heitz 2014, Eq. 53 and 68]
+    fn lambda(&self, w: Vec3) -> f32 {
+        let tan2_alpha2 = ((w.x * self.alpha_x).powi(2) + (w.y * self.alpha_y).powi(2)) / (w.z * w.z);
+        if tan2_alpha2 == 0.0 {
+            return 0.0;
+        }
+        match self.distribution {
+            Distribution::Ggx => 0.5 * ((1.0 + tan2_alpha2).sqrt() - 1.0),
+            Distribution::Beckmann => {
+                let a = 1.0 / tan2_alpha2.sqrt();
+                let tail = (-a * a).exp();
+                (0.5 * (tail * FRAC_1_SQRT_PI / a - libm::erfcf(a))).max(0.0)
+            }
+        }
+    }
+
+    /// Draws a facet normal for the view direction `wo` above the surface.
+    #[inline]
+    pub fn sample(&self, wo: Vec3, u: Vec2) -> Vec3 {
+        if !self.sample_visible {
+            return self.sample_all(u);
+        }
+        match self.distribution {
+            Distribution::Ggx => self.sample_visible_ggx(wo, u),
+            Distribution::Beckmann => self.sample_visible_beckmann(wo, u),
+        }
+    }
+
+    /// The density of [`sample`](Self::sample) per unit solid angle of m.
+    #[inline]
+    pub fn pdf(&self, wo: Vec3, m: Vec3) -> f32 {
+        if self.sample_visible {
+            // [Heitz 2014, Eq. 16]
+            if wo.z <= 0.0 {
+                return 0.0;
+            }
+            self.d(m) * self.g1(wo, m) * wo.dot(m).max(0.0) / wo.z
+        } else {
+            self.d(m) * m.z
+        }
+    }
+
+    /// All normals, in proportion to D(m)·cosθ. [Walter 2007, Eq. 28, 35]
+    fn sample_all(&self, u: Vec2) -> Vec3 {
+        let tan2 = match self.distribution {
+            Distribution::Beckmann => -(1.0 - u.x).ln(),
+            Distribution::Ggx => u.x / (1.0 - u.x),
+        };
+        let (sin, cos) = (2.0 * PI * u.y).sin_cos();
+        let r = tan2.sqrt();
+        Vec3::new(self.alpha_x * r * cos, self.alpha_y * r * sin, 1.0).normalize()
+    }
+
+    /// Visible normals by spherical caps. [Dupuy and Benyoub 2023, listing 3]
+    fn sample_visible_ggx(&self, wo: Vec3, u: Vec2) -> Vec3 {
+        let v = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z).normalize();
+        let z = (1.0 - u.y) * (1.0 + v.z) - v.z;
+        let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
+        let (sin, cos) = (2.0 * PI * u.x).sin_cos();
+        let h = Vec3::new(r * cos, r * sin, z) + v;
+        Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z.max(1e-12)).normalize()
+    }
+
+    /// Visible normals by inversion of the slopes' distribution. [Heitz and d'Eon 2014, supplemental 1]
+    fn sample_visible_beckmann(&self, wo: Vec3, u: Vec2) -> Vec3 {
+        let v = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z).normalize();
+        let sin = (v.x * v.x + v.y * v.y).sqrt();
+        let (slope_x, slope_y) = beckmann_slopes(v.z, sin, u);
+        let (cos_phi, sin_phi) = if sin > 0.0 { (v.x / sin, v.y / sin) } else { (1.0, 0.0) };
+        let x = cos_phi * slope_x - sin_phi * slope_y;
+        let y = sin_phi * slope_x + cos_phi * slope_y;
+        Vec3::new(-x * self.alpha_x, -y * self.alpha_y, 1.0).normalize()
+    }
+}
+
+const FRAC_1_SQRT_PI: f32 = 0.564_189_6;
+
+/// Slopes of a visible facet of unit roughness seen at the polar angle with `cos` and `sin`, azimuth 0.
+///
+/// The marginal in x is `∝ (cosθ − sinθ·x)·exp(−x²)` for `x < cotθ`; its distribution function
+/// is inverted by bisection-guarded Newton steps in `f64`, to full `f32` precision.
+fn beckmann_slopes(cos: f32, sin: f32, u: Vec2) -> (f32, f32) {
+    let (cos, sin) = (f64::from(cos), f64::from(sin));
+    // Uniform numbers are strictly inside (0, 1): the ends are slopes of ±∞.
+    let u_x = (f64::from(u.x) + 2f64.powi(-26)).min(1.0 - 2f64.powi(-26));
+    let u_y = (f64::from(u.y) + 2f64.powi(-26)).min(1.0 - 2f64.powi(-26));
+    // ∫ (c − s x) e^{−x²} dx = c √π/2 erf(x) + s/2 e^{−x²}
+    let half_sqrt_pi = 0.5 * std::f64::consts::PI.sqrt();
+    let primitive = |x: f64| cos * half_sqrt_pi * (1.0 + libm::erf(x)) + 0.5 * sin * (-x * x).exp();
+    let end = if sin > 0.0 { (cos / sin).min(6.0) } else { 6.0 };
+    let (mut low, mut high) = (-6.0f64, end);
+    let target = u_x * primitive(end);
+    let mut x = (low + high) * 0.5;
+    for _ in 0..40 {
+        let f = primitive(x) - target;
+        if f > 0.0 {
+            high = x
+        } else {
+            low = x
+        }
+        let derivative = (cos - sin * x).max(0.0) * (-x * x).exp();
+        let newton = x - f / derivative;
+        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        if (next - x).abs() < 1e-9 {
+            x = next;
+            break;
+        }
+        x = next;
+    }
+    (x as f32, erf_inverse(2.0 * u_y - 1.0) as f32)
+}
+
+/// The inverse of the error function, to about 1e-7 relative. [Giles 2012, single precision]
+fn erf_inverse(x: f64) -> f64 {
+    let w = -((1.0 - x) * (1.0 + x)).ln();
+    let (w, coefficients): (f64, [f64; 9]) = if w < 5.0 {
+        (
+            w - 2.5,
+            [
+                2.810_226_36e-8,
+                3.432_739_39e-7,
+                -3.523_387_7e-6,
+                -4.391_506_54e-6,
+                0.000_218_580_87,
+                -0.001_253_725_03,
+                -0.004_177_681_64,
+                0.246_640_727,
+                1.501_409_41,
+            ],
+        )
+    } else {
+        (
+            w.sqrt() - 3.0,
+            [
+                -0.000_200_214_257,
+                0.000_100_950_558,
+                0.001_349_343_22,
+                -0.003_673_428_44,
+                0.005_739_507_73,
+                -0.007_622_461_3,
+                0.009_438_870_47,
+                1.001_674_06,
+                2.832_976_82,
+            ],
+        )
+    };
+    coefficients.into_iter().fold(0.0, |p, c| p * w + c) * x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_error_function_inverts() {
+        for x in [-0.999_999, -0.9, -0.1, 1e-6, 0.3, 0.7, 0.99, 0.999_999] {
+            assert!((libm::erf(erf_inverse(x)) - x).abs() < 3e-7, "{x}");
+        }
+    }
+
+    #[test]
+    fn masking_has_its_limits() {
+        for distribution in [Distribution::Beckmann, Distribution::Ggx] {
+            let m = Microfacets { distribution, alpha_x: 0.3, alpha_y: 0.3, sample_visible: true };
+            assert_eq!(m.g1(Vec3::Z, Vec3::Z), 1.0);
+            assert!(m.g1(Vec3::new(1.0, 0.0, 1e-4).normalize(), Vec3::Z) < 1e-2);
+            assert_eq!(m.g1(Vec3::Z, -Vec3::Z), 0.0);
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Scattering at a surface, in the local frame (z = normal), with no textures and no scene.
+//!
+//! `wo` is the known direction, `wi` the sampled one; both point away from the surface. [`Bsdf::eval`] is the
+//! bare BSDF, without cosine; densities are per unit solid angle of `wi`.
+
+pub mod conductor;
+pub mod dielectric;
+pub mod diffuse;
+pub mod fresnel;
+pub mod microfacet;
+pub mod rough_conductor;
+
+pub use conductor::Conductor;
+pub use dielectric::Dielectric;
+pub use diffuse::Diffuse;
+pub use rough_conductor::RoughConductor;
+
+use crate::color::Rgb;
+use crate::math::{Vec2, Vec3};
+
+/// The kind of scattering that a sampled direction comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lobe {
+    /// Spread over the hemisphere.
+    Diffuse,
+    /// Concentrated around a direction, but of finite density.
+    Glossy,
+    /// A Dirac delta: no other technique can sample it.
+    Specular,
+}
+
+/// A sampled direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BsdfSample {
+    /// The direction, of unit length.
+    pub wi: Vec3,
+    /// `f·|cosθ|/pdf`; for a specular lobe its reflectance or transmittance over the lobe's probability.
+    pub weight: Rgb,
+    /// Density per unit solid angle; infinite for a specular lobe.
+    pub pdf: f32,
+    /// Which lobe.
+    pub lobe: Lobe,
+    /// Index of refraction of the side of `wi` over that of the side of `wo`; 1 for a reflection.
+    pub eta: f32,
+}
+
+/// Value and density for a pair of directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BsdfEval {
+    /// The bare BSDF, sr⁻¹.
+    pub f: Rgb,
+    /// Density with which [`Bsdf::sample`] draws `wi`, per unit solid angle.
+    pub pdf: f32,
+}
+
+impl BsdfEval {
+    /// No scattering.
+    pub const ZERO: BsdfEval = BsdfEval { f: Rgb::BLACK, pdf: 0.0 };
+}
+
+/// A BSDF with its parameters at one surface point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bsdf {
+    /// Ideal Lambertian reflection.
+    Diffuse(Diffuse),
+    /// Mirror reflection by a smooth conductor.
+    Conductor(Conductor),
+    /// Reflection by a conductor of microfacets.
+    RoughConductor(RoughConductor),
+    /// Reflection and refraction at a smooth dielectric boundary.
+    Dielectric(Dielectric),
+}
+
+impl Bsdf {
+    /// Whether every lobe is a Dirac delta, so that [`eval`](Self::eval) is zero everywhere.
+    #[inline]
+    pub fn is_specular(&self) -> bool {
+        matches!(self, Bsdf::Conductor(_) | Bsdf::Dielectric(_))
+    }
+
+    /// Whether the tangents of the local frame matter.
+    pub fn is_anisotropic(&self) -> bool {
+        matches!(self, Bsdf::RoughConductor(r) if r.microfacets.is_anisotropic())
+    }
+
+    /// The bare BSDF and the density of the finite lobes.
+    #[inline]
+    pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        match self {
+            Bsdf::Diffuse(b) => b.eval(wo, wi),
+            Bsdf::RoughConductor(b) => b.eval(wo, wi),
+            Bsdf::Conductor(_) | Bsdf::Dielectric(_) => BsdfEval::ZERO,
+        }
+    }
+
+    /// Draws a direction; `u_lobe` chooses among lobes, `u` within the lobe. `None` where nothing is scattered.
+    #[inline]
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
+        match self {
+            Bsdf::Diffuse(b) => b.sample(wo, u),
+            Bsdf::RoughConductor(b) => b.sample(wo, u),
+            Bsdf::Conductor(b) => b.sample(wo),
+            Bsdf::Dielectric(b) => b.sample(wo, u_lobe),
+        }
+    }
+
+    /// The share of light that is scattered under uniform illumination from all sides, seen along the normal:
+    /// what an albedo image shows. Exact for diffuse and specular lobes, the Fresnel term of the mean facet
+    /// for rough ones.
+    pub fn albedo(&self) -> Rgb {
+        match self {
+            Bsdf::Diffuse(b) => b.reflectance,
+            Bsdf::RoughConductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
+            Bsdf::Conductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
+            Bsdf::Dielectric(b) => b.albedo(),
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! `buffon diff`: what two images differ by, and whether that is within a threshold.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Value as Json, json};
+
+use crate::error::{Error, Result};
+use crate::image::{
+    Comparison, ErrorKind, HeatScale, Image, Invalid, LayerComparison, NotComparable, WriteOptions, ZTest,
+    compare, error_map, heat, read, write, z_test,
+};
+
+/// The exit code for images that are the same within the threshold.
+const SAME: u8 = 0;
+/// The exit code for images that differ.
+const DIFFERENT: u8 = 1;
+/// The exit code for images that cannot be compared.
+const NOT_COMPARABLE: u8 = 3;
+
+/// Compare an image with a reference.
+///
+/// Exit code: 0 same within the threshold, 1 different, 3 not comparable (size, channels), 4 unreadable. An
+/// image with NaN or infinite values never passes.
+#[derive(Clone, Debug, Args)]
+pub struct DiffArgs {
+    /// The image to judge
+    pub a: PathBuf,
+    /// The reference
+    pub b: PathBuf,
+    /// Write a false-colour picture of the error (.exr, .png, .jpg, .pfm); brighter is worse, a step of the
+    /// scale is a power of ten, cyan is NaN or infinite
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// The largest error that passes (for psnr, the smallest value that does) [default: images must be equal
+    /// by the metric; with --z, the test alone decides]
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    pub fail: Option<f64>,
+    /// The metric that decides
+    #[arg(long, value_name = "NAME", value_enum, default_value_t = Metric::Relmse)]
+    pub metric: Metric,
+    /// Test whether both images may be estimates of the same picture, by the variance layers of either
+    /// (significance 0.01 over all values; 99.75 % of the values must pass)
+    #[arg(long)]
+    pub z: bool,
+    /// With --z, an image that holds the variances of B
+    #[arg(long, value_name = "FILE", requires = "z")]
+    pub variance: Option<PathBuf>,
+    /// Print the result as JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What images are judged by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Metric {
+    /// Mean absolute difference
+    Mean,
+    /// Mean squared error
+    Mse,
+    /// Root of the mean squared error
+    Rmse,
+    /// Peak signal-to-noise ratio in dB
+    Psnr,
+    /// Mean of (x - r)^2 / (r^2 + 0.01)
+    Relmse,
+    /// relMSE without the 0.1 % worst pixels
+    Trimmed,
+    /// Largest absolute difference
+    Max,
+    /// Distance of the ratio of the means from 1
+    Ratio,
+}
+
+impl Metric {
+    fn name(self) -> String {
+        self.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default()
+    }
+
+    fn of(self, layer: &LayerComparison) -> f64 {
+        match self {
+            Metric::Mean => layer.mean_absolute,
+            Metric::Mse => layer.mse,
+            Metric::Rmse => layer.rmse,
+            Metric::Psnr => layer.psnr,
+            Metric::Relmse => layer.relmse,
+            Metric::Trimmed => layer.trimmed_relmse,
+            Metric::Max => layer.max,
+            // Two black images have no ratio, and are equal.
+            Metric::Ratio if layer.max == 0.0 => 0.0,
+            Metric::Ratio => (layer.mean_ratio - 1.0).abs(),
+        }
+    }
+
+    /// Whether a layer passes. Equal images pass by any metric.
+    fn passes(self, layer: &LayerComparison, threshold: f64) -> bool {
+        let value = self.of(layer);
+        match self {
+            Metric::Psnr => value >= threshold,
+            // One pixel trimmed leaves nothing to judge but that pixel.
+            Metric::Trimmed if value.is_nan() => layer.relmse <= threshold,
+            _ => value <= threshold,
+        }
+    }
+
+    /// The threshold when none is given: that of equal images.
+    fn exact(self) -> f64 {
+        if self == Metric::Psnr { f64::INFINITY } else { 0.0 }
+    }
+}
+
+/// What was found and what follows from it.
+struct Verdict {
+    comparison: Comparison,
+    z: Option<ZTest>,
+    threshold: Option<f64>,
+    same: bool,
+}
+
+/// Runs the comparison, prints the result on standard output and gives the exit code.
+///
+/// # Errors
+/// If an image cannot be read or the picture of the error cannot be written.
+pub fn run(args: &DiffArgs) -> Result<u8> {
+    let outcome = outcome(args)?;
+    super::print(&outcome.text)?;
+    Ok(outcome.exit_code)
+}
+
+/// What a comparison says, and its exit code.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Lines of text, or of JSON if that was asked for.
+    pub text: String,
+    /// 0 same, 1 different, 3 not comparable.
+    pub exit_code: u8,
+}
+
+/// Runs the comparison without printing.
+///
+/// # Errors
+/// As [`run`].
+pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
+    if args.fail.is_some_and(f64::is_nan) {
+        return Err(Error::usage("expected a number, found NaN").about("--fail"));
+    }
+    let (a, b) = (read(&args.a)?, read(&args.b)?);
+    let variance = args.variance.as_deref().map(read).transpose()?;
+    match judge(args, &a, &b, variance.as_ref()) {
+        Ok(verdict) => {
+            if let Some(path) = &args.output {
+                let picture = picture(&a, &b, &verdict).map_err(|e| Error::internal(e.to_string()))?;
+                write(path, &picture, &WriteOptions::default())?;
+            }
+            let text = if args.json { to_json(args, &verdict) } else { to_text(args, &verdict) };
+            Ok(Outcome { text, exit_code: if verdict.same { SAME } else { DIFFERENT } })
+        }
+        Err(why) => {
+            let reason = why.to_string();
+            let text = if args.json {
+                let (a, b) = (&args.a, &args.b);
+                json!({ "a": a, "b": b, "result": "not comparable", "reason": reason }).to_string() + "\n"
+            } else {
+                format!("not comparable: {reason}\n")
+            };
+            Ok(Outcome { text, exit_code: NOT_COMPARABLE })
+        }
+    }
+}
+
+fn judge(
+    args: &DiffArgs,
+    a: &Image,
+    b: &Image,
+    variance: Option<&Image>,
+) -> std::result::Result<Verdict, NotComparable> {
+    let comparison = compare(a, b)?;
+    let z = args.z.then(|| z_test(a, b, variance, 0.01)).transpose()?;
+    let threshold = args.fail.or((!args.z).then(|| args.metric.exact()));
+    let within = threshold.is_none_or(|t| comparison.layers.iter().all(|l| args.metric.passes(l, t)));
+    let same = !comparison.has_invalid() && within && z.as_ref().is_none_or(ZTest::passes);
+    Ok(Verdict { comparison, z, threshold, same })
+}
+
+/// The false-colour picture: |z| of a z-test on a linear scale up to 5, else the relative squared error on a
+/// logarithmic scale over six decades.
+fn picture(a: &Image, b: &Image, verdict: &Verdict) -> std::result::Result<Image, NotComparable> {
+    let Some(z) = &verdict.z else {
+        let map = error_map(a, b, ErrorKind::RelativeSquared)?;
+        let max = map.data.iter().filter(|v| v.is_finite()).fold(0.0f32, |max, v| max.max(*v));
+        return Ok(heat(&map, HeatScale::Log { max: f64::from(max), decades: 6.0 }));
+    };
+    let mut map = Image::new(z.scores.width, z.scores.height, &["z"]);
+    for (to, from) in map.data.iter_mut().zip(z.scores.data.chunks_exact(z.scores.channels.len())) {
+        // `f32::max` would drop a NaN.
+        *to = from.iter().fold(0.0, |max, z| if z.abs() > max || z.is_nan() { z.abs() } else { max });
+    }
+    Ok(heat(&map, HeatScale::Linear { max: 5.0 }))
+}
+
+fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
+    let mut text = String::new();
+    for (path, invalid) in
+        [(&args.a, &verdict.comparison.invalid_a), (&args.b, &verdict.comparison.invalid_b)]
+    {
+        if invalid.any() {
+            _ = writeln!(text, "{}: {invalid}", path.display());
+        }
+    }
+    for layer in &verdict.comparison.layers {
+        let name = if layer.layer.is_empty() { "picture" } else { &layer.layer };
+        _ = writeln!(text, "{name} ({})", layer.channels.join(", "));
+        _ = writeln!(text, "  relMSE {:.6e}   trimmed {:.6e}", layer.relmse, layer.trimmed_relmse);
+        _ = writeln!(text, "  MSE {:.6e}   RMSE {:.6e}   PSNR {:.3} dB", layer.mse, layer.rmse, layer.psnr);
+        _ = writeln!(
+            text,
+            "  mean difference {:.6e}   ratio of means {:.6}",
+            layer.mean_absolute, layer.mean_ratio
+        );
+        _ = writeln!(text, "  largest difference {:.6e} at {}", layer.max, layer.max_at);
+    }
+    if !verdict.comparison.ignored.is_empty() {
+        _ = writeln!(text, "only in one image, not compared: {}", verdict.comparison.ignored.join(", "));
+    }
+    if let Some(z) = &verdict.z {
+        let accepted = 100.0 * z.accepted;
+        _ = writeln!(
+            text,
+            "z-test at significance {}: {accepted:.3} % of the values accepted",
+            z.significance
+        );
+        _ = writeln!(
+            text,
+            "  mean z {:.4}   rms z {:.4}   largest {:.3} at {}",
+            z.mean, z.rms, z.max, z.max_at
+        );
+    }
+    let result = if verdict.same { "same" } else { "different" };
+    _ = match (verdict.threshold, verdict.comparison.has_invalid()) {
+        (_, true) => writeln!(text, "{result}: an image with NaN or infinite values never passes"),
+        (Some(t), false) => writeln!(text, "{result} by {} with threshold {t}", args.metric.name()),
+        (None, false) => writeln!(text, "{result} by the z-test"),
+    };
+    text
+}
+
+/// A layer's numbers; null for NaN and infinite ones, which JSON cannot hold.
+fn layer_json(layer: &LayerComparison) -> Json {
+    json!({
+        "layer": layer.layer, "channels": layer.channels,
+        "mean": layer.mean_absolute, "mse": layer.mse, "rmse": layer.rmse, "psnr": layer.psnr,
+        "relmse": layer.relmse, "trimmed": layer.trimmed_relmse, "mean_ratio": layer.mean_ratio,
+        "max": layer.max, "max_at": [layer.max_at.x, layer.max_at.y], "max_channel": layer.max_at.channel,
+    })
+}
+
+fn invalid_json(invalid: &Invalid) -> Json {
+    let first = invalid.first.as_ref().map(|at| json!({ "x": at.x, "y": at.y, "channel": at.channel }));
+    json!({ "nan": invalid.nan, "inf": invalid.inf, "first": first })
+}
+
+fn to_json(args: &DiffArgs, verdict: &Verdict) -> String {
+    let comparison = &verdict.comparison;
+    let z = verdict.z.as_ref().map(|z| {
+        json!({
+            "significance": z.significance, "accepted": z.accepted, "mean": z.mean, "rms": z.rms,
+            "max": z.max, "max_at": [z.max_at.x, z.max_at.y], "without_variance": z.without_variance,
+            "passes": z.passes(),
+        })
+    });
+    json!({
+        "a": args.a, "b": args.b,
+        "result": if verdict.same { "same" } else { "different" },
+        "metric": args.metric.name(),
+        "value": comparison.layers.first().map(|layer| args.metric.of(layer)),
+        "threshold": verdict.threshold,
+        "invalid_a": invalid_json(&comparison.invalid_a),
+        "invalid_b": invalid_json(&comparison.invalid_b),
+        "layers": comparison.layers.iter().map(layer_json).collect::<Vec<_>>(),
+        "not_compared": comparison.ignored,
+        "z": z,
+        "backend": crate::image::backend(),
+    })
+    .to_string()
+        + "\n"
+}

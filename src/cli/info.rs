@@ -1,0 +1,131 @@
+//! `buffon info`: what a scene or an image holds, what it needs, and what it will cost.
+
+use super::{info_image, print, render};
+use crate::accel::AccelKind;
+use crate::error::Result;
+use crate::image;
+use crate::loader::{self, LoadOptions};
+use crate::scene::{CompileOptions, Scene, compile};
+use crate::{bsdf::Bsdf, emitter::Light, shape::WorldShape};
+use clap::Args;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Tell what a scene or an image holds, what it needs and what it will cost.
+#[derive(Clone, Debug, Args)]
+pub struct InfoArgs {
+    /// A scene (.xml, .obj, .ply) or an image (.exr, .png, .jpg, .hdr, .pfm)
+    pub file: PathBuf,
+    /// Give a <default> of the scene another value
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
+    pub define: Vec<(String, String)>,
+    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
+    #[arg(long, value_name = "NAME")]
+    pub accel: Option<AccelKind>,
+}
+
+/// Prints the account.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn run(args: &InfoArgs) -> Result<u8> {
+    let extension = args.file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if matches!(extension.as_str(), "xml" | "obj" | "ply") {
+        print(&describe_scene(args)?)
+    } else {
+        print(&info_image::describe(&image::read(&args.file)?))
+    }
+}
+
+fn describe_scene(args: &InfoArgs) -> Result<String> {
+    let options = LoadOptions { defines: args.define.clone(), search_paths: Vec::new() };
+    let loaded = loader::load(&args.file, &options)?;
+    let settings = loaded.description.sensors.clone();
+    let compile_options =
+        CompileOptions { accel: args.accel.unwrap_or_default(), threads: render::default_threads() };
+    let (scene, report) = compile(loaded.description, compile_options)?;
+    let mut text = String::new();
+    let mut line = |name: &str, value: String| {
+        let _ = writeln!(text, "{name:<12} {value}");
+    };
+    line("integrator", loaded.integrator.name().into());
+    for sensor in &settings {
+        let film = &sensor.film;
+        let rect = film.rect();
+        line(
+            "sensor",
+            format!("perspective, {}x{}, {} pixels to render", film.width, film.height, rect.area()),
+        );
+    }
+    line("shapes", count(scene.shapes.iter().map(|s| shape_kind(&s.world))));
+    line("triangles", scene.triangle_count().to_string());
+    line("materials", count(scene.materials.iter().map(|m| material_kind(&m.bsdf))));
+    line("emitters", count(scene.lights.iter().map(light_kind)));
+    line("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max));
+    line("needs", scene.needs.to_string());
+    line("memory", memory(&scene, &settings));
+    line("build", format!("{:.3} s ({})", report.build_seconds, scene.accel.name()));
+    if let Some(spp) = loaded.samples_per_pixel {
+        line("samples", format!("{spp} per pixel"));
+    }
+    if report.dropped_primitives > 0 {
+        line("dropped", format!("{} invalid primitives", report.dropped_primitives));
+    }
+    for warning in loaded.warnings.iter().chain(&report.warnings) {
+        line("warning", warning.to_string());
+    }
+    for note in &loaded.notes {
+        line("note", note.clone());
+    }
+    Ok(text)
+}
+
+/// Bytes of meshes, accelerator and film in MiB.
+fn memory(scene: &Scene, sensors: &[crate::sensor::SensorSettings]) -> String {
+    let mib = |bytes: usize| bytes as f64 / (1024.0 * 1024.0);
+    // Two halves of three channels in f64, and two counts.
+    let film: u64 = sensors.iter().map(|s| s.film.rect().area() * 64).max().unwrap_or(0);
+    format!(
+        "meshes {:.1} MiB, acceleration structure {:.1} MiB, film {:.1} MiB",
+        mib(scene.mesh_bytes()),
+        mib(scene.accel.memory_bytes()),
+        mib(film as usize)
+    )
+}
+
+/// "2 cube, 1 sphere" for a list of kinds.
+fn count(kinds: impl Iterator<Item = &'static str>) -> String {
+    let mut counts = BTreeMap::<&str, usize>::new();
+    kinds.for_each(|kind| *counts.entry(kind).or_default() += 1);
+    if counts.is_empty() {
+        return "none".into();
+    }
+    counts.iter().map(|(kind, n)| format!("{n} {kind}")).collect::<Vec<_>>().join(", ")
+}
+
+fn shape_kind(shape: &WorldShape) -> &'static str {
+    match shape {
+        WorldShape::Mesh(_) => "mesh",
+        WorldShape::Rectangle { .. } => "rectangle",
+        WorldShape::Sphere { .. } => "sphere",
+        WorldShape::Disk { .. } => "disk",
+    }
+}
+
+fn material_kind(bsdf: &Bsdf) -> &'static str {
+    match bsdf {
+        Bsdf::Diffuse(_) => "diffuse",
+        Bsdf::Conductor(_) => "conductor",
+        Bsdf::RoughConductor(_) => "roughconductor",
+        Bsdf::Dielectric(_) => "dielectric",
+    }
+}
+
+fn light_kind(light: &Light) -> &'static str {
+    match light {
+        Light::Area(_) => "area",
+        Light::Point { .. } => "point",
+        Light::Constant { .. } => "constant",
+    }
+}

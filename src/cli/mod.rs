@@ -1,0 +1,77 @@
+//! The command line: one file per subcommand.
+
+pub mod cpu;
+pub mod diff;
+pub mod info;
+pub mod info_image;
+pub mod progress;
+pub mod render;
+pub mod shell;
+pub mod stats;
+pub mod values;
+
+use crate::error::{Error, Kind};
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Buffon renders scenes by Monte Carlo integration, and says how large its error is.
+#[derive(Debug, Parser)]
+#[command(name = "buffon", version = VERSION, propagate_version = true, max_term_width = 100)]
+#[command(
+    after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 scene or asset, 4 reading or writing \
+    output, 5 invalid samples or warnings under --strict, 128 + n stopped by signal n (what there is was written)."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Name, version, commit, and the libraries that this build stands on.
+const VERSION: &str = env!("BUFFON_VERSION");
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Render(Box<render::RenderArgs>),
+    Diff(diff::DiffArgs),
+    Info(info::InfoArgs),
+    Completions(shell::CompletionsArgs),
+    Man(shell::ManArgs),
+}
+
+/// Parses the command line, runs it and gives the exit code.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let code = if error.use_stderr() { Kind::Usage.exit_code() } else { 0 };
+            // A closed pipe is no reason to fail on.
+            let _ = error.print();
+            return ExitCode::from(code);
+        }
+    };
+    let result = match cli.command {
+        Command::Render(args) => render::run(&args),
+        Command::Diff(args) => diff::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Completions(args) => shell::completions(&args),
+        Command::Man(args) => shell::man(&args),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => {
+            eprintln!("buffon: {error}");
+            ExitCode::from(error.kind.exit_code())
+        }
+    }
+}
+
+/// Writes text to standard output; a reader that has gone away is no error.
+fn print(text: &str) -> Result<u8, Error> {
+    use std::io::Write;
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::output(format!("cannot write to standard output: {e}")))
+        }
+        _ => Ok(0),
+    }
+}

@@ -1,0 +1,148 @@
+//! Progress on standard error, from a thread of its own.
+
+use crate::render::{Progress, StopRules};
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How to show progress.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ProgressKind {
+    /// A bar on a terminal, else plain lines
+    Auto,
+    /// A bar
+    Bar,
+    /// A line every few seconds
+    Plain,
+    /// A JSON object on a line every second
+    Json,
+    /// Nothing
+    None,
+}
+
+/// Shows a render's progress until it is finished.
+pub struct Watcher {
+    stop: Option<(Sender<()>, JoinHandle<()>)>,
+}
+
+/// What is shown.
+struct View {
+    progress: Arc<Progress>,
+    pixels: u64,
+    rules: StopRules,
+    started: Instant,
+}
+
+impl Watcher {
+    /// Begins to show the progress of a render of so many pixels.
+    pub fn start(kind: ProgressKind, progress: Arc<Progress>, pixels: u64, rules: StopRules) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let kind = match kind {
+            ProgressKind::Auto if terminal => ProgressKind::Bar,
+            ProgressKind::Auto => ProgressKind::Plain,
+            kind => kind,
+        };
+        let view = View { progress, pixels, rules, started: Instant::now() };
+        let (sender, receiver) = channel::<()>();
+        let (period, bar) = match kind {
+            ProgressKind::None | ProgressKind::Auto => return Watcher { stop: None },
+            ProgressKind::Bar => (Duration::from_millis(100), Some(bar())),
+            ProgressKind::Plain => (Duration::from_secs(5), None),
+            ProgressKind::Json => (Duration::from_secs(1), None),
+        };
+        let thread = std::thread::spawn(move || {
+            while let Err(RecvTimeoutError::Timeout) = receiver.recv_timeout(period) {
+                match &bar {
+                    Some(bar) => view.draw(bar),
+                    None if kind == ProgressKind::Json => eprintln!("{}", view.json()),
+                    None => eprintln!("{}", view.line()),
+                }
+            }
+            if let Some(bar) = bar {
+                bar.finish_and_clear();
+            }
+        });
+        Watcher { stop: Some((sender, thread)) }
+    }
+
+    /// Ends the show and waits for its last line.
+    pub fn finish(self) {
+        if let Some((sender, thread)) = self.stop {
+            drop(sender);
+            // A watcher that failed is no reason to lose the image.
+            let _ = thread.join();
+        }
+    }
+}
+
+const STEPS: u64 = 1000;
+
+fn bar() -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
+    if let Ok(style) = ProgressStyle::with_template("[{bar:30}] {msg}") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar
+}
+
+impl View {
+    /// The share of the work that is done, by the rule that is nearest to firing; below 1 until it fires.
+    fn share(&self) -> Option<f64> {
+        let elapsed = self.started.elapsed().as_secs_f64();
+        let samples = self.progress.pixel_samples() as f64 / self.pixels as f64;
+        let by_samples = self.rules.samples.map(|n| samples / n as f64);
+        let by_time = self.rules.time.map(|t| elapsed / t.as_secs_f64());
+        // The error falls about as one over the number of samples.
+        let by_error = self.rules.error.and_then(|target| Some(target / self.progress.relmse()?));
+        let shares = [by_samples, by_time, by_error].into_iter().flatten();
+        shares.reduce(f64::max).map(|share| share.clamp(0.0, 0.999))
+    }
+
+    fn rate(&self) -> f64 {
+        self.progress.pixel_samples() as f64 / self.started.elapsed().as_secs_f64().max(1e-9)
+    }
+
+    fn eta(&self) -> Option<Duration> {
+        let share = self.share().filter(|&s| s > 1e-3)?;
+        Some(self.started.elapsed().mul_f64((1.0 - share) / share))
+    }
+
+    fn line(&self) -> String {
+        let mut line = match self.share() {
+            // Floored: a percentage never rounds up to done.
+            Some(share) => format!("{:>3} %", (share * 100.0) as u32),
+            None => "running".into(),
+        };
+        let per_pixel = self.progress.pixel_samples() as f64 / self.pixels as f64;
+        line +=
+            &format!(", {:.0} samples per pixel, {:.2} M samples/s", per_pixel.floor(), self.rate() * 1e-6);
+        if let Some(relmse) = self.progress.relmse() {
+            line += &format!(", relMSE about {relmse:.1e}");
+        }
+        if let Some(eta) = self.eta() {
+            line += &format!(", {:.0} s left", eta.as_secs_f64().ceil());
+        }
+        line
+    }
+
+    fn json(&self) -> String {
+        serde_json::json!({
+            "share": self.share(),
+            "seconds": self.started.elapsed().as_secs_f64(),
+            "seconds_left": self.eta().map(|d| d.as_secs_f64()),
+            "samples_per_pixel": self.progress.samples_per_pixel(),
+            "samples": self.progress.pixel_samples(),
+            "relmse_estimate": self.progress.relmse(),
+        })
+        .to_string()
+    }
+
+    fn draw(&self, bar: &ProgressBar) {
+        bar.set_position((self.share().unwrap_or(0.0) * STEPS as f64) as u64);
+        bar.set_message(self.line());
+    }
+}

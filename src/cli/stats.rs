@@ -1,0 +1,116 @@
+//! `--stats`: the machine-readable account of a render.
+
+use crate::error::Result;
+use crate::image::replace;
+use crate::render::Rendered;
+use crate::sampling::SamplerKind;
+use crate::scene::{CompileReport, Scene};
+use cpu_time::ProcessTime;
+use serde_json::{Map, Value, json};
+use std::path::Path;
+
+/// Wall time of the parts of a run.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seconds {
+    /// Reading the scene and its files.
+    pub load: f64,
+    /// Building the accelerator.
+    pub build: f64,
+    /// Preparing the integrator.
+    pub prepare: f64,
+    /// Sampling alone.
+    pub render: f64,
+    /// Writing the image.
+    pub write: f64,
+    /// All of it.
+    pub total: f64,
+}
+
+/// Everything that the account is made of.
+pub struct Account<'a> {
+    /// The scene file.
+    pub scene_file: &'a Path,
+    /// The scene.
+    pub scene: &'a Scene,
+    /// What compiling found.
+    pub report: &'a CompileReport,
+    /// Name of the integrator.
+    pub integrator: &'a str,
+    /// The sampler.
+    pub sampler: SamplerKind,
+    /// The seed.
+    pub seed: u64,
+    /// Threads.
+    pub threads: usize,
+    /// The render.
+    pub rendered: &'a Rendered,
+    /// Its times.
+    pub seconds: Seconds,
+}
+
+impl Account<'_> {
+    /// Writes the account to a file, or to standard output for "-".
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = format!("{:#}\n", self.json());
+        if path == Path::new("-") {
+            return super::print(&text).map(drop);
+        }
+        replace(path, |part| std::fs::write(part, text).map_err(|e| e.to_string()))
+    }
+
+    fn json(&self) -> Value {
+        let Account { scene, rendered, seconds, .. } = self;
+        let counters = &rendered.counters;
+        let needs: Map<String, Value> =
+            scene.needs.list().into_iter().map(|(name, used)| (name.to_string(), used.into())).collect();
+        json!({
+            "version": env!("BUFFON_VERSION"),
+            "scene": self.scene_file.display().to_string(),
+            "integrator": self.integrator,
+            "sampler": self.sampler.name(),
+            "accel": scene.accel.name(),
+            "image_library": crate::image::backend(),
+            "seed": self.seed,
+            "threads": self.threads,
+            "width": rendered.rect.width,
+            "height": rendered.rect.height,
+            "spp": rendered.samples_per_pixel,
+            "stop_reason": rendered.stop_reason.to_string(),
+            "seconds": {
+                "load": seconds.load,
+                "build": seconds.build,
+                "prepare": seconds.prepare,
+                "render": seconds.render,
+                "write": seconds.write,
+                "total": seconds.total,
+            },
+            "cpu_seconds": ProcessTime::now().as_duration().as_secs_f64(),
+            "accel_thread_seconds": {
+                "closest": counters.closest_time.as_secs_f64(),
+                "occlusion": counters.occlusion_time.as_secs_f64(),
+            },
+            "rays": { "closest": counters.closest_rays, "occlusion": counters.occlusion_rays },
+            "paths": counters.paths,
+            "invalid_samples": rendered.invalid_count,
+            "relmse_estimate": rendered.relmse,
+            "peak_memory_bytes": peak_memory(),
+            "accel_memory_bytes": scene.accel.memory_bytes(),
+            "mesh_memory_bytes": scene.mesh_bytes(),
+            "film_memory_bytes": rendered.tiles.iter().map(|t| t.memory_bytes()).sum::<usize>(),
+            "triangles": scene.triangle_count(),
+            "dropped_primitives": self.report.dropped_primitives,
+            "needs": needs,
+        })
+    }
+}
+
+/// The most memory that the process has had resident; `None` where the system does not tell.
+fn peak_memory() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kib * 1024)
+}

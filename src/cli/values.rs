@@ -1,0 +1,79 @@
+//! Values of options: durations, sizes, rectangles, definitions.
+
+use crate::film::PixelRect;
+use std::time::Duration;
+
+/// Parses `90`, `90s`, `1.5m` or `2h`.
+pub fn duration(text: &str) -> Result<Duration, String> {
+    let (number, factor) = match text.strip_suffix(['s', 'm', 'h']) {
+        Some(number) if text.ends_with('m') => (number, 60.0),
+        Some(number) if text.ends_with('h') => (number, 3600.0),
+        Some(number) => (number, 1.0),
+        None => (text, 1.0),
+    };
+    match number.parse::<f64>() {
+        Ok(n) if n > 0.0 && n * factor < 1e9 => Ok(Duration::from_secs_f64(n * factor)),
+        _ => Err("expected a positive time such as 90s, 1.5m or 2h".into()),
+    }
+}
+
+/// Parses `name=value`.
+pub fn definition(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((name, value)) if !name.is_empty() => Ok((name.to_string(), value.to_string())),
+        _ => Err("expected name=value".into()),
+    }
+}
+
+/// Parses `WIDTHxHEIGHT`.
+pub fn size(text: &str) -> Result<(u32, u32), String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match parsed {
+        Some((w, h)) if (1..=MAX_SIDE).contains(&w) && (1..=MAX_SIDE).contains(&h) => Ok((w, h)),
+        _ => Err(format!("expected WIDTHxHEIGHT in pixels, each from 1 to {MAX_SIDE}")),
+    }
+}
+
+/// Largest side of an image.
+const MAX_SIDE: u32 = 65_535;
+
+/// Parses `X,Y,WIDTH,HEIGHT`.
+pub fn rect(text: &str) -> Result<PixelRect, String> {
+    let numbers: Option<Vec<u32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(PixelRect { x, y, width, height }),
+        _ => Err("expected X,Y,WIDTH,HEIGHT in pixels from the top left corner".into()),
+    }
+}
+
+/// Parses a positive number.
+pub fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("expected a positive number".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations_have_units() {
+        assert_eq!(duration("90"), Ok(Duration::from_secs(90)));
+        assert_eq!(duration("90s"), Ok(Duration::from_secs(90)));
+        assert_eq!(duration("1.5m"), Ok(Duration::from_secs(90)));
+        assert_eq!(duration("2h"), Ok(Duration::from_secs(7200)));
+        for bad in ["", "s", "-1", "0", "nan", "inf", "1d", "1mm", "1e30h"] {
+            assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn sizes_and_rectangles_are_checked() {
+        assert_eq!(size("400x300"), Ok((400, 300)));
+        assert!(size("0x3").is_err() && size("400").is_err() && size("70000x1").is_err());
+        assert_eq!(rect("1,2,3,4"), Ok(PixelRect { x: 1, y: 2, width: 3, height: 4 }));
+        assert!(rect("1,2,3").is_err() && rect("1,2,0,4").is_err() && rect("-1,2,3,4").is_err());
+    }
+}

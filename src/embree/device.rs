@@ -1,0 +1,194 @@
+//! The Embree device: options, errors and the count of its memory.
+
+use crate::error::{Error, Result};
+use buffon_embree_sys as sys;
+use std::ffi::{CStr, CString, c_char, c_void};
+use std::ptr;
+use std::sync::atomic::{AtomicIsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The most threads that a device may be asked for.
+const MAX_THREADS: usize = 4096;
+
+/// The version of the Embree headers that Buffon was built with, e.g. `3.13.5`.
+pub fn version() -> &'static str {
+    let bytes: &'static [u8] = sys::RTC_VERSION_STRING;
+    CStr::from_bytes_with_nul(bytes).ok().and_then(|s| s.to_str().ok()).unwrap_or("3")
+}
+
+/// How a device is made. Embree silently accepts options that it does not know, so there is no free text here.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DeviceOptions {
+    /// Threads that build scenes; 0 means all cores. Embree's limit is process-wide: the last device wins.
+    pub threads: usize,
+}
+
+impl DeviceOptions {
+    /// The configuration string of `rtcNewDevice`.
+    fn config(&self) -> Result<CString> {
+        if self.threads > MAX_THREADS {
+            let message = format!("expected at most {MAX_THREADS} threads, found {}", self.threads);
+            return Err(Error::usage(message).about("Embree"));
+        }
+        let text = match self.threads {
+            0 => String::new(),
+            n => format!("threads={n}"),
+        };
+        Ok(CString::new(text).expect("the configuration has no NUL"))
+    }
+}
+
+/// What Embree's callbacks write to.
+struct CallbackState {
+    bytes: AtomicIsize,
+    messages: Mutex<Vec<String>>,
+}
+
+/// An Embree device. Scenes made with it keep it alive.
+pub struct Device {
+    handle: Arc<DeviceHandle>,
+}
+
+/// The one owner of the C handle; shared by the device and its scenes.
+pub(super) struct DeviceHandle {
+    raw: sys::RTCDevice,
+    state: Box<CallbackState>,
+}
+
+// SAFETY: Embree's device is thread-safe (reference-counted, internally locked); the callbacks only touch an
+// atomic and a mutex.
+unsafe impl Send for DeviceHandle {}
+// SAFETY: as above.
+unsafe impl Sync for DeviceHandle {}
+
+impl Device {
+    /// Makes a device.
+    ///
+    /// # Errors
+    /// If the options are out of range, or if Embree cannot run here (its message is passed on).
+    pub fn new(options: DeviceOptions) -> Result<Self> {
+        let config = options.config()?;
+        // SAFETY: `config` is a NUL-terminated string that outlives the call.
+        let raw = unsafe { sys::rtcNewDevice(config.as_ptr()) };
+        if raw.is_null() {
+            // SAFETY: a null device is the documented way to ask why `rtcNewDevice` failed.
+            let code = unsafe { sys::rtcGetDeviceError(ptr::null_mut()) };
+            return Err(Error::internal(format!("no device: {}", describe(code))).about("Embree"));
+        }
+        let state = Box::new(CallbackState { bytes: AtomicIsize::new(0), messages: Mutex::new(Vec::new()) });
+        let user: *const CallbackState = &*state;
+        // SAFETY: `raw` is a live device. `state` is boxed, so its address is stable, and it is dropped by
+        // `DeviceHandle` only after the device was released.
+        unsafe {
+            sys::rtcSetDeviceErrorFunction(raw, Some(on_error), user.cast_mut().cast());
+            sys::rtcSetDeviceMemoryMonitorFunction(raw, Some(on_memory), user.cast_mut().cast());
+        }
+        let handle = Arc::new(DeviceHandle { raw, state });
+        handle.check("making the device")?;
+        Ok(Device { handle })
+    }
+
+    /// Bytes that Embree holds for this device and its scenes, as its memory monitor reports them. Shared vertex
+    /// and index arrays are not included.
+    pub fn memory_bytes(&self) -> usize {
+        self.handle.memory_bytes()
+    }
+
+    /// Whether packets of 16 rays are traced 16 wide on this machine.
+    pub fn has_native_packets16(&self) -> bool {
+        let property = sys::RTCDeviceProperty::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED;
+        // SAFETY: the device is live, the property exists in every Embree 3.
+        unsafe { sys::rtcGetDeviceProperty(self.handle.raw, property) != 0 }
+    }
+
+    /// The shared owner of the handle.
+    pub(super) fn handle(&self) -> &Arc<DeviceHandle> {
+        &self.handle
+    }
+}
+
+impl DeviceHandle {
+    /// The C handle; valid while `self` lives.
+    pub(super) fn raw(&self) -> sys::RTCDevice {
+        self.raw
+    }
+
+    /// See [`Device::memory_bytes`].
+    pub(super) fn memory_bytes(&self) -> usize {
+        self.state.bytes.load(Ordering::Relaxed).max(0) as usize
+    }
+
+    /// Reads and clears this thread's error; `doing` says what was being done.
+    pub(super) fn check(&self, doing: &str) -> Result<()> {
+        // SAFETY: the device is live.
+        let code = unsafe { sys::rtcGetDeviceError(self.raw) };
+        let mut messages = self.state.messages.lock().unwrap_or_else(PoisonError::into_inner);
+        if code == sys::RTCError::RTC_ERROR_NONE {
+            return Ok(());
+        }
+        let detail = messages.drain(..).collect::<Vec<_>>().join("; ");
+        let detail = if detail.is_empty() { String::new() } else { format!(" ({detail})") };
+        Err(Error::internal(format!("{doing}: {}{detail}", describe(code))).about("Embree"))
+    }
+}
+
+impl Drop for DeviceHandle {
+    fn drop(&mut self) {
+        // SAFETY: the handle is live and owned by `self` alone; scenes hold an `Arc` of `self`, so none is left.
+        // The callback state is a field and is dropped after this.
+        unsafe { sys::rtcReleaseDevice(self.raw) };
+    }
+}
+
+/// An error code in words.
+fn describe(code: sys::RTCError) -> &'static str {
+    match code {
+        sys::RTCError::RTC_ERROR_NONE => "no error",
+        sys::RTCError::RTC_ERROR_INVALID_ARGUMENT => "invalid argument",
+        sys::RTCError::RTC_ERROR_INVALID_OPERATION => "invalid operation",
+        sys::RTCError::RTC_ERROR_OUT_OF_MEMORY => "out of memory",
+        sys::RTCError::RTC_ERROR_UNSUPPORTED_CPU => "this CPU is not supported",
+        sys::RTCError::RTC_ERROR_CANCELLED => "cancelled",
+        _ => "unknown error",
+    }
+}
+
+/// Embree's error callback: keeps the message until [`DeviceHandle::check`] reads the code.
+unsafe extern "C" fn on_error(user: *mut c_void, _code: sys::RTCError, text: *const c_char) {
+    if user.is_null() || text.is_null() {
+        return;
+    }
+    // SAFETY: `user` is the `CallbackState` that `Device::new` registered; it outlives the device.
+    let state = unsafe { &*user.cast::<CallbackState>() };
+    // SAFETY: Embree passes a NUL-terminated string that lives for the call.
+    let text = unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned();
+    state.messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+}
+
+/// Embree's memory monitor: counts, and lets every allocation pass.
+unsafe extern "C" fn on_memory(user: *mut c_void, bytes: isize, _post: bool) -> bool {
+    if !user.is_null() {
+        // SAFETY: `user` is the `CallbackState` that `Device::new` registered; it outlives the device.
+        let state = unsafe { &*user.cast::<CallbackState>() };
+        state.bytes.fetch_add(bytes, Ordering::Relaxed);
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn too_many_threads_are_refused_in_a_sentence() {
+        let error = Device::new(DeviceOptions { threads: 5000 }).err().expect("refused");
+        assert_eq!(error.to_string(), "Embree: expected at most 4096 threads, found 5000");
+    }
+
+    #[test]
+    fn a_device_says_what_it_is() {
+        let device = Device::new(DeviceOptions::default()).expect("a device");
+        assert!(version().starts_with("3."));
+        let _ = device.has_native_packets16();
+    }
+}

@@ -1,0 +1,306 @@
+//! Scenes: a builder that is consumed, and the immutable scene that answers queries.
+
+use super::device::{Device, DeviceHandle};
+use super::packet::{Mask16, RayHit1, RayHits16, Rays16};
+use super::user::{QueryContext, UserPrimitives, UserState, on_bounds, on_intersect, on_occluded};
+use crate::error::{Error, Result};
+use buffon_embree_sys as sys;
+use std::sync::Arc;
+
+/// How a scene is built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneOptions {
+    /// Watertight along edges, at some cost (`RTC_SCENE_FLAG_ROBUST`). Off only to measure that cost.
+    pub robust: bool,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        SceneOptions { robust: true }
+    }
+}
+
+/// What the caller knows about the rays of successive queries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coherence {
+    /// Neighbours start at about one point and point in about one direction.
+    Coherent,
+    /// Neighbours have nothing in common.
+    Incoherent,
+}
+
+impl Coherence {
+    #[inline]
+    fn context(self) -> QueryContext {
+        QueryContext::new(match self {
+            Coherence::Coherent => sys::RTCIntersectContextFlags::RTC_INTERSECT_CONTEXT_FLAG_COHERENT,
+            Coherence::Incoherent => sys::RTCIntersectContextFlags::RTC_INTERSECT_CONTEXT_FLAG_INCOHERENT,
+        })
+    }
+}
+
+/// The one owner of a scene's C handle.
+struct SceneHandle {
+    raw: sys::RTCScene,
+    device: Arc<DeviceHandle>,
+}
+
+// SAFETY: Embree's scenes may be used from any thread; changes happen only through `SceneBuilder` (owned, `&mut`),
+// and the queries of a committed scene are thread-safe.
+unsafe impl Send for SceneHandle {}
+// SAFETY: as above.
+unsafe impl Sync for SceneHandle {}
+
+impl Drop for SceneHandle {
+    fn drop(&mut self) {
+        // SAFETY: the handle is live and owned by `self` alone; the device is a field and is dropped after this.
+        unsafe { sys::rtcReleaseScene(self.raw) };
+    }
+}
+
+/// What Embree reads for as long as the scene lives.
+#[derive(Default)]
+struct Kept {
+    vertices: Vec<Arc<Vec<[f32; 3]>>>,
+    indices: Vec<Arc<Vec<[u32; 3]>>>,
+    // Boxed: Embree holds the address.
+    #[expect(clippy::vec_box)]
+    users: Vec<Box<UserState>>,
+}
+
+/// The one owner of a geometry's C handle until it is attached.
+struct GeometryHandle(sys::RTCGeometry);
+
+impl Drop for GeometryHandle {
+    fn drop(&mut self) {
+        // SAFETY: the handle is live and owned by `self`; an attached geometry is retained by its scene.
+        unsafe { sys::rtcReleaseGeometry(self.0) };
+    }
+}
+
+/// A scene to which geometries are added.
+pub struct SceneBuilder {
+    // Declared first, so dropped before what it reads.
+    scene: SceneHandle,
+    kept: Kept,
+}
+
+impl SceneBuilder {
+    /// An empty scene.
+    ///
+    /// # Errors
+    /// If Embree cannot make one (no memory).
+    pub fn new(device: &Device, options: SceneOptions) -> Result<Self> {
+        let device = Arc::clone(device.handle());
+        // SAFETY: the device is live.
+        let raw = unsafe { sys::rtcNewScene(device.raw()) };
+        if raw.is_null() {
+            device.check("making a scene")?;
+            return Err(Error::internal("making a scene: no scene and no error").about("Embree"));
+        }
+        let scene = SceneHandle { raw, device };
+        let flags = match options.robust {
+            true => sys::RTCSceneFlags::RTC_SCENE_FLAG_ROBUST,
+            false => sys::RTCSceneFlags::RTC_SCENE_FLAG_NONE,
+        };
+        // SAFETY: the scene is live and not committed.
+        unsafe { sys::rtcSetSceneFlags(scene.raw, flags) };
+        scene.device.check("setting the scene's flags")?;
+        Ok(SceneBuilder { scene, kept: Kept::default() })
+    }
+
+    /// Adds a triangle mesh as geometry `id`. The arrays are shared with Embree, not copied.
+    ///
+    /// The first `count` elements of `vertices` are the vertices. At least one more element must follow them:
+    /// Embree reads 16 bytes at the last vertex, of which 12 are its own.
+    ///
+    /// # Errors
+    /// If the padding is missing, an index is out of range, or Embree refuses (an id used twice).
+    pub fn add_triangles(
+        &mut self,
+        id: u32,
+        vertices: Arc<Vec<[f32; 3]>>,
+        count: usize,
+        indices: Arc<Vec<[u32; 3]>>,
+    ) -> Result<()> {
+        if vertices.len() <= count {
+            let message =
+                format!("expected padding after {count} vertices, found {} elements", vertices.len());
+            return Err(Error::internal(message).about("Embree"));
+        }
+        let greatest = indices.iter().flatten().fold(0, |a, &b| a.max(b));
+        if !indices.is_empty() && greatest as usize >= count {
+            let message = format!("expected indices below {count}, found {greatest}");
+            return Err(Error::internal(message).about("Embree"));
+        }
+        let geometry = self.new_geometry(sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE)?;
+        // SAFETY: the geometry is live. Both arrays lie behind an `Arc<Vec>` that `kept` holds until after the
+        // scene is released; nobody can change or move a `Vec` behind a shared `Arc`. All indices are below
+        // `count` and an element follows the last vertex, so what Embree reads lies inside.
+        unsafe {
+            sys::rtcSetSharedGeometryBuffer(
+                geometry.0,
+                sys::RTCBufferType::RTC_BUFFER_TYPE_VERTEX,
+                0,
+                sys::RTCFormat::RTC_FORMAT_FLOAT3,
+                vertices.as_ptr().cast(),
+                0,
+                size_of::<[f32; 3]>(),
+                count,
+            );
+            sys::rtcSetSharedGeometryBuffer(
+                geometry.0,
+                sys::RTCBufferType::RTC_BUFFER_TYPE_INDEX,
+                0,
+                sys::RTCFormat::RTC_FORMAT_UINT3,
+                indices.as_ptr().cast(),
+                0,
+                size_of::<[u32; 3]>(),
+                indices.len(),
+            );
+        }
+        self.kept.vertices.push(vertices);
+        self.kept.indices.push(indices);
+        self.attach(&geometry, id)
+    }
+
+    /// Adds user primitives as geometry `id`.
+    ///
+    /// # Errors
+    /// If Embree refuses (an id used twice).
+    pub fn add_user(&mut self, id: u32, primitives: Arc<dyn UserPrimitives>) -> Result<()> {
+        let state = Box::new(UserState::new(primitives));
+        let geometry = self.new_geometry(sys::RTCGeometryType::RTC_GEOMETRY_TYPE_USER)?;
+        let pointer: *const UserState = &*state;
+        // SAFETY: the geometry is live; `state` is boxed and held by `kept` until after the scene is released; the
+        // callbacks read it only, and have the signatures that Embree calls.
+        unsafe {
+            sys::rtcSetGeometryUserPrimitiveCount(geometry.0, state.count());
+            sys::rtcSetGeometryUserData(geometry.0, pointer.cast_mut().cast());
+            sys::rtcSetGeometryBoundsFunction(geometry.0, Some(on_bounds), std::ptr::null_mut());
+            sys::rtcSetGeometryIntersectFunction(geometry.0, Some(on_intersect));
+            sys::rtcSetGeometryOccludedFunction(geometry.0, Some(on_occluded));
+        }
+        self.kept.users.push(state);
+        self.attach(&geometry, id)
+    }
+
+    /// Builds the acceleration structure with the device's threads.
+    ///
+    /// # Errors
+    /// If Embree fails, e.g. for lack of memory.
+    pub fn commit(self) -> Result<CommittedScene> {
+        // SAFETY: the scene is live, and `self` is owned: no query runs.
+        unsafe { sys::rtcCommitScene(self.scene.raw) };
+        self.scene.device.check("building the scene")?;
+        Ok(CommittedScene { scene: self.scene, _kept: self.kept })
+    }
+
+    fn new_geometry(&self, kind: sys::RTCGeometryType) -> Result<GeometryHandle> {
+        // SAFETY: the device is live.
+        let raw = unsafe { sys::rtcNewGeometry(self.scene.device.raw(), kind) };
+        if raw.is_null() {
+            self.scene.device.check("making a geometry")?;
+            return Err(Error::internal("making a geometry: no geometry and no error").about("Embree"));
+        }
+        Ok(GeometryHandle(raw))
+    }
+
+    fn attach(&mut self, geometry: &GeometryHandle, id: u32) -> Result<()> {
+        self.scene.device.check("describing a geometry")?;
+        // SAFETY: geometry and scene are live.
+        unsafe {
+            sys::rtcCommitGeometry(geometry.0);
+            sys::rtcAttachGeometryByID(self.scene.raw, geometry.0, id);
+        }
+        self.scene.device.check("adding a geometry")
+    }
+}
+
+/// A scene that is built. It does not change any more; queries may come from any number of threads.
+///
+/// An invalid ray hits nothing and is left as it was: one with a component of origin or direction that is NaN or
+/// beyond [`COMPONENT_LIMIT`](super::COMPONENT_LIMIT), with a zero direction, or without `0 ≤ t_near < t_far`.
+/// Embree itself does not look: a build with assertions, such as Debian's, aborts the process.
+pub struct CommittedScene {
+    // Declared first, so dropped before what it reads.
+    scene: SceneHandle,
+    _kept: Kept,
+}
+
+impl CommittedScene {
+    /// The box (least corner, greatest corner) around everything; least > greatest when the scene is empty.
+    pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
+        let mut b = sys::RTCBounds {
+            lower_x: f32::INFINITY,
+            lower_y: f32::INFINITY,
+            lower_z: f32::INFINITY,
+            align0: 0.0,
+            upper_x: f32::NEG_INFINITY,
+            upper_y: f32::NEG_INFINITY,
+            upper_z: f32::NEG_INFINITY,
+            align1: 0.0,
+        };
+        // SAFETY: the scene is committed; `b` is a box to write.
+        unsafe { sys::rtcGetSceneBounds(self.scene.raw, &mut b) };
+        ([b.lower_x, b.lower_y, b.lower_z], [b.upper_x, b.upper_y, b.upper_z])
+    }
+
+    /// Bytes that Embree holds for the scene's device; the scene's alone when it is the device's only one.
+    pub fn memory_bytes(&self) -> usize {
+        self.scene.device.memory_bytes()
+    }
+
+    /// Finds the nearest hit. A miss leaves the ray as it was.
+    #[inline]
+    pub fn intersect1(&self, ray: &mut RayHit1, coherence: Coherence) {
+        if !ray.is_valid() {
+            return;
+        }
+        let mut context = coherence.context();
+        // SAFETY: the scene is committed; `RayHit1` is `RTCRayHit` in size, alignment and layout.
+        unsafe { sys::rtcIntersect1(self.scene.raw, context.as_mut_ptr(), (&raw mut *ray).cast()) };
+        context.finish();
+    }
+
+    /// Whether anything is hit.
+    #[inline]
+    pub fn occluded1(&self, ray: &mut RayHit1, coherence: Coherence) -> bool {
+        if !ray.is_valid() {
+            return false;
+        }
+        let mut context = coherence.context();
+        // SAFETY: the scene is committed; `RayHit1` begins with `RTCRay`.
+        unsafe { sys::rtcOccluded1(self.scene.raw, context.as_mut_ptr(), (&raw mut *ray).cast()) };
+        context.finish();
+        ray.t_far == f32::NEG_INFINITY
+    }
+
+    /// Finds the nearest hits of the wanted rays of a packet. A miss leaves a ray as it was.
+    /// Returns which rays were traced: the wanted ones that are valid.
+    #[inline]
+    pub fn intersect16(&self, wanted: &Mask16, rays: &mut RayHits16, coherence: Coherence) -> Mask16 {
+        let valid = rays.rays.valid(wanted);
+        let mut context = coherence.context();
+        let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
+        // SAFETY: the scene is committed; `RayHits16` is `RTCRayHit16` in size, alignment and layout, and the mask
+        // is aligned alike.
+        unsafe { sys::rtcIntersect16(valid.as_ptr(), self.scene.raw, context_ptr, rays.cast()) };
+        context.finish();
+        valid
+    }
+
+    /// Finds whether the wanted rays of a packet hit anything: then `t_far` becomes -∞.
+    /// Returns which rays were traced: the wanted ones that are valid.
+    #[inline]
+    pub fn occluded16(&self, wanted: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
+        let valid = rays.valid(wanted);
+        let mut context = coherence.context();
+        let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
+        // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is
+        // aligned alike.
+        unsafe { sys::rtcOccluded16(valid.as_ptr(), self.scene.raw, context_ptr, rays.cast()) };
+        context.finish();
+        valid
+    }
+}

@@ -1,0 +1,243 @@
+//! User geometry: primitives that Rust code bounds and intersects, called back by Embree.
+
+use super::INVALID_ID;
+use buffon_embree_sys as sys;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
+
+/// A ray as a user primitive sees it. A hit counts for `t_near < t < t_far`.
+#[derive(Clone, Copy, Debug)]
+pub struct UserRay {
+    /// Origin.
+    pub origin: [f32; 3],
+    /// Direction, of any length.
+    pub direction: [f32; 3],
+    /// Least parameter of a hit.
+    pub t_near: f32,
+    /// Greatest parameter of a hit: that of the nearest hit found so far.
+    pub t_far: f32,
+    /// Time in [0, 1].
+    pub time: f32,
+}
+
+/// A hit of a user primitive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UserHit {
+    /// Ray parameter.
+    pub t: f32,
+    /// First surface coordinate.
+    pub u: f32,
+    /// Second surface coordinate.
+    pub v: f32,
+}
+
+/// A set of primitives behind one geometry id.
+///
+/// The functions may panic: the panic reaches the caller of the query, never Embree.
+pub trait UserPrimitives: Send + Sync {
+    /// How many primitives there are.
+    fn count(&self) -> u32;
+    /// The box (least corner, greatest corner) around primitive `i`.
+    fn bounds(&self, i: u32) -> ([f32; 3], [f32; 3]);
+    /// The nearest hit of primitive `i` within the ray's bounds.
+    fn intersect(&self, i: u32, ray: &UserRay) -> Option<UserHit>;
+    /// Whether primitive `i` has a hit within the ray's bounds.
+    fn occluded(&self, i: u32, ray: &UserRay) -> bool {
+        self.intersect(i, ray).is_some()
+    }
+}
+
+/// What the callbacks read. The boxes are computed before the build: Embree calls back for them from its own
+/// threads, with denormals switched off, which Rust code must not see.
+pub(super) struct UserState {
+    primitives: Arc<dyn UserPrimitives>,
+    bounds: Vec<([f32; 3], [f32; 3])>,
+}
+
+impl UserState {
+    /// Computes the boxes; a panic of [`UserPrimitives::bounds`] passes through, for no C frame is below.
+    pub(super) fn new(primitives: Arc<dyn UserPrimitives>) -> Self {
+        let bounds = (0..primitives.count()).map(|i| primitives.bounds(i)).collect();
+        UserState { primitives, bounds }
+    }
+
+    /// How many primitives there are.
+    pub(super) fn count(&self) -> u32 {
+        self.bounds.len() as u32
+    }
+}
+
+/// Embree's context of a query, followed by what a callback has to hand back to the query.
+#[repr(C)]
+pub(super) struct QueryContext {
+    embree: sys::RTCIntersectContext,
+    panic: Option<Box<dyn Any + Send>>,
+}
+
+impl QueryContext {
+    /// A context with the given flags.
+    #[inline]
+    pub(super) fn new(flags: sys::RTCIntersectContextFlags) -> Self {
+        QueryContext { embree: sys::intersect_context(flags), panic: None }
+    }
+
+    /// For the C call; the pointer covers the whole structure, so that the callbacks can reach `panic`.
+    #[inline]
+    pub(super) fn as_mut_ptr(&mut self) -> *mut sys::RTCIntersectContext {
+        (&raw mut *self).cast()
+    }
+
+    /// Lets a panic of a callback go on, after the query.
+    #[inline]
+    pub(super) fn finish(self) {
+        if let Some(payload) = self.panic {
+            resume_unwind(payload);
+        }
+    }
+}
+
+/// Fields of `RTCRayN` and, after its 12 fields, of `RTCHitN`: each is an array of N 4-byte values.
+mod field {
+    pub const ORIGIN: usize = 0;
+    pub const T_NEAR: usize = 3;
+    pub const DIRECTION: usize = 4;
+    pub const TIME: usize = 7;
+    pub const T_FAR: usize = 8;
+    pub const NORMAL: usize = 12;
+    pub const U: usize = 15;
+    pub const V: usize = 16;
+    pub const PRIMITIVE: usize = 17;
+    pub const GEOMETRY: usize = 18;
+    pub const INSTANCE: usize = 19;
+}
+
+/// One lane of N rays in structure-of-arrays layout.
+#[derive(Clone, Copy)]
+struct Lane {
+    base: *mut f32,
+    n: usize,
+    i: usize,
+}
+
+impl Lane {
+    /// # Safety
+    /// `base` must point to `RTCRayN` (or `RTCRayHitN` for the fields of a hit) of `n` rays, and `i < n`.
+    unsafe fn get(self, field: usize) -> f32 {
+        // SAFETY: the caller vouches for the layout; field `field` of ray `i` is the value number field·n + i.
+        unsafe { *self.base.add(field * self.n + self.i) }
+    }
+
+    /// # Safety
+    /// As [`get`](Self::get).
+    unsafe fn set(self, field: usize, value: f32) {
+        // SAFETY: as in `get`.
+        unsafe { *self.base.add(field * self.n + self.i) = value }
+    }
+
+    /// # Safety
+    /// As [`get`](Self::get), for a field of unsigned integers.
+    unsafe fn set_u32(self, field: usize, value: u32) {
+        // SAFETY: as in `get`; `f32` and `u32` have the same size and alignment.
+        unsafe { *self.base.add(field * self.n + self.i).cast::<u32>() = value }
+    }
+
+    /// # Safety
+    /// As [`get`](Self::get).
+    unsafe fn ray(self) -> UserRay {
+        let three = |f: usize| {
+            // SAFETY: passed on to the caller.
+            unsafe { [self.get(f), self.get(f + 1), self.get(f + 2)] }
+        };
+        UserRay {
+            origin: three(field::ORIGIN),
+            direction: three(field::DIRECTION),
+            // SAFETY: passed on to the caller.
+            t_near: unsafe { self.get(field::T_NEAR) },
+            // SAFETY: passed on to the caller.
+            t_far: unsafe { self.get(field::T_FAR) },
+            // SAFETY: passed on to the caller.
+            time: unsafe { self.get(field::TIME) },
+        }
+    }
+}
+
+/// Calls `f` for the valid lanes; a panic goes into the context, and the remaining lanes are missed.
+///
+/// # Safety
+/// The pointers must be those of Embree's arguments, in a query started with a [`QueryContext`].
+unsafe fn for_lanes(
+    valid: *const i32,
+    context: *mut sys::RTCIntersectContext,
+    base: *mut f32,
+    n: usize,
+    mut f: impl FnMut(Lane),
+) {
+    // SAFETY: every query of this module passes a `QueryContext`, whose first field this points to; the query's
+    // thread is this one, and it does not touch the context until the query returns.
+    let panic = unsafe { &mut (*context.cast::<QueryContext>()).panic };
+    if panic.is_some() {
+        return;
+    }
+    let caught = catch_unwind(AssertUnwindSafe(|| {
+        for i in 0..n {
+            // SAFETY: `valid` has n values.
+            if unsafe { *valid.add(i) } != 0 {
+                f(Lane { base, n, i });
+            }
+        }
+    }));
+    *panic = caught.err();
+}
+
+/// `RTCBoundsFunction`: copies the box that was computed before.
+pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArguments) {
+    // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
+    let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
+    let Some((min, max)) = state.bounds.get(args.primID as usize) else { return };
+    // SAFETY: `bounds_o` points to the box to write.
+    let out = unsafe { &mut *args.bounds_o };
+    [out.lower_x, out.lower_y, out.lower_z] = *min;
+    [out.upper_x, out.upper_y, out.upper_z] = *max;
+}
+
+/// `RTCIntersectFunctionN`.
+pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunctionNArguments) {
+    // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
+    let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
+    let one = |lane: Lane| {
+        // SAFETY: `rayhit` is an `RTCRayHitN` of N rays, and the lane is one of them.
+        let ray = unsafe { lane.ray() };
+        let Some(hit) = state.primitives.intersect(args.primID, &ray) else { return };
+        // SAFETY: as above.
+        unsafe {
+            lane.set(field::T_FAR, hit.t);
+            lane.set(field::U, hit.u);
+            lane.set(field::V, hit.v);
+            for k in 0..3 {
+                lane.set(field::NORMAL + k, 0.0);
+            }
+            lane.set_u32(field::PRIMITIVE, args.primID);
+            lane.set_u32(field::GEOMETRY, args.geomID);
+            lane.set_u32(field::INSTANCE, INVALID_ID);
+        }
+    };
+    // SAFETY: the pointers are Embree's.
+    unsafe { for_lanes(args.valid, args.context, args.rayhit.cast(), args.N as usize, one) };
+}
+
+/// `RTCOccludedFunctionN`.
+pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctionNArguments) {
+    // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
+    let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
+    let one = |lane: Lane| {
+        // SAFETY: `ray` is an `RTCRayN` of N rays, and the lane is one of them.
+        let ray = unsafe { lane.ray() };
+        if state.primitives.occluded(args.primID, &ray) {
+            // SAFETY: as above.
+            unsafe { lane.set(field::T_FAR, f32::NEG_INFINITY) };
+        }
+    };
+    // SAFETY: the pointers are Embree's.
+    unsafe { for_lanes(args.valid, args.context, args.ray.cast(), args.N as usize, one) };
+}

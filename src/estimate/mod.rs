@@ -1,0 +1,3 @@
+//! The statistics that everything reports.
+
+pub mod metrics;

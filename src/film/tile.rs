@@ -1,0 +1,132 @@
+//! The sums of a part of the film, kept in two halves.
+
+use super::PixelRect;
+
+/// Sums of the samples of a rectangle of pixels.
+///
+/// Sample `i` of a pixel belongs to half `i mod 2`. Sums are `f64`: 2^24 samples of `f32` values lose nothing
+/// that an `f32` result could show. Samples are added one by one in order, so that passes do not change a bit.
+#[derive(Clone, Debug)]
+pub struct Tile {
+    /// Its place in the full image.
+    pub rect: PixelRect,
+    channels: usize,
+    /// By pixel, half and channel.
+    sums: Vec<f64>,
+    /// By pixel and half.
+    counts: Vec<u64>,
+}
+
+/// The mean of a channel over both halves, and what their difference says about its error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// The mean over all samples.
+    pub mean: f64,
+    /// An unbiased estimate of the variance of the mean; `None` without samples in both halves.
+    pub variance: Option<f64>,
+}
+
+impl Tile {
+    /// An empty tile with so many channels.
+    pub fn new(rect: PixelRect, channels: usize) -> Self {
+        let pixels = rect.width as usize * rect.height as usize;
+        Tile { rect, channels, sums: vec![0.0; pixels * 2 * channels], counts: vec![0; pixels * 2] }
+    }
+
+    /// Pixels of the tile.
+    pub fn pixel_count(&self) -> usize {
+        self.rect.width as usize * self.rect.height as usize
+    }
+
+    /// The place in the full image of pixel `i` of the tile.
+    #[inline]
+    pub fn position(&self, i: usize) -> (u32, u32) {
+        let (x, y) = (i as u32 % self.rect.width, i as u32 / self.rect.width);
+        (self.rect.x + x, self.rect.y + y)
+    }
+
+    /// Adds the next sample of a half to pixel `i`.
+    #[inline]
+    pub fn add(&mut self, i: usize, half: usize, values: &[f32]) {
+        let start = (2 * i + half) * self.channels;
+        let sums = &mut self.sums[start..start + self.channels];
+        for (sum, v) in sums.iter_mut().zip(values) {
+            *sum += f64::from(*v);
+        }
+        self.counts[2 * i + half] += 1;
+    }
+
+    /// Samples of pixel `i`.
+    pub fn count(&self, i: usize) -> u64 {
+        self.counts[2 * i] + self.counts[2 * i + 1]
+    }
+
+    /// Mean and variance of channel `c` of pixel `i`; zero without samples.
+    pub fn estimate(&self, i: usize, c: usize) -> Estimate {
+        let [n_a, n_b] = [self.counts[2 * i], self.counts[2 * i + 1]];
+        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c]);
+        let n = n_a + n_b;
+        if n == 0 {
+            return Estimate { mean: 0.0, variance: None };
+        }
+        let mean = (a + b) / n as f64;
+        // With weights w and 1 − w the mean is w·A + (1 − w)·B. If variances fall as 1/n, its variance is
+        // w(1 − w)(A − B)² in expectation.
+        let variance = (n_a > 0 && n_b > 0).then(|| {
+            let w = n_a as f64 / n as f64;
+            let difference = a / n_a as f64 - b / n_b as f64;
+            w * (1.0 - w) * difference * difference
+        });
+        Estimate { mean, variance }
+    }
+
+    /// The sum over pixels and the first three channels of `variance / (mean² + 0.01)`, and the number of terms.
+    pub fn relative_variance(&self) -> (f64, u64) {
+        let mut total = (0.0, 0);
+        for i in 0..self.pixel_count() {
+            for c in 0..3 {
+                let Estimate { mean, variance } = self.estimate(i, c);
+                if let Some(variance) = variance {
+                    total.0 += variance / (mean * mean + 0.01);
+                    total.1 += 1;
+                }
+            }
+        }
+        total
+    }
+
+    /// Bytes of its sums.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val(self.sums.as_slice()) + size_of_val(self.counts.as_slice())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pixel() -> Tile {
+        Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3)
+    }
+
+    #[test]
+    fn two_to_the_24_samples_do_not_stall() {
+        let mut tile = pixel();
+        for i in 0..(1usize << 24) + 1000 {
+            tile.add(0, i & 1, &[1.1, 1.0, 1e-9]);
+        }
+        let mean = |c| tile.estimate(0, c).mean as f32;
+        assert_eq!((mean(0), mean(1), mean(2)), (1.1, 1.0, 1e-9));
+    }
+
+    #[test]
+    fn the_halves_difference_estimates_the_variance() {
+        let mut tile = pixel();
+        tile.add(0, 0, &[1.0; 3]);
+        assert_eq!(tile.estimate(0, 0).variance, None);
+        tile.add(0, 1, &[3.0; 3]);
+        assert_eq!(tile.estimate(0, 0), Estimate { mean: 2.0, variance: Some(1.0) });
+        let (sum, terms) = tile.relative_variance();
+        assert_eq!((sum, terms), (3.0 / 4.01, 3));
+    }
+}

@@ -1,0 +1,221 @@
+//! The file formats and the libraries that read and write them.
+
+use std::path::Path;
+
+use super::srgb::{Bytes, Raster};
+use super::{Compression, Image, Metadata, SampleFormat, pure};
+
+/// The most values (pixels times channels) that a file may ask for: 16 GiB of them. More is a damaged header.
+pub(super) const MAX_VALUES: u64 = 1 << 32;
+
+/// A file format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Format {
+    OpenExr,
+    Png,
+    Jpeg,
+    Hdr,
+    Pfm,
+}
+
+impl Format {
+    /// The format that a file's first bytes announce. Readers go by this and not by the extension.
+    pub(super) fn of_content(start: &[u8]) -> Option<Format> {
+        Some(match start {
+            [0x76, 0x2f, 0x31, 0x01, ..] => Format::OpenExr,
+            [0x89, b'P', b'N', b'G', ..] => Format::Png,
+            [0xff, 0xd8, 0xff, ..] => Format::Jpeg,
+            [b'#', b'?', ..] => Format::Hdr,
+            [b'P', b'F' | b'f', b'\n' | b'\r' | b' ' | b'\t', ..] => Format::Pfm,
+            _ => return None,
+        })
+    }
+
+    /// The format to write, by the output's extension.
+    pub(super) fn of_extension(path: &Path) -> Option<Format> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        Some(match extension.as_str() {
+            "exr" => Format::OpenExr,
+            "png" => Format::Png,
+            "jpg" | "jpeg" => Format::Jpeg,
+            "pfm" => Format::Pfm,
+            _ => return None,
+        })
+    }
+
+    /// The format's name, for people.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Format::OpenExr => "OpenEXR",
+            Format::Png => "PNG",
+            Format::Jpeg => "JPEG",
+            Format::Hdr => "Radiance HDR",
+            Format::Pfm => "PFM",
+        }
+    }
+}
+
+/// A part of an OpenEXR file.
+pub(super) struct Part {
+    pub(super) name: String,
+    pub(super) image: Image,
+}
+
+/// What to write to an OpenEXR file; the values are within the sample format's range.
+pub(super) struct ExrOutput<'a> {
+    pub(super) image: &'a Image,
+    pub(super) data: &'a [f32],
+    pub(super) samples: SampleFormat,
+    pub(super) compression: Compression,
+}
+
+/// The library that reads and writes files and compares images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Backend {
+    /// OpenImageIO.
+    #[cfg(feature = "oiio")]
+    OpenImageIo,
+    /// The crates `exr` and `image`.
+    RustCrates,
+}
+
+impl Default for Backend {
+    /// OpenImageIO where it is built in.
+    fn default() -> Self {
+        #[cfg(feature = "oiio")]
+        return Backend::OpenImageIo;
+        #[cfg(not(feature = "oiio"))]
+        Backend::RustCrates
+    }
+}
+
+impl std::fmt::Display for Backend {
+    /// Name and version: `OpenImageIO 2.4.7` or `exr/image crates`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => {
+                let v = super::oiio::version();
+                write!(f, "OpenImageIO {}.{}.{}", v / 10_000, v / 100 % 100, v % 100)
+            }
+            Backend::RustCrates => write!(f, "exr/image crates"),
+        }
+    }
+}
+
+/// The library in use: `OpenImageIO 2.4.7` or `exr/image crates`.
+pub fn backend() -> String {
+    Backend::default().to_string()
+}
+
+/// Limits OpenImageIO's threads and OpenEXR's; 0 = as many as there are cores, which is the libraries' own
+/// default. Holds for the whole process; the Rust crates use the global rayon pool.
+pub fn set_threads(threads: usize) {
+    #[cfg(feature = "oiio")]
+    super::oiio::set_threads(threads);
+    #[cfg(not(feature = "oiio"))]
+    let _ = threads;
+}
+
+/// Differences of two images, as a library gives them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Difference {
+    pub(super) mean_absolute: f64,
+    pub(super) rms: f64,
+    pub(super) psnr: f64,
+    pub(super) max: f64,
+    pub(super) x: usize,
+    pub(super) y: usize,
+    pub(super) channel: usize,
+}
+
+/// What a library does for us. An error is the library's reason, without the file's name.
+impl Backend {
+    /// All parts of an OpenEXR file.
+    pub(super) fn read_exr(self, path: &Path) -> Result<Vec<Part>, String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::read_exr(path),
+            Backend::RustCrates => pure::read_exr(path),
+        }
+    }
+
+    /// Writes an OpenEXR file.
+    pub(super) fn write_exr(self, path: &Path, output: &ExrOutput) -> Result<(), String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::write_exr(path, output),
+            Backend::RustCrates => pure::write_exr(path, output),
+        }
+    }
+
+    /// The samples of a PNG, JPEG or HDR file.
+    pub(super) fn read_raster(self, path: &Path, format: Format) -> Result<Raster, String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::read_raster(path, format),
+            Backend::RustCrates => pure::read_raster(path, format),
+        }
+    }
+
+    /// Writes a PNG or JPEG file.
+    pub(super) fn write_bytes(
+        self,
+        path: &Path,
+        format: Format,
+        bytes: &Bytes,
+        quality: u8,
+    ) -> Result<(), String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::write_bytes(path, format, bytes, quality),
+            Backend::RustCrates => pure::write_bytes(path, format, bytes, quality),
+        }
+    }
+
+    /// Compares two images of the same shape, which hold no NaN and no infinity.
+    pub(super) fn difference(self, a: &Image, b: &Image) -> Result<Difference, String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::difference(a, b),
+            Backend::RustCrates => Ok(pure::difference(a, b)),
+        }
+    }
+
+    /// How many values are NaN and how many infinite.
+    pub(super) fn count_invalid(self, image: &Image) -> Result<(u64, u64), String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::count_invalid(image),
+            Backend::RustCrates => Ok(pure::count_invalid(image)),
+        }
+    }
+}
+
+/// Metadata that both libraries keep of an OpenEXR file: everything but what describes the encoding itself
+/// and the standard attributes that one of them does not hand out.
+pub(super) fn kept(metadata: Metadata) -> Metadata {
+    const DROPPED: [&str; 13] = [
+        "DateTime",
+        "Orientation",
+        "PixelAspectRatio",
+        "capDate",
+        "compression",
+        "framesPerSecond",
+        "lineOrder",
+        "multiView",
+        "name",
+        "screenWindowCenter",
+        "screenWindowWidth",
+        "type",
+        "view",
+    ];
+    let mut kept = Metadata::new();
+    for (name, value) in metadata.iter() {
+        if !DROPPED.contains(&name) && !name.starts_with("oiio:") && !name.starts_with("openexr:") {
+            kept.set(name, value.clone());
+        }
+    }
+    kept.sort();
+    kept
+}

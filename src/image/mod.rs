@@ -1,0 +1,217 @@
+//! Images: pixels with named channels and metadata, files, comparison, false colour.
+//!
+//! Values are linear Rec.709 RGB. The picture is the channels `R`, `G`, `B` (or `Y`); a layer is a channel
+//! name with a dot, `albedo.R`, as in OpenEXR. Alpha is premultiplied. PNG and JPEG files are sRGB-encoded,
+//! and are decoded and encoded here.
+//!
+//! Files are read and written by OpenImageIO (feature `oiio`) or by the crates `exr` and `image`; both behave
+//! alike and [`backend`] says which it is.
+
+mod compare;
+mod exr_header;
+mod format;
+mod heat;
+mod metadata;
+#[cfg(feature = "oiio")]
+#[allow(unsafe_code)]
+mod oiio;
+mod pfm;
+mod pure;
+mod read;
+mod replace;
+mod srgb;
+mod write;
+mod ztest;
+
+pub use compare::{
+    Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,
+};
+pub use format::{Backend, backend, set_threads};
+pub use heat::{HeatScale, heat};
+pub use metadata::{Metadata, Value};
+pub use read::{read, read_with};
+pub use replace::{check_replaceable, replace};
+pub use srgb::{from_srgb, to_srgb};
+pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
+pub use ztest::{ZTest, z_test};
+
+/// An image in memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// The channels' names, in the order of a pixel's values.
+    pub channels: Vec<String>,
+    /// `width * height * channels.len()` values: rows from the top, pixels from the left, channels
+    /// interleaved.
+    pub data: Vec<f32>,
+    /// What is known about the image.
+    pub metadata: Metadata,
+}
+
+impl Image {
+    /// A black image.
+    pub fn new(width: usize, height: usize, channels: &[&str]) -> Self {
+        Image {
+            width,
+            height,
+            channels: channels.iter().map(|&c| c.to_owned()).collect(),
+            data: vec![0.0; width * height * channels.len()],
+            metadata: Metadata::new(),
+        }
+    }
+
+    /// The values of a pixel, one for each channel. `(0, 0)` is the top left one.
+    ///
+    /// # Panics
+    /// If the pixel is outside.
+    #[inline]
+    pub fn pixel(&self, x: usize, y: usize) -> &[f32] {
+        assert!(x < self.width, "column {x} of an image {} wide", self.width);
+        let n = self.channels.len();
+        &self.data[(y * self.width + x) * n..][..n]
+    }
+
+    /// The values of a pixel, to be changed.
+    ///
+    /// # Panics
+    /// If the pixel is outside.
+    #[inline]
+    pub fn pixel_mut(&mut self, x: usize, y: usize) -> &mut [f32] {
+        assert!(x < self.width, "column {x} of an image {} wide", self.width);
+        let n = self.channels.len();
+        &mut self.data[(y * self.width + x) * n..][..n]
+    }
+
+    /// The index of a channel in a pixel.
+    pub fn channel(&self, name: &str) -> Option<usize> {
+        self.channels.iter().position(|c| c == name)
+    }
+
+    /// The indices of red, green and blue. A grey image (`Y`, or a single channel) has the same index three
+    /// times; `None` if there is no picture.
+    pub fn rgb_channels(&self) -> Option<[usize; 3]> {
+        if let (Some(r), Some(g), Some(b)) = (self.channel("R"), self.channel("G"), self.channel("B")) {
+            return Some([r, g, b]);
+        }
+        let grey = self.channel("Y").or((self.channels.len() == 1).then_some(0))?;
+        Some([grey; 3])
+    }
+
+    /// The colour of a pixel; black if the image has no picture.
+    ///
+    /// # Panics
+    /// If the pixel is outside.
+    pub fn rgb(&self, x: usize, y: usize) -> [f32; 3] {
+        let pixel = self.pixel(x, y);
+        self.rgb_channels().map_or([0.0; 3], |c| c.map(|c| pixel[c]))
+    }
+
+    /// An image of some of the channels, in the order asked for, with the same metadata; `None` if one is
+    /// missing.
+    pub fn select(&self, names: &[impl AsRef<str>]) -> Option<Image> {
+        let indices: Vec<usize> = names.iter().map(|n| self.channel(n.as_ref())).collect::<Option<_>>()?;
+        Some(self.select_indices(&indices))
+    }
+
+    /// An image of the channels with these indices.
+    fn select_indices(&self, indices: &[usize]) -> Image {
+        let mut data = Vec::with_capacity(self.width * self.height * indices.len());
+        for pixel in self.data.chunks_exact(self.channels.len().max(1)) {
+            data.extend(indices.iter().map(|&c| pixel[c]));
+        }
+        Image {
+            width: self.width,
+            height: self.height,
+            channels: indices.iter().map(|&c| self.channels[c].clone()).collect(),
+            data,
+            metadata: self.metadata.clone(),
+        }
+    }
+
+    /// The part of the image with top left corner `(x, y)`; `None` if it does not lie inside.
+    pub fn crop(&self, x: usize, y: usize, width: usize, height: usize) -> Option<Image> {
+        if x.checked_add(width)? > self.width || y.checked_add(height)? > self.height {
+            return None;
+        }
+        let n = self.channels.len();
+        let mut data = Vec::with_capacity(width * height * n);
+        for row in y..y + height {
+            data.extend_from_slice(&self.data[(row * self.width + x) * n..][..width * n]);
+        }
+        Some(Image { width, height, channels: self.channels.clone(), data, metadata: self.metadata.clone() })
+    }
+
+    /// Puts channels into the order that every reader gives: the picture first (R or Y, G, B, A, then others by
+    /// name), then the layers by name, each in the same way.
+    fn sort_channels(self) -> Image {
+        let mut indices: Vec<usize> = (0..self.channels.len()).collect();
+        indices.sort_by_key(|&i| {
+            let name = self.channels[i].as_str();
+            let (layer, channel) = name.rsplit_once('.').unwrap_or(("", name));
+            let rank = match channel {
+                "R" => 0,
+                "Y" if layer.is_empty() => 0,
+                "G" => 1,
+                "B" => 2,
+                "A" => 3,
+                _ => 4,
+            };
+            (layer, rank, channel)
+        });
+        if indices.iter().enumerate().all(|(to, &from)| to == from) {
+            self
+        } else {
+            self.select_indices(&indices)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 3x2 pixels whose value says where they are: 100·channel + 10·y + x.
+    fn ramp(channels: &[&str]) -> Image {
+        let mut image = Image::new(3, 2, channels);
+        for y in 0..2 {
+            for x in 0..3 {
+                for (c, v) in image.pixel_mut(x, y).iter_mut().enumerate() {
+                    *v = (100 * c + 10 * y + x) as f32;
+                }
+            }
+        }
+        image
+    }
+
+    #[test]
+    fn pixels_channels_and_colours_are_where_they_belong() {
+        let image = ramp(&["Z", "B", "G", "R"]);
+        assert_eq!(image.pixel(2, 1), [12.0, 112.0, 212.0, 312.0]);
+        assert_eq!(image.rgb(2, 1), [312.0, 212.0, 112.0]);
+        assert_eq!(image.channel("G"), Some(2));
+        assert_eq!(ramp(&["Y"]).rgb(1, 0), [1.0; 3]);
+        assert_eq!(ramp(&["depth"]).rgb(1, 0), [1.0; 3]);
+        assert_eq!(ramp(&["N.X", "N.Y"]).rgb_channels(), None);
+    }
+
+    #[test]
+    fn select_reorders_and_crop_cuts() {
+        let image = ramp(&["R", "G", "B"]);
+        assert_eq!(image.select(&["B", "R"]).unwrap().pixel(1, 1), [211.0, 11.0]);
+        assert!(image.select(&["A"]).is_none());
+        let cut = image.crop(1, 1, 2, 1).unwrap();
+        assert_eq!((cut.width, cut.height, cut.pixel(0, 0)), (2, 1, image.pixel(1, 1)));
+        assert!(image.crop(2, 0, 2, 1).is_none());
+        assert!(image.crop(usize::MAX, 0, 2, 1).is_none());
+    }
+
+    #[test]
+    fn channels_are_sorted_picture_first() {
+        let image = ramp(&["albedo.G", "Z", "B", "A", "albedo.R", "R", "G"]).sort_channels();
+        assert_eq!(image.channels, ["R", "G", "B", "A", "Z", "albedo.R", "albedo.G"]);
+        assert_eq!(image.pixel(0, 0), [500.0, 600.0, 200.0, 300.0, 100.0, 400.0, 0.0]);
+    }
+}

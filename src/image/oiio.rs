@@ -1,0 +1,411 @@
+//! Files and comparison by OpenImageIO, through the C shim of `buffon-oiio-sys`.
+
+use std::ffi::{CStr, CString, c_char};
+use std::path::Path;
+use std::ptr::{self, NonNull};
+
+use buffon_oiio_sys as sys;
+
+use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
+use super::srgb::{Bytes, Depth, Raster};
+use super::{Compression, Image, Metadata, SampleFormat, Value};
+
+/// Our names of metadata for which OpenImageIO has its own.
+const NAMES: [(&str, &str); 4] = [
+    ("worldToCamera", "worldtocamera"),
+    ("worldToNDC", "worldtoNDC"),
+    ("comments", "ImageDescription"),
+    ("owner", "Copyright"),
+];
+
+/// The library's version, 10000 * major + 100 * minor + patch.
+pub(super) fn version() -> i32 {
+    // SAFETY: takes nothing, returns a constant of the library.
+    unsafe { sys::buffon_oiio_version() }
+}
+
+/// Limits the library's threads; 0 = as many as there are cores.
+pub(super) fn set_threads(threads: usize) {
+    // SAFETY: takes a number; the library guards its own settings by a lock.
+    unsafe { sys::buffon_oiio_set_threads(threads.try_into().unwrap_or(i32::MAX)) }
+}
+
+/// A buffer for the message of a call that fails.
+struct Message([c_char; 1024]);
+
+impl Message {
+    fn new() -> Self {
+        Message([0; 1024])
+    }
+
+    fn buffer(&mut self) -> (*mut c_char, usize) {
+        (self.0.as_mut_ptr(), self.0.len())
+    }
+
+    /// What the library said.
+    fn text(&self) -> String {
+        let bytes: Vec<u8> = self.0.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
+        let text = String::from_utf8_lossy(&bytes).trim().replace('\n', "; ");
+        if text.is_empty() { "OpenImageIO gives no reason".into() } else { text }
+    }
+}
+
+/// A path as the library takes it.
+fn c_path(path: &Path) -> Result<CString, String> {
+    #[cfg(unix)]
+    let bytes = std::os::unix::ffi::OsStrExt::as_bytes(path.as_os_str());
+    #[cfg(not(unix))]
+    let bytes = path.to_str().ok_or("the name is not Unicode")?.as_bytes();
+    c_text(bytes)
+}
+
+/// Bytes with a NUL at the end.
+fn c_text(bytes: impl AsRef<[u8]>) -> Result<CString, String> {
+    CString::new(bytes.as_ref())
+        .map_err(|e| format!("{:?} holds a NUL", String::from_utf8_lossy(&e.into_vec())))
+}
+
+/// The library's name for a format.
+fn format_name(format: Format) -> &'static CStr {
+    match format {
+        Format::OpenExr => c"openexr",
+        Format::Png => c"png",
+        Format::Jpeg => c"jpeg",
+        Format::Hdr => c"hdr",
+        Format::Pfm => unreachable!("PFM files are read and written without a library"),
+    }
+}
+
+/// An open file; the only owner of the shim's reader.
+struct Reader(NonNull<sys::BuffonOiioReader>);
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        // SAFETY: the pointer came from `buffon_oiio_open`, this is its only owner and gives it up here.
+        unsafe { sys::buffon_oiio_close(self.0.as_ptr()) }
+    }
+}
+
+impl Reader {
+    fn open(path: &Path, format: Format) -> Result<Self, String> {
+        let (path, mut message) = (c_path(path)?, Message::new());
+        let (buffer, size) = message.buffer();
+        // SAFETY: both names end with a NUL, and `size` bytes of `buffer` are ours to write.
+        let reader =
+            unsafe { sys::buffon_oiio_open(path.as_ptr(), format_name(format).as_ptr(), buffer, size) };
+        NonNull::new(reader).map(Reader).ok_or_else(|| message.text())
+    }
+
+    /// Goes to a part; `None` after the last.
+    fn part(&mut self, index: i32) -> Result<Option<sys::BuffonOiioPart>, String> {
+        let mut message = Message::new();
+        let (buffer, size) = message.buffer();
+        let mut part = sys::BuffonOiioPart {
+            width: 0,
+            height: 0,
+            channels: 0,
+            sample: 0,
+            deep: 0,
+            attributes: 0,
+            name: ptr::null(),
+        };
+        // SAFETY: the reader is open, `part` and `size` bytes of `buffer` are ours to write.
+        match unsafe { sys::buffon_oiio_part(self.0.as_ptr(), index, &mut part, buffer, size) } {
+            0 if message.0[0] == 0 => Ok(None),
+            0 => Err(message.text()),
+            _ => Ok(Some(part)),
+        }
+    }
+
+    /// The names of the current part's channels.
+    fn channels(&self, count: i32) -> Vec<String> {
+        (0..count)
+            .map(|c| {
+                // SAFETY: the reader is open; a name that is not null lives until the next `part`.
+                unsafe { text(sys::buffon_oiio_channel(self.0.as_ptr(), c)) }
+            })
+            .collect()
+    }
+
+    /// The metadata of the current part.
+    fn metadata(&self, count: usize) -> Metadata {
+        let mut metadata = Metadata::new();
+        for index in 0..count {
+            let mut a = attribute(ptr::null());
+            // SAFETY: the reader is open and `a` is ours to write.
+            if unsafe { sys::buffon_oiio_attribute(self.0.as_ptr(), index, &mut a) } == 0 {
+                continue;
+            }
+            let value = match a.kind as u32 {
+                sys::BUFFON_OIIO_INT => Value::Int(a.integer),
+                sys::BUFFON_OIIO_FLOAT => Value::Float(a.number),
+                // SAFETY: of this kind the text is set, and it lives as long as the reader's part.
+                sys::BUFFON_OIIO_TEXT => Value::Text(unsafe { text(a.text) }),
+                _ => Value::Matrix(a.matrix),
+            };
+            // SAFETY: the name is set on success and lives as long as the reader's part.
+            let theirs = unsafe { text(a.name) };
+            let ours =
+                NAMES.iter().find(|(_, name)| *name == theirs).map_or(theirs.as_str(), |(name, _)| name);
+            metadata.set(ours, value);
+        }
+        kept(metadata)
+    }
+
+    /// The pixels of the current part.
+    fn pixels(&mut self, part: &sys::BuffonOiioPart) -> Result<Vec<f32>, String> {
+        let sides = [part.width, part.height, part.channels].map(|n| u64::try_from(n).unwrap_or(0));
+        let values = sides.iter().fold(1u64, |product, n| product.saturating_mul(*n));
+        if values == 0 || values > MAX_VALUES {
+            return Err(format!("expected at least one and at most {MAX_VALUES} values, found {values}"));
+        }
+        let mut data = vec![0.0f32; values as usize];
+        let mut message = Message::new();
+        let (buffer, size) = message.buffer();
+        // SAFETY: the reader is open; `data` has the length given, which the shim checks against the part;
+        // `size` bytes of `buffer` are ours to write.
+        let done =
+            unsafe { sys::buffon_oiio_read(self.0.as_ptr(), data.as_mut_ptr(), data.len(), buffer, size) };
+        if done == 0 { Err(message.text()) } else { Ok(data) }
+    }
+}
+
+/// A copy of a C string; empty for null.
+///
+/// # Safety
+/// `text` is null or points to bytes that end with a NUL.
+unsafe fn text(text: *const c_char) -> String {
+    match text.is_null() {
+        true => String::new(),
+        // SAFETY: not null, and the caller vouches for the rest.
+        false => unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned(),
+    }
+}
+
+/// An attribute with nothing but a name.
+fn attribute(name: *const c_char) -> sys::BuffonOiioAttribute {
+    let kind = sys::BUFFON_OIIO_INT as i32;
+    sys::BuffonOiioAttribute { name, kind, integer: 0, number: 0.0, text: ptr::null(), matrix: [0.0; 16] }
+}
+
+/// All parts of an OpenEXR file.
+pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
+    let mut reader = Reader::open(path, Format::OpenExr)?;
+    let mut parts = Vec::new();
+    while let Some(part) = reader.part(parts.len() as i32)? {
+        if part.deep != 0 {
+            return Err("deep images are not supported".into());
+        }
+        // SAFETY: the name lives until the next call of `part`.
+        let name = unsafe { text(part.name) };
+        let (channels, metadata) = (reader.channels(part.channels), reader.metadata(part.attributes));
+        let data = reader.pixels(&part)?;
+        let (width, height) = (part.width as usize, part.height as usize);
+        parts.push(Part { name, image: Image { width, height, channels, data, metadata } });
+    }
+    Ok(parts)
+}
+
+/// The samples of a PNG, JPEG or HDR file.
+pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String> {
+    let mut reader = Reader::open(path, format)?;
+    let part = reader.part(0)?.ok_or("there is no image in it")?;
+    if !(1..=4).contains(&part.channels) {
+        return Err(format!("expected 1 to 4 channels, found {}", part.channels));
+    }
+    let depth = match part.sample as u32 {
+        sys::BUFFON_OIIO_SAMPLE_BYTE => Depth::Integer(255),
+        sys::BUFFON_OIIO_SAMPLE_SHORT => Depth::Integer(65535),
+        _ => Depth::Float,
+    };
+    let samples = reader.pixels(&part)?;
+    let (width, height) = (part.width as usize, part.height as usize);
+    Ok(Raster { width, height, channels: part.channels as usize, depth, samples })
+}
+
+/// Strings and attributes in the library's form; the attributes point into the strings.
+struct Attributes {
+    list: Vec<sys::BuffonOiioAttribute>,
+    _strings: Vec<CString>,
+}
+
+impl Attributes {
+    fn of(metadata: &Metadata) -> Result<Self, String> {
+        let (mut list, mut strings) = (Vec::new(), Vec::new());
+        for (name, value) in metadata.iter() {
+            let theirs = NAMES.iter().find(|(ours, _)| *ours == name).map_or(name, |(_, theirs)| theirs);
+            // The bytes of a CString stay where they are when the CString moves.
+            let name = c_text(theirs)?;
+            let mut a = attribute(name.as_ptr());
+            strings.push(name);
+            match value {
+                Value::Int(value) => a.integer = *value,
+                Value::Float(value) => (a.kind, a.number) = (sys::BUFFON_OIIO_FLOAT as i32, *value),
+                Value::Matrix(value) => (a.kind, a.matrix) = (sys::BUFFON_OIIO_MATRIX as i32, *value),
+                Value::Text(value) => {
+                    let value = c_text(value)?;
+                    (a.kind, a.text) = (sys::BUFFON_OIIO_TEXT as i32, value.as_ptr());
+                    strings.push(value);
+                }
+            }
+            list.push(a);
+        }
+        Ok(Attributes { list, _strings: strings })
+    }
+}
+
+/// What is to be written, in safe types.
+struct Job<'a> {
+    format: Format,
+    width: usize,
+    height: usize,
+    channels: Vec<&'a str>,
+    sample: u32,
+    floats: Option<&'a [f32]>,
+    bytes: Option<&'a [u8]>,
+    compression: String,
+    metadata: Metadata,
+}
+
+/// Writes a file.
+fn write(path: &Path, job: &Job) -> Result<(), String> {
+    let path = c_path(path)?;
+    let names: Vec<CString> = job.channels.iter().map(c_text).collect::<Result<_, _>>()?;
+    let name_pointers: Vec<*const c_char> = names.iter().map(|n| n.as_ptr()).collect();
+    let compression = c_text(&job.compression)?;
+    let attributes = Attributes::of(&job.metadata)?;
+    let values = job.width * job.height * job.channels.len();
+    let given = job.floats.map_or(0, <[f32]>::len) + job.bytes.map_or(0, <[u8]>::len);
+    assert_eq!(given, values, "the buffer does not fit the image");
+    let output = sys::BuffonOiioOutput {
+        format: format_name(job.format).as_ptr(),
+        width: job.width as i32,
+        height: job.height as i32,
+        channels: job.channels.len() as i32,
+        sample: job.sample as i32,
+        channel_names: name_pointers.as_ptr(),
+        floats: job.floats.map_or(ptr::null(), <[f32]>::as_ptr),
+        bytes: job.bytes.map_or(ptr::null(), <[u8]>::as_ptr),
+        compression: compression.as_ptr(),
+        attributes: attributes.list.as_ptr(),
+        attribute_count: attributes.list.len(),
+    };
+    let mut message = Message::new();
+    let (buffer, size) = message.buffer();
+    // SAFETY: all strings end with a NUL and, like the arrays, outlive the call; there are as many names as
+    // channels, and exactly one of the pixel buffers is given, of the length that size and channels ask for;
+    // `size` bytes of `buffer` are ours to write.
+    let done = unsafe { sys::buffon_oiio_write(path.as_ptr(), &output, buffer, size) };
+    if done == 0 { Err(message.text()) } else { Ok(()) }
+}
+
+/// Writes an OpenEXR file of one part.
+pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
+    let image = output.image;
+    let sample = match output.samples {
+        SampleFormat::Half => sys::BUFFON_OIIO_SAMPLE_HALF,
+        SampleFormat::Float => sys::BUFFON_OIIO_SAMPLE_FLOAT,
+    };
+    let compression = match output.compression {
+        Compression::None => "none",
+        Compression::Rle => "rle",
+        Compression::Zips => "zips",
+        Compression::Zip => "zip",
+        Compression::Piz => "piz",
+    };
+    write(
+        path,
+        &Job {
+            format: Format::OpenExr,
+            width: image.width,
+            height: image.height,
+            channels: image.channels.iter().map(String::as_str).collect(),
+            sample,
+            floats: Some(output.data),
+            bytes: None,
+            compression: compression.into(),
+            metadata: image.metadata.clone(),
+        },
+    )
+}
+
+/// Writes a PNG or JPEG file; JPEG with full chroma resolution.
+pub(super) fn write_bytes(path: &Path, format: Format, pixels: &Bytes, quality: u8) -> Result<(), String> {
+    let channels: &[&str] = match pixels.channels {
+        1 => &["Y"],
+        2 => &["Y", "A"],
+        3 => &["R", "G", "B"],
+        _ => &["R", "G", "B", "A"],
+    };
+    let (compression, metadata) = match format {
+        Format::Jpeg => {
+            (format!("jpeg:{quality}"), Metadata::new().with("jpeg:subsampling", Value::Text("4:4:4".into())))
+        }
+        _ => ("zip".into(), Metadata::new()),
+    };
+    write(
+        path,
+        &Job {
+            format,
+            width: pixels.width,
+            height: pixels.height,
+            channels: channels.to_vec(),
+            sample: sys::BUFFON_OIIO_SAMPLE_BYTE,
+            floats: None,
+            bytes: Some(&pixels.bytes),
+            compression,
+            metadata,
+        },
+    )
+}
+
+/// Width, height and channels for a call; the image's values are as many as they say.
+fn shape(image: &Image) -> Result<[i32; 3], String> {
+    let sides = [image.width, image.height, image.channels.len()];
+    assert_eq!(image.data.len(), sides.iter().product::<usize>(), "the values do not fit the image");
+    match sides.map(i32::try_from) {
+        [Ok(width), Ok(height), Ok(channels)] => Ok([width, height, channels]),
+        _ => Err(format!("an image of {}x{} is too large for OpenImageIO", image.width, image.height)),
+    }
+}
+
+/// Differences of two images of the same shape.
+pub(super) fn difference(a: &Image, b: &Image) -> Result<Difference, String> {
+    let [width, height, channels] = shape(a)?;
+    assert_eq!(shape(b)?, [width, height, channels], "images of different shape");
+    let mut found =
+        sys::BuffonOiioDifference { mean: 0.0, rms: 0.0, psnr: 0.0, max: 0.0, x: 0, y: 0, channel: 0 };
+    let mut message = Message::new();
+    let (buffer, size) = message.buffer();
+    let (first, second) = (a.data.as_ptr(), b.data.as_ptr());
+    // SAFETY: both images hold width * height * channels values, as `shape` has made sure, and are only read;
+    // `found` and `size` bytes of `buffer` are ours to write.
+    let done =
+        unsafe { sys::buffon_oiio_compare(first, second, width, height, channels, &mut found, buffer, size) };
+    if done == 0 {
+        return Err(message.text());
+    }
+    Ok(Difference {
+        mean_absolute: found.mean,
+        rms: found.rms,
+        psnr: found.psnr,
+        max: found.max,
+        x: found.x as usize,
+        y: found.y as usize,
+        channel: found.channel as usize,
+    })
+}
+
+/// How many values are NaN and how many infinite.
+pub(super) fn count_invalid(image: &Image) -> Result<(u64, u64), String> {
+    let [width, height, channels] = shape(image)?;
+    let (mut nan, mut inf) = (0, 0);
+    let mut message = Message::new();
+    let (buffer, size) = message.buffer();
+    let pixels = image.data.as_ptr();
+    // SAFETY: the image holds width * height * channels values, as `shape` has made sure, and is only read;
+    // the counters and `size` bytes of `buffer` are ours to write.
+    let done =
+        unsafe { sys::buffon_oiio_count(pixels, width, height, channels, &mut nan, &mut inf, buffer, size) };
+    if done == 0 { Err(message.text()) } else { Ok((nan, inf)) }
+}

@@ -1,0 +1,260 @@
+//! Files by the crates `exr` and `image`.
+
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Cursor};
+use std::path::Path;
+
+use ::image::codecs::jpeg::JpegEncoder;
+use ::image::codecs::png::PngEncoder;
+use ::image::{ColorType, DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
+use exr::prelude::{
+    AnyChannel, AnyChannels, AttributeValue, Blocks, Encoding, FlatSamples, Image as ExrImage,
+    ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder, MetaData, ReadChannels, ReadLayers,
+    Text, WritableImage, f16, read,
+};
+
+use super::exr_header::sort_attributes;
+use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
+use super::srgb::{Bytes, Depth, Raster};
+use super::{Compression, Image, Metadata, SampleFormat, Value};
+use crate::estimate::metrics;
+
+/// All parts of an OpenEXR file.
+pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
+    let headers = MetaData::read_from_file(path, false).map_err(|e| e.to_string())?.headers;
+    let values: u64 = headers
+        .iter()
+        .map(|h| (h.layer_size.area() as u64).saturating_mul(h.channels.list.len() as u64))
+        .fold(0, u64::saturating_add);
+    if values > MAX_VALUES {
+        return Err(format!("expected at most {MAX_VALUES} values, found {values}"));
+    }
+    let file = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_file(path)
+        .map_err(|e| e.to_string())?;
+    let shared = file.attributes;
+    file.layer_data.into_iter().map(|layer| part(layer, &shared)).collect()
+}
+
+/// Our form of a layer, as the crate calls a part.
+fn part(layer: Layer<AnyChannels<FlatSamples>>, shared: &ImageAttributes) -> Result<Part, String> {
+    let (width, height) = (layer.size.x(), layer.size.y());
+    let list = &layer.channel_data.list;
+    if let Some(channel) = list.iter().find(|c| c.sample_data.len() != width * height) {
+        return Err(format!("channel {} is subsampled, which is not supported", channel.name));
+    }
+    let mut data = vec![0.0; width * height * list.len()];
+    for (c, channel) in list.iter().enumerate() {
+        let values = data.iter_mut().skip(c).step_by(list.len());
+        match &channel.sample_data {
+            FlatSamples::F16(samples) => values.zip(samples).for_each(|(to, v)| *to = v.to_f32()),
+            FlatSamples::F32(samples) => values.zip(samples).for_each(|(to, v)| *to = *v),
+            FlatSamples::U32(samples) => values.zip(samples).for_each(|(to, v)| *to = *v as f32),
+        }
+    }
+    let channels = list.iter().map(|c| c.name.to_string()).collect();
+    let name = layer.attributes.layer_name.as_ref().map(Text::to_string).unwrap_or_default();
+    let metadata = metadata_of(layer.attributes, shared);
+    Ok(Part { name, image: Image { width, height, channels, data, metadata } })
+}
+
+/// The metadata of a layer and of its file.
+fn metadata_of(layer: LayerAttributes, shared: &ImageAttributes) -> Metadata {
+    let mut metadata = Metadata::new();
+    let texts = [("comments", layer.comments), ("owner", layer.owner), ("software", layer.software_name)];
+    for (name, text) in texts {
+        if let Some(text) = text {
+            metadata.set(name, Value::Text(text.to_string()));
+        }
+    }
+    let matrices =
+        [("worldToCamera", layer.world_to_camera), ("worldToNDC", layer.world_to_normalized_device)];
+    for (name, matrix) in matrices {
+        if let Some(matrix) = matrix {
+            metadata.set(name, Value::Matrix(matrix));
+        }
+    }
+    for (name, value) in shared.other.iter().chain(&layer.other) {
+        let value = match value {
+            AttributeValue::I32(value) => Value::Int(*value),
+            AttributeValue::F32(value) => Value::Float(*value),
+            AttributeValue::Text(value) => Value::Text(value.to_string()),
+            AttributeValue::Matrix4x4(value) => Value::Matrix(*value),
+            _ => continue,
+        };
+        metadata.set(name.to_string(), value);
+    }
+    kept(metadata)
+}
+
+/// Writes an OpenEXR file of one part.
+pub(super) fn write_exr(path: &Path, output: &ExrOutput) -> Result<(), String> {
+    let image = output.image;
+    let count = image.channels.len();
+    let mut list = Vec::with_capacity(count);
+    for (c, name) in image.channels.iter().enumerate() {
+        let values = output.data.iter().skip(c).step_by(count).copied();
+        let samples = match output.samples {
+            SampleFormat::Half => FlatSamples::F16(values.map(f16::from_f32).collect()),
+            SampleFormat::Float => FlatSamples::F32(values.collect()),
+        };
+        list.push(AnyChannel::new(text(name)?, samples));
+    }
+    let mut attributes = LayerAttributes::default();
+    for (name, value) in image.metadata.iter() {
+        put(&mut attributes, name, value)?;
+    }
+    let encoding = Encoding {
+        compression: compression(output.compression),
+        blocks: Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    };
+    let size = (image.width, image.height);
+    let layer = Layer::new(size, attributes, encoding, AnyChannels::sort(list.into_iter().collect()));
+    let window = IntegerBounds::from_dimensions(size);
+    let file = ExrImage { attributes: ImageAttributes::new(window), layer_data: layer };
+    let mut bytes = Cursor::new(Vec::new());
+    file.write().to_buffered(&mut bytes).map_err(|e| e.to_string())?;
+    let mut bytes = bytes.into_inner();
+    sort_attributes(&mut bytes);
+    std::fs::write(path, bytes).map_err(|e| e.to_string())
+}
+
+/// The crate's name for a compression.
+fn compression(ours: Compression) -> exr::prelude::Compression {
+    use exr::prelude::Compression as Theirs;
+    match ours {
+        Compression::None => Theirs::Uncompressed,
+        Compression::Rle => Theirs::RLE,
+        Compression::Zips => Theirs::ZIP1,
+        Compression::Zip => Theirs::ZIP16,
+        Compression::Piz => Theirs::PIZ,
+    }
+}
+
+/// Text as the crate holds it: Latin-1 or what UTF-8 makes of it, byte for byte.
+fn text(text: &str) -> Result<Text, String> {
+    Text::new_or_none(text).ok_or_else(|| format!("\"{text}\" cannot be written as OpenEXR text"))
+}
+
+/// Puts a metadata value where the crate wants it.
+fn put(attributes: &mut LayerAttributes, name: &str, value: &Value) -> Result<(), String> {
+    let value = match (name, value) {
+        ("worldToCamera", Value::Matrix(m)) => {
+            attributes.world_to_camera = Some(*m);
+            return Ok(());
+        }
+        ("worldToNDC", Value::Matrix(m)) => {
+            attributes.world_to_normalized_device = Some(*m);
+            return Ok(());
+        }
+        ("comments", Value::Text(t)) => {
+            attributes.comments = Some(text(t)?);
+            return Ok(());
+        }
+        ("owner", Value::Text(t)) => {
+            attributes.owner = Some(text(t)?);
+            return Ok(());
+        }
+        (_, Value::Int(value)) => AttributeValue::I32(*value),
+        (_, Value::Float(value)) => AttributeValue::F32(*value),
+        (_, Value::Text(value)) => AttributeValue::Text(text(value)?),
+        (_, Value::Matrix(value)) => AttributeValue::Matrix4x4(*value),
+    };
+    attributes.other.insert(text(name)?, value);
+    Ok(())
+}
+
+/// The crate's name for a format.
+fn image_format(format: Format) -> ImageFormat {
+    match format {
+        Format::Png => ImageFormat::Png,
+        Format::Jpeg => ImageFormat::Jpeg,
+        Format::Hdr => ImageFormat::Hdr,
+        Format::OpenExr | Format::Pfm => unreachable!("these have readers of their own"),
+    }
+}
+
+/// The samples of a PNG, JPEG or HDR file.
+pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String> {
+    let file = BufReader::new(File::open(path).map_err(|e| e.to_string())?);
+    let mut reader = ImageReader::with_format(file, image_format(format));
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(4 * MAX_VALUES);
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(|e| e.to_string())?;
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    let depth = match decoded.color() {
+        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => Depth::Integer(255),
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => Depth::Integer(65535),
+        _ => Depth::Float,
+    };
+    let (channels, samples) = match decoded {
+        DynamicImage::ImageLuma8(i) => (1, fractions(i.into_raw(), 255.0)),
+        DynamicImage::ImageLumaA8(i) => (2, fractions(i.into_raw(), 255.0)),
+        DynamicImage::ImageRgb8(i) => (3, fractions(i.into_raw(), 255.0)),
+        DynamicImage::ImageRgba8(i) => (4, fractions(i.into_raw(), 255.0)),
+        DynamicImage::ImageLuma16(i) => (1, fractions(i.into_raw(), 65535.0)),
+        DynamicImage::ImageLumaA16(i) => (2, fractions(i.into_raw(), 65535.0)),
+        DynamicImage::ImageRgb16(i) => (3, fractions(i.into_raw(), 65535.0)),
+        DynamicImage::ImageRgba16(i) => (4, fractions(i.into_raw(), 65535.0)),
+        other => (3, other.into_rgb32f().into_raw()),
+    };
+    Ok(Raster { width, height, channels, depth, samples })
+}
+
+/// Integer samples as fractions of the largest.
+fn fractions<T: Into<f32>>(samples: Vec<T>, top: f32) -> Vec<f32> {
+    samples.into_iter().map(|v| v.into() / top).collect()
+}
+
+/// Writes a PNG or JPEG file.
+pub(super) fn write_bytes(path: &Path, format: Format, pixels: &Bytes, quality: u8) -> Result<(), String> {
+    let mut file = BufWriter::new(File::create(path).map_err(|e| e.to_string())?);
+    let (width, height) = (pixels.width as u32, pixels.height as u32);
+    let colour = match pixels.channels {
+        1 => ExtendedColorType::L8,
+        2 => ExtendedColorType::La8,
+        3 => ExtendedColorType::Rgb8,
+        _ => ExtendedColorType::Rgba8,
+    };
+    match format {
+        Format::Jpeg => JpegEncoder::new_with_quality(&mut file, quality).write_image(
+            &pixels.bytes,
+            width,
+            height,
+            colour,
+        ),
+        _ => PngEncoder::new(&mut file).write_image(&pixels.bytes, width, height, colour),
+    }
+    .map_err(|e| e.to_string())?;
+    file.into_inner().map(drop).map_err(|e| e.to_string())
+}
+
+/// Differences of two images of the same shape.
+pub(super) fn difference(a: &Image, b: &Image) -> Difference {
+    let (x, r) = (&a.data, &b.data);
+    let (channels, mse) = (a.channels.len(), metrics::mse(x, r));
+    let largest = metrics::largest_difference(x, r);
+    let pixel = largest.index / channels;
+    Difference {
+        mean_absolute: metrics::mean_absolute(x, r),
+        rms: mse.sqrt(),
+        psnr: metrics::psnr(mse, metrics::peak(x, r)),
+        max: largest.value,
+        x: pixel % a.width,
+        y: pixel / a.width,
+        channel: largest.index % channels,
+    }
+}
+
+/// How many values are NaN and how many infinite.
+pub(super) fn count_invalid(image: &Image) -> (u64, u64) {
+    let count = |is: fn(&&f32) -> bool| image.data.iter().filter(is).count() as u64;
+    (count(|v| v.is_nan()), count(|v| v.is_infinite()))
+}

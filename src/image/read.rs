@@ -1,0 +1,103 @@
+//! Reading image files.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use super::format::{Backend, Format, Part};
+use super::{Image, pfm, srgb};
+use crate::error::{Error, Result};
+
+/// Reads an image: OpenEXR, PNG, JPEG, Radiance HDR or PFM, told apart by content and not by extension.
+///
+/// The result is linear with premultiplied alpha. Channels come in a fixed order: R, G, B, A, others by name,
+/// then layers by name. An OpenEXR file of several parts gives one image whose channels have the part's name
+/// in front; of a file with mip levels the full resolution is read, of one with a display window all stored
+/// pixels.
+///
+/// # Errors
+/// If the file is missing, empty, no image, damaged or cut short, or if its parts differ in size.
+pub fn read(path: &Path) -> Result<Image> {
+    read_with(Backend::default(), path)
+}
+
+/// [`read`] with a given library.
+pub fn read_with(backend: Backend, path: &Path) -> Result<Image> {
+    let fail = |message: String| Error::output(message).in_file(path);
+    let format = sniff(path).map_err(fail)?;
+    let damaged = |why: String| fail(format!("damaged or cut short {} file ({})", format.name(), why.trim()));
+    let image = match format {
+        Format::OpenExr => join(backend.read_exr(path).map_err(damaged)?).map_err(fail)?,
+        Format::Pfm => {
+            let bytes = std::fs::read(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
+            pfm::decode(&bytes).map_err(damaged)?
+        }
+        Format::Png | Format::Jpeg | Format::Hdr => {
+            srgb::decode(backend.read_raster(path, format).map_err(damaged)?)
+        }
+    };
+    Ok(image.sort_channels())
+}
+
+/// The format that the file's content announces.
+fn sniff(path: &Path) -> Result<Format, String> {
+    let mut start = Vec::new();
+    match std::fs::metadata(path) {
+        Ok(about) if about.is_dir() => return Err("expected an image, found a folder".into()),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Err("no such file".into()),
+        _ => {}
+    }
+    File::open(path)
+        .and_then(|file| file.take(8).read_to_end(&mut start))
+        .map_err(|e| format!("cannot be read: {e}"))?;
+    if start.is_empty() {
+        return Err("expected an image, found an empty file".into());
+    }
+    Format::of_content(&start).ok_or_else(|| {
+        "expected an image (OpenEXR, PNG, JPEG, Radiance HDR or PFM), found something else".into()
+    })
+}
+
+/// One image of all parts of a file.
+fn join(parts: Vec<Part>) -> Result<Image, String> {
+    let mut parts = parts.into_iter();
+    let first = parts.next().ok_or("expected an image, found a file without parts")?;
+    let rest: Vec<Part> = parts.collect();
+    if rest.is_empty() {
+        return Ok(first.image);
+    }
+    let (width, height) = (first.image.width, first.image.height);
+    let all: Vec<Part> = std::iter::once(first).chain(rest).collect();
+    if let Some(other) = all.iter().find(|p| (p.image.width, p.image.height) != (width, height)) {
+        let (w, h) = (other.image.width, other.image.height);
+        let name = &other.name;
+        return Err(format!(
+            "expected parts of one size, found {width}x{height} and {w}x{h} (part \"{name}\")"
+        ));
+    }
+    let mut joined =
+        Image { width, height, channels: Vec::new(), data: Vec::new(), metadata: Default::default() };
+    for part in &all {
+        joined
+            .channels
+            .extend(part.image.channels.iter().map(|channel| channel_of_part(&part.name, channel)));
+        for (name, value) in part.image.metadata.iter() {
+            if joined.metadata.get(name).is_none() {
+                joined.metadata.set(name, value.clone());
+            }
+        }
+    }
+    for pixel in 0..width * height {
+        for part in &all {
+            let n = part.image.channels.len();
+            joined.data.extend_from_slice(&part.image.data[pixel * n..][..n]);
+        }
+    }
+    Ok(joined)
+}
+
+/// A channel's name with its part's in front, unless it is there already.
+fn channel_of_part(part: &str, channel: &str) -> String {
+    let has_it = channel.strip_prefix(part).is_some_and(|rest| rest.starts_with('.'));
+    if part.is_empty() || has_it { channel.to_owned() } else { format!("{part}.{channel}") }
+}

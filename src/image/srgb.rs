@@ -1,0 +1,170 @@
+//! Between linear values and the 8 bits of a PNG or JPEG file.
+
+use super::{Image, Metadata};
+
+/// The linear value of an sRGB-encoded one, both in [0, 1] [IEC 61966-2-1].
+pub fn from_srgb(encoded: f64) -> f64 {
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// The sRGB encoding of a linear value, both in [0, 1] [IEC 61966-2-1].
+pub fn to_srgb(linear: f64) -> f64 {
+    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// Pixels as a PNG or JPEG file stores them.
+pub(super) struct Bytes {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    /// Grey, grey + alpha, RGB or RGB + alpha; alpha is not premultiplied.
+    pub(super) channels: usize,
+    pub(super) bytes: Vec<u8>,
+}
+
+/// The range of a decoded file's samples.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Depth {
+    /// Integers up to this one, given as fractions of it, and sRGB-encoded.
+    Integer(u16),
+    /// Linear numbers.
+    Float,
+}
+
+/// Pixels as they come out of a PNG, JPEG or HDR file, with `channels` as in [`Bytes`].
+pub(super) struct Raster {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) channels: usize,
+    pub(super) depth: Depth,
+    pub(super) samples: Vec<f32>,
+}
+
+/// The channel names of a file with this many channels.
+fn names(channels: usize) -> &'static [&'static str] {
+    match channels {
+        1 => &["Y"],
+        2 => &["Y", "A"],
+        3 => &["R", "G", "B"],
+        _ => &["R", "G", "B", "A"],
+    }
+}
+
+/// Decodes a file's samples: linear, alpha premultiplied.
+pub(super) fn decode(raster: Raster) -> Image {
+    let Raster { width, height, channels, depth, mut samples } = raster;
+    let has_alpha = channels % 2 == 0;
+    if let Depth::Integer(top) = depth {
+        let scale = f64::from(top);
+        let table: Vec<f32> = (0..=top).map(|i| from_srgb(f64::from(i) / scale) as f32).collect();
+        let code = |value: f32| (f64::from(value) * scale).round().clamp(0.0, scale);
+        for pixel in samples.chunks_exact_mut(channels) {
+            let colours = channels - usize::from(has_alpha);
+            let mut alpha = 1.0;
+            if has_alpha {
+                alpha = (code(pixel[colours]) / scale) as f32;
+                pixel[colours] = alpha;
+            }
+            for value in &mut pixel[..colours] {
+                *value = table[code(*value) as usize] * alpha;
+            }
+        }
+    }
+    let channels = names(channels).iter().map(|&name| name.to_owned()).collect();
+    Image { width, height, channels, data: samples, metadata: Metadata::new() }
+}
+
+/// An ordered-dither threshold in (0, 1) from the 8x8 Bayer matrix [Bayer 1973]: deterministic, and an exact
+/// code stays what it is.
+fn threshold(x: usize, y: usize) -> f64 {
+    let (x, y) = (x as u32, y as u32);
+    let mixed = x ^ y;
+    let rank = (0..3).fold(0, |rank, bit| {
+        let (m, v) = ((mixed >> bit) & 1, (y >> bit) & 1);
+        (rank << 2) | (m << 1) | v
+    });
+    (f64::from(rank) + 0.5) / 64.0
+}
+
+/// The 8-bit code of an encoded value in [0, 1], dithered at a pixel; NaN becomes 0.
+fn quantise(encoded: f64, threshold: f64) -> u8 {
+    (encoded.clamp(0.0, 1.0) * 255.0 + threshold).floor() as u8
+}
+
+/// Encodes the picture of an image as 8 bits a channel after scaling it by 2^`exposure`. `None` if the image
+/// has no picture. Layers are left out.
+pub(super) fn encode(image: &Image, exposure: f32, keep_alpha: bool) -> Option<Bytes> {
+    let rgb = image.rgb_channels()?;
+    let colours: &[usize] = if rgb[0] == rgb[1] { &rgb[..1] } else { &rgb };
+    let alpha = image.channel("A").filter(|&a| keep_alpha && !colours.contains(&a));
+    let channels = colours.len() + usize::from(alpha.is_some());
+    let gain = f64::from(exposure).exp2();
+    let mut bytes = Vec::with_capacity(image.width * image.height * channels);
+    for y in 0..image.height {
+        for x in 0..image.width {
+            let pixel = image.pixel(x, y);
+            let t = threshold(x, y);
+            let a = alpha.map_or(1.0, |a| f64::from(pixel[a]));
+            let unmultiply = if a > 0.0 { gain / a } else { 0.0 };
+            for &c in colours {
+                bytes.push(quantise(to_srgb((f64::from(pixel[c]) * unmultiply).max(0.0)), t));
+            }
+            if alpha.is_some() {
+                bytes.push((a.clamp(0.0, 1.0) * 255.0).round() as u8);
+            }
+        }
+    }
+    Some(Bytes { width: image.width, height: image.height, channels, bytes })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_transfer_function_has_its_published_values_and_an_inverse() {
+        assert!((to_srgb(0.18) - 0.461_356).abs() < 1e-6);
+        assert!((from_srgb(0.5) - 0.214_041).abs() < 1e-6);
+        for i in 0..=1000 {
+            let v = f64::from(i) / 1000.0;
+            assert!((to_srgb(from_srgb(v)) - v).abs() < 1e-7, "{v}");
+        }
+    }
+
+    #[test]
+    fn every_code_survives_decoding_and_encoding_at_every_dither_threshold() {
+        for code in 0..=255u8 {
+            let linear = from_srgb(f64::from(code) / 255.0) as f32;
+            for i in 0..64 {
+                assert_eq!(quantise(to_srgb(f64::from(linear)), threshold(i % 8, i / 8)), code);
+            }
+        }
+    }
+
+    #[test]
+    fn the_dither_uses_each_threshold_once_and_keeps_the_mean() {
+        let mut seen: Vec<f64> = (0..64).map(|i| threshold(i % 8, i / 8)).collect();
+        seen.sort_by(f64::total_cmp);
+        let expected: Vec<f64> = (0..64).map(|i| (f64::from(i) + 0.5) / 64.0).collect();
+        assert_eq!(seen, expected);
+        let value = 100.3 / 255.0;
+        let sum: u32 = (0..64).map(|i| u32::from(quantise(value, threshold(i % 8, i / 8)))).sum();
+        assert!((f64::from(sum) / 64.0 - 100.3).abs() < 0.01);
+    }
+
+    #[test]
+    fn values_out_of_range_and_nan_are_given_the_nearest_code() {
+        let mut image = Image::new(4, 1, &["Y"]);
+        image.data = vec![f32::NAN, -1.0, 9.0, f32::INFINITY];
+        assert_eq!(encode(&image, 0.0, true).unwrap().bytes, [0, 0, 255, 255]);
+    }
+
+    #[test]
+    fn exposure_scales_by_powers_of_two_and_alpha_is_divided_out() {
+        let mut image = Image::new(1, 1, &["R", "G", "B", "A"]);
+        image.data = vec![0.125, 0.25, 0.0, 0.5];
+        let bytes = encode(&image, 1.0, true).unwrap();
+        assert_eq!(bytes.channels, 4);
+        assert_eq!(bytes.bytes, [quantise(to_srgb(0.5), threshold(0, 0)), 255, 0, 128]);
+        assert_eq!(encode(&image, 1.0, false).unwrap().channels, 3);
+    }
+}

@@ -1,0 +1,88 @@
+//! Layers of surface features at the first hit.
+
+use super::settings::Aov;
+use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
+use crate::accel::Hit;
+use crate::math::Ray;
+use crate::scene::Scene;
+
+/// The image of an `aov` integrator without a child: black, and transparent where rays meet nothing.
+pub struct NoImage;
+
+impl Integrator for NoImage {
+    fn name(&self) -> &'static str {
+        "aov"
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        _query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        worker.intersect(scene, wave.rays, wave.coherence);
+        for (out, hit) in out.iter_mut().zip(&worker.hits) {
+            *out = Radiance { distance: hit.map_or(f32::INFINITY, |h| h.t), ..Radiance::NONE };
+        }
+    }
+}
+
+impl Aov {
+    /// The suffixes of its channels.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Aov::Albedo | Aov::Variance => &["R", "G", "B"],
+            Aov::GeometricNormal | Aov::ShadingNormal | Aov::Position => &["X", "Y", "Z"],
+            Aov::Uv => &["U", "V"],
+            Aov::Depth => &["T"],
+            Aov::PrimitiveIndex | Aov::ShapeIndex => &["I"],
+            Aov::Samples => &["N"],
+        }
+    }
+
+    /// The layer of that name on the command line.
+    pub fn by_name(name: &str) -> Option<Aov> {
+        Some(match name {
+            "albedo" => Aov::Albedo,
+            "N" | "sh_normal" => Aov::ShadingNormal,
+            "geo_normal" => Aov::GeometricNormal,
+            "P" | "position" => Aov::Position,
+            "Z" | "depth" => Aov::Depth,
+            "uv" => Aov::Uv,
+            "prim_index" => Aov::PrimitiveIndex,
+            "shape_index" => Aov::ShapeIndex,
+            "variance" => Aov::Variance,
+            "samples" => Aov::Samples,
+            _ => return None,
+        })
+    }
+
+    /// The names that [`by_name`](Self::by_name) knows, one for each layer.
+    pub const NAMES: [&'static str; 10] =
+        ["albedo", "N", "geo_normal", "P", "Z", "uv", "prim_index", "shape_index", "variance", "samples"];
+
+    /// Whether it is averaged over the samples of a pixel (else it comes from the film itself).
+    pub fn is_sampled(self) -> bool {
+        !matches!(self, Aov::Variance | Aov::Samples)
+    }
+
+    /// Its value at the hit of a camera ray, in as many numbers as it has channels; zero where there is none.
+    pub fn evaluate(self, scene: &Scene, ray: &Ray, hit: Option<&Hit>, out: &mut [f32]) {
+        out.fill(0.0);
+        let Some(hit) = hit else { return };
+        let at = scene.interaction(ray, hit);
+        match self {
+            Aov::Albedo => out.copy_from_slice(&scene.bsdf(&at).albedo().to_array()),
+            Aov::GeometricNormal => out.copy_from_slice(&at.ng.to_array()),
+            Aov::ShadingNormal => out.copy_from_slice(&at.frame.n.to_array()),
+            Aov::Position => out.copy_from_slice(&at.p.to_array()),
+            Aov::Depth => out[0] = hit.t,
+            Aov::Uv => out.copy_from_slice(&scene.uv(&at, hit).to_array()),
+            Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
+            Aov::ShapeIndex => out[0] = hit.geometry as f32,
+            Aov::Variance | Aov::Samples => {}
+        }
+    }
+}

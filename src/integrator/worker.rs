@@ -1,0 +1,207 @@
+//! What belongs to one thread: its sampler, its counters and its buffers.
+
+use crate::accel::{Coherence, Hit};
+use crate::color::Rgb;
+use crate::math::Ray;
+use crate::sampling::{SampleKey, Sampler};
+use crate::scene::Scene;
+use std::time::{Duration, Instant};
+
+/// Counts of one worker; merged at the end.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counters {
+    /// Queries for the nearest hit.
+    pub closest_rays: u64,
+    /// Queries for occlusion.
+    pub occlusion_rays: u64,
+    /// Camera paths.
+    pub paths: u64,
+    /// Time inside the accelerator, nearest hits.
+    pub closest_time: Duration,
+    /// Time inside the accelerator, occlusion.
+    pub occlusion_time: Duration,
+}
+
+impl Counters {
+    /// Adds another worker's counts.
+    pub fn merge(&mut self, other: &Counters) {
+        self.closest_rays += other.closest_rays;
+        self.occlusion_rays += other.occlusion_rays;
+        self.paths += other.paths;
+        self.closest_time += other.closest_time;
+        self.occlusion_time += other.occlusion_time;
+    }
+}
+
+/// Shadow rays with what they bring if nothing is in their way.
+#[derive(Default)]
+pub struct ShadowQueue {
+    rays: Vec<Ray>,
+    pending: Vec<(u32, Rgb)>,
+    occluded: Vec<bool>,
+}
+
+impl ShadowQueue {
+    /// Adds a shadow ray; `value` goes to entry `slot` if the ray is free.
+    #[inline]
+    pub fn push(&mut self, ray: Ray, slot: u32, value: Rgb) {
+        self.rays.push(ray);
+        self.pending.push((slot, value));
+    }
+}
+
+/// One thread's state. Nothing in it changes the result of a sample.
+pub struct Worker {
+    /// The sampler.
+    pub sampler: Sampler,
+    /// The counts so far.
+    pub counters: Counters,
+    /// Nearest hits of the wave in hand.
+    pub hits: Vec<Option<Hit>>,
+    /// Shadow rays of the wave in hand.
+    pub shadows: ShadowQueue,
+    /// The wave in hand, for integrators that scatter.
+    pub paths: PathWave,
+    /// Random numbers of the wave in hand.
+    pub numbers: Numbers,
+}
+
+/// Random numbers of one bounce, drawn for a whole wave.
+#[derive(Default)]
+pub struct Numbers {
+    /// Which emitter.
+    pub emitter_choice: Vec<f32>,
+    /// Where on the emitter.
+    pub emitter_point: [Vec<f32>; 2],
+    /// Which lobe.
+    pub bsdf_lobe: Vec<f32>,
+    /// Direction within the lobe.
+    pub bsdf_direction: [Vec<f32>; 2],
+    /// Russian roulette.
+    pub roulette: Vec<f32>,
+}
+
+/// The state of a wave of paths, as a structure of arrays of equal length.
+#[derive(Default)]
+pub struct PathWave {
+    /// The next ray.
+    pub rays: Vec<Ray>,
+    /// The sample's key.
+    pub keys: Vec<SampleKey>,
+    /// Entry of the output that the path contributes to.
+    pub slots: Vec<u32>,
+    /// Throughput: the product of the weights so far.
+    pub beta: Vec<Rgb>,
+    /// Density per unit solid angle with which the ray's direction was drawn; infinite after a camera or a
+    /// specular lobe.
+    pub pdf: Vec<f32>,
+    /// Product of the relative indices of refraction along the path.
+    pub eta: Vec<f32>,
+}
+
+impl PathWave {
+    /// Begins a path on every ray.
+    pub fn begin(&mut self, rays: &[Ray], keys: &[SampleKey]) {
+        assert_eq!(rays.len(), keys.len());
+        let n = rays.len();
+        self.rays.clear();
+        self.rays.extend_from_slice(rays);
+        self.keys.clear();
+        self.keys.extend_from_slice(keys);
+        self.slots.clear();
+        self.slots.extend(0..n as u32);
+        for (values, v) in [(&mut self.pdf, f32::INFINITY), (&mut self.eta, 1.0)] {
+            values.clear();
+            values.resize(n, v);
+        }
+        self.beta.clear();
+        self.beta.resize(n, Rgb::WHITE);
+    }
+
+    /// Keeps the first `n` paths.
+    pub fn truncate(&mut self, n: usize) {
+        self.rays.truncate(n);
+        self.keys.truncate(n);
+        self.slots.truncate(n);
+        self.beta.truncate(n);
+        self.pdf.truncate(n);
+        self.eta.truncate(n);
+    }
+}
+
+impl Worker {
+    /// A worker with empty buffers.
+    pub fn new(sampler: Sampler) -> Self {
+        Worker {
+            sampler,
+            counters: Counters::default(),
+            hits: Vec::new(),
+            shadows: ShadowQueue::default(),
+            paths: PathWave::default(),
+            numbers: Numbers::default(),
+        }
+    }
+
+    /// Finds the nearest hits of `rays` into `self.hits`.
+    pub fn intersect(&mut self, scene: &Scene, rays: &[Ray], coherence: Coherence) {
+        intersect(scene, rays, coherence, &mut self.hits, &mut self.counters);
+    }
+
+    /// Traces the queued shadow rays, hands `add` the free ones in the order of pushing, and empties the queue.
+    pub fn trace_shadows(&mut self, scene: &Scene, coherence: Coherence, mut add: impl FnMut(usize, Rgb)) {
+        let ShadowQueue { rays, pending, occluded } = &mut self.shadows;
+        occluded.clear();
+        occluded.resize(rays.len(), false);
+        let started = Instant::now();
+        scene.accel.occluded_wave(rays, occluded, coherence);
+        self.counters.occlusion_time += started.elapsed();
+        self.counters.occlusion_rays += rays.len() as u64;
+        for ((slot, value), occluded) in pending.iter().zip(occluded.iter()) {
+            if !occluded {
+                add(*slot as usize, *value);
+            }
+        }
+        rays.clear();
+        pending.clear();
+    }
+}
+
+/// Finds nearest hits; a free function, so that the rays may be a worker's own.
+pub fn intersect(
+    scene: &Scene,
+    rays: &[Ray],
+    coherence: Coherence,
+    hits: &mut Vec<Option<Hit>>,
+    counters: &mut Counters,
+) {
+    hits.clear();
+    hits.resize(rays.len(), None);
+    let started = Instant::now();
+    scene.accel.intersect_wave(rays, hits, coherence);
+    counters.closest_time += started.elapsed();
+    counters.closest_rays += rays.len() as u64;
+}
+
+/// Draws a number for each key into `out`.
+pub fn draw_1d(
+    sampler: Sampler,
+    dimension: crate::sampling::Dimension,
+    keys: &[SampleKey],
+    out: &mut Vec<f32>,
+) {
+    out.resize(keys.len(), 0.0);
+    sampler.fill_1d(dimension, keys, &mut out[..keys.len()]);
+}
+
+/// Draws a pair for each key into `out`.
+pub fn draw_2d(
+    sampler: Sampler,
+    dimension: crate::sampling::Dimension,
+    keys: &[SampleKey],
+    out: &mut [Vec<f32>; 2],
+) {
+    let [x, y] = out;
+    x.resize(keys.len(), 0.0);
+    y.resize(keys.len(), 0.0);
+    sampler.fill_2d(dimension, keys, x, y);
+}

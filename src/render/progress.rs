@@ -1,0 +1,55 @@
+//! What a render shows of itself while it runs.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+/// Shared between the render and whoever watches or stops it.
+#[derive(Debug, Default)]
+pub struct Progress {
+    interrupt: AtomicBool,
+    pixel_samples: AtomicU64,
+    samples_per_pixel: AtomicU64,
+    /// The bits of an `f64`; NaN while there is no estimate.
+    relmse: AtomicU64,
+}
+
+impl Progress {
+    /// A render that has not begun.
+    pub fn new() -> Self {
+        Progress { relmse: AtomicU64::new(f64::NAN.to_bits()), ..Progress::default() }
+    }
+
+    /// Asks the render to stop as soon as every thread has finished the wave in hand.
+    pub fn interrupt(&self) {
+        self.interrupt.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether it was asked to stop.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupt.load(Ordering::Relaxed)
+    }
+
+    /// Samples taken so far, over all pixels.
+    pub fn pixel_samples(&self) -> u64 {
+        self.pixel_samples.load(Ordering::Relaxed)
+    }
+
+    /// Samples per pixel of the passes that are done.
+    pub fn samples_per_pixel(&self) -> u64 {
+        self.samples_per_pixel.load(Ordering::Relaxed)
+    }
+
+    /// The estimated relMSE after the last pass.
+    pub fn relmse(&self) -> Option<f64> {
+        let value = f64::from_bits(self.relmse.load(Ordering::Relaxed));
+        (!value.is_nan()).then_some(value)
+    }
+
+    pub(super) fn add_samples(&self, n: u64) {
+        self.pixel_samples.fetch_add(n, Ordering::Relaxed);
+    }
+
+    pub(super) fn finish_pass(&self, samples_per_pixel: u64, relmse: Option<f64>) {
+        self.samples_per_pixel.store(samples_per_pixel, Ordering::Relaxed);
+        self.relmse.store(relmse.unwrap_or(f64::NAN).to_bits(), Ordering::Relaxed);
+    }
+}

@@ -1,0 +1,133 @@
+//! One tile, one range of samples: camera rays, radiance, sums.
+
+use super::job::Job;
+use crate::accel::Coherence;
+use crate::film::Tile;
+use crate::integrator::worker::draw_2d;
+use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
+use crate::math::{Ray, Vec2};
+use crate::sampling::{Dimension, SampleKey};
+use std::ops::Range;
+
+/// Paths of a wave: enough for long SIMD loops and few calls, few enough to stay in the second-level cache.
+const WAVE: usize = 2048;
+
+/// A sample that was dropped because it is not a finite, non-negative radiance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InvalidSample {
+    /// Column in the full image.
+    pub x: u32,
+    /// Row in the full image.
+    pub y: u32,
+    /// Index of the sample in its pixel.
+    pub sample: u64,
+    /// Its value.
+    pub value: [f32; 3],
+}
+
+/// One thread's buffers for the camera's side of a wave.
+pub struct CameraWorker {
+    /// The integrator's worker.
+    pub worker: Worker,
+    rays: Vec<Ray>,
+    keys: Vec<SampleKey>,
+    positions: [Vec<f32>; 2],
+    radiance: Vec<Radiance>,
+    values: Vec<f32>,
+    /// The first dropped samples of this thread.
+    pub invalid: Vec<InvalidSample>,
+    /// How many were dropped.
+    pub invalid_count: u64,
+}
+
+/// How many dropped samples each thread remembers.
+const REMEMBERED: usize = 16;
+
+impl CameraWorker {
+    /// A worker with empty buffers.
+    pub fn new(worker: Worker) -> Self {
+        CameraWorker {
+            worker,
+            rays: Vec::new(),
+            keys: Vec::new(),
+            positions: [Vec::new(), Vec::new()],
+            radiance: Vec::new(),
+            values: Vec::new(),
+            invalid: Vec::new(),
+            invalid_count: 0,
+        }
+    }
+
+    /// Takes the given samples of every pixel of the tile, unless the render is interrupted between waves.
+    pub fn render_tile(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
+        let pixels = tile.pixel_count();
+        let per_wave = (WAVE / pixels).max(1) as u64;
+        let mut first = samples.start;
+        while first < samples.end && !job.progress.is_interrupted() {
+            let last = (first + per_wave).min(samples.end);
+            self.render_wave(job, tile, first..last);
+            job.progress.add_samples((last - first) * pixels as u64);
+            first = last;
+        }
+    }
+
+    fn render_wave(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
+        self.aim(job, tile, samples.clone());
+        let wave = Wave { rays: &self.rays, keys: &self.keys, coherence: Coherence::Coherent };
+        self.radiance.clear();
+        self.radiance.resize(self.rays.len(), Radiance::NONE);
+        job.integrator.li(job.scene, wave, RadianceQuery::ALL, &mut self.worker, &mut self.radiance);
+        self.worker.counters.paths += self.rays.len() as u64;
+        if job.has_sampled_layers() {
+            self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
+        }
+        self.accumulate(job, tile, samples);
+    }
+
+    /// Makes the camera rays: pixel by pixel, the samples of a pixel beside each other.
+    fn aim(&mut self, job: &Job<'_>, tile: &Tile, samples: Range<u64>) {
+        self.keys.clear();
+        for i in 0..tile.pixel_count() {
+            let (x, y) = tile.position(i);
+            self.keys.extend(samples.clone().map(|s| SampleKey::new(job.settings.seed, x, y, s)));
+        }
+        draw_2d(self.worker.sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
+        self.rays.clear();
+        let per_pixel = (samples.end - samples.start) as usize;
+        for (j, (&u, &v)) in
+            self.positions[0].iter().zip(&self.positions[1]).enumerate().take(self.keys.len())
+        {
+            let (x, y) = tile.position(j / per_pixel);
+            let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            self.rays.push(job.camera.ray(centre + job.filter.sample(Vec2::new(u, v))));
+        }
+    }
+
+    fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
+        let per_pixel = (samples.end - samples.start) as usize;
+        for (j, radiance) in self.radiance.iter().enumerate() {
+            let (pixel, sample) = (j / per_pixel, samples.start + (j % per_pixel) as u64);
+            if !radiance.value.is_valid() {
+                self.invalid_count += 1;
+                if self.invalid.len() < REMEMBERED {
+                    let (x, y) = tile.position(pixel);
+                    self.invalid.push(InvalidSample { x, y, sample, value: radiance.value.to_array() });
+                }
+                continue;
+            }
+            self.values.clear();
+            self.values.extend(radiance.value.to_array());
+            if job.alpha {
+                let opaque = job.opaque_environment || radiance.distance.is_finite();
+                self.values.push(if opaque { 1.0 } else { 0.0 });
+            }
+            for layer in job.sampled_layers() {
+                let start = self.values.len();
+                self.values.resize(start + layer.channels().len(), 0.0);
+                let hit = self.worker.hits[j].as_ref();
+                layer.evaluate(job.scene, &self.rays[j], hit, &mut self.values[start..]);
+            }
+            tile.add(pixel, (sample & 1) as usize, &self.values);
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! Multiple importance sampling.
+
+/// The power heuristic with exponent 2 for one sample of each technique. [Veach 1997, Eq. 9.13]
+///
+/// Both densities are of the same measure. The weight of the sample that was drawn with `pdf`; for a sample
+/// of infinite density (a delta distribution) it is 1.
+#[inline]
+pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
+    weighted_power_heuristic(1.0, pdf, 1.0, other)
+}
+
+/// The power heuristic for `n` samples drawn with `pdf` and `other_n` with `other`. [Veach 1997, Eq. 9.13]
+#[inline]
+pub fn weighted_power_heuristic(n: f32, pdf: f32, other_n: f32, other: f32) -> f32 {
+    let (a, b) = (n * pdf, other_n * other);
+    if a.is_infinite() {
+        return 1.0;
+    }
+    // A ratio, because squares of densities overflow for lights of tiny solid angle.
+    let r = b / a;
+    if a > 0.0 { 1.0 / (1.0 + r * r) } else { 0.0 }
+}
+
+/// A density per unit area at a point as a density per unit solid angle, seen over `distance_squared` with
+/// `cos` between the surface normal and the direction (either sign).
+#[inline]
+pub fn area_to_solid_angle(pdf_area: f32, distance_squared: f32, cos: f32) -> f32 {
+    pdf_area * distance_squared / cos.abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_of_the_two_techniques_sum_to_one() {
+        for (a, b) in [(1.0, 2.0), (1e-20, 1e20), (3e37, 1e38), (1.0, 0.0)] {
+            assert!((power_heuristic(a, b) + power_heuristic(b, a) - 1.0).abs() < 1e-6, "{a} {b}");
+        }
+        assert_eq!(power_heuristic(f32::INFINITY, 1.0), 1.0);
+        assert_eq!(power_heuristic(0.0, 1.0), 0.0);
+        assert!((weighted_power_heuristic(2.0, 1.0, 1.0, 2.0) - 0.5).abs() < 1e-6);
+    }
+}

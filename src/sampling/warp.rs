@@ -1,0 +1,197 @@
+//! Warps of the unit square and interval, each with its density and its inverse.
+//!
+//! `square_to_x` maps [0, 1)², `square_to_x_pdf` is the density of the result in the measure of its name's
+//! space (area, or solid angle), `x_to_square` inverts the map.
+
+use crate::math::{Vec2, Vec3};
+use std::f32::consts::{FRAC_1_PI, FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
+/// To the unit disk, preserving adjacency and relative area. [Shirley and Chiu 1997]
+#[inline]
+pub fn square_to_disk(u: Vec2) -> Vec2 {
+    let a = 2.0 * u.x - 1.0;
+    let b = 2.0 * u.y - 1.0;
+    let (r, phi) = if a == 0.0 && b == 0.0 {
+        return Vec2::ZERO;
+    } else if a * a > b * b {
+        (a, FRAC_PI_4 * (b / a))
+    } else {
+        (b, FRAC_PI_2 - FRAC_PI_4 * (a / b))
+    };
+    let (sin, cos) = phi.sin_cos();
+    Vec2::new(r * cos, r * sin)
+}
+
+/// The density of [`square_to_disk`] per unit area: 1/π inside.
+pub fn square_to_disk_pdf(p: Vec2) -> f32 {
+    if p.length_squared() <= 1.0 { FRAC_1_PI } else { 0.0 }
+}
+
+/// The inverse of [`square_to_disk`].
+pub fn disk_to_square(p: Vec2) -> Vec2 {
+    let r = p.length();
+    if r == 0.0 {
+        return Vec2::splat(0.5);
+    }
+    let quarter = p.x.abs() > p.y.abs();
+    let (a, b) = if quarter {
+        let a = r.copysign(p.x);
+        (a, a * (p.y / p.x).atan() / FRAC_PI_4)
+    } else {
+        let b = r.copysign(p.y);
+        (b * (p.x / p.y).atan() / FRAC_PI_4, b)
+    };
+    Vec2::new(0.5 * (a + 1.0), 0.5 * (b + 1.0))
+}
+
+/// To the hemisphere around +z with density cosθ/π per unit solid angle. [Malley 1988]
+#[inline]
+pub fn square_to_cosine_hemisphere(u: Vec2) -> Vec3 {
+    let p = square_to_disk(u);
+    // 1 − r² is at least 2⁻²⁴-ish; the guard keeps the direction above the horizon at r = 1.
+    let z = (1.0 - p.length_squared()).max(1e-10).sqrt();
+    Vec3::new(p.x, p.y, z)
+}
+
+/// The density of [`square_to_cosine_hemisphere`] per unit solid angle.
+#[inline]
+pub fn square_to_cosine_hemisphere_pdf(w: Vec3) -> f32 {
+    w.z.max(0.0) * FRAC_1_PI
+}
+
+/// The inverse of [`square_to_cosine_hemisphere`].
+pub fn cosine_hemisphere_to_square(w: Vec3) -> Vec2 {
+    disk_to_square(Vec2::new(w.x, w.y))
+}
+
+/// To the unit sphere, uniformly.
+#[inline]
+pub fn square_to_sphere(u: Vec2) -> Vec3 {
+    let z = 1.0 - 2.0 * u.y;
+    // sin²θ = 1 − z² without cancellation: 4 y (1 − y).
+    let r = (4.0 * u.y * (1.0 - u.y)).max(0.0).sqrt();
+    let (sin, cos) = (TAU * u.x).sin_cos();
+    Vec3::new(r * cos, r * sin, z)
+}
+
+/// The density of [`square_to_sphere`] per unit solid angle: 1/4π.
+pub const SQUARE_TO_SPHERE_PDF: f32 = 0.25 * FRAC_1_PI;
+
+/// The inverse of [`square_to_sphere`].
+pub fn sphere_to_square(w: Vec3) -> Vec2 {
+    let x = w.y.atan2(w.x) / TAU;
+    Vec2::new(if x < 0.0 { x + 1.0 } else { x }, 0.5 * (1.0 - w.z))
+}
+
+/// To the cone of directions around +z with `1 − cos` of its half angle at most `one_minus_cos`, uniformly.
+#[inline]
+pub fn square_to_cone(u: Vec2, one_minus_cos: f32) -> Vec3 {
+    let h = u.y * one_minus_cos;
+    // sin²θ = 1 − (1 − h)² = h (2 − h): no cancellation for the smallest cones.
+    let r = (h * (2.0 - h)).max(0.0).sqrt();
+    let (sin, cos) = (TAU * u.x).sin_cos();
+    Vec3::new(r * cos, r * sin, 1.0 - h)
+}
+
+/// The density of [`square_to_cone`] per unit solid angle inside the cone.
+#[inline]
+pub fn square_to_cone_pdf(one_minus_cos: f32) -> f32 {
+    1.0 / (TAU * one_minus_cos)
+}
+
+/// The inverse of [`square_to_cone`].
+pub fn cone_to_square(w: Vec3, one_minus_cos: f32) -> Vec2 {
+    let x = w.y.atan2(w.x) / TAU;
+    let sin2 = w.x * w.x + w.y * w.y;
+    let h = sin2 / (1.0 + w.z);
+    Vec2::new(if x < 0.0 { x + 1.0 } else { x }, h / one_minus_cos)
+}
+
+/// To the barycentric weights of a triangle's second and third vertex, uniformly in area. [Heitz 2019]
+#[inline]
+pub fn square_to_triangle(u: Vec2) -> Vec2 {
+    if u.y > u.x {
+        let x = u.x * 0.5;
+        Vec2::new(x, u.y - x)
+    } else {
+        let y = u.y * 0.5;
+        Vec2::new(u.x - y, y)
+    }
+}
+
+/// The density of [`square_to_triangle`] in barycentric coordinates: 2 inside.
+pub fn square_to_triangle_pdf(b: Vec2) -> f32 {
+    if b.x >= 0.0 && b.y >= 0.0 && b.x + b.y <= 1.0 { 2.0 } else { 0.0 }
+}
+
+/// The inverse of [`square_to_triangle`].
+pub fn triangle_to_square(b: Vec2) -> Vec2 {
+    if b.y > b.x { Vec2::new(2.0 * b.x, b.y + b.x) } else { Vec2::new(b.x + b.y, 2.0 * b.y) }
+}
+
+/// To [−1, 1] with density 1 − |x|.
+#[inline]
+pub fn interval_to_tent(u: f32) -> f32 {
+    if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).max(0.0).sqrt() }
+}
+
+/// The density of [`interval_to_tent`].
+pub fn interval_to_tent_pdf(x: f32) -> f32 {
+    (1.0 - x.abs()).max(0.0)
+}
+
+/// The inverse of [`interval_to_tent`].
+pub fn tent_to_interval(x: f32) -> f32 {
+    if x < 0.0 { 0.5 * (1.0 + x) * (1.0 + x) } else { 1.0 - 0.5 * (1.0 - x) * (1.0 - x) }
+}
+
+/// The solid angle of a cone given `1 − cos` of its half angle.
+pub fn cone_solid_angle(one_minus_cos: f32) -> f32 {
+    2.0 * PI * one_minus_cos
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ENDS: [f32; 5] = [0.0, 1e-7, 0.5, 0.75, 1.0 - f32::EPSILON / 2.0];
+
+    fn grid() -> impl Iterator<Item = Vec2> {
+        ENDS.into_iter().flat_map(|x| ENDS.into_iter().map(move |y| Vec2::new(x, y)))
+    }
+
+    #[test]
+    fn directions_are_of_unit_length_at_every_end_of_the_square() {
+        for u in grid() {
+            for w in [
+                square_to_cosine_hemisphere(u),
+                square_to_sphere(u),
+                square_to_cone(u, 1e-12),
+                square_to_cone(u, 0.3),
+                square_to_cone(u, 1.0),
+            ] {
+                assert!((w.length() - 1.0).abs() < 1e-6, "{u} {w}");
+            }
+            assert!(square_to_cosine_hemisphere(u).z > 0.0);
+            assert!(square_to_disk(u).length() <= 1.0 + 1e-6);
+            assert!(interval_to_tent(u.x).abs() <= 1.0);
+        }
+    }
+
+    #[test]
+    fn inverses_invert() {
+        for i in 0..200 {
+            let u = Vec2::new((i as f32 * 0.618_034 + 0.013).fract(), (i as f32 * 0.754_878 + 0.17).fract());
+            for (what, v, tolerance) in [
+                ("disk", disk_to_square(square_to_disk(u)), 1e-5),
+                ("cosine", cosine_hemisphere_to_square(square_to_cosine_hemisphere(u)), 1e-5),
+                ("sphere", sphere_to_square(square_to_sphere(u)), 1e-5),
+                ("cone", cone_to_square(square_to_cone(u, 0.2), 0.2), 1e-4),
+                ("triangle", triangle_to_square(square_to_triangle(u)), 1e-5),
+            ] {
+                assert!((u - v).abs().max_element() < tolerance, "{what}: {u} became {v}");
+            }
+            assert!((tent_to_interval(interval_to_tent(u.x)) - u.x).abs() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,44 @@
+//! What a scene needs; what it does not need is not sampled, traced, allocated or built.
+
+use std::fmt;
+
+/// The features that a scene uses, found out when it is compiled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Needs {
+    /// Some emitter can be sampled: next-event estimation is worth its rays.
+    pub emitter_sampling: bool,
+    /// Some emitter can be hit by a scattered ray.
+    pub hit_emitters: bool,
+    /// Rays that leave the scene bring light.
+    pub environment: bool,
+    /// Some material has a finite lobe that emitters can be sampled for.
+    pub finite_lobes: bool,
+    /// Some material scatters into Dirac deltas only.
+    pub specular_lobes: bool,
+    /// Some material chooses among lobes.
+    pub lobe_choice: bool,
+    /// Some material depends on the tangents of the surface.
+    pub tangents: bool,
+}
+
+impl Needs {
+    /// The features with their names, in a fixed order.
+    pub fn list(&self) -> [(&'static str, bool); 7] {
+        [
+            ("emitter_sampling", self.emitter_sampling),
+            ("hit_emitters", self.hit_emitters),
+            ("environment", self.environment),
+            ("finite_lobes", self.finite_lobes),
+            ("specular_lobes", self.specular_lobes),
+            ("lobe_choice", self.lobe_choice),
+            ("tangents", self.tangents),
+        ]
+    }
+}
+
+impl fmt::Display for Needs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let used: Vec<_> = self.list().into_iter().filter_map(|(name, used)| used.then_some(name)).collect();
+        f.write_str(&if used.is_empty() { "nothing".to_string() } else { used.join(", ") })
+    }
+}

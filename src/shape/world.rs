@@ -1,0 +1,268 @@
+//! Shapes in the world: what a scene is made of after its transforms are applied.
+
+use super::{Mesh, Shape};
+use crate::accel::{Geometry, Primitive, VertexBuffer};
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DMat3, Vec2, Vec3};
+use std::sync::Arc;
+
+/// A triangle mesh in the world. Its arrays are shared with the accelerator.
+pub struct TriangleMesh {
+    /// Vertex positions.
+    pub positions: Arc<VertexBuffer>,
+    /// Triangles as indices into the vertex arrays.
+    pub indices: Arc<Vec<[u32; 3]>>,
+    /// Vertex normals of unit length; empty for a faceted mesh.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinates; may be empty.
+    pub uvs: Vec<Vec2>,
+}
+
+impl TriangleMesh {
+    /// The corners of triangle `i`.
+    #[inline]
+    pub fn triangle(&self, i: usize) -> [Vec3; 3] {
+        self.indices[i].map(|v| self.positions[v as usize])
+    }
+
+    /// Bytes of the arrays.
+    pub fn memory_bytes(&self) -> usize {
+        size_of_val::<[Vec3]>(&self.positions)
+            + size_of_val(self.indices.as_slice())
+            + size_of_val(self.normals.as_slice())
+            + size_of_val(self.uvs.as_slice())
+    }
+}
+
+/// A shape in the world.
+pub enum WorldShape {
+    /// A triangle mesh.
+    Mesh(Arc<TriangleMesh>),
+    /// A parallelogram, as two triangles; its centre and half edges serve sampling.
+    Rectangle {
+        /// The two triangles.
+        mesh: Arc<TriangleMesh>,
+        /// The corner at (−1, −1).
+        corner: Vec3,
+        /// The edge along x, of full length.
+        edge_x: Vec3,
+        /// The edge along y, of full length.
+        edge_y: Vec3,
+        /// Unit normal of the front.
+        normal: Vec3,
+    },
+    /// A sphere.
+    Sphere {
+        /// Centre.
+        center: Vec3,
+        /// Radius.
+        radius: f32,
+        /// Whether the front is the inside.
+        inward: bool,
+    },
+    /// A disk, possibly sheared to an ellipse.
+    Disk {
+        /// Centre.
+        center: Vec3,
+        /// Image of the unit disk's x axis.
+        du: Vec3,
+        /// Image of the unit disk's y axis.
+        dv: Vec3,
+        /// Unit normal of the front.
+        normal: Vec3,
+    },
+}
+
+impl WorldShape {
+    /// Applies a transform. Fronts of shapes with normals of their own (rectangle, cube, disk, smooth meshes)
+    /// survive a mirroring transform; the front of a faceted mesh is given by the order of its vertices.
+    pub fn new(shape: Shape, to_world: &DAffine3, flip: bool) -> Result<Self> {
+        Ok(match shape {
+            Shape::Mesh(mesh) => WorldShape::Mesh(Arc::new(transform_mesh(mesh, to_world, flip))),
+            Shape::Cube => {
+                let mirrored = to_world.matrix3.determinant() < 0.0;
+                WorldShape::Mesh(Arc::new(transform_mesh(cube(), to_world, flip != mirrored)))
+            }
+            Shape::Rectangle => rectangle(to_world, flip),
+            Shape::Sphere { center, radius } => sphere(center, radius, to_world, flip)?,
+            Shape::Disk => {
+                let normal = transform_normal(&to_world.matrix3, Vec3::Z);
+                WorldShape::Disk {
+                    center: to_world.translation.as_vec3(),
+                    du: to_world.matrix3.x_axis.as_vec3(),
+                    dv: to_world.matrix3.y_axis.as_vec3(),
+                    normal: if flip { -normal } else { normal },
+                }
+            }
+        })
+    }
+
+    /// What the accelerator is built from.
+    pub fn geometry(&self) -> Geometry {
+        match self {
+            WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
+                Geometry::Triangles { positions: mesh.positions.clone(), indices: mesh.indices.clone() }
+            }
+            WorldShape::Sphere { center, radius, .. } => {
+                Geometry::Analytic(Primitive::Sphere { center: *center, radius: *radius })
+            }
+            WorldShape::Disk { center, du, dv, .. } => {
+                Geometry::Analytic(Primitive::Disk { center: *center, du: *du, dv: *dv })
+            }
+        }
+    }
+
+    /// Triangles; an analytic shape counts as none.
+    pub fn triangle_count(&self) -> usize {
+        match self {
+            WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.indices.len(),
+            _ => 0,
+        }
+    }
+
+    /// Bytes of its arrays.
+    pub fn memory_bytes(&self) -> usize {
+        match self {
+            WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.memory_bytes(),
+            _ => 0,
+        }
+    }
+}
+
+/// A normal under a linear map: by the inverse transpose, written as the cofactor matrix, so that it exists
+/// for every map that does not squash the surface. The side is that of the map applied to the normal.
+fn transform_normal(m: &DMat3, n: Vec3) -> Vec3 {
+    let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
+    let cofactor = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
+    let side = if m.determinant() < 0.0 { -1.0 } else { 1.0 };
+    (cofactor * n.as_dvec3() * side).normalize_or_zero().as_vec3()
+}
+
+fn transform_mesh(mesh: Mesh, to_world: &DAffine3, flip: bool) -> TriangleMesh {
+    let Mesh { mut positions, mut normals, uvs, mut indices } = mesh;
+    if *to_world != DAffine3::IDENTITY {
+        for p in &mut positions {
+            *p = to_world.transform_point3(p.as_dvec3()).as_vec3();
+        }
+        for n in &mut normals {
+            *n = transform_normal(&to_world.matrix3, *n);
+        }
+    }
+    if flip {
+        normals.iter_mut().for_each(|n| *n = -*n);
+        indices.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    TriangleMesh { positions: Arc::new(positions.into()), indices: Arc::new(indices), normals, uvs }
+}
+
+fn rectangle(to_world: &DAffine3, flip: bool) -> WorldShape {
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+    let mesh = Mesh {
+        positions: corners.iter().map(|&(x, y)| Vec3::new(x, y, 0.0)).collect(),
+        normals: Vec::new(),
+        uvs: corners.iter().map(|&(x, y)| Vec2::new(0.5 * (x + 1.0), 0.5 * (y + 1.0))).collect(),
+        indices: vec![[0, 1, 2], [2, 3, 0]],
+    };
+    let mirrored = to_world.matrix3.determinant() < 0.0;
+    let mesh = transform_mesh(mesh, to_world, flip != mirrored);
+    let normal = transform_normal(&to_world.matrix3, Vec3::Z);
+    WorldShape::Rectangle {
+        corner: mesh.positions[0],
+        edge_x: mesh.positions[1] - mesh.positions[0],
+        edge_y: mesh.positions[3] - mesh.positions[0],
+        normal: if flip { -normal } else { normal },
+        mesh: Arc::new(mesh),
+    }
+}
+
+/// The cube's six faces, each with its own four vertices.
+fn cube() -> Mesh {
+    let mut mesh = Mesh::default();
+    for axis in 0..3 {
+        for sign in [-1.0, 1.0] {
+            let mut n = Vec3::ZERO;
+            n[axis] = sign;
+            let mut s = Vec3::ZERO;
+            s[(axis + 1) % 3] = 1.0;
+            let t = n.cross(s);
+            let base = mesh.positions.len() as u32;
+            for (a, b) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+                mesh.positions.push(n + s * a + t * b);
+                mesh.uvs.push(Vec2::new(0.5 * (a + 1.0), 0.5 * (b + 1.0)));
+            }
+            mesh.indices.push([base, base + 1, base + 2]);
+            mesh.indices.push([base + 2, base + 3, base]);
+        }
+    }
+    mesh
+}
+
+fn sphere(center: Vec3, radius: f32, to_world: &DAffine3, flip: bool) -> Result<WorldShape> {
+    let m = &to_world.matrix3;
+    let lengths = [m.x_axis.length(), m.y_axis.length(), m.z_axis.length()];
+    let skew = m.x_axis.dot(m.y_axis).abs() + m.y_axis.dot(m.z_axis).abs() + m.z_axis.dot(m.x_axis).abs();
+    let uneven = lengths.iter().any(|l| (l - lengths[0]).abs() > 1e-4 * lengths[0]);
+    if uneven || skew > 1e-4 * lengths[0] * lengths[0] {
+        return Err(Error::scene(format!(
+            "expected a uniform scale of a sphere, found scales {:.6}, {:.6} and {:.6} along its axes{}",
+            lengths[0],
+            lengths[1],
+            lengths[2],
+            if uneven { "" } else { " and a shear" }
+        )));
+    }
+    Ok(WorldShape::Sphere {
+        center: to_world.transform_point3(center.as_dvec3()).as_vec3(),
+        radius: (f64::from(radius) * lengths[0]) as f32,
+        inward: flip != (m.determinant() < 0.0),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DVec3;
+
+    fn normal_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
+        let [a, b, c] = mesh.triangle(i);
+        (b - a).cross(c - a).normalize()
+    }
+
+    #[test]
+    fn fronts_of_rectangles_and_cubes_survive_mirroring() {
+        for scale in [DVec3::ONE, DVec3::new(-1.0, 1.0, 1.0), DVec3::new(2.0, 3.0, -0.5)] {
+            for flip in [false, true] {
+                let m = DAffine3::from_scale(scale);
+                let side = if flip { -1.0 } else { 1.0 };
+                let WorldShape::Rectangle { mesh, normal, .. } =
+                    WorldShape::new(Shape::Rectangle, &m, flip).unwrap()
+                else {
+                    panic!("a rectangle stays one")
+                };
+                let front = Vec3::Z * side * scale.z.signum() as f32;
+                assert_eq!(normal_of(&mesh, 0), front);
+                assert_eq!(normal, front);
+                let WorldShape::Mesh(mesh) = WorldShape::new(Shape::Cube, &m, flip).unwrap() else {
+                    panic!("a cube becomes a mesh")
+                };
+                for i in 0..12 {
+                    let [a, b, c] = mesh.triangle(i);
+                    let outwards = (a + b + c).dot(normal_of(&mesh, i)) * side;
+                    assert!(outwards > 0.0, "face {i} of {scale} {flip}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_squeezed_sphere_is_refused_with_its_scales() {
+        let m = DAffine3::from_scale(DVec3::new(1.0, 2.0, 1.0));
+        let Err(e) = WorldShape::new(Shape::Sphere { center: Vec3::ZERO, radius: 1.0 }, &m, false) else {
+            panic!("a squeezed sphere must be refused")
+        };
+        assert_eq!(
+            e.to_string(),
+            "expected a uniform scale of a sphere, found scales 1.000000, 2.000000 and 1.000000 along its axes"
+        );
+    }
+}

@@ -1,0 +1,239 @@
+//! The safe wrapper of Embree keeps its promises: layouts, padding, panics in callbacks, order of drops.
+
+use buffon::embree::{
+    Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
+    SceneBuilder, SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
+};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+/// From (0.25, 0.25, 1) straight down.
+const DOWN: [f32; 8] = [0.25, 0.25, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0];
+
+fn device() -> Device {
+    Device::new(DeviceOptions::default()).expect("a device")
+}
+
+/// One triangle in the plane z = 0 and its padding.
+fn vertices() -> Arc<Vec<[f32; 3]>> {
+    Arc::new(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]])
+}
+
+fn triangle_scene(device: &Device) -> CommittedScene {
+    let mut builder = SceneBuilder::new(device, SceneOptions::default()).expect("a scene");
+    builder.add_triangles(7, vertices(), 3, Arc::new(vec![[0, 1, 2]])).expect("added");
+    builder.commit().expect("built")
+}
+
+/// A plane z = 0 as user geometry that panics for rays beyond x = 0.5.
+struct Trap;
+
+impl UserPrimitives for Trap {
+    fn count(&self) -> u32 {
+        1
+    }
+
+    fn bounds(&self, _: u32) -> ([f32; 3], [f32; 3]) {
+        ([-1.0, -1.0, -0.1], [1.0, 1.0, 0.1])
+    }
+
+    fn intersect(&self, _: u32, ray: &UserRay) -> Option<UserHit> {
+        assert!(ray.origin[0] < 0.5, "the trap is shut");
+        let t = -ray.origin[2] / ray.direction[2];
+        (t > ray.t_near && t < ray.t_far).then_some(UserHit { t, u: 0.25, v: 0.75 })
+    }
+}
+
+fn trap_scene() -> CommittedScene {
+    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+    builder.add_user(3, Arc::new(Trap)).expect("added");
+    builder.commit().expect("built")
+}
+
+#[test]
+fn single_rays_and_packets_report_the_same_hit() {
+    let scene = triangle_scene(&device());
+    let mut single = RayHit1::new(&DOWN);
+    scene.intersect1(&mut single, Coherence::Incoherent);
+    assert_eq!((single.geometry, single.primitive, single.instance), (7, 0, INVALID_ID));
+    assert_eq!((single.t_far, single.u, single.v), (1.0, 0.25, 0.25));
+    assert!(scene.occluded1(&mut RayHit1::new(&DOWN), Coherence::Coherent));
+
+    let mut packet = RayHits16::default();
+    let mut rays = [DOWN; WIDTH];
+    rays[4][0] = 5.0;
+    packet.rays.load(&rays);
+    assert_eq!(scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Coherent), Mask16::ALL);
+    for i in 0..WIDTH {
+        let expected = if i == 4 { (INVALID_ID, f32::INFINITY) } else { (7, 1.0) };
+        assert_eq!((packet.geometry[i], packet.rays.t_far[i]), expected);
+    }
+}
+
+#[test]
+fn masked_rays_are_left_alone() {
+    let scene = triangle_scene(&device());
+    let mut packet = RayHits16::default();
+    packet.rays.load(&[DOWN; WIDTH]);
+    scene.intersect16(&Mask16::from_fn(|i| i % 2 == 0), &mut packet, Coherence::Incoherent);
+    let hit: Vec<bool> = packet.geometry.iter().map(|&g| g != INVALID_ID).collect();
+    assert_eq!(hit, (0..WIDTH).map(|i| i % 2 == 0).collect::<Vec<_>>());
+    let mut rays = Rays16::default();
+    rays.load(&[DOWN; WIDTH]);
+    scene.occluded16(&Mask16::from_fn(|i| i < 3), &mut rays, Coherence::Incoherent);
+    assert_eq!(rays.t_far.iter().filter(|&&t| t == f32::NEG_INFINITY).count(), 3);
+}
+
+#[test]
+fn invalid_rays_do_no_harm_and_hit_nothing() {
+    let scene = triangle_scene(&device());
+    for (k, value) in (0..7).flat_map(|k| [(k, f32::NAN), (k, f32::NEG_INFINITY), (k, -1e30)]) {
+        let mut ray = DOWN;
+        ray[k] = value;
+        let mut single = RayHit1::new(&ray);
+        scene.intersect1(&mut single, Coherence::Incoherent);
+        assert_eq!(single.geometry, INVALID_ID, "{ray:?}");
+        assert!(!scene.occluded1(&mut RayHit1::new(&ray), Coherence::Incoherent));
+        let mut packet = RayHits16::default();
+        packet.rays.load(&[ray; WIDTH]);
+        let traced = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent);
+        assert_eq!((traced, packet.geometry), (Mask16::from_fn(|_| false), [INVALID_ID; WIDTH]), "{ray:?}");
+    }
+}
+
+#[test]
+fn vertices_with_nan_are_left_out() {
+    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+    let mut with_nan = Vec::clone(&vertices());
+    with_nan.insert(3, [f32::NAN; 3]);
+    builder.add_triangles(0, Arc::new(with_nan), 4, Arc::new(vec![[0, 1, 3], [0, 1, 2]])).expect("added");
+    let scene = builder.commit().expect("built");
+    let mut ray = RayHit1::new(&DOWN);
+    scene.intersect1(&mut ray, Coherence::Incoherent);
+    assert_eq!((ray.geometry, ray.primitive), (0, 1));
+    assert_eq!(scene.bounds(), ([0.0; 3], [1.0, 1.0, 0.0]));
+}
+
+#[test]
+fn missing_padding_and_wild_indices_are_refused() {
+    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+    let error = builder.add_triangles(0, vertices(), 4, Arc::new(vec![[0, 1, 2]])).unwrap_err();
+    assert_eq!(error.to_string(), "Embree: expected padding after 4 vertices, found 4 elements");
+    let error = builder.add_triangles(0, vertices(), 3, Arc::new(vec![[0, 1, 3]])).unwrap_err();
+    assert_eq!(error.to_string(), "Embree: expected indices below 3, found 3");
+}
+
+#[test]
+fn an_id_used_twice_is_an_error_with_embrees_words() {
+    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+    let mut add = || builder.add_triangles(0, vertices(), 3, Arc::new(vec![[0, 1, 2]]));
+    add().expect("once");
+    let error = add().unwrap_err().to_string();
+    assert!(error.starts_with("Embree: adding a geometry: invalid"), "{error}");
+}
+
+#[test]
+fn a_panic_in_a_callback_goes_on_after_the_query() {
+    let scene = trap_scene();
+    let caught = |f: &mut dyn FnMut()| {
+        let payload = catch_unwind(AssertUnwindSafe(f)).expect_err("the panic arrives");
+        payload.downcast_ref::<&str>().map(|s| s.to_string()).unwrap_or_default()
+    };
+    let mut beyond = DOWN;
+    beyond[0] = 0.75;
+    let single = caught(&mut || scene.intersect1(&mut RayHit1::new(&beyond), Coherence::Incoherent));
+    assert_eq!(single, "the trap is shut");
+    let occluded =
+        caught(&mut || assert!(!scene.occluded1(&mut RayHit1::new(&beyond), Coherence::Incoherent)));
+    assert_eq!(occluded, "the trap is shut");
+    let mut rays = [DOWN; WIDTH];
+    rays[9] = beyond;
+    let mut packet = RayHits16::default();
+    packet.rays.load(&rays);
+    let mut trace = || _ = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent);
+    assert_eq!(caught(&mut trace), "the trap is shut");
+    let mut packet = Rays16::default();
+    packet.load(&rays);
+    let mut trace = || _ = scene.occluded16(&Mask16::ALL, &mut packet, Coherence::Coherent);
+    assert_eq!(caught(&mut trace), "the trap is shut");
+    // The scene is as good as before.
+    let mut ray = RayHit1::new(&DOWN);
+    scene.intersect1(&mut ray, Coherence::Incoherent);
+    assert_eq!((ray.geometry, ray.t_far, ray.u, ray.v), (3, 1.0, 0.25, 0.75));
+}
+
+#[test]
+fn a_panic_while_bounding_passes_through_the_builder() {
+    struct Boundless;
+    impl UserPrimitives for Boundless {
+        fn count(&self) -> u32 {
+            1
+        }
+        fn bounds(&self, _: u32) -> ([f32; 3], [f32; 3]) {
+            panic!("no bounds")
+        }
+        fn intersect(&self, _: u32, _: &UserRay) -> Option<UserHit> {
+            None
+        }
+    }
+    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+    assert!(catch_unwind(AssertUnwindSafe(|| builder.add_user(0, Arc::new(Boundless)))).is_err());
+    assert!(builder.commit().is_ok());
+}
+
+#[test]
+fn handles_may_be_dropped_in_any_order() {
+    let device = device();
+    let unfinished = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    let scene = triangle_scene(&device);
+    let other = trap_scene();
+    drop(device);
+    drop(unfinished);
+    let mut ray = RayHit1::new(&DOWN);
+    scene.intersect1(&mut ray, Coherence::Incoherent);
+    assert_eq!(ray.geometry, 7);
+    drop(scene);
+    drop(other);
+}
+
+#[test]
+fn shared_arrays_live_as_long_as_the_scene_and_no_longer() {
+    let (vertices, indices) = (vertices(), Arc::new(vec![[0, 1, 2]]));
+    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+    builder.add_triangles(0, Arc::clone(&vertices), 3, Arc::clone(&indices)).expect("added");
+    let scene = builder.commit().expect("built");
+    assert_eq!((Arc::strong_count(&vertices), Arc::strong_count(&indices)), (2, 2));
+    drop(scene);
+    assert_eq!((Arc::strong_count(&vertices), Arc::strong_count(&indices)), (1, 1));
+}
+
+#[test]
+fn a_scene_is_asked_from_many_threads() {
+    let scene = triangle_scene(&device());
+    std::thread::scope(|s| {
+        for _ in 0..4 {
+            s.spawn(|| {
+                for _ in 0..1000 {
+                    let mut ray = RayHit1::new(&DOWN);
+                    scene.intersect1(&mut ray, Coherence::Incoherent);
+                    assert_eq!(ray.geometry, 7);
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn the_memory_monitor_counts_what_a_scene_takes_and_gives_back() {
+    let device = device();
+    let before = device.memory_bytes();
+    let n = 100u32;
+    let grid: Vec<[f32; 3]> = (0..=n * n).map(|i| [(i % n) as f32, (i / n) as f32, 0.0]).collect();
+    let indices: Vec<[u32; 3]> = (0..n * (n - 1) - 1).map(|i| [i, i + 1, i + n]).collect();
+    let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    builder.add_triangles(0, Arc::new(grid), (n * n) as usize, Arc::new(indices)).expect("added");
+    let scene = builder.commit().expect("built");
+    assert!(scene.memory_bytes() > before + 100_000, "{} bytes", scene.memory_bytes());
+    drop(scene);
+    assert!(device.memory_bytes() < before + 100_000);
+}

@@ -1,0 +1,107 @@
+//! Scenes built in code, and rendering them.
+
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::film::{ComponentFormat, FilmSettings, Filter, PixelFormat};
+use buffon::ids::MaterialId;
+use buffon::integrator::{self, Settings};
+use buffon::material::Material;
+use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
+use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
+use buffon::sampling::{Sampler, SamplerKind};
+use buffon::scene::description::{Description, PlacedShape};
+use buffon::scene::{CompileOptions, Scene, compile};
+use buffon::sensor::{FovAxis, SensorSettings};
+use buffon::shape::Shape;
+
+/// A shape with a material of its own.
+pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: Material) -> usize {
+    let id = MaterialId::from(scene.materials.len());
+    scene.materials.push(material);
+    scene.shapes.push(PlacedShape {
+        name: String::new(),
+        place: None,
+        shape,
+        to_world,
+        flip_normals: false,
+        material: id,
+        emission: None,
+    });
+    scene.shapes.len() - 1
+}
+
+/// A grey diffuse material.
+pub fn diffuse(reflectance: f32) -> Material {
+    Material::Diffuse { reflectance: Rgb::splat(reflectance) }
+}
+
+/// A sphere shape around the origin.
+pub fn sphere(radius: f32) -> Shape {
+    Shape::Sphere { center: Vec3::ZERO, radius }
+}
+
+/// A constant environment.
+pub fn constant(radiance: f32) -> Emitter {
+    Emitter::Constant { radiance: Rgb::splat(radiance) }
+}
+
+/// A small square image seen from `eye` towards `target`.
+pub fn camera(eye: DVec3, target: DVec3, fov_degrees: f64, size: u32) -> SensorSettings {
+    let z = (target - eye).normalize();
+    let up = if z.y.abs() > 0.99 { DVec3::Z } else { DVec3::Y };
+    let x = up.cross(z).normalize();
+    SensorSettings {
+        name: String::new(),
+        to_world: DAffine3::from_mat3_translation(DMat3::from_cols(x, z.cross(x), z), eye),
+        fov: fov_degrees.to_radians(),
+        fov_axis: FovAxis::X,
+        near_clip: 1e-4,
+        far_clip: 1e30,
+        principal_point_offset: [0.0; 2],
+        film: FilmSettings {
+            width: size,
+            height: size,
+            crop: None,
+            filter: Filter::Box { radius: 0.5 },
+            pixel_format: PixelFormat::Rgb,
+            component_format: ComponentFormat::Float,
+        },
+    }
+}
+
+/// Compiles a scene.
+pub fn compiled(description: Description, accel: AccelKind) -> Scene {
+    compile(description, CompileOptions { accel, threads: 2 }).expect("the test scene compiles").0
+}
+
+/// Renders the scene's first sensor.
+pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64, seed: u64) -> Rendered {
+    let integrator = integrator::create(settings);
+    let progress = Progress::new();
+    let job = JobSettings {
+        sampler: Sampler::new(sampler, Some(spp)),
+        seed,
+        threads: 2,
+        stop: StopRules { samples: Some(spp), ..StopRules::default() },
+        layers: Vec::new(),
+    };
+    let rendered = Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress).run();
+    rendered.expect("the threads start")
+}
+
+/// Mean over the image of each channel, and an estimate of its standard error from the halves.
+pub fn mean(rendered: &Rendered) -> ([f64; 3], [f64; 3]) {
+    let (mut mean, mut variance, mut n) = ([0.0; 3], [0.0; 3], 0.0);
+    for tile in &rendered.tiles {
+        for i in 0..tile.pixel_count() {
+            for c in 0..3 {
+                let estimate = tile.estimate(i, c);
+                mean[c] += estimate.mean;
+                variance[c] += estimate.variance.unwrap_or(0.0);
+            }
+            n += 1.0;
+        }
+    }
+    (mean.map(|m| m / n), variance.map(|v| v.sqrt() / n))
+}
