@@ -3,16 +3,15 @@
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::error::Result;
-use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
+use buffon::film::Filter;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{Aov, DirectSettings, Layer, PathSettings};
+use buffon::integrator::settings::PathSettings;
 use buffon::loader::{LoadOptions, Loaded, load};
 use buffon::material::{Distribution, Material};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::sensor::FovAxis;
 use buffon::shape::Shape;
-use proptest::prelude::*;
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -53,15 +52,17 @@ pub fn scene(inside: &str) -> String {
 }
 
 /// What the loader makes of a scene's elements; there must be no warnings.
-fn loaded(inside: &str) -> Loaded {
+pub fn loaded(inside: &str) -> Loaded {
     let files = Files::new(&[("scene.xml", &scene(&format!("{SENSOR}{inside}")))]);
     let loaded = files.load(&LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
     assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
     loaded
 }
 
-const SENSOR: &str = "<sensor type='perspective'/>";
-const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nf 1/1 2/1 3/1\n";
+/// The least that a scene needs.
+pub const SENSOR: &str = "<sensor type='perspective'/>";
+/// A triangle in OBJ.
+pub const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nf 1/1 2/1 3/1\n";
 
 /// In the manner of the Cornell box that Bitterli's collection has for Mitsuba 3.
 pub const BOX: &str = r#"<scene version="3.0.0">
@@ -233,7 +234,7 @@ fn transformations_apply_in_order() {
         [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]],
     );
     assert_transform(
-        "<rotate z='2' angle='90'/><translate x='1'/><scale x='2' y='3'/>",
+        "<rotate z='1' angle='90'/><translate x='1'/><scale x='2' y='3'/>",
         [[0.0, -2.0, 0.0, 2.0], [3.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     );
     assert_transform(
@@ -241,8 +242,17 @@ fn transformations_apply_in_order() {
         [[1.0, 2.0, 3.0, 0.0], [0.0, 1.0, 4.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     );
     assert_transform(
-        "<lookat origin='0 0 0' target='0 0 2'/>",
-        [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+        "<lookat origin='0 0 0' target='1 2 -3'/>",
+        [
+            [-0.0792865, 0.960357, 0.267261, 0.0],
+            [0.841427, -0.0792865, 0.534522, 0.0],
+            [0.534522, 0.267261, -0.801784, 0.0],
+        ],
+    );
+    // An axis is a direction, whatever its length (Mitsuba 3.9.1 scales by it).
+    assert_transform(
+        "<rotate z='2' angle='90'/>",
+        [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
     );
 }
 
@@ -342,101 +352,6 @@ fn old_scenes_are_upgraded() {
 }
 
 #[test]
-fn every_value_of_film_and_sensor_is_read() {
-    let loaded = {
-        let text = scene(
-            "<sensor type='perspective' id='cam'>
-                <string name='focal_length' value='50mm'/>
-                <float name='far_clip' value='1e3'/><float name='principal_point_offset_y' value='-0.1'/>
-                <film type='hdrfilm'>
-                    <integer name='width' value='640'/><integer name='height' value='480'/>
-                    <integer name='crop_offset_x' value='10'/><integer name='crop_width' value='20'/>
-                    <string name='pixel_format' value='RGBA'/><string name='component_format' value='float32'/>
-                    <rfilter type='gaussian'><float name='stddev' value='0.7'/></rfilter>
-                    <boolean name='sample_border' value='true'/>
-                </film>
-                <sampler type='multijitter'><integer name='seed' value='1'/></sampler>
-            </sensor>",
-        );
-        Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).unwrap()
-    };
-    let sensor = &loaded.description.sensors[0];
-    assert_eq!(sensor.name, "cam");
-    // Mitsuba gives 38.1848 degrees to the width of a 4:3 image, which is this diagonal.
-    let x = 2.0 * ((0.5 * sensor.fov).tan() * 0.8).atan();
-    assert!((x.to_degrees() - 38.1848).abs() < 1e-4 && sensor.fov_axis == FovAxis::Diagonal);
-    assert_eq!((sensor.near_clip, sensor.far_clip), (f64::from(0.01f32), 1e3));
-    assert_eq!(sensor.principal_point_offset, [0.0, -0.1]);
-    assert_eq!(sensor.film.crop, Some(PixelRect { x: 10, y: 0, width: 20, height: 480 }));
-    assert_eq!(
-        (sensor.film.pixel_format, sensor.film.component_format),
-        (PixelFormat::Rgba, ComponentFormat::Float)
-    );
-    assert_eq!(sensor.film.filter, Filter::Gaussian { stddev: 0.7 });
-    assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Stratified), None));
-    assert_eq!(
-        loaded.notes,
-        [
-            "the scene names no integrator: path is used",
-            "<film type=\"hdrfilm\">: sample_border is ignored: a sample belongs to one pixel, so borders need none",
-            "the sampler multijitter is mapped to stratified",
-            "<sampler type=\"multijitter\">: seed is ignored: the command line's --seed decides",
-        ]
-    );
-}
-
-#[test]
-fn every_integrator_is_read() {
-    let integrator = |inside: &str| loaded(&format!("<integrator {inside}</integrator>")).integrator;
-    assert_eq!(integrator("type='depth'>"), Settings::Depth);
-    let direct = DirectSettings { emitter_samples: 4, bsdf_samples: 4, hide_emitters: false };
-    assert_eq!(
-        integrator("type='direct'><integer name='shading_samples' value='4'/>"),
-        Settings::Direct(direct)
-    );
-    let direct = DirectSettings { emitter_samples: 3, bsdf_samples: 1, hide_emitters: true };
-    let text = "type='direct'><integer name='emitter_samples' value='3'/><boolean name='hide_emitters' value='true'/>";
-    assert_eq!(integrator(text), Settings::Direct(direct));
-    let text = "type='aov'><string name='aovs' value='dd.y:depth,nn:sh_normal'/><integrator type='path' name='image'/>";
-    let layer = |name: &str, aov| Layer { name: name.to_owned(), aov };
-    let layers = vec![layer("dd.y", Aov::Depth), layer("nn", Aov::ShadingNormal)];
-    assert_eq!(integrator(text), Settings::Aov { layers, image: Some(Box::new(Settings::default())) });
-}
-
-#[test]
-fn emitters_spheres_and_conductors_are_read() {
-    let loaded = loaded(
-        "<emitter type='point'><point name='position' value='1, 2, 3'/><float name='intensity' value='5'/></emitter>
-         <emitter type='point'><transform name='to_world'><translate y='2'/></transform></emitter>
-         <emitter type='constant'><spectrum name='radiance' value='1'/></emitter>
-         <shape type='sphere'><point name='center' x='1' y='0' z='0'/><boolean name='flip_normals' value='true'/>
-            <bsdf type='conductor'><string name='material' value='Au'/></bsdf></shape>
-         <shape type='disk'><bsdf type='roughconductor'><float name='alpha_u' value='.1'/><float name='alpha_v' value='.2'/>
-            <string name='distribution' value='ggx'/><boolean name='sample_visible' value='false'/></bsdf></shape>",
-    );
-    let scene = &loaded.description;
-    assert_eq!(
-        scene.emitters[0],
-        Emitter::Point { position: Vec3::new(1.0, 2.0, 3.0), intensity: Rgb::splat(5.0) }
-    );
-    assert_eq!(
-        scene.emitters[1],
-        Emitter::Point { position: Vec3::new(0.0, 2.0, 0.0), intensity: Rgb::WHITE }
-    );
-    let Emitter::Constant { radiance } = scene.emitters[2] else { panic!() };
-    assert!((radiance.r - 1.20479).abs() < 1e-4, "{radiance:?}");
-    assert_eq!(scene.shapes[0].shape, Shape::Sphere { center: Vec3::X, radius: 1.0 });
-    assert!(scene.shapes[0].flip_normals);
-    let eta = Rgb::new(0.143036, 0.375307, 1.44205);
-    let k = Rgb::new(3.983, 2.38556, 1.60336);
-    assert_eq!(scene.materials[0], Material::Conductor { eta, k, specular_reflectance: Rgb::WHITE });
-    let Material::RoughConductor { alpha, distribution, sample_visible, k, .. } = scene.materials[1] else {
-        panic!()
-    };
-    assert_eq!((alpha, distribution, sample_visible, k), ([0.1, 0.2], Distribution::Ggx, false, Rgb::WHITE));
-}
-
-#[test]
 fn a_mesh_alone_is_framed() {
     let files = Files::new(&[("tri.obj", TRIANGLE)]);
     let loaded = load(&files.path().join("tri.obj"), &LoadOptions::default()).unwrap();
@@ -456,44 +371,4 @@ fn a_mesh_alone_is_framed() {
         assert!(seen.x.abs() < half * seen.z && seen.y.abs() < half * seen.z, "{seen}");
     }
     assert!(sensor.to_world.translation.y > 0.5 && sensor.to_world.translation.z > 0.5);
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
-
-    /// Whatever becomes of a scene's text, loading it ends with a scene or an error.
-    #[test]
-    fn a_mutated_scene_never_panics(
-        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0usize..12, "[-0-9a-z<>/\"'=$. é]{0,6}"), 1..6)
-    ) {
-        let mut text: Vec<char> = BOX.chars().collect();
-        for (at, removed, inserted) in edits {
-            let at = at.index(text.len());
-            let end = (at + removed).min(text.len());
-            text.splice(at..end, inserted.chars());
-        }
-        let files = Files::new(&[("scene.xml", &text.iter().collect::<String>())]);
-        if let Err(error) = files.load(&LoadOptions::default()) {
-            prop_assert!(!error.to_string().is_empty());
-        }
-    }
-
-    /// The same for meshes.
-    #[test]
-    fn a_mutated_mesh_never_panics(
-        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0usize..4, "[-0-9a-z/. \n]{0,4}"), 1..5)
-    ) {
-        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-            element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
-        for (name, text) in [("m.obj", TRIANGLE), ("m.ply", ply)] {
-            let mut text: Vec<char> = text.chars().collect();
-            for (at, removed, inserted) in &edits {
-                let at = at.index(text.len().max(1));
-                let end = (at + removed).min(text.len());
-                text.splice(at..end, inserted.chars());
-            }
-            let files = Files::new(&[(name, &text.iter().collect::<String>())]);
-            let _ = load(&files.path().join(name), &LoadOptions::default());
-        }
-    }
 }

@@ -13,6 +13,8 @@ pub type ObjectId = usize;
 
 /// A chain of objects inside objects longer than this is refused.
 const MAX_CHAIN: usize = 100;
+/// Unknown ids that are listed.
+const MAX_UNKNOWN: usize = 10;
 
 /// What an object is: the names of the elements that declare one.
 pub const CLASSES: [&str; 13] = [
@@ -123,7 +125,14 @@ struct Reference {
     from: ObjectId,
     slot: usize,
     id: String,
-    error: Error,
+}
+
+/// A second name for an object.
+#[derive(Debug)]
+struct Alias {
+    id: String,
+    second: String,
+    spot: Spot,
 }
 
 /// The objects of a scene file; the first is the scene.
@@ -133,7 +142,7 @@ pub struct Graph {
     pub objects: Vec<Object>,
     ids: HashMap<String, ObjectId>,
     references: Vec<Reference>,
-    aliases: Vec<(String, String, Error)>,
+    aliases: Vec<Alias>,
 }
 
 impl Graph {
@@ -157,41 +166,40 @@ impl Graph {
         Ok(index)
     }
 
-    /// Adds a reference from an object to an id that may come later; `error` has its place.
-    pub fn refer(&mut self, from: ObjectId, name: Option<String>, spot: Spot, id: &str, error: Error) {
+    /// Adds a reference from an object to an id that may come later.
+    pub fn refer(&mut self, from: ObjectId, name: Option<String>, spot: Spot, id: &str) {
         let children = &mut self.objects[from].children;
-        self.references.push(Reference { from, slot: children.len(), id: id.to_owned(), error });
+        self.references.push(Reference { from, slot: children.len(), id: id.to_owned() });
         children.push(Child { name, object: usize::MAX, spot });
     }
 
-    /// Adds a second name for an id that may come later; `error` has its place.
-    pub fn alias(&mut self, id: &str, second: &str, error: Error) {
-        self.aliases.push((id.to_owned(), second.to_owned(), error));
+    /// Adds a second name for an id that may come later.
+    pub fn alias(&mut self, id: &str, second: &str, spot: Spot) {
+        self.aliases.push(Alias { id: id.to_owned(), second: second.to_owned(), spot });
     }
 
     /// Finds the targets of all references.
     ///
     /// # Errors
-    /// Unknown ids (all of them at once, each with the nearest known one), an alias whose name is taken, a cycle of references,
+    /// Unknown ids (the first ten at once, each with the nearest known one), an alias whose name is taken, a cycle of references,
     /// objects inside objects more than a hundred deep.
     pub fn link(&mut self) -> Result<()> {
-        for (id, second, mut error) in std::mem::take(&mut self.aliases) {
-            let Some(&target) = self.ids.get(&id) else {
-                error.message = self.unknown(&id);
-                return Err(error);
-            };
+        for Alias { id, second, spot } in std::mem::take(&mut self.aliases) {
+            let Some(&target) = self.ids.get(&id) else { return Err(self.unknown("alias", &id, &spot)) };
             if self.ids.insert(second.clone(), target).is_some() {
-                error.message = format!("the id {} is taken", quoted(&second));
-                return Err(error);
+                let error = Error::scene(format!("the id {} is taken", quoted(&second)));
+                return Err(error.about(format!("<alias as=\"{second}\">")).at(spot.place()));
             }
         }
         let mut unknown = Vec::new();
-        for mut reference in std::mem::take(&mut self.references) {
-            match self.ids.get(&reference.id) {
-                Some(&target) => self.objects[reference.from].children[reference.slot].object = target,
+        for Reference { from, slot, id } in std::mem::take(&mut self.references) {
+            match self.ids.get(&id) {
+                Some(&target) => self.objects[from].children[slot].object = target,
                 None => {
-                    reference.error.message = self.unknown(&reference.id);
-                    unknown.push(reference.error);
+                    unknown.push(self.unknown("ref", &id, &self.objects[from].children[slot].spot));
+                    if unknown.len() == MAX_UNKNOWN {
+                        break;
+                    }
                 }
             }
         }
@@ -201,10 +209,11 @@ impl Graph {
         }
     }
 
-    fn unknown(&self, id: &str) -> String {
-        let mut known: Vec<_> = self.ids.keys().map(String::as_str).collect();
-        known.sort_unstable();
-        format!("no object has the id {}{}", quoted(id), names::did_you_mean(id, known))
+    /// The error for an id that no object has.
+    fn unknown(&self, tag: &str, id: &str, spot: &Spot) -> Error {
+        let near = names::did_you_mean(id, self.ids.keys().map(String::as_str));
+        let message = format!("no object has the id {}{near}", quoted(id));
+        Error::scene(message).about(format!("<{tag} id=\"{id}\">")).at(spot.place())
     }
 
     /// Refuses cycles and long chains. Objects are taken once all that contain them are taken, so what remains is

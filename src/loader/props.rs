@@ -12,6 +12,8 @@ use std::ops::RangeInclusive;
 pub struct Props<'g> {
     /// The object.
     pub object: &'g Object,
+    /// Its index.
+    pub id: ObjectId,
     graph: &'g Graph,
     asked: RefCell<Vec<&'static str>>,
     used: Vec<Cell<bool>>,
@@ -20,10 +22,11 @@ pub struct Props<'g> {
 
 impl<'g> Props<'g> {
     /// The properties of an object.
-    pub fn new(graph: &'g Graph, object: ObjectId) -> Self {
-        let object = &graph.objects[object];
+    pub fn new(graph: &'g Graph, id: ObjectId) -> Self {
+        let object = &graph.objects[id];
         Props {
             object,
+            id,
             graph,
             asked: RefCell::default(),
             used: vec![Cell::new(false); object.properties.len()],

@@ -4,7 +4,7 @@ use super::files::Folders;
 use super::graph::{CLASSES, Graph, Object, ObjectId, Property, Value};
 use super::parameters::Parameters;
 use super::values::quoted;
-use super::xml::{self, Element};
+use super::xml::{self, Attribute, Element};
 use super::{LoadOptions, names, transform, upgrade, values};
 use crate::error::{Error, Result};
 use crate::math::DAffine3;
@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 const CURRENT_MAJOR: u32 = 3;
 /// Files that include files deeper than this are refused.
 const MAX_INCLUDES: usize = 32;
+/// A scene may include this many files, a file counted as often as it is included.
+const MAX_FILES: usize = 10_000;
 /// All files of a scene together may have this many elements.
 const MAX_ELEMENTS: usize = 50_000_000;
 
@@ -43,7 +45,9 @@ pub fn resolve(path: &Path, options: &LoadOptions) -> Result<Resolved> {
     let mut resolver = Resolver {
         parameters: Parameters::new(&options.defines),
         including: Vec::new(),
+        files: 0,
         elements: 0,
+        nesting: 0,
         out: Resolved {
             graph: Graph::default(),
             folders: Folders::new(path, &options.search_paths),
@@ -51,7 +55,7 @@ pub fn resolve(path: &Path, options: &LoadOptions) -> Result<Resolved> {
             notes: Vec::new(),
         },
     };
-    resolver.file(path, None)?;
+    resolver.file(path, None, None)?;
     resolver.out.graph.link()?;
     resolver.out.warnings.extend(resolver.parameters.unused());
     Ok(resolver.out)
@@ -75,7 +79,9 @@ pub fn check_attributes(element: &Element, required: &[&str], optional: &[&str])
 struct Resolver {
     parameters: Parameters,
     including: Vec<PathBuf>,
+    files: usize,
     elements: usize,
+    nesting: usize,
     out: Resolved,
 }
 
@@ -89,8 +95,8 @@ struct Context {
 }
 
 impl Resolver {
-    /// Reads a file; its objects go into `parent`, or it is the scene itself.
-    fn file(&mut self, path: &Path, parent: Option<ObjectId>) -> Result<()> {
+    /// Reads a file; its objects go into `parent`, under `name` if it is one object, or it is the scene itself.
+    fn file(&mut self, path: &Path, parent: Option<ObjectId>, name: Option<&Attribute>) -> Result<()> {
         let identity = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         if self.including.contains(&identity) {
             return Err(Error::scene("the file includes itself").in_file(path));
@@ -102,7 +108,12 @@ impl Resolver {
         }
         let mut root = xml::parse(path, super::read_text(path)?, &mut self.out.warnings)?;
         self.including.push(identity);
+        self.files += 1;
+        if self.files > MAX_FILES {
+            return Err(Error::scene(format!("more than {MAX_FILES} files are included")).in_file(path));
+        }
         self.substitute(&mut root)?;
+        root.attributes.extend(name.cloned());
         let old = self.version(&root)?;
         match parent {
             Some(parent) if root.tag == "scene" => self.children(root, Context { parent, old })?,
@@ -180,7 +191,13 @@ impl Resolver {
             let child = super::graph::Child { name, object: index, spot: element.spot.clone() };
             self.out.graph.objects[context.parent].children.push(child);
         }
-        self.children(element, Context { parent: index, old })
+        self.nesting += 1;
+        if self.nesting > xml::MAX_DEPTH {
+            return Err(element.error(format!("nested deeper than {} levels", xml::MAX_DEPTH)));
+        }
+        self.children(element, Context { parent: index, old })?;
+        self.nesting -= 1;
+        Ok(())
     }
 
     /// The name that an element gives to an object inside another.
@@ -208,14 +225,18 @@ impl Resolver {
                 "alias" => {
                     check_attributes(&child, &["id", "as"], &[])?;
                     let (id, second) = (child.attribute("id"), child.attribute("as"));
-                    self.out.graph.alias(id.unwrap_or_default(), second.unwrap_or_default(), child.error(""));
+                    self.out.graph.alias(
+                        id.unwrap_or_default(),
+                        second.unwrap_or_default(),
+                        child.spot.clone(),
+                    );
                     no_children(&child)?;
                 }
                 "ref" => {
                     check_attributes(&child, &["id"], &["name"])?;
                     let name = self.child_name(&child, context);
                     let id = child.attribute("id").unwrap_or_default();
-                    self.out.graph.refer(context.parent, name, child.spot.clone(), id, child.error(""));
+                    self.out.graph.refer(context.parent, name, child.spot.clone(), id);
                     no_children(&child)?;
                 }
                 "spectrum" if child.attribute("type").is_some() => {
@@ -235,7 +256,8 @@ impl Resolver {
         let name = element.attribute("filename").unwrap_or_default();
         let found = self.out.folders.find(element.spot.file(), name);
         let path = found.ok_or_else(|| element.error(format!("there is no file {}", quoted(name))))?;
-        self.file(&path, Some(context.parent)).map_err(|e| match e.place {
+        let named = element.attributes.iter().find(|a| a.name == "name");
+        self.file(&path, Some(context.parent), named).map_err(|e| match e.place {
             // The file itself is at fault, so the message should say who asks for it.
             Some(ref place) if place.line == 0 => {
                 element.error(format!("{}: {}", place.file.display(), e.message))

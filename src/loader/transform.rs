@@ -65,6 +65,7 @@ fn xyz(element: &Element, default: f64) -> Result<DVec3, String> {
     Ok(v)
 }
 
+/// A rotation about an axis of any length. (Mitsuba 3.9.1 means the same only where the length is 1.)
 fn rotation(element: &Element) -> Result<DAffine3, String> {
     let angle = values::float(element.attribute("angle").unwrap_or_default())?;
     let axis = xyz(element, 0.0)?;

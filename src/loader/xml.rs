@@ -9,6 +9,8 @@ pub const MAX_DEPTH: usize = 100;
 
 /// Lines longer than this (in bytes) are not repeated in messages.
 const MAX_SHOWN_LINE: usize = 4096;
+/// Bytes between the counts that columns are found by.
+const BLOCK: usize = 1024;
 
 /// A text file that elements come from.
 #[derive(Debug)]
@@ -17,6 +19,8 @@ pub struct Source {
     pub path: PathBuf,
     text: String,
     line_starts: Vec<usize>,
+    /// Characters before each block of [`BLOCK`] bytes, so that a column is found without counting from the line's start.
+    chars_before: Vec<usize>,
 }
 
 /// Where an element or attribute stands; cheap to clone.
@@ -52,8 +56,23 @@ impl Source {
     fn new(path: &Path, text: String) -> Self {
         let newlines = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i + 1);
         let line_starts = std::iter::once(0).chain(newlines).collect();
-        Source { path: path.to_path_buf(), text, line_starts }
+        let mut chars_before = vec![0];
+        for block in text.as_bytes().chunks(BLOCK) {
+            chars_before.push(chars_before[chars_before.len() - 1] + chars_in(block));
+        }
+        Source { path: path.to_path_buf(), line_starts, chars_before, text }
     }
+
+    /// Characters before an offset that is between two of them.
+    fn chars_to(&self, offset: usize) -> usize {
+        let block = offset / BLOCK;
+        self.chars_before[block] + chars_in(&self.text.as_bytes()[block * BLOCK..offset])
+    }
+}
+
+/// Characters that start in these bytes of a text.
+fn chars_in(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|b| **b & 0xC0 != 0x80).count()
 }
 
 impl Spot {
@@ -63,7 +82,7 @@ impl Spot {
         let line = source.line_starts.partition_point(|start| *start <= self.offset).max(1);
         let start = source.line_starts[line - 1];
         let end = source.line_starts.get(line).map_or(source.text.len(), |next| next - 1);
-        let column = 1 + source.text[start..self.offset].chars().count();
+        let column = 1 + source.chars_to(self.offset) - source.chars_to(start);
         let text =
             if end - start > MAX_SHOWN_LINE { "" } else { source.text[start..end].trim_end_matches('\r') };
         Place { file: source.path.clone(), line: line as u32, column: column as u32, text: text.to_owned() }
@@ -175,6 +194,17 @@ mod tests {
         assert_eq!(float.spot.place().to_string(), "s.xml:2:26");
         assert_eq!(float.attribute("name"), Some("a&b"));
         assert_eq!(bsdf.thing(), "<bsdf type=\"diffuse\">");
+    }
+
+    #[test]
+    fn columns_of_long_lines_are_counted_in_characters() {
+        let root = parse_text(&format!("<s>\n<a b='{}'/>é<c/>\n<d/></s>", "é".repeat(3000))).unwrap();
+        let places: Vec<_> = root.children.iter().map(|c| c.spot.place()).collect();
+        assert_eq!(
+            places.iter().map(ToString::to_string).collect::<Vec<_>>(),
+            ["s.xml:2:1", "s.xml:2:3011", "s.xml:3:1"]
+        );
+        assert_eq!((places[0].text.as_str(), places[2].text.as_str()), ("", "<d/></s>"));
     }
 
     #[test]

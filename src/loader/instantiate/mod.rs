@@ -32,6 +32,7 @@ pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
         folders: &resolved.folders,
         loaded,
         materials: HashMap::new(),
+        finished: HashSet::new(),
         default_material: None,
         missing: Vec::new(),
     };
@@ -49,6 +50,7 @@ struct Builder<'g> {
     folders: &'g Folders,
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
+    finished: HashSet<ObjectId>,
     default_material: Option<MaterialId>,
     missing: Vec<Error>,
 }
@@ -95,12 +97,10 @@ impl<'g> Builder<'g> {
         all.filter(|object| seen.insert(*object)).collect()
     }
 
-    /// Collects the warnings about what an object was not asked for.
+    /// Collects the warnings about what an object was not asked for, once for an object that is used twice.
     fn finish(&mut self, props: Props) {
-        for warning in props.finish() {
-            if !self.loaded.warnings.contains(&warning) {
-                self.loaded.warnings.push(warning);
-            }
+        if self.finished.insert(props.id) {
+            self.loaded.warnings.extend(props.finish());
         }
     }
 
