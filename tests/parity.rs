@@ -298,9 +298,17 @@ fn invalid_rays_hit_nothing_and_disturb_no_neighbour() {
 
 #[test]
 fn many_equal_triangles_build_and_the_first_is_hit() {
-    let corners = vec![Vec3::ZERO, Vec3::X, Vec3::Y];
-    let mesh = Mesh { positions: corners, indices: vec![[0, 1, 2]; 100_000] };
-    let accel = build(AccelKind::Obvhs, vec![mesh.geometry()], 0, true).expect("built").accel;
-    let hit = accel.intersect(&Ray::new(Vec3::new(0.25, 0.25, 1.0), -Vec3::Z)).expect("a hit");
-    assert_eq!((hit.t, hit.primitive), (1.0, 0));
+    let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::ONE];
+    for pattern in [vec![[0, 1, 2]], vec![[0, 1, 2], [1, 3, 2], [0, 3, 1], [1, 1, 1]]] {
+        let indices = pattern.iter().copied().cycle().take(100_000).collect();
+        let mesh = Mesh { positions: positions.clone(), indices };
+        for &kind in AccelKind::ALL {
+            let accel = build(kind, vec![mesh.clone().geometry()], 0, true).expect("built").accel;
+            let hit = accel.intersect(&Ray::new(Vec3::new(0.125, 0.25, 1.0), -Vec3::Z)).expect("a hit");
+            assert_eq!((hit.t, hit.primitive as usize % pattern.len()), (1.0, 0));
+            if kind == AccelKind::Obvhs {
+                assert_eq!(hit.primitive, 0);
+            }
+        }
+    }
 }

@@ -223,10 +223,12 @@ impl Stack {
 fn collect(geometry: &[Geometry], count: usize) -> (Vec<Aabb>, Vec<(u32, u32)>) {
     let mut boxes = Vec::with_capacity(count);
     let mut places = Vec::with_capacity(count);
+    let mut repetitions = Repetitions::new();
     let mut add = |b: Bounds, place| {
         // A triangle that is the origin alone cannot be hit.
         if b.min != Vec3::ZERO || b.max != Vec3::ZERO {
-            boxes.push(grown(b, boxes.len() as u32));
+            let b = repetitions.distinguish(b);
+            boxes.push(Aabb::new(b.min.into(), b.max.into()));
             places.push(place);
         }
     };
@@ -246,13 +248,44 @@ fn collect(geometry: &[Geometry], count: usize) -> (Vec<Aabb>, Vec<(u32, u32)>) 
     (boxes, places)
 }
 
-/// The box of primitive `i`, grown by a share of its rounding error that is hashed from `i`. The builder merges
-/// nearest neighbours; without it, many equal boxes would merge one pair at a time and take quadratic time.
-fn grown(b: Bounds, i: u32) -> Aabb {
-    let share = (i.wrapping_mul(0x9e37_79b9) ^ (i >> 7)).wrapping_mul(0x85eb_ca6b) >> 8;
-    let share = share as f32 / (1 << 24) as f32;
-    let grow = Vec3::splat(b.min.abs().max(b.max.abs()).max_element() * (8.0 * f32::EPSILON) * share);
-    Aabb::new((b.min - grow).into(), (b.max + grow).into())
+/// Finds boxes that come again and again, and makes them differ.
+///
+/// The builder merges nearest neighbours. Many equal boxes have no nearest ones: they would be merged one pair at a
+/// time, in quadratic time. A box that was seen often is therefore grown by a pseudo-random share of its rounding error.
+struct Repetitions {
+    /// By hash: a box and how often it was seen since another one took its place.
+    seen: Vec<(Bounds, u32)>,
+}
+
+impl Repetitions {
+    const SLOTS: usize = 1024;
+    /// As many equal boxes are left as they are; two triangles of an axis-aligned rectangle are common.
+    const TOLERATED: u32 = 8;
+
+    fn new() -> Self {
+        Repetitions { seen: vec![(Bounds::EMPTY, 0); Self::SLOTS] }
+    }
+
+    fn distinguish(&mut self, b: Bounds) -> Bounds {
+        let corners = [b.min, b.max].map(|p| p.to_array());
+        let bits = corners.as_flattened().iter().fold(0, |h, x| scramble(h ^ x.to_bits()));
+        let slot = &mut self.seen[bits as usize % Self::SLOTS];
+        let count = if slot.0 == b { slot.1 + 1 } else { 0 };
+        *slot = (b, count);
+        if count < Self::TOLERATED {
+            return b;
+        }
+        let share = (scramble(count) >> 8) as f32 / (1 << 24) as f32;
+        let grow = Vec3::splat(b.min.abs().max(b.max.abs()).max_element() * (8.0 * f32::EPSILON) * share);
+        Bounds { min: b.min - grow, max: b.max + grow }
+    }
+}
+
+/// A hash of 32 bits. [Wellons 2018, "lowbias32"]
+fn scramble(mut x: u32) -> u32 {
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
 }
 
 fn entry(geometry: &[Geometry], (g, i): (u32, u32)) -> Entry {
