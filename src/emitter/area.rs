@@ -3,7 +3,7 @@
 use super::spherical_rectangle::Rectangle;
 use super::{EmitterSample, Target};
 use crate::color::Rgb;
-use crate::math::ray::offset_origin;
+use crate::math::ray::{offset_origin, plane_error};
 use crate::math::robust::gamma;
 use crate::math::{Frame, Vec2, Vec3};
 use crate::sampling::mis::area_to_solid_angle;
@@ -21,7 +21,7 @@ pub struct AreaEmitter {
 /// How its points are sampled.
 enum Surface {
     /// Uniformly in the solid angle.
-    Rectangle { rectangle: Rectangle, corner: Vec3, edges: [Vec3; 2], normal: Vec3 },
+    Rectangle { rectangle: Rectangle, corner: Vec3, edges: [Vec3; 2], normal: Vec3, error: f32 },
     /// Uniformly in the solid angle from outside, in the area from inside.
     Sphere { center: Vec3, radius: f32, inward: bool },
     /// Uniformly in the area.
@@ -33,7 +33,8 @@ enum Surface {
 /// A point on an emitting surface.
 struct SurfacePoint {
     p: Vec3,
-    p_error: Vec3,
+    /// Bound on the distance of `p` from the surface.
+    error: f32,
     /// Unit normal of the front.
     n: Vec3,
     /// Density per unit solid angle where it is known, else `None`: uniform in the area.
@@ -49,7 +50,9 @@ impl AreaEmitter {
                     Some(rectangle) => {
                         let area = edge_x.as_dvec3().cross(edge_y.as_dvec3()).length();
                         let edges = [*edge_x, *edge_y];
-                        (Surface::Rectangle { rectangle, corner: *corner, edges, normal: *normal }, area)
+                        let reach = corner.abs() + edge_x.abs() + edge_y.abs();
+                        let error = plane_error(reach * gamma(8), *normal);
+                        (Surface::Rectangle { rectangle, corner: *corner, edges, normal: *normal, error }, area)
                     }
                     None => mesh_surface(mesh)?,
                 }
@@ -99,7 +102,7 @@ impl AreaEmitter {
         };
         Some(EmitterSample {
             wi,
-            target: Target::Point(offset_origin(point.p, point.p_error, point.n, -wi)),
+            target: Target::Point(offset_origin(point.p, point.error, point.n, -wi)),
             radiance: self.radiance,
             pdf,
             delta: false,
@@ -131,13 +134,12 @@ impl AreaEmitter {
 
     fn sample_point(&self, from: Vec3, u: Vec2) -> Option<SurfacePoint> {
         Some(match &self.surface {
-            Surface::Rectangle { rectangle, corner, edges, normal } => {
+            Surface::Rectangle { rectangle, corner, edges, normal, error } => {
                 let (p, pdf) = match rectangle.seen_from(from) {
                     Some(seen) => (seen.sample(u), Some(1.0 / seen.solid_angle())),
                     None => (*corner + edges[0] * u.x + edges[1] * u.y, None),
                 };
-                let p_error = (corner.abs() + edges[0].abs() + edges[1].abs()) * gamma(6);
-                SurfacePoint { p, p_error, n: *normal, pdf }
+                SurfacePoint { p, error: *error, n: *normal, pdf }
             }
             Surface::Sphere { center, radius, inward } => {
                 let (n, pdf) = match one_minus_cos(*center, *radius, from) {
@@ -148,7 +150,7 @@ impl AreaEmitter {
                 };
                 SurfacePoint {
                     p: *center + n * *radius,
-                    p_error: (center.abs() + Vec3::splat(*radius)) * gamma(6),
+                    error: plane_error((center.abs() + Vec3::splat(*radius)) * gamma(8), n),
                     n: if *inward { -n } else { n },
                     pdf,
                 }
@@ -157,7 +159,7 @@ impl AreaEmitter {
                 let d = warp::square_to_disk(u);
                 SurfacePoint {
                     p: *center + *du * d.x + *dv * d.y,
-                    p_error: (center.abs() + du.abs() + dv.abs()) * gamma(6),
+                    error: plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), *normal),
                     n: *normal,
                     pdf: None,
                 }
@@ -166,10 +168,11 @@ impl AreaEmitter {
                 let choice = triangles.sample(u.x)?;
                 let b = warp::square_to_triangle(Vec2::new(choice.u, u.y));
                 let [p0, p1, p2] = mesh.triangle(choice.index);
+                let n = front_of(mesh, choice.index);
                 SurfacePoint {
                     p: p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y,
-                    p_error: p0.abs().max(p1.abs()).max(p2.abs()) * gamma(8),
-                    n: front_of(mesh, choice.index),
+                    error: plane_error(p0.abs().max(p1.abs()).max(p2.abs()) * gamma(10), n),
+                    n,
                     pdf: None,
                 }
             }

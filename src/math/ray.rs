@@ -1,6 +1,5 @@
 //! Rays, and where they may start and end without an epsilon.
 
-use super::robust::nudge;
 use glam::Vec3;
 
 /// A ray `o + t·d` for `0 < t < t_max`. `d` need not be of unit length; a shadow ray has the vector to
@@ -32,18 +31,18 @@ impl Ray {
     }
 }
 
-/// Moves a surface point off its surface, to the side that `w` points to, by no more than the rounding
-/// error that the point carries.
-///
-/// `p_error` bounds the absolute error of `p` per component, `ng` is the geometric normal (unit length).
-/// The offset carries every plane that the error box of `p` touches below the new origin. [pbrt 6.8.6]
-#[inline]
-pub fn offset_origin(p: Vec3, p_error: Vec3, ng: Vec3, w: Vec3) -> Vec3 {
-    let d = ng.abs().dot(p_error);
-    let offset = if w.dot(ng) < 0.0 { -ng * d } else { ng * d };
-    let po = p + offset;
-    // Rounding may have eaten the offset: go one ulp further, away from p.
-    Vec3::new(nudge(po.x, offset.x), nudge(po.y, offset.y), nudge(po.z, offset.z))
+/// How far a point may lie off the plane with the unit normal `ng` that it was computed for, given the bound
+/// `p_error` on its absolute error per component. [pbrt 6.8.6]
+#[inline(always)]
+pub fn plane_error(p_error: Vec3, ng: Vec3) -> f32 {
+    ng.abs().dot(p_error)
+}
+
+/// Moves a surface point off its surface by `error` (see [`plane_error`]), to the side that `w` points to. The
+/// error bounds leave room for the rounding of this sum, too.
+#[inline(always)]
+pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, w: Vec3) -> Vec3 {
+    p + ng * error.copysign(w.dot(ng))
 }
 
 #[cfg(test)]
@@ -55,7 +54,7 @@ mod tests {
         let p = Vec3::new(1e6, 1.0, -3.0);
         let e = p.abs() * 1e-6;
         for w in [Vec3::Y, -Vec3::Y] {
-            let o = offset_origin(p, e, Vec3::Y, w);
+            let o = offset_origin(p, plane_error(e, Vec3::Y), Vec3::Y, w);
             assert!((o - p).dot(w) > 0.0);
             assert!((o - p).length() < 1e-5);
         }

@@ -11,8 +11,8 @@ use std::f32::consts::{PI, TAU};
 pub struct SurfaceInteraction {
     /// Position in the world.
     pub p: Vec3,
-    /// Bound on the absolute error of `p`, per component.
-    pub p_error: Vec3,
+    /// Bound on the distance of `p` from the surface.
+    pub error: f32,
     /// Geometric normal of the front, unit length.
     pub ng: Vec3,
     /// Shading frame.

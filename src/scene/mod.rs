@@ -15,7 +15,7 @@ use crate::bsdf::Bsdf;
 use crate::color::Rgb;
 use crate::emitter::{EmitterSample, Light, Target};
 use crate::ids::{EmitterId, MaterialId, ShapeId};
-use crate::math::ray::offset_origin;
+use crate::math::ray::{offset_origin, plane_error};
 use crate::math::{Bounds, Frame, Ray, Vec2, Vec3};
 use crate::sampling::Distribution1D;
 use crate::sensor::Perspective;
@@ -90,7 +90,7 @@ impl Scene {
         };
         SurfaceInteraction {
             p: surface.p,
-            p_error: surface.p_error,
+            error: plane_error(surface.p_error, surface.ng),
             ng: if flip { -surface.ng } else { surface.ng },
             frame,
             front,
@@ -155,7 +155,7 @@ impl Scene {
     /// A shadow ray from a surface point to an emitter. It ends short of the emitter by no more than rounding.
     #[inline]
     pub fn shadow_ray(&self, at: &SurfaceInteraction, sample: &EmitterSample, time: f32) -> Ray {
-        let o = offset_origin(at.p, at.p_error, at.ng, sample.wi);
+        let o = offset_origin(at.p, at.error, at.ng, sample.wi);
         match sample.target {
             Target::Point(target) => Ray { o, t_max: 1.0, d: target - o, time },
             Target::Infinity => Ray { o, t_max: f32::INFINITY, d: sample.wi, time },
@@ -165,7 +165,7 @@ impl Scene {
     /// The ray that leaves a surface point in the world direction `wi`.
     #[inline]
     pub fn spawn_ray(&self, at: &SurfaceInteraction, wi: Vec3, time: f32) -> Ray {
-        Ray { o: offset_origin(at.p, at.p_error, at.ng, wi), t_max: f32::INFINITY, d: wi, time }
+        Ray { o: offset_origin(at.p, at.error, at.ng, wi), t_max: f32::INFINITY, d: wi, time }
     }
 
     /// Triangles of all shapes.
