@@ -1,8 +1,11 @@
 //! The integration tests, in one binary.
 
+mod cli;
+mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
 mod image_io;
+mod layering;
 mod loader;
 mod loader_errors;
 mod loader_plugin_errors;

@@ -107,8 +107,8 @@ struct Prepared {
 /// If the command line, the scene or the output is at fault; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
-    refuse(args)?;
     let target = args.output.clone().unwrap_or_else(|| args.scene.with_extension("exr"));
+    refuse(args, &target)?;
     image::check_output(&target)?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
         image::check_replaceable(path)?;
@@ -145,12 +145,16 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
 }
 
-/// Options that other renderers have and that mean nothing here.
-fn refuse(args: &RenderArgs) -> Result<()> {
+/// Options that mean nothing here, or not together.
+fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
     if args.display_server.is_some() {
         return Err(Error::usage(
             "--display-server: Buffon has no live display; --progress shows where the render stands",
         ));
+    }
+    let holds_layers = target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+    if !args.aov.is_empty() && !holds_layers {
+        return Err(Error::usage(format!("--aov: layers need an EXR, which {} is not", target.display())));
     }
     Ok(())
 }

@@ -65,6 +65,11 @@ pub fn to_image(rendered: &Rendered, format: PixelFormat, metadata: Metadata) ->
     image
 }
 
+/// The nearest finite `f32`: squares of finite values may be beyond its range, and an image holds no infinity.
+fn finite(value: f64) -> f32 {
+    value.min(f64::from(f32::MAX)) as f32
+}
+
 fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered) -> Vec<f32> {
     let mean = |c: usize| tile.estimate(i, c).mean as f32;
     let mut values = format.convert(Rgb::new(mean(0), mean(1), mean(2)));
@@ -76,7 +81,7 @@ fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered)
     for layer in &rendered.layers {
         match layer.aov {
             Aov::Variance => {
-                values.extend((0..3).map(|c| tile.estimate(i, c).variance.unwrap_or(0.0) as f32));
+                values.extend((0..3).map(|c| finite(tile.estimate(i, c).variance.unwrap_or(0.0))));
             }
             Aov::Samples => values.push(tile.count(i) as f32),
             sampled => {

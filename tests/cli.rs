@@ -1,0 +1,434 @@
+//! The program from outside: exit codes, sentences, outputs, signals.
+
+use crate::support::cli::{Folder, Run, SCENE, program};
+use buffon::image::{Image, Value, read};
+use serde_json::Value as Json;
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Command, Stdio};
+
+/// Exit code and whole sentence of a run that must fail, print nothing and leave nothing behind.
+fn refusal(folder: &Folder, arguments: &str) -> (i32, String) {
+    let before = folder.files();
+    let Run { code, stdout, stderr } = folder.run(arguments);
+    assert_eq!(stdout, "", "{arguments}");
+    assert_eq!(folder.files(), before, "{arguments} leaves nothing behind");
+    (code, stderr.trim_end().to_string())
+}
+
+#[test]
+fn refusals_have_an_exit_code_and_a_sentence() {
+    let folder = Folder::new();
+    for (arguments, code, sentence) in [
+        ("render none.xml", 3, "buffon: none.xml: cannot be read: no such file or directory"),
+        (
+            "render s.xml --integrator pth",
+            2,
+            "buffon: --integrator: there is no integrator \"pth\"; there are path, direct, depth and aov",
+        ),
+        (
+            "render s.xml --aov nope",
+            2,
+            "buffon: --aov: there is no layer \"nope\"; there are albedo, N, geo_normal, P, Z, uv, prim_index, \
+             shape_index, variance, samples",
+        ),
+        ("render s.xml --aov Z,Z", 2, "buffon: --aov: the layer \"Z\" is there twice"),
+        ("render s.xml --aov Z -o s.png", 2, "buffon: --aov: layers need an EXR, which s.png is not"),
+        (
+            "render s.xml --crop 30,0,20,5",
+            2,
+            "buffon: --crop 30,0,20,5: expected a part of the image, which has 40x30 pixels",
+        ),
+        (
+            "render s.xml --crop 4294967295,0,2,5",
+            2,
+            "buffon: --crop 4294967295,0,2,5: expected a part of the image, which has 40x30 pixels",
+        ),
+        ("render s.xml --sensor 3", 2, "buffon: --sensor 3: the scene has 1 sensor, counted from 0"),
+        (
+            "render s.xml --display-server a:1",
+            2,
+            "buffon: --display-server: Buffon has no live display; --progress shows where the render stands",
+        ),
+        ("render s.xml -o no/x.exr", 4, "buffon: no/x.exr: cannot be written: there is no folder \"no\""),
+        (
+            "render s.xml -o .",
+            4,
+            "buffon: .: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found none",
+        ),
+        (
+            "render s.xml -o x.tga",
+            4,
+            "buffon: x.tga: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found .tga",
+        ),
+        (
+            "render s.xml --stats no/s.json",
+            4,
+            "buffon: no/s.json: cannot be written: there is no folder \"no\"",
+        ),
+        ("render s.xml -D foo=1 --strict", 5, "buffon: -D foo=1: the scene never uses $foo"),
+        ("diff s.exr s.exr", 4, "buffon: s.exr: no such file"),
+        ("man bogus", 2, "buffon: expected a subcommand of buffon, found \"bogus\""),
+    ] {
+        assert_eq!(refusal(&folder, arguments), (code, sentence.to_string()), "{arguments}");
+    }
+}
+
+#[test]
+fn options_that_cannot_be_read_are_usage_errors() {
+    let folder = Folder::new();
+    let accels = if cfg!(feature = "embree") { "`embree` or `obvhs`" } else { "`obvhs`" };
+    let accel_sentence = format!("invalid value 'bvh' for '--accel <NAME>': expected {accels}, found `bvh`");
+    for (arguments, sentence) in [
+        ("render s.xml --bogus", "unexpected argument '--bogus' found"),
+        ("render", "the following required arguments were not provided:\n  <SCENE>"),
+        ("bogus", "unrecognized subcommand 'bogus'"),
+        (
+            "render s.xml --sampler halton",
+            "invalid value 'halton' for '--sampler <NAME>': unknown sampler \"halton\"; there are independent, stratified \
+             and sobol",
+        ),
+        ("render s.xml --accel bvh", &accel_sentence),
+        ("render s.xml -D foo", "invalid value 'foo' for '-D <NAME=VALUE>': expected name=value"),
+        ("render s.xml --spp 0", "invalid value '0' for '--spp <N>': 0 is not in 1..18446744073709551615"),
+        (
+            "render s.xml --size 0x4",
+            "invalid value '0x4' for '--size <WxH>': expected WIDTHxHEIGHT in pixels, each from 1 to 65535",
+        ),
+        (
+            "render s.xml --time 0",
+            "invalid value '0' for '--time <TIME>': expected a positive time such as 90s, 1.5m or 2h",
+        ),
+        ("render s.xml --target-error -1", "unexpected argument '-1' found"),
+        (
+            "render s.xml --crop 1,2,3",
+            "invalid value '1,2,3' for '--crop <X,Y,W,H>': expected X,Y,WIDTH,HEIGHT in pixels from the top left corner",
+        ),
+    ] {
+        let (code, stderr) = refusal(&folder, arguments);
+        let first = stderr.split("\n\n").next().unwrap_or_default();
+        assert_eq!((code, first), (2, format!("error: {sentence}").as_str()), "{arguments}");
+    }
+}
+
+#[test]
+fn a_warning_is_said_and_strict_keeps_the_older_output() {
+    let folder = Folder::new();
+    folder.write("s.exr", b"older");
+    let run = folder.run("render s.xml -D foo=1 --strict");
+    assert_eq!((run.code, run.stdout.as_str()), (5, ""));
+    assert_eq!(folder.read("s.exr"), b"older");
+    let run = folder.render("s.xml -D foo=1");
+    let first = run.stderr.lines().next();
+    assert_eq!(first, Some("buffon: warning: -D foo=1: the scene never uses $foo"));
+    assert_eq!(read(&folder.path("s.exr")).expect("the new image").width, 40);
+    assert_eq!(folder.render("s.xml -D foo=1 -q").stderr, "");
+    assert_eq!(folder.files(), ["s.exr", "s.xml"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_failed_write_keeps_the_older_output() {
+    let folder = Folder::new();
+    folder.write("old.exr", b"older");
+    // A limit on the size of files is reached in the middle of writing.
+    let line = format!("ulimit -f 1; trap '' XFSZ; exec {} render s.xml -q -o old.exr", program());
+    let scene = SCENE.replace("value=\"40\"", "value=\"200\"");
+    folder.write("s.xml", scene.as_bytes());
+    let output = Command::new("sh").args(["-c", &line]).current_dir(folder.path("")).output().expect("sh");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(4), "{stderr}");
+    assert!(stderr.starts_with("buffon: old.exr: cannot be written: "), "{stderr}");
+    assert_eq!(folder.read("old.exr"), b"older");
+    assert_eq!(folder.files(), ["old.exr", "s.xml"]);
+}
+
+/// A scene with a point light so strong and so near the floor that its light overflows there.
+fn overflowing() -> String {
+    let (position, intensity) = ("value=\"2,2,2\"", "value=\"2,3,4\"");
+    assert!(SCENE.contains(position) && SCENE.contains(intensity));
+    SCENE.replace(position, "value=\"0,0.01,1.5\"").replace(intensity, "value=\"1e37\"")
+}
+
+#[test]
+fn invalid_samples_are_dropped_counted_located_and_can_be_seen_again() {
+    let folder = Folder::with(&overflowing());
+    let run = folder.render("s.xml --stats s.json --aov variance");
+    let stats: Json = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+    let dropped = stats["invalid_samples"].as_u64().expect("a count");
+    assert!(dropped > 20, "{dropped}");
+    let warning = run.stderr.lines().last().expect("a warning");
+    let start = format!("buffon: warning: {dropped} invalid samples were dropped; the first is sample ");
+    assert!(warning.starts_with(&start), "{warning}");
+    let image = read(&folder.path("s.exr")).expect("the image");
+    assert!(image.data.iter().all(|v| v.is_finite()));
+    let strict = folder.run("render s.xml --strict -q");
+    assert_eq!((strict.code, strict.stderr.lines().count()), (5, 1), "{strict:?}");
+    assert!(strict.stderr.starts_with(&start.replace("warning: ", "")), "{}", strict.stderr);
+    // The sentence's own recipe finds the same sample again.
+    let (_, recipe) = warning.split_once("To see it again: ").expect("a recipe");
+    let (_, place) = warning.split_once("the first is ").expect("a place");
+    let (place, _) = place.split_once(". To").expect("a value");
+    let again = folder.render(&format!("s.xml {recipe}"));
+    assert!(again.stderr.contains(place), "{place}: {}", again.stderr);
+}
+
+#[test]
+fn the_account_has_every_key() {
+    let folder = Folder::new();
+    let run =
+        folder.run("render s.xml -q --stats - --seed 9 -t 1 --spp 5 --sampler stratified --accel obvhs");
+    assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+    let stats: Json = serde_json::from_str(&run.stdout).expect("standard output is the account alone");
+    let positive = [
+        "/seconds/load",
+        "/seconds/build",
+        "/seconds/render",
+        "/seconds/write",
+        "/seconds/total",
+        "/cpu_seconds",
+        "/rays/closest",
+        "/rays/occlusion",
+        "/peak_memory_bytes",
+        "/accel_memory_bytes",
+        "/relmse_estimate",
+    ];
+    for key in positive {
+        assert!(stats.pointer(key).and_then(Json::as_f64).is_some_and(|v| v > 0.0), "{key} in {stats}");
+    }
+    for (key, value) in [
+        ("/integrator", Json::from("path")),
+        ("/sampler", "stratified".into()),
+        ("/accel", "obvhs".into()),
+        ("/seed", 9.into()),
+        ("/threads", 1.into()),
+        ("/width", 40.into()),
+        ("/height", 30.into()),
+        ("/spp", 5.into()),
+        ("/paths", (5 * 40 * 30).into()),
+        ("/stop_reason", "samples".into()),
+        ("/seconds/prepare", 0.0.into()),
+        ("/invalid_samples", 0.into()),
+        ("/triangles", 16.into()),
+        ("/scene", "s.xml".into()),
+        ("/needs/environment", true.into()),
+    ] {
+        assert_eq!(stats.pointer(key), Some(&value), "{key}");
+    }
+    assert!(stats["version"].as_str().is_some_and(|v| v.starts_with("0.1.0 (")), "{stats}");
+    // The parts of the time make up the whole.
+    let seconds = |key: &str| stats["seconds"][key].as_f64().unwrap_or(0.0);
+    let parts: f64 = ["load", "build", "prepare", "render", "write"].into_iter().map(seconds).sum();
+    assert!(parts <= seconds("total") && seconds("total") < parts + 1.0, "{stats}");
+}
+
+#[test]
+fn stop_rules_say_which_one_fired() {
+    let folder = Folder::new();
+    for (arguments, reason, sentence) in [
+        ("--spp 4 --time 1h", "samples", "all samples taken"),
+        ("--time 0.1", "time", "time is up"),
+        ("--target-error 0.5 --spp 4000", "error", "error reached"),
+    ] {
+        let run = folder.render(&format!("s.xml {arguments} --progress none"));
+        assert!(run.stderr.trim_end().ends_with(sentence), "{arguments}: {}", run.stderr);
+        let image = read(&folder.path("s.exr")).expect("the image");
+        assert_eq!(image.metadata.get("buffon:stop"), Some(&Value::Text(reason.into())), "{arguments}");
+    }
+}
+
+#[test]
+fn images_carry_metadata_and_layers() {
+    let folder = Folder::new();
+    let names = "albedo,N,geo_normal,P,Z,uv,prim_index,shape_index,variance,samples";
+    folder.render(&format!("s.xml -q --seed 18446744073709551615 --aov {names}"));
+    let image = read(&folder.path("s.exr")).expect("the image");
+    let text = |name: &str| image.metadata.get(name).map(ToString::to_string);
+    assert_eq!(text("Software").as_deref(), Some("Buffon 0.1.0"));
+    assert_eq!(image.metadata.get("samplesPerPixel"), Some(&Value::Int(8)));
+    assert_eq!(text("buffon:seed").as_deref(), Some("18446744073709551615"));
+    assert_eq!(text("buffon:integrator").as_deref(), Some("path"));
+    assert_eq!(text("buffon:stop").as_deref(), Some("samples"));
+    for name in ["renderTimeSeconds", "buffon:relmse"] {
+        let value = image.metadata.get(name);
+        assert!(matches!(value, Some(Value::Float(v)) if *v > 0.0), "{name}: {value:?}");
+    }
+    for name in ["worldToCamera", "worldToNDC"] {
+        assert!(matches!(image.metadata.get(name), Some(Value::Matrix(_))), "{name}");
+    }
+    let layers = [
+        ("", "R,G,B"),
+        ("albedo.", "R,G,B"),
+        ("N.", "X,Y,Z"),
+        ("geo_normal.", "X,Y,Z"),
+        ("P.", "X,Y,Z"),
+        ("Z.", "T"),
+        ("uv.", "U,V"),
+        ("prim_index.", "I"),
+        ("shape_index.", "I"),
+        ("variance.", "R,G,B"),
+        ("samples.", "N"),
+    ];
+    for (layer, channels) in layers {
+        for channel in channels.split(',') {
+            assert!(image.channel(&format!("{layer}{channel}")).is_some(), "{layer}{channel}");
+        }
+    }
+    assert_eq!(image.channels.len(), 24);
+    layers_hold_what_they_say(&image);
+}
+
+/// The pixel in the middle of the lowest row sees the floor, y = 0, from (0, 1, 4).
+fn layers_hold_what_they_say(image: &Image) {
+    let pixel = image.pixel(20, 29);
+    let value = |name: &str| pixel[image.channel(name).expect("the layer is there")];
+    assert_eq!((value("samples.N"), value("shape_index.I")), (8.0, 0.0));
+    assert_eq!((value("N.X"), value("N.Y"), value("geo_normal.Y")), (0.0, 1.0, 1.0));
+    assert!((value("albedo.R") - 0.5).abs() < 1e-6 && (value("albedo.B") - 0.3).abs() < 1e-6);
+    assert!(value("P.Y").abs() < 1e-5 && value("variance.R") > 0.0);
+    let distance =
+        ((value("P.Y") - 1.0).powi(2) + (value("P.Z") - 4.0).powi(2) + value("P.X").powi(2)).sqrt();
+    // Depth counts from the near clipping plane, at 0.01 along the axis.
+    assert!((value("Z.T") + 0.01 - distance).abs() < 0.01, "{} {distance}", value("Z.T"));
+    // The rectangle's uv runs over its 6 units; y of the rectangle is −z of the world.
+    assert!((value("uv.U") - (value("P.X") + 3.0) / 6.0).abs() < 1e-4);
+    assert!((value("uv.V") - (3.0 - value("P.Z")) / 6.0).abs() < 1e-4);
+}
+
+#[test]
+fn formats_follow_the_extension() {
+    let folder = Folder::new();
+    for name in ["a.png", "a.jpg", "a.pfm", "a.exr"] {
+        folder.render(&format!("s.xml -q -o {name}"));
+        let image = read(&folder.path(name)).expect("the image");
+        assert_eq!((image.width, image.height, image.channels.len()), (40, 30, 3), "{name}");
+        assert!(image.data.iter().any(|v| *v > 0.1), "{name}");
+    }
+    assert!(folder.read("a.png").starts_with(b"\x89PNG"));
+    assert!(folder.read("a.jpg").starts_with(b"\xff\xd8"));
+    assert_eq!(folder.run("diff a.exr a.pfm").code, 0);
+    folder.render("s.xml -q --size 17x9 --integrator depth");
+    let image = read(&folder.path("s.exr")).expect("the image");
+    assert_eq!((image.width, image.height), (17, 9));
+}
+
+#[test]
+fn diff_answers_by_exit_code() {
+    let folder = Folder::new();
+    folder.render("s.xml -q -o a.exr --spp 64 --aov variance");
+    folder.render("s.xml -q -o b.exr --spp 64 --aov variance --seed 1");
+    folder.render("s.xml -q -o small.exr --size 20x15");
+    for (arguments, code) in [
+        ("a.exr a.exr", 0),
+        ("a.exr b.exr", 1),
+        ("a.exr b.exr --fail 0.5", 0),
+        ("a.exr b.exr --fail 1e-9 -o heat.png", 1),
+        ("a.exr a.exr --z", 0),
+        ("a.exr small.exr", 3),
+        ("a.exr none.exr", 4),
+        ("a.exr s.xml", 4),
+        ("a.exr b.exr --metric nope", 2),
+        ("a.exr", 2),
+    ] {
+        let run = folder.run(&format!("diff {arguments}"));
+        assert_eq!(run.code, code, "{arguments}: {run:?}");
+        assert_eq!(run.stdout.is_empty(), matches!(code, 2 | 4), "{arguments}: {run:?}");
+    }
+    let same = folder.run("diff a.exr b.exr --json --fail 0.5");
+    let json: Json = serde_json::from_str(&same.stdout).expect("JSON");
+    assert_eq!(json["result"], "same");
+    assert!(folder.files().contains(&"heat.png".to_string()));
+}
+
+#[test]
+fn info_tells_about_scenes_and_images() {
+    let folder = Folder::new();
+    let scene = folder.run("info s.xml");
+    assert_eq!((scene.code, scene.stderr.as_str()), (0, ""));
+    for line in [
+        "integrator   path",
+        "sensor       perspective, 40x30, 1200 pixels to render",
+        "shapes       1 disk, 1 mesh, 2 rectangle, 1 sphere",
+        "triangles    16",
+        "materials    1 conductor, 1 dielectric, 2 diffuse, 1 roughconductor",
+        "emitters     1 area, 1 constant, 1 point",
+        "samples      8 per pixel",
+    ] {
+        assert!(scene.stdout.lines().any(|l| l == line), "{line} in\n{}", scene.stdout);
+    }
+    folder.render("s.xml -q");
+    let image = folder.run("info s.exr");
+    assert!(image.stdout.starts_with("40x30 pixels, 3 channels\n"), "{}", image.stdout);
+    assert!(image.stdout.contains("\nsamplesPerPixel: 8\n"), "{}", image.stdout);
+    assert_eq!((folder.run("info none.exr").code, folder.run("info none.xml").code), (4, 3));
+}
+
+#[test]
+fn shells_and_manuals_are_served() {
+    let folder = Folder::new();
+    for shell in ["bash", "zsh", "fish"] {
+        let run = folder.run(&format!("completions {shell}"));
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""));
+        assert!(run.stdout.contains("buffon") && run.stdout.contains("target-error"), "{shell}");
+    }
+    for (arguments, title) in [("man", ".TH buffon 1"), ("man render", ".TH buffon-render 1")] {
+        let run = folder.run(arguments);
+        assert!(run.code == 0 && run.stdout.contains(title), "{arguments}: {}", run.stdout);
+    }
+    for arguments in ["--help", "--version", "render --help", "-V"] {
+        let run = folder.run(arguments);
+        assert!(run.code == 0 && run.stderr.is_empty() && !run.stdout.is_empty(), "{arguments}");
+    }
+}
+
+#[test]
+fn progress_goes_to_standard_error() {
+    let folder = Folder::new();
+    let run = folder.render("s.xml --progress json --time 2.5s -t 1");
+    let lines: Vec<&str> = run.stderr.lines().filter(|line| line.starts_with('{')).collect();
+    assert!(!lines.is_empty(), "{}", run.stderr);
+    for line in lines {
+        let json: Json = serde_json::from_str(line).expect("a JSON object on a line");
+        assert!(json["samples"].as_u64().is_some_and(|n| n > 0), "{line}");
+        assert!(json["share"].as_f64().is_some_and(|s| s > 0.0 && s < 1.0), "{line}");
+        for key in ["seconds", "seconds_left", "samples_per_pixel", "relmse_estimate"] {
+            assert!(json.get(key).is_some(), "{key} in {line}");
+        }
+    }
+    let run = folder.render("s.xml --progress plain --time 6.5s -t 1");
+    let line = run.stderr.lines().next().expect("a line after five seconds");
+    for part in [" %, ", " samples per pixel, ", " M samples/s, relMSE about ", " s left"] {
+        assert!(line.contains(part), "{part} in {line}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_render_writes_what_there_is() {
+    for (signal, code) in [("-INT", 130), ("-TERM", 143)] {
+        let folder = Folder::new();
+        let mut child = Command::new(program())
+            .args(["render", "s.xml", "--spp", "1000000000", "--progress", "json"])
+            .current_dir(folder.path(""))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        // The first line of progress: the render is under way.
+        let mut line = String::new();
+        stderr.read_line(&mut line).expect("a line");
+        let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().expect("kill");
+        assert!(sent.success());
+        let mut rest = String::new();
+        stderr.read_to_string(&mut rest).expect("text");
+        let mut stdout = String::new();
+        child.stdout.take().expect("a pipe").read_to_string(&mut stdout).expect("text");
+        let status = child.wait().expect("the program ends");
+        assert_eq!((status.code(), stdout.as_str()), (Some(code), ""), "{signal}: {rest}");
+        assert!(rest.trim_end().ends_with("interrupted"), "{rest}");
+        let image = read(&folder.path("s.exr")).expect("what there is was written");
+        assert_eq!(image.metadata.get("buffon:stop"), Some(&Value::Text("interrupted".into())));
+        assert!(image.data.iter().all(|v| v.is_finite()) && image.data.iter().any(|v| *v > 0.0));
+        assert_eq!(folder.files(), ["s.exr", "s.xml"]);
+    }
+}

@@ -1,0 +1,171 @@
+//! The same numbers every time: threads, crops, passes and traversals change nothing.
+
+use crate::support::cli::{Folder, SCENE};
+use crate::support::scenes;
+use buffon::accel::AccelKind;
+use buffon::film::{PixelRect, Tile};
+use buffon::image::{Image, compare, read, z_test};
+use buffon::integrator::{self, Settings, Worker};
+use buffon::loader::{LoadOptions, load};
+use buffon::render::tracing::CameraWorker;
+use buffon::render::{Job, JobSettings, Progress, StopRules};
+use buffon::sampling::{Sampler, SamplerKind};
+
+/// A picture's values, bit by bit.
+fn bits(image: &Image) -> Vec<u32> {
+    image.data.iter().map(|v| v.to_bits()).collect()
+}
+
+/// Renders the scene to `name`.exr and reads it back.
+fn picture(folder: &Folder, name: &str, arguments: &str) -> Image {
+    folder.render(&format!("s.xml -q -o {name}.exr {arguments}"));
+    read(&folder.path(&format!("{name}.exr"))).expect("the image can be read")
+}
+
+/// An image without what a clock put into it.
+fn timeless(mut image: Image) -> Image {
+    image.metadata.set("renderTimeSeconds", buffon::image::Value::Float(0.0));
+    image
+}
+
+#[test]
+fn threads_and_repetition_change_no_bit() {
+    let folder = Folder::new();
+    for sampler in SamplerKind::ALL {
+        let options = format!("--sampler {sampler} --spp 21 --aov albedo,N,variance,samples");
+        let once = picture(&folder, "once", &format!("{options} -t 1"));
+        assert!(once.data.iter().any(|v| *v > 0.0));
+        for threads in [1, 2, 5] {
+            let again = picture(&folder, "again", &format!("{options} -t {threads}"));
+            assert_eq!(bits(&again), bits(&once), "{sampler}, {threads} threads");
+            assert_eq!(timeless(again), timeless(once.clone()));
+        }
+    }
+    // A format that holds no times is the same file, byte for byte.
+    for threads in [1, 2, 5] {
+        folder.render(&format!("s.xml -q -o {threads}.pfm -t {threads}"));
+        assert_eq!(folder.read(&format!("{threads}.pfm")), folder.read("1.pfm"));
+    }
+}
+
+#[test]
+fn a_crop_has_the_very_pixels_of_the_whole() {
+    let folder = Folder::new();
+    let options = "--spp 6 --aov variance,Z";
+    let whole = picture(&folder, "whole", options);
+    for (x, y, width, height) in
+        [(0, 0, 40, 30), (7, 5, 20, 19), (16, 16, 16, 14), (39, 29, 1, 1), (3, 0, 1, 30)]
+    {
+        let crop = picture(&folder, "crop", &format!("{options} --crop {x},{y},{width},{height}"));
+        let part = whole.crop(x, y, width, height).expect("the crop is inside");
+        assert_eq!((crop.width, crop.height), (width, height));
+        assert_eq!(bits(&crop), bits(&part), "{x},{y},{width},{height}");
+    }
+    // The scene's own crop does the same.
+    let cropped = SCENE.replace(
+        "<string name=\"component_format\"",
+        "<integer name=\"crop_offset_x\" value=\"7\"/><integer name=\"crop_offset_y\" value=\"5\"/>\
+         <integer name=\"crop_width\" value=\"20\"/><integer name=\"crop_height\" value=\"19\"/>\
+         <string name=\"component_format\"",
+    );
+    let crop = picture(&Folder::with(&cropped), "crop", options);
+    assert_eq!(bits(&crop), bits(&whole.crop(7, 5, 20, 19).expect("the crop is inside")));
+}
+
+#[test]
+fn seeds_and_samplers_differ_and_estimate_the_same_picture() {
+    let folder = Folder::new();
+    let options = "--spp 256 --aov variance";
+    let first = picture(&folder, "first", options);
+    let others = ["--seed 1", "--seed 4294967296", "--sampler stratified", "--sampler sobol"];
+    for other in others {
+        let image = picture(&folder, "other", &format!("{options} {other}"));
+        assert_ne!(bits(&image), bits(&first), "{other}");
+        let noisy = first.channel("variance.R").expect("the layer is there");
+        let pixels = image.data.chunks(6).zip(first.data.chunks(6)).filter(|(_, b)| b[noisy] > 0.0);
+        let (same, all) =
+            pixels.fold((0, 0), |(same, all), (a, b)| (same + u32::from(a[0] == b[0]), all + 1));
+        assert!(all > 500 && same < all / 20, "{other}: {same} of {all} noisy pixels are the same");
+        let relmse = picture_error(&image, &first);
+        assert!(relmse < 0.02, "{other}: {relmse}");
+    }
+}
+
+/// The relMSE between two pictures.
+fn picture_error(a: &Image, b: &Image) -> f64 {
+    compare(a, b).expect("images of one size").layers[0].relmse
+}
+
+#[test]
+fn every_traversal_gives_the_same_picture() {
+    let folder = Folder::new();
+    let images: Vec<Image> = AccelKind::ALL
+        .iter()
+        .map(|kind| picture(&folder, &kind.to_string(), &format!("--accel {kind} --spp 64 --aov variance,Z")))
+        .collect();
+    for image in &images[1..] {
+        let comparison = compare(image, &images[0]).expect("images of one size");
+        assert_eq!(comparison.layers.len(), 2);
+        // The same paths, but for rounding at edges: far below the noise.
+        let (picture, noise) = (&comparison.layers[0], 1e-3);
+        assert!(picture.relmse < noise, "relMSE {}", picture.relmse);
+        assert!((picture.mean_ratio - 1.0).abs() < 1e-3, "ratio {}", picture.mean_ratio);
+        let z = z_test(image, &images[0], None, 0.01).expect("variances are there");
+        assert!(z.passes() && z.rms < 0.5, "{z:?}");
+    }
+}
+
+/// The sums of a 16x16 tile after the given passes.
+fn sums(job: &Job<'_>, passes: &[u64]) -> Vec<(u64, u64)> {
+    let mut tile = Tile::new(PixelRect { x: 16, y: 3, width: 16, height: 16 }, 3);
+    let mut worker = CameraWorker::new(Worker::new(job.settings.sampler));
+    let mut done = 0;
+    for pass in passes {
+        worker.render_tile(job, &mut tile, done..done + pass);
+        done += pass;
+    }
+    let values = (0..tile.pixel_count()).flat_map(|i| (0..3).map(move |c| (i, c)));
+    values.map(|(i, c)| (tile.estimate(i, c).mean.to_bits(), tile.count(i))).collect()
+}
+
+#[test]
+fn passes_change_no_bit() {
+    let folder = Folder::new();
+    let loaded = load(&folder.path("s.xml"), &LoadOptions::default()).expect("the scene loads");
+    let scene = scenes::compiled(loaded.description, AccelKind::default());
+    let direct = Settings::Direct(integrator::settings::DirectSettings {
+        emitter_samples: 2,
+        bsdf_samples: 3,
+        hide_emitters: false,
+    });
+    for settings in [loaded.integrator, direct] {
+        for kind in SamplerKind::ALL {
+            let integrator = integrator::create(&settings);
+            let progress = Progress::new();
+            let stop = StopRules { samples: Some(64), ..StopRules::default() };
+            let sampler = Sampler::new(kind, Some(64));
+            let settings = JobSettings { sampler, seed: 5, threads: 1, stop, layers: Vec::new() };
+            let job = Job::new(&scene, integrator.as_ref(), &scene.sensors[0], settings, &progress);
+            let at_once = sums(&job, &[64]);
+            for passes in [&[2, 2, 4, 8, 16, 32][..], &[1, 1, 1, 5, 55, 1], &[63, 1]] {
+                assert_eq!(sums(&job, passes), at_once, "{kind}, {passes:?}");
+            }
+            let whole = job.run().expect("the threads start");
+            let in_job: Vec<u64> = (16..32).map(|x| pixel_bits(&whole.tiles, x, 3)).collect();
+            let in_tile: Vec<u64> = (0..16).map(|i| at_once[3 * i].0).collect();
+            assert_eq!(in_job, in_tile, "{kind}: the job's own passes");
+        }
+    }
+}
+
+/// The bits of the red mean of a pixel.
+fn pixel_bits(tiles: &[Tile], x: u32, y: u32) -> u64 {
+    let tile = tiles
+        .iter()
+        .find(|t| {
+            (t.rect.x..t.rect.x + t.rect.width).contains(&x)
+                && (t.rect.y..t.rect.y + t.rect.height).contains(&y)
+        })
+        .expect("every pixel is in a tile");
+    tile.estimate(((y - tile.rect.y) * tile.rect.width + x - tile.rect.x) as usize, 0).mean.to_bits()
+}

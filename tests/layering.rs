@@ -1,0 +1,217 @@
+//! The layers of the house: a module uses only modules of rows above its own, and `unsafe` has its places.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The rows; a module may use those of every row above.
+const ROWS: [&[&str]; 10] = [
+    &["math", "error", "ids"],
+    &["color", "sampling", "estimate", "image", "embree"],
+    &["accel", "texture"],
+    &["shape", "bsdf", "film"],
+    &["material", "emitter", "sensor"],
+    &["scene"],
+    &["integrator"],
+    &["render"],
+    &["loader", "report"],
+    &["cli", "main"],
+];
+
+/// Uses within a row, each with its reason.
+const WITHIN_A_ROW: [(&str, &str, &str); 2] = [
+    ("image", "estimate", "images are compared by the metrics that every report uses"),
+    ("main", "cli", "the program is nothing but its command line"),
+];
+
+/// What an integrator may not use, although it is in a row above: it asks the scene.
+const NOT_FOR_INTEGRATORS: [&str; 4] = ["accel", "embree", "loader", "texture"];
+/// But for plain data that goes through the scene's own interface.
+const PLAIN_DATA: [&str; 2] = ["accel::Hit", "accel::Coherence"];
+
+/// Where `unsafe` may stand.
+const UNSAFE_PLACES: [&str; 3] = ["sys/", "src/embree/", "src/image/oiio.rs"];
+
+fn row(module: &str) -> Option<usize> {
+    ROWS.iter().position(|row| row.contains(&module))
+}
+
+/// Why `module` may not use `path` (from the crate's root), if it may not.
+fn violation(module: &str, path: &str) -> Option<String> {
+    let used = path.split("::").next().unwrap_or_default();
+    let (Some(from), Some(to)) = (row(module), row(used)) else {
+        return Some(format!("{module} or {used} is in no row"));
+    };
+    if module == "integrator" && NOT_FOR_INTEGRATORS.contains(&used) && !PLAIN_DATA.contains(&path) {
+        return Some(format!("an integrator asks the scene, not {path}"));
+    }
+    let allowed =
+        used == module || to < from || WITHIN_A_ROW.iter().any(|&(m, u, _)| m == module && u == used);
+    (!allowed).then(|| format!("{module} (row {}) uses {path} (row {})", from + 1, to + 1))
+}
+
+/// The code without its comments. (A `//` inside a string ends the line, too: nothing after it is a path.)
+fn without_comments(text: &str) -> String {
+    text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
+}
+
+/// The words of a text: runs of letters, digits and underscores.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|w| !w.is_empty())
+}
+
+/// Every path that begins with `root`, from the crate's root; groups are taken apart.
+fn paths(code: &str, root: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    for (at, _) in code.match_indices(root) {
+        let inside_a_word =
+            code[..at].chars().next_back().is_some_and(|c| c.is_alphanumeric() || c == '_' || c == '$');
+        if !inside_a_word {
+            expand(&code[at + root.len()..], "", &mut found);
+        }
+    }
+    found
+}
+
+/// Adds the paths of the use tree that `text` begins with; returns how much of it the tree takes.
+fn expand(text: &str, prefix: &str, found: &mut Vec<String>) -> usize {
+    let start = text.len() - text.trim_start().len();
+    let body = &text[start..];
+    if let Some(group) = body.strip_prefix('{') {
+        let mut at = 0;
+        while at < group.len() && !group[at..].starts_with('}') {
+            let taken = expand(&group[at..], prefix, found);
+            at += taken.max(1);
+            let gap = |c: char| c == ',' || c.is_whitespace();
+            at += group[at..].len() - group[at..].trim_start_matches(gap).len();
+        }
+        return start + 1 + at + 1;
+    }
+    let end = body.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(body.len());
+    let path =
+        if prefix.is_empty() { body[..end].to_string() } else { format!("{prefix}::{}", &body[..end]) };
+    if let Some(rest) = body[end..].strip_prefix("::") {
+        let rest_is_generic = rest.starts_with('<');
+        if !rest_is_generic {
+            return start + end + 2 + expand(rest, &path, found);
+        }
+    }
+    found.push(path.trim_end_matches("::").to_string());
+    // A renaming belongs to its tree.
+    let renamed =
+        body[end..].find([',', '}', ';', '\n']).filter(|_| body[end..].trim_start().starts_with("as "));
+    start + end + renamed.unwrap_or(0)
+}
+
+/// Whether a chain of `super` leads out of the module: `depth` modules lie between the file and the root.
+fn escapes(code: &str, depth: usize) -> Option<String> {
+    let mut inline = 0;
+    for line in code.lines() {
+        let declaration = line.trim_start().trim_start_matches("pub ");
+        if declaration.starts_with("mod ") && declaration.ends_with('{') {
+            inline += 1;
+        }
+        let mut chain = 0;
+        for word in line.split("::").flat_map(words) {
+            chain = if word == "super" { chain + 1 } else { 0 };
+            if chain >= depth + inline && chain > 0 {
+                return Some(line.trim().to_string());
+            }
+        }
+    }
+    None
+}
+
+/// All Rust files below a folder, in order.
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let mut entries: Vec<PathBuf> =
+        fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    files
+}
+
+/// The package's files below a folder, with their paths from its root and their code.
+fn code_below(folder: &str) -> Vec<(String, String)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let files = rust_files(&root.join(folder));
+    assert!(!files.is_empty(), "{folder} holds Rust files");
+    let name = |path: &Path| path.strip_prefix(root).expect("below the root").to_string_lossy().into_owned();
+    files.iter().map(|p| (name(p), without_comments(&fs::read_to_string(p).expect("a text")))).collect()
+}
+
+/// The modules between the crate's root and a file in `src`.
+fn modules_of(file: &str) -> Vec<&str> {
+    let path = file.trim_start_matches("src/").trim_end_matches(".rs");
+    path.split('/').filter(|&part| part != "mod" && part != "lib").collect()
+}
+
+#[test]
+fn modules_use_only_the_rows_above_their_own() {
+    let mut wrong = Vec::new();
+    let mut uses = 0;
+    for (file, code) in code_below("src") {
+        let modules = modules_of(&file);
+        let Some(&module) = modules.first() else { continue };
+        let root = if module == "main" { "buffon::" } else { "crate::" };
+        for path in paths(&code, root) {
+            uses += 1;
+            wrong.extend(violation(module, &path).map(|why| format!("{file}: {why}")));
+        }
+        wrong.extend(
+            escapes(&code, modules.len()).map(|line| format!("{file}: \"{line}\" leaves its module")),
+        );
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+    assert!(uses > 300, "only {uses} uses were found: the reader is blind");
+}
+
+#[test]
+fn unsafe_stays_in_its_places() {
+    for folder in ["src", "tests", "benches"] {
+        for (file, code) in code_below(folder) {
+            if !UNSAFE_PLACES.iter().any(|place| file.starts_with(place)) {
+                assert!(!words(&code).any(|w| w == ["un", "safe"].concat()), "{file} is no place for it");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_reader_finds_made_up_violations() {
+    let code = without_comments(
+        "use crate::{bsdf::{Bsdf, self as b}, math};\npub use crate::accel::Hit; // crate::cli\n\
+         let x = crate::scene::Scene::new(crate::color::Rgb::BLACK);\nuse $crate::render::Job;",
+    );
+    let found = paths(&code, "crate::");
+    assert_eq!(
+        found,
+        ["bsdf::Bsdf", "bsdf::self", "math", "accel::Hit", "scene::Scene::new", "color::Rgb::BLACK"]
+    );
+    for (module, path, allowed) in [
+        ("math", "error::Error", false),
+        ("math", "math::Ray", true),
+        ("image", "estimate::metrics", true),
+        ("estimate", "image::Image", false),
+        ("scene", "integrator::Worker", false),
+        ("integrator", "accel::Hit", true),
+        ("integrator", "accel::Accel", false),
+        ("render", "accel::Accel", true),
+        ("cli", "loader::load", true),
+        ("loader", "cli", false),
+        ("unheard_of", "math", false),
+    ] {
+        assert_eq!(violation(module, path).is_none(), allowed, "{module} uses {path}");
+    }
+    assert!(escapes("use super::accel;", 1).is_some());
+    assert!(escapes("use super::accel;", 2).is_none());
+    assert!(escapes("use super::super::accel;", 2).is_some());
+    assert!(escapes("mod tests {\n    use super::*;\n}", 1).is_none());
+    assert!(words("unsafe_code un-safe").all(|w| w != ["un", "safe"].concat()));
+}

@@ -1,0 +1,121 @@
+//! Running the program in a folder of its own.
+
+use std::path::PathBuf;
+use tempfile::TempDir;
+
+/// A scene of every shape, material and emitter, small and quick, with a full-precision film of 40x30 pixels.
+pub const SCENE: &str = r#"<scene version="3.0.0">
+  <default name="spp" value="8"/>
+  <integrator type="path"><integer name="max_depth" value="6"/></integrator>
+  <sensor type="perspective">
+    <float name="fov" value="50"/>
+    <transform name="to_world"><lookat origin="0,1,4" target="0,0.5,0" up="0,1,0"/></transform>
+    <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
+    <film type="hdrfilm">
+      <integer name="width" value="40"/><integer name="height" value="30"/>
+      <string name="component_format" value="float32"/>
+    </film>
+  </sensor>
+  <shape type="rectangle">
+    <transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.5,0.4,0.3"/></bsdf>
+  </shape>
+  <shape type="cube">
+    <transform name="to_world"><scale value="0.4"/><translate x="-0.8" y="0.4"/></transform>
+    <bsdf type="roughconductor"><float name="alpha" value="0.2"/></bsdf>
+  </shape>
+  <shape type="sphere">
+    <point name="center" value="0.7,0.5,0"/><float name="radius" value="0.5"/>
+    <bsdf type="dielectric"/>
+  </shape>
+  <shape type="disk">
+    <transform name="to_world"><scale value="0.3"/><translate x="0.1" y="0.3" z="0.5"/></transform>
+    <bsdf type="conductor"><string name="material" value="Au"/></bsdf>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="90"/><translate y="3"/></transform>
+    <emitter type="area"><rgb name="radiance" value="5"/></emitter>
+  </shape>
+  <emitter type="point"><point name="position" value="2,2,2"/><rgb name="intensity" value="2,3,4"/></emitter>
+  <emitter type="constant"><rgb name="radiance" value="0.2"/></emitter>
+</scene>
+"#;
+
+/// What a run of the program left behind.
+#[derive(Debug)]
+pub struct Run {
+    /// Exit code.
+    pub code: i32,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+/// A folder to run the program in, with a scene `s.xml`.
+pub struct Folder(TempDir);
+
+impl Folder {
+    /// A new folder with [`SCENE`].
+    pub fn new() -> Self {
+        Folder::with(SCENE)
+    }
+
+    /// A new folder with a scene.
+    pub fn with(scene: &str) -> Self {
+        let folder = Folder(TempDir::new().expect("a folder for temporary files"));
+        folder.write("s.xml", scene.as_bytes());
+        folder
+    }
+
+    /// A file's path.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// Writes a file.
+    pub fn write(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.path(name), bytes).expect("the file can be written");
+    }
+
+    /// A file's bytes.
+    pub fn read(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    /// The names of the files in the folder, in order.
+    pub fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.0.path()).expect("the folder is there");
+        let mut names: Vec<String> =
+            entries.map(|e| e.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    /// Runs `buffon` with the arguments (separated by spaces) in the folder.
+    pub fn run(&self, arguments: &str) -> Run {
+        let output = assert_cmd::Command::new(program())
+            .args(arguments.split_whitespace())
+            .current_dir(self.0.path())
+            .output()
+            .expect("the program starts");
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("the program speaks UTF-8");
+        Run {
+            code: output.status.code().unwrap_or(-1),
+            stdout: text(output.stdout),
+            stderr: text(output.stderr),
+        }
+    }
+
+    /// As [`run`](Self::run), for a run that must succeed and print nothing on standard output.
+    pub fn render(&self, arguments: &str) -> Run {
+        let run = self.run(&format!("render {arguments}"));
+        assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{arguments}: {run:?}");
+        run
+    }
+}
+
+/// The program under test.
+pub fn program() -> &'static str {
+    env!("CARGO_BIN_EXE_buffon")
+}
