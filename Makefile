@@ -1,0 +1,59 @@
+# Each target does its own set-up: `make demo` and `make test` start from a bare Debian 12 with Rust.
+# Missing packages are installed with apt, as root or through sudo; where that cannot be, they are named.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help deps demo test lint bench scenes clean
+
+# Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
+export PATH := $(PATH):$(HOME)/.cargo/bin
+BUFFON := $(or $(CARGO_TARGET_DIR),target)/release/buffon
+TERRAIN := scenes/terrain/terrain.ply
+# Both feature sets: with Embree and OpenImageIO, and in Rust alone.
+RUST_ALONE := -p buffon --no-default-features
+
+# CPUs without AVX2 get the baseline: RUSTFLAGS replaces the flags of .cargo/config.toml.
+ifeq ($(shell uname -m)$(shell grep -m 1 -o -w avx2 /proc/cpuinfo),x86_64)
+export RUSTFLAGS := $(RUSTFLAGS) --cfg buffon_baseline
+endif
+
+help: ## say what there is to make (this)
+	@sed -n 's/^\([a-z]*\):.* ## /  make \1\t/p' Makefile | expand -t 16
+
+deps: ## install what the build needs and lacks
+	@.ci/deps
+
+demo: deps ## build, and render the Cornell box to out/
+	cargo build --release --locked
+	@mkdir -p out
+	$(BUFFON) render scenes/cornell-box/cornell-box.xml -o out/cornell-box.exr --stats out/cornell-box.json
+	$(BUFFON) render scenes/cornell-box/cornell-box.xml -o out/cornell-box.png --quiet
+	@echo
+	@echo "The picture:  $(CURDIR)/out/cornell-box.png"
+	@echo "Its numbers:  $(CURDIR)/out/cornell-box.exr"
+	@echo "The figures above, and more of them:  $(CURDIR)/out/cornell-box.json"
+
+# What is quickest to fail comes first.
+test: lint ## everything that must hold, with both feature sets
+	cargo test --locked --workspace
+	cargo test --locked $(RUST_ALONE)
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
+	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
+
+lint: deps ## check formatting, and what clippy has to say
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --all-targets -- -D warnings
+	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
+
+bench: deps ## measure
+	cargo bench --locked --workspace
+
+scenes: $(TERRAIN) ## generate the meshes that are too large to keep
+
+$(TERRAIN): scenes/terrain/generate.rs scenes/terrain/height_field.rs | deps
+	cargo run --release --locked --example generate_terrain -- $@
+
+clean: ## remove what was built, rendered and generated
+	rm -rf out $(TERRAIN)
+	if command -v cargo >/dev/null; then cargo clean; fi
