@@ -52,7 +52,10 @@ impl AreaEmitter {
                         let edges = [*edge_x, *edge_y];
                         let reach = corner.abs() + edge_x.abs() + edge_y.abs();
                         let error = plane_error(reach * gamma(8), *normal);
-                        (Surface::Rectangle { rectangle, corner: *corner, edges, normal: *normal, error }, area)
+                        (
+                            Surface::Rectangle { rectangle, corner: *corner, edges, normal: *normal, error },
+                            area,
+                        )
                     }
                     None => mesh_surface(mesh)?,
                 }

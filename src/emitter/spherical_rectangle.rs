@@ -21,9 +21,9 @@ pub struct Rectangle {
     far_squared: f32,
 }
 
-/// In this many diagonals' distance, the density of directions to points uniform in the area varies so little
-/// that sampling the solid angle gains nothing worth its cost.
-const FAR: f32 = 3.0;
+/// Diagonals of the rectangle beyond which its area is sampled instead: on a Cornell box, sampling the solid
+/// angle out to three diagonals lowers the relMSE by 5 % and costs 30 % of the time.
+const FAR: f32 = 1.0;
 /// Below this (steradians) the rounding of `f32` would show in the density: an error of 5e-7 is 1e-4 of it.
 const MINIMUM_SOLID_ANGLE: f32 = 5e-3;
 
@@ -129,8 +129,7 @@ impl SphericalRectangle<'_> {
     #[inline]
     pub fn sample(&self, u: Vec2) -> Vec3 {
         let angle = u.x * self.solid_angle;
-        let (sin, cos) =
-            if angle < FRAC_PI_4 { sin_cos_quarter(angle / FRAC_PI_4) } else { angle.sin_cos() };
+        let (sin, cos) = if angle < FRAC_PI_4 { sin_cos_quarter(angle / FRAC_PI_4) } else { angle.sin_cos() };
         let (cos_au, sin_au) = multiply(self.k, (cos, sin));
         let fu = (cos_au * self.b0 - self.b1) / sin_au;
         let cu = (1.0 / (fu * fu + self.b0 * self.b0).sqrt()).min(1.0).copysign(fu);
@@ -172,8 +171,8 @@ mod tests {
             Vec3::Z,
             -Vec3::Z,
             Vec3::Z * 1e-3,
-            Vec3::Z * 8.0,
-            Vec3::new(3.0, -2.0, 0.5),
+            Vec3::Z * 2.8,
+            Vec3::new(1.0, -2.0, 0.5),
             Vec3::new(1.5, 0.0, 1e-2),
             Vec3::new(1.0, 1.0, 0.1),
         ] {
@@ -182,7 +181,9 @@ mod tests {
             assert!((f64::from(seen) / exact - 1.0).abs() < 1e-4, "{p}: {seen} {exact}");
         }
         // In the plane, nearly edge-on, and far away.
-        for p in [Vec3::new(3.0, 0.0, 0.0), Vec3::new(3.0, 0.0, 1e-4), Vec3::Z * 10.0, Vec3::new(1.0, 0.0, 0.0)] {
+        for p in
+            [Vec3::new(3.0, 0.0, 0.0), Vec3::new(3.0, 0.0, 1e-4), Vec3::Z * 2.9, Vec3::new(1.0, 0.0, 0.0)]
+        {
             assert!(r.seen_from(p).is_none(), "{p}");
         }
     }
@@ -191,7 +192,7 @@ mod tests {
     #[test]
     fn samples_are_uniform_in_solid_angle() {
         let r = unit_square();
-        for p in [Vec3::new(0.2, 0.3, 0.5), Vec3::new(2.0, -1.5, -0.3), Vec3::new(0.0, 0.0, 5.0)] {
+        for p in [Vec3::new(0.2, 0.3, 0.5), Vec3::new(1.2, -1.1, -0.3), Vec3::new(0.0, 0.0, 1.5)] {
             let seen = r.seen_from(p).unwrap();
             let n = 512;
             let inside = |q: Vec3| q.x < 0.25 && q.y > -0.5;

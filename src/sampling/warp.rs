@@ -24,7 +24,8 @@ pub fn square_to_disk(u: Vec2) -> Vec2 {
 pub fn sin_cos_quarter(x: f32) -> (f32, f32) {
     let t = x * FRAC_PI_4;
     let t2 = t * t;
-    let sin = t * (1.0 + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 * (1.0 / 362_880.0)))));
+    let sin =
+        t * (1.0 + t2 * (-1.0 / 6.0 + t2 * (1.0 / 120.0 + t2 * (-1.0 / 5040.0 + t2 * (1.0 / 362_880.0)))));
     let cos = 1.0 + t2 * (-0.5 + t2 * (1.0 / 24.0 + t2 * (-1.0 / 720.0 + t2 * (1.0 / 40_320.0))));
     (sin, cos)
 }
@@ -191,7 +192,10 @@ mod tests {
             let x = i as f32 / 1000.0;
             let (sin, cos) = sin_cos_quarter(x);
             let exact = (f64::from(x) * std::f64::consts::FRAC_PI_4).sin_cos();
-            assert!((f64::from(sin) - exact.0).abs() < 1.2e-7 && (f64::from(cos) - exact.1).abs() < 1.2e-7, "{x}");
+            assert!(
+                (f64::from(sin) - exact.0).abs() < 1.2e-7 && (f64::from(cos) - exact.1).abs() < 1.2e-7,
+                "{x}"
+            );
         }
     }
 
