@@ -126,7 +126,7 @@ fn warps_of_directions_follow_their_density() {
         |_, u| Some(warp::square_to_sphere(Vec2::from(u))),
         |_| warp::SQUARE_TO_SPHERE_PDF,
     );
-    for cap in [0.02, 0.5, 1.0] {
+    for cap in [0.15, 0.5, 1.0] {
         check_directions(
             &format!("cone {cap}"),
             tests,

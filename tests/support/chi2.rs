@@ -10,7 +10,9 @@ const COS_CELLS: usize = 31;
 const PHI_CELLS: usize = 61;
 const SAMPLES: usize = 200_000;
 /// Cells are refined this often where the density varies within them.
-const REFINEMENTS: u32 = 3;
+const REFINEMENTS: u32 = 5;
+/// Share of the samples that may fall where the quadrature saw nothing: slivers of cells along a silhouette.
+const SILHOUETTE: f64 = 5e-4;
 /// Cells with fewer expected samples are pooled.
 const FEWEST: f64 = 5.0;
 /// Probability that a correct sampler fails any of the `tests` that it is part of.
@@ -35,7 +37,7 @@ pub fn check_directions(
             counts[cell_of(w)] += 1;
         }
     }
-    let expected = integrate(&pdf);
+    let expected = integrate(&pdf, &counts);
     let total: f64 = expected.iter().sum();
     assert!(total < 1.0 + 2e-3, "{name}: the density integrates to {total}");
     let (mut statistic, mut cells) = (0.0, 0.0);
@@ -54,7 +56,11 @@ pub fn check_directions(
         statistic += (pooled_count as f64 - pooled_expected).powi(2) / pooled_expected;
         cells += 1.0;
     } else {
-        assert!(pooled_count <= 20, "{name}: {pooled_count} samples where {pooled_expected:.2} are expected");
+        let allowed = 5.0 * FEWEST + SILHOUETTE * SAMPLES as f64;
+        assert!(
+            (pooled_count as f64) < allowed,
+            "{name}: {pooled_count} samples where {pooled_expected:.2} are expected"
+        );
     }
     assert!(cells > 1.0, "{name}: the density is concentrated in {cells} cells: nothing is tested");
     let p = chi2_tail(statistic, cells - 1.0);
@@ -88,13 +94,13 @@ fn cell_of(w: Vec3) -> usize {
 }
 
 /// The density's integral over each cell, by the midpoint rule; cells where it varies much are refined.
-fn integrate(pdf: &impl Fn(Vec3) -> f32) -> Vec<f64> {
+fn integrate(pdf: &impl Fn(Vec3) -> f32, counts: &[u64]) -> Vec<f64> {
     let mut result = Vec::with_capacity(COS_CELLS * PHI_CELLS);
     for c in 0..COS_CELLS {
         for p in 0..PHI_CELLS {
             let cos = [c, c + 1].map(|i| 2.0 * i as f64 / COS_CELLS as f64 - 1.0);
             let phi = [p, p + 1].map(|i| TAU * i as f64 / PHI_CELLS as f64);
-            result.push(integrate_cell(pdf, cos, phi, 0));
+            result.push(integrate_cell(pdf, cos, phi, counts[result.len()] > 0, 0));
         }
     }
     result
@@ -113,18 +119,20 @@ fn midpoint(pdf: &impl Fn(Vec3) -> f32, cos: [f64; 2], phi: [f64; 2], n: usize) 
     sum * (cos[1] - cos[0]) * (phi[1] - phi[0]) / (n * n) as f64
 }
 
-fn integrate_cell(pdf: &impl Fn(Vec3) -> f32, cos: [f64; 2], phi: [f64; 2], level: u32) -> f64 {
-    let coarse = midpoint(pdf, cos, phi, 4);
-    let fine = midpoint(pdf, cos, phi, 6);
+fn integrate_cell(pdf: &impl Fn(Vec3) -> f32, cos: [f64; 2], phi: [f64; 2], hit: bool, level: u32) -> f64 {
+    let coarse = midpoint(pdf, cos, phi, 5);
+    let fine = midpoint(pdf, cos, phi, 7);
     let whole_sphere = 4.0 * PI / (COS_CELLS * PHI_CELLS) as f64;
-    if level == REFINEMENTS || (coarse - fine).abs() <= 1e-3 * fine + 1e-5 * whole_sphere {
+    // Two grids that agree may both miss a sliver; then it shows as samples.
+    let missed = fine == 0.0 && hit && level < 3;
+    if level == REFINEMENTS || (!missed && (coarse - fine).abs() <= 1e-3 * fine + 1e-5 * whole_sphere) {
         return fine;
     }
     let (zm, am) = (0.5 * (cos[0] + cos[1]), 0.5 * (phi[0] + phi[1]));
     let mut sum = 0.0;
     for z in [[cos[0], zm], [zm, cos[1]]] {
         for a in [[phi[0], am], [am, phi[1]]] {
-            sum += integrate_cell(pdf, z, a, level + 1);
+            sum += integrate_cell(pdf, z, a, hit, level + 1);
         }
     }
     sum
