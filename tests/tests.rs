@@ -1,6 +1,7 @@
 //! The integration tests, in one binary.
 
 mod cli;
+mod closed_form;
 mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
