@@ -1,12 +1,14 @@
 //! The watertight ray/triangle test. [Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection"]
 
-use crate::math::Ray;
+use crate::math::robust::gamma;
+use crate::math::{DVec3, Ray, Vec3};
 
 /// A ray prepared for the test: the axes in the order that makes z the dominant one, and the shear that makes the
 /// direction the z axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ShearedRay {
     o: [f32; 3],
+    d: Vec3,
     axes: [usize; 3],
     shear: [f32; 3],
 }
@@ -22,7 +24,8 @@ impl ShearedRay {
         if d[z] < 0.0 {
             (x, y) = (y, x);
         }
-        ShearedRay { o: ray.o.to_array(), axes: [x, y, z], shear: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]] }
+        let shear = [d[x] / d[z], d[y] / d[z], 1.0 / d[z]];
+        ShearedRay { o: ray.o.to_array(), d: ray.d, axes: [x, y, z], shear }
     }
 
     /// A corner relative to the origin, sheared: (x, y, unscaled z).
@@ -53,10 +56,29 @@ impl ShearedRay {
         if det == 0.0 {
             return None;
         }
-        let t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2] / det;
+        let mut t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2] / det;
+        let largest = |axis: usize| a[axis].abs().max(b[axis].abs()).max(c[axis].abs());
+        // The bound on the error of t, in the manner of [pbrt 6.8.7], generously.
+        if t * det.abs() <= ROUNDING * largest(0) * largest(1) * largest(2) * self.shear[2].abs() {
+            t = self.distance_exact(corners);
+        }
         (t > 0.0 && t <= t_max).then(|| (t, v / det, w / det))
     }
+
+    /// The parameter at which the ray meets the triangle's plane, where rounding in `f32` could decide on which side
+    /// of it the ray starts; 0 for a ray in the plane.
+    #[cold]
+    fn distance_exact(&self, corners: &[[f32; 3]; 3]) -> f32 {
+        let [a, b, c] = corners.map(|p| Vec3::from(p).as_dvec3());
+        let n: DVec3 = (b - a).cross(c - a);
+        let t = n.dot(a - Vec3::from(self.o).as_dvec3()) / n.dot(self.d.as_dvec3());
+        if t.is_finite() { t as f32 } else { 0.0 }
+    }
 }
+
+/// The share of rounding in a distance: 9 roundings in the products of an edge function and their sum, 8 in the
+/// coordinates that they are made of, 3 in the interpolation; three edges.
+const ROUNDING: f32 = 3.0 * gamma(20);
 
 /// The edge function of the projected corners p and q: exactly antisymmetric.
 #[inline]
@@ -84,6 +106,27 @@ mod tests {
             let ray = Ray::new(Vec3::new(0.5, 1.5, side), Vec3::new(0.0, 0.0, -2.0 * side));
             let (t, u, v) = ShearedRay::new(&ray).intersect(&CORNERS, 1.0).expect("a hit");
             assert!((t - 0.5).abs() < 1e-6 && (u - 0.25).abs() < 1e-6 && (v - 0.5).abs() < 1e-6);
+        }
+    }
+
+    /// A ray that starts on a plane, or as near to it as `f32` can say, meets it only if the plane lies ahead.
+    #[test]
+    fn the_side_on_which_a_ray_starts_is_certain() {
+        let tiny = 1.8e-16;
+        let floor = [[-3.0, tiny, 3.0], [3.0, tiny, 3.0], [3.0, -tiny, -3.0]];
+        for i in 0..2000 {
+            let [x, y, z] = [0.618, 0.755, 0.569].map(|step: f32| (i as f32 * step).fract());
+            let (p, q) = (0.1 + 0.8 * x.max(y), 0.1 + 0.7 * x.min(y));
+            let weights = [1.0 - p, p - q, q];
+            let [px, py, pz] = [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] * floor[k][axis]).sum());
+            let up = Vec3::new(2.0 * x - 1.0, 0.02 + z, 2.0 * y - 1.0);
+            for (start, d, met) in
+                [(1e-21, up, false), (1e-21, -up, true), (-1e-21, up, true), (-1e-21, -up, false)]
+            {
+                let ray = Ray::new(Vec3::new(px, py + start, pz), d);
+                let hit = ShearedRay::new(&ray).intersect(&floor, f32::INFINITY);
+                assert_eq!(hit.is_some(), met, "{i}: {ray:?}: {hit:?}");
+            }
         }
     }
 
