@@ -4,6 +4,7 @@ mod cli;
 mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
+mod emitters;
 mod image_io;
 mod layering;
 mod loader;
