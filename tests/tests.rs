@@ -5,6 +5,7 @@ mod closed_form;
 mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
+mod emitters;
 mod image_io;
 mod layering;
 mod loader;

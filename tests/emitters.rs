@@ -1,0 +1,303 @@
+//! Sampling of emitters against their densities, seen from receivers.
+
+use crate::support::chi2::{check_directions, check_square};
+use crate::support::scenes;
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::{AreaEmitter, Light, Target};
+use buffon::ids::EmitterId;
+use buffon::math::{DAffine3, DVec3, Ray, Vec2, Vec3};
+use buffon::scene::{Description, Scene};
+use buffon::shape::{Mesh, Shape, WorldShape};
+use glam::DQuat;
+use std::f64::consts::TAU;
+
+/// An emitter alone in a scene, with its only light.
+fn emitting(shape: Shape, to_world: DAffine3, flip_normals: bool) -> Scene {
+    let mut description = Description::default();
+    let id = scenes::add(&mut description, shape, to_world, scenes::diffuse(0.5));
+    description.shapes[id].emission = Some(Rgb::WHITE);
+    description.shapes[id].flip_normals = flip_normals;
+    let scene = scenes::compiled(description, AccelKind::default());
+    assert!(matches!(scene.lights[0], Light::Area(_)));
+    scene
+}
+
+/// A map of a surface to the unit square: the point for (s, t), and back.
+struct Chart<'a> {
+    point: &'a dyn Fn([f64; 2]) -> DVec3,
+    inverse: &'a dyn Fn(DVec3) -> [f64; 2],
+}
+
+impl Chart<'_> {
+    /// The vector area of the surface per unit area of the square, by central differences.
+    fn area(&self, [s, t]: [f64; 2]) -> DVec3 {
+        const H: f64 = 1e-5;
+        let ds = (self.point)([s + H, t]) - (self.point)([s - H, t]);
+        let dt = (self.point)([s, t + H]) - (self.point)([s, t - H]);
+        ds.cross(dt) / (4.0 * H * H)
+    }
+}
+
+/// Samples of an emitter as seen from `from`, over a chart of its surface, against the density at the point that a
+/// ray to the chart's point meets. Returns the density's integral.
+fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f64 {
+    let Light::Area(area) = &scene.lights[0] else { panic!("{name} is an area emitter") };
+    check_square(
+        name,
+        EMITTER_TESTS,
+        |_, u| {
+            let s = area.sample(from, u)?;
+            assert!(s.pdf > 0.0 && s.radiance == Rgb::WHITE && !s.delta);
+            let ray = Ray::new(from, s.wi);
+            let hit = scene.accel.intersect(&ray)?;
+            let at = scene.interaction(&ray, &hit);
+            let pdf = scene.emitter_pdf(EmitterId(0), from, &at);
+            assert!(
+                (pdf / s.pdf - 1.0).abs() < 5e-3,
+                "{name}: densities {} and {pdf} towards {}",
+                s.pdf,
+                s.wi
+            );
+            Some((chart.inverse)(at.p.as_dvec3()))
+        },
+        |square| {
+            let to = (chart.point)(square) - from.as_dvec3();
+            let ray = Ray::new(from, to.as_vec3().normalize());
+            let Some(hit) = scene.accel.intersect(&ray) else { return 0.0 };
+            let at = scene.interaction(&ray, &hit);
+            if !at.front || f64::from(hit.t) < 0.99 * to.length() {
+                return 0.0;
+            }
+            let solid_angle = chart.area(square).dot(to).abs() / to.length().powi(3);
+            f64::from(scene.emitter_pdf(EmitterId(0), from, &at)) * solid_angle
+        },
+    )
+}
+
+/// Emitters that share the significance.
+const EMITTER_TESTS: usize = 13;
+
+/// Turned to face −z, scaled and moved.
+fn place(x: f64, y: f64, z: f64, scale: f64) -> DAffine3 {
+    DAffine3::from_scale_rotation_translation(
+        DVec3::splat(scale),
+        DQuat::from_rotation_y(std::f64::consts::PI),
+        DVec3::new(x, y, z),
+    )
+}
+
+#[test]
+fn rectangle_samples_follow_their_density() {
+    let sheared = DAffine3::from_cols_array(&[-1.0, 0.0, 0.0, -0.5, 1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0]);
+    for (name, to_world) in [
+        ("rectangle", place(0.0, 0.0, 1.0, 1.0)),
+        ("rectangle from the side", place(2.0, 0.5, 0.7, 1.0)),
+        ("rectangle from nearby", place(0.2, 0.1, 0.2, 1.0)),
+        ("rectangle from afar", place(3.0, 0.0, 20.0, 1.0)),
+        ("parallelogram", sheared),
+    ] {
+        let scene = emitting(Shape::Rectangle, to_world, false);
+        let back = to_world.inverse();
+        let total = check_emitter(
+            name,
+            &scene,
+            Vec3::ZERO,
+            &Chart {
+                point: &|[s, t]| to_world.transform_point3(DVec3::new(2.0 * s - 1.0, 2.0 * t - 1.0, 0.0)),
+                inverse: &|p| {
+                    let p = back.transform_point3(p);
+                    [0.5 * (p.x + 1.0), 0.5 * (p.y + 1.0)]
+                },
+            },
+        );
+        assert!((total - 1.0).abs() < 2e-3, "{name}: the density integrates to {total}");
+    }
+}
+
+#[test]
+fn disk_samples_follow_their_density() {
+    let ellipse = DAffine3::from_cols_array(&[-1.0, 0.0, 0.0, -0.5, 0.7, 0.2, 0.0, 0.0, -1.0, 0.3, 0.0, 1.0]);
+    for (name, to_world) in [("disk", place(0.4, 0.0, 1.0, 1.0)), ("ellipse", ellipse)] {
+        let scene = emitting(Shape::Disk, to_world, false);
+        let back = to_world.inverse();
+        let total = check_emitter(
+            name,
+            &scene,
+            Vec3::ZERO,
+            &Chart {
+                point: &|[r, phi]| {
+                    let (sin, cos) = (TAU * phi).sin_cos();
+                    to_world.transform_point3(DVec3::new(r * cos, r * sin, 0.0))
+                },
+                inverse: &|p| {
+                    let p = back.transform_point3(p);
+                    [p.x.hypot(p.y), p.y.atan2(p.x).rem_euclid(TAU) / TAU]
+                },
+            },
+        );
+        assert!((total - 1.0).abs() < 2e-3, "{name}: the density integrates to {total}");
+    }
+}
+
+#[test]
+fn sphere_samples_follow_their_density() {
+    // From outside: the cap that is seen, by the cosine and the azimuth around the axis to the receiver.
+    for (name, centre) in [
+        ("sphere", DVec3::new(0.5, 0.3, 1.5)),
+        ("sphere from nearby", DVec3::new(0.0, 0.0, 1.05)),
+        ("sphere from afar", DVec3::new(30.0, 0.0, 10.0)),
+    ] {
+        let scene = emitting(scenes::sphere(1.0), DAffine3::from_translation(centre), false);
+        let distance = centre.length();
+        let axis = -centre / distance;
+        let x = axis.any_orthonormal_vector();
+        let y = axis.cross(x);
+        let rim = 1.0 / distance;
+        let total = check_emitter(
+            name,
+            &scene,
+            Vec3::ZERO,
+            &Chart {
+                point: &|[s, phi]| {
+                    let cos = 1.0 - s * (1.0 - rim);
+                    let (sin_phi, cos_phi) = (TAU * phi).sin_cos();
+                    let sin = (1.0 - cos * cos).max(0.0).sqrt();
+                    centre + axis * cos + (x * cos_phi + y * sin_phi) * sin
+                },
+                inverse: &|p| {
+                    let n = (p - centre).normalize();
+                    let phi = n.dot(y).atan2(n.dot(x)).rem_euclid(TAU);
+                    [(1.0 - n.dot(axis)) / (1.0 - rim), phi / TAU]
+                },
+            },
+        );
+        assert!((total - 1.0).abs() < 5e-3, "{name}: the density integrates to {total}");
+    }
+    let scene = emitting(scenes::sphere(1.0), DAffine3::IDENTITY, true);
+    let total = check_emitter(
+        "sphere from inside",
+        &scene,
+        Vec3::new(0.3, -0.2, 0.6),
+        &Chart {
+            point: &|[s, phi]| {
+                let z = 2.0 * s - 1.0;
+                let r = (1.0 - z * z).max(0.0).sqrt();
+                DVec3::new(r * (TAU * phi).cos(), r * (TAU * phi).sin(), z)
+            },
+            inverse: &|p| [0.5 * (p.z + 1.0), p.y.atan2(p.x).rem_euclid(TAU) / TAU],
+        },
+    );
+    assert!((total - 1.0).abs() < 2e-3, "from inside the density integrates to {total}");
+}
+
+#[test]
+fn mesh_samples_follow_their_density() {
+    let corners = [[-1.0, -1.0, 1.0], [-1.0, 1.5, 1.0], [1.0, -1.0, 1.2], [1.0, 1.0, 0.6]].map(DVec3::from);
+    let indices = [[0, 1, 2], [2, 1, 3]];
+    let mesh = Mesh {
+        positions: corners.map(|p| p.as_vec3()).to_vec(),
+        indices: indices.map(|t: [usize; 3]| t.map(|i| i as u32)).to_vec(),
+        ..Mesh::default()
+    };
+    let scene = emitting(Shape::Mesh(mesh), DAffine3::IDENTITY, false);
+    // Each triangle has half of the square.
+    let weights = |p: DVec3, [a, b, c]: [DVec3; 3]| {
+        let n = (b - a).cross(c - a);
+        let area = n.length_squared();
+        [(p - a).cross(c - a).dot(n) / area, (b - a).cross(p - a).dot(n) / area, (p - a).dot(n) / n.length()]
+    };
+    let total = check_emitter(
+        "mesh",
+        &scene,
+        Vec3::ZERO,
+        &Chart {
+            point: &|[s, t]| {
+                let half = usize::from(s >= 0.5);
+                let b = fan_to_triangle([2.0 * s - half as f64, t]);
+                let [p, q, r] = indices[half].map(|i| corners[i]);
+                p * (1.0 - b[0] - b[1]) + q * b[0] + r * b[1]
+            },
+            inverse: &|p| {
+                let found = [0, 1].map(|half| weights(p, indices[half].map(|i| corners[i])));
+                let half = usize::from(found[0][2].abs() > found[1][2].abs());
+                let [u, v, _] = found[half];
+                let s = u + v;
+                [0.5 * (s.clamp(0.0, 1.0) + half as f64), (v / s).clamp(0.0, 1.0)]
+            },
+        },
+    );
+    assert!((total - 1.0).abs() < 5e-3, "mesh: the density integrates to {total}");
+}
+
+fn fan_to_triangle([s, t]: [f64; 2]) -> [f64; 2] {
+    [s * (1.0 - t), s * t]
+}
+
+#[test]
+fn environment_samples_follow_their_density() {
+    let mut description = Description::default();
+    scenes::add(&mut description, scenes::sphere(1.0), DAffine3::IDENTITY, scenes::diffuse(0.5));
+    description.emitters.push(scenes::constant(2.0));
+    let scene = scenes::compiled(description, AccelKind::default());
+    let environment = scene.environment.expect("there is one");
+    let total = check_directions(
+        "constant environment",
+        EMITTER_TESTS,
+        |u_choice, u| {
+            let s = scene.sample_emitter(Vec3::new(0.0, 0.0, 2.0), u_choice, u)?;
+            assert!(s.target == Target::Infinity && s.radiance == Rgb::splat(2.0));
+            assert_eq!(s.pdf, scene.environment_pdf(environment));
+            Some(s.wi)
+        },
+        |_| scene.environment_pdf(environment),
+    );
+    assert!((total - 1.0).abs() < 1e-3, "{total}");
+}
+
+/// One of several emitters is chosen in proportion to its power, and the density says so.
+#[test]
+fn emitters_are_chosen_by_power() {
+    let mut description = Description::default();
+    for (x, radiance) in [(-3.0, 1.0), (3.0, 3.0)] {
+        let id = scenes::add(
+            &mut description,
+            scenes::sphere(0.5),
+            DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)),
+            scenes::diffuse(0.5),
+        );
+        description.shapes[id].emission = Some(Rgb::splat(radiance));
+    }
+    let scene = scenes::compiled(description, AccelKind::default());
+    let n = 4000;
+    let mut right = 0;
+    for i in 0..n {
+        let u_choice = (i as f32 + 0.5) / n as f32;
+        let s = scene.sample_emitter(Vec3::ZERO, u_choice, Vec2::new(0.3, 0.7)).expect("a sample");
+        let ray = Ray::new(Vec3::ZERO, s.wi);
+        let at = scene.interaction(&ray, &scene.accel.intersect(&ray).expect("an emitter is hit"));
+        let emitter = scene.emitter_at(&at).expect("it emits");
+        assert_eq!(scene.emitted(emitter), s.radiance);
+        assert!((scene.emitter_pdf(emitter, Vec3::ZERO, &at) / s.pdf - 1.0).abs() < 1e-4);
+        right += usize::from(s.wi.x > 0.0);
+    }
+    assert_eq!(right, n * 3 / 4);
+}
+
+/// Solid-angle sampling reaches every limit: the smallest and the largest cones, and a rectangle nearly edge-on.
+#[test]
+fn emitters_are_sampled_at_every_scale() {
+    for distance in [1.000_01f64, 1.5, 10.0, 1e3, 1e6] {
+        let world =
+            WorldShape::new(scenes::sphere(1.0), &DAffine3::from_translation(DVec3::Z * distance), false)
+                .unwrap();
+        let area = AreaEmitter::new(&world, Rgb::WHITE).unwrap();
+        let exact = {
+            let sin2 = 1.0 / (distance * distance);
+            2.0 * std::f64::consts::PI * sin2 / (1.0 + (1.0 - sin2).sqrt())
+        };
+        let s = area.sample(Vec3::ZERO, Vec2::new(0.3, 0.7)).unwrap();
+        assert!((f64::from(s.pdf) * exact - 1.0).abs() < 2e-3, "{distance}: {} {exact}", s.pdf);
+        assert!((s.wi.length() - 1.0).abs() < 1e-5);
+    }
+}
