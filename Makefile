@@ -8,7 +8,7 @@ SHELL := /bin/bash
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
-BUFFON := $(or $(CARGO_TARGET_DIR),target)/release/buffon
+BUFFON := cargo run --release --locked --quiet --
 TERRAIN := scenes/terrain/terrain.ply
 # Both feature sets: with Embree and OpenImageIO, and in Rust alone.
 RUST_ALONE := -p buffon --no-default-features
@@ -47,11 +47,11 @@ lint: deps ## check formatting, and what clippy has to say
 	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
 
 bench: deps ## measure
-	cargo bench --locked --workspace
+	cargo bench --locked --bench '*'
 
 scenes: $(TERRAIN) ## generate the meshes that are too large to keep
 
-$(TERRAIN): scenes/terrain/generate.rs scenes/terrain/height_field.rs | deps
+$(TERRAIN): examples/generate_terrain.rs | deps
 	cargo run --release --locked --example generate_terrain -- $@
 
 clean: ## remove what was built, rendered and generated
