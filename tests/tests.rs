@@ -1,6 +1,8 @@
 //! The integration tests, in one binary.
 
 mod cli;
+mod closed_form;
+mod closed_form_specular;
 mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
@@ -15,5 +17,6 @@ mod loader_robustness;
 mod meshes;
 mod parity;
 mod scattering;
+mod self_intersection;
 mod support;
 mod watertight;

@@ -41,12 +41,12 @@ pub struct RayHit1 {
 }
 
 impl RayHit1 {
-    /// A ray from 8 floats (origin, t_far, direction, time) that has hit nothing yet; `t_near` is 0.
+    /// A ray from 8 floats (origin, t_far, direction, time) that has hit nothing yet; `t_near` is [`AHEAD`].
     #[inline]
     pub fn new(ray: &[f32; 8]) -> Self {
         RayHit1 {
             origin: [ray[0], ray[1], ray[2]],
-            t_near: 0.0,
+            t_near: AHEAD,
             direction: [ray[4], ray[5], ray[6]],
             time: ray[7],
             t_far: ray[3],
@@ -62,6 +62,10 @@ impl RayHit1 {
         }
     }
 }
+
+/// The least parameter of a hit: anything ahead of the origin. Embree counts a hit at `t_near` itself, so with 0 a ray
+/// that starts on a coordinate plane would hit the surface in it.
+pub const AHEAD: f32 = f32::MIN_POSITIVE;
 
 /// Sixteen rays, one array a component: `RTCRay16`.
 #[derive(Clone, Copy, Debug)]
@@ -134,12 +138,12 @@ impl Mask16 {
 }
 
 impl Default for Rays16 {
-    /// Rays of zero direction, visible to every mask, with `t_near` 0.
+    /// Rays of zero direction, visible to every mask, with `t_near` [`AHEAD`].
     fn default() -> Self {
         let zero = [0.0; WIDTH];
         Rays16 {
             origin: [zero; 3],
-            t_near: zero,
+            t_near: [AHEAD; WIDTH],
             direction: [zero; 3],
             time: zero,
             t_far: zero,
