@@ -240,7 +240,9 @@ fn bench(mesh: Mesh) {
             }
             let label = match (kind, robust) {
                 (AccelKind::Obvhs, _) => "bvh".to_string(),
+                #[cfg(feature = "embree")]
                 (_, true) => format!("{kind}, robust"),
+                #[cfg(feature = "embree")]
                 (_, false) => format!("{kind}, robust no"),
             };
             print_build(&label, seconds, accel.memory_bytes(), mesh.indices.len());

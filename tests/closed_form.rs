@@ -81,6 +81,21 @@ fn furnaces_multiply_light_by_bouncing() {
     }
 }
 
+/// Light of two edges in a furnace, by every technique: 1 + a.
+#[test]
+fn direct_light_in_a_furnace_bounces_once() {
+    let albedo = Rgb::new(0.1, 0.5, 0.9);
+    let combinations = combinations();
+    let group = Means::of_images(6 * combinations.len(), 5e-3);
+    for &(accel, sampler) in &combinations {
+        let scene = compiled(furnace(sphere(1.0), albedo, 1.0), accel);
+        for settings in direct_settings().into_iter().chain([path(Some(2), 5)]) {
+            let rendered = render(&scene, &settings, sampler, 128, 7);
+            group.expect(&format!("{settings:?}, {sampler}, {accel}"), &rendered, [1.1, 1.5, 1.9]);
+        }
+    }
+}
+
 /// Roulette from the first bounce, late, and never, with paths of at most 20 edges: the same finite sum.
 #[test]
 fn roulette_does_not_change_the_mean() {
@@ -153,6 +168,7 @@ fn area_lights() -> Vec<AreaLight> {
     let centred = 4.0 * rectangle_factor(0.7 / 1.5, 0.4 / 1.5);
     // From x = 0.6 to 1.4, from y = −0.4 to 0.4.
     let aside = 2.0 * (rectangle_factor(1.4 / 1.2, 0.4 / 1.2) - rectangle_factor(0.6 / 1.2, 0.4 / 1.2));
+    let far = 4.0 * rectangle_factor(1.0 / 6.0, 0.5 / 6.0);
     let square = |x: f32, y: f32| Vec3::new(x * 0.7, y * 0.4, 1.5);
     let mesh = Mesh {
         positions: vec![square(-1.0, -1.0), square(-1.0, 1.0), square(1.0, 1.0), square(1.0, -1.0)],
@@ -171,6 +187,7 @@ fn area_lights() -> Vec<AreaLight> {
         ),
         ("rectangle above", Shape::Rectangle, at(0.0, 1.5) * down * scaled(0.7, 0.4), PI * centred),
         ("rectangle aside", Shape::Rectangle, at(1.0, 1.2) * down * scaled(0.4, 0.4), PI * aside),
+        ("rectangle afar", Shape::Rectangle, at(0.0, 6.0) * down * scaled(1.0, 0.5), PI * far),
         ("two triangles", Shape::Mesh(mesh), DAffine3::IDENTITY, PI * centred),
         ("disk", Shape::Disk, at(0.0, 0.8) * down * scaled(0.6, 0.6), PI * 0.36 / (0.64 + 0.36)),
     ]
@@ -217,5 +234,19 @@ fn convex_diffuse_objects_show_their_reflectance_of_the_environment() {
                 group.expect(&name, &rendered, RHO.map(|rho| 2.0 * f64::from(rho)));
             }
         }
+    }
+}
+
+/// A flat wall at distance 2 of a camera whose near plane is at 1e-4.
+#[test]
+fn the_depth_integrator_shows_the_distance_from_the_near_plane() {
+    let combinations = combinations();
+    let group = Means::of_images(combinations.len(), 1e-4);
+    for &(accel, sampler) in &combinations {
+        let mut description = Description::default();
+        add(&mut description, Shape::Rectangle, DAffine3::IDENTITY, diffuse(0.5));
+        description.sensors.push(camera(DVec3::new(0.3, 0.1, 2.0), DVec3::new(0.3, 0.1, 0.0), 0.02, 4));
+        let rendered = render(&compiled(description, accel), &Settings::Depth, sampler, 4, 8);
+        group.expect(&format!("{sampler}, {accel}"), &rendered, [2.0 - 1e-4; 3]);
     }
 }

@@ -312,3 +312,32 @@ fn many_equal_triangles_build_and_the_first_is_hit() {
         }
     }
 }
+
+/// A ray that starts exactly in the plane of a triangle does not hit it, on any back end, singly or in waves.
+#[test]
+fn a_ray_that_starts_in_a_plane_through_the_origin_does_not_hit_it() {
+    use buffon::accel::{AccelKind, Coherence, Geometry, VertexBuffer, build};
+    use buffon::math::{Ray, Vec3};
+    use std::sync::Arc;
+    let corners = [(-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)];
+    for &kind in AccelKind::ALL {
+        let positions: VertexBuffer = corners.iter().map(|&(x, z)| Vec3::new(x, 0.0, z)).collect();
+        let indices = Arc::new(vec![[0, 1, 2], [2, 3, 0]]);
+        let geometry = vec![Geometry::Triangles { positions: Arc::new(positions), indices }];
+        let accel = build(kind, geometry, 1, true).expect("two triangles build").accel;
+        let rays: Vec<Ray> = (0..1000)
+            .map(|i| {
+                let t = i as f32 * 0.618;
+                let o = Vec3::new((t * 7.3).sin() * 40.0, 0.0, (t * 3.1).cos() * 40.0);
+                Ray::new(o, Vec3::new(t.sin(), if i % 2 == 0 { 0.5 } else { -0.5 }, t.cos()))
+            })
+            .collect();
+        let (mut hits, mut occluded) = (vec![None; rays.len()], vec![true; rays.len()]);
+        accel.intersect_wave(&rays, &mut hits, Coherence::Incoherent);
+        accel.occluded_wave(&rays, &mut occluded, Coherence::Incoherent);
+        for (i, ray) in rays.iter().enumerate() {
+            assert_eq!((accel.intersect(ray), hits[i]), (None, None), "{kind}: {ray:?}");
+            assert!(!accel.occluded(ray) && !occluded[i], "{kind}: {ray:?}");
+        }
+    }
+}

@@ -10,6 +10,10 @@ pub const WIDTH: usize = 16;
 /// The greatest absolute value of a component of a vertex or a ray; Embree's `FLT_LARGE`.
 pub const COMPONENT_LIMIT: f32 = 1.844e18;
 
+/// The smallest normal number: Embree counts hits at `t_near` itself, but a ray that starts exactly in the plane of
+/// a triangle (a floor at height 0) must not hit it at distance 0.
+pub const T_NEAR: f32 = f32::MIN_POSITIVE;
+
 /// A ray and its hit: `RTCRayHit`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(16))]
@@ -41,12 +45,12 @@ pub struct RayHit1 {
 }
 
 impl RayHit1 {
-    /// A ray from 8 floats (origin, t_far, direction, time) that has hit nothing yet; `t_near` is [`AHEAD`].
+    /// A ray from 8 floats (origin, t_far, direction, time) that has hit nothing yet; `t_near` is [`T_NEAR`].
     #[inline]
     pub fn new(ray: &[f32; 8]) -> Self {
         RayHit1 {
             origin: [ray[0], ray[1], ray[2]],
-            t_near: AHEAD,
+            t_near: T_NEAR,
             direction: [ray[4], ray[5], ray[6]],
             time: ray[7],
             t_far: ray[3],
@@ -62,10 +66,6 @@ impl RayHit1 {
         }
     }
 }
-
-/// The least parameter of a hit: anything ahead of the origin. Embree counts a hit at `t_near` itself, so with 0 a ray
-/// that starts on a coordinate plane would hit the surface in it.
-pub const AHEAD: f32 = f32::MIN_POSITIVE;
 
 /// Sixteen rays, one array a component: `RTCRay16`.
 #[derive(Clone, Copy, Debug)]
@@ -138,12 +138,12 @@ impl Mask16 {
 }
 
 impl Default for Rays16 {
-    /// Rays of zero direction, visible to every mask, with `t_near` [`AHEAD`].
+    /// Rays of zero direction, visible to every mask, with `t_near` at [`T_NEAR`].
     fn default() -> Self {
         let zero = [0.0; WIDTH];
         Rays16 {
             origin: [zero; 3],
-            t_near: [AHEAD; WIDTH],
+            t_near: [T_NEAR; WIDTH],
             direction: [zero; 3],
             time: zero,
             t_far: zero,

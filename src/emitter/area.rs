@@ -96,7 +96,8 @@ impl AreaEmitter {
         let distance_squared = to.length_squared();
         let wi = to / distance_squared.sqrt();
         let cos = -wi.dot(point.n);
-        if !(cos > 0.0) {
+        // Not a number where `from` is the point itself.
+        if cos.is_nan() || cos <= 0.0 {
             return None;
         }
         let pdf = match point.pdf {

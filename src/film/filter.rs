@@ -17,15 +17,22 @@ pub enum FilterSampler {
         /// Half the width, in pixels.
         radius: f32,
     },
-    /// The product of two even functions, as equal steps of their distribution function.
-    Table {
-        /// Positions at which the distribution function is 0, 1/n, 2/n, ..., 1.
-        quantiles: Vec<f32>,
-    },
+    /// The product of two functions, tabulated.
+    Table(Table),
 }
 
-/// Steps of a tabulated filter: the density is constant between two quantiles.
-const STEPS: usize = 2048;
+/// A density on [−radius, radius] that is constant in each of [`CELLS`] equal cells.
+#[derive(Clone, Debug)]
+pub struct Table {
+    radius: f32,
+    /// The distribution function at the cells' ends, from 0 to 1.
+    cdf: Vec<f32>,
+    /// For each of as many equal intervals of the random number, the cell that its lower end falls into.
+    guide: Vec<u32>,
+}
+
+/// Cells of a tabulated filter.
+const CELLS: usize = 1024;
 
 impl FilterSampler {
     /// The sampler of a filter.
@@ -37,7 +44,9 @@ impl FilterSampler {
                 let stddev = f64::from(stddev);
                 let radius = 4.0 * stddev;
                 let lowest = (-8.0f64).exp();
-                tabulate(radius, |x| ((-0.5 * (x / stddev).powi(2)).exp() - lowest).max(0.0))
+                FilterSampler::Table(Table::new(radius, |x| {
+                    ((-0.5 * (x / stddev).powi(2)).exp() - lowest).max(0.0)
+                }))
             }
         }
     }
@@ -50,42 +59,36 @@ impl FilterSampler {
             FilterSampler::Tent { radius } => {
                 Vec2::new(warp::interval_to_tent(u.x), warp::interval_to_tent(u.y)) * *radius
             }
-            FilterSampler::Table { quantiles } => Vec2::new(invert(quantiles, u.x), invert(quantiles, u.y)),
+            FilterSampler::Table(table) => Vec2::new(table.invert(u.x), table.invert(u.y)),
         }
     }
 }
 
-fn invert(quantiles: &[f32], u: f32) -> f32 {
-    let steps = quantiles.len() - 1;
-    let position = u * steps as f32;
-    let i = (position as usize).min(steps - 1);
-    let fraction = position - i as f32;
-    quantiles[i] + (quantiles[i + 1] - quantiles[i]) * fraction
-}
-
-/// Quantiles of the density in proportion to `f` on [−radius, radius], by the trapezoid rule on a fine grid.
-fn tabulate(radius: f64, f: impl Fn(f64) -> f64) -> FilterSampler {
-    const CELLS: usize = 1 << 16;
-    let at = |i: usize| radius * (2.0 * i as f64 / CELLS as f64 - 1.0);
-    let mut cdf = Vec::with_capacity(CELLS + 1);
-    cdf.push(0.0);
-    for i in 0..CELLS {
-        cdf.push(cdf[i] + 0.5 * (f(at(i)) + f(at(i + 1))));
+impl Table {
+    /// The table of the density in proportion to `f`, which is integrated over each cell by Simpson's rule.
+    fn new(radius: f64, f: impl Fn(f64) -> f64) -> Self {
+        let at = |i: f64| radius * (2.0 * i / CELLS as f64 - 1.0);
+        let mut sums = vec![0.0];
+        for i in 0..CELLS {
+            let i = i as f64;
+            sums.push(sums[sums.len() - 1] + f(at(i)) + 4.0 * f(at(i + 0.5)) + f(at(i + 1.0)));
+        }
+        let cdf: Vec<f32> = sums.iter().map(|s| (s / sums[CELLS]) as f32).collect();
+        let cell_of = |u: f32| cdf.partition_point(|&c| c <= u).saturating_sub(1).min(CELLS - 1) as u32;
+        let guide = (0..CELLS).map(|i| cell_of(i as f32 / CELLS as f32)).collect();
+        Table { radius: radius as f32, cdf, guide }
     }
-    let total = cdf[CELLS];
-    let mut cell = 0;
-    let quantiles = (0..=STEPS)
-        .map(|step| {
-            let target = total * step as f64 / STEPS as f64;
-            while cell + 1 < CELLS && cdf[cell + 1] < target {
-                cell += 1;
-            }
-            let width = cdf[cell + 1] - cdf[cell];
-            let fraction = if width > 0.0 { ((target - cdf[cell]) / width).clamp(0.0, 1.0) } else { 0.0 };
-            (at(cell) + fraction * (at(cell + 1) - at(cell))) as f32
-        })
-        .collect();
-    FilterSampler::Table { quantiles }
+
+    #[inline]
+    fn invert(&self, u: f32) -> f32 {
+        let mut cell = self.guide[((u * CELLS as f32) as usize).min(CELLS - 1)] as usize;
+        while cell + 1 < CELLS && self.cdf[cell + 1] <= u {
+            cell += 1;
+        }
+        let width = self.cdf[cell + 1] - self.cdf[cell];
+        let fraction = if width > 0.0 { (u - self.cdf[cell]) / width } else { 0.5 };
+        self.radius * (2.0 * (cell as f32 + fraction) / CELLS as f32 - 1.0)
+    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,13 @@ pub struct DirectIntegrator {
     counts: TechniqueCounts,
 }
 
+/// Rays drawn from the BSDFs of a wave, and what they hit.
+#[derive(Default)]
+struct Scattered {
+    paths: PathWave,
+    hits: Vec<Option<Hit>>,
+}
+
 impl DirectIntegrator {
     /// The integrator with its settings.
     pub fn new(settings: DirectSettings) -> Self {
@@ -60,8 +67,7 @@ impl DirectIntegrator {
         i: u32,
         points: &[Option<SurfaceInteraction>],
         worker: &mut Worker,
-        scattered: &mut PathWave,
-        hits: &mut Vec<Option<Hit>>,
+        Scattered { paths: scattered, hits }: &mut Scattered,
         out: &mut [Radiance],
     ) {
         let Worker { sampler, paths, numbers, counters, .. } = worker;
@@ -138,9 +144,9 @@ impl Integrator for DirectIntegrator {
             }
         }
         if scene.needs.hit_emitters {
-            let (mut scattered, mut hits) = (PathWave::default(), Vec::new());
+            let mut scattered = Scattered::default();
             for i in 0..self.settings.bsdf_samples {
-                self.bsdf_sample(scene, i, &points, worker, &mut scattered, &mut hits, out);
+                self.bsdf_sample(scene, i, &points, worker, &mut scattered, out);
             }
         }
     }

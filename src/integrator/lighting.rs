@@ -35,7 +35,7 @@ pub fn sample_emitter(
     let sample = scene.sample_emitter(at.p, u_choice, u_point)?;
     let wi = at.frame.to_local(sample.wi);
     let scattered = bsdf.eval(wo_local, wi);
-    if scattered.f.is_black() || !(sample.pdf > 0.0) {
+    if scattered.f.is_black() || sample.pdf <= 0.0 {
         return None;
     }
     let weight = if sample.delta {

@@ -7,5 +7,5 @@ pub mod robust;
 
 pub use bounds::Bounds;
 pub use frame::Frame;
-pub use glam::{DAffine3, DMat3, DMat4, DVec3, Mat3, Vec2, Vec3};
+pub use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Vec2, Vec3};
 pub use ray::Ray;

@@ -54,9 +54,9 @@ pub(super) fn mesh_point(mesh: &TriangleMesh, primitive: u32, u: f32, v: f32) ->
             }
         }
     }
-    // [pbrt 6.8.5] gives γ(7) for the interpolation; the rest covers the error with which a back end
-    // computes the distance to a plane of corners this large.
-    Surface { p: a + b + c, p_error: (p0.abs() * w.abs() + b.abs() + c.abs()) * gamma(12), ng, ns }
+    // [pbrt 6.8.5] bounds the interpolation by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the distance
+    // to the plane from differences to the corners, so their size counts, however small their weight.
+    Surface { p: a + b + c, p_error: p0.abs().max(p1.abs()).max(p2.abs()) * gamma(12), ng, ns }
 }
 
 /// The point of a sphere at or near `p`, moved onto the sphere.

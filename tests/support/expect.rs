@@ -29,8 +29,14 @@ impl Means {
     /// The mean of an image must be `exact`.
     ///
     /// # Panics
-    /// With the figures, if it is not, or if it is too noisy to tell.
+    /// With the figures, if it is not, if it is too noisy to tell, or if samples were dropped.
     pub fn expect(&self, name: &str, rendered: &Rendered, exact: [f64; 3]) {
+        assert_eq!(
+            rendered.invalid_count,
+            0,
+            "{name}: invalid samples, the first {:?}",
+            rendered.invalid.first()
+        );
         let (mean, error) = mean(rendered);
         for c in 0..3 {
             self.compare(name, (mean[c], error[c]), (exact[c], 0.0));
