@@ -2,6 +2,7 @@
 
 mod cli;
 mod closed_form;
+mod closed_form_specular;
 mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
@@ -17,5 +18,6 @@ mod meshes;
 mod own_scenes;
 mod parity;
 mod scattering;
+mod self_intersection;
 mod support;
 mod watertight;

@@ -2,5 +2,6 @@
 
 pub mod chi2;
 pub mod cli;
+pub mod expect;
 pub mod scenes;
 pub mod statistics;
