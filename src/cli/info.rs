@@ -17,7 +17,7 @@ use std::path::PathBuf;
 pub struct InfoArgs {
     /// A scene (.xml, .obj, .ply) or an image (.exr, .png, .jpg, .hdr, .pfm)
     pub file: PathBuf,
-    /// Give a <default> of the scene another value
+    /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
     pub define: Vec<(String, String)>,
     /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]

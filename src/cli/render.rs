@@ -39,7 +39,7 @@ pub struct RenderArgs {
     /// Stop when the estimated relMSE of the image is at most this
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
-    /// Give a <default> of the scene another value
+    /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
     /// The integrator: path, direct, depth or aov [default: the scene's]

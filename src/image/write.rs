@@ -86,7 +86,7 @@ pub fn write(path: &Path, image: &Image, options: &WriteOptions) -> Result<Write
     write_with(Backend::default(), path, image, options)
 }
 
-/// Whether [`write`] could write there, as far as that can be known before there is an image: a render should
+/// Whether [`write()`] could write there, as far as that can be known before there is an image: a render should
 /// not fail at its end.
 ///
 /// # Errors
@@ -97,7 +97,7 @@ pub fn check_output(path: &Path) -> Result<()> {
     check_replaceable(path)
 }
 
-/// [`write`] with a given library.
+/// [`write()`] with a given library.
 pub fn write_with(
     backend: Backend,
     path: &Path,

@@ -1,4 +1,4 @@
-//! A scene as plain data, the way a scene file or a program builds it; [`compile`](super::compile) checks it.
+//! A scene as plain data, the way a scene file or a program builds it; [`compile`](super::compile()) checks it.
 
 use crate::color::Rgb;
 use crate::emitter::Emitter;
