@@ -7,12 +7,14 @@ pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
+pub mod lanes;
 pub mod microfacet;
 pub mod rough_conductor;
 
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
+pub use lanes::{BsdfEvalX8, BsdfSampleX8};
 pub use rough_conductor::RoughConductor;
 
 use crate::color::Rgb;

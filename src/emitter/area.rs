@@ -1,11 +1,11 @@
 //! Emitting surfaces.
 
-use super::spherical_rectangle::Rectangle;
+use super::spherical_rectangle::{Rectangle, RectangleX8};
 use super::{EmitterSample, Target};
 use crate::color::Rgb;
 use crate::math::ray::{offset_origin, plane_error};
 use crate::math::robust::gamma;
-use crate::math::{Frame, Vec2, Vec3};
+use crate::math::{Frame, Vec2, Vec3, Vec3x8, f32x8};
 use crate::sampling::mis::area_to_solid_angle;
 use crate::sampling::{Distribution1D, warp};
 use crate::shape::{TriangleMesh, WorldShape};
@@ -21,13 +21,24 @@ pub struct AreaEmitter {
 /// How its points are sampled.
 enum Surface {
     /// Uniformly in the solid angle.
-    Rectangle { rectangle: Rectangle, corner: Vec3, edges: [Vec3; 2], normal: Vec3, error: f32 },
+    Rectangle(RectangleSurface),
     /// Uniformly in the solid angle from outside, in the area from inside.
     Sphere { center: Vec3, radius: f32, inward: bool },
     /// Uniformly in the area.
     Disk { center: Vec3, du: Vec3, dv: Vec3, normal: Vec3 },
     /// Uniformly in the area: a triangle in proportion to its area, then a point in it.
     Mesh { mesh: Arc<TriangleMesh>, triangles: Distribution1D },
+}
+
+/// What sampling a rectangle needs.
+pub(super) struct RectangleSurface {
+    pub rectangle: Rectangle,
+    /// Unit normal of the front.
+    pub normal: Vec3,
+    /// Bound on the distance of a sampled point from the surface.
+    pub error: f32,
+    /// Density per unit area of a point that is uniform in the area.
+    pub inverse_area: f32,
 }
 
 /// A point on an emitting surface.
@@ -49,11 +60,12 @@ impl AreaEmitter {
                 match Rectangle::new(*corner, *edge_x, *edge_y) {
                     Some(rectangle) => {
                         let area = edge_x.as_dvec3().cross(edge_y.as_dvec3()).length();
-                        let edges = [*edge_x, *edge_y];
                         let reach = corner.abs() + edge_x.abs() + edge_y.abs();
                         let error = plane_error(reach * gamma(8), *normal);
+                        let inverse_area = (1.0 / area) as f32;
+                        let normal = *normal;
                         (
-                            Surface::Rectangle { rectangle, corner: *corner, edges, normal: *normal, error },
+                            Surface::Rectangle(RectangleSurface { rectangle, normal, error, inverse_area }),
                             area,
                         )
                     }
@@ -88,6 +100,15 @@ impl AreaEmitter {
         self.radiance * (self.area * std::f64::consts::PI) as f32
     }
 
+    /// The surface, if it is a rectangle.
+    #[inline]
+    pub(super) fn rectangle(&self) -> Option<&RectangleSurface> {
+        match &self.surface {
+            Surface::Rectangle(rectangle) => Some(rectangle),
+            _ => None,
+        }
+    }
+
     /// Draws a point as seen from `from`.
     #[inline]
     pub fn sample(&self, from: Vec3, u: Vec2) -> Option<EmitterSample> {
@@ -118,9 +139,11 @@ impl AreaEmitter {
     #[inline]
     pub fn pdf(&self, from: Vec3, p: Vec3, n: Vec3) -> f32 {
         match &self.surface {
-            Surface::Rectangle { rectangle, .. } => {
-                if let Some(seen) = rectangle.seen_from(from) {
-                    return 1.0 / seen.solid_angle();
+            Surface::Rectangle(surface) => {
+                let rectangle = RectangleX8::splat(&surface.rectangle);
+                let seen = rectangle.seen_from(Vec3x8::splat(from));
+                if seen.resolved().to_bitmask() & 1 == 1 {
+                    return 1.0 / seen.solid_angle().as_array()[0];
                 }
             }
             Surface::Sphere { center, radius, .. } => {
@@ -138,12 +161,16 @@ impl AreaEmitter {
 
     fn sample_point(&self, from: Vec3, u: Vec2) -> Option<SurfacePoint> {
         Some(match &self.surface {
-            Surface::Rectangle { rectangle, corner, edges, normal, error } => {
-                let (p, pdf) = match rectangle.seen_from(from) {
-                    Some(seen) => (seen.sample(u), Some(1.0 / seen.solid_angle())),
-                    None => (*corner + edges[0] * u.x + edges[1] * u.y, None),
-                };
-                SurfacePoint { p, error: *error, n: *normal, pdf }
+            Surface::Rectangle(surface) => {
+                let rectangle = RectangleX8::splat(&surface.rectangle);
+                let seen = rectangle.seen_from(Vec3x8::splat(from));
+                let resolved = seen.resolved().to_bitmask() & 1 == 1;
+                SurfacePoint {
+                    p: seen.sample([f32x8::splat(u.x), f32x8::splat(u.y)]).lane(0),
+                    error: surface.error,
+                    n: surface.normal,
+                    pdf: resolved.then(|| 1.0 / seen.solid_angle().as_array()[0]),
+                }
             }
             Surface::Sphere { center, radius, inward } => {
                 let (n, pdf) = match one_minus_cos(*center, *radius, from) {

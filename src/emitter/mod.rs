@@ -3,9 +3,11 @@
 //! A scene describes an [`Emitter`]; the compiled scene holds [`Light`]s, which can be sampled.
 
 pub mod area;
+pub mod lanes;
 pub mod spherical_rectangle;
 
 pub use area::AreaEmitter;
+pub use lanes::EmitterSampleX8;
 
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};

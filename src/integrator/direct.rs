@@ -1,26 +1,21 @@
 //! Direct illumination: emitted light and light scattered once.
 
+use super::block::Block;
 use super::lighting::{self, TechniqueCounts};
 use super::path::first_hits;
 use super::settings::DirectSettings;
-use super::worker::{PathWave, draw_1d, draw_2d, intersect};
+use super::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
-use crate::accel::{Coherence, Hit};
-use crate::math::Vec2;
+use crate::accel::Coherence;
+use crate::bsdf;
+use crate::math::lanes::{f32x8, load};
 use crate::sampling::Dimension;
-use crate::scene::{Scene, SurfaceInteraction};
+use crate::scene::Scene;
 
 /// Samples emitters and the BSDF at the first surface, each as often as told, weighted by the power heuristic.
 pub struct DirectIntegrator {
     settings: DirectSettings,
     counts: TechniqueCounts,
-}
-
-/// Rays drawn from the BSDFs of a wave, and what they hit.
-#[derive(Default)]
-struct Scattered {
-    paths: PathWave,
-    hits: Vec<Option<Hit>>,
 }
 
 impl DirectIntegrator {
@@ -32,31 +27,15 @@ impl DirectIntegrator {
     }
 
     /// Emitter sample `i` of every path in hand.
-    fn emitter_sample(
-        &self,
-        scene: &Scene,
-        i: u32,
-        points: &[Option<SurfaceInteraction>],
-        worker: &mut Worker,
-    ) {
+    fn emitter_sample(&self, scene: &Scene, i: u32, blocks: &[Block<'_>], worker: &mut Worker) {
         let Worker { sampler, paths, numbers, shadows, .. } = worker;
         draw_1d(*sampler, Dimension::emitter_choice(0).repeat(i), &paths.keys, &mut numbers.emitter_choice);
         draw_2d(*sampler, Dimension::emitter_point(0).repeat(i), &paths.keys, &mut numbers.emitter_point);
-        for (slot, at) in points.iter().enumerate() {
-            let Some(at) = at else { continue };
-            let bsdf = scene.bsdf(at);
-            if bsdf.is_specular() {
-                continue;
-            }
-            let ray = &paths.rays[slot];
-            let u = Vec2::new(numbers.emitter_point[0][slot], numbers.emitter_point[1][slot]);
-            let u = (numbers.emitter_choice[slot], u);
-            let wo = at.frame.to_local(-ray.d);
-            if let Some((shadow, value)) =
-                lighting::sample_emitter(scene, at, bsdf, wo, u, self.counts, ray.time)
-            {
-                shadows.push(shadow, slot as u32, value);
-            }
+        for block in blocks.iter().filter(|block| block.finite != 0) {
+            let u_choice = load(&numbers.emitter_choice, block.first);
+            let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
+            let sampled = lighting::sample_emitters(scene, block, u_choice, u_point, self.counts);
+            shadows.push(&sampled.rays, &paths.slots[block.first..], &sampled.value, sampled.lanes);
         }
     }
 
@@ -65,39 +44,46 @@ impl DirectIntegrator {
         &self,
         scene: &Scene,
         i: u32,
-        points: &[Option<SurfaceInteraction>],
+        blocks: &[Block<'_>],
         worker: &mut Worker,
-        Scattered { paths: scattered, hits }: &mut Scattered,
+        scattered: &mut PathWave,
         out: &mut [Radiance],
     ) {
-        let Worker { sampler, paths, numbers, counters, .. } = worker;
+        let Worker { sampler, paths, numbers, hits, counters, .. } = worker;
         draw_1d(*sampler, Dimension::bsdf_lobe(0).repeat(i), &paths.keys, &mut numbers.bsdf_lobe);
         draw_2d(*sampler, Dimension::bsdf_direction(0).repeat(i), &paths.keys, &mut numbers.bsdf_direction);
-        scattered.truncate(0);
-        for (slot, at) in points.iter().enumerate() {
-            let Some(at) = at else { continue };
-            let ray = &paths.rays[slot];
-            let u = Vec2::new(numbers.bsdf_direction[0][slot], numbers.bsdf_direction[1][slot]);
-            let sample = scene.bsdf(at).sample(at.frame.to_local(-ray.d), numbers.bsdf_lobe[slot], u);
-            let Some(sample) = sample else { continue };
-            scattered.rays.push(scene.spawn_ray(at, at.frame.to_world(sample.wi), ray.time));
-            scattered.slots.push(slot as u32);
-            scattered.beta.push(sample.weight / self.counts.bsdf);
-            scattered.pdf.push(sample.pdf);
+        scattered.copy_from(paths);
+        let mut alive = 0;
+        for block in blocks {
+            let u_lobe = load(&numbers.bsdf_lobe, block.first);
+            let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
+            let sample = bsdf::lanes::sample_x8(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+            let wi = block.at.frame.to_world(sample.wi);
+            let next = Continuation {
+                rays: scene.spawn_rays(&block.at, wi, block.rays.time),
+                beta: sample.weight.map(|w| w / f32x8::splat(self.counts.bsdf)),
+                pdf: sample.pdf,
+                eta: sample.eta,
+            };
+            let lanes = sample.valid.to_bitmask() & block.active;
+            alive = scattered.compact(block.first, alive, &next, lanes);
         }
+        scattered.truncate(alive);
         intersect(scene, &scattered.rays, Coherence::Incoherent, hits, counters);
-        for (j, hit) in hits.iter().enumerate() {
-            let ray = &scattered.rays[j];
-            let counts = if scene.needs.emitter_sampling {
-                self.counts
-            } else {
-                TechniqueCounts { emitter: 0.0, ..self.counts }
-            };
-            let le = match lighting::interaction(scene, ray, hit) {
-                Some(at) => lighting::emitted_at(scene, &at, ray.o, scattered.pdf[j], counts),
-                None => lighting::environment(scene, scattered.pdf[j], counts),
-            };
-            out[scattered.slots[j] as usize].value += scattered.beta[j] * le;
+        let counts = if scene.needs.emitter_sampling {
+            self.counts
+        } else {
+            TechniqueCounts { emitter: 0.0, ..self.counts }
+        };
+        scattered.keep_hits(hits, |paths, i| {
+            let le = lighting::environment(scene, paths.pdf[i], counts);
+            out[paths.slots[i] as usize].value += paths.beta(i) * le;
+        });
+        for block in Block::all(scene, &scattered.rays, hits) {
+            for (i, le) in lighting::emitted(scene, &block, &scattered.pdf, counts) {
+                let i = block.first + i;
+                out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
+            }
         }
     }
 }
@@ -123,15 +109,19 @@ impl Integrator for DirectIntegrator {
         worker.paths.begin(wave.rays, wave.keys);
         intersect(scene, &worker.paths.rays, wave.coherence, &mut worker.hits, &mut worker.counters);
         first_hits(scene, self.settings.hide_emitters, worker, out);
-        let points: Vec<Option<SurfaceInteraction>> = (worker.hits.iter().zip(&worker.paths.rays))
-            .map(|(hit, ray)| lighting::interaction(scene, ray, hit))
-            .collect();
-        if query.emitted && !self.settings.hide_emitters {
-            for ((out, at), ray) in out.iter_mut().zip(&points).zip(&worker.paths.rays) {
-                out.value += match at {
-                    Some(at) => lighting::emitted_at(scene, at, ray.o, f32::INFINITY, self.counts),
-                    None => lighting::environment(scene, f32::INFINITY, self.counts),
-                };
+        let see = query.emitted && !self.settings.hide_emitters;
+        let Worker { paths, hits, .. } = worker;
+        paths.keep_hits(hits, |paths, i| {
+            if see {
+                out[paths.slots[i] as usize].value += lighting::environment(scene, f32::INFINITY, self.counts);
+            }
+        });
+        let blocks: Vec<Block<'_>> = Block::all(scene, &paths.rays, hits).collect();
+        if see {
+            for block in &blocks {
+                for (i, le) in lighting::emitted(scene, block, &paths.pdf, self.counts) {
+                    out[paths.slots[block.first + i] as usize].value += le;
+                }
             }
         }
         if !query.direct {
@@ -139,14 +129,14 @@ impl Integrator for DirectIntegrator {
         }
         if scene.needs.emitter_sampling {
             for i in 0..self.settings.emitter_samples {
-                self.emitter_sample(scene, i, &points, worker);
+                self.emitter_sample(scene, i, &blocks, worker);
                 worker.trace_shadows(scene, wave.coherence, |slot, value| out[slot].value += value);
             }
         }
         if scene.needs.hit_emitters {
-            let mut scattered = Scattered::default();
+            let mut scattered = PathWave::default();
             for i in 0..self.settings.bsdf_samples {
-                self.bsdf_sample(scene, i, &points, worker, &mut scattered, out);
+                self.bsdf_sample(scene, i, &blocks, worker, &mut scattered, out);
             }
         }
     }

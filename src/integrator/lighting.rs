@@ -1,10 +1,10 @@
-//! Direct lighting at a surface point: emitter samples and BSDF samples, weighted against each other.
+//! Direct lighting at surface points: emitter samples and BSDF samples, weighted against each other.
 
-use crate::accel::Hit;
-use crate::bsdf::Bsdf;
+use super::block::Block;
 use crate::color::Rgb;
-use crate::math::{Ray, Vec2, Vec3};
-use crate::sampling::mis::weighted_power_heuristic;
+use crate::math::lanes::{bits, f32x8};
+use crate::math::{RayX8, Vec3};
+use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x8};
 use crate::scene::{Scene, SurfaceInteraction};
 
 /// How many samples each technique draws at a point, for the weights.
@@ -21,35 +21,56 @@ impl TechniqueCounts {
     pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0 };
 }
 
-/// One emitter sample: a shadow ray, and what it brings (over the number of emitter samples) if it is free.
-#[inline]
-pub fn sample_emitter(
+/// Shadow rays, and what they bring if they are free.
+pub struct ShadowRays {
+    /// The rays.
+    pub rays: RayX8,
+    /// Reflected radiance by channel.
+    pub value: [f32x8; 3],
+    /// Bits: the lanes that bring anything.
+    pub lanes: u32,
+}
+
+/// One emitter sample at each point: a shadow ray, and what it brings (over the number of emitter samples) if it
+/// is free.
+#[inline(always)]
+pub fn sample_emitters(
     scene: &Scene,
-    at: &SurfaceInteraction,
-    bsdf: &Bsdf,
-    wo_local: Vec3,
-    (u_choice, u_point): (f32, Vec2),
+    block: &Block<'_>,
+    u_choice: f32x8,
+    u_point: [f32x8; 2],
     counts: TechniqueCounts,
-    time: f32,
-) -> Option<(Ray, Rgb)> {
-    let sample = scene.sample_emitter(at.p, u_choice, u_point)?;
+) -> ShadowRays {
+    let Block { at, .. } = block;
+    let sample = scene.sample_emitters(at.p, u_choice, u_point, block.finite);
     let wi = at.frame.to_local(sample.wi);
-    let scattered = bsdf.eval(wo_local, wi);
-    if scattered.f.is_black() || sample.pdf <= 0.0 {
-        return None;
-    }
-    let weight = if sample.delta {
-        1.0
-    } else {
-        weighted_power_heuristic(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf)
-    };
-    let value = scattered.f * sample.radiance * (wi.z.abs() * weight / (sample.pdf * counts.emitter));
-    Some((scene.shadow_ray(at, &sample, time), value))
+    let scattered = crate::bsdf::lanes::eval_x8(&block.bsdfs, &block.wo, &wi, block.finite);
+    let [r, g, b] = scattered.f;
+    let some = r.simd_gt(f32x8::ZERO) | g.simd_gt(f32x8::ZERO) | b.simd_gt(f32x8::ZERO);
+    let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x8::ZERO)).to_bitmask() & block.finite;
+    let weight = weighted_power_heuristic_x8(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf);
+    let weight = sample.delta.select(f32x8::ONE, weight);
+    let factor = wi.z.abs() * weight / (sample.pdf * f32x8::splat(counts.emitter));
+    let value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c] * factor);
+    ShadowRays { rays: scene.shadow_rays(at, &sample, block.rays.time), value, lanes }
+}
+
+/// The weighted radiance that the rays of the block find at the emitters they hit, given their densities (see
+/// [`emitted_at`]): lanes that find any, one by one.
+#[inline(always)]
+pub fn emitted<'a>(
+    scene: &'a Scene,
+    block: &'a Block<'_>,
+    pdf: &'a [f32],
+    counts: TechniqueCounts,
+) -> impl Iterator<Item = (usize, Rgb)> + 'a {
+    bits(block.at.emitting & block.active).map(move |i| {
+        (i, emitted_at(scene, &block.at.lane(i), block.rays.o.lane(i), pdf[block.first + i], counts))
+    })
 }
 
 /// The weighted radiance that a ray of density `pdf` (per unit solid angle; infinite for delta lobes and the
 /// camera) finds at the emitter it hit, seen from the ray's origin. Black where nothing is emitted.
-#[inline]
 pub fn emitted_at(
     scene: &Scene,
     at: &SurfaceInteraction,
@@ -80,10 +101,4 @@ pub fn environment(scene: &Scene, pdf: f32, counts: TechniqueCounts) -> Rgb {
     }
     let other = scene.environment_pdf(emitter);
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
-}
-
-/// What a ray found: the surface point, if any.
-#[inline]
-pub fn interaction(scene: &Scene, ray: &Ray, hit: &Option<Hit>) -> Option<SurfaceInteraction> {
-    hit.as_ref().map(|hit| scene.interaction(ray, hit))
 }

@@ -4,6 +4,7 @@
 //! are the rays with which one integrator asks another.
 
 pub mod aov;
+pub mod block;
 pub mod depth;
 pub mod direct;
 pub mod emission;

@@ -1,18 +1,19 @@
 //! The path integrator. [Kajiya 1986; Veach 1997]
 //!
-//! A wave of paths advances one bounce at a time: all nearest hits, then shading (each path emits at most one
-//! shadow ray with its pending contribution, and one next ray), then all shadow rays, then the dead paths are
-//! squeezed out.
+//! A wave of paths advances one bounce at a time: all nearest hits, then shading in blocks of eight (each path
+//! emits at most one shadow ray with its pending contribution, and one next ray; the dead are squeezed out), then
+//! all shadow rays.
 
+use super::block::Block;
 use super::lighting::{self, TechniqueCounts};
 use super::settings::PathSettings;
-use super::worker::{Numbers, PathWave, ShadowQueue, draw_1d, draw_2d, intersect};
+use super::worker::{Continuation, Numbers, ShadowQueue, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
-use crate::accel::{Coherence, Hit};
-use crate::bsdf::Bsdf;
-use crate::math::{Vec2, Vec3};
+use crate::accel::Coherence;
+use crate::bsdf;
+use crate::math::lanes::{LANES, f32x8, load};
 use crate::sampling::{Dimension, SampleKey, Sampler};
-use crate::scene::{Scene, SurfaceInteraction};
+use crate::scene::Scene;
 
 /// Unidirectional path tracing with next-event estimation, combined by the power heuristic.
 pub struct PathIntegrator {
@@ -102,12 +103,12 @@ impl Integrator for PathIntegrator {
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 roulette: depth + 1 >= self.settings.rr_depth,
             };
+            bounce.drop_missed(worker, out);
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect);
             if scatter {
                 self.draw(&bounce, worker.sampler, &worker.paths.keys, &mut worker.numbers);
             }
-            let alive = shade_wave(&bounce, scatter, worker, out);
-            worker.paths.truncate(alive);
+            bounce.shade(scatter, worker, out);
             if bounce.next_event {
                 worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             }
@@ -130,109 +131,84 @@ pub(super) fn first_hits(scene: &Scene, hide_emitters: bool, worker: &mut Worker
     }
 }
 
-/// Shades every path of the wave and moves the survivors to the front; returns how many there are.
-fn shade_wave(bounce: &Bounce<'_>, scatter: bool, worker: &mut Worker, out: &mut [Radiance]) -> usize {
-    let Worker { hits, shadows, paths, numbers, .. } = worker;
-    let mut alive = 0;
-    for (i, hit) in hits.iter().enumerate() {
-        let Some(hit) = hit else {
-            if bounce.add_emission && bounce.scene.needs.environment {
-                let le = lighting::environment(bounce.scene, paths.pdf[i], TechniqueCounts::ONE_EACH);
-                out[paths.slots[i] as usize].value += paths.beta[i] * le;
+impl Bounce<'_> {
+    /// Takes the paths that hit nothing out of the wave, with the light that they found there.
+    fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
+        let Worker { paths, hits, .. } = worker;
+        paths.keep_hits(hits, |paths, i| {
+            if self.add_emission && self.scene.needs.environment {
+                let le = lighting::environment(self.scene, paths.pdf[i], TechniqueCounts::ONE_EACH);
+                out[paths.slots[i] as usize].value += paths.beta(i) * le;
             }
-            continue;
-        };
-        if shade(bounce, scatter, i, alive, hit, paths, numbers, shadows, out) {
-            alive += 1;
-        }
+        });
     }
-    alive
-}
 
-/// Shades path `i`: adds what it found, queues a shadow ray, and writes its continuation to place `to`.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the arrays of a wave, split so that they can be borrowed apart"
-)]
-#[inline]
-fn shade(
-    bounce: &Bounce<'_>,
-    scatter: bool,
-    i: usize,
-    to: usize,
-    hit: &Hit,
-    paths: &mut PathWave,
-    numbers: &Numbers,
-    shadows: &mut ShadowQueue,
-    out: &mut [Radiance],
-) -> bool {
-    let scene = bounce.scene;
-    let ray = paths.rays[i];
-    let beta = paths.beta[i];
-    let slot = paths.slots[i];
-    let at = scene.interaction(&ray, hit);
-    if bounce.add_emission && scene.needs.hit_emitters {
-        let le = lighting::emitted_at(scene, &at, ray.o, paths.pdf[i], TechniqueCounts::ONE_EACH);
-        if !le.is_black() {
-            out[slot as usize].value += beta * le;
+    /// Shades every path of the wave, block by block, and moves the survivors to the front.
+    fn shade(&self, scatter: bool, worker: &mut Worker, out: &mut [Radiance]) {
+        let Worker { hits, shadows, paths, numbers, .. } = worker;
+        let mut alive = 0;
+        for first in (0..hits.len()).step_by(LANES) {
+            let block = Block::new(self.scene, &paths.rays, hits, first);
+            if self.add_emission {
+                for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
+                    out[paths.slots[first + i] as usize].value += paths.beta(first + i) * le;
+                }
+            }
+            if scatter {
+                let beta = [0, 1, 2].map(|c| load(&paths.beta[c], first));
+                if self.next_event && block.finite != 0 {
+                    self.light(&block, &beta, &paths.slots[first..], numbers, shadows);
+                }
+                let (next, survivors) = self.scatter(&block, beta, load(&paths.eta, first), numbers);
+                alive = paths.compact(first, alive, &next, survivors);
+            }
         }
+        paths.truncate(alive);
     }
-    if !scatter {
-        return false;
-    }
-    let bsdf = scene.bsdf(&at);
-    let wo = at.frame.to_local(-ray.d);
-    if bounce.next_event && !bsdf.is_specular() {
-        let u = Vec2::new(numbers.emitter_point[0][i], numbers.emitter_point[1][i]);
-        let u = (numbers.emitter_choice[i], u);
-        let sampled = lighting::sample_emitter(scene, &at, bsdf, wo, u, TechniqueCounts::ONE_EACH, ray.time);
-        if let Some((shadow, value)) = sampled {
-            shadows.push(shadow, slot, beta * value);
-        }
-    }
-    continue_path(bounce, &at, bsdf, wo, i, to, paths, numbers)
-}
 
-/// Samples the BSDF and plays roulette; writes the path's continuation to place `to`.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "the arrays of a wave, split so that they can be borrowed apart"
-)]
-#[inline]
-fn continue_path(
-    bounce: &Bounce<'_>,
-    at: &SurfaceInteraction,
-    bsdf: &Bsdf,
-    wo: Vec3,
-    i: usize,
-    to: usize,
-    paths: &mut PathWave,
-    numbers: &Numbers,
-) -> bool {
-    let u = Vec2::new(numbers.bsdf_direction[0][i], numbers.bsdf_direction[1][i]);
-    let Some(sample) = bsdf.sample(wo, numbers.bsdf_lobe[i], u) else {
-        return false;
-    };
-    let mut beta = paths.beta[i] * sample.weight;
-    let eta = paths.eta[i] * sample.eta;
-    let strongest = beta.max_component();
-    if strongest == 0.0 {
-        return false;
+    /// Queues a shadow ray from each point of the block.
+    #[inline(always)]
+    fn light(
+        &self,
+        block: &Block<'_>,
+        beta: &[f32x8; 3],
+        slots: &[u32],
+        numbers: &Numbers,
+        shadows: &mut ShadowQueue,
+    ) {
+        let u_choice = load(&numbers.emitter_choice, block.first);
+        let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
+        let sampled =
+            lighting::sample_emitters(self.scene, block, u_choice, u_point, TechniqueCounts::ONE_EACH);
+        let value = std::array::from_fn(|c| beta[c] * sampled.value[c]);
+        shadows.push(&sampled.rays, slots, &value, sampled.lanes);
     }
-    if bounce.roulette {
-        // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
-        let survival = (strongest * eta * eta).min(0.95);
-        if numbers.roulette[i] >= survival {
-            return false;
+
+    /// Samples the BSDFs and plays roulette; the bits are the lanes that go on.
+    #[inline(always)]
+    fn scatter(
+        &self,
+        block: &Block<'_>,
+        beta: [f32x8; 3],
+        eta: f32x8,
+        numbers: &Numbers,
+    ) -> (Continuation, u32) {
+        let u_lobe = load(&numbers.bsdf_lobe, block.first);
+        let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
+        let sample = bsdf::lanes::sample_x8(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+        let mut beta: [f32x8; 3] = std::array::from_fn(|c| beta[c] * sample.weight[c]);
+        let eta = eta * sample.eta;
+        let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
+        let mut alive = sample.valid & strongest.simd_ne(f32x8::ZERO);
+        if self.roulette {
+            // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
+            let survival = (strongest * eta * eta).fast_min(f32x8::splat(0.95));
+            alive &= load(&numbers.roulette, block.first).simd_lt(survival);
+            let per_survival = f32x8::ONE / survival;
+            beta = beta.map(|channel| channel * per_survival);
         }
-        beta = beta / survival;
+        let wi = block.at.frame.to_world(sample.wi);
+        let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
+        (Continuation { rays, beta, pdf: sample.pdf, eta }, alive.to_bitmask() & block.active)
     }
-    let time = paths.rays[i].time;
-    paths.rays[to] = bounce.scene.spawn_ray(at, at.frame.to_world(sample.wi), time);
-    paths.keys[to] = paths.keys[i];
-    paths.slots[to] = paths.slots[i];
-    paths.beta[to] = beta;
-    paths.pdf[to] = sample.pdf;
-    paths.eta[to] = eta;
-    true
 }

@@ -2,7 +2,8 @@
 
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
-use crate::math::Ray;
+use crate::math::lanes::bits;
+use crate::math::{Ray, RayX8, f32x8};
 use crate::sampling::{SampleKey, Sampler};
 use crate::scene::Scene;
 use std::time::{Duration, Instant};
@@ -42,11 +43,16 @@ pub struct ShadowQueue {
 }
 
 impl ShadowQueue {
-    /// Adds a shadow ray; `value` goes to entry `slot` if the ray is free.
-    #[inline]
-    pub fn push(&mut self, ray: Ray, slot: u32, value: Rgb) {
-        self.rays.push(ray);
-        self.pending.push((slot, value));
+    /// Adds the rays of the lanes in the bits of `lanes`; lane `i`'s value, by channel, goes to entry `slots[i]`
+    /// if the ray is free.
+    #[inline(always)]
+    pub fn push(&mut self, rays: &RayX8, slots: &[u32], value: &[f32x8; 3], lanes: u32) {
+        let rays = rays.to_rays();
+        let [r, g, b] = value.map(f32x8::to_array);
+        for i in bits(lanes) {
+            self.rays.push(rays[i]);
+            self.pending.push((slots[i], Rgb::new(r[i], g[i], b[i])));
+        }
     }
 }
 
@@ -90,8 +96,8 @@ pub struct PathWave {
     pub keys: Vec<SampleKey>,
     /// Entry of the output that the path contributes to.
     pub slots: Vec<u32>,
-    /// Throughput: the product of the weights so far.
-    pub beta: Vec<Rgb>,
+    /// Throughput by channel: the product of the weights so far.
+    pub beta: [Vec<f32>; 3],
     /// Density per unit solid angle with which the ray's direction was drawn; infinite after a camera or a
     /// specular lobe.
     pub pdf: Vec<f32>,
@@ -110,12 +116,22 @@ impl PathWave {
         self.keys.extend_from_slice(keys);
         self.slots.clear();
         self.slots.extend(0..n as u32);
-        for (values, v) in [(&mut self.pdf, f32::INFINITY), (&mut self.eta, 1.0)] {
+        let [r, g, b] = &mut self.beta;
+        let ones = [r, g, b, &mut self.eta].map(|values| (values, 1.0));
+        for (values, v) in ones.into_iter().chain([(&mut self.pdf, f32::INFINITY)]) {
             values.clear();
             values.resize(n, v);
         }
-        self.beta.clear();
-        self.beta.resize(n, Rgb::WHITE);
+    }
+
+    /// Becomes a copy of another wave.
+    pub fn copy_from(&mut self, other: &PathWave) {
+        self.rays.clone_from(&other.rays);
+        self.keys.clone_from(&other.keys);
+        self.slots.clone_from(&other.slots);
+        self.beta.clone_from(&other.beta);
+        self.pdf.clone_from(&other.pdf);
+        self.eta.clone_from(&other.eta);
     }
 
     /// Keeps the first `n` paths.
@@ -123,10 +139,71 @@ impl PathWave {
         self.rays.truncate(n);
         self.keys.truncate(n);
         self.slots.truncate(n);
-        self.beta.truncate(n);
+        self.beta.iter_mut().for_each(|channel| channel.truncate(n));
         self.pdf.truncate(n);
         self.eta.truncate(n);
     }
+
+    /// The throughput of path `i`.
+    #[inline]
+    pub fn beta(&self, i: usize) -> Rgb {
+        Rgb::new(self.beta[0][i], self.beta[1][i], self.beta[2][i])
+    }
+
+    /// Writes the continuations of paths `first..first + 8`, for the lanes in the bits of `lanes`, to the places
+    /// from `to` on; returns the place after the last. The wave must have been read before, up to `first + 8`.
+    #[inline(always)]
+    pub fn compact(&mut self, first: usize, mut to: usize, next: &Continuation, lanes: u32) -> usize {
+        let rays = next.rays.to_rays();
+        let [r, g, b] = next.beta.map(f32x8::to_array);
+        let (pdf, eta) = (next.pdf.to_array(), next.eta.to_array());
+        for i in bits(lanes) {
+            self.rays[to] = rays[i];
+            self.keys[to] = self.keys[first + i];
+            self.slots[to] = self.slots[first + i];
+            (self.beta[0][to], self.beta[1][to], self.beta[2][to]) = (r[i], g[i], b[i]);
+            self.pdf[to] = pdf[i];
+            self.eta[to] = eta[i];
+            to += 1;
+        }
+        to
+    }
+
+    /// Squeezes out the paths, and their entries in `hits`, that hit nothing, after handing each to `missed`.
+    pub fn keep_hits(&mut self, hits: &mut Vec<Option<Hit>>, mut missed: impl FnMut(&PathWave, usize)) {
+        if hits.iter().all(Option::is_some) {
+            return;
+        }
+        let mut to = 0;
+        for i in 0..hits.len() {
+            if hits[i].is_none() {
+                missed(self, i);
+                continue;
+            }
+            hits[to] = hits[i];
+            self.rays[to] = self.rays[i];
+            self.keys[to] = self.keys[i];
+            self.slots[to] = self.slots[i];
+            self.beta.iter_mut().for_each(|channel| channel[to] = channel[i]);
+            self.pdf[to] = self.pdf[i];
+            self.eta[to] = self.eta[i];
+            to += 1;
+        }
+        hits.truncate(to);
+        self.truncate(to);
+    }
+}
+
+/// What eight paths go on with.
+pub struct Continuation {
+    /// The next rays.
+    pub rays: RayX8,
+    /// The throughputs by channel.
+    pub beta: [f32x8; 3],
+    /// The densities of the rays' directions.
+    pub pdf: f32x8,
+    /// The products of the relative indices of refraction.
+    pub eta: f32x8,
 }
 
 impl Worker {

@@ -1,5 +1,6 @@
 //! Orthonormal frames. In a frame's local coordinates, z is the normal.
 
+use super::lanes::{Vec3x8, f32x8, with_sign};
 use glam::Vec3;
 
 /// A right-handed orthonormal frame (s, t, n).
@@ -53,6 +54,58 @@ impl Frame {
     }
 }
 
+/// Eight frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameX8 {
+    /// First tangents.
+    pub s: Vec3x8,
+    /// Second tangents.
+    pub t: Vec3x8,
+    /// Normals.
+    pub n: Vec3x8,
+}
+
+impl FrameX8 {
+    /// As [`Frame::from_normal`].
+    #[inline(always)]
+    pub fn from_normal(n: Vec3x8) -> Self {
+        let sign = with_sign(f32x8::ONE, n.z);
+        let a = -f32x8::ONE / (sign + n.z);
+        let b = n.x * n.y * a;
+        FrameX8 {
+            s: Vec3x8::new(f32x8::ONE + sign * n.x * n.x * a, sign * b, -sign * n.x),
+            t: Vec3x8::new(b, sign + n.y * n.y * a, -n.y),
+            n,
+        }
+    }
+
+    /// World to local.
+    #[inline(always)]
+    pub fn to_local(&self, v: Vec3x8) -> Vec3x8 {
+        Vec3x8::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
+    }
+
+    /// Local to world.
+    #[inline(always)]
+    pub fn to_world(&self, v: Vec3x8) -> Vec3x8 {
+        self.s * v.x + self.t * v.y + self.n * v.z
+    }
+
+    /// The frame of one lane.
+    #[inline]
+    pub fn lane(&self, i: usize) -> Frame {
+        Frame { s: self.s.lane(i), t: self.t.lane(i), n: self.n.lane(i) }
+    }
+
+    /// Replaces the frame of one lane.
+    #[inline]
+    pub fn set_lane(&mut self, i: usize, f: Frame) {
+        self.s.set_lane(i, f.s);
+        self.t.set_lane(i, f.t);
+        self.n.set_lane(i, f.n);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,6 +121,21 @@ mod tests {
                 assert!((f.to_world(f.to_local(v)) - v).length() < 1e-5);
             }
         }
+    }
+
+    #[test]
+    fn eight_frames_are_the_frames_of_their_lanes() {
+        let mut n = Vec3x8::splat(Vec3::Z);
+        n.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
+        let frames = FrameX8::from_normal(n);
+        for i in [0, 5] {
+            assert_eq!(frames.lane(i), Frame::from_normal(n.lane(i)));
+        }
+        let v = Vec3x8::splat(Vec3::new(0.1, -0.7, 0.4));
+        assert_eq!(frames.to_world(frames.to_local(v)).lane(5), {
+            let f = frames.lane(5);
+            f.to_world(f.to_local(v.lane(5)))
+        });
     }
 
     #[test]

@@ -2,10 +2,12 @@
 
 pub mod bounds;
 pub mod frame;
+pub mod lanes;
 pub mod ray;
 pub mod robust;
 
 pub use bounds::Bounds;
-pub use frame::Frame;
+pub use frame::{Frame, FrameX8};
 pub use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Vec2, Vec3};
-pub use ray::Ray;
+pub use lanes::{LANES, Vec3x8, f32x8};
+pub use ray::{Ray, RayX8};

@@ -1,5 +1,6 @@
 //! Rays, and where they may start and end without an epsilon.
 
+use super::lanes::{LANES, Vec3x8, f32x8, with_sign};
 use glam::Vec3;
 
 /// A ray `o + t·d` for `0 < t < t_max`. `d` need not be of unit length; a shadow ray has the vector to
@@ -45,9 +46,87 @@ pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, w: Vec3) -> Vec3 {
     p + ng * error.copysign(w.dot(ng))
 }
 
+/// As [`plane_error`], for eight points.
+#[inline(always)]
+pub fn plane_error_x8(p_error: Vec3x8, ng: Vec3x8) -> f32x8 {
+    ng.abs().dot(p_error)
+}
+
+/// As [`offset_origin`], for eight points.
+#[inline(always)]
+pub fn offset_origin_x8(p: Vec3x8, error: f32x8, ng: Vec3x8, w: Vec3x8) -> Vec3x8 {
+    p + ng * with_sign(error, w.dot(ng))
+}
+
+/// Eight rays as a structure of arrays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayX8 {
+    /// Origins.
+    pub o: Vec3x8,
+    /// Upper bounds of the parameters.
+    pub t_max: f32x8,
+    /// Directions.
+    pub d: Vec3x8,
+    /// Times.
+    pub time: f32x8,
+}
+
+impl RayX8 {
+    /// The same ray in every lane.
+    #[inline]
+    pub fn splat(ray: &Ray) -> Self {
+        RayX8 {
+            o: Vec3x8::splat(ray.o),
+            t_max: f32x8::splat(ray.t_max),
+            d: Vec3x8::splat(ray.d),
+            time: f32x8::splat(ray.time),
+        }
+    }
+
+    /// Rays `first..first + 8`; past the end, all zero.
+    #[inline]
+    pub fn load(rays: &[Ray], first: usize) -> Self {
+        let rows = match rays[first..].first_chunk::<LANES>() {
+            Some(chunk) => *chunk,
+            None => {
+                let mut padded: [Ray; LANES] = bytemuck::Zeroable::zeroed();
+                padded[..rays.len() - first].copy_from_slice(&rays[first..]);
+                padded
+            }
+        };
+        let rows: [[f32; 8]; LANES] = bytemuck::cast(rows);
+        let [x, y, z, t_max, dx, dy, dz, time] = f32x8::transpose(rows.map(f32x8::new));
+        RayX8 { o: Vec3x8::new(x, y, z), t_max, d: Vec3x8::new(dx, dy, dz), time }
+    }
+
+    /// The rays one by one.
+    #[inline]
+    pub fn to_rays(&self) -> [Ray; LANES] {
+        let columns = [self.o.x, self.o.y, self.o.z, self.t_max, self.d.x, self.d.y, self.d.z, self.time];
+        bytemuck::cast(f32x8::transpose(columns).map(f32x8::to_array))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn eight_rays_are_loaded_and_given_back() {
+        let ray = |i: usize| Ray {
+            o: Vec3::new(i as f32, 1.5, -2.0),
+            t_max: 3.0,
+            d: Vec3::new(0.0, i as f32, 1.0),
+            time: 0.25 * i as f32,
+        };
+        let rays: Vec<Ray> = (0..11).map(ray).collect();
+        let block = RayX8::load(&rays, 2);
+        assert_eq!(block.to_rays(), rays[2..10]);
+        assert_eq!(block.d.lane(4), rays[6].d);
+        let tail = RayX8::load(&rays, 8).to_rays();
+        assert_eq!(tail[..3], rays[8..]);
+        assert_eq!(tail[3].d, Vec3::ZERO);
+    }
 
     #[test]
     fn the_offset_lies_on_the_side_of_w() {

@@ -1,8 +1,9 @@
 //! Surface points: everything about a hit that shading needs, recomputed from the hit's coordinates.
 
 use crate::ids::{MaterialId, ShapeId};
+use crate::math::ray::{plane_error, plane_error_x8};
 use crate::math::robust::gamma;
-use crate::math::{Frame, Vec2, Vec3};
+use crate::math::{Frame, FrameX8, LANES, Vec2, Vec3, Vec3x8, f32x8};
 use crate::shape::{TriangleMesh, WorldShape};
 use std::f32::consts::{PI, TAU};
 
@@ -25,49 +26,116 @@ pub struct SurfaceInteraction {
     pub material: MaterialId,
 }
 
-/// Position, error bound, normals, and the tangent if it is asked for.
-pub(super) struct Surface {
-    pub p: Vec3,
-    pub p_error: Vec3,
-    pub ng: Vec3,
-    pub ns: Vec3,
+/// Eight surface points.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceInteractionX8 {
+    /// Positions in the world.
+    pub p: Vec3x8,
+    /// Bounds on the distances of `p` from the surfaces.
+    pub error: f32x8,
+    /// Geometric normals of the fronts, unit length.
+    pub ng: Vec3x8,
+    /// Shading frames.
+    pub frame: FrameX8,
+    /// Bits: the ray came from the shape's front, before a two-sided material turned the frame.
+    pub front: u32,
+    /// Bits: the shape emits on the side that the ray came from.
+    pub emitting: u32,
+    /// The shapes.
+    pub shape: [ShapeId; LANES],
+    /// Their materials.
+    pub material: [MaterialId; LANES],
 }
 
-/// The point of a triangle with the barycentric weights `u`, `v` of its second and third vertex.
-#[inline]
-pub(super) fn mesh_point(mesh: &TriangleMesh, primitive: u32, u: f32, v: f32) -> Surface {
-    let indices = mesh.indices[primitive as usize];
-    let [p0, p1, p2] = indices.map(|i| mesh.positions[i as usize]);
-    let w = 1.0 - u - v;
-    let (a, b, c) = (p0 * w, p1 * u, p2 * v);
-    let mut ng = (p1 - p0).cross(p2 - p0).normalize_or_zero();
-    let mut ns = ng;
-    if !mesh.normals.is_empty() {
-        let [n0, n1, n2] = indices.map(|i| mesh.normals[i as usize]);
-        let n = n0 * w + n1 * u + n2 * v;
-        let length2 = n.length_squared();
-        if length2 > 0.0 && length2.is_finite() {
-            ns = n / length2.sqrt();
-            // Vertex normals say which side is the front.
-            if ng.dot(ns) < 0.0 {
-                ng = -ng;
-            }
+impl SurfaceInteractionX8 {
+    /// The surface point of one lane.
+    pub fn lane(&self, i: usize) -> SurfaceInteraction {
+        SurfaceInteraction {
+            p: self.p.lane(i),
+            error: self.error.as_array()[i],
+            ng: self.ng.lane(i),
+            frame: self.frame.lane(i),
+            front: self.front >> i & 1 == 1,
+            shape: self.shape[i],
+            material: self.material[i],
         }
     }
-    // [pbrt 6.8.5] bounds the interpolation by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the distance
-    // to the plane from differences to the corners, so their size counts, however small their weight.
-    Surface { p: a + b + c, p_error: p0.abs().max(p1.abs()).max(p2.abs()) * gamma(12), ng, ns }
+}
+
+/// Position, bound on its distance from the surface, and normals of an analytic surface.
+pub(super) struct Surface {
+    pub p: Vec3,
+    pub error: f32,
+    pub n: Vec3,
+}
+
+/// The corners of eight triangles, and the normals at them where there are any (else zero).
+pub(super) struct CornersX8 {
+    positions: [[[f32; LANES]; 3]; 3],
+    normals: Option<[[[f32; LANES]; 3]; 3]>,
+}
+
+/// Positions, bounds on their distances from the surfaces, geometric and shading normals.
+pub(super) struct SurfaceX8 {
+    pub p: Vec3x8,
+    pub error: f32x8,
+    pub ng: Vec3x8,
+    pub ns: Vec3x8,
+}
+
+impl CornersX8 {
+    /// No triangles.
+    #[inline(always)]
+    pub fn new() -> Self {
+        CornersX8 { positions: [[[0.0; LANES]; 3]; 3], normals: None }
+    }
+
+    /// Puts a triangle into lane `i`.
+    #[inline(always)]
+    pub fn set_lane(&mut self, i: usize, mesh: &TriangleMesh, primitive: u32) {
+        let indices = mesh.indices[primitive as usize];
+        let put = |corners: &mut [[[f32; LANES]; 3]; 3], vectors: &[Vec3]| {
+            for (corner, index) in corners.iter_mut().zip(indices) {
+                let v = vectors[index as usize];
+                (corner[0][i], corner[1][i], corner[2][i]) = (v.x, v.y, v.z);
+            }
+        };
+        put(&mut self.positions, &mesh.positions);
+        if !mesh.normals.is_empty() {
+            put(self.normals.get_or_insert([[[0.0; LANES]; 3]; 3]), &mesh.normals);
+        }
+    }
+
+    /// The points with the barycentric weights `u`, `v` of the second and third corners.
+    #[inline(always)]
+    pub fn surface(&self, u: f32x8, v: f32x8) -> SurfaceX8 {
+        let vector = |c: &[[f32; LANES]; 3]| Vec3x8::new(f32x8::new(c[0]), f32x8::new(c[1]), f32x8::new(c[2]));
+        let [p0, p1, p2] = [0, 1, 2].map(|i| vector(&self.positions[i]));
+        let w = f32x8::ONE - u - v;
+        let mut ng = (p1 - p0).cross(p2 - p0).normalize_or_zero();
+        let mut ns = ng;
+        if let Some(normals) = &self.normals {
+            let [n0, n1, n2] = [0, 1, 2].map(|i| vector(&normals[i]));
+            let n = (n0 * w + n1 * u + n2 * v).normalize_or_zero();
+            let usable = n.length_squared().simd_gt(f32x8::ZERO);
+            ns = Vec3x8::select(usable, n, ng);
+            // Vertex normals say which side is the front.
+            ng = Vec3x8::select(ng.dot(ns).simd_lt(f32x8::ZERO), -ng, ng);
+        }
+        // [pbrt 6.8.5] bounds the interpolation by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the
+        // distance to the plane from differences to the corners, so their size counts, however small their weight.
+        let p_error = p0.abs().max(p1.abs()).max(p2.abs()) * f32x8::splat(gamma(12));
+        SurfaceX8 { p: p0 * w + p1 * u + p2 * v, error: plane_error_x8(p_error, ng), ng, ns }
+    }
 }
 
 /// The point of a sphere at or near `p`, moved onto the sphere.
 pub(super) fn sphere_point(center: Vec3, radius: f32, inward: bool, p: Vec3) -> Surface {
     let n = (p - center).normalize_or(Vec3::Z);
-    let front = if inward { -n } else { n };
     Surface {
         p: center + n * radius,
-        p_error: (center.abs() + Vec3::splat(radius)) * gamma(8),
-        ng: front,
-        ns: front,
+        error: plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n),
+        n: if inward { -n } else { n },
     }
 }
 
@@ -75,9 +143,8 @@ pub(super) fn sphere_point(center: Vec3, radius: f32, inward: bool, p: Vec3) -> 
 pub(super) fn disk_point(center: Vec3, du: Vec3, dv: Vec3, normal: Vec3, u: f32, v: f32) -> Surface {
     Surface {
         p: center + du * u + dv * v,
-        p_error: (center.abs() + du.abs() + dv.abs()) * gamma(8),
-        ng: normal,
-        ns: normal,
+        error: plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), normal),
+        n: normal,
     }
 }
 

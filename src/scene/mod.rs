@@ -7,19 +7,21 @@ pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile};
 pub use description::Description;
-pub use interaction::SurfaceInteraction;
+pub use interaction::{SurfaceInteraction, SurfaceInteractionX8};
 pub use needs::Needs;
 
 use crate::accel::{Accel, Hit};
 use crate::bsdf::Bsdf;
 use crate::color::Rgb;
-use crate::emitter::{EmitterSample, Light, Target};
+use crate::emitter::{self, EmitterSample, EmitterSampleX8, Light};
 use crate::ids::{EmitterId, MaterialId, ShapeId};
-use crate::math::ray::{offset_origin, plane_error};
-use crate::math::{Bounds, Frame, Ray, Vec2, Vec3};
+use crate::math::lanes::{bits, mask_from_bits};
+use crate::math::ray::{offset_origin, offset_origin_x8};
+use crate::math::{Bounds, Frame, FrameX8, LANES, Ray, RayX8, Vec2, Vec3, Vec3x8, f32x8};
 use crate::sampling::Distribution1D;
 use crate::sensor::Perspective;
 use crate::shape::WorldShape;
+use interaction::{CornersX8, SurfaceX8};
 
 /// A shape of the compiled scene.
 pub struct SceneShape {
@@ -64,38 +66,68 @@ pub struct Scene {
 
 impl Scene {
     /// The surface point of a hit of `ray`. The frame of a two-sided material looks to the ray's side.
-    #[inline]
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
-        let shape = &self.shapes[hit.geometry as usize];
-        let surface = match &shape.world {
-            WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
-                interaction::mesh_point(mesh, hit.primitive, hit.u, hit.v)
+        self.interactions(&RayX8::splat(ray), &[*hit; LANES]).lane(0)
+    }
+
+    /// As [`interaction`](Self::interaction), for eight rays.
+    #[inline]
+    pub fn interactions(&self, rays: &RayX8, hits: &[Hit; LANES]) -> SurfaceInteractionX8 {
+        let mut corners = CornersX8::new();
+        let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
+        let (mut analytic, mut two_sided, mut emitters, mut anisotropic) = (0, 0, 0, 0);
+        let mut material = [MaterialId(0); LANES];
+        for (i, hit) in hits.iter().enumerate() {
+            let shape = &self.shapes[hit.geometry as usize];
+            match &shape.world {
+                WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
+                    corners.set_lane(i, mesh, hit.primitive);
+                }
+                WorldShape::Sphere { .. } | WorldShape::Disk { .. } => analytic |= 1 << i,
             }
+            (u[i], v[i]) = (hit.u, hit.v);
+            material[i] = shape.material;
+            let SceneMaterial { bsdf, two_sided: both } = &self.materials[shape.material.index()];
+            two_sided |= u32::from(*both) << i;
+            emitters |= u32::from(shape.emitter.is_some()) << i;
+            anisotropic |= u32::from(self.needs.tangents && bsdf.is_anisotropic()) << i;
+        }
+        let SurfaceX8 { mut p, mut error, mut ng, mut ns } = corners.surface(f32x8::new(u), f32x8::new(v));
+        for i in bits(analytic) {
+            let surface = self.analytic_surface(&hits[i], &|| rays.o.lane(i) + rays.d.lane(i) * hits[i].t);
+            p.set_lane(i, surface.p);
+            error.as_mut_array()[i] = surface.error;
+            ng.set_lane(i, surface.n);
+            ns.set_lane(i, surface.n);
+        }
+        let front = ns.dot(rays.d).simd_lt(f32x8::ZERO).to_bitmask();
+        let flip = two_sided & !front;
+        if flip != 0 {
+            let flip = mask_from_bits(flip);
+            ns = Vec3x8::select(flip, -ns, ns);
+            ng = Vec3x8::select(flip, -ng, ng);
+        }
+        let mut frame = FrameX8::from_normal(ns);
+        for i in bits(anisotropic) {
+            let Hit { geometry, primitive, u, v, .. } = hits[i];
+            let shape = &self.shapes[geometry as usize].world;
+            let tangent = interaction::tangent(shape, primitive, u, v, p.lane(i));
+            frame.set_lane(i, Frame::from_normal_tangent(ns.lane(i), tangent));
+        }
+        let shape = hits.map(|hit| ShapeId(hit.geometry));
+        SurfaceInteractionX8 { p, error, ng, frame, front, emitting: emitters & front, shape, material }
+    }
+
+    /// The point of a sphere or disk; `at` is the ray's point at the hit.
+    fn analytic_surface(&self, hit: &Hit, at: &dyn Fn() -> Vec3) -> interaction::Surface {
+        match &self.shapes[hit.geometry as usize].world {
             WorldShape::Sphere { center, radius, inward } => {
-                interaction::sphere_point(*center, *radius, *inward, ray.at(hit.t))
+                interaction::sphere_point(*center, *radius, *inward, at())
             }
             WorldShape::Disk { center, du, dv, normal } => {
                 interaction::disk_point(*center, *du, *dv, *normal, hit.u, hit.v)
             }
-        };
-        let material = &self.materials[shape.material.index()];
-        let front = surface.ns.dot(ray.d) < 0.0;
-        let flip = material.two_sided && !front;
-        let n = if flip { -surface.ns } else { surface.ns };
-        let frame = if self.needs.tangents && material.bsdf.is_anisotropic() {
-            let tangent = interaction::tangent(&shape.world, hit.primitive, hit.u, hit.v, surface.p);
-            Frame::from_normal_tangent(n, tangent)
-        } else {
-            Frame::from_normal(n)
-        };
-        SurfaceInteraction {
-            p: surface.p,
-            error: plane_error(surface.p_error, surface.ng),
-            ng: if flip { -surface.ng } else { surface.ng },
-            frame,
-            front,
-            shape: ShapeId(hit.geometry),
-            material: shape.material,
+            WorldShape::Mesh(_) | WorldShape::Rectangle { .. } => unreachable!("a mesh is not analytic"),
         }
     }
 
@@ -103,6 +135,12 @@ impl Scene {
     #[inline]
     pub fn bsdf(&self, at: &SurfaceInteraction) -> &Bsdf {
         &self.materials[at.material.index()].bsdf
+    }
+
+    /// The BSDF of a material.
+    #[inline]
+    pub fn bsdf_of(&self, material: MaterialId) -> &Bsdf {
+        &self.materials[material.index()].bsdf
     }
 
     /// Texture coordinates of a hit.
@@ -152,14 +190,54 @@ impl Scene {
         Some(sample)
     }
 
-    /// A shadow ray from a surface point to an emitter. It ends short of the emitter by no more than rounding.
+    /// As [`sample_emitter`](Self::sample_emitter), from eight points, for the lanes in the bits of `active`.
     #[inline]
-    pub fn shadow_ray(&self, at: &SurfaceInteraction, sample: &EmitterSample, time: f32) -> Ray {
-        let o = offset_origin(at.p, at.error, at.ng, sample.wi);
-        match sample.target {
-            Target::Point(target) => Ray { o, t_max: 1.0, d: target - o, time },
-            Target::Infinity => Ray { o, t_max: f32::INFINITY, d: sample.wi, time },
+    pub fn sample_emitters(
+        &self,
+        from: Vec3x8,
+        u_choice: f32x8,
+        u: [f32x8; 2],
+        active: u32,
+    ) -> EmitterSampleX8 {
+        if let [light] = self.lights.as_slice() {
+            return emitter::lanes::sample_x8([light; LANES], from, u, active);
         }
+        let Some(first) = self.lights.first() else {
+            return EmitterSampleX8::NONE;
+        };
+        let mut lights = [first; LANES];
+        let mut pmf = [0.0; LANES];
+        let mut chosen = 0;
+        for i in bits(active) {
+            if let Some(choice) = self.light_choice.sample(u_choice.as_array()[i]) {
+                lights[i] = &self.lights[choice.index];
+                pmf[i] = choice.pmf;
+                chosen |= 1 << i;
+            }
+        }
+        let mut samples = emitter::lanes::sample_x8(lights, from, u, chosen);
+        samples.pdf *= f32x8::new(pmf);
+        samples.valid &= mask_from_bits(chosen);
+        samples
+    }
+
+    /// Shadow rays from surface points to emitters. They end short of the emitter by no more than rounding.
+    #[inline]
+    pub fn shadow_rays(&self, at: &SurfaceInteractionX8, sample: &EmitterSampleX8, time: f32x8) -> RayX8 {
+        let o = offset_origin_x8(at.p, at.error, at.ng, sample.wi);
+        RayX8 {
+            o,
+            t_max: sample.at_infinity.select(f32x8::splat(f32::INFINITY), f32x8::ONE),
+            d: Vec3x8::select(sample.at_infinity, sample.wi, sample.target - o),
+            time,
+        }
+    }
+
+    /// The rays that leave surface points in the world directions `wi`.
+    #[inline]
+    pub fn spawn_rays(&self, at: &SurfaceInteractionX8, wi: Vec3x8, time: f32x8) -> RayX8 {
+        let o = offset_origin_x8(at.p, at.error, at.ng, wi);
+        RayX8 { o, t_max: f32x8::splat(f32::INFINITY), d: wi, time }
     }
 
     /// The ray that leaves a surface point in the world direction `wi`.

@@ -1,0 +1,153 @@
+//! BSDFs for eight points at a time.
+//!
+//! Diffuse reflection, the material of most surfaces, is computed side by side; other lobes one lane after the other.
+
+use super::{Bsdf, BsdfEval, BsdfSample};
+use crate::math::lanes::{LANES, Vec3x8, bits, f32x8, mask_from_bits};
+use crate::math::Vec2;
+use crate::sampling::warp;
+use std::f32::consts::FRAC_1_PI;
+
+/// As [`BsdfEval`], in eight lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfEvalX8 {
+    /// The bare BSDF by channel, sr⁻¹.
+    pub f: [f32x8; 3],
+    /// Densities per unit solid angle.
+    pub pdf: f32x8,
+}
+
+/// As [`BsdfSample`], in eight lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfSampleX8 {
+    /// The directions.
+    pub wi: Vec3x8,
+    /// `f·|cosθ|/pdf` by channel.
+    pub weight: [f32x8; 3],
+    /// Densities per unit solid angle; infinite for a specular lobe.
+    pub pdf: f32x8,
+    /// Relative indices of refraction.
+    pub eta: f32x8,
+    /// A mask: there is a sample.
+    pub valid: f32x8,
+}
+
+/// The reflectances of the diffuse lanes by channel, and the bits of the other lanes.
+#[inline(always)]
+fn gather_diffuse(bsdfs: &[&Bsdf; LANES]) -> ([f32x8; 3], u32) {
+    let mut reflectance = [[0.0; LANES]; 3];
+    let mut others = 0;
+    for (i, bsdf) in bsdfs.iter().enumerate() {
+        match bsdf {
+            Bsdf::Diffuse(diffuse) => {
+                let [r, g, b] = &mut reflectance;
+                (r[i], g[i], b[i]) = (diffuse.reflectance.r, diffuse.reflectance.g, diffuse.reflectance.b);
+            }
+            _ => others |= 1 << i,
+        }
+    }
+    (reflectance.map(f32x8::new), others)
+}
+
+/// [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
+#[inline]
+pub fn eval_x8(bsdfs: &[&Bsdf; LANES], wo: &Vec3x8, wi: &Vec3x8, active: u32) -> BsdfEvalX8 {
+    let (reflectance, others) = gather_diffuse(bsdfs);
+    let above = wo.z.simd_gt(f32x8::ZERO) & wi.z.simd_gt(f32x8::ZERO);
+    let inverse_pi = f32x8::splat(FRAC_1_PI);
+    let mut eval =
+        BsdfEvalX8 { f: reflectance.map(|r| (r * inverse_pi) & above), pdf: (wi.z * inverse_pi) & above };
+    for i in bits(others & active) {
+        let BsdfEval { f, pdf } = bsdfs[i].eval(wo.lane(i), wi.lane(i));
+        for (channel, value) in eval.f.iter_mut().zip(f.to_array()) {
+            channel.as_mut_array()[i] = value;
+        }
+        eval.pdf.as_mut_array()[i] = pdf;
+    }
+    eval
+}
+
+/// [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
+#[inline]
+pub fn sample_x8(
+    bsdfs: &[&Bsdf; LANES],
+    wo: &Vec3x8,
+    u_lobe: f32x8,
+    u: [f32x8; 2],
+    active: u32,
+) -> BsdfSampleX8 {
+    let (reflectance, others) = gather_diffuse(bsdfs);
+    let wi = warp::square_to_cosine_hemisphere_x8(u);
+    let mut samples = BsdfSampleX8 {
+        wi,
+        weight: reflectance,
+        pdf: wi.z * f32x8::splat(FRAC_1_PI),
+        eta: f32x8::ONE,
+        valid: wo.z.simd_gt(f32x8::ZERO),
+    };
+    let others = others & active;
+    if others == 0 {
+        return samples;
+    }
+    let mut missing = 0;
+    for i in bits(others) {
+        let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+        match bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u) {
+            Some(sample) => samples.set_lane(i, &sample),
+            None => missing |= 1 << i,
+        }
+    }
+    let others = mask_from_bits(others);
+    samples.valid = others.select(others & !mask_from_bits(missing), samples.valid);
+    samples
+}
+
+impl BsdfSampleX8 {
+    fn set_lane(&mut self, i: usize, sample: &BsdfSample) {
+        self.wi.set_lane(i, sample.wi);
+        for (channel, value) in self.weight.iter_mut().zip(sample.weight.to_array()) {
+            channel.as_mut_array()[i] = value;
+        }
+        self.pdf.as_mut_array()[i] = sample.pdf;
+        self.eta.as_mut_array()[i] = sample.eta;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bsdf::{Dielectric, Diffuse};
+    use crate::color::Rgb;
+    use crate::math::Vec3;
+
+    /// Diffuse lanes beside one of glass give what each gives alone.
+    #[test]
+    fn lanes_are_independent() {
+        let diffuse = Bsdf::Diffuse(Diffuse { reflectance: Rgb::new(0.2, 0.4, 0.8) });
+        let glass = Bsdf::Dielectric(Dielectric {
+            eta: 1.5,
+            specular_reflectance: Rgb::WHITE,
+            specular_transmittance: Rgb::WHITE,
+        });
+        let mut bsdfs = [&diffuse; LANES];
+        bsdfs[3] = &glass;
+        let mut wo = Vec3x8::splat(Vec3::new(0.6, 0.0, 0.8));
+        wo.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
+        let wi = Vec3x8::splat(Vec3::new(0.0, 0.28, 0.96));
+        let (u_lobe, u) = (0.9, Vec2::new(0.3, 0.7));
+        let eval = eval_x8(&bsdfs, &wo, &wi, 0xff);
+        let splat = [f32x8::splat(u.x), f32x8::splat(u.y)];
+        let sample = sample_x8(&bsdfs, &wo, f32x8::splat(u_lobe), splat, 0xff);
+        for i in 0..LANES {
+            let alone = bsdfs[i].eval(wo.lane(i), wi.lane(i));
+            assert_eq!((eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]), (alone.f.to_array(), alone.pdf));
+            let alone = bsdfs[i].sample(wo.lane(i), u_lobe, u);
+            assert_eq!(sample.valid.to_bitmask() >> i & 1 == 1, alone.is_some(), "lane {i}");
+            if let Some(alone) = alone {
+                assert_eq!(sample.wi.lane(i), alone.wi, "lane {i}");
+                assert_eq!(sample.weight.map(|c| c.as_array()[i]), alone.weight.to_array());
+                assert_eq!((sample.pdf.as_array()[i], sample.eta.as_array()[i]), (alone.pdf, alone.eta));
+            }
+        }
+    }
+}
