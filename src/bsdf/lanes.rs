@@ -3,38 +3,38 @@
 //! Diffuse reflection, the material of most surfaces, is computed side by side; other lobes one lane after the other.
 
 use super::{Bsdf, BsdfEval, BsdfSample};
-use crate::math::lanes::{LANES, Vec3x8, bits, f32x8, mask_from_bits};
+use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::Vec2;
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
 /// As [`BsdfEval`], in eight lanes.
 #[derive(Clone, Copy, Debug)]
-pub struct BsdfEvalX8 {
+pub struct BsdfEvalX16 {
     /// The bare BSDF by channel, sr⁻¹.
-    pub f: [f32x8; 3],
+    pub f: [f32x16; 3],
     /// Densities per unit solid angle.
-    pub pdf: f32x8,
+    pub pdf: f32x16,
 }
 
 /// As [`BsdfSample`], in eight lanes.
 #[derive(Clone, Copy, Debug)]
-pub struct BsdfSampleX8 {
+pub struct BsdfSampleX16 {
     /// The directions.
-    pub wi: Vec3x8,
+    pub wi: Vec3x16,
     /// `f·|cosθ|/pdf` by channel.
-    pub weight: [f32x8; 3],
+    pub weight: [f32x16; 3],
     /// Densities per unit solid angle; infinite for a specular lobe.
-    pub pdf: f32x8,
+    pub pdf: f32x16,
     /// Relative indices of refraction.
-    pub eta: f32x8,
+    pub eta: f32x16,
     /// A mask: there is a sample.
-    pub valid: f32x8,
+    pub valid: f32x16,
 }
 
 /// The reflectances of the diffuse lanes by channel, and the bits of the other lanes.
 #[inline(always)]
-fn gather_diffuse(bsdfs: &[&Bsdf; LANES]) -> ([f32x8; 3], u32) {
+fn gather_diffuse(bsdfs: &[&Bsdf; LANES]) -> ([f32x16; 3], u32) {
     let mut reflectance = [[0.0; LANES]; 3];
     let mut others = 0;
     for (i, bsdf) in bsdfs.iter().enumerate() {
@@ -46,17 +46,17 @@ fn gather_diffuse(bsdfs: &[&Bsdf; LANES]) -> ([f32x8; 3], u32) {
             _ => others |= 1 << i,
         }
     }
-    (reflectance.map(f32x8::new), others)
+    (reflectance.map(f32x16::new), others)
 }
 
 /// [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
 #[inline]
-pub fn eval_x8(bsdfs: &[&Bsdf; LANES], wo: &Vec3x8, wi: &Vec3x8, active: u32) -> BsdfEvalX8 {
+pub fn eval_x16(bsdfs: &[&Bsdf; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
-    let above = wo.z.simd_gt(f32x8::ZERO) & wi.z.simd_gt(f32x8::ZERO);
-    let inverse_pi = f32x8::splat(FRAC_1_PI);
+    let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
+    let inverse_pi = f32x16::splat(FRAC_1_PI);
     let mut eval =
-        BsdfEvalX8 { f: reflectance.map(|r| (r * inverse_pi) & above), pdf: (wi.z * inverse_pi) & above };
+        BsdfEvalX16 { f: reflectance.map(|r| (r * inverse_pi) & above), pdf: (wi.z * inverse_pi) & above };
     for i in bits(others & active) {
         let BsdfEval { f, pdf } = bsdfs[i].eval(wo.lane(i), wi.lane(i));
         for (channel, value) in eval.f.iter_mut().zip(f.to_array()) {
@@ -69,21 +69,21 @@ pub fn eval_x8(bsdfs: &[&Bsdf; LANES], wo: &Vec3x8, wi: &Vec3x8, active: u32) ->
 
 /// [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
 #[inline]
-pub fn sample_x8(
+pub fn sample_x16(
     bsdfs: &[&Bsdf; LANES],
-    wo: &Vec3x8,
-    u_lobe: f32x8,
-    u: [f32x8; 2],
+    wo: &Vec3x16,
+    u_lobe: f32x16,
+    u: [f32x16; 2],
     active: u32,
-) -> BsdfSampleX8 {
+) -> BsdfSampleX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
-    let wi = warp::square_to_cosine_hemisphere_x8(u);
-    let mut samples = BsdfSampleX8 {
+    let wi = warp::square_to_cosine_hemisphere_x16(u);
+    let mut samples = BsdfSampleX16 {
         wi,
         weight: reflectance,
-        pdf: wi.z * f32x8::splat(FRAC_1_PI),
-        eta: f32x8::ONE,
-        valid: wo.z.simd_gt(f32x8::ZERO),
+        pdf: wi.z * f32x16::splat(FRAC_1_PI),
+        eta: f32x16::ONE,
+        valid: wo.z.simd_gt(f32x16::ZERO),
     };
     let others = others & active;
     if others == 0 {
@@ -102,7 +102,7 @@ pub fn sample_x8(
     samples
 }
 
-impl BsdfSampleX8 {
+impl BsdfSampleX16 {
     fn set_lane(&mut self, i: usize, sample: &BsdfSample) {
         self.wi.set_lane(i, sample.wi);
         for (channel, value) in self.weight.iter_mut().zip(sample.weight.to_array()) {
@@ -131,13 +131,13 @@ mod tests {
         });
         let mut bsdfs = [&diffuse; LANES];
         bsdfs[3] = &glass;
-        let mut wo = Vec3x8::splat(Vec3::new(0.6, 0.0, 0.8));
+        let mut wo = Vec3x16::splat(Vec3::new(0.6, 0.0, 0.8));
         wo.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
-        let wi = Vec3x8::splat(Vec3::new(0.0, 0.28, 0.96));
+        let wi = Vec3x16::splat(Vec3::new(0.0, 0.28, 0.96));
         let (u_lobe, u) = (0.9, Vec2::new(0.3, 0.7));
-        let eval = eval_x8(&bsdfs, &wo, &wi, 0xff);
-        let splat = [f32x8::splat(u.x), f32x8::splat(u.y)];
-        let sample = sample_x8(&bsdfs, &wo, f32x8::splat(u_lobe), splat, 0xff);
+        let eval = eval_x16(&bsdfs, &wo, &wi, 0xff);
+        let splat = [f32x16::splat(u.x), f32x16::splat(u.y)];
+        let sample = sample_x16(&bsdfs, &wo, f32x16::splat(u_lobe), splat, 0xff);
         for i in 0..LANES {
             let alone = bsdfs[i].eval(wo.lane(i), wi.lane(i));
             assert_eq!((eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]), (alone.f.to_array(), alone.pdf));

@@ -14,7 +14,7 @@ pub mod rough_conductor;
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
-pub use lanes::{BsdfEvalX8, BsdfSampleX8};
+pub use lanes::{BsdfEvalX16, BsdfSampleX16};
 pub use rough_conductor::RoughConductor;
 
 use crate::color::Rgb;

@@ -1,11 +1,11 @@
 //! Emitting surfaces.
 
-use super::spherical_rectangle::{Rectangle, RectangleX8};
+use super::spherical_rectangle::{Rectangle, RectangleX16};
 use super::{EmitterSample, Target};
 use crate::color::Rgb;
 use crate::math::ray::{offset_origin, plane_error};
 use crate::math::robust::gamma;
-use crate::math::{Frame, Vec2, Vec3, Vec3x8, f32x8};
+use crate::math::{Frame, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::mis::area_to_solid_angle;
 use crate::sampling::{Distribution1D, warp};
 use crate::shape::{TriangleMesh, WorldShape};
@@ -140,8 +140,8 @@ impl AreaEmitter {
     pub fn pdf(&self, from: Vec3, p: Vec3, n: Vec3) -> f32 {
         match &self.surface {
             Surface::Rectangle(surface) => {
-                let rectangle = RectangleX8::splat(&surface.rectangle);
-                let seen = rectangle.seen_from(Vec3x8::splat(from));
+                let rectangle = RectangleX16::splat(&surface.rectangle);
+                let seen = rectangle.seen_from(Vec3x16::splat(from));
                 if seen.resolved().to_bitmask() & 1 == 1 {
                     return 1.0 / seen.solid_angle().as_array()[0];
                 }
@@ -162,11 +162,11 @@ impl AreaEmitter {
     fn sample_point(&self, from: Vec3, u: Vec2) -> Option<SurfacePoint> {
         Some(match &self.surface {
             Surface::Rectangle(surface) => {
-                let rectangle = RectangleX8::splat(&surface.rectangle);
-                let seen = rectangle.seen_from(Vec3x8::splat(from));
+                let rectangle = RectangleX16::splat(&surface.rectangle);
+                let seen = rectangle.seen_from(Vec3x16::splat(from));
                 let resolved = seen.resolved().to_bitmask() & 1 == 1;
                 SurfacePoint {
-                    p: seen.sample([f32x8::splat(u.x), f32x8::splat(u.y)]).lane(0),
+                    p: seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).lane(0),
                     error: surface.error,
                     n: surface.normal,
                     pdf: resolved.then(|| 1.0 / seen.solid_angle().as_array()[0]),

@@ -3,42 +3,42 @@
 //! Rectangles, the lights of most scenes, are sampled side by side; other lights one lane after the other.
 
 use super::area::RectangleSurface;
-use super::spherical_rectangle::RectangleX8;
+use super::spherical_rectangle::RectangleX16;
 use super::{EmitterSample, Light, Target};
 use crate::color::Rgb;
-use crate::math::lanes::{LANES, Vec3x8, bits, f32x8, mask_from_bits};
-use crate::math::ray::offset_origin_x8;
+use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
+use crate::math::ray::offset_origin_x16;
 use crate::math::{Vec2, Vec3};
 
 /// As [`EmitterSample`], in eight lanes.
 #[derive(Clone, Copy, Debug)]
-pub struct EmitterSampleX8 {
+pub struct EmitterSampleX16 {
     /// Unit directions from the receivers.
-    pub wi: Vec3x8,
+    pub wi: Vec3x16,
     /// The ends of the shadow rays, but where `at_infinity`.
-    pub target: Vec3x8,
+    pub target: Vec3x16,
     /// A mask: the shadow ray has no end.
-    pub at_infinity: f32x8,
+    pub at_infinity: f32x16,
     /// Incident radiance by channel.
-    pub radiance: [f32x8; 3],
+    pub radiance: [f32x16; 3],
     /// Densities per unit solid angle.
-    pub pdf: f32x8,
+    pub pdf: f32x16,
     /// A mask: no other technique can find this light.
-    pub delta: f32x8,
+    pub delta: f32x16,
     /// A mask: there is a sample.
-    pub valid: f32x8,
+    pub valid: f32x16,
 }
 
-impl EmitterSampleX8 {
+impl EmitterSampleX16 {
     /// No sample in any lane.
-    pub const NONE: EmitterSampleX8 = EmitterSampleX8 {
-        wi: Vec3x8 { x: f32x8::ZERO, y: f32x8::ZERO, z: f32x8::ZERO },
-        target: Vec3x8 { x: f32x8::ZERO, y: f32x8::ZERO, z: f32x8::ZERO },
-        at_infinity: f32x8::ZERO,
-        radiance: [f32x8::ZERO; 3],
-        pdf: f32x8::ZERO,
-        delta: f32x8::ZERO,
-        valid: f32x8::ZERO,
+    pub const NONE: EmitterSampleX16 = EmitterSampleX16 {
+        wi: Vec3x16 { x: f32x16::ZERO, y: f32x16::ZERO, z: f32x16::ZERO },
+        target: Vec3x16 { x: f32x16::ZERO, y: f32x16::ZERO, z: f32x16::ZERO },
+        at_infinity: f32x16::ZERO,
+        radiance: [f32x16::ZERO; 3],
+        pdf: f32x16::ZERO,
+        delta: f32x16::ZERO,
+        valid: f32x16::ZERO,
     };
 
     /// Replaces one lane.
@@ -62,33 +62,33 @@ impl EmitterSampleX8 {
 }
 
 /// Rectangular emitters, one in each lane.
-struct RectanglesX8 {
-    rectangle: RectangleX8,
-    normal: Vec3x8,
-    error: f32x8,
-    inverse_area: f32x8,
-    radiance: [f32x8; 3],
+struct RectanglesX16 {
+    rectangle: RectangleX16,
+    normal: Vec3x16,
+    error: f32x16,
+    inverse_area: f32x16,
+    radiance: [f32x16; 3],
 }
 
-impl RectanglesX8 {
+impl RectanglesX16 {
     fn splat(r: &RectangleSurface, radiance: Rgb) -> Self {
-        RectanglesX8 {
-            rectangle: RectangleX8::splat(&r.rectangle),
-            normal: Vec3x8::splat(r.normal),
-            error: f32x8::splat(r.error),
-            inverse_area: f32x8::splat(r.inverse_area),
-            radiance: radiance.to_array().map(f32x8::splat),
+        RectanglesX16 {
+            rectangle: RectangleX16::splat(&r.rectangle),
+            normal: Vec3x16::splat(r.normal),
+            error: f32x16::splat(r.error),
+            inverse_area: f32x16::splat(r.inverse_area),
+            radiance: radiance.to_array().map(f32x16::splat),
         }
     }
 
     fn gather(rectangles: [(&RectangleSurface, Rgb); LANES]) -> Self {
-        let lanes = |f: &dyn Fn(usize) -> f32| f32x8::new(std::array::from_fn(f));
-        let mut normal = Vec3x8::default();
+        let lanes = |f: &dyn Fn(usize) -> f32| f32x16::new(std::array::from_fn(f));
+        let mut normal = Vec3x16::default();
         for (i, (r, _)) in rectangles.iter().enumerate() {
             normal.set_lane(i, r.normal);
         }
-        RectanglesX8 {
-            rectangle: RectangleX8::gather(rectangles.map(|(r, _)| &r.rectangle)),
+        RectanglesX16 {
+            rectangle: RectangleX16::gather(rectangles.map(|(r, _)| &r.rectangle)),
             normal,
             error: lanes(&|i| rectangles[i].0.error),
             inverse_area: lanes(&|i| rectangles[i].0.inverse_area),
@@ -98,38 +98,38 @@ impl RectanglesX8 {
 
     /// As [`AreaEmitter::sample`](super::AreaEmitter::sample).
     #[inline(always)]
-    fn sample(&self, from: Vec3x8, u: [f32x8; 2]) -> EmitterSampleX8 {
+    fn sample(&self, from: Vec3x16, u: [f32x16; 2]) -> EmitterSampleX16 {
         let seen = self.rectangle.seen_from(from);
         let p = seen.sample(u);
         let to = p - from;
         let distance_squared = to.length_squared();
-        let wi = to * (f32x8::ONE / distance_squared.sqrt());
+        let wi = to * (f32x16::ONE / distance_squared.sqrt());
         let cos = -wi.dot(self.normal);
-        let mut pdf = f32x8::ONE / seen.solid_angle();
+        let mut pdf = f32x16::ONE / seen.solid_angle();
         if !seen.resolved().all() {
             let by_area = self.inverse_area * distance_squared / cos.abs();
             pdf = seen.resolved().select(pdf, by_area);
         }
-        EmitterSampleX8 {
+        EmitterSampleX16 {
             wi,
-            target: offset_origin_x8(p, self.error, self.normal, -wi),
+            target: offset_origin_x16(p, self.error, self.normal, -wi),
             radiance: self.radiance,
             pdf,
             // False where `from` is the point itself.
-            valid: cos.simd_gt(f32x8::ZERO),
-            ..EmitterSampleX8::NONE
+            valid: cos.simd_gt(f32x16::ZERO),
+            ..EmitterSampleX16::NONE
         }
     }
 }
 
 /// Draws a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the bits of `active`.
 #[inline]
-pub fn sample_x8(
+pub fn sample_x16(
     lights: [&Light; LANES],
-    from: Vec3x8,
-    u: [f32x8; 2],
+    from: Vec3x16,
+    u: [f32x16; 2],
     active: u32,
-) -> EmitterSampleX8 {
+) -> EmitterSampleX16 {
     let rectangle = |light| match light {
         &Light::Area(ref area) => area.rectangle().map(|r| (r, area.radiance())),
         _ => None,
@@ -137,14 +137,14 @@ pub fn sample_x8(
     let [first, others @ ..] = lights;
     if others.iter().all(|other| std::ptr::eq(*other, first)) {
         if let Some((r, radiance)) = rectangle(first) {
-            return RectanglesX8::splat(r, radiance).sample(from, u);
+            return RectanglesX16::splat(r, radiance).sample(from, u);
         }
     }
     let found = lights.map(rectangle);
     let mut others = active;
-    let mut samples = EmitterSampleX8::NONE;
+    let mut samples = EmitterSampleX16::NONE;
     if let Some(any) = found.iter().flatten().next() {
-        samples = RectanglesX8::gather(found.map(|r| r.unwrap_or(*any))).sample(from, u);
+        samples = RectanglesX16::gather(found.map(|r| r.unwrap_or(*any))).sample(from, u);
         let rectangles = (0..LANES).filter(|&i| found[i].is_some()).fold(0, |bits, i| bits | 1 << i);
         samples.valid &= mask_from_bits(rectangles);
         others &= !rectangles;

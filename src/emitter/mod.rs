@@ -7,7 +7,7 @@ pub mod lanes;
 pub mod spherical_rectangle;
 
 pub use area::AreaEmitter;
-pub use lanes::EmitterSampleX8;
+pub use lanes::EmitterSampleX16;
 
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};

@@ -1,7 +1,7 @@
 //! Sampling the solid angle that a rectangle subtends, for eight points at a time. [Ureña 2013]
 
-use crate::math::{LANES, Vec3, Vec3x8, f32x8, lanes::with_sign};
-use crate::sampling::warp::{argument_x8, sin_cos_turn_x8};
+use crate::math::{LANES, Vec3, Vec3x16, f32x16, lanes::with_sign};
+use crate::sampling::warp::{argument_x16, sin_cos_turn_x16};
 
 /// A rectangle in space: a corner and two orthogonal edges.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -29,17 +29,17 @@ const NUMBERS: usize = size_of::<Rectangle>() / size_of::<f32>();
 
 /// Eight rectangles, one for each lane.
 #[derive(Clone, Copy)]
-pub struct RectangleX8 {
-    corner: Vec3x8,
-    x: Vec3x8,
-    y: Vec3x8,
-    z: Vec3x8,
-    edge_x: Vec3x8,
-    edge_y: Vec3x8,
-    length_x: f32x8,
-    length_y: f32x8,
-    per_length_x: f32x8,
-    per_length_y: f32x8,
+pub struct RectangleX16 {
+    corner: Vec3x16,
+    x: Vec3x16,
+    y: Vec3x16,
+    z: Vec3x16,
+    edge_x: Vec3x16,
+    edge_y: Vec3x16,
+    length_x: f32x16,
+    length_y: f32x16,
+    per_length_x: f32x16,
+    per_length_y: f32x16,
 }
 
 /// Below this (steradians) the area is sampled instead: the rounding of `f32` would show in the density, of which
@@ -70,30 +70,30 @@ impl Rectangle {
     }
 }
 
-impl RectangleX8 {
+impl RectangleX16 {
     /// The same rectangle in every lane.
     #[inline]
     pub fn splat(r: &Rectangle) -> Self {
         let numbers: [f32; NUMBERS] = bytemuck::cast(*r);
-        RectangleX8::from_numbers(numbers.map(f32x8::splat))
+        RectangleX16::from_numbers(numbers.map(f32x16::splat))
     }
 
     /// One rectangle in each lane.
     #[inline]
     pub fn gather(rectangles: [&Rectangle; LANES]) -> Self {
-        let mut numbers = [f32x8::ZERO; NUMBERS];
+        let mut numbers = [f32x16::ZERO; NUMBERS];
         for (lane, r) in rectangles.into_iter().enumerate() {
             for (number, value) in numbers.iter_mut().zip(bytemuck::cast_ref::<_, [f32; NUMBERS]>(r)) {
                 number.as_mut_array()[lane] = *value;
             }
         }
-        RectangleX8::from_numbers(numbers)
+        RectangleX16::from_numbers(numbers)
     }
 
     #[inline(always)]
-    fn from_numbers(n: [f32x8; NUMBERS]) -> Self {
-        let vector = |i: usize| Vec3x8::new(n[i], n[i + 1], n[i + 2]);
-        RectangleX8 {
+    fn from_numbers(n: [f32x16; NUMBERS]) -> Self {
+        let vector = |i: usize| Vec3x16::new(n[i], n[i + 1], n[i + 2]);
+        RectangleX16 {
             corner: vector(0),
             x: vector(3),
             y: vector(6),
@@ -109,7 +109,7 @@ impl RectangleX8 {
 
     /// The rectangles as seen from `p`.
     #[inline(always)]
-    pub fn seen_from(&self, p: Vec3x8) -> SphericalRectangleX8<'_> {
+    pub fn seen_from(&self, p: Vec3x16) -> SphericalRectangleX16<'_> {
         let d = self.corner - p;
         let (x0, y0, z0) = (d.dot(self.x), d.dot(self.y), d.dot(self.z));
         let (x1, y1) = (x0 + self.length_x, y0 + self.length_y);
@@ -128,16 +128,16 @@ impl RectangleX8 {
             (-(edges[i] * edges[j]), z * (squares[i] + squares[j] + z2).sqrt())
         };
         let s02 = s0 * s2;
-        let inverse = f32x8::ONE / (s02 * s02 * (q1 * q3));
+        let inverse = f32x16::ONE / (s02 * s02 * (q1 * q3));
         let g01 = scale(multiply(corner(0, 1), corner(1, 2)), inverse * (q3 * s02));
         let g23 = scale(multiply(corner(2, 3), corner(3, 0)), inverse * (q1 * s02));
         let (re, im) = multiply(g01, g23);
-        let solid_angle = argument_x8(re, im);
+        let solid_angle = argument_x16(re, im);
         // False for the NaN of a point in the plane on the border, too.
-        let resolved = solid_angle.simd_gt(f32x8::splat(MINIMUM_SOLID_ANGLE)) & z2.simd_gt(f32x8::ZERO);
+        let resolved = solid_angle.simd_gt(f32x16::splat(MINIMUM_SOLID_ANGLE)) & z2.simd_gt(f32x16::ZERO);
         let per_s = inverse * (q1 * q3 * s02);
         let per_s0 = per_s * s2;
-        SphericalRectangleX8 {
+        SphericalRectangleX16 {
             rectangle: self,
             z,
             x: [x0, x1],
@@ -153,59 +153,59 @@ impl RectangleX8 {
 }
 
 #[inline(always)]
-fn scale(a: (f32x8, f32x8), factor: f32x8) -> (f32x8, f32x8) {
+fn scale(a: (f32x16, f32x16), factor: f32x16) -> (f32x16, f32x16) {
     (a.0 * factor, a.1 * factor)
 }
 
 #[inline(always)]
-fn multiply(a: (f32x8, f32x8), b: (f32x8, f32x8)) -> (f32x8, f32x8) {
+fn multiply(a: (f32x16, f32x16), b: (f32x16, f32x16)) -> (f32x16, f32x16) {
     (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
 /// Rectangles as seen from points.
 #[derive(Clone, Copy)]
-pub struct SphericalRectangleX8<'a> {
-    rectangle: &'a RectangleX8,
-    z: f32x8,
-    x: [f32x8; 2],
-    y: [f32x8; 2],
-    b0: f32x8,
-    b1: f32x8,
+pub struct SphericalRectangleX16<'a> {
+    rectangle: &'a RectangleX16,
+    z: f32x16,
+    x: [f32x16; 2],
+    y: [f32x16; 2],
+    b0: f32x16,
+    b1: f32x16,
     /// √(1 − b₀²).
-    z_per_s0: f32x8,
+    z_per_s0: f32x16,
     /// e^{ik}, k = 2π − γ₂ − γ₃.
-    k: (f32x8, f32x8),
-    solid_angle: f32x8,
-    resolved: f32x8,
+    k: (f32x16, f32x16),
+    solid_angle: f32x16,
+    resolved: f32x16,
 }
 
-impl SphericalRectangleX8<'_> {
+impl SphericalRectangleX16<'_> {
     /// The solid angles, in steradians, where they are [resolved](Self::resolved).
     #[inline(always)]
-    pub fn solid_angle(&self) -> f32x8 {
+    pub fn solid_angle(&self) -> f32x16 {
         self.solid_angle
     }
 
     /// A mask: false where a rectangle subtends so little (far away, or nearly edge-on) that `f32` cannot resolve
     /// its solid angle.
     #[inline(always)]
-    pub fn resolved(&self) -> f32x8 {
+    pub fn resolved(&self) -> f32x16 {
         self.resolved
     }
 
     /// Points of the rectangles: with directions uniform in the solid angle [Ureña 2013, Eq. 6 to 15] where it is
     /// [resolved](Self::resolved), else uniform in the area.
     #[inline(always)]
-    pub fn sample(&self, [u, v]: [f32x8; 2]) -> Vec3x8 {
+    pub fn sample(&self, [u, v]: [f32x16; 2]) -> Vec3x16 {
         let r = self.rectangle;
-        let one = f32x8::ONE;
-        let (sin, cos) = sin_cos_turn_x8(u * self.solid_angle);
+        let one = f32x16::ONE;
+        let (sin, cos) = sin_cos_turn_x16(u * self.solid_angle);
         let (cos_au, sin_au) = multiply(self.k, (cos, sin));
         // With f = N/sin, c = sign f/√(f² + b₀²) and x = c·z/√(1 − c²) the division and one root drop out.
         let n = cos_au * self.b0 - self.b1;
         let w = sin_au * self.z_per_s0;
-        let root = ((n - w) * (n + w)).fast_max(f32x8::ZERO).sqrt();
-        let xu = with_sign(f32x8::ONE, n) * sin_au * self.z / root;
+        let root = ((n - w) * (n + w)).fast_max(f32x16::ZERO).sqrt();
+        let xu = with_sign(f32x16::ONE, n) * sin_au * self.z / root;
         let xu = xu.fast_max(self.x[0]).fast_min(self.x[1]);
         let d2 = xu * xu + self.z * self.z;
         let [t0, t1] = self.y.map(|y| (d2 + y * y).sqrt());
@@ -214,7 +214,7 @@ impl SphericalRectangleX8<'_> {
         let h1 = self.y[1] * t0 * inverse;
         let hv = h0 + v * (h1 - h0);
         let rest = (one - hv) * (one + hv);
-        let yv = rest.simd_gt(f32x8::ZERO).select(hv * (d2 / rest).sqrt(), self.y[1]);
+        let yv = rest.simd_gt(f32x16::ZERO).select(hv * (d2 / rest).sqrt(), self.y[1]);
         let yv = yv.fast_max(self.y[0]).fast_min(self.y[1]);
         // From the corner, so that the point lies in the plane to the rounding of the rectangle itself.
         let along_x = self.resolved.select((xu - self.x[0]) * r.per_length_x, u);
@@ -234,9 +234,9 @@ mod tests {
 
     /// The solid angle from `p`, if it is resolved, and the sample at `u`.
     fn seen(r: &Rectangle, p: Vec3, u: Vec2) -> (Option<f32>, Vec3) {
-        let r = RectangleX8::splat(r);
-        let seen = r.seen_from(Vec3x8::splat(p));
-        let q = seen.sample([f32x8::splat(u.x), f32x8::splat(u.y)]).lane(6);
+        let r = RectangleX16::splat(r);
+        let seen = r.seen_from(Vec3x16::splat(p));
+        let q = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).lane(6);
         let resolved = seen.resolved().to_bitmask() & 1 == 1;
         (resolved.then_some(seen.solid_angle().as_array()[0]), q)
     }
@@ -308,12 +308,12 @@ mod tests {
     #[test]
     fn each_lane_has_its_own_rectangle() {
         let (small, unit) = (Rectangle::new(Vec3::Y, Vec3::X * 0.5, Vec3::Z).unwrap(), unit_square());
-        let p = Vec3x8::splat(Vec3::new(0.2, 0.3, 0.5));
+        let p = Vec3x16::splat(Vec3::new(0.2, 0.3, 0.5));
         let mut rectangles = [&unit; LANES];
         rectangles[5] = &small;
-        let gathered = RectangleX8::gather(rectangles);
+        let gathered = RectangleX16::gather(rectangles);
         let both = gathered.seen_from(p).solid_angle().to_array();
-        let [alone, other] = [small, unit].map(|r| RectangleX8::splat(&r).seen_from(p).solid_angle().to_array()[0]);
+        let [alone, other] = [small, unit].map(|r| RectangleX16::splat(&r).seen_from(p).solid_angle().to_array()[0]);
         assert_eq!((both[5], both[4]), (alone, other));
     }
 

@@ -2,8 +2,8 @@
 
 use crate::accel::Hit;
 use crate::bsdf::Bsdf;
-use crate::math::{LANES, Ray, RayX8, Vec3x8};
-use crate::scene::{Scene, SurfaceInteractionX8};
+use crate::math::{LANES, Ray, RayX16, Vec3x16};
+use crate::scene::{Scene, SurfaceInteractionX16};
 
 /// Up to eight surface points of a wave, ready for scattering.
 pub struct Block<'a> {
@@ -12,15 +12,15 @@ pub struct Block<'a> {
     /// Bits: the lanes in use, from the lowest.
     pub active: u32,
     /// The rays that hit.
-    pub rays: RayX8,
+    pub rays: RayX16,
     /// The surface points.
-    pub at: SurfaceInteractionX8,
+    pub at: SurfaceInteractionX16,
     /// What scatters there.
     pub bsdfs: [&'a Bsdf; LANES],
     /// Bits: the lanes in use whose BSDF has a finite lobe.
     pub finite: u32,
     /// Where the rays came from, in the local frames.
-    pub wo: Vec3x8,
+    pub wo: Vec3x16,
 }
 
 impl<'a> Block<'a> {
@@ -32,7 +32,7 @@ impl<'a> Block<'a> {
     pub fn new(scene: &'a Scene, rays: &[Ray], hits: &[Option<Hit>], first: usize) -> Self {
         let count = (hits.len() - first).min(LANES);
         let active = (1 << count) - 1;
-        let rays = RayX8::load(rays, first);
+        let rays = RayX16::load(rays, first);
         let hits = &hits[first..first + count];
         // The lanes not in use repeat the last hit.
         let hit = |i: usize| hits[i.min(count - 1)].expect("rays without a hit are squeezed out");

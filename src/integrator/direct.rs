@@ -8,7 +8,7 @@ use super::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::bsdf;
-use crate::math::lanes::{f32x8, load};
+use crate::math::lanes::{f32x16, load};
 use crate::sampling::Dimension;
 use crate::scene::Scene;
 
@@ -57,11 +57,11 @@ impl DirectIntegrator {
         for block in blocks {
             let u_lobe = load(&numbers.bsdf_lobe, block.first);
             let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
-            let sample = bsdf::lanes::sample_x8(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+            let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
             let wi = block.at.frame.to_world(sample.wi);
             let next = Continuation {
                 rays: scene.spawn_rays(&block.at, wi, block.rays.time),
-                beta: sample.weight.map(|w| w / f32x8::splat(self.counts.bsdf)),
+                beta: sample.weight.map(|w| w / f32x16::splat(self.counts.bsdf)),
                 pdf: sample.pdf,
                 eta: sample.eta,
             };

@@ -2,9 +2,9 @@
 
 use super::block::Block;
 use crate::color::Rgb;
-use crate::math::lanes::{bits, f32x8};
-use crate::math::{RayX8, Vec3};
-use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x8};
+use crate::math::lanes::{bits, f32x16};
+use crate::math::{RayX16, Vec3};
+use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
 
 /// How many samples each technique draws at a point, for the weights.
@@ -24,9 +24,9 @@ impl TechniqueCounts {
 /// Shadow rays, and what they bring if they are free.
 pub struct ShadowRays {
     /// The rays.
-    pub rays: RayX8,
+    pub rays: RayX16,
     /// Reflected radiance by channel.
-    pub value: [f32x8; 3],
+    pub value: [f32x16; 3],
     /// Bits: the lanes that bring anything.
     pub lanes: u32,
 }
@@ -37,20 +37,20 @@ pub struct ShadowRays {
 pub fn sample_emitters(
     scene: &Scene,
     block: &Block<'_>,
-    u_choice: f32x8,
-    u_point: [f32x8; 2],
+    u_choice: f32x16,
+    u_point: [f32x16; 2],
     counts: TechniqueCounts,
 ) -> ShadowRays {
     let Block { at, .. } = block;
     let sample = scene.sample_emitters(at.p, u_choice, u_point, block.finite);
     let wi = at.frame.to_local(sample.wi);
-    let scattered = crate::bsdf::lanes::eval_x8(&block.bsdfs, &block.wo, &wi, block.finite);
+    let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
     let [r, g, b] = scattered.f;
-    let some = r.simd_gt(f32x8::ZERO) | g.simd_gt(f32x8::ZERO) | b.simd_gt(f32x8::ZERO);
-    let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x8::ZERO)).to_bitmask() & block.finite;
-    let weight = weighted_power_heuristic_x8(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf);
-    let weight = sample.delta.select(f32x8::ONE, weight);
-    let factor = wi.z.abs() * weight / (sample.pdf * f32x8::splat(counts.emitter));
+    let some = r.simd_gt(f32x16::ZERO) | g.simd_gt(f32x16::ZERO) | b.simd_gt(f32x16::ZERO);
+    let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & block.finite;
+    let weight = weighted_power_heuristic_x16(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf);
+    let weight = sample.delta.select(f32x16::ONE, weight);
+    let factor = wi.z.abs() * weight / (sample.pdf * f32x16::splat(counts.emitter));
     let value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c] * factor);
     ShadowRays { rays: scene.shadow_rays(at, &sample, block.rays.time), value, lanes }
 }

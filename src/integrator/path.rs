@@ -11,7 +11,7 @@ use super::worker::{Continuation, Numbers, ShadowQueue, draw_1d, draw_2d, inters
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
 use crate::accel::Coherence;
 use crate::bsdf;
-use crate::math::lanes::{LANES, f32x8, load};
+use crate::math::lanes::{LANES, f32x16, load};
 use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 
@@ -171,7 +171,7 @@ impl Bounce<'_> {
     fn light(
         &self,
         block: &Block<'_>,
-        beta: &[f32x8; 3],
+        beta: &[f32x16; 3],
         slots: &[u32],
         numbers: &Numbers,
         shadows: &mut ShadowQueue,
@@ -189,22 +189,22 @@ impl Bounce<'_> {
     fn scatter(
         &self,
         block: &Block<'_>,
-        beta: [f32x8; 3],
-        eta: f32x8,
+        beta: [f32x16; 3],
+        eta: f32x16,
         numbers: &Numbers,
     ) -> (Continuation, u32) {
         let u_lobe = load(&numbers.bsdf_lobe, block.first);
         let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
-        let sample = bsdf::lanes::sample_x8(&block.bsdfs, &block.wo, u_lobe, u, block.active);
-        let mut beta: [f32x8; 3] = std::array::from_fn(|c| beta[c] * sample.weight[c]);
+        let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+        let mut beta: [f32x16; 3] = std::array::from_fn(|c| beta[c] * sample.weight[c]);
         let eta = eta * sample.eta;
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
-        let mut alive = sample.valid & strongest.simd_ne(f32x8::ZERO);
+        let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
         if self.roulette {
             // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
-            let survival = (strongest * eta * eta).fast_min(f32x8::splat(0.95));
+            let survival = (strongest * eta * eta).fast_min(f32x16::splat(0.95));
             alive &= load(&numbers.roulette, block.first).simd_lt(survival);
-            let per_survival = f32x8::ONE / survival;
+            let per_survival = f32x16::ONE / survival;
             beta = beta.map(|channel| channel * per_survival);
         }
         let wi = block.at.frame.to_world(sample.wi);

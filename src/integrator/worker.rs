@@ -3,7 +3,7 @@
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::math::lanes::bits;
-use crate::math::{Ray, RayX8, f32x8};
+use crate::math::{Ray, RayX16, f32x16};
 use crate::sampling::{SampleKey, Sampler};
 use crate::scene::Scene;
 use std::time::{Duration, Instant};
@@ -46,9 +46,9 @@ impl ShadowQueue {
     /// Adds the rays of the lanes in the bits of `lanes`; lane `i`'s value, by channel, goes to entry `slots[i]`
     /// if the ray is free.
     #[inline(always)]
-    pub fn push(&mut self, rays: &RayX8, slots: &[u32], value: &[f32x8; 3], lanes: u32) {
+    pub fn push(&mut self, rays: &RayX16, slots: &[u32], value: &[f32x16; 3], lanes: u32) {
         let rays = rays.to_rays();
-        let [r, g, b] = value.map(f32x8::to_array);
+        let [r, g, b] = value.map(f32x16::to_array);
         for i in bits(lanes) {
             self.rays.push(rays[i]);
             self.pending.push((slots[i], Rgb::new(r[i], g[i], b[i])));
@@ -155,7 +155,7 @@ impl PathWave {
     #[inline(always)]
     pub fn compact(&mut self, first: usize, mut to: usize, next: &Continuation, lanes: u32) -> usize {
         let rays = next.rays.to_rays();
-        let [r, g, b] = next.beta.map(f32x8::to_array);
+        let [r, g, b] = next.beta.map(f32x16::to_array);
         let (pdf, eta) = (next.pdf.to_array(), next.eta.to_array());
         for i in bits(lanes) {
             self.rays[to] = rays[i];
@@ -197,13 +197,13 @@ impl PathWave {
 /// What eight paths go on with.
 pub struct Continuation {
     /// The next rays.
-    pub rays: RayX8,
+    pub rays: RayX16,
     /// The throughputs by channel.
-    pub beta: [f32x8; 3],
+    pub beta: [f32x16; 3],
     /// The densities of the rays' directions.
-    pub pdf: f32x8,
+    pub pdf: f32x16,
     /// The products of the relative indices of refraction.
-    pub eta: f32x8,
+    pub eta: f32x16,
 }
 
 impl Worker {

@@ -1,6 +1,6 @@
 //! Orthonormal frames. In a frame's local coordinates, z is the normal.
 
-use super::lanes::{Vec3x8, f32x8, with_sign};
+use super::lanes::{Vec3x16, f32x16, with_sign};
 use glam::Vec3;
 
 /// A right-handed orthonormal frame (s, t, n).
@@ -56,38 +56,38 @@ impl Frame {
 
 /// Eight frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameX8 {
+pub struct FrameX16 {
     /// First tangents.
-    pub s: Vec3x8,
+    pub s: Vec3x16,
     /// Second tangents.
-    pub t: Vec3x8,
+    pub t: Vec3x16,
     /// Normals.
-    pub n: Vec3x8,
+    pub n: Vec3x16,
 }
 
-impl FrameX8 {
+impl FrameX16 {
     /// As [`Frame::from_normal`].
     #[inline(always)]
-    pub fn from_normal(n: Vec3x8) -> Self {
-        let sign = with_sign(f32x8::ONE, n.z);
-        let a = -f32x8::ONE / (sign + n.z);
+    pub fn from_normal(n: Vec3x16) -> Self {
+        let sign = with_sign(f32x16::ONE, n.z);
+        let a = -f32x16::ONE / (sign + n.z);
         let b = n.x * n.y * a;
-        FrameX8 {
-            s: Vec3x8::new(f32x8::ONE + sign * n.x * n.x * a, sign * b, -sign * n.x),
-            t: Vec3x8::new(b, sign + n.y * n.y * a, -n.y),
+        FrameX16 {
+            s: Vec3x16::new(f32x16::ONE + sign * n.x * n.x * a, sign * b, -sign * n.x),
+            t: Vec3x16::new(b, sign + n.y * n.y * a, -n.y),
             n,
         }
     }
 
     /// World to local.
     #[inline(always)]
-    pub fn to_local(&self, v: Vec3x8) -> Vec3x8 {
-        Vec3x8::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
+    pub fn to_local(&self, v: Vec3x16) -> Vec3x16 {
+        Vec3x16::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
     }
 
     /// Local to world.
     #[inline(always)]
-    pub fn to_world(&self, v: Vec3x8) -> Vec3x8 {
+    pub fn to_world(&self, v: Vec3x16) -> Vec3x16 {
         self.s * v.x + self.t * v.y + self.n * v.z
     }
 
@@ -125,13 +125,13 @@ mod tests {
 
     #[test]
     fn eight_frames_are_the_frames_of_their_lanes() {
-        let mut n = Vec3x8::splat(Vec3::Z);
+        let mut n = Vec3x16::splat(Vec3::Z);
         n.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
-        let frames = FrameX8::from_normal(n);
+        let frames = FrameX16::from_normal(n);
         for i in [0, 5] {
             assert_eq!(frames.lane(i), Frame::from_normal(n.lane(i)));
         }
-        let v = Vec3x8::splat(Vec3::new(0.1, -0.7, 0.4));
+        let v = Vec3x16::splat(Vec3::new(0.1, -0.7, 0.4));
         assert_eq!(frames.to_world(frames.to_local(v)).lane(5), {
             let f = frames.lane(5);
             f.to_world(f.to_local(v.lane(5)))

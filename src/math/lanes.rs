@@ -5,33 +5,33 @@
 
 use glam::Vec3;
 use std::ops::{Add, Div, Mul, Neg, Sub};
-pub use wide::f32x8;
+pub use wide::f32x16;
 
 /// Lanes of a vector.
-pub const LANES: usize = 8;
+pub const LANES: usize = 16;
 
 /// Eight vectors in space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Vec3x8 {
+pub struct Vec3x16 {
     /// The x components.
-    pub x: f32x8,
+    pub x: f32x16,
     /// The y components.
-    pub y: f32x8,
+    pub y: f32x16,
     /// The z components.
-    pub z: f32x8,
+    pub z: f32x16,
 }
 
-impl Vec3x8 {
+impl Vec3x16 {
     /// From its components.
     #[inline(always)]
-    pub fn new(x: f32x8, y: f32x8, z: f32x8) -> Self {
-        Vec3x8 { x, y, z }
+    pub fn new(x: f32x16, y: f32x16, z: f32x16) -> Self {
+        Vec3x16 { x, y, z }
     }
 
     /// The same vector in every lane.
     #[inline(always)]
     pub fn splat(v: Vec3) -> Self {
-        Vec3x8::new(f32x8::splat(v.x), f32x8::splat(v.y), f32x8::splat(v.z))
+        Vec3x16::new(f32x16::splat(v.x), f32x16::splat(v.y), f32x16::splat(v.z))
     }
 
     /// The vector of one lane.
@@ -50,14 +50,14 @@ impl Vec3x8 {
 
     /// Inner products.
     #[inline(always)]
-    pub fn dot(self, o: Self) -> f32x8 {
+    pub fn dot(self, o: Self) -> f32x16 {
         self.x * o.x + self.y * o.y + self.z * o.z
     }
 
     /// Cross products.
     #[inline(always)]
     pub fn cross(self, o: Self) -> Self {
-        Vec3x8::new(
+        Vec3x16::new(
             self.y * o.z - o.y * self.z,
             self.z * o.x - o.z * self.x,
             self.x * o.y - o.x * self.y,
@@ -66,35 +66,35 @@ impl Vec3x8 {
 
     /// Squared lengths.
     #[inline(always)]
-    pub fn length_squared(self) -> f32x8 {
+    pub fn length_squared(self) -> f32x16 {
         self.dot(self)
     }
 
     /// Of unit length; zero where the length or its reciprocal is not a positive finite number.
     #[inline(always)]
     pub fn normalize_or_zero(self) -> Self {
-        let r = f32x8::ONE / self.length_squared().sqrt();
-        let usable = r.simd_gt(f32x8::ZERO) & r.simd_lt(f32x8::splat(f32::INFINITY));
+        let r = f32x16::ONE / self.length_squared().sqrt();
+        let usable = r.simd_gt(f32x16::ZERO) & r.simd_lt(f32x16::splat(f32::INFINITY));
         let v = self * r;
-        Vec3x8::new(v.x & usable, v.y & usable, v.z & usable)
+        Vec3x16::new(v.x & usable, v.y & usable, v.z & usable)
     }
 
     /// Componentwise absolute values.
     #[inline(always)]
     pub fn abs(self) -> Self {
-        Vec3x8::new(self.x.abs(), self.y.abs(), self.z.abs())
+        Vec3x16::new(self.x.abs(), self.y.abs(), self.z.abs())
     }
 
     /// Componentwise maxima of numbers.
     #[inline(always)]
     pub fn max(self, o: Self) -> Self {
-        Vec3x8::new(self.x.fast_max(o.x), self.y.fast_max(o.y), self.z.fast_max(o.z))
+        Vec3x16::new(self.x.fast_max(o.x), self.y.fast_max(o.y), self.z.fast_max(o.z))
     }
 
     /// `if_true` where `mask` is set, else `if_false`.
     #[inline(always)]
-    pub fn select(mask: f32x8, if_true: Self, if_false: Self) -> Self {
-        Vec3x8::new(
+    pub fn select(mask: f32x16, if_true: Self, if_false: Self) -> Self {
+        Vec3x16::new(
             mask.select(if_true.x, if_false.x),
             mask.select(if_true.y, if_false.y),
             mask.select(if_true.z, if_false.z),
@@ -102,73 +102,73 @@ impl Vec3x8 {
     }
 }
 
-impl Add for Vec3x8 {
+impl Add for Vec3x16 {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
-        Vec3x8::new(self.x + o.x, self.y + o.y, self.z + o.z)
+        Vec3x16::new(self.x + o.x, self.y + o.y, self.z + o.z)
     }
 }
 
-impl Sub for Vec3x8 {
+impl Sub for Vec3x16 {
     type Output = Self;
     #[inline(always)]
     fn sub(self, o: Self) -> Self {
-        Vec3x8::new(self.x - o.x, self.y - o.y, self.z - o.z)
+        Vec3x16::new(self.x - o.x, self.y - o.y, self.z - o.z)
     }
 }
 
-impl Mul<f32x8> for Vec3x8 {
+impl Mul<f32x16> for Vec3x16 {
     type Output = Self;
     #[inline(always)]
-    fn mul(self, s: f32x8) -> Self {
-        Vec3x8::new(self.x * s, self.y * s, self.z * s)
+    fn mul(self, s: f32x16) -> Self {
+        Vec3x16::new(self.x * s, self.y * s, self.z * s)
     }
 }
 
-impl Div<f32x8> for Vec3x8 {
+impl Div<f32x16> for Vec3x16 {
     type Output = Self;
     #[inline(always)]
-    fn div(self, s: f32x8) -> Self {
-        Vec3x8::new(self.x / s, self.y / s, self.z / s)
+    fn div(self, s: f32x16) -> Self {
+        Vec3x16::new(self.x / s, self.y / s, self.z / s)
     }
 }
 
-impl Neg for Vec3x8 {
+impl Neg for Vec3x16 {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Vec3x8::new(-self.x, -self.y, -self.z)
+        Vec3x16::new(-self.x, -self.y, -self.z)
     }
 }
 
 /// `magnitude` (not negative) with the signs of `sign`.
 #[inline(always)]
-pub fn with_sign(magnitude: f32x8, sign: f32x8) -> f32x8 {
-    magnitude | (sign & f32x8::splat(-0.0))
+pub fn with_sign(magnitude: f32x16, sign: f32x16) -> f32x16 {
+    magnitude | (sign & f32x16::splat(-0.0))
 }
 
 /// Values `first..first + 8`, zero past the end.
 #[inline(always)]
-pub fn load(values: &[f32], first: usize) -> f32x8 {
+pub fn load(values: &[f32], first: usize) -> f32x16 {
     match values[first..].first_chunk::<LANES>() {
-        Some(chunk) => f32x8::new(*chunk),
+        Some(chunk) => f32x16::new(*chunk),
         None => load_tail(&values[first..]),
     }
 }
 
 #[cold]
-fn load_tail(tail: &[f32]) -> f32x8 {
+fn load_tail(tail: &[f32]) -> f32x16 {
     let mut padded = [0.0; LANES];
     padded[..tail.len()].copy_from_slice(tail);
-    f32x8::new(padded)
+    f32x16::new(padded)
 }
 
 /// The mask whose lanes are the bits of `bits`.
 #[inline]
-pub fn mask_from_bits(bits: u32) -> f32x8 {
+pub fn mask_from_bits(bits: u32) -> f32x16 {
     let lane = |i: u32| f32::from_bits(if bits >> i & 1 == 1 { u32::MAX } else { 0 });
-    f32x8::new(std::array::from_fn(|i| lane(i as u32)))
+    f32x16::new(std::array::from_fn(|i| lane(i as u32)))
 }
 
 /// The indices of the set bits, from the lowest.
@@ -188,15 +188,15 @@ mod tests {
     #[test]
     fn lanes_compute_what_vectors_do() {
         let (a, b) = (Vec3::new(0.3, -2.0, 5.0), Vec3::new(-1.5, 0.25, 7.0));
-        let (mut va, vb) = (Vec3x8::splat(b), Vec3x8::splat(b));
+        let (mut va, vb) = (Vec3x16::splat(b), Vec3x16::splat(b));
         va.set_lane(3, a);
         assert_eq!(va.cross(vb).lane(3), a.cross(b));
         assert_eq!(va.dot(vb).as_array()[3], a.dot(b));
         assert_eq!(va.normalize_or_zero().lane(3), a.normalize_or_zero());
         assert_eq!((va - va).normalize_or_zero().lane(3), Vec3::ZERO);
-        assert_eq!((va / f32x8::splat(0.0)).normalize_or_zero().lane(3), Vec3::ZERO);
-        assert_eq!((va * f32x8::splat(1e30)).normalize_or_zero().lane(3), Vec3::ZERO);
-        assert_eq!(with_sign(f32x8::splat(2.0), va.y).as_array()[3], -2.0);
+        assert_eq!((va / f32x16::splat(0.0)).normalize_or_zero().lane(3), Vec3::ZERO);
+        assert_eq!((va * f32x16::splat(1e30)).normalize_or_zero().lane(3), Vec3::ZERO);
+        assert_eq!(with_sign(f32x16::splat(2.0), va.y).as_array()[3], -2.0);
     }
 
     #[test]

@@ -7,7 +7,7 @@ pub mod ray;
 pub mod robust;
 
 pub use bounds::Bounds;
-pub use frame::{Frame, FrameX8};
+pub use frame::{Frame, FrameX16};
 pub use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Vec2, Vec3};
-pub use lanes::{LANES, Vec3x8, f32x8};
-pub use ray::{Ray, RayX8};
+pub use lanes::{LANES, Vec3x16, f32x16};
+pub use ray::{Ray, RayX16};

@@ -1,7 +1,8 @@
 //! Rays, and where they may start and end without an epsilon.
 
-use super::lanes::{LANES, Vec3x8, f32x8, with_sign};
+use super::lanes::{LANES, Vec3x16, f32x16, with_sign};
 use glam::Vec3;
+use wide::f32x8;
 
 /// A ray `o + t·d` for `0 < t < t_max`. `d` need not be of unit length; a shadow ray has the vector to
 /// its target as `d` and `t_max = 1`.
@@ -48,38 +49,38 @@ pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, w: Vec3) -> Vec3 {
 
 /// As [`plane_error`], for eight points.
 #[inline(always)]
-pub fn plane_error_x8(p_error: Vec3x8, ng: Vec3x8) -> f32x8 {
+pub fn plane_error_x16(p_error: Vec3x16, ng: Vec3x16) -> f32x16 {
     ng.abs().dot(p_error)
 }
 
 /// As [`offset_origin`], for eight points.
 #[inline(always)]
-pub fn offset_origin_x8(p: Vec3x8, error: f32x8, ng: Vec3x8, w: Vec3x8) -> Vec3x8 {
+pub fn offset_origin_x16(p: Vec3x16, error: f32x16, ng: Vec3x16, w: Vec3x16) -> Vec3x16 {
     p + ng * with_sign(error, w.dot(ng))
 }
 
 /// Eight rays as a structure of arrays.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RayX8 {
+pub struct RayX16 {
     /// Origins.
-    pub o: Vec3x8,
+    pub o: Vec3x16,
     /// Upper bounds of the parameters.
-    pub t_max: f32x8,
+    pub t_max: f32x16,
     /// Directions.
-    pub d: Vec3x8,
+    pub d: Vec3x16,
     /// Times.
-    pub time: f32x8,
+    pub time: f32x16,
 }
 
-impl RayX8 {
+impl RayX16 {
     /// The same ray in every lane.
     #[inline]
     pub fn splat(ray: &Ray) -> Self {
-        RayX8 {
-            o: Vec3x8::splat(ray.o),
-            t_max: f32x8::splat(ray.t_max),
-            d: Vec3x8::splat(ray.d),
-            time: f32x8::splat(ray.time),
+        RayX16 {
+            o: Vec3x16::splat(ray.o),
+            t_max: f32x16::splat(ray.t_max),
+            d: Vec3x16::splat(ray.d),
+            time: f32x16::splat(ray.time),
         }
     }
 
@@ -94,16 +95,19 @@ impl RayX8 {
                 padded
             }
         };
-        let rows: [[f32; 8]; LANES] = bytemuck::cast(rows);
-        let [x, y, z, t_max, dx, dy, dz, time] = f32x8::transpose(rows.map(f32x8::new));
-        RayX8 { o: Vec3x8::new(x, y, z), t_max, d: Vec3x8::new(dx, dy, dz), time }
+        let (low, high) = bytemuck::cast::<_, [[f32x8; 8]; 2]>(rows).into();
+        let (low, high) = (f32x8::transpose(low), f32x8::transpose(high));
+        let [x, y, z, t_max, dx, dy, dz, time] =
+            std::array::from_fn(|i| bytemuck::cast::<[f32x8; 2], f32x16>([low[i], high[i]]));
+        RayX16 { o: Vec3x16::new(x, y, z), t_max, d: Vec3x16::new(dx, dy, dz), time }
     }
 
     /// The rays one by one.
     #[inline]
     pub fn to_rays(&self) -> [Ray; LANES] {
         let columns = [self.o.x, self.o.y, self.o.z, self.t_max, self.d.x, self.d.y, self.d.z, self.time];
-        bytemuck::cast(f32x8::transpose(columns).map(f32x8::to_array))
+        let halves = columns.map(bytemuck::cast::<f32x16, [f32x8; 2]>);
+        bytemuck::cast([0, 1].map(|half| f32x8::transpose(halves.map(|column| column[half]))))
     }
 }
 
@@ -120,10 +124,10 @@ mod tests {
             time: 0.25 * i as f32,
         };
         let rays: Vec<Ray> = (0..11).map(ray).collect();
-        let block = RayX8::load(&rays, 2);
+        let block = RayX16::load(&rays, 2);
         assert_eq!(block.to_rays(), rays[2..10]);
         assert_eq!(block.d.lane(4), rays[6].d);
-        let tail = RayX8::load(&rays, 8).to_rays();
+        let tail = RayX16::load(&rays, 8).to_rays();
         assert_eq!(tail[..3], rays[8..]);
         assert_eq!(tail[3].d, Vec3::ZERO);
     }

@@ -1,6 +1,6 @@
 //! Multiple importance sampling.
 
-use crate::math::f32x8;
+use crate::math::f32x16;
 
 /// The power heuristic with exponent 2 for one sample of each technique. [Veach 1997, Eq. 9.13]
 ///
@@ -25,11 +25,11 @@ pub fn weighted_power_heuristic(n: f32, pdf: f32, other_n: f32, other: f32) -> f
 
 /// As [`weighted_power_heuristic`], for eight samples.
 #[inline(always)]
-pub fn weighted_power_heuristic_x8(n: f32, pdf: f32x8, other_n: f32, other: f32x8) -> f32x8 {
-    let (a, b) = (f32x8::splat(n) * pdf, f32x8::splat(other_n) * other);
+pub fn weighted_power_heuristic_x16(n: f32, pdf: f32x16, other_n: f32, other: f32x16) -> f32x16 {
+    let (a, b) = (f32x16::splat(n) * pdf, f32x16::splat(other_n) * other);
     let r = b / a;
-    let weight = a.simd_gt(f32x8::ZERO) & (f32x8::ONE / (f32x8::ONE + r * r));
-    a.simd_eq(f32x8::splat(f32::INFINITY)).select(f32x8::ONE, weight)
+    let weight = a.simd_gt(f32x16::ZERO) & (f32x16::ONE / (f32x16::ONE + r * r));
+    a.simd_eq(f32x16::splat(f32::INFINITY)).select(f32x16::ONE, weight)
 }
 
 /// A density per unit area at a point as a density per unit solid angle, seen over `distance_squared` with
@@ -49,7 +49,7 @@ mod tests {
             assert!((power_heuristic(a, b) + power_heuristic(b, a) - 1.0).abs() < 1e-6, "{a} {b}");
         }
         for (a, b) in [(1.0, 2.0), (1e-20, 1e20), (f32::INFINITY, 1.0), (0.0, 1.0), (0.0, 0.0)] {
-            let eight = weighted_power_heuristic_x8(2.0, f32x8::splat(a), 3.0, f32x8::splat(b));
+            let eight = weighted_power_heuristic_x16(2.0, f32x16::splat(a), 3.0, f32x16::splat(b));
             assert_eq!(eight.to_array()[1], weighted_power_heuristic(2.0, a, 3.0, b), "{a} {b}");
         }
         assert_eq!(power_heuristic(f32::INFINITY, 1.0), 1.0);

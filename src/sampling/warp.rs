@@ -3,7 +3,7 @@
 //! `square_to_x` maps [0, 1)², `square_to_x_pdf` is the density of the result in the measure of its name's
 //! space (area, or solid angle), `x_to_square` inverts the map.
 
-use crate::math::{Vec2, Vec3, Vec3x8, f32x8};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use std::f32::consts::{FRAC_1_PI, FRAC_2_PI, FRAC_PI_4, PI, TAU};
 
 /// To the unit disk, preserving adjacency and relative area. [Shirley and Chiu 1997]
@@ -32,8 +32,8 @@ pub fn sin_cos_quarter(x: f32) -> (f32, f32) {
 
 /// As [`sin_cos_quarter`], of `t = x·π/4`.
 #[inline(always)]
-fn sin_cos_polynomial_x8(t: f32x8) -> (f32x8, f32x8) {
-    let c = f32x8::splat;
+fn sin_cos_polynomial_x16(t: f32x16) -> (f32x16, f32x16) {
+    let c = f32x16::splat;
     let t2 = t * t;
     let sin = t
         * (c(1.0)
@@ -46,24 +46,24 @@ fn sin_cos_polynomial_x8(t: f32x8) -> (f32x8, f32x8) {
 
 /// Sines and cosines of eight angles in [0, 2π], to the rounding of `f32`.
 #[inline(always)]
-pub fn sin_cos_turn_x8(angle: f32x8) -> (f32x8, f32x8) {
-    let quadrant = (angle * f32x8::splat(FRAC_2_PI)).round_ties_even();
+pub fn sin_cos_turn_x16(angle: f32x16) -> (f32x16, f32x16) {
+    let quadrant = (angle * f32x16::splat(FRAC_2_PI)).round_ties_even();
     // π/2 as a sum of a short number, whose multiples are exact, and the rest. [Cody and Waite 1980]
     const HIGH: f32 = 1.570_312_5;
     const LOW: f32 = (std::f64::consts::FRAC_PI_2 - HIGH as f64) as f32;
-    let t = (angle - quadrant * f32x8::splat(HIGH)) - quadrant * f32x8::splat(LOW);
-    let (sin, cos) = sin_cos_polynomial_x8(t);
-    let is = |q: f32| quadrant.simd_eq(f32x8::splat(q));
+    let t = (angle - quadrant * f32x16::splat(HIGH)) - quadrant * f32x16::splat(LOW);
+    let (sin, cos) = sin_cos_polynomial_x16(t);
+    let is = |q: f32| quadrant.simd_eq(f32x16::splat(q));
     let (one, two, three) = (is(1.0), is(2.0), is(3.0));
-    let minus = f32x8::splat(-0.0);
+    let minus = f32x16::splat(-0.0);
     let swap = one | three;
     (swap.select(cos, sin) ^ ((two | three) & minus), swap.select(sin, cos) ^ ((one | two) & minus))
 }
 
 /// The arguments of eight complex numbers of length 1, in [0, 2π], to the rounding of `f32`.
 #[inline(always)]
-pub fn argument_x8(re: f32x8, im: f32x8) -> f32x8 {
-    let c = f32x8::splat;
+pub fn argument_x16(re: f32x16, im: f32x16) -> f32x16 {
+    let c = f32x16::splat;
     // tan(φ/2) = sin φ / (1 + cos φ); on the left half its reciprocal, so that nothing is divided by a difference.
     let t = im / (c(1.0) + re.abs());
     let t2 = t * t;
@@ -78,8 +78,8 @@ pub fn argument_x8(re: f32x8, im: f32x8) -> f32x8 {
     let series = c(-0.333_331_45) + t2 * series;
     let half = t + t * t2 * series;
     let turned = half + half;
-    let angle = re.simd_lt(f32x8::ZERO).select(c(PI) - turned, turned);
-    angle + (angle.simd_lt(f32x8::ZERO) & c(TAU))
+    let angle = re.simd_lt(f32x16::ZERO).select(c(PI) - turned, turned);
+    angle + (angle.simd_lt(f32x16::ZERO) & c(TAU))
 }
 
 /// The density of [`square_to_disk`] per unit area: 1/π inside.
@@ -115,17 +115,17 @@ pub fn square_to_cosine_hemisphere(u: Vec2) -> Vec3 {
 
 /// As [`square_to_cosine_hemisphere`], for eight pairs.
 #[inline(always)]
-pub fn square_to_cosine_hemisphere_x8([x, y]: [f32x8; 2]) -> Vec3x8 {
-    let c = f32x8::splat;
+pub fn square_to_cosine_hemisphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
+    let c = f32x16::splat;
     let (a, b) = (c(2.0) * x - c(1.0), c(2.0) * y - c(1.0));
     let along_x = a.abs().simd_gt(b.abs());
     let (r, other) = (along_x.select(a, b), along_x.select(b, a));
-    let ratio = r.simd_eq(f32x8::ZERO).select(f32x8::ZERO, other / r);
-    let (sin, cos) = sin_cos_polynomial_x8(ratio * c(FRAC_PI_4));
+    let ratio = r.simd_eq(f32x16::ZERO).select(f32x16::ZERO, other / r);
+    let (sin, cos) = sin_cos_polynomial_x16(ratio * c(FRAC_PI_4));
     let (major, minor) = (r * cos, r * sin);
     let (px, py) = (along_x.select(major, minor), along_x.select(minor, major));
     let z = (c(1.0) - (px * px + py * py)).fast_max(c(1e-10)).sqrt();
-    Vec3x8::new(px, py, z)
+    Vec3x16::new(px, py, z)
 }
 
 /// The density of [`square_to_cosine_hemisphere`] per unit solid angle.
@@ -271,7 +271,7 @@ mod tests {
         for i in 0..=8000 {
             let exact = f64::from(i) / 8000.0 * std::f64::consts::TAU;
             let (re, im) = (exact.cos() as f32, exact.sin() as f32);
-            let argument = argument_x8(f32x8::splat(re), f32x8::splat(im)).as_array()[0];
+            let argument = argument_x16(f32x16::splat(re), f32x16::splat(im)).as_array()[0];
             // The ends of the turn are one angle.
             let off = (f64::from(argument) - exact).abs();
             assert!(off.min((off - std::f64::consts::TAU).abs()) < 7e-7, "{exact} {argument}");
@@ -279,7 +279,7 @@ mod tests {
                 assert!(off <= exact * 4e-7, "{exact} {argument}");
             }
             let angle = exact as f32;
-            let (sin, cos) = sin_cos_turn_x8(f32x8::splat(angle));
+            let (sin, cos) = sin_cos_turn_x16(f32x16::splat(angle));
             let exact = f64::from(angle).sin_cos();
             let off = [sin.as_array()[0], cos.as_array()[0]].map(f64::from);
             assert!((off[0] - exact.0).abs() < 2e-7 && (off[1] - exact.1).abs() < 2e-7, "{angle}");
@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn eight_lanes_warp_as_one() {
         for u in grid() {
-            let w = square_to_cosine_hemisphere_x8([f32x8::splat(u.x), f32x8::splat(u.y)]);
+            let w = square_to_cosine_hemisphere_x16([f32x16::splat(u.x), f32x16::splat(u.y)]);
             assert_eq!(w.lane(7), square_to_cosine_hemisphere(u), "{u}");
         }
     }

@@ -1,9 +1,9 @@
 //! Surface points: everything about a hit that shading needs, recomputed from the hit's coordinates.
 
 use crate::ids::{MaterialId, ShapeId};
-use crate::math::ray::{plane_error, plane_error_x8};
+use crate::math::ray::{plane_error, plane_error_x16};
 use crate::math::robust::gamma;
-use crate::math::{Frame, FrameX8, LANES, Vec2, Vec3, Vec3x8, f32x8};
+use crate::math::{Frame, FrameX16, LANES, Vec2, Vec3, Vec3x16, f32x16};
 use crate::shape::{TriangleMesh, WorldShape};
 use std::f32::consts::{PI, TAU};
 
@@ -28,15 +28,15 @@ pub struct SurfaceInteraction {
 
 /// Eight surface points.
 #[derive(Clone, Copy, Debug)]
-pub struct SurfaceInteractionX8 {
+pub struct SurfaceInteractionX16 {
     /// Positions in the world.
-    pub p: Vec3x8,
+    pub p: Vec3x16,
     /// Bounds on the distances of `p` from the surfaces.
-    pub error: f32x8,
+    pub error: f32x16,
     /// Geometric normals of the fronts, unit length.
-    pub ng: Vec3x8,
+    pub ng: Vec3x16,
     /// Shading frames.
-    pub frame: FrameX8,
+    pub frame: FrameX16,
     /// Bits: the ray came from the shape's front, before a two-sided material turned the frame.
     pub front: u32,
     /// Bits: the shape emits on the side that the ray came from.
@@ -47,7 +47,7 @@ pub struct SurfaceInteractionX8 {
     pub material: [MaterialId; LANES],
 }
 
-impl SurfaceInteractionX8 {
+impl SurfaceInteractionX16 {
     /// The surface point of one lane.
     pub fn lane(&self, i: usize) -> SurfaceInteraction {
         SurfaceInteraction {
@@ -70,24 +70,24 @@ pub(super) struct Surface {
 }
 
 /// The corners of eight triangles, and the normals at them where there are any (else zero).
-pub(super) struct CornersX8 {
+pub(super) struct CornersX16 {
     positions: [[[f32; LANES]; 3]; 3],
     normals: Option<[[[f32; LANES]; 3]; 3]>,
 }
 
 /// Positions, bounds on their distances from the surfaces, geometric and shading normals.
-pub(super) struct SurfaceX8 {
-    pub p: Vec3x8,
-    pub error: f32x8,
-    pub ng: Vec3x8,
-    pub ns: Vec3x8,
+pub(super) struct SurfaceX16 {
+    pub p: Vec3x16,
+    pub error: f32x16,
+    pub ng: Vec3x16,
+    pub ns: Vec3x16,
 }
 
-impl CornersX8 {
+impl CornersX16 {
     /// No triangles.
     #[inline(always)]
     pub fn new() -> Self {
-        CornersX8 { positions: [[[0.0; LANES]; 3]; 3], normals: None }
+        CornersX16 { positions: [[[0.0; LANES]; 3]; 3], normals: None }
     }
 
     /// Puts a triangle into lane `i`.
@@ -108,24 +108,24 @@ impl CornersX8 {
 
     /// The points with the barycentric weights `u`, `v` of the second and third corners.
     #[inline(always)]
-    pub fn surface(&self, u: f32x8, v: f32x8) -> SurfaceX8 {
-        let vector = |c: &[[f32; LANES]; 3]| Vec3x8::new(f32x8::new(c[0]), f32x8::new(c[1]), f32x8::new(c[2]));
+    pub fn surface(&self, u: f32x16, v: f32x16) -> SurfaceX16 {
+        let vector = |c: &[[f32; LANES]; 3]| Vec3x16::new(f32x16::new(c[0]), f32x16::new(c[1]), f32x16::new(c[2]));
         let [p0, p1, p2] = [0, 1, 2].map(|i| vector(&self.positions[i]));
-        let w = f32x8::ONE - u - v;
+        let w = f32x16::ONE - u - v;
         let mut ng = (p1 - p0).cross(p2 - p0).normalize_or_zero();
         let mut ns = ng;
         if let Some(normals) = &self.normals {
             let [n0, n1, n2] = [0, 1, 2].map(|i| vector(&normals[i]));
             let n = (n0 * w + n1 * u + n2 * v).normalize_or_zero();
-            let usable = n.length_squared().simd_gt(f32x8::ZERO);
-            ns = Vec3x8::select(usable, n, ng);
+            let usable = n.length_squared().simd_gt(f32x16::ZERO);
+            ns = Vec3x16::select(usable, n, ng);
             // Vertex normals say which side is the front.
-            ng = Vec3x8::select(ng.dot(ns).simd_lt(f32x8::ZERO), -ng, ng);
+            ng = Vec3x16::select(ng.dot(ns).simd_lt(f32x16::ZERO), -ng, ng);
         }
         // [pbrt 6.8.5] bounds the interpolation by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the
         // distance to the plane from differences to the corners, so their size counts, however small their weight.
-        let p_error = p0.abs().max(p1.abs()).max(p2.abs()) * f32x8::splat(gamma(12));
-        SurfaceX8 { p: p0 * w + p1 * u + p2 * v, error: plane_error_x8(p_error, ng), ng, ns }
+        let p_error = p0.abs().max(p1.abs()).max(p2.abs()) * f32x16::splat(gamma(12));
+        SurfaceX16 { p: p0 * w + p1 * u + p2 * v, error: plane_error_x16(p_error, ng), ng, ns }
     }
 }
 

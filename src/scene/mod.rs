@@ -7,21 +7,21 @@ pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile};
 pub use description::Description;
-pub use interaction::{SurfaceInteraction, SurfaceInteractionX8};
+pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
 pub use needs::Needs;
 
 use crate::accel::{Accel, Hit};
 use crate::bsdf::Bsdf;
 use crate::color::Rgb;
-use crate::emitter::{self, EmitterSample, EmitterSampleX8, Light};
+use crate::emitter::{self, EmitterSample, EmitterSampleX16, Light};
 use crate::ids::{EmitterId, MaterialId, ShapeId};
 use crate::math::lanes::{bits, mask_from_bits};
-use crate::math::ray::{offset_origin, offset_origin_x8};
-use crate::math::{Bounds, Frame, FrameX8, LANES, Ray, RayX8, Vec2, Vec3, Vec3x8, f32x8};
+use crate::math::ray::{offset_origin, offset_origin_x16};
+use crate::math::{Bounds, Frame, FrameX16, LANES, Ray, RayX16, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::Distribution1D;
 use crate::sensor::Perspective;
 use crate::shape::WorldShape;
-use interaction::{CornersX8, SurfaceX8};
+use interaction::{CornersX16, SurfaceX16};
 
 /// A shape of the compiled scene.
 pub struct SceneShape {
@@ -67,13 +67,13 @@ pub struct Scene {
 impl Scene {
     /// The surface point of a hit of `ray`. The frame of a two-sided material looks to the ray's side.
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
-        self.interactions(&RayX8::splat(ray), &[*hit; LANES]).lane(0)
+        self.interactions(&RayX16::splat(ray), &[*hit; LANES]).lane(0)
     }
 
     /// As [`interaction`](Self::interaction), for eight rays.
     #[inline]
-    pub fn interactions(&self, rays: &RayX8, hits: &[Hit; LANES]) -> SurfaceInteractionX8 {
-        let mut corners = CornersX8::new();
+    pub fn interactions(&self, rays: &RayX16, hits: &[Hit; LANES]) -> SurfaceInteractionX16 {
+        let mut corners = CornersX16::new();
         let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
         let (mut analytic, mut two_sided, mut emitters, mut anisotropic) = (0, 0, 0, 0);
         let mut material = [MaterialId(0); LANES];
@@ -92,7 +92,7 @@ impl Scene {
             emitters |= u32::from(shape.emitter.is_some()) << i;
             anisotropic |= u32::from(self.needs.tangents && bsdf.is_anisotropic()) << i;
         }
-        let SurfaceX8 { mut p, mut error, mut ng, mut ns } = corners.surface(f32x8::new(u), f32x8::new(v));
+        let SurfaceX16 { mut p, mut error, mut ng, mut ns } = corners.surface(f32x16::new(u), f32x16::new(v));
         for i in bits(analytic) {
             let surface = self.analytic_surface(&hits[i], &|| rays.o.lane(i) + rays.d.lane(i) * hits[i].t);
             p.set_lane(i, surface.p);
@@ -100,14 +100,14 @@ impl Scene {
             ng.set_lane(i, surface.n);
             ns.set_lane(i, surface.n);
         }
-        let front = ns.dot(rays.d).simd_lt(f32x8::ZERO).to_bitmask();
+        let front = ns.dot(rays.d).simd_lt(f32x16::ZERO).to_bitmask();
         let flip = two_sided & !front;
         if flip != 0 {
             let flip = mask_from_bits(flip);
-            ns = Vec3x8::select(flip, -ns, ns);
-            ng = Vec3x8::select(flip, -ng, ng);
+            ns = Vec3x16::select(flip, -ns, ns);
+            ng = Vec3x16::select(flip, -ng, ng);
         }
-        let mut frame = FrameX8::from_normal(ns);
+        let mut frame = FrameX16::from_normal(ns);
         for i in bits(anisotropic) {
             let Hit { geometry, primitive, u, v, .. } = hits[i];
             let shape = &self.shapes[geometry as usize].world;
@@ -115,7 +115,7 @@ impl Scene {
             frame.set_lane(i, Frame::from_normal_tangent(ns.lane(i), tangent));
         }
         let shape = hits.map(|hit| ShapeId(hit.geometry));
-        SurfaceInteractionX8 { p, error, ng, frame, front, emitting: emitters & front, shape, material }
+        SurfaceInteractionX16 { p, error, ng, frame, front, emitting: emitters & front, shape, material }
     }
 
     /// The point of a sphere or disk; `at` is the ray's point at the hit.
@@ -194,16 +194,16 @@ impl Scene {
     #[inline]
     pub fn sample_emitters(
         &self,
-        from: Vec3x8,
-        u_choice: f32x8,
-        u: [f32x8; 2],
+        from: Vec3x16,
+        u_choice: f32x16,
+        u: [f32x16; 2],
         active: u32,
-    ) -> EmitterSampleX8 {
+    ) -> EmitterSampleX16 {
         if let [light] = self.lights.as_slice() {
-            return emitter::lanes::sample_x8([light; LANES], from, u, active);
+            return emitter::lanes::sample_x16([light; LANES], from, u, active);
         }
         let Some(first) = self.lights.first() else {
-            return EmitterSampleX8::NONE;
+            return EmitterSampleX16::NONE;
         };
         let mut lights = [first; LANES];
         let mut pmf = [0.0; LANES];
@@ -215,29 +215,29 @@ impl Scene {
                 chosen |= 1 << i;
             }
         }
-        let mut samples = emitter::lanes::sample_x8(lights, from, u, chosen);
-        samples.pdf *= f32x8::new(pmf);
+        let mut samples = emitter::lanes::sample_x16(lights, from, u, chosen);
+        samples.pdf *= f32x16::new(pmf);
         samples.valid &= mask_from_bits(chosen);
         samples
     }
 
     /// Shadow rays from surface points to emitters. They end short of the emitter by no more than rounding.
     #[inline]
-    pub fn shadow_rays(&self, at: &SurfaceInteractionX8, sample: &EmitterSampleX8, time: f32x8) -> RayX8 {
-        let o = offset_origin_x8(at.p, at.error, at.ng, sample.wi);
-        RayX8 {
+    pub fn shadow_rays(&self, at: &SurfaceInteractionX16, sample: &EmitterSampleX16, time: f32x16) -> RayX16 {
+        let o = offset_origin_x16(at.p, at.error, at.ng, sample.wi);
+        RayX16 {
             o,
-            t_max: sample.at_infinity.select(f32x8::splat(f32::INFINITY), f32x8::ONE),
-            d: Vec3x8::select(sample.at_infinity, sample.wi, sample.target - o),
+            t_max: sample.at_infinity.select(f32x16::splat(f32::INFINITY), f32x16::ONE),
+            d: Vec3x16::select(sample.at_infinity, sample.wi, sample.target - o),
             time,
         }
     }
 
     /// The rays that leave surface points in the world directions `wi`.
     #[inline]
-    pub fn spawn_rays(&self, at: &SurfaceInteractionX8, wi: Vec3x8, time: f32x8) -> RayX8 {
-        let o = offset_origin_x8(at.p, at.error, at.ng, wi);
-        RayX8 { o, t_max: f32x8::splat(f32::INFINITY), d: wi, time }
+    pub fn spawn_rays(&self, at: &SurfaceInteractionX16, wi: Vec3x16, time: f32x16) -> RayX16 {
+        let o = offset_origin_x16(at.p, at.error, at.ng, wi);
+        RayX16 { o, t_max: f32x16::splat(f32::INFINITY), d: wi, time }
     }
 
     /// The ray that leaves a surface point in the world direction `wi`.
