@@ -1,14 +1,14 @@
-//! BSDFs for eight points at a time.
+//! BSDFs for sixteen points at a time.
 //!
 //! Diffuse reflection, the material of most surfaces, is computed side by side; other lobes one lane after the other.
 
 use super::{Bsdf, BsdfEval, BsdfSample};
-use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::Vec2;
+use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// As [`BsdfEval`], in eight lanes.
+/// As [`BsdfEval`], in sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct BsdfEvalX16 {
     /// The bare BSDF by channel, sr⁻¹.
@@ -17,7 +17,7 @@ pub struct BsdfEvalX16 {
     pub pdf: f32x16,
 }
 
-/// As [`BsdfSample`], in eight lanes.
+/// As [`BsdfSample`], in sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct BsdfSampleX16 {
     /// The directions.
@@ -135,12 +135,15 @@ mod tests {
         wo.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
         let wi = Vec3x16::splat(Vec3::new(0.0, 0.28, 0.96));
         let (u_lobe, u) = (0.9, Vec2::new(0.3, 0.7));
-        let eval = eval_x16(&bsdfs, &wo, &wi, 0xff);
+        let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
         let splat = [f32x16::splat(u.x), f32x16::splat(u.y)];
-        let sample = sample_x16(&bsdfs, &wo, f32x16::splat(u_lobe), splat, 0xff);
+        let sample = sample_x16(&bsdfs, &wo, f32x16::splat(u_lobe), splat, 0xffff);
         for i in 0..LANES {
             let alone = bsdfs[i].eval(wo.lane(i), wi.lane(i));
-            assert_eq!((eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]), (alone.f.to_array(), alone.pdf));
+            assert_eq!(
+                (eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]),
+                (alone.f.to_array(), alone.pdf)
+            );
             let alone = bsdfs[i].sample(wo.lane(i), u_lobe, u);
             assert_eq!(sample.valid.to_bitmask() >> i & 1 == 1, alone.is_some(), "lane {i}");
             if let Some(alone) = alone {

@@ -1,4 +1,4 @@
-//! Emitter samples for eight points at a time.
+//! Emitter samples for sixteen points at a time.
 //!
 //! Rectangles, the lights of most scenes, are sampled side by side; other lights one lane after the other.
 
@@ -10,7 +10,7 @@ use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::ray::offset_origin_x16;
 use crate::math::{Vec2, Vec3};
 
-/// As [`EmitterSample`], in eight lanes.
+/// As [`EmitterSample`], in sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct EmitterSampleX16 {
     /// Unit directions from the receivers.
@@ -124,12 +124,7 @@ impl RectanglesX16 {
 
 /// Draws a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the bits of `active`.
 #[inline]
-pub fn sample_x16(
-    lights: [&Light; LANES],
-    from: Vec3x16,
-    u: [f32x16; 2],
-    active: u32,
-) -> EmitterSampleX16 {
+pub fn sample_x16(lights: [&Light; LANES], from: Vec3x16, u: [f32x16; 2], active: u32) -> EmitterSampleX16 {
     let rectangle = |light| match light {
         &Light::Area(ref area) => area.rectangle().map(|r| (r, area.radiance())),
         _ => None,

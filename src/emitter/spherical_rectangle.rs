@@ -1,4 +1,4 @@
-//! Sampling the solid angle that a rectangle subtends, for eight points at a time. [Ureña 2013]
+//! Sampling the solid angle that a rectangle subtends, for sixteen points at a time. [Ureña 2013]
 
 use crate::math::{LANES, Vec3, Vec3x16, f32x16, lanes::with_sign};
 use crate::sampling::warp::{argument_x16, sin_cos_turn_x16};
@@ -27,7 +27,7 @@ pub struct Rectangle {
 /// Numbers that make up a [`Rectangle`].
 const NUMBERS: usize = size_of::<Rectangle>() / size_of::<f32>();
 
-/// Eight rectangles, one for each lane.
+/// Sixteen rectangles, one for each lane.
 #[derive(Clone, Copy)]
 pub struct RectangleX16 {
     corner: Vec3x16,
@@ -124,9 +124,7 @@ impl RectangleX16 {
         // The internal angles γ have cos γ₀ = −n₀n₁ and so on. As complex numbers of length s₀s₁ they are
         // −e₀e₁ + i·z·r, with the distance r of p from the corner: no cancellation. The sum of the angles is the
         // argument of their product: one arctangent instead of four arccosines.
-        let corner = |i: usize, j: usize| {
-            (-(edges[i] * edges[j]), z * (squares[i] + squares[j] + z2).sqrt())
-        };
+        let corner = |i: usize, j: usize| (-(edges[i] * edges[j]), z * (squares[i] + squares[j] + z2).sqrt());
         let s02 = s0 * s2;
         let inverse = f32x16::ONE / (s02 * s02 * (q1 * q3));
         let g01 = scale(multiply(corner(0, 1), corner(1, 2)), inverse * (q3 * s02));
@@ -313,7 +311,8 @@ mod tests {
         rectangles[5] = &small;
         let gathered = RectangleX16::gather(rectangles);
         let both = gathered.seen_from(p).solid_angle().to_array();
-        let [alone, other] = [small, unit].map(|r| RectangleX16::splat(&r).seen_from(p).solid_angle().to_array()[0]);
+        let [alone, other] =
+            [small, unit].map(|r| RectangleX16::splat(&r).seen_from(p).solid_angle().to_array()[0]);
         assert_eq!((both[5], both[4]), (alone, other));
     }
 

@@ -1,11 +1,11 @@
-//! Eight neighbours of a wave at the surfaces that they hit.
+//! Sixteen neighbours of a wave at the surfaces that they hit.
 
 use crate::accel::Hit;
 use crate::bsdf::Bsdf;
 use crate::math::{LANES, Ray, RayX16, Vec3x16};
 use crate::scene::{Scene, SurfaceInteractionX16};
 
-/// Up to eight surface points of a wave, ready for scattering.
+/// Up to sixteen surface points of a wave, ready for scattering.
 pub struct Block<'a> {
     /// The place of the first in the wave.
     pub first: usize,
@@ -48,11 +48,7 @@ impl<'a> Block<'a> {
     }
 
     /// The blocks of a wave of rays of which each hits something.
-    pub fn all(
-        scene: &'a Scene,
-        rays: &[Ray],
-        hits: &[Option<Hit>],
-    ) -> impl Iterator<Item = Block<'a>> {
+    pub fn all(scene: &'a Scene, rays: &[Ray], hits: &[Option<Hit>]) -> impl Iterator<Item = Block<'a>> {
         (0..hits.len()).step_by(LANES).map(move |first| Block::new(scene, rays, hits, first))
     }
 }

@@ -113,7 +113,8 @@ impl Integrator for DirectIntegrator {
         let Worker { paths, hits, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
             if see {
-                out[paths.slots[i] as usize].value += lighting::environment(scene, f32::INFINITY, self.counts);
+                out[paths.slots[i] as usize].value +=
+                    lighting::environment(scene, f32::INFINITY, self.counts);
             }
         });
         let blocks: Vec<Block<'_>> = Block::all(scene, &paths.rays, hits).collect();

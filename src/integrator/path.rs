@@ -1,6 +1,6 @@
 //! The path integrator. [Kajiya 1986; Veach 1997]
 //!
-//! A wave of paths advances one bounce at a time: all nearest hits, then shading in blocks of eight (each path
+//! A wave of paths advances one bounce at a time: all nearest hits, then shading in blocks of sixteen (each path
 //! emits at most one shadow ray with its pending contribution, and one next ray; the dead are squeezed out), then
 //! all shadow rays.
 

@@ -150,8 +150,8 @@ impl PathWave {
         Rgb::new(self.beta[0][i], self.beta[1][i], self.beta[2][i])
     }
 
-    /// Writes the continuations of paths `first..first + 8`, for the lanes in the bits of `lanes`, to the places
-    /// from `to` on; returns the place after the last. The wave must have been read before, up to `first + 8`.
+    /// Writes the continuations of paths `first..first + 16`, for the lanes in the bits of `lanes`, to the places
+    /// from `to` on; returns the place after the last. The wave must have been read before, up to `first + 16`.
     #[inline(always)]
     pub fn compact(&mut self, first: usize, mut to: usize, next: &Continuation, lanes: u32) -> usize {
         let rays = next.rays.to_rays();
@@ -194,7 +194,7 @@ impl PathWave {
     }
 }
 
-/// What eight paths go on with.
+/// What sixteen paths go on with.
 pub struct Continuation {
     /// The next rays.
     pub rays: RayX16,

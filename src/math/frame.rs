@@ -54,7 +54,7 @@ impl Frame {
     }
 }
 
-/// Eight frames.
+/// Sixteen frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameX16 {
     /// First tangents.
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_frames_are_the_frames_of_their_lanes() {
+    fn sixteen_frames_are_the_frames_of_their_lanes() {
         let mut n = Vec3x16::splat(Vec3::Z);
         n.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
         let frames = FrameX16::from_normal(n);

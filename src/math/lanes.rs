@@ -1,6 +1,7 @@
-//! Eight values at a time: what a wave is shaded with.
+//! Sixteen values at a time: what a wave is shaded with.
 //!
-//! Every operation rounds as its scalar counterpart does (no approximate reciprocals, no fused products), so that
+//! Sixteen is the width of Embree's packets and of AVX-512; on narrower machines the halves' chains of latency run
+//! side by side. Every operation rounds as its scalar counterpart does (no approximate reciprocals, no fused products), so that
 //! a lane's value does not depend on the machine.
 
 use glam::Vec3;
@@ -10,7 +11,7 @@ pub use wide::f32x16;
 /// Lanes of a vector.
 pub const LANES: usize = 16;
 
-/// Eight vectors in space.
+/// Sixteen vectors in space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vec3x16 {
     /// The x components.
@@ -57,11 +58,7 @@ impl Vec3x16 {
     /// Cross products.
     #[inline(always)]
     pub fn cross(self, o: Self) -> Self {
-        Vec3x16::new(
-            self.y * o.z - o.y * self.z,
-            self.z * o.x - o.z * self.x,
-            self.x * o.y - o.x * self.y,
-        )
+        Vec3x16::new(self.y * o.z - o.y * self.z, self.z * o.x - o.z * self.x, self.x * o.y - o.x * self.y)
     }
 
     /// Squared lengths.
@@ -148,7 +145,7 @@ pub fn with_sign(magnitude: f32x16, sign: f32x16) -> f32x16 {
     magnitude | (sign & f32x16::splat(-0.0))
 }
 
-/// Values `first..first + 8`, zero past the end.
+/// Values `first..first + 16`, zero past the end.
 #[inline(always)]
 pub fn load(values: &[f32], first: usize) -> f32x16 {
     match values[first..].first_chunk::<LANES>() {
@@ -203,8 +200,8 @@ mod tests {
     fn masks_and_tails() {
         assert_eq!(bits(0b1000_0101).collect::<Vec<_>>(), [0, 2, 7]);
         assert_eq!(mask_from_bits(0b1000_0101).to_bitmask(), 0b1000_0101);
-        let values: Vec<f32> = (0..11).map(|i| i as f32).collect();
-        assert_eq!(load(&values, 8).to_array(), [8.0, 9.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!(load(&values, 3).to_array(), [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]);
+        let values: Vec<f32> = (0..19).map(|i| i as f32).collect();
+        assert_eq!(load(&values, 16).to_array()[..4], [16.0, 17.0, 18.0, 0.0]);
+        assert_eq!(load(&values, 3).to_array()[..], values[3..]);
     }
 }

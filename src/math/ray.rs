@@ -47,19 +47,19 @@ pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, w: Vec3) -> Vec3 {
     p + ng * error.copysign(w.dot(ng))
 }
 
-/// As [`plane_error`], for eight points.
+/// As [`plane_error`], for sixteen points.
 #[inline(always)]
 pub fn plane_error_x16(p_error: Vec3x16, ng: Vec3x16) -> f32x16 {
     ng.abs().dot(p_error)
 }
 
-/// As [`offset_origin`], for eight points.
+/// As [`offset_origin`], for sixteen points.
 #[inline(always)]
 pub fn offset_origin_x16(p: Vec3x16, error: f32x16, ng: Vec3x16, w: Vec3x16) -> Vec3x16 {
     p + ng * with_sign(error, w.dot(ng))
 }
 
-/// Eight rays as a structure of arrays.
+/// Sixteen rays as a structure of arrays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayX16 {
     /// Origins.
@@ -84,7 +84,7 @@ impl RayX16 {
         }
     }
 
-    /// Rays `first..first + 8`; past the end, all zero.
+    /// Rays `first..first + 16`; past the end, all zero.
     #[inline]
     pub fn load(rays: &[Ray], first: usize) -> Self {
         let rows = match rays[first..].first_chunk::<LANES>() {
@@ -116,19 +116,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eight_rays_are_loaded_and_given_back() {
+    fn sixteen_rays_are_loaded_and_given_back() {
         let ray = |i: usize| Ray {
             o: Vec3::new(i as f32, 1.5, -2.0),
             t_max: 3.0,
             d: Vec3::new(0.0, i as f32, 1.0),
             time: 0.25 * i as f32,
         };
-        let rays: Vec<Ray> = (0..11).map(ray).collect();
+        let rays: Vec<Ray> = (0..19).map(ray).collect();
         let block = RayX16::load(&rays, 2);
-        assert_eq!(block.to_rays(), rays[2..10]);
+        assert_eq!(block.to_rays(), rays[2..18]);
         assert_eq!(block.d.lane(4), rays[6].d);
-        let tail = RayX16::load(&rays, 8).to_rays();
-        assert_eq!(tail[..3], rays[8..]);
+        let tail = RayX16::load(&rays, 16).to_rays();
+        assert_eq!(tail[..3], rays[16..]);
         assert_eq!(tail[3].d, Vec3::ZERO);
     }
 

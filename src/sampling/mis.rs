@@ -23,7 +23,7 @@ pub fn weighted_power_heuristic(n: f32, pdf: f32, other_n: f32, other: f32) -> f
     if a > 0.0 { 1.0 / (1.0 + r * r) } else { 0.0 }
 }
 
-/// As [`weighted_power_heuristic`], for eight samples.
+/// As [`weighted_power_heuristic`], for sixteen samples.
 #[inline(always)]
 pub fn weighted_power_heuristic_x16(n: f32, pdf: f32x16, other_n: f32, other: f32x16) -> f32x16 {
     let (a, b) = (f32x16::splat(n) * pdf, f32x16::splat(other_n) * other);
@@ -49,8 +49,8 @@ mod tests {
             assert!((power_heuristic(a, b) + power_heuristic(b, a) - 1.0).abs() < 1e-6, "{a} {b}");
         }
         for (a, b) in [(1.0, 2.0), (1e-20, 1e20), (f32::INFINITY, 1.0), (0.0, 1.0), (0.0, 0.0)] {
-            let eight = weighted_power_heuristic_x16(2.0, f32x16::splat(a), 3.0, f32x16::splat(b));
-            assert_eq!(eight.to_array()[1], weighted_power_heuristic(2.0, a, 3.0, b), "{a} {b}");
+            let sixteen = weighted_power_heuristic_x16(2.0, f32x16::splat(a), 3.0, f32x16::splat(b));
+            assert_eq!(sixteen.to_array()[1], weighted_power_heuristic(2.0, a, 3.0, b), "{a} {b}");
         }
         assert_eq!(power_heuristic(f32::INFINITY, 1.0), 1.0);
         assert_eq!(power_heuristic(0.0, 1.0), 0.0);

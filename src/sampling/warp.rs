@@ -44,7 +44,7 @@ fn sin_cos_polynomial_x16(t: f32x16) -> (f32x16, f32x16) {
     (sin, cos)
 }
 
-/// Sines and cosines of eight angles in [0, 2π], to the rounding of `f32`.
+/// Sines and cosines of sixteen angles in [0, 2π], to the rounding of `f32`.
 #[inline(always)]
 pub fn sin_cos_turn_x16(angle: f32x16) -> (f32x16, f32x16) {
     let quadrant = (angle * f32x16::splat(FRAC_2_PI)).round_ties_even();
@@ -60,7 +60,7 @@ pub fn sin_cos_turn_x16(angle: f32x16) -> (f32x16, f32x16) {
     (swap.select(cos, sin) ^ ((two | three) & minus), swap.select(sin, cos) ^ ((one | two) & minus))
 }
 
-/// The arguments of eight complex numbers of length 1, in [0, 2π], to the rounding of `f32`.
+/// The arguments of sixteen complex numbers of length 1, in [0, 2π], to the rounding of `f32`.
 #[inline(always)]
 pub fn argument_x16(re: f32x16, im: f32x16) -> f32x16 {
     let c = f32x16::splat;
@@ -113,7 +113,7 @@ pub fn square_to_cosine_hemisphere(u: Vec2) -> Vec3 {
     Vec3::new(p.x, p.y, z)
 }
 
-/// As [`square_to_cosine_hemisphere`], for eight pairs.
+/// As [`square_to_cosine_hemisphere`], for sixteen pairs.
 #[inline(always)]
 pub fn square_to_cosine_hemisphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
     let c = f32x16::splat;
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_lanes_have_the_library_s_sines_and_arguments() {
+    fn sixteen_lanes_have_the_library_s_sines_and_arguments() {
         for i in 0..=8000 {
             let exact = f64::from(i) / 8000.0 * std::f64::consts::TAU;
             let (re, im) = (exact.cos() as f32, exact.sin() as f32);
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_lanes_warp_as_one() {
+    fn sixteen_lanes_warp_as_one() {
         for u in grid() {
             let w = square_to_cosine_hemisphere_x16([f32x16::splat(u.x), f32x16::splat(u.y)]);
             assert_eq!(w.lane(7), square_to_cosine_hemisphere(u), "{u}");

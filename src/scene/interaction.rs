@@ -26,7 +26,7 @@ pub struct SurfaceInteraction {
     pub material: MaterialId,
 }
 
-/// Eight surface points.
+/// Sixteen surface points.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceInteractionX16 {
     /// Positions in the world.
@@ -69,7 +69,7 @@ pub(super) struct Surface {
     pub n: Vec3,
 }
 
-/// The corners of eight triangles, and the normals at them where there are any (else zero).
+/// The corners of sixteen triangles, and the normals at them where there are any (else zero).
 pub(super) struct CornersX16 {
     positions: [[[f32; LANES]; 3]; 3],
     normals: Option<[[[f32; LANES]; 3]; 3]>,
@@ -109,7 +109,8 @@ impl CornersX16 {
     /// The points with the barycentric weights `u`, `v` of the second and third corners.
     #[inline(always)]
     pub fn surface(&self, u: f32x16, v: f32x16) -> SurfaceX16 {
-        let vector = |c: &[[f32; LANES]; 3]| Vec3x16::new(f32x16::new(c[0]), f32x16::new(c[1]), f32x16::new(c[2]));
+        let vector =
+            |c: &[[f32; LANES]; 3]| Vec3x16::new(f32x16::new(c[0]), f32x16::new(c[1]), f32x16::new(c[2]));
         let [p0, p1, p2] = [0, 1, 2].map(|i| vector(&self.positions[i]));
         let w = f32x16::ONE - u - v;
         let mut ng = (p1 - p0).cross(p2 - p0).normalize_or_zero();

@@ -70,7 +70,7 @@ impl Scene {
         self.interactions(&RayX16::splat(ray), &[*hit; LANES]).lane(0)
     }
 
-    /// As [`interaction`](Self::interaction), for eight rays.
+    /// As [`interaction`](Self::interaction), for sixteen rays.
     #[inline]
     pub fn interactions(&self, rays: &RayX16, hits: &[Hit; LANES]) -> SurfaceInteractionX16 {
         let mut corners = CornersX16::new();
@@ -190,7 +190,7 @@ impl Scene {
         Some(sample)
     }
 
-    /// As [`sample_emitter`](Self::sample_emitter), from eight points, for the lanes in the bits of `active`.
+    /// As [`sample_emitter`](Self::sample_emitter), from sixteen points, for the lanes in the bits of `active`.
     #[inline]
     pub fn sample_emitters(
         &self,
