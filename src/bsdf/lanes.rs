@@ -138,13 +138,13 @@ mod tests {
         let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
         let splat = [f32x16::splat(u.x), f32x16::splat(u.y)];
         let sample = sample_x16(&bsdfs, &wo, f32x16::splat(u_lobe), splat, 0xffff);
-        for i in 0..LANES {
-            let alone = bsdfs[i].eval(wo.lane(i), wi.lane(i));
+        for (i, bsdf) in bsdfs.into_iter().enumerate() {
+            let alone = bsdf.eval(wo.lane(i), wi.lane(i));
             assert_eq!(
                 (eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]),
                 (alone.f.to_array(), alone.pdf)
             );
-            let alone = bsdfs[i].sample(wo.lane(i), u_lobe, u);
+            let alone = bsdf.sample(wo.lane(i), u_lobe, u);
             assert_eq!(sample.valid.to_bitmask() >> i & 1 == 1, alone.is_some(), "lane {i}");
             if let Some(alone) = alone {
                 assert_eq!(sample.wi.lane(i), alone.wi, "lane {i}");

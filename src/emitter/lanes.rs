@@ -122,18 +122,23 @@ impl RectanglesX16 {
     }
 }
 
+/// The surface and the radiance of a rectangular emitter.
+#[inline]
+fn rectangle(light: &Light) -> Option<(&RectangleSurface, Rgb)> {
+    match light {
+        Light::Area(area) => area.rectangle().map(|r| (r, area.radiance())),
+        Light::Point { .. } | Light::Constant { .. } => None,
+    }
+}
+
 /// Draws a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the bits of `active`.
 #[inline]
 pub fn sample_x16(lights: [&Light; LANES], from: Vec3x16, u: [f32x16; 2], active: u32) -> EmitterSampleX16 {
-    let rectangle = |light| match light {
-        &Light::Area(ref area) => area.rectangle().map(|r| (r, area.radiance())),
-        _ => None,
-    };
     let [first, others @ ..] = lights;
-    if others.iter().all(|other| std::ptr::eq(*other, first)) {
-        if let Some((r, radiance)) = rectangle(first) {
-            return RectanglesX16::splat(r, radiance).sample(from, u);
-        }
+    if others.iter().all(|other| std::ptr::eq(*other, first))
+        && let Some((r, radiance)) = rectangle(first)
+    {
+        return RectanglesX16::splat(r, radiance).sample(from, u);
     }
     let found = lights.map(rectangle);
     let mut others = active;

@@ -2,6 +2,7 @@
 
 use super::job::Job;
 use crate::accel::Coherence;
+use crate::color::Rgb;
 use crate::film::Tile;
 use crate::integrator::worker::draw_2d;
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
@@ -94,40 +95,57 @@ impl CameraWorker {
         draw_2d(self.worker.sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         self.rays.clear();
         let per_pixel = (samples.end - samples.start) as usize;
-        for (j, (&u, &v)) in
-            self.positions[0].iter().zip(&self.positions[1]).enumerate().take(self.keys.len())
-        {
-            let (x, y) = tile.position(j / per_pixel);
+        let [us, vs] = &self.positions;
+        for (i, (us, vs)) in us.chunks_exact(per_pixel).zip(vs.chunks_exact(per_pixel)).enumerate() {
+            let (x, y) = tile.position(i);
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            self.rays.push(job.camera.ray(centre + job.filter.sample(Vec2::new(u, v))));
+            let offsets = us.iter().zip(vs).map(|(&u, &v)| job.filter.sample(Vec2::new(u, v)));
+            self.rays.extend(offsets.map(|offset| job.camera.ray(centre + offset)));
         }
     }
 
     fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
         let per_pixel = (samples.end - samples.start) as usize;
-        for (j, radiance) in self.radiance.iter().enumerate() {
-            let (pixel, sample) = (j / per_pixel, samples.start + (j % per_pixel) as u64);
-            if !radiance.value.is_valid() {
-                self.invalid_count += 1;
-                if self.invalid.len() < REMEMBERED {
-                    let (x, y) = tile.position(pixel);
-                    self.invalid.push(InvalidSample { x, y, sample, value: radiance.value.to_array() });
+        let only_colour = !job.alpha && !job.has_sampled_layers();
+        for pixel in 0..tile.pixel_count() {
+            for (k, sample) in samples.clone().enumerate() {
+                let j = pixel * per_pixel + k;
+                let value = self.radiance[j].value;
+                let half = (sample & 1) as usize;
+                if !value.is_valid() {
+                    self.drop_sample(tile.position(pixel), sample, value);
+                } else if only_colour {
+                    tile.add(pixel, half, &value.to_array());
+                } else {
+                    self.evaluate_layers(job, j);
+                    tile.add(pixel, half, &self.values);
                 }
-                continue;
             }
-            self.values.clear();
-            self.values.extend(radiance.value.to_array());
-            if job.alpha {
-                let opaque = job.opaque_environment || radiance.distance.is_finite();
-                self.values.push(if opaque { 1.0 } else { 0.0 });
-            }
-            for layer in job.sampled_layers() {
-                let start = self.values.len();
-                self.values.resize(start + layer.channels().len(), 0.0);
-                let hit = self.worker.hits[j].as_ref();
-                layer.evaluate(job.scene, &self.rays[j], hit, &mut self.values[start..]);
-            }
-            tile.add(pixel, (sample & 1) as usize, &self.values);
+        }
+    }
+
+    /// Fills `values` with everything that the film keeps of sample `j` of the wave.
+    fn evaluate_layers(&mut self, job: &Job<'_>, j: usize) {
+        let radiance = self.radiance[j];
+        self.values.clear();
+        self.values.extend(radiance.value.to_array());
+        if job.alpha {
+            let opaque = job.opaque_environment || radiance.distance.is_finite();
+            self.values.push(if opaque { 1.0 } else { 0.0 });
+        }
+        for layer in job.sampled_layers() {
+            let start = self.values.len();
+            self.values.resize(start + layer.channels().len(), 0.0);
+            let hit = self.worker.hits[j].as_ref();
+            layer.evaluate(job.scene, &self.rays[j], hit, &mut self.values[start..]);
+        }
+    }
+
+    #[cold]
+    fn drop_sample(&mut self, (x, y): (u32, u32), sample: u64, value: Rgb) {
+        self.invalid_count += 1;
+        if self.invalid.len() < REMEMBERED {
+            self.invalid.push(InvalidSample { x, y, sample, value: value.to_array() });
         }
     }
 }

@@ -73,7 +73,7 @@ pub fn argument_x16(re: f32x16, im: f32x16) -> f32x16 {
     let series = c(0.042_909_614) + t2 * series;
     let series = c(-0.075_289_64) + t2 * series;
     let series = c(0.106_562_64) + t2 * series;
-    let series = c(-0.142_088_994) + t2 * series;
+    let series = c(-0.142_089) + t2 * series;
     let series = c(0.199_935_5) + t2 * series;
     let series = c(-0.333_331_45) + t2 * series;
     let half = t + t * t2 * series;
