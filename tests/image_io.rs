@@ -259,6 +259,34 @@ fn half_values_are_rounded_alike_and_clamped_values_counted() {
     }
 }
 
+/// Variances vanish in a half, and counts and positions are coarse.
+#[test]
+fn beside_a_half_picture_layers_are_floats() {
+    let dir = folder();
+    let path = dir.path().join("layers.exr");
+    let mut image = Image::new(5, 3, &["R", "G", "B", "samples.Y", "variance.R"]);
+    for (i, pixel) in image.data.chunks_exact_mut(5).enumerate() {
+        let i = i as f32;
+        pixel.copy_from_slice(&[0.1 + i, 70000.0, 0.0, 16_777_213.0 - i, 1.5e-12 * i]);
+    }
+    let options = WriteOptions { samples: SampleFormat::Half, ..WriteOptions::default() };
+    for writer in backends() {
+        let report = write_with(writer, &path, &image, &options).unwrap();
+        assert_eq!(report.clamped_half, 15, "{writer}");
+        for reader in backends() {
+            let found = read_with(reader, &path).unwrap();
+            let found = found.select(&image.channels).expect("all channels");
+            for (found, image) in found.data.chunks_exact(5).zip(image.data.chunks_exact(5)) {
+                assert_eq!((found[1], &found[3..]), (65504.0, &image[3..]), "{writer}, {reader}");
+                assert!(
+                    found[0] != image[0] && (found[0] / image[0] - 1.0).abs() < 5e-4,
+                    "{writer}, {reader}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn parts_and_integer_channels_are_joined_by_name() {
     use exr::prelude::{

@@ -40,8 +40,10 @@ pub struct DiffArgs {
     /// The metric that decides
     #[arg(long, value_name = "NAME", value_enum, default_value_t = Metric::Relmse)]
     pub metric: Metric,
-    /// Test whether both images may be estimates of the same picture, by the variance layers of either
-    /// (significance 0.01 over all values; 99.75 % of the values must pass)
+    /// Test whether both images may be estimates of the same picture, by the variance layers of either: in blocks
+    /// of 4x4 pixels, whose variances are taken to be estimates from two halves (significance 0.01 over all
+    /// blocks; 99.75 % of the blocks must pass), and for a bias of the whole. The pixels of a block must be
+    /// independent, as Buffon's are
     #[arg(long)]
     pub z: bool,
     /// With --z, an image that holds the variances of B
@@ -227,13 +229,13 @@ fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
         let accepted = 100.0 * z.accepted;
         _ = writeln!(
             text,
-            "z-test at significance {}: {accepted:.3} % of the values accepted",
+            "z-test at significance {}: {accepted:.3} % of the blocks accepted",
             z.significance
         );
         _ = writeln!(
             text,
-            "  mean z {:.4}   rms z {:.4}   largest {:.3} at {}",
-            z.mean, z.rms, z.max, z.max_at
+            "  mean z {:.4}   rms z {:.4}   bias {:.2} deviations   largest {:.3} at {}",
+            z.mean, z.rms, z.bias, z.max, z.max_at
         );
     }
     let result = if verdict.same { "same" } else { "different" };
@@ -264,7 +266,7 @@ fn to_json(args: &DiffArgs, verdict: &Verdict) -> String {
     let comparison = &verdict.comparison;
     let z = verdict.z.as_ref().map(|z| {
         json!({
-            "significance": z.significance, "accepted": z.accepted, "mean": z.mean, "rms": z.rms,
+            "significance": z.significance, "accepted": z.accepted, "mean": z.mean, "rms": z.rms, "bias": z.bias,
             "max": z.max, "max_at": [z.max_at.x, z.max_at.y], "without_variance": z.without_variance,
             "passes": z.passes(),
         })

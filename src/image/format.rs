@@ -65,7 +65,8 @@ pub(super) struct Part {
 pub(super) struct ExrOutput<'a> {
     pub(super) image: &'a Image,
     pub(super) data: &'a [f32],
-    pub(super) samples: SampleFormat,
+    /// By channel.
+    pub(super) samples: Vec<SampleFormat>,
     pub(super) compression: Compression,
 }
 

@@ -260,7 +260,8 @@ struct Job<'a> {
     width: usize,
     height: usize,
     channels: Vec<&'a str>,
-    sample: u32,
+    /// By channel.
+    samples: Vec<i32>,
     floats: Option<&'a [f32]>,
     bytes: Option<&'a [u8]>,
     compression: String,
@@ -298,12 +299,13 @@ fn encode(job: &Job) -> Result<Vec<u8>, String> {
     let values = job.width * job.height * job.channels.len();
     let given = job.floats.map_or(0, <[f32]>::len) + job.bytes.map_or(0, <[u8]>::len);
     assert_eq!(given, values, "the buffer does not fit the image");
+    assert_eq!(job.samples.len(), job.channels.len(), "one sample format for each channel");
     let output = sys::BuffonOiioOutput {
         format: format_name(job.format).as_ptr(),
         width: job.width as i32,
         height: job.height as i32,
         channels: job.channels.len() as i32,
-        sample: job.sample as i32,
+        samples: job.samples.as_ptr(),
         channel_names: name_pointers.as_ptr(),
         floats: job.floats.map_or(ptr::null(), <[f32]>::as_ptr),
         bytes: job.bytes.map_or(ptr::null(), <[u8]>::as_ptr),
@@ -313,8 +315,8 @@ fn encode(job: &Job) -> Result<Vec<u8>, String> {
     };
     let mut message = Message::new();
     let (buffer, size) = message.buffer();
-    // SAFETY: all strings end with a NUL and, like the arrays, outlive the call; there are as many names as
-    // channels, and exactly one of the pixel buffers is given, of the length that size and channels ask for;
+    // SAFETY: all strings end with a NUL and, like the arrays, outlive the call; there are as many names and sample
+    // formats as channels, and exactly one of the pixel buffers is given, of the length that size and channels ask for;
     // `size` bytes of `buffer` are ours to write.
     let encoded = unsafe { sys::buffon_oiio_encode(&output, buffer, size) };
     NonNull::new(encoded).map(|b| Buffer(b).bytes()).ok_or_else(|| message.text())
@@ -323,9 +325,9 @@ fn encode(job: &Job) -> Result<Vec<u8>, String> {
 /// The bytes of an OpenEXR file of one part.
 pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     let image = output.image;
-    let sample = match output.samples {
-        SampleFormat::Half => sys::BUFFON_OIIO_SAMPLE_HALF,
-        SampleFormat::Float => sys::BUFFON_OIIO_SAMPLE_FLOAT,
+    let sample = |format: &SampleFormat| match format {
+        SampleFormat::Half => sys::BUFFON_OIIO_SAMPLE_HALF as i32,
+        SampleFormat::Float => sys::BUFFON_OIIO_SAMPLE_FLOAT as i32,
     };
     let compression = match output.compression {
         Compression::None => "none",
@@ -339,7 +341,7 @@ pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
         width: image.width,
         height: image.height,
         channels: image.channels.iter().map(String::as_str).collect(),
-        sample,
+        samples: output.samples.iter().map(sample).collect(),
         floats: Some(output.data),
         bytes: None,
         compression: compression.into(),
@@ -366,7 +368,7 @@ pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Resul
         width: pixels.width,
         height: pixels.height,
         channels: channels.to_vec(),
-        sample: sys::BUFFON_OIIO_SAMPLE_BYTE,
+        samples: vec![sys::BUFFON_OIIO_SAMPLE_BYTE as i32; channels.len()],
         floats: None,
         bytes: Some(&pixels.bytes),
         compression,

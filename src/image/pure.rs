@@ -99,7 +99,7 @@ pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     let mut list = Vec::with_capacity(count);
     for (c, name) in image.channels.iter().enumerate() {
         let values = output.data.iter().skip(c).step_by(count).copied();
-        let samples = match output.samples {
+        let samples = match output.samples[c] {
             SampleFormat::Half => FlatSamples::F16(values.map(f16::from_f32).collect()),
             SampleFormat::Float => FlatSamples::F32(values.collect()),
         };

@@ -44,7 +44,7 @@ pub enum Compression {
 /// How to write an image. What a format has no use for is ignored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WriteOptions {
-    /// OpenEXR: half or float.
+    /// OpenEXR: the picture as half or float; layers are floats.
     pub samples: SampleFormat,
     /// OpenEXR: the compression.
     pub compression: Compression,
@@ -63,6 +63,14 @@ impl Default for WriteOptions {
             jpeg_quality: 95,
             exposure: 0.0,
         }
+    }
+}
+
+impl WriteOptions {
+    /// How a channel is stored. Half is for the picture: layers hold positions, counts and variances, which it would
+    /// coarsen or lose, and are floats always.
+    fn format_of(&self, channel: &str) -> SampleFormat {
+        if channel.contains('.') { SampleFormat::Float } else { self.samples }
     }
 }
 
@@ -113,12 +121,10 @@ pub fn write_with(
     let mut report = WriteReport::default();
     let bytes = match format {
         Format::OpenExr => {
-            let (data, clamped_half) = match options.samples {
-                SampleFormat::Half => clamp_to_half(&image.data),
-                SampleFormat::Float => (Cow::Borrowed(&image.data[..]), 0),
-            };
+            let samples: Vec<SampleFormat> = image.channels.iter().map(|c| options.format_of(c)).collect();
+            let (data, clamped_half) = clamp_to_half(&image.data, &samples);
             report.clamped_half = clamped_half;
-            let (samples, compression) = (options.samples, options.compression);
+            let compression = options.compression;
             backend.encode_exr(&ExrOutput { image, data: &data, samples, compression }).map_err(failed)?
         }
         Format::Pfm => {
@@ -196,13 +202,15 @@ fn picture(image: &Image) -> Option<(usize, Vec<f32>)> {
     Some((indices.len(), image.select_indices(indices).data))
 }
 
-/// Brings finite values into a half's range and counts them. NaN and infinities stay what they are.
-fn clamp_to_half(data: &[f32]) -> (Cow<'_, [f32]>, usize) {
-    let beyond = |v: &&f32| v.is_finite() && v.abs() > HALF_MAX;
-    let clamped = data.iter().filter(beyond).count();
+/// Brings finite values of the half channels into a half's range and counts them. NaN and infinities stay what they
+/// are.
+fn clamp_to_half<'a>(data: &'a [f32], samples: &[SampleFormat]) -> (Cow<'a, [f32]>, usize) {
+    let halves = || samples.iter().map(|s| *s == SampleFormat::Half).cycle();
+    let beyond = |v: f32, half: bool| half && v.is_finite() && v.abs() > HALF_MAX;
+    let clamped = data.iter().zip(halves()).filter(|(v, half)| beyond(**v, *half)).count();
     if clamped == 0 {
         return (Cow::Borrowed(data), 0);
     }
-    let within = data.iter().map(|v| if beyond(&v) { v.clamp(-HALF_MAX, HALF_MAX) } else { *v }).collect();
-    (Cow::Owned(within), clamped)
+    let within = |(v, half): (&f32, bool)| if beyond(*v, half) { v.clamp(-HALF_MAX, HALF_MAX) } else { *v };
+    (Cow::Owned(data.iter().zip(halves()).map(within).collect()), clamped)
 }

@@ -2,41 +2,51 @@
 
 use super::Image;
 use super::compare::{Location, NotComparable, VARIANCE, layer_channels, location};
+use statrs::function::beta::beta_reg;
 
-/// The outcome of a z-test of the picture's values.
+/// The outcome of a z-test of the picture, in blocks of [`ZTest::SIDE`]² pixels and each channel by itself.
 ///
-/// z = (a − b) / √(var a + var b), where a variance is that of the stored value (not of a single sample). A
-/// value is accepted if a normal deviate is as far out with a probability of at least α′, where
-/// α′ = 1 − (1 − α)^(1/n) [Šidák 1967] makes α the probability that any of the n values of a right pair is
-/// rejected.
+/// z = Σ(a − b) / √Σ(var a + var b) over the pixels of a block, where a variance is that of the stored value (not of
+/// a single sample). A variance that is estimated from two halves has one degree of freedom, and z by pixels would
+/// have tails without a mean; the sum over a block has ν = 3·(Σv)²/Σv² − 2 [Satterthwaite 1946, with the squares
+/// of such estimates three times too large]. A block is accepted if a Student's t of ν degrees of freedom is as far
+/// out with a probability of at least α′, where α′ = 1 − (1 − α)^(1/n) [Šidák 1967] makes α the probability that any
+/// of the n blocks of a right pair is rejected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZTest {
     /// α: the significance of the whole test.
     pub significance: f64,
-    /// The share of values that are accepted.
+    /// The share of blocks that are accepted.
     pub accepted: f64,
     /// Mean of z where there is a variance: about 0, ± 1/√n, if neither image is biased.
     pub mean: f64,
-    /// Root mean square of z where there is a variance: about 1 if the variances are right.
+    /// Root mean square of z where there is a variance: a little over 1 if the variances are right.
     pub rms: f64,
+    /// The largest, over the channels, of |mean z|·√n over the root mean square: in a right pair the deviate of a
+    /// normal distribution. It finds a bias that is too small for any single block.
+    pub bias: f64,
     /// The largest |z|; infinite where values differ without any variance.
     pub max: f64,
-    /// Where that is.
+    /// The first pixel of its block, and the channel.
     pub max_at: Location,
-    /// How many values have no variance in either image; they are accepted if they are equal.
+    /// How many blocks have no variance in either image; they are accepted if they are equal.
     pub without_variance: usize,
-    /// z of each value, the picture's channels.
+    /// z at each pixel of its block, the picture's channels.
     pub scores: Image,
 }
 
 impl ZTest {
-    /// The share of values that must be accepted, as in Mitsuba's render tests: a few outliers of a
+    /// The share of blocks that must be accepted, as in Mitsuba's render tests: a few outliers of a
     /// heavy-tailed estimator are not held against the image.
     pub const ENOUGH: f64 = 0.9975;
+    /// Pixels of a block along each axis.
+    pub const SIDE: usize = 4;
 
-    /// Whether enough values are accepted.
+    /// Whether enough blocks are accepted, and no channel is biased at the test's significance.
     pub fn passes(&self) -> bool {
-        self.accepted >= Self::ENOUGH
+        let each = share(self.significance, self.scores.channels.len());
+        let unbiased = libm::erfc(self.bias / std::f64::consts::SQRT_2) >= each;
+        self.accepted >= Self::ENOUGH && unbiased
     }
 }
 
@@ -91,42 +101,117 @@ fn variance_of(image: &Image, names: &[&str]) -> Option<Image> {
     image.select(&names.iter().map(|c| format!("{VARIANCE}.{c}")).collect::<Vec<_>>())
 }
 
-/// Scores all values. `x` becomes the image of the scores.
+/// α′ of each of `n` tests that together have the significance α. [Šidák 1967]
+fn share(significance: f64, n: usize) -> f64 {
+    -((-significance).ln_1p() / n as f64).exp_m1()
+}
+
+/// Count, sum and sum of the squares of z.
+#[derive(Clone, Copy, Default)]
+struct Moments {
+    n: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Moments {
+    fn add(&mut self, z: f64) {
+        self.n += 1.0;
+        self.sum += z;
+        self.squares += z * z;
+    }
+
+    /// See [`ZTest::bias`]; 0 where nothing was added.
+    fn bias(&self) -> f64 {
+        if self.squares > 0.0 { self.sum.abs() / self.squares.sqrt() } else { 0.0 }
+    }
+}
+
+/// Sums over one block and channel.
+#[derive(Default)]
+struct Block {
+    difference: f64,
+    /// Whether any two values differ (or are no numbers), though their differences may add up to nothing.
+    differs: bool,
+    variance: f64,
+    variance_squared: f64,
+}
+
+impl Block {
+    fn add(&mut self, difference: f64, variance: f64) {
+        self.difference += difference;
+        self.differs |= difference != 0.0;
+        self.variance += variance;
+        self.variance_squared += variance * variance;
+    }
+
+    fn z(&self) -> f64 {
+        if self.variance > 0.0 {
+            self.difference / self.variance.sqrt()
+        } else if self.difference.is_nan() || !self.differs {
+            self.difference
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    /// The probability that a right pair is as far out; NaN where z is.
+    fn probability(&self) -> f64 {
+        let t = self.z();
+        if self.variance == 0.0 || !t.is_finite() {
+            return if t.is_nan() { f64::NAN } else { f64::from(u8::from(t == 0.0)) };
+        }
+        // A variance whose square is less than the least number is as good as any.
+        let ratio = self.variance * self.variance / self.variance_squared;
+        let freedom = if ratio.is_finite() { (3.0 * ratio - 2.0).max(1.0) } else { 1.0 };
+        beta_reg(0.5 * freedom, 0.5, freedom / (freedom + t * t))
+    }
+}
+
+/// Scores all blocks. `x` becomes the image of the scores.
 fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) -> ZTest {
-    let n = x.data.len();
-    let each = -((-significance).ln_1p() / n as f64).exp_m1();
+    let channels = x.channels.len();
+    let (columns, rows) = (x.width.div_ceil(ZTest::SIDE), x.height.div_ceil(ZTest::SIDE));
+    let n = columns * rows * channels;
+    let each = share(significance, n);
     let (mut accepted, mut without_variance) = (0usize, 0usize);
-    let (mut sum, mut squares) = (0.0, 0.0);
+    let mut moments = vec![Moments::default(); channels];
     let (mut max, mut max_index) = (0.0, 0);
-    for (i, value) in x.data.iter_mut().enumerate() {
-        let difference = f64::from(*value) - f64::from(r.data[i]);
-        let variance: f64 = variances.iter().map(|v| f64::from(v.data[i])).sum();
-        let z = if variance > 0.0 {
-            difference / variance.sqrt()
-        } else if difference == 0.0 {
-            0.0
-        } else {
-            f64::INFINITY.copysign(difference)
-        };
-        if variance > 0.0 {
-            sum += z;
-            squares += z * z;
-        } else {
-            without_variance += 1;
+    for corner in 0..columns * rows {
+        let (x0, y0) = (corner % columns * ZTest::SIDE, corner / columns * ZTest::SIDE);
+        let (x1, y1) = ((x0 + ZTest::SIDE).min(x.width), (y0 + ZTest::SIDE).min(x.height));
+        for (channel, moments) in moments.iter_mut().enumerate() {
+            let indices = (y0..y1)
+                .flat_map(|y| (x0..x1).map(move |x| (x, y)))
+                .map(|(px, py)| (py * x.width + px) * channels + channel);
+            let indices: Vec<usize> = indices.collect();
+            let mut block = Block::default();
+            for &i in &indices {
+                let variance = variances.iter().map(|v| f64::from(v.data[i])).sum();
+                block.add(f64::from(x.data[i]) - f64::from(r.data[i]), variance);
+            }
+            let z = block.z();
+            if block.variance > 0.0 {
+                moments.add(z);
+            } else {
+                without_variance += 1;
+            }
+            // A NaN is never accepted.
+            accepted += usize::from(block.probability() >= each);
+            if z.abs() > max {
+                (max, max_index) = (z.abs(), indices[0]);
+            }
+            indices.into_iter().for_each(|i| x.data[i] = z as f32);
         }
-        // A NaN is never accepted.
-        accepted += usize::from(libm::erfc(z.abs() / std::f64::consts::SQRT_2) >= each);
-        if z.abs() > max {
-            (max, max_index) = (z.abs(), i);
-        }
-        *value = z as f32;
     }
     let with_variance = (n - without_variance) as f64;
+    let total = |f: fn(&Moments) -> f64| moments.iter().map(f).sum::<f64>();
     ZTest {
         significance,
         accepted: accepted as f64 / n as f64,
-        mean: sum / with_variance,
-        rms: (squares / with_variance).sqrt(),
+        mean: total(|m| m.sum) / with_variance,
+        rms: (total(|m| m.squares) / with_variance).sqrt(),
+        bias: moments.iter().map(Moments::bias).fold(0.0, f64::max),
         max,
         max_at: location(&x, max_index),
         without_variance,
@@ -138,14 +223,16 @@ fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) ->
 mod tests {
     use super::*;
 
-    /// Two images of n values whose difference is `z` standard deviations.
+    /// Two images of n blocks whose differences are `z` standard deviations, all variances alike.
     fn pair(zs: &[f32]) -> (Image, Image) {
-        let mut a = Image::new(zs.len(), 1, &["Y", "variance.Y"]);
-        let mut b = Image::new(zs.len(), 1, &["Y", "variance.Y"]);
+        let mut a = Image::new(4 * zs.len(), 4, &["Y", "variance.Y"]);
+        let mut b = Image::new(4 * zs.len(), 4, &["Y", "variance.Y"]);
         for (i, z) in zs.iter().enumerate() {
-            // Variances 0.09 and 0.16: a standard deviation of 0.5.
-            a.pixel_mut(i, 0).copy_from_slice(&[1.0 + 0.5 * z, 0.09]);
-            b.pixel_mut(i, 0).copy_from_slice(&[1.0, 0.16]);
+            for (x, y) in (0..16).map(|k| (4 * i + k % 4, k / 4)) {
+                // Variances 0.09 and 0.16: a standard deviation of 0.5, and of the mean of sixteen a quarter of it.
+                a.pixel_mut(x, y).copy_from_slice(&[1.0 + 0.125 * z, 0.09]);
+                b.pixel_mut(x, y).copy_from_slice(&[1.0, 0.16]);
+            }
         }
         (a, b)
     }
@@ -156,30 +243,60 @@ mod tests {
         let test = z_test(&a, &b, None, 0.01).unwrap();
         assert!((test.mean - 0.5).abs() < 1e-6 && (test.rms - 1.5f64.sqrt()).abs() < 1e-6, "{test:?}");
         assert!((test.max - 2.0).abs() < 1e-6);
-        assert_eq!((test.max_at.x, test.accepted, test.without_variance), (1, 1.0, 0));
-        assert!(test.passes());
+        assert_eq!((test.max_at.x, test.accepted, test.without_variance), (4, 1.0, 0));
+        // Four values: sum 2, squares 6.
+        assert!((test.bias - 2.0 / 6f64.sqrt()).abs() < 1e-6 && test.passes());
     }
 
+    /// Tables of Student's t: two-sided 1 % of one value of 46 degrees of freedom (16 equal variances) lies beyond
+    /// 2.6870; of ten values, 0.1005 % each, beyond 3.5134 (by numerical integration).
     #[test]
-    fn the_significance_is_shared_among_the_values() {
-        // Two-sided 1 % of one value lies beyond 2.5758; of ten values, beyond 3.2892.
-        let (a, b) = pair(&[2.57]);
-        assert_eq!(z_test(&a, &b, None, 0.01).unwrap().accepted, 1.0);
-        let (a, b) = pair(&[2.58]);
-        assert_eq!(z_test(&a, &b, None, 0.01).unwrap().accepted, 0.0);
-        let (a, b) = pair(&[3.28, -3.30, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        assert_eq!(z_test(&a, &b, None, 0.01).unwrap().accepted, 0.9);
+    fn the_significance_is_shared_among_the_blocks() {
+        let accepted = |zs: &[f32]| {
+            let (a, b) = pair(zs);
+            z_test(&a, &b, None, 0.01).unwrap().accepted
+        };
+        assert_eq!((accepted(&[2.68]), accepted(&[2.70])), (1.0, 0.0));
+        assert_eq!(accepted(&[3.50, -3.53, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.9);
+    }
+
+    /// Variances from two halves of normal values: the right pair passes, 2 % of bias does not.
+    #[test]
+    fn pairs_with_variances_of_one_degree_of_freedom_are_judged_rightly() {
+        let mut state = 1u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        let mut normal = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+        let mut render = |bias: f64| {
+            let mut image = Image::new(400, 400, &["Y", "variance.Y"]);
+            for pixel in image.data.chunks_exact_mut(2) {
+                let halves = [0.5 + bias + 0.1 * normal(), 0.5 + bias + 0.1 * normal()];
+                pixel[0] = (0.5 * (halves[0] + halves[1])) as f32;
+                pixel[1] = (0.25 * (halves[0] - halves[1]).powi(2)) as f32;
+            }
+            image
+        };
+        let (a, b, off) = (render(0.0), render(0.0), render(0.01));
+        let right = z_test(&a, &b, None, 0.01).unwrap();
+        assert!(right.accepted == 1.0 && right.passes(), "{} {}", right.mean, right.rms);
+        assert!(right.mean.abs() < 0.05 && right.rms < 1.2, "{} {}", right.mean, right.rms);
+        let wrong = z_test(&a, &off, None, 0.01).unwrap();
+        assert!(wrong.mean < -0.3 && wrong.bias > 20.0 && !wrong.passes(), "{} {}", wrong.mean, wrong.bias);
     }
 
     #[test]
     fn without_variance_only_equal_values_pass() {
-        let mut a = Image::new(2, 1, &["Y"]);
+        let mut a = Image::new(7, 1, &["Y"]);
         let b = a.clone();
         let variance = a.clone();
-        assert_eq!(z_test(&a, &b, Some(&variance), 0.01).unwrap().accepted, 1.0);
-        a.data[1] = 1e-20;
+        let equal = z_test(&a, &b, Some(&variance), 0.01).unwrap();
+        assert_eq!((equal.accepted, equal.without_variance, equal.passes()), (1.0, 2, true));
+        // Differences that add up to nothing are differences.
+        (a.data[5], a.data[6]) = (1e-20, -1e-20);
         let test = z_test(&a, &b, Some(&variance), 0.01).unwrap();
-        assert_eq!((test.accepted, test.max, test.max_at.x), (0.5, f64::INFINITY, 1));
+        assert_eq!((test.accepted, test.max, test.max_at.x), (0.5, f64::INFINITY, 4));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 #include "buffon_oiio.h"
 
 #include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/half.h>
 #include <OpenImageIO/imagebuf.h>
 #include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
@@ -73,6 +74,28 @@ OIIO::TypeDesc type_of(int32_t sample)
     case BUFFON_OIIO_SAMPLE_BYTE: return OIIO::TypeDesc::UINT8;
     default: return OIIO::TypeDesc::FLOAT;
     }
+}
+
+/// The pixels, each channel in its own type: the library converts to one type only.
+std::vector<unsigned char> pack(const BuffonOiioOutput &o)
+{
+    std::vector<unsigned char> packed;
+    const size_t pixels = size_t(o.width) * size_t(o.height);
+    packed.reserve(pixels * size_t(o.channels) * sizeof(float));
+    const auto append = [&](const auto &value) {
+        const auto *bytes = reinterpret_cast<const unsigned char *>(&value);
+        packed.insert(packed.end(), bytes, bytes + sizeof value);
+    };
+    for (size_t i = 0; i < pixels; ++i) {
+        for (int c = 0; c < o.channels; ++c) {
+            const float value = o.floats[i * size_t(o.channels) + size_t(c)];
+            if (o.samples[c] == BUFFON_OIIO_SAMPLE_HALF)
+                append(half(value));
+            else
+                append(value);
+        }
+    }
+    return packed;
 }
 
 void put(OIIO::ImageSpec &spec, const BuffonOiioAttribute &a)
@@ -241,9 +264,13 @@ BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, s
             say(OIIO::geterror(), message, size);
             return nullptr;
         }
-        OIIO::ImageSpec spec(o->width, o->height, o->channels, type_of(o->sample));
+        OIIO::ImageSpec spec(o->width, o->height, o->channels, type_of(o->samples[0]));
+        const bool mixed = std::any_of(o->samples, o->samples + o->channels,
+                                       [&](int32_t sample) { return sample != o->samples[0]; });
         spec.alpha_channel = -1;
         for (int c = 0; c < o->channels; ++c) {
+            if (mixed)
+                spec.channelformats.push_back(type_of(o->samples[c]));
             spec.channelnames[c] = o->channel_names[c];
             if (spec.channelnames[c] == "A")
                 spec.alpha_channel = c;
@@ -256,8 +283,14 @@ BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, s
         spec.attribute("DateTime", OIIO::TypeUInt8, &no_date);
         for (size_t i = 0; i < o->attribute_count; ++i)
             put(spec, o->attributes[i]);
-        const OIIO::TypeDesc type = o->bytes ? OIIO::TypeUInt8 : OIIO::TypeFloat;
+        OIIO::TypeDesc type = o->bytes ? OIIO::TypeUInt8 : OIIO::TypeFloat;
         const void *data = o->bytes ? static_cast<const void *>(o->bytes) : o->floats;
+        std::vector<unsigned char> packed;
+        if (mixed) {
+            packed = pack(*o);
+            type = OIIO::TypeUnknown;  // as the channels say
+            data = packed.data();
+        }
         // Not used: nothing is opened by this name.
         const std::string name = std::string("memory.") + o->format;
         if (!output->set_ioproxy(&buffer->file) || !output->open(name, spec) || !output->write_image(type, data)

@@ -56,13 +56,14 @@ typedef struct BuffonOiioPart {
     const char *name;
 } BuffonOiioPart;
 
-/* What to write; `format` is OpenImageIO's name of the format. */
+/* What to write; `format` is OpenImageIO's name of the format, `samples` says how each channel is stored. Bytes are
+   stored as bytes; floats as floats and halves. */
 typedef struct BuffonOiioOutput {
     const char *format;
     int32_t width;
     int32_t height;
     int32_t channels;
-    int32_t sample;
+    const int32_t *samples;
     const char *const *channel_names;
     const float *floats;
     const uint8_t *bytes;

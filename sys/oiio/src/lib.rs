@@ -17,7 +17,7 @@ mod tests {
     fn the_structures_have_the_layout_of_the_c_header() {
         assert_eq!((size_of::<BuffonOiioAttribute>(), align_of::<BuffonOiioAttribute>()), (96, 8));
         assert_eq!((size_of::<BuffonOiioPart>(), align_of::<BuffonOiioPart>()), (40, 8));
-        assert_eq!((size_of::<BuffonOiioOutput>(), align_of::<BuffonOiioOutput>()), (72, 8));
+        assert_eq!((size_of::<BuffonOiioOutput>(), align_of::<BuffonOiioOutput>()), (80, 8));
         assert_eq!((size_of::<BuffonOiioDifference>(), align_of::<BuffonOiioDifference>()), (48, 8));
     }
 
