@@ -267,6 +267,7 @@ fn to_json(args: &DiffArgs, verdict: &Verdict) -> String {
     let z = verdict.z.as_ref().map(|z| {
         json!({
             "significance": z.significance, "accepted": z.accepted, "mean": z.mean, "rms": z.rms, "bias": z.bias,
+            "bias_probability": z.bias_probability,
             "max": z.max, "max_at": [z.max_at.x, z.max_at.y], "without_variance": z.without_variance,
             "passes": z.passes(),
         })

@@ -22,9 +22,11 @@ pub struct ZTest {
     pub mean: f64,
     /// Root mean square of z where there is a variance: a little over 1 if the variances are right.
     pub rms: f64,
-    /// The largest, over the channels, of |mean z|·√n over the root mean square: in a right pair the deviate of a
-    /// normal distribution. It finds a bias that is too small for any single block.
+    /// The largest |z| of a channel with the whole image as one block: it finds a bias that is too small for any
+    /// single block.
     pub bias: f64,
+    /// The least probability of a channel's bias in a right pair.
+    pub bias_probability: f64,
     /// The largest |z|; infinite where values differ without any variance.
     pub max: f64,
     /// The first pixel of its block, and the channel.
@@ -45,8 +47,7 @@ impl ZTest {
     /// Whether enough blocks are accepted, and no channel is biased at the test's significance.
     pub fn passes(&self) -> bool {
         let each = share(self.significance, self.scores.channels.len());
-        let unbiased = libm::erfc(self.bias / std::f64::consts::SQRT_2) >= each;
-        self.accepted >= Self::ENOUGH && unbiased
+        self.accepted >= Self::ENOUGH && self.bias_probability >= each
     }
 }
 
@@ -106,28 +107,7 @@ fn share(significance: f64, n: usize) -> f64 {
     -((-significance).ln_1p() / n as f64).exp_m1()
 }
 
-/// Count, sum and sum of the squares of z.
-#[derive(Clone, Copy, Default)]
-struct Moments {
-    n: f64,
-    sum: f64,
-    squares: f64,
-}
-
-impl Moments {
-    fn add(&mut self, z: f64) {
-        self.n += 1.0;
-        self.sum += z;
-        self.squares += z * z;
-    }
-
-    /// See [`ZTest::bias`]; 0 where nothing was added.
-    fn bias(&self) -> f64 {
-        if self.squares > 0.0 { self.sum.abs() / self.squares.sqrt() } else { 0.0 }
-    }
-}
-
-/// Sums over one block and channel.
+/// Sums over the pixels of a block, in one channel.
 #[derive(Default)]
 struct Block {
     difference: f64,
@@ -175,12 +155,13 @@ fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) ->
     let n = columns * rows * channels;
     let each = share(significance, n);
     let (mut accepted, mut without_variance) = (0usize, 0usize);
-    let mut moments = vec![Moments::default(); channels];
+    let mut whole: Vec<Block> = (0..channels).map(|_| Block::default()).collect();
+    let (mut sum, mut squares) = (0.0, 0.0);
     let (mut max, mut max_index) = (0.0, 0);
     for corner in 0..columns * rows {
         let (x0, y0) = (corner % columns * ZTest::SIDE, corner / columns * ZTest::SIDE);
         let (x1, y1) = ((x0 + ZTest::SIDE).min(x.width), (y0 + ZTest::SIDE).min(x.height));
-        for (channel, moments) in moments.iter_mut().enumerate() {
+        for (channel, whole) in whole.iter_mut().enumerate() {
             let indices = (y0..y1)
                 .flat_map(|y| (x0..x1).map(move |x| (x, y)))
                 .map(|(px, py)| (py * x.width + px) * channels + channel);
@@ -188,11 +169,14 @@ fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) ->
             let mut block = Block::default();
             for &i in &indices {
                 let variance = variances.iter().map(|v| f64::from(v.data[i])).sum();
-                block.add(f64::from(x.data[i]) - f64::from(r.data[i]), variance);
+                let difference = f64::from(x.data[i]) - f64::from(r.data[i]);
+                block.add(difference, variance);
+                whole.add(difference, variance);
             }
             let z = block.z();
             if block.variance > 0.0 {
-                moments.add(z);
+                sum += z;
+                squares += z * z;
             } else {
                 without_variance += 1;
             }
@@ -205,13 +189,15 @@ fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) ->
         }
     }
     let with_variance = (n - without_variance) as f64;
-    let total = |f: fn(&Moments) -> f64| moments.iter().map(f).sum::<f64>();
+    // Differences without any variance are for the blocks to judge.
+    whole.retain(|channel| channel.variance > 0.0);
     ZTest {
         significance,
         accepted: accepted as f64 / n as f64,
-        mean: total(|m| m.sum) / with_variance,
-        rms: (total(|m| m.squares) / with_variance).sqrt(),
-        bias: moments.iter().map(Moments::bias).fold(0.0, f64::max),
+        mean: sum / with_variance,
+        rms: (squares / with_variance).sqrt(),
+        bias: whole.iter().map(|channel| channel.z().abs()).fold(0.0, f64::max),
+        bias_probability: whole.iter().map(Block::probability).fold(1.0, f64::min),
         max,
         max_at: location(&x, max_index),
         without_variance,
@@ -244,8 +230,8 @@ mod tests {
         assert!((test.mean - 0.5).abs() < 1e-6 && (test.rms - 1.5f64.sqrt()).abs() < 1e-6, "{test:?}");
         assert!((test.max - 2.0).abs() < 1e-6);
         assert_eq!((test.max_at.x, test.accepted, test.without_variance), (4, 1.0, 0));
-        // Four values: sum 2, squares 6.
-        assert!((test.bias - 2.0 / 6f64.sqrt()).abs() < 1e-6 && test.passes());
+        // The sum of four: 2 / √4.
+        assert!((test.bias - 1.0).abs() < 1e-6 && test.passes(), "{test:?}");
     }
 
     /// Tables of Student's t: two-sided 1 % of one value of 46 degrees of freedom (16 equal variances) lies beyond
