@@ -3,6 +3,12 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+/// "1 sample", "2 samples": a number with its noun.
+pub fn counted(n: impl Into<u128>, one: &str, many: &str) -> String {
+    let n = n.into();
+    format!("{n} {}", if n == 1 { one } else { many })
+}
+
 /// A position in a text file. Lines and columns count from 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
@@ -159,6 +165,12 @@ impl std::error::Error for Error {}
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn one_is_not_many() {
+        let text = |n: u64| counted(n, "sample", "samples");
+        assert_eq!([text(0), text(1), text(2)], ["0 samples", "1 sample", "2 samples"]);
+    }
 
     #[test]
     fn a_place_prints_file_line_column_and_points_at_the_column() {

@@ -31,6 +31,12 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "buffon: --aov: there is no layer \"nope\"; there are albedo, N, geo_normal, P, Z, uv, prim_index, \
              shape_index, variance, samples",
         ),
+        (
+            "render s.xml --integrator aov",
+            2,
+            "buffon: --integrator aov: expected layers in --aov: albedo, N, geo_normal, P, Z, uv, prim_index, \
+             shape_index, variance, samples",
+        ),
         ("render s.xml --aov Z,Z", 2, "buffon: --aov: the layer \"Z\" is there twice"),
         ("render s.xml --aov Z -o s.png", 2, "buffon: --aov: layers need an EXR, which s.png is not"),
         (
@@ -157,12 +163,14 @@ fn invalid_samples_are_dropped_counted_located_and_can_be_seen_again() {
     let dropped = stats["invalid_samples"].as_u64().expect("a count");
     assert!(dropped > 20, "{dropped}");
     let warning = run.stderr.lines().last().expect("a warning");
-    let start = format!("buffon: warning: {dropped} invalid samples were dropped; the first is sample ");
+    let start = format!("buffon: warning: {dropped} invalid samples dropped; the first is sample ");
     assert!(warning.starts_with(&start), "{warning}");
     let image = read(&folder.path("s.exr")).expect("the image");
     assert!(image.data.iter().all(|v| v.is_finite()));
     let strict = folder.run("render s.xml --strict -q");
-    assert_eq!((strict.code, strict.stderr.lines().count()), (5, 1), "{strict:?}");
+    assert_eq!((strict.code, strict.stderr.lines().count()), (5, 2), "{strict:?}");
+    let last = strict.stderr.lines().last().expect("a line");
+    assert_eq!(last, "--strict: s.exr is written, and holds what there is");
     assert!(strict.stderr.starts_with(&start.replace("warning: ", "")), "{}", strict.stderr);
     // The sentence's own recipe finds the same sample again.
     let (_, recipe) = warning.split_once("To see it again: ").expect("a recipe");

@@ -2,7 +2,7 @@
 
 use super::{info_image, print, render};
 use crate::accel::AccelKind;
-use crate::error::Result;
+use crate::error::{Result, counted};
 use crate::image;
 use crate::loader::{self, LoadOptions};
 use crate::scene::{CompileOptions, Scene, compile};
@@ -55,7 +55,12 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
         let rect = film.rect();
         line(
             "sensor",
-            format!("perspective, {}x{}, {} pixels to render", film.width, film.height, rect.area()),
+            format!(
+                "perspective, {}x{}, {} to render",
+                film.width,
+                film.height,
+                counted(rect.area(), "pixel", "pixels")
+            ),
         );
     }
     line("shapes", count(scene.shapes.iter().map(|s| shape_kind(&s.world))));

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use crate::error::counted;
 use crate::image::{Image, invalid};
 
 /// The least, mean and largest of the finite values of a channel, and how many are none.
@@ -33,7 +34,12 @@ fn range(image: &Image, channel: usize) -> Range {
 
 /// Size, metadata and the range of each channel, as lines of text.
 pub fn describe(image: &Image) -> String {
-    let mut text = format!("{}x{} pixels, {} channels\n", image.width, image.height, image.channels.len());
+    let mut text = format!(
+        "{}x{} pixels, {}\n",
+        image.width,
+        image.height,
+        counted(image.channels.len() as u64, "channel", "channels")
+    );
     let bad = invalid(image);
     if bad.any() {
         _ = writeln!(text, "invalid: {bad}");

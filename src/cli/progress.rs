@@ -1,5 +1,6 @@
 //! Progress on standard error, from a thread of its own.
 
+use crate::error::counted;
 use crate::render::{Progress, StopRules};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -118,8 +119,8 @@ impl View {
             None => "running".into(),
         };
         let per_pixel = self.progress.pixel_samples() as f64 / self.pixels as f64;
-        line +=
-            &format!(", {:.0} samples per pixel, {:.2} M samples/s", per_pixel.floor(), self.rate() * 1e-6);
+        let samples = counted(per_pixel as u64, "sample", "samples");
+        line += &format!(", {samples} per pixel, {:.2} M samples/s", self.rate() * 1e-6);
         if let Some(relmse) = self.progress.relmse() {
             line += &format!(", relMSE about {relmse:.1e}");
         }

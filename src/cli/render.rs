@@ -4,7 +4,7 @@ use super::progress::{ProgressKind, Watcher};
 use super::stats::{Account, Seconds};
 use super::values;
 use crate::accel::AccelKind;
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, Metadata, Value, WriteOptions};
 use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings};
@@ -125,20 +125,13 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     prepared.seconds.write = written.elapsed().as_secs_f64();
     prepared.seconds.render = rendered.elapsed.as_secs_f64();
     prepared.seconds.total = started.elapsed().as_secs_f64();
-    if report.clamped_half > 0 && !args.quiet {
-        eprintln!(
-            "buffon: warning: {} values are beyond the range of half floats and were clamped; component_format \
-             float32 keeps them",
-            report.clamped_half
-        );
-    }
     if let Some(path) = &args.stats {
         account(args, &prepared, &rendered).write(path)?;
     }
     if !args.quiet {
         eprintln!("{}", summary(&target, &rendered));
     }
-    report_invalid(args, &rendered)?;
+    warn_of_values(args, &target, &rendered, report.clamped_half)?;
     match signal.load(Ordering::Relaxed) {
         0 => Ok(0),
         signal => Ok(u8::try_from(128 + signal).unwrap_or(1)),
@@ -173,9 +166,9 @@ fn prepare(args: &RenderArgs) -> Result<Prepared> {
     let sensors = description.sensors.len();
     let Some(sensor) = description.sensors.get_mut(args.sensor) else {
         return Err(Error::usage(format!(
-            "--sensor {}: the scene has {sensors} sensor{}, counted from 0",
+            "--sensor {}: the scene has {}, counted from 0",
             args.sensor,
-            if sensors == 1 { "" } else { "s" }
+            counted(sensors as u64, "sensor", "sensors")
         )));
     };
     if let Some((width, height)) = args.size {
@@ -199,13 +192,9 @@ fn prepare(args: &RenderArgs) -> Result<Prepared> {
     seconds.build = report.build_seconds;
     warn(args, report.warnings.clone())?;
     if report.dropped_primitives > 0 {
-        let n = report.dropped_primitives;
-        warn(
-            args,
-            vec![Error::scene(format!(
-                "{n} primitives are invalid (not finite, or out of range) and were left out"
-            ))],
-        )?;
+        let dropped = counted(report.dropped_primitives as u64, "primitive", "primitives");
+        let message = format!("{dropped} left out: not finite, or out of range");
+        warn(args, vec![Error::scene(message)])?;
     }
     let settings = choose_integrator(args.integrator.as_deref(), integrator)?;
     let stop = stop_rules(args, samples_per_pixel);
@@ -245,6 +234,7 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("path") => Settings::Path(PathSettings { hide_emitters, ..PathSettings::default() }),
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
         Some("depth") => Settings::Depth,
+        // Its layers are those of --aov: see `layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
@@ -260,6 +250,12 @@ fn layers(args: &RenderArgs, settings: &Settings) -> Result<Vec<Layer>> {
         Settings::Aov { layers, .. } => layers.clone(),
         _ => Vec::new(),
     };
+    if layers.is_empty() && args.aov.is_empty() && matches!(settings, Settings::Aov { .. }) {
+        return Err(Error::usage(format!(
+            "--integrator aov: expected layers in --aov: {}",
+            Aov::NAMES.join(", ")
+        )));
+    }
     for name in &args.aov {
         let aov = Aov::by_name(name).ok_or_else(|| {
             Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
@@ -357,32 +353,42 @@ fn summary(target: &Path, rendered: &Rendered) -> String {
     let error = rendered.relmse.map_or_else(String::new, |e| format!(", relMSE about {e:.2e}"));
     let rate = rendered.counters.paths as f64 / rendered.elapsed.as_secs_f64().max(1e-9) * 1e-6;
     format!(
-        "{}: {}x{}, {} samples per pixel in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
+        "{}: {}x{}, {} per pixel in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
         target.display(),
         rendered.rect.width,
         rendered.rect.height,
-        rendered.samples_per_pixel,
+        counted(rendered.samples_per_pixel, "sample", "samples"),
         rendered.elapsed.as_secs_f64(),
     )
 }
 
-/// Says which samples were dropped and how to see them again; an error under `--strict`.
-fn report_invalid(args: &RenderArgs, rendered: &Rendered) -> Result<()> {
-    let Some(first) = rendered.invalid.first() else {
-        return Ok(());
-    };
-    let message = format!(
-        "{} invalid samples were dropped; the first is sample {} of pixel ({}, {}): {:?}. To see it again: --crop {},{},1,1 \
-         --seed {} --spp {}",
-        rendered.invalid_count,
-        first.sample,
-        first.x,
-        first.y,
-        first.value,
-        first.x,
-        first.y,
-        args.seed,
-        first.sample + 1
-    );
-    warn(args, vec![Error::new(Kind::Strict, message)])
+/// Says which samples were dropped and how to see them again, and how many values the file cannot hold. Under
+/// `--strict` these are errors, but the image is there: hours of rendering are not thrown away.
+fn warn_of_values(args: &RenderArgs, target: &Path, rendered: &Rendered, clamped: usize) -> Result<()> {
+    let mut messages = Vec::new();
+    if let Some(first) = rendered.invalid.first() {
+        messages.push(format!(
+            "{} dropped; the first is sample {} of pixel ({}, {}): {:?}. To see it again: --crop {},{},1,1 \
+             --seed {} --spp {}",
+            counted(rendered.invalid_count, "invalid sample", "invalid samples"),
+            first.sample,
+            first.x,
+            first.y,
+            first.value,
+            first.x,
+            first.y,
+            args.seed,
+            first.sample + 1
+        ));
+    }
+    if clamped > 0 {
+        messages.push(format!(
+            "{} clamped to the range of half floats; component_format float32 keeps them",
+            counted(clamped as u64, "value", "values")
+        ));
+    }
+    if args.strict && !messages.is_empty() {
+        messages.push(format!("--strict: {} is written, and holds what there is", target.display()));
+    }
+    warn(args, messages.into_iter().map(|message| Error::new(Kind::Strict, message)).collect())
 }

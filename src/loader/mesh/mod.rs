@@ -4,7 +4,7 @@ mod normals;
 mod obj;
 mod ply;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, counted};
 use crate::math::{DAffine3, Vec3};
 use crate::shape::Mesh;
 use std::path::Path;
@@ -53,8 +53,8 @@ pub fn load(
     }
     let broken = mesh.positions.iter().filter(|p| !p.is_finite()).count();
     if broken > 0 {
-        let message =
-            format!("{broken} of {} vertices are not finite; their faces are dropped", mesh.positions.len());
+        let vertices = counted(mesh.positions.len() as u64, "vertex", "vertices");
+        let message = format!("{broken} of {vertices}: not finite; their faces are dropped");
         warnings.push(Error::scene(message).in_file(path));
     }
     if options.flip_tex_coords {

@@ -4,7 +4,7 @@
 //! the mesh, so it gets the vertices and faces alone. It also says neither where an error is nor that something was skipped;
 //! a look over the lines finds that out.
 
-use crate::error::{Error, Place, Result};
+use crate::error::{Error, Place, Result, counted};
 use crate::math::{Vec2, Vec3};
 use crate::shape::Mesh;
 use std::path::Path;
@@ -91,7 +91,10 @@ impl Survey {
         };
         if self.skipped > 0 {
             warn(
-                format!("{} points, lines or faces of fewer than three vertices are ignored", self.skipped),
+                format!(
+                    "{} of fewer than three vertices ignored",
+                    counted(self.skipped as u64, "point, line or face", "points, lines or faces")
+                ),
                 0,
             );
         }
@@ -243,7 +246,7 @@ mod tests {
         assert_eq!(
             warnings,
             [
-                "m.obj: 2 points, lines or faces of fewer than three vertices are ignored",
+                "m.obj: 2 points, lines or faces of fewer than three vertices ignored",
                 "m.obj: some corners of faces have no texture coordinates, so none are used",
                 "m.obj: some corners of faces have no normals, so all are computed",
                 "m.obj:10:1: lines that start with \"curv\" are ignored",
