@@ -37,3 +37,7 @@ id!(
     /// An emitter of the scene.
     EmitterId
 );
+id!(
+    /// A texture of the scene.
+    TextureId
+);

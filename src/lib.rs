@@ -84,3 +84,4 @@ pub mod sampling;
 pub mod scene;
 pub mod sensor;
 pub mod shape;
+pub mod texture;

@@ -34,7 +34,7 @@ pub struct BsdfSampleX16 {
 
 /// The reflectances of the diffuse lanes by channel, and the bits of the other lanes.
 #[inline(always)]
-fn gather_diffuse(bsdfs: &[&Bsdf; LANES]) -> ([f32x16; 3], u32) {
+fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
     let mut reflectance = [[0.0; LANES]; 3];
     let mut others = 0;
     for (i, bsdf) in bsdfs.iter().enumerate() {
@@ -51,7 +51,7 @@ fn gather_diffuse(bsdfs: &[&Bsdf; LANES]) -> ([f32x16; 3], u32) {
 
 /// [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
 #[inline]
-pub fn eval_x16(bsdfs: &[&Bsdf; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
+pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
     let inverse_pi = f32x16::splat(FRAC_1_PI);
@@ -70,7 +70,7 @@ pub fn eval_x16(bsdfs: &[&Bsdf; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32)
 /// [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
 #[inline]
 pub fn sample_x16(
-    bsdfs: &[&Bsdf; LANES],
+    bsdfs: &[&Bsdf<'_>; LANES],
     wo: &Vec3x16,
     u_lobe: f32x16,
     u: [f32x16; 2],

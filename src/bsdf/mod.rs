@@ -3,19 +3,27 @@
 //! `wo` is the known direction, `wi` the sampled one; both point away from the surface. [`Bsdf::eval`] is the
 //! bare BSDF, without cosine; densities are per unit solid angle of `wi`.
 
+pub mod blend;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
 pub mod fresnel;
 pub mod lanes;
+pub mod mask;
 pub mod microfacet;
 pub mod rough_conductor;
+pub mod tilted;
+pub mod two_sided;
 
+pub use blend::Blend;
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
 pub use lanes::{BsdfEvalX16, BsdfSampleX16};
+pub use mask::Mask;
 pub use rough_conductor::RoughConductor;
+pub use tilted::Tilted;
+pub use two_sided::TwoSided;
 
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
@@ -60,9 +68,11 @@ impl BsdfEval {
     pub const ZERO: BsdfEval = BsdfEval { f: Rgb::BLACK, pdf: 0.0 };
 }
 
-/// A BSDF with its parameters at one surface point.
+/// A BSDF with its parameters at one surface point. Those that are made of others refer to them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Bsdf {
+pub enum Bsdf<'a> {
+    /// Passes all light on as if there were no surface.
+    Null,
     /// Ideal Lambertian reflection.
     Diffuse(Diffuse),
     /// Mirror reflection by a smooth conductor.
@@ -71,18 +81,40 @@ pub enum Bsdf {
     RoughConductor(RoughConductor),
     /// Reflection and refraction at a smooth dielectric boundary.
     Dielectric(Dielectric),
+    /// Two BSDFs in parts.
+    Blend(Blend<'a>),
+    /// A BSDF with holes.
+    Mask(Mask<'a>),
+    /// A BSDF in a frame that leans.
+    Tilted(Tilted<'a>),
+    /// A BSDF for each side.
+    TwoSided(TwoSided<'a>),
 }
 
-impl Bsdf {
+impl Bsdf<'_> {
     /// Whether every lobe is a Dirac delta, so that [`eval`](Self::eval) is zero everywhere.
     #[inline]
     pub fn is_specular(&self) -> bool {
-        matches!(self, Bsdf::Conductor(_) | Bsdf::Dielectric(_))
+        match self {
+            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => true,
+            Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) => false,
+            Bsdf::Blend(b) => b.bsdfs.iter().all(|b| b.is_specular()),
+            Bsdf::Mask(b) => b.inner.is_specular(),
+            Bsdf::Tilted(b) => b.inner.is_specular(),
+            Bsdf::TwoSided(b) => b.sides.iter().all(|b| b.is_specular()),
+        }
     }
 
     /// Whether the tangents of the local frame matter.
     pub fn is_anisotropic(&self) -> bool {
-        matches!(self, Bsdf::RoughConductor(r) if r.microfacets.is_anisotropic())
+        match self {
+            Bsdf::RoughConductor(b) => b.microfacets.is_anisotropic(),
+            Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => false,
+            Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.is_anisotropic()),
+            Bsdf::Mask(b) => b.inner.is_anisotropic(),
+            Bsdf::Tilted(_) => true,
+            Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.is_anisotropic()),
+        }
     }
 
     /// The bare BSDF and the density of the finite lobes.
@@ -91,7 +123,11 @@ impl Bsdf {
         match self {
             Bsdf::Diffuse(b) => b.eval(wo, wi),
             Bsdf::RoughConductor(b) => b.eval(wo, wi),
-            Bsdf::Conductor(_) | Bsdf::Dielectric(_) => BsdfEval::ZERO,
+            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => BsdfEval::ZERO,
+            Bsdf::Blend(b) => b.eval(wo, wi),
+            Bsdf::Mask(b) => b.eval(wo, wi),
+            Bsdf::Tilted(b) => b.eval(wo, wi),
+            Bsdf::TwoSided(b) => b.eval(wo, wi),
         }
     }
 
@@ -103,6 +139,11 @@ impl Bsdf {
             Bsdf::RoughConductor(b) => b.sample(wo, u),
             Bsdf::Conductor(b) => b.sample(wo),
             Bsdf::Dielectric(b) => b.sample(wo, u_lobe),
+            Bsdf::Null => Some(mask::through(wo)),
+            Bsdf::Blend(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Mask(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Tilted(b) => b.sample(wo, u_lobe, u),
+            Bsdf::TwoSided(b) => b.sample(wo, u_lobe, u),
         }
     }
 
@@ -115,6 +156,11 @@ impl Bsdf {
             Bsdf::RoughConductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
             Bsdf::Conductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
             Bsdf::Dielectric(b) => b.albedo(),
+            Bsdf::Null => Rgb::WHITE,
+            Bsdf::Blend(b) => b.albedo(),
+            Bsdf::Mask(b) => b.inner.albedo() * b.opacity + Rgb::WHITE * (1.0 - b.opacity),
+            Bsdf::Tilted(b) => b.inner.albedo(),
+            Bsdf::TwoSided(b) => b.sides[0].albedo(),
         }
     }
 }

@@ -118,12 +118,17 @@ fn shape_kind(shape: &WorldShape) -> &'static str {
     }
 }
 
-fn material_kind(bsdf: &Bsdf) -> &'static str {
+fn material_kind(bsdf: &Bsdf<'_>) -> &'static str {
     match bsdf {
         Bsdf::Diffuse(_) => "diffuse",
         Bsdf::Conductor(_) => "conductor",
         Bsdf::RoughConductor(_) => "roughconductor",
         Bsdf::Dielectric(_) => "dielectric",
+        Bsdf::Null => "null",
+        Bsdf::Blend(_) => "blendbsdf",
+        Bsdf::Mask(_) => "mask",
+        Bsdf::Tilted(_) => "bumpmap",
+        Bsdf::TwoSided(_) => "twosided",
     }
 }
 

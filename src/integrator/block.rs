@@ -16,7 +16,7 @@ pub struct Block<'a> {
     /// The surface points.
     pub at: SurfaceInteractionX16,
     /// What scatters there.
-    pub bsdfs: [&'a Bsdf; LANES],
+    pub bsdfs: [&'a Bsdf<'a>; LANES],
     /// Bits: the lanes in use whose BSDF has a finite lobe.
     pub finite: u32,
     /// Where the rays came from, in the local frames.

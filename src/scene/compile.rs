@@ -177,7 +177,7 @@ fn find_needs(
     can_sample: bool,
     environment: Option<EmitterId>,
 ) -> Needs {
-    let used: Vec<&Bsdf> = shapes.iter().map(|s| &materials[s.material.index()].bsdf).collect();
+    let used: Vec<&Bsdf<'_>> = shapes.iter().map(|s| &materials[s.material.index()].bsdf).collect();
     let finite_lobes = used.iter().any(|b| !b.is_specular());
     let area_lights = lights.iter().any(|l| matches!(l, Light::Area(_)));
     Needs {

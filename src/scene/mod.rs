@@ -37,7 +37,7 @@ pub struct SceneShape {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneMaterial {
     /// Scattering on the front.
-    pub bsdf: Bsdf,
+    pub bsdf: Bsdf<'static>,
     /// Whether the back scatters as the front does.
     pub two_sided: bool,
 }
@@ -133,13 +133,13 @@ impl Scene {
 
     /// The BSDF at a surface point.
     #[inline]
-    pub fn bsdf(&self, at: &SurfaceInteraction) -> &Bsdf {
+    pub fn bsdf(&self, at: &SurfaceInteraction) -> &Bsdf<'_> {
         &self.materials[at.material.index()].bsdf
     }
 
     /// The BSDF of a material.
     #[inline]
-    pub fn bsdf_of(&self, material: MaterialId) -> &Bsdf {
+    pub fn bsdf_of(&self, material: MaterialId) -> &Bsdf<'_> {
         &self.materials[material.index()].bsdf
     }
 

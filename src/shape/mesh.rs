@@ -1,6 +1,7 @@
 //! Triangle meshes as plain arrays.
 
 use crate::math::{Vec2, Vec3};
+use crate::texture::Attribute;
 
 /// A triangle mesh in its own coordinates.
 ///
@@ -16,4 +17,6 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Triangles as indices into the vertex arrays.
     pub indices: Vec<[u32; 3]>,
+    /// Further values of vertices and faces.
+    pub attributes: Vec<Attribute>,
 }

@@ -4,6 +4,7 @@ use super::{Mesh, Shape};
 use crate::accel::{Geometry, Primitive, VertexBuffer};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat3, Vec2, Vec3};
+use crate::texture::Attribute;
 use std::sync::Arc;
 
 /// A triangle mesh in the world. Its arrays are shared with the accelerator.
@@ -16,6 +17,8 @@ pub struct TriangleMesh {
     pub normals: Vec<Vec3>,
     /// Texture coordinates; may be empty.
     pub uvs: Vec<Vec2>,
+    /// Further values of vertices and faces.
+    pub attributes: Vec<Attribute>,
 }
 
 impl TriangleMesh {
@@ -31,6 +34,7 @@ impl TriangleMesh {
             + size_of_val(self.indices.as_slice())
             + size_of_val(self.normals.as_slice())
             + size_of_val(self.uvs.as_slice())
+            + self.attributes.iter().map(|a| size_of_val(a.values.as_slice())).sum::<usize>()
     }
 }
 
@@ -139,7 +143,7 @@ fn transform_normal(m: &DMat3, n: Vec3) -> Vec3 {
 }
 
 fn transform_mesh(mesh: Mesh, to_world: &DAffine3, flip: bool) -> TriangleMesh {
-    let Mesh { mut positions, mut normals, uvs, mut indices } = mesh;
+    let Mesh { mut positions, mut normals, uvs, mut indices, attributes } = mesh;
     if *to_world != DAffine3::IDENTITY {
         for p in &mut positions {
             *p = to_world.transform_point3(p.as_dvec3()).as_vec3();
@@ -152,7 +156,13 @@ fn transform_mesh(mesh: Mesh, to_world: &DAffine3, flip: bool) -> TriangleMesh {
         normals.iter_mut().for_each(|n| *n = -*n);
         indices.iter_mut().for_each(|t| t.swap(1, 2));
     }
-    TriangleMesh { positions: Arc::new(positions.into()), indices: Arc::new(indices), normals, uvs }
+    TriangleMesh {
+        positions: Arc::new(positions.into()),
+        indices: Arc::new(indices),
+        normals,
+        uvs,
+        attributes,
+    }
 }
 
 fn rectangle(to_world: &DAffine3, flip: bool) -> WorldShape {
@@ -162,6 +172,7 @@ fn rectangle(to_world: &DAffine3, flip: bool) -> WorldShape {
         normals: Vec::new(),
         uvs: corners.iter().map(|&(x, y)| Vec2::new(0.5 * (x + 1.0), 0.5 * (y + 1.0))).collect(),
         indices: vec![[0, 1, 2], [2, 3, 0]],
+        attributes: Vec::new(),
     };
     let mirrored = to_world.matrix3.determinant() < 0.0;
     let mesh = transform_mesh(mesh, to_world, flip != mirrored);

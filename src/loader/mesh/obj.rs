@@ -36,6 +36,7 @@ pub fn parse(path: &Path, bytes: &[u8], warnings: &mut Vec<Error>) -> Result<Mes
         normals: triples(&mesh.normals),
         uvs: mesh.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(),
         indices: mesh.indices.chunks_exact(3).map(|i| [i[0], i[1], i[2]]).collect(),
+        attributes: Vec::new(),
     })
 }
 
