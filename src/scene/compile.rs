@@ -51,7 +51,7 @@ pub fn compile(description: Description, options: CompileOptions) -> Result<(Sce
         shapes.push(place_shape(placed, &materials, &mut lights, &mut report)?);
     }
     let started = Instant::now();
-    let geometry = shapes.iter().map(|s| s.world.geometry()).collect();
+    let geometry: Vec<_> = shapes.iter().map(|s| s.world.geometry()).collect();
     let built = accel::build(options.accel, geometry, options.threads, true)?;
     report.build_seconds = started.elapsed().as_secs_f64();
     report.dropped_primitives = built.dropped;
