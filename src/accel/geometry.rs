@@ -61,6 +61,11 @@ pub enum Geometry {
 }
 
 impl Geometry {
+    /// A geometry that no ray hits.
+    pub fn nothing() -> Self {
+        Geometry::Triangles { positions: Arc::new(Vec::new().into()), indices: Arc::new(Vec::new()) }
+    }
+
     /// The number of primitives, valid or not.
     pub fn len(&self) -> usize {
         match self {
