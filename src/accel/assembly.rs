@@ -77,6 +77,12 @@ impl<'a> Question<'a> {
         Question { filter, id: if filter.is_some() { ray_id(ray) } else { 0 } }
     }
 
+    /// For a ray whose number is known.
+    #[cfg(feature = "embree")]
+    pub fn with_id(filter: Option<&'a Filtered>, id: u32) -> Self {
+        Question { filter, id }
+    }
+
     /// Whether the hit counts; `ray` is that in the group's coordinates.
     #[inline]
     pub fn accepts(&self, ray: &Ray, hit: &Hit) -> bool {

@@ -99,7 +99,7 @@ mod tests {
         let [x, y, axis] = cylinder_frame(p0, p1);
         assert!((x.cross(y) - axis).length() < 1e-12);
         for i in 0..100 {
-            let (u, v) = (f64::from(i) / 100.0, (f64::from(i) * 0.618).fract());
+            let (u, v) = (f64::from(i) / 100.0, 0.01 + 0.98 * (f64::from(i) * 0.618).fract());
             let (sin, cos) = (TAU * u).sin_cos();
             let out = x * cos + y * sin;
             let p = p0.as_dvec3().lerp(p1.as_dvec3(), v) + out * f64::from(radius);
