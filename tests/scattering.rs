@@ -51,7 +51,7 @@ fn diffuse_samples_follow_their_density() {
     assert!(bsdf.sample(Vec3::new(0.6, 0.0, -0.8), 0.5, Vec2::splat(0.5)).is_none());
 }
 
-fn rough(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> Bsdf {
+fn rough(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> Bsdf<'static> {
     Bsdf::RoughConductor(RoughConductor {
         microfacets: Microfacets { distribution, alpha_x: alpha[0], alpha_y: alpha[1], sample_visible },
         fresnel: ConductorFresnel { eta: Rgb::new(0.2, 0.9, 1.5), k: Rgb::new(3.9, 2.4, 1.9) },

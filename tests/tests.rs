@@ -20,4 +20,5 @@ mod parity;
 mod scattering;
 mod self_intersection;
 mod support;
+mod texture_files;
 mod watertight;

@@ -8,6 +8,6 @@ pub mod robust;
 
 pub use bounds::Bounds;
 pub use frame::{Frame, FrameX16};
-pub use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Vec2, Vec3};
+pub use glam::{Affine2, DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Vec2, Vec3};
 pub use lanes::{LANES, Vec3x16, f32x16};
 pub use ray::{Ray, RayX16};
