@@ -3,10 +3,12 @@
 //! A scene describes an [`Emitter`]; the compiled scene holds [`Light`]s, which can be sampled.
 
 pub mod area;
+pub mod environment_map;
 pub mod lanes;
 pub mod spherical_rectangle;
 
 pub use area::AreaEmitter;
+pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
 
 use crate::color::Rgb;

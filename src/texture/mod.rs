@@ -5,6 +5,7 @@
 pub mod attribute;
 pub mod bitmap;
 pub mod checkerboard;
+mod uv_distribution;
 
 pub use attribute::{Attribute, MeshAttribute};
 pub use bitmap::{Bitmap, FilterType, WrapMode};
