@@ -173,11 +173,11 @@ impl Texels {
 
 /// The colours of pixels that may have an alpha behind them.
 fn without_alpha<T: Copy>(mut samples: Vec<T>, channels: usize) -> Vec<T> {
-    if channels % 2 == 0 {
-        let mut index = 0;
+    if channels.is_multiple_of(2) {
+        let mut index = 0usize;
         samples.retain(|_| {
             index += 1;
-            index % channels != 0
+            !index.is_multiple_of(channels)
         });
         samples.shrink_to_fit();
     }

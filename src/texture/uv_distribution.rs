@@ -106,7 +106,7 @@ mod tests {
         }
     }
 
-    /// Estimates of the texture's integral have its value, and a variance no greater than that within cells.
+    /// Estimates of the texture's integral have its value.
     #[test]
     fn estimates_are_unbiased_whatever_the_transform() {
         let turned = Affine2::from_cols_array(&[1.7, 0.6, -0.9, 2.3, 0.2, 0.4]);
@@ -122,16 +122,17 @@ mod tests {
             board,
         ] {
             let d = texture.uv_distribution().unwrap();
-            let (n, mut estimate, mut integral) = (700, 0.0, 0.0);
-            for y in 0..n {
-                for x in 0..n {
-                    let u = Vec2::new((x as f32 + 0.5) / n as f32, (y as f32 + 0.5) / n as f32);
-                    integral += f64::from(texture.eval(&TexturePoint::at(u)).g);
-                    let (p, pdf) = d.sample(u).unwrap();
-                    let value = texture.eval(&TexturePoint::at(p)).g;
-                    assert!(pdf > 0.0 && (d.pdf(p) / pdf - 1.0).abs() < 1e-4, "{p}");
-                    estimate += f64::from(value / pdf);
-                }
+            let (mut estimate, mut integral) = (0.0, 0.0);
+            for i in 1..=500_000 {
+                // Of equal distances, which resonate with no grid.
+                let u = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
+                let u =
+                    Vec2::from(u.map(|a: f64| (a * f64::from(i)).fract() as f32)).min(Vec2::splat(0.999_999));
+                integral += f64::from(texture.eval(&TexturePoint::at(u)).g);
+                let (p, pdf) = d.sample(u).unwrap();
+                let value = texture.eval(&TexturePoint::at(p)).g;
+                assert!(pdf > 0.0 && (d.pdf(p) / pdf - 1.0).abs() < 1e-4, "{p}");
+                estimate += f64::from(value / pdf);
             }
             assert!((estimate / integral - 1.0).abs() < 0.02, "{estimate} {integral}");
         }
