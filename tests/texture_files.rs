@@ -260,3 +260,44 @@ fn short_and_boasting_files_are_refused() {
         }
     }
 }
+
+/// Damage may go unnoticed; a texture or an error is all that may come of it.
+#[test]
+fn damaged_textures_never_bring_the_program_down() {
+    let dir = tempfile::tempdir().unwrap();
+    let damaged = dir.path().join("damaged");
+    let mut state = 5u32;
+    let mut next = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as usize
+    };
+    for (name, channels) in
+        [("a.png", 4), ("a.jpg", 3), ("a.bmp", 3), ("b.bmp", 1), ("a.tga", 4), ("b.tga", 1), ("a.hdr", 3)]
+    {
+        let path = dir.path().join(name);
+        if name == "a.hdr" {
+            let file = fs::File::create(&path).unwrap();
+            let pixels = vec![image::Rgb([1.0f32, 0.5, 0.1]); 64];
+            image::codecs::hdr::HdrEncoder::new(file).encode(&pixels, 8, 8).unwrap();
+        } else {
+            picture(channels).save(&path).unwrap();
+        }
+        let bytes = fs::read(&path).unwrap();
+        for round in 0..150 {
+            let mut bytes = bytes.clone();
+            for _ in 0..3 {
+                // Mostly the header; in every third file anywhere.
+                let end = if round % 3 == 0 { bytes.len() } else { bytes.len().min(60) };
+                let at = 2 + next() % (end - 2);
+                bytes[at] = next() as u8;
+            }
+            fs::write(&damaged, &bytes).unwrap();
+            for backend in backends() {
+                if let Ok(texture) = read_texture_with(backend, &damaged) {
+                    let (w, h) = (texture.width(), texture.height());
+                    assert!(w * h > 0 && texture.rgb(w - 1, h - 1)[0] >= 0.0);
+                }
+            }
+        }
+    }
+}
