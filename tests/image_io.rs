@@ -432,7 +432,8 @@ fn what_cannot_be_read_is_said() {
         fs::write(&path, content).unwrap();
         path
     };
-    let expected = "expected an image (OpenEXR, PNG, JPEG, Radiance HDR or PFM), found something else";
+    let expected =
+        "expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM), found something else";
     for backend in backends() {
         assert_eq!(read_error(backend, &dir.path().join("missing.exr")), "no such file");
         assert_eq!(read_error(backend, dir.path()), "expected an image, found a folder");

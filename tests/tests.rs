@@ -7,6 +7,7 @@ mod determinism;
 #[cfg(feature = "embree")]
 mod embree_ffi;
 mod emitters;
+mod environment_map;
 mod image_io;
 mod layering;
 mod loader;
@@ -20,4 +21,5 @@ mod parity;
 mod scattering;
 mod self_intersection;
 mod support;
+mod texture_files;
 mod watertight;

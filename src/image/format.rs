@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::srgb::{Bytes, Raster};
+use super::srgb::{Bytes, Codes, Raster};
 use super::{Compression, Image, Metadata, SampleFormat, pure};
 
 /// The most values (pixels times channels) that a file may ask for: 16 GiB of them. More is a damaged header.
@@ -14,6 +14,8 @@ pub(super) enum Format {
     OpenExr,
     Png,
     Jpeg,
+    Bmp,
+    Tga,
     Hdr,
     Pfm,
 }
@@ -25,8 +27,13 @@ impl Format {
             [0x76, 0x2f, 0x31, 0x01, ..] => Format::OpenExr,
             [0x89, b'P', b'N', b'G', ..] => Format::Png,
             [0xff, 0xd8, 0xff, ..] => Format::Jpeg,
+            [b'B', b'M', ..] => Format::Bmp,
             [b'#', b'?', ..] => Format::Hdr,
             [b'P', b'F' | b'f', b'\n' | b'\r' | b' ' | b'\t', ..] => Format::Pfm,
+            // No magic number: a plausible kind of palette, kind of pixels and depth.
+            [_, 0 | 1, 1..=3 | 9..=11, rest @ ..] if matches!(rest.get(13), Some(8 | 15 | 16 | 24 | 32)) => {
+                Format::Tga
+            }
             _ => return None,
         })
     }
@@ -49,6 +56,8 @@ impl Format {
             Format::OpenExr => "OpenEXR",
             Format::Png => "PNG",
             Format::Jpeg => "JPEG",
+            Format::Bmp => "BMP",
+            Format::Tga => "TGA",
             Format::Hdr => "Radiance HDR",
             Format::Pfm => "PFM",
         }
@@ -150,7 +159,16 @@ impl Backend {
         }
     }
 
-    /// The samples of a PNG, JPEG or HDR file.
+    /// The samples of a PNG, JPEG, BMP or TGA file as they are stored, or of an HDR file.
+    pub(super) fn read_codes(self, path: &Path, format: Format, most: u64) -> Result<Codes, String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::read_codes(path, format, most),
+            Backend::RustCrates => pure::read_codes(path, format, most),
+        }
+    }
+
+    /// The samples of a PNG, JPEG, BMP, TGA or HDR file.
     pub(super) fn read_raster(self, path: &Path, format: Format) -> Result<Raster, String> {
         match self {
             #[cfg(feature = "oiio")]

@@ -7,7 +7,7 @@ use std::ptr::{self, NonNull};
 use buffon_oiio_sys as sys;
 
 use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
-use super::srgb::{Bytes, Depth, Raster};
+use super::srgb::{Bytes, Codes, Raster, Samples};
 use super::{Compression, Image, Metadata, SampleFormat, Value};
 
 /// Our names of metadata for which OpenImageIO has its own.
@@ -71,6 +71,8 @@ fn format_name(format: Format) -> &'static CStr {
         Format::OpenExr => c"openexr",
         Format::Png => c"png",
         Format::Jpeg => c"jpeg",
+        Format::Bmp => c"bmp",
+        Format::Tga => c"targa",
         Format::Hdr => c"hdr",
         Format::Pfm => unreachable!("PFM files are read and written without a library"),
     }
@@ -154,12 +156,7 @@ impl Reader {
 
     /// The pixels of the current part.
     fn pixels(&mut self, part: &sys::BuffonOiioPart) -> Result<Vec<f32>, String> {
-        let sides = [part.width, part.height, part.channels].map(|n| u64::try_from(n).unwrap_or(0));
-        let values = sides.iter().fold(1u64, |product, n| product.saturating_mul(*n));
-        if values == 0 || values > MAX_VALUES {
-            return Err(format!("expected at least one and at most {MAX_VALUES} values, found {values}"));
-        }
-        let mut data = vec![0.0f32; values as usize];
+        let mut data = vec![0.0f32; values(part, MAX_VALUES)?];
         let mut message = Message::new();
         let (buffer, size) = message.buffer();
         // SAFETY: the reader is open; `data` has the length given, which the shim checks against the part;
@@ -168,6 +165,46 @@ impl Reader {
             unsafe { sys::buffon_oiio_read(self.0.as_ptr(), data.as_mut_ptr(), data.len(), buffer, size) };
         if done == 0 { Err(message.text()) } else { Ok(data) }
     }
+
+    /// The samples of the current part as they are stored; floats if they are no integers of 8 or 16 bits.
+    fn samples(&mut self, part: &sys::BuffonOiioPart, most: u64) -> Result<Samples, String> {
+        let (count, mut message) = (values(part, most)?, Message::new());
+        let (buffer, size) = message.buffer();
+        let reader = self.0.as_ptr();
+        let (samples, done) = match part.sample as u32 {
+            sys::BUFFON_OIIO_SAMPLE_BYTE => {
+                let mut bytes = vec![0u8; count];
+                // SAFETY: the reader is open; `bytes` are `count` numbers of the type that the sample's kind says, and the
+                // shim checks both against the part; `size` bytes of `buffer` are ours to write.
+                let done = unsafe {
+                    let to = bytes.as_mut_ptr().cast();
+                    sys::buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
+                };
+                (Samples::Bytes(bytes), done)
+            }
+            sys::BUFFON_OIIO_SAMPLE_SHORT => {
+                let mut shorts = vec![0u16; count];
+                // SAFETY: as above.
+                let done = unsafe {
+                    let to = shorts.as_mut_ptr().cast();
+                    sys::buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
+                };
+                (Samples::Shorts(shorts), done)
+            }
+            _ => return self.pixels(part).map(Samples::Floats),
+        };
+        if done == 0 { Err(message.text()) } else { Ok(samples) }
+    }
+}
+
+/// How many values a part holds, if it is at least one and at most `most`.
+fn values(part: &sys::BuffonOiioPart, most: u64) -> Result<usize, String> {
+    let sides = [part.width, part.height, part.channels].map(|n| u64::try_from(n).unwrap_or(0));
+    let values = sides.iter().fold(1u64, |product, n| product.saturating_mul(*n));
+    if values == 0 || values > most {
+        return Err(format!("expected at least one and at most {most} values, found {values}"));
+    }
+    Ok(values as usize)
 }
 
 /// A copy of a C string; empty for null.
@@ -206,21 +243,21 @@ pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
     Ok(parts)
 }
 
-/// The samples of a PNG, JPEG or HDR file.
+/// The samples of a PNG, JPEG, BMP, TGA or HDR file.
 pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String> {
+    read_codes(path, format, MAX_VALUES).map(Raster::from)
+}
+
+/// The samples of a PNG, JPEG, BMP, TGA or HDR file as they are stored, if there are at most `most`.
+pub(super) fn read_codes(path: &Path, format: Format, most: u64) -> Result<Codes, String> {
     let mut reader = Reader::open(path, format)?;
     let part = reader.part(0)?.ok_or("there is no image in it")?;
     if !(1..=4).contains(&part.channels) {
         return Err(format!("expected 1 to 4 channels, found {}", part.channels));
     }
-    let depth = match part.sample as u32 {
-        sys::BUFFON_OIIO_SAMPLE_BYTE => Depth::Integer(255),
-        sys::BUFFON_OIIO_SAMPLE_SHORT => Depth::Integer(65535),
-        _ => Depth::Float,
-    };
-    let samples = reader.pixels(&part)?;
+    let samples = reader.samples(&part, most)?;
     let (width, height) = (part.width as usize, part.height as usize);
-    Ok(Raster { width, height, channels: part.channels as usize, depth, samples })
+    Ok(Codes { width, height, channels: part.channels as usize, samples })
 }
 
 /// Strings and attributes in the library's form; the attributes point into the strings.

@@ -6,7 +6,9 @@ use std::path::Path;
 
 use ::image::codecs::jpeg::JpegEncoder;
 use ::image::codecs::png::PngEncoder;
-use ::image::{ColorType, DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader, Limits};
+use ::image::{
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits,
+};
 use exr::prelude::{
     AnyChannel, AnyChannels, AttributeValue, Blocks, Encoding, FlatSamples, Image as ExrImage,
     ImageAttributes, IntegerBounds, Layer, LayerAttributes, LineOrder, MetaData, ReadChannels, ReadLayers,
@@ -15,7 +17,7 @@ use exr::prelude::{
 
 use super::exr_header::sort_attributes;
 use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
-use super::srgb::{Bytes, Depth, Raster};
+use super::srgb::{Bytes, Codes, Raster, Samples};
 use super::{Compression, Image, Metadata, SampleFormat, Value};
 use crate::estimate::metrics;
 
@@ -175,42 +177,45 @@ fn image_format(format: Format) -> ImageFormat {
     match format {
         Format::Png => ImageFormat::Png,
         Format::Jpeg => ImageFormat::Jpeg,
+        Format::Bmp => ImageFormat::Bmp,
+        Format::Tga => ImageFormat::Tga,
         Format::Hdr => ImageFormat::Hdr,
         Format::OpenExr | Format::Pfm => unreachable!("these have readers of their own"),
     }
 }
 
-/// The samples of a PNG, JPEG or HDR file.
+/// The samples of a PNG, JPEG, BMP, TGA or HDR file.
 pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String> {
-    let file = BufReader::new(File::open(path).map_err(|e| e.to_string())?);
-    let mut reader = ImageReader::with_format(file, image_format(format));
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(4 * MAX_VALUES);
-    reader.limits(limits);
-    let decoded = reader.decode().map_err(|e| e.to_string())?;
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    let depth = match decoded.color() {
-        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => Depth::Integer(255),
-        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => Depth::Integer(65535),
-        _ => Depth::Float,
-    };
-    let (channels, samples) = match decoded {
-        DynamicImage::ImageLuma8(i) => (1, fractions(i.into_raw(), 255.0)),
-        DynamicImage::ImageLumaA8(i) => (2, fractions(i.into_raw(), 255.0)),
-        DynamicImage::ImageRgb8(i) => (3, fractions(i.into_raw(), 255.0)),
-        DynamicImage::ImageRgba8(i) => (4, fractions(i.into_raw(), 255.0)),
-        DynamicImage::ImageLuma16(i) => (1, fractions(i.into_raw(), 65535.0)),
-        DynamicImage::ImageLumaA16(i) => (2, fractions(i.into_raw(), 65535.0)),
-        DynamicImage::ImageRgb16(i) => (3, fractions(i.into_raw(), 65535.0)),
-        DynamicImage::ImageRgba16(i) => (4, fractions(i.into_raw(), 65535.0)),
-        other => (3, other.into_rgb32f().into_raw()),
-    };
-    Ok(Raster { width, height, channels, depth, samples })
+    read_codes(path, format, MAX_VALUES).map(Raster::from)
 }
 
-/// Integer samples as fractions of the largest.
-fn fractions<T: Into<f32>>(samples: Vec<T>, top: f32) -> Vec<f32> {
-    samples.into_iter().map(|v| v.into() / top).collect()
+/// The samples of a PNG, JPEG, BMP, TGA or HDR file as they are stored, if there are at most `most`.
+pub(super) fn read_codes(path: &Path, format: Format, most: u64) -> Result<Codes, String> {
+    let open = || File::open(path).map(BufReader::new).map_err(|e| e.to_string());
+    let mut reader = ImageReader::with_format(open()?, image_format(format));
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(4 * most);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
+    let (width, height) = decoder.dimensions();
+    let values = u64::from(width) * u64::from(height) * u64::from(decoder.color_type().channel_count());
+    if values == 0 || values > most {
+        return Err(format!("expected at least one and at most {most} values, found {values}"));
+    }
+    let decoded = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
+    let (width, height) = (width as usize, height as usize);
+    let (channels, samples) = match decoded {
+        DynamicImage::ImageLuma8(i) => (1, Samples::Bytes(i.into_raw())),
+        DynamicImage::ImageLumaA8(i) => (2, Samples::Bytes(i.into_raw())),
+        DynamicImage::ImageRgb8(i) => (3, Samples::Bytes(i.into_raw())),
+        DynamicImage::ImageRgba8(i) => (4, Samples::Bytes(i.into_raw())),
+        DynamicImage::ImageLuma16(i) => (1, Samples::Shorts(i.into_raw())),
+        DynamicImage::ImageLumaA16(i) => (2, Samples::Shorts(i.into_raw())),
+        DynamicImage::ImageRgb16(i) => (3, Samples::Shorts(i.into_raw())),
+        DynamicImage::ImageRgba16(i) => (4, Samples::Shorts(i.into_raw())),
+        other => (3, Samples::Floats(other.into_rgb32f().into_raw())),
+    };
+    Ok(Codes { width, height, channels, samples })
 }
 
 /// The bytes of a PNG or JPEG file.

@@ -5,10 +5,11 @@ use std::io::Read;
 use std::path::Path;
 
 use super::format::{Backend, Format, Part};
+use super::texture::{MAX_TEXTURE_VALUES, TextureImage};
 use super::{Image, pfm, srgb};
 use crate::error::{Error, Result};
 
-/// Reads an image: OpenEXR, PNG, JPEG, Radiance HDR or PFM, told apart by content and not by extension.
+/// Reads an image: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM, told apart by content and not by extension.
 ///
 /// The result is linear with premultiplied alpha. Channels come in a fixed order: R, G, B, A, others by name,
 /// then layers by name. An OpenEXR file of several parts gives one image whose channels have the part's name
@@ -32,17 +33,38 @@ pub fn read_with(backend: Backend, path: &Path) -> Result<Image> {
             let bytes = std::fs::read(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
             pfm::decode(&bytes).map_err(damaged)?
         }
-        Format::Png | Format::Jpeg | Format::Hdr => {
-            if format == Format::Jpeg {
-                let bytes = std::fs::read(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
-                if !jpeg_is_whole(&bytes) {
-                    return Err(damaged("the end of the image is missing".into()));
-                }
-            }
+        Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
+            check_whole(path, format).map_err(damaged)?;
             srgb::decode(backend.read_raster(path, format).map_err(damaged)?)
         }
     };
     Ok(image.sort_channels())
+}
+
+/// Reads an image as a texture: what [`read`] reads, but integers stay what they are.
+///
+/// # Errors
+/// As [`read`]; also if there is no picture in it, or more than 2^30 values.
+pub fn read_texture(path: &Path) -> Result<TextureImage> {
+    read_texture_with(Backend::default(), path)
+}
+
+/// [`read_texture`] with a given library.
+pub fn read_texture_with(backend: Backend, path: &Path) -> Result<TextureImage> {
+    let fail = |message: String| Error::output(message).in_file(path);
+    let format = sniff(path).map_err(fail)?;
+    let damaged = |why: String| fail(format!("damaged or cut short {} file ({})", format.name(), why.trim()));
+    match format {
+        Format::OpenExr | Format::Pfm => {
+            let image = read_with(backend, path)?;
+            TextureImage::from_image(&image).map_err(fail)
+        }
+        Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
+            check_whole(path, format).map_err(damaged)?;
+            let codes = backend.read_codes(path, format, MAX_TEXTURE_VALUES).map_err(damaged)?;
+            Ok(TextureImage::from_codes(codes))
+        }
+    }
 }
 
 /// The format that the file's content announces.
@@ -54,14 +76,23 @@ fn sniff(path: &Path) -> Result<Format, String> {
         _ => {}
     }
     File::open(path)
-        .and_then(|file| file.take(8).read_to_end(&mut start))
+        .and_then(|file| file.take(18).read_to_end(&mut start))
         .map_err(|e| format!("cannot be read: {e}"))?;
     if start.is_empty() {
         return Err("expected an image, found an empty file".into());
     }
     Format::of_content(&start).ok_or_else(|| {
-        "expected an image (OpenEXR, PNG, JPEG, Radiance HDR or PFM), found something else".into()
+        "expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM), found something else".into()
     })
+}
+
+/// Looks for the end of a file whose decoders do not miss it.
+fn check_whole(path: &Path, format: Format) -> Result<(), String> {
+    if format != Format::Jpeg {
+        return Ok(());
+    }
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    if jpeg_is_whole(&bytes) { Ok(()) } else { Err("the end of the image is missing".into()) }
 }
 
 /// Whether a JPEG file has an end of image behind its first scan. Decoders fill up what is missing with grey.

@@ -30,13 +30,48 @@ pub(super) enum Depth {
     Float,
 }
 
-/// Pixels as they come out of a PNG, JPEG or HDR file, with `channels` as in [`Bytes`].
+/// Pixels as they come out of a PNG, JPEG, BMP, TGA or HDR file, with `channels` as in [`Bytes`].
 pub(super) struct Raster {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) channels: usize,
     pub(super) depth: Depth,
     pub(super) samples: Vec<f32>,
+}
+
+/// Samples as a file stores them.
+pub(super) enum Samples {
+    /// 8 bits, sRGB-encoded.
+    Bytes(Vec<u8>),
+    /// 16 bits, sRGB-encoded.
+    Shorts(Vec<u16>),
+    /// Linear numbers.
+    Floats(Vec<f32>),
+}
+
+/// Pixels with their samples as a file stores them, with `channels` as in [`Bytes`].
+pub(super) struct Codes {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) channels: usize,
+    pub(super) samples: Samples,
+}
+
+impl From<Codes> for Raster {
+    fn from(codes: Codes) -> Self {
+        let Codes { width, height, channels, samples } = codes;
+        let (depth, samples) = match samples {
+            Samples::Bytes(v) => (Depth::Integer(255), fractions(v, 255.0)),
+            Samples::Shorts(v) => (Depth::Integer(65535), fractions(v, 65535.0)),
+            Samples::Floats(v) => (Depth::Float, v),
+        };
+        Raster { width, height, channels, depth, samples }
+    }
+}
+
+/// Integer samples as fractions of the largest.
+fn fractions<T: Into<f32>>(samples: Vec<T>, top: f32) -> Vec<f32> {
+    samples.into_iter().map(|v| v.into() / top).collect()
 }
 
 /// The channel names of a file with this many channels.

@@ -131,7 +131,7 @@ pub fn write_with(
             let (channels, data) = picture(image).ok_or_else(lacks_picture)?;
             pfm::encode(width, height, channels, &data)
         }
-        Format::Png | Format::Jpeg | Format::Hdr => {
+        Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
             let keep_alpha = format == Format::Png;
             let pixels = srgb::encode(image, options.exposure, keep_alpha).ok_or_else(lacks_picture)?;
             if format == Format::Jpeg && width.max(height) > JPEG_MAX {

@@ -2,6 +2,7 @@
 
 pub mod dimension;
 pub mod distribution;
+pub mod distribution_2d;
 pub mod hash;
 pub mod mis;
 pub mod sampler;
@@ -9,4 +10,5 @@ pub mod warp;
 
 pub use dimension::Dimension;
 pub use distribution::Distribution1D;
+pub use distribution_2d::{BilinearDistribution2D, Distribution2D};
 pub use sampler::{SampleKey, Sampler, SamplerKind};

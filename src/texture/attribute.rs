@@ -1,6 +1,7 @@
 //! Values that a mesh file gives to vertices or faces.
 
 use super::TexturePoint;
+use crate::color::Rgb;
 
 /// One, two, three or more numbers for each vertex or each face of a mesh.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,5 +29,79 @@ impl Attribute {
         let [a, b, c] = point.vertices.map(at);
         let (u, v) = (point.barycentric.x, point.barycentric.y);
         a * (1.0 - u - v) + b * u + c * v
+    }
+}
+
+/// A texture that reads an attribute of the mesh that it lies on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshAttribute {
+    /// The attribute's name.
+    pub name: String,
+    /// What its numbers are multiplied by.
+    pub scale: f32,
+}
+
+impl MeshAttribute {
+    /// The attribute among those of a mesh.
+    pub fn find<'a>(&self, attributes: &'a [Attribute]) -> Option<&'a Attribute> {
+        attributes.iter().find(|a| a.name == self.name)
+    }
+
+    /// The colour at a point: three numbers, or one in every channel. Black without such an attribute.
+    pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
+        let Some(attribute) = self.find(point.attributes) else { return Rgb::BLACK };
+        let color = match attribute.channels {
+            3 => Rgb::from([0, 1, 2].map(|c| attribute.eval(point, c))),
+            _ => Rgb::splat(attribute.eval(point, 0)),
+        };
+        color * self.scale
+    }
+
+    /// The number at a point: of three numbers the luminance. Zero without such an attribute.
+    pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
+        match self.find(point.attributes) {
+            Some(a) if a.channels == 3 => self.eval(point).luminance(),
+            Some(a) => a.eval(point, 0) * self.scale,
+            None => 0.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Vec2;
+
+    /// Two triangles of a square, as Mitsuba 3.9.1 evaluates them at (0.2, 0.3) and (0.8, 0.7).
+    #[test]
+    fn values_agree_with_the_scene_languages_mesh_attributes() {
+        let attribute = |name: &str, channels: usize, values: &[f32]| Attribute {
+            name: name.into(),
+            channels,
+            values: values.to_vec(),
+        };
+        let attributes = [
+            attribute("vertex_w", 1, &[1.0, 2.0, 3.0, 4.0]),
+            attribute("vertex_color", 3, &[1., 0., 0., 0., 1., 0., 0., 0., 1., 0.5, 0.5, 0.5]),
+            attribute("face_color", 3, &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]),
+        ];
+        let points = [(0, [0, 1, 2], [0.2, 0.3]), (1, [1, 3, 2], [0.5, 0.2])].map(|(face, vertices, b)| {
+            let uv = Vec2::ZERO;
+            TexturePoint { uv, attributes: &attributes, face, vertices, barycentric: Vec2::from(b) }
+        });
+        for (name, expected) in [
+            ("vertex_w", [[3.6; 3], [6.4; 3]]),
+            ("vertex_color", [[1.0, 0.4, 0.6], [0.5, 1.1, 0.9]]),
+            ("face_color", [[0.2, 0.4, 0.6], [0.8, 1.0, 1.2]]),
+            ("vertex_none", [[0.0; 3]; 2]),
+        ] {
+            let texture = MeshAttribute { name: name.into(), scale: 2.0 };
+            for (point, expected) in points.iter().zip(expected) {
+                let found = texture.eval(point).to_array();
+                assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{name}: {found:?}");
+                let number = Rgb::from(expected).luminance();
+                assert!((texture.eval_scalar(point) - number).abs() < 2e-6, "{name}");
+            }
+        }
     }
 }

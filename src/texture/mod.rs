@@ -1,8 +1,15 @@
 //! Textures: functions of a surface point that colours and numbers of materials and emitters are read from.
+//!
+//! They mean what Mitsuba 3.9.1 makes of its plugins `bitmap`, `checkerboard` and `mesh_attribute`.
 
 pub mod attribute;
+pub mod bitmap;
+pub mod checkerboard;
+mod uv_distribution;
 
-pub use attribute::Attribute;
+pub use attribute::{Attribute, MeshAttribute};
+pub use bitmap::{Bitmap, FilterType, WrapMode};
+pub use checkerboard::Checkerboard;
 
 use crate::color::Rgb;
 use crate::math::Vec2;
@@ -34,32 +41,89 @@ impl TexturePoint<'_> {
 pub enum Texture {
     /// The same everywhere.
     Constant(Rgb),
+    /// An image.
+    Bitmap(Bitmap),
+    /// Squares of two textures in turn.
+    Checkerboard(Checkerboard),
+    /// Values that a mesh file gives to vertices or faces.
+    MeshAttribute(MeshAttribute),
 }
 
 impl Texture {
     /// The colour at a point.
-    pub fn eval(&self, _point: &TexturePoint<'_>) -> Rgb {
+    #[inline]
+    pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
+            Texture::Bitmap(bitmap) => bitmap.eval(point),
+            Texture::Checkerboard(board) => board.eval(point),
+            Texture::MeshAttribute(attribute) => attribute.eval(point),
         }
     }
 
-    /// The number at a point: the luminance of a colour.
-    pub fn eval_scalar(&self, _point: &TexturePoint<'_>) -> f32 {
+    /// The number at a point: the luminance of an image's or a mesh's colour, but the mean of the channels of a
+    /// constant one.
+    #[inline]
+    pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         match self {
-            Texture::Constant(value) => value.luminance(),
+            Texture::Constant(Rgb { r, g, b }) if r == g && g == b => *r,
+            Texture::Constant(value) => value.mean(),
+            Texture::Bitmap(bitmap) => bitmap.eval_scalar(point),
+            Texture::Checkerboard(board) => board.eval_scalar(point),
+            Texture::MeshAttribute(attribute) => attribute.eval_scalar(point),
         }
     }
 
-    /// The derivatives of [`eval_scalar`](Self::eval_scalar) by the texture coordinates.
-    pub fn gradient(&self, _point: &TexturePoint<'_>) -> Vec2 {
-        Vec2::ZERO
+    /// The derivatives of [`eval_scalar`](Self::eval_scalar) by the texture coordinates; zero for values of a mesh,
+    /// which do not depend on them.
+    pub fn gradient(&self, point: &TexturePoint<'_>) -> Vec2 {
+        match self {
+            Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ZERO,
+            Texture::Bitmap(bitmap) => bitmap.gradient(point),
+            Texture::Checkerboard(board) => board.gradient(point),
+        }
     }
 
-    /// The mean over the unit square of texture coordinates.
+    /// The mean over the texture: of an image's texels, of both textures of a board. Half of the scale for values of a
+    /// mesh, which are not known here.
     pub fn mean(&self) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
+            Texture::Bitmap(bitmap) => bitmap.mean(),
+            Texture::Checkerboard(board) => board.mean(),
+            Texture::MeshAttribute(attribute) => Rgb::splat(0.5 * attribute.scale),
+        }
+    }
+
+    /// Whether it is the same everywhere.
+    pub fn is_constant(&self) -> bool {
+        matches!(self, Texture::Constant(_))
+    }
+
+    /// The memory that its texels take. Textures that share an image count it each.
+    pub fn memory_bytes(&self) -> usize {
+        match self {
+            Texture::Constant(_) | Texture::MeshAttribute(_) => 0,
+            Texture::Bitmap(bitmap) => bitmap.memory_bytes(),
+            Texture::Checkerboard(board) => board.memory_bytes(),
+        }
+    }
+
+    /// Whether it, or a texture on it, is read from a mesh.
+    fn needs_mesh(&self) -> bool {
+        match self {
+            Texture::Constant(_) | Texture::Bitmap(_) => false,
+            Texture::Checkerboard(board) => board.needs_mesh(),
+            Texture::MeshAttribute(_) => true,
+        }
+    }
+
+    /// How many different pieces lie along the unit square's sides, at most.
+    fn detail(&self) -> Vec2 {
+        match self {
+            Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ONE,
+            Texture::Bitmap(bitmap) => bitmap.detail(),
+            Texture::Checkerboard(board) => board.detail(),
         }
     }
 }

@@ -254,6 +254,29 @@ int32_t buffon_oiio_read(BuffonOiioReader *reader, float *pixels, size_t count, 
     });
 }
 
+int32_t buffon_oiio_read_codes(BuffonOiioReader *reader, int32_t sample, void *pixels, size_t count, char *message,
+                               size_t size) noexcept
+{
+    return guarded(0, message, size, [&] {
+        const OIIO::ImageSpec &spec = reader->spec;
+        const size_t area = size_t(spec.width) * size_t(spec.height), stride = size_t(spec.nchannels);
+        if (spec.width < 1 || spec.height < 1 || spec.depth > 1 || area * stride != count) {
+            say("the buffer does not fit the image", message, size);
+            return 0;
+        }
+        if (sample != sample_of(spec.format)) {
+            say("the samples are of another type", message, size);
+            return 0;
+        }
+        const OIIO::TypeDesc type = sample == BUFFON_OIIO_SAMPLE_SHORT ? OIIO::TypeUInt16 : OIIO::TypeUInt8;
+        if (!reader->input->read_image(reader->part, 0, 0, spec.nchannels, type, pixels)) {
+            say(reader->input->geterror(), message, size);
+            return 0;
+        }
+        return 1;
+    });
+}
+
 BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, size_t size) noexcept
 {
     return guarded<BuffonOiioBuffer *>(nullptr, message, size, [&]() -> BuffonOiioBuffer * {

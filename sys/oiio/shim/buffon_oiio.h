@@ -111,6 +111,11 @@ int32_t buffon_oiio_attribute(const BuffonOiioReader *reader, size_t index,
 int32_t buffon_oiio_read(BuffonOiioReader *reader, float *pixels, size_t count, char *message,
                          size_t message_size) BUFFON_OIIO_NOEXCEPT;
 
+/* Reads the current part's samples as the integers that they are, into `pixels` for `count` = width * height * channels
+ * of them: uint8_t for BUFFON_OIIO_SAMPLE_BYTE, uint16_t for BUFFON_OIIO_SAMPLE_SHORT. */
+int32_t buffon_oiio_read_codes(BuffonOiioReader *reader, int32_t sample, void *pixels, size_t count, char *message,
+                               size_t message_size) BUFFON_OIIO_NOEXCEPT;
+
 /* Encodes a file in memory; NULL on failure. Not on disk, because the library's writers do not all notice
  * when that is full: PNG says nothing and JPEG ends the process. */
 BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *output, char *message,

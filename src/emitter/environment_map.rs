@@ -1,0 +1,218 @@
+//! Light from infinity, from an image of all directions.
+//!
+//! The image is in latitude and longitude, as Mitsuba 3.9.1 has it: the first row is the direction +y, the last −y;
+//! columns go round from −z over +x, +z and −x, the centre of column j at the longitude 2π (j + ½)/width, while the
+//! first and the last row lie on the poles. Radiance is bilinear between them.
+//!
+//! Directions are drawn from a density per unit solid angle that is bilinear in the longitude and in
+//! h = ½ (1 − cos θ), the share of the sphere above a direction. It has no singularity at the poles, and in the bands
+//! between two rows it is proportional to the luminance but for the curvature of h(θ).
+
+use std::f64::consts::{PI, TAU};
+
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::image::TextureImage;
+use crate::math::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
+use crate::sampling::BilinearDistribution2D;
+
+/// How far from orthogonal the axes of a rotation may be.
+const ORTHOGONAL: f64 = 1e-4;
+
+/// An image of the radiance from all directions.
+#[derive(Clone, Debug)]
+pub struct EnvMap {
+    image: TextureImage,
+    scale: f32,
+    /// A rotation, maybe with a reflection.
+    to_world: Mat3,
+    /// Over the longitude in turns from the first column's centre, and h.
+    distribution: BilinearDistribution2D,
+    mean: Rgb,
+}
+
+/// A direction drawn from an [`EnvMap`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EnvMapSample {
+    /// Unit direction towards the map.
+    pub wi: Vec3,
+    /// Radiance from there.
+    pub radiance: Rgb,
+    /// Density per unit solid angle.
+    pub pdf: f32,
+}
+
+impl EnvMap {
+    /// The map that shows `image` times `scale`, turned by `to_world`. Of `to_world` only the rotation and reflection
+    /// count: the map is infinitely far and large.
+    ///
+    /// # Errors
+    /// If a radiance or the scale is not finite, the scale is negative, or `to_world` shears or scales differently
+    /// along different axes.
+    pub fn new(image: TextureImage, scale: f32, to_world: &DAffine3) -> Result<EnvMap> {
+        if !(scale >= 0.0 && scale.is_finite()) {
+            return Err(Error::scene(format!("expected a finite scale of at least 0, found {scale}")));
+        }
+        let rotation = rotation(&to_world.matrix3).ok_or_else(|| {
+            Error::scene("expected a to_world transform that rotates, mirrors or scales evenly")
+        })?;
+        for y in 0..image.height() {
+            for x in 0..image.width() {
+                let [r, g, b] = image.rgb(x, y);
+                if !(r.is_finite() && g.is_finite() && b.is_finite()) {
+                    let found = format!("{r} {g} {b} in column {x} of row {y}");
+                    return Err(Error::scene(format!("expected finite radiance, found {found}")));
+                }
+            }
+        }
+        let distribution = distribution(&image);
+        let mean = mean(&image) * scale;
+        Ok(EnvMap { image, scale, to_world: rotation.as_mat3(), distribution, mean })
+    }
+
+    /// The radiance from a unit direction.
+    pub fn eval(&self, direction: Vec3) -> Rgb {
+        let d = self.to_world.transpose() * direction;
+        let theta = d.x.hypot(d.z).atan2(d.y);
+        self.at(self.turns(d.as_dvec3()), f64::from(theta))
+    }
+
+    /// The longitude in turns, in [0, 1], from the first column's centre.
+    #[inline]
+    fn turns(&self, d: DVec3) -> f64 {
+        let turns = d.x.atan2(-d.z) / TAU - 0.5 / self.image.width() as f64;
+        turns - turns.floor()
+    }
+
+    /// The radiance at a longitude in turns from the first column's centre and an angle from the pole.
+    #[inline]
+    fn at(&self, turns: f64, theta: f64) -> Rgb {
+        let (width, height) = (self.image.width(), self.image.height());
+        let (x, y) = (turns * width as f64, theta / PI * (height - 1) as f64);
+        let column = (x as usize).min(width - 1);
+        let row = (y as usize).min(height.saturating_sub(2));
+        let next = if column + 1 == width { 0 } else { column + 1 };
+        let (s, t) = ((x - column as f64) as f32, (y - row as f64) as f32);
+        let lerp = |a: Rgb, b: Rgb, t: f32| a * (1.0 - t) + b * t;
+        let row_at = |y| lerp(Rgb::from(self.image.rgb(column, y)), Rgb::from(self.image.rgb(next, y)), s);
+        lerp(row_at(row), row_at((row + 1).min(height - 1)), t) * self.scale
+    }
+
+    /// Draws a direction; `None` if the map is black, and where it is.
+    pub fn sample(&self, u: Vec2) -> Option<EnvMapSample> {
+        if self.scale == 0.0 {
+            return None;
+        }
+        let ([turns, h], pdf_square) = self.distribution.sample(u)?;
+        let (sin_theta, cos_theta) = (2.0 * (h * (1.0 - h)).max(0.0).sqrt(), 1.0 - 2.0 * h);
+        let (sin_phi, cos_phi) = (TAU * (turns + 0.5 / self.image.width() as f64)).sin_cos();
+        let d = DVec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta);
+        let wi = (self.to_world * d.as_vec3()).normalize();
+        let radiance = self.at(turns, sin_theta.atan2(cos_theta));
+        Some(EnvMapSample { wi, radiance, pdf: pdf_square * SQUARE_TO_SPHERE })
+    }
+
+    /// The density per unit solid angle with which [`sample`](Self::sample) draws a direction.
+    pub fn pdf(&self, direction: Vec3) -> f32 {
+        if self.scale == 0.0 {
+            return 0.0;
+        }
+        let d = (self.to_world.transpose() * direction).as_dvec3();
+        // The share of the sphere above d is sin² (θ/2), of which no difference of nearly equal numbers is left.
+        let (up, across) = (d.y, d.x * d.x + d.z * d.z);
+        let length = (across + up * up).sqrt();
+        let cap = 0.5 * across / (length * (length + up.abs()));
+        let h = if up >= 0.0 { cap } else { 1.0 - cap };
+        self.distribution.pdf([self.turns(d), h]) * SQUARE_TO_SPHERE
+    }
+
+    /// The mean radiance over all directions.
+    pub fn mean_radiance(&self) -> Rgb {
+        self.mean
+    }
+
+    /// The power that enters a sphere of this radius, W.
+    pub fn power(&self, scene_radius: f32) -> Rgb {
+        let pi = std::f32::consts::PI;
+        self.mean * (4.0 * pi * pi * scene_radius * scene_radius)
+    }
+
+    /// The memory that the image and its distribution take.
+    pub fn memory_bytes(&self) -> usize {
+        self.image.memory_bytes() + self.distribution.memory_bytes()
+    }
+}
+
+/// The density per unit solid angle of a unit density over longitude in turns and share of the sphere: 1/4π.
+const SQUARE_TO_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
+
+/// The rotation or reflection in a matrix; `None` if there is more to it than a scale.
+fn rotation(matrix: &DMat3) -> Option<DMat3> {
+    let scale = matrix.determinant().abs().cbrt();
+    if !(scale > 0.0 && scale.is_finite()) {
+        return None;
+    }
+    let rotation = *matrix * (1.0 / scale);
+    let off = rotation.transpose() * rotation - DMat3::IDENTITY;
+    (off.to_cols_array().iter().all(|v| v.abs() < ORTHOGONAL)).then_some(rotation)
+}
+
+/// The distribution of luminance over longitude and share of the sphere.
+fn distribution(image: &TextureImage) -> BilinearDistribution2D {
+    let (width, height) = (image.width(), image.height());
+    // The first column stands at both ends. Negative radiance is found, too.
+    let row = |y: usize| -> Vec<f32> {
+        (0..=width).map(|x| Rgb::from(image.rgb(x % width, y)).map(f32::abs).luminance()).collect()
+    };
+    if height == 1 {
+        return BilinearDistribution2D::new(width + 1, vec![0.0, 1.0], &[row(0), row(0)].concat());
+    }
+    let mut weights = Vec::with_capacity((width + 1) * height);
+    for y in 0..height {
+        let neighbour = match y {
+            0 => 1,
+            _ if y + 1 == height => height - 2,
+            _ => {
+                weights.extend(row(y));
+                continue;
+            }
+        };
+        // Around a pole h grows as θ²: of all densities that are linear in h, this one comes nearest to a radiance
+        // that is linear in θ, with the other row as it is. Where either row shines it is positive.
+        weights.extend(row(y).iter().zip(row(neighbour)).map(|(pole, other)| 0.7 * pole + 0.3 * other));
+    }
+    let bands = (height - 1) as f64;
+    let above = |y: usize| if y + 1 == height { 1.0 } else { (0.5 * PI * y as f64 / bands).sin().powi(2) };
+    BilinearDistribution2D::new(width + 1, (0..height).map(above).collect(), &weights)
+}
+
+/// The mean over all directions of an image's interpolated colour.
+fn mean(image: &TextureImage) -> Rgb {
+    let (width, height) = (image.width(), image.height());
+    let mut sum = [0.0f64; 3];
+    for y in 0..height {
+        let share = row_share(y, height) / width as f64;
+        for x in 0..width {
+            for (sum, value) in sum.iter_mut().zip(image.rgb(x, y)) {
+                *sum += share * f64::from(value);
+            }
+        }
+    }
+    Rgb::from(sum.map(|s| s as f32))
+}
+
+/// The share of the sphere that belongs to a row: half the integral of sin θ times the row's hat function.
+fn row_share(y: usize, height: usize) -> f64 {
+    if height == 1 {
+        return 1.0;
+    }
+    let step = PI / (height - 1) as f64;
+    let angle = step * y as f64;
+    let integral = |low: f64, high: f64, rising: bool| {
+        let slope = (high.sin() - low.sin()) / (high - low);
+        if rising { slope - high.cos() } else { low.cos() - slope }
+    };
+    let above = if y == 0 { 0.0 } else { integral(angle - step, angle, true) };
+    let below = if y + 1 == height { 0.0 } else { integral(angle, angle + step, false) };
+    0.5 * (above + below)
+}

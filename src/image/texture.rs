@@ -1,0 +1,233 @@
+//! Pictures as textures hold them: the samples stay as small as the file has them.
+
+use std::sync::LazyLock;
+
+use exr::prelude::f16;
+
+use super::Image;
+use super::srgb::{Codes, Samples, from_srgb};
+use crate::error::{Error, Result};
+
+/// The most values (pixels times channels) of a texture: 16384 x 16384 pixels of four channels.
+pub(super) const MAX_TEXTURE_VALUES: u64 = 1 << 30;
+
+/// What the codes of 8 bits stand for.
+static LINEAR_8: LazyLock<Vec<f32>> = LazyLock::new(|| (0..=255).map(|i| i as f32 / 255.0).collect());
+static SRGB_8: LazyLock<Vec<f32>> = LazyLock::new(|| decoded(255));
+/// What the codes of 16 bits stand for.
+static LINEAR_16: LazyLock<Vec<f32>> = LazyLock::new(|| (0..=65535).map(|i| i as f32 / 65535.0).collect());
+static SRGB_16: LazyLock<Vec<f32>> = LazyLock::new(|| decoded(65535));
+
+/// The linear values of sRGB codes up to `top`.
+fn decoded(top: u32) -> Vec<f32> {
+    (0..=top).map(|i| from_srgb(f64::from(i) / f64::from(top)) as f32).collect()
+}
+
+/// A picture without alpha: grey, or linear Rec.709 RGB once its codes are looked up.
+#[derive(Clone, Debug)]
+pub struct TextureImage {
+    width: usize,
+    height: usize,
+    /// 1 or 3.
+    channels: usize,
+    texels: Texels,
+}
+
+/// Samples: rows from the top, pixels from the left, channels interleaved.
+#[derive(Clone, Debug)]
+enum Texels {
+    Bytes { codes: Vec<u8>, values: &'static [f32] },
+    Shorts { codes: Vec<u16>, values: &'static [f32] },
+    Halves(Vec<f16>),
+    Floats(Vec<f32>),
+}
+
+impl TextureImage {
+    /// A picture of linear values, 1 or 3 for each pixel: rows from the top, pixels from the left.
+    ///
+    /// # Errors
+    /// If there are no pixels, neither 1 nor 3 channels, or another number of values.
+    pub fn from_floats(width: usize, height: usize, channels: usize, values: Vec<f32>) -> Result<Self> {
+        check(width, height, channels, values.len())?;
+        Ok(TextureImage { width, height, channels, texels: Texels::of_floats(values) })
+    }
+
+    /// A picture of sRGB-encoded bytes, 1 or 3 for each pixel: rows from the top, pixels from the left.
+    ///
+    /// # Errors
+    /// As [`from_floats`](Self::from_floats).
+    pub fn from_bytes(width: usize, height: usize, channels: usize, codes: Vec<u8>) -> Result<Self> {
+        check(width, height, channels, codes.len())?;
+        Ok(TextureImage { width, height, channels, texels: Texels::Bytes { codes, values: &SRGB_8 } })
+    }
+
+    /// The picture of an image: its red, green and blue, or its grey.
+    pub(super) fn from_image(image: &Image) -> Result<Self, String> {
+        let Some(rgb) = image.rgb_channels() else {
+            let found = image.channels.join(", ");
+            return Err(format!("expected a picture (channels R, G and B, or Y), found {found}"));
+        };
+        let wanted: &[usize] = if rgb[0] == rgb[1] { &rgb[..1] } else { &rgb };
+        let (width, height, channels) = (image.width, image.height, wanted.len());
+        let found = (width as u64).saturating_mul(height as u64).saturating_mul(channels as u64);
+        if found > MAX_TEXTURE_VALUES {
+            return Err(format!("expected at most {MAX_TEXTURE_VALUES} values, found {found}"));
+        }
+        let mut values = Vec::with_capacity(width * height * channels);
+        for pixel in image.data.chunks_exact(image.channels.len()) {
+            values.extend(wanted.iter().map(|&c| pixel[c]));
+        }
+        Ok(TextureImage { width, height, channels, texels: Texels::of_floats(values) })
+    }
+
+    /// The picture of a file's samples.
+    pub(super) fn from_codes(codes: Codes) -> Self {
+        let Codes { width, height, channels, samples } = codes;
+        let texels = match samples {
+            Samples::Bytes(v) => Texels::Bytes { codes: without_alpha(v, channels), values: &SRGB_8 },
+            Samples::Shorts(v) => Texels::Shorts { codes: without_alpha(v, channels), values: &SRGB_16 },
+            Samples::Floats(v) => Texels::of_floats(without_alpha(v, channels)),
+        };
+        TextureImage { width, height, channels: if channels < 3 { 1 } else { 3 }, texels }
+    }
+
+    /// Pixels in a row.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Whether there is one value for each pixel instead of three.
+    pub fn is_grey(&self) -> bool {
+        self.channels == 1
+    }
+
+    /// Whether its samples are sRGB codes, which are looked up; else they are linear.
+    pub fn is_srgb(&self) -> bool {
+        match &self.texels {
+            Texels::Bytes { values, .. } => values[1] != LINEAR_8[1],
+            Texels::Shorts { values, .. } => values[1] != LINEAR_16[1],
+            Texels::Halves(_) | Texels::Floats(_) => false,
+        }
+    }
+
+    /// The same samples taken as linear ones: integers as fractions of the largest.
+    pub fn as_linear(mut self) -> Self {
+        match &mut self.texels {
+            Texels::Bytes { values, .. } => *values = &LINEAR_8,
+            Texels::Shorts { values, .. } => *values = &LINEAR_16,
+            Texels::Halves(_) | Texels::Floats(_) => {}
+        }
+        self
+    }
+
+    /// The linear colour of a pixel. `(0, 0)` is the top left one.
+    ///
+    /// # Panics
+    /// If the pixel is outside.
+    #[inline]
+    pub fn rgb(&self, x: usize, y: usize) -> [f32; 3] {
+        assert!(x < self.width, "column {x} of a texture {} wide", self.width);
+        let at = y * self.width + x;
+        if self.channels == 1 {
+            return [self.texels.get(at); 3];
+        }
+        [0, 1, 2].map(|c| self.texels.get(3 * at + c))
+    }
+
+    /// The memory that the samples take.
+    pub fn memory_bytes(&self) -> usize {
+        match &self.texels {
+            Texels::Bytes { codes, .. } => codes.len(),
+            Texels::Shorts { codes, .. } => 2 * codes.len(),
+            Texels::Halves(values) => 2 * values.len(),
+            Texels::Floats(values) => 4 * values.len(),
+        }
+    }
+}
+
+impl Texels {
+    /// Halves if no value loses a bit, else floats.
+    fn of_floats(values: Vec<f32>) -> Texels {
+        if values.iter().all(|v| f16::from_f32(*v).to_f32().to_bits() == v.to_bits()) {
+            return Texels::Halves(values.into_iter().map(f16::from_f32).collect());
+        }
+        Texels::Floats(values)
+    }
+
+    /// The value of a sample.
+    #[inline]
+    fn get(&self, index: usize) -> f32 {
+        match self {
+            Texels::Bytes { codes, values } => values[usize::from(codes[index])],
+            Texels::Shorts { codes, values } => values[usize::from(codes[index])],
+            Texels::Halves(values) => values[index].to_f32(),
+            Texels::Floats(values) => values[index],
+        }
+    }
+}
+
+/// The colours of pixels that may have an alpha behind them.
+fn without_alpha<T: Copy>(mut samples: Vec<T>, channels: usize) -> Vec<T> {
+    if channels.is_multiple_of(2) {
+        let mut index = 0usize;
+        samples.retain(|_| {
+            index += 1;
+            !index.is_multiple_of(channels)
+        });
+        samples.shrink_to_fit();
+    }
+    samples
+}
+
+/// Whether a picture of this size has so many values.
+fn check(width: usize, height: usize, channels: usize, found: usize) -> Result<()> {
+    if !matches!(channels, 1 | 3) {
+        return Err(Error::internal(format!("expected 1 or 3 channels, found {channels}")));
+    }
+    let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
+    if found == 0 || expected != Some(found) {
+        let size = format!("{width}x{height} pixels of {channels}");
+        return Err(Error::internal(format!("expected the values of {size}, found {found} of them")));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_stay_as_small_as_they_are() {
+        let bytes = TextureImage::from_bytes(2, 1, 3, vec![200, 100, 50, 0, 1, 255]).unwrap();
+        assert_eq!((bytes.memory_bytes(), bytes.is_srgb(), bytes.is_grey()), (6, true, false));
+        assert_eq!(bytes.rgb(0, 0), [200, 100, 50].map(|i| from_srgb(f64::from(i) / 255.0) as f32));
+        let raw = bytes.as_linear();
+        assert_eq!((raw.memory_bytes(), raw.is_srgb()), (6, false));
+        assert_eq!(raw.rgb(1, 0), [0.0, 1.0 / 255.0, 1.0]);
+        let halves = TextureImage::from_floats(1, 2, 1, vec![0.5, 65504.0]).unwrap();
+        assert_eq!((halves.memory_bytes(), halves.rgb(0, 1)), (4, [65504.0; 3]));
+        let floats = TextureImage::from_floats(1, 2, 1, vec![0.1, 65536.0]).unwrap();
+        assert_eq!((floats.memory_bytes(), floats.rgb(0, 0)), (8, [0.1; 3]));
+    }
+
+    #[test]
+    fn alpha_is_left_out() {
+        assert_eq!(without_alpha(vec![1, 2, 3, 4, 5, 6, 7, 8], 4), [1, 2, 3, 5, 6, 7]);
+        assert_eq!(without_alpha(vec![1, 2, 3, 4], 2), [1, 3]);
+        assert_eq!(without_alpha(vec![1, 2, 3], 3), [1, 2, 3]);
+    }
+
+    #[test]
+    fn a_wrong_number_of_values_is_refused() {
+        let error = TextureImage::from_floats(2, 2, 3, vec![0.0; 11]).unwrap_err();
+        assert_eq!(error.to_string(), "expected the values of 2x2 pixels of 3, found 11 of them");
+        assert!(TextureImage::from_floats(0, 2, 3, vec![]).is_err());
+        assert!(TextureImage::from_bytes(1, 1, 2, vec![0; 2]).is_err());
+        assert!(TextureImage::from_floats(usize::MAX, 2, 1, vec![0.0]).is_err());
+    }
+}
