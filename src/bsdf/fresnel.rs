@@ -31,8 +31,8 @@ pub fn dielectric(cos_i: f32, eta: f32) -> Refraction {
 }
 
 /// The share of diffuse light that a smooth boundary reflects; `eta` is the index of the far side over that of the near
-/// side. Polynomials fitted to the integral: below 1 that of [Egan and Hilgeman 1973, Eq. 6], within 0.1 % from 2/3 and
-/// 0.6 % from 1/2 but above 1 at 1/3.85, from 1 on that of [d'Eon and Irving 2011, Eq. 6], within 0.2 % up to 10.
+/// side. Polynomials fitted to the integral: below 1 that of [Egan and Hilgeman 1973], within 0.1 % from 2/3 and
+/// 0.6 % from 1/2 but above 1 at 1/3.85, from 1 on that of [d'Eon and Irving 2011], within 0.2 % up to 10.
 pub fn diffuse_reflectance(eta: f32) -> f32 {
     let inverse = 1.0 / eta;
     if eta < 1.0 {
@@ -130,7 +130,9 @@ mod tests {
             };
             2.0 * (0..n).map(term).sum::<f64>() / f64::from(n)
         };
-        for (eta, error) in [(1.1, 2e-3), (1.5, 2e-3), (2.0, 2e-3), (5.0, 2e-3), (1.0 / 1.5, 2e-3), (0.5, 6e-3)] {
+        for (eta, error) in
+            [(1.1, 2e-3), (1.5, 2e-3), (2.0, 2e-3), (5.0, 2e-3), (1.0 / 1.5, 2e-3), (0.5, 6e-3)]
+        {
             let (fit, exact) = (f64::from(diffuse_reflectance(eta)), integral(eta));
             assert!((fit / exact - 1.0).abs() < error, "{eta}: {fit} {exact}");
         }
