@@ -48,6 +48,7 @@
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
 //! - `[Heitz 2014]` Understanding the masking-shadowing function in microfacet-based BRDFs. JCGT 3(2).
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals. EGSR.
+//! - `[Heitz 2018]` Sampling the GGX distribution of visible normals. JCGT 7(4).
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
