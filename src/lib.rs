@@ -37,12 +37,18 @@
 //! # Bibliography
 //!
 //! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
+//! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
+//! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
 //! - `[Duff 2017]` Building an orthonormal basis, revisited. JCGT 6(1).
 //! - `[Dupuy and Benyoub 2023]` Sampling visible GGX normals with spherical caps. HPG.
+//! - `[Egan and Hilgeman 1973]` Spectral reflectance of particulate materials: a Monte Carlo model including asperity
+//!   scattering. Applied Optics 12.
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
 //! - `[Heitz 2014]` Understanding the masking-shadowing function in microfacet-based BRDFs. JCGT 3(2).
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals. EGSR.
+//! - `[Heitz 2018]` Sampling the GGX distribution of visible normals. JCGT 7(4).
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).

@@ -124,7 +124,7 @@ impl Microfacets {
     fn sample_visible_beckmann(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let v = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z).normalize();
         let sin = (v.x * v.x + v.y * v.y).sqrt();
-        let (slope_x, slope_y) = beckmann_slopes(v.z, sin, u);
+        let (slope_x, slope_y) = (beckmann_slope_along(v.z, sin, u.x), beckmann_slope_across(u.y));
         let (cos_phi, sin_phi) = if sin > 0.0 { (v.x / sin, v.y / sin) } else { (1.0, 0.0) };
         let x = cos_phi * slope_x - sin_phi * slope_y;
         let y = sin_phi * slope_x + cos_phi * slope_y;
@@ -134,21 +134,20 @@ impl Microfacets {
 
 const FRAC_1_SQRT_PI: f32 = 0.564_189_6;
 
-/// Slopes of a visible facet of unit roughness seen at the polar angle with `cos` and `sin`, azimuth 0.
+/// The slope along the azimuth 0 of a visible facet of unit roughness, seen at the polar angle with `cos` and `sin` and
+/// azimuth 0. The slope across is independent of it, [`beckmann_slope_across`].
 ///
 /// The marginal in x is `∝ (cosθ − sinθ·x)·exp(−x²)` for `x < cotθ`; its distribution function
 /// is inverted by bisection-guarded Newton steps in `f64`, to full `f32` precision.
-fn beckmann_slopes(cos: f32, sin: f32, u: Vec2) -> (f32, f32) {
+pub(super) fn beckmann_slope_along(cos: f32, sin: f32, u: f32) -> f32 {
     let (cos, sin) = (f64::from(cos), f64::from(sin));
-    // Uniform numbers are strictly inside (0, 1): the ends are slopes of ±∞.
-    let u_x = (f64::from(u.x) + 2f64.powi(-26)).min(1.0 - 2f64.powi(-26));
-    let u_y = (f64::from(u.y) + 2f64.powi(-26)).min(1.0 - 2f64.powi(-26));
+    let u = inside(u);
     // ∫ (c − s x) e^{−x²} dx = c √π/2 erf(x) + s/2 e^{−x²}
     let half_sqrt_pi = 0.5 * std::f64::consts::PI.sqrt();
     let primitive = |x: f64| cos * half_sqrt_pi * (1.0 + libm::erf(x)) + 0.5 * sin * (-x * x).exp();
     let end = if sin > 0.0 { (cos / sin).min(6.0) } else { 6.0 };
     let (mut low, mut high) = (-6.0f64, end);
-    let target = u_x * primitive(end);
+    let target = u * primitive(end);
     let mut x = (low + high) * 0.5;
     for _ in 0..40 {
         let f = primitive(x) - target;
@@ -166,7 +165,17 @@ fn beckmann_slopes(cos: f32, sin: f32, u: Vec2) -> (f32, f32) {
         }
         x = next;
     }
-    (x as f32, erf_inverse(2.0 * u_y - 1.0) as f32)
+    x as f32
+}
+
+/// The slope across of a facet of unit roughness, visible from anywhere.
+pub(super) fn beckmann_slope_across(u: f32) -> f32 {
+    erf_inverse(2.0 * inside(u) - 1.0) as f32
+}
+
+/// A uniform number strictly inside (0, 1): the ends are slopes of ±∞.
+fn inside(u: f32) -> f64 {
+    (f64::from(u) + 2f64.powi(-26)).min(1.0 - 2f64.powi(-26))
 }
 
 /// The inverse of the error function, to about 1e-7 relative. [Giles 2012, single precision]

@@ -4,14 +4,23 @@
 //! bare BSDF, without cosine; densities are per unit solid angle of `wi`.
 
 pub mod blend;
+pub mod burley;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
+pub mod facet;
 pub mod fresnel;
 pub mod lanes;
 pub mod mask;
 pub mod microfacet;
+pub mod plastic;
+pub mod principled;
+pub mod principled_thin;
 pub mod rough_conductor;
+pub mod rough_dielectric;
+pub mod rough_plastic;
+pub mod rough_transmittance;
+pub mod thin_dielectric;
 pub mod tilted;
 pub mod two_sided;
 
@@ -21,7 +30,14 @@ pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
 pub use lanes::{BsdfEvalX16, BsdfSampleX16};
 pub use mask::Mask;
+pub use plastic::Plastic;
+pub use principled::Principled;
+pub use principled_thin::PrincipledThin;
 pub use rough_conductor::RoughConductor;
+pub use rough_dielectric::RoughDielectric;
+pub use rough_plastic::RoughPlastic;
+pub use rough_transmittance::RoughTransmittance;
+pub use thin_dielectric::ThinDielectric;
 pub use tilted::Tilted;
 pub use two_sided::TwoSided;
 
@@ -81,6 +97,18 @@ pub enum Bsdf<'a> {
     RoughConductor(RoughConductor),
     /// Reflection and refraction at a smooth dielectric boundary.
     Dielectric(Dielectric),
+    /// Reflection by a thin sheet of a dielectric, which lets the rest pass.
+    ThinDielectric(ThinDielectric),
+    /// Reflection and refraction at a dielectric boundary of microfacets.
+    RoughDielectric(RoughDielectric),
+    /// A diffuse base under a smooth dielectric coating.
+    Plastic(Plastic),
+    /// A diffuse base under a rough dielectric coating.
+    RoughPlastic(RoughPlastic<'a>),
+    /// The principled model of many lobes.
+    Principled(Principled),
+    /// The principled model of a thin sheet.
+    PrincipledThin(PrincipledThin),
     /// Two BSDFs in parts.
     Blend(Blend<'a>),
     /// A BSDF with holes.
@@ -96,8 +124,10 @@ impl Bsdf<'_> {
     #[inline]
     pub fn is_specular(&self) -> bool {
         match self {
-            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => true,
-            Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) => false,
+            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => true,
+            Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) | Bsdf::Plastic(_) => false,
+            Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => false,
+            Bsdf::RoughDielectric(b) => b.is_passing(),
             Bsdf::Blend(b) => b.bsdfs.iter().all(|b| b.is_specular()),
             Bsdf::Mask(b) => b.inner.is_specular(),
             Bsdf::Tilted(b) => b.inner.is_specular(),
@@ -109,11 +139,42 @@ impl Bsdf<'_> {
     pub fn is_anisotropic(&self) -> bool {
         match self {
             Bsdf::RoughConductor(b) => b.microfacets.is_anisotropic(),
+            Bsdf::RoughDielectric(b) => b.microfacets.is_anisotropic(),
             Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => false,
+            Bsdf::ThinDielectric(_) | Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => false,
+            Bsdf::Principled(b) => b.anisotropy != 0.0,
+            Bsdf::PrincipledThin(b) => b.anisotropy != 0.0,
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.is_anisotropic()),
             Bsdf::Mask(b) => b.inner.is_anisotropic(),
             Bsdf::Tilted(_) => true,
             Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.is_anisotropic()),
+        }
+    }
+
+    /// Whether some of the light goes to the other side of the surface.
+    pub fn transmits(&self) -> bool {
+        match self {
+            Bsdf::Null | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
+            Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
+            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => false,
+            Bsdf::Principled(b) => b.transmits(),
+            Bsdf::PrincipledThin(b) => b.transmits(),
+            Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.transmits()),
+            Bsdf::Mask(b) => b.opacity < 1.0 || b.inner.transmits(),
+            Bsdf::Tilted(b) => b.inner.transmits(),
+            Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.transmits()),
+        }
+    }
+
+    /// Whether [`sample`](Self::sample) uses `u_lobe`.
+    pub fn chooses_lobe(&self) -> bool {
+        match self {
+            Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
+            Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
+            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
+            Bsdf::Blend(_) | Bsdf::Mask(_) => true,
+            Bsdf::Tilted(b) => b.inner.chooses_lobe(),
+            Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.chooses_lobe()),
         }
     }
 
@@ -123,7 +184,12 @@ impl Bsdf<'_> {
         match self {
             Bsdf::Diffuse(b) => b.eval(wo, wi),
             Bsdf::RoughConductor(b) => b.eval(wo, wi),
-            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => BsdfEval::ZERO,
+            Bsdf::RoughDielectric(b) => b.eval(wo, wi),
+            Bsdf::Plastic(b) => b.eval(wo, wi),
+            Bsdf::RoughPlastic(b) => b.eval(wo, wi),
+            Bsdf::Principled(b) => b.eval(wo, wi),
+            Bsdf::PrincipledThin(b) => b.eval(wo, wi),
+            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => BsdfEval::ZERO,
             Bsdf::Blend(b) => b.eval(wo, wi),
             Bsdf::Mask(b) => b.eval(wo, wi),
             Bsdf::Tilted(b) => b.eval(wo, wi),
@@ -139,6 +205,12 @@ impl Bsdf<'_> {
             Bsdf::RoughConductor(b) => b.sample(wo, u),
             Bsdf::Conductor(b) => b.sample(wo),
             Bsdf::Dielectric(b) => b.sample(wo, u_lobe),
+            Bsdf::ThinDielectric(b) => b.sample(wo, u_lobe),
+            Bsdf::RoughDielectric(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Plastic(b) => b.sample(wo, u_lobe, u),
+            Bsdf::RoughPlastic(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Principled(b) => b.sample(wo, u_lobe, u),
+            Bsdf::PrincipledThin(b) => b.sample(wo, u_lobe, u),
             Bsdf::Null => Some(mask::through(wo)),
             Bsdf::Blend(b) => b.sample(wo, u_lobe, u),
             Bsdf::Mask(b) => b.sample(wo, u_lobe, u),
@@ -156,6 +228,12 @@ impl Bsdf<'_> {
             Bsdf::RoughConductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
             Bsdf::Conductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
             Bsdf::Dielectric(b) => b.albedo(),
+            Bsdf::ThinDielectric(b) => b.albedo(),
+            Bsdf::RoughDielectric(b) => b.albedo(),
+            Bsdf::Plastic(b) => b.albedo(),
+            Bsdf::RoughPlastic(b) => b.albedo(),
+            Bsdf::Principled(b) => b.albedo(),
+            Bsdf::PrincipledThin(b) => b.albedo(),
             Bsdf::Null => Rgb::WHITE,
             Bsdf::Blend(b) => b.albedo(),
             Bsdf::Mask(b) => b.inner.albedo() * b.opacity + Rgb::WHITE * (1.0 - b.opacity),

@@ -1,0 +1,112 @@
+//! A diffuse base under a smooth dielectric coating.
+
+use super::{BsdfEval, BsdfSample, Lobe, fresnel};
+use crate::color::Rgb;
+use crate::math::{Vec2, Vec3};
+use crate::sampling::warp;
+use std::f32::consts::FRAC_1_PI;
+
+/// Mirror reflection by the coating, and diffuse reflection of the light that enters and leaves it. The back is
+/// black.
+///
+/// Light that the coating throws back into the base is reflected any number of times:
+/// `f = (1 − Fo)(1 − Fi)/η² · ρ/(1 − ρ·Fdr) / π`, where ρ in the denominator is 1 unless the model is nonlinear.
+///
+/// `Fdr`, the share of diffuse light from inside that the coating throws back, is that of
+/// [`fresnel::diffuse_reflectance`]. Its fit is as good as the table says; in the last column is the largest albedo
+/// of a white base that is seen along the normal, which would be 1.
+///
+/// | η | Fdr | exact | albedo |
+/// | --- | --- | --- | --- |
+/// PLASTIC_TABLE
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Plastic {
+    /// Share of the light that the base reflects.
+    pub diffuse_reflectance: Rgb,
+    /// A factor on the reflection by the coating.
+    pub specular_reflectance: Rgb,
+    /// Index of refraction of the coating over that outside.
+    pub eta: f32,
+    /// Whether light that is reflected several times takes on the base's colour several times.
+    pub nonlinear: bool,
+    /// `Fdr`.
+    pub fdr_int: f32,
+}
+
+impl Plastic {
+    /// Plastic with `Fdr` computed from `eta`.
+    pub fn new(diffuse_reflectance: Rgb, specular_reflectance: Rgb, eta: f32, nonlinear: bool) -> Self {
+        let fdr_int = fresnel::diffuse_reflectance(1.0 / eta);
+        Plastic { diffuse_reflectance, specular_reflectance, eta, nonlinear, fdr_int }
+    }
+
+    /// The base's albedo seen through a coating that lets everything pass from outside.
+    fn base(&self) -> Rgb {
+        base(self.diffuse_reflectance, self.fdr_int, self.eta, self.nonlinear)
+    }
+
+    /// The probability with which the coating is sampled, where it reflects the share `r`.
+    fn specular_probability(&self, r: f32) -> f32 {
+        specular_probability(self.diffuse_reflectance, self.specular_reflectance, r)
+    }
+
+    /// The diffuse part.
+    pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        if wo.z <= 0.0 || wi.z <= 0.0 {
+            return BsdfEval::ZERO;
+        }
+        let [r_o, r_i] = [wo, wi].map(|w| fresnel::dielectric(w.z, self.eta).reflectance);
+        BsdfEval {
+            f: self.base() * (FRAC_1_PI * (1.0 - r_o) * (1.0 - r_i)),
+            pdf: warp::square_to_cosine_hemisphere_pdf(wi) * (1.0 - self.specular_probability(r_o)),
+        }
+    }
+
+    /// Mirrors, or draws `wi` in proportion to its cosine.
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
+        if wo.z <= 0.0 {
+            return None;
+        }
+        let r_o = fresnel::dielectric(wo.z, self.eta).reflectance;
+        let probability = self.specular_probability(r_o);
+        if u_lobe < probability {
+            return Some(BsdfSample {
+                wi: Vec3::new(-wo.x, -wo.y, wo.z),
+                weight: self.specular_reflectance * (r_o / probability),
+                pdf: f32::INFINITY,
+                lobe: Lobe::Specular,
+                eta: 1.0,
+            });
+        }
+        let wi = warp::square_to_cosine_hemisphere(u);
+        let r_i = fresnel::dielectric(wi.z, self.eta).reflectance;
+        let probability = 1.0 - probability;
+        Some(BsdfSample {
+            wi,
+            weight: self.base() * ((1.0 - r_o) * (1.0 - r_i) / probability),
+            pdf: warp::square_to_cosine_hemisphere_pdf(wi) * probability,
+            lobe: Lobe::Diffuse,
+            eta: 1.0,
+        })
+    }
+
+    /// Reflection along the normal, and the base by uniform light.
+    pub fn albedo(&self) -> Rgb {
+        let r = fresnel::dielectric(1.0, self.eta).reflectance;
+        let entering = 1.0 - fresnel::diffuse_reflectance(self.eta);
+        self.specular_reflectance * r + self.base() * ((1.0 - r) * entering)
+    }
+}
+
+/// `ρ/(1 − ρ·Fdr)/η²`, or with 1 for the ρ in the denominator.
+pub(super) fn base(reflectance: Rgb, fdr_int: f32, eta: f32, nonlinear: bool) -> Rgb {
+    let scale = 1.0 / (eta * eta);
+    reflectance.map(|rho| scale * rho / (1.0 - if nonlinear { rho * fdr_int } else { fdr_int }))
+}
+
+/// The probability of the coating, which reflects the share `r`, against the base: both in proportion to the mean of
+/// their reflectances. If both are black it is 1.
+pub(super) fn specular_probability(diffuse: Rgb, specular: Rgb, r: f32) -> f32 {
+    let (specular, diffuse) = (r * specular.mean(), (1.0 - r) * diffuse.mean());
+    if specular + diffuse > 0.0 { specular / (specular + diffuse) } else { 1.0 }
+}

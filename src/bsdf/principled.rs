@@ -1,0 +1,282 @@
+//! The principled model of many lobes. [Burley 2012; 2015]
+
+use super::burley::{self, Gtr1, MEAN_SCHLICK_WEIGHT};
+use super::facet::Facet;
+use super::microfacet::{Distribution, Microfacets};
+use super::{BsdfEval, BsdfSample, Lobe, fresnel};
+use crate::color::Rgb;
+use crate::math::{Vec2, Vec3};
+use crate::sampling::warp;
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// Diffuse reflection, sheen, rough reflection by a metal or a dielectric, rough transmission and a clear coat. Shares are
+/// in [0, 1]. The back shows nothing but the transmitting share.
+///
+/// Its parts are added up with no regard to each other, and it gains energy. The table has the albedo of a white
+/// material, seen at a cosine of 1, 0.5 and 0.1.
+///
+/// PRINCIPLED_TABLE
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Principled {
+    /// The colour of base and metal; its root is that of transmission.
+    pub base_color: Rgb,
+    /// Roughness, the root of the facets'.
+    pub roughness: f32,
+    /// How much rougher the facets are along x than along y.
+    pub anisotropy: f32,
+    /// The share of metal.
+    pub metallic: f32,
+    /// The share of what is no metal that transmits.
+    pub spec_trans: f32,
+    /// Index of refraction below the surface (−z) over that above it.
+    pub eta: f32,
+    /// How far the reflection by a dielectric has the base's hue.
+    pub spec_tint: f32,
+    /// A factor on the sheen.
+    pub sheen: f32,
+    /// How far the sheen has the base's hue.
+    pub sheen_tint: f32,
+    /// How far diffuse reflection looks like subsurface scattering.
+    pub flatness: f32,
+    /// A factor on the clear coat.
+    pub clearcoat: f32,
+    /// How smooth the clear coat is.
+    pub clearcoat_gloss: f32,
+}
+
+impl Default for Principled {
+    fn default() -> Self {
+        Principled {
+            base_color: Rgb::splat(0.5),
+            roughness: 0.5,
+            anisotropy: 0.0,
+            metallic: 0.0,
+            spec_trans: 0.0,
+            eta: Principled::eta_from_specular(0.5),
+            spec_tint: 0.0,
+            sheen: 0.0,
+            sheen_tint: 0.0,
+            flatness: 0.0,
+            clearcoat: 0.0,
+            clearcoat_gloss: 0.0,
+        }
+    }
+}
+
+/// Probabilities of the lobes seen from above.
+struct Choice {
+    diffuse: f32,
+    clearcoat: f32,
+    specular: f32,
+}
+
+/// The facets of a clear coat mask as if they were this rough. [Burley 2012, 5]
+const CLEARCOAT_MASKING: Microfacets =
+    Microfacets { distribution: Distribution::Ggx, alpha_x: 0.25, alpha_y: 0.25, sample_visible: true };
+
+impl Principled {
+    /// The index of refraction that reflects `0.08·specular` along the normal. [Burley 2012, 5]
+    pub fn eta_from_specular(specular: f32) -> f32 {
+        2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
+    }
+
+    /// Whether some light goes through.
+    pub fn transmits(&self) -> bool {
+        self.transmitting() > 0.0
+    }
+
+    fn microfacets(&self) -> Microfacets {
+        burley::microfacets(self.roughness, self.anisotropy)
+    }
+
+    /// The share that transmits.
+    fn transmitting(&self) -> f32 {
+        (1.0 - self.metallic) * self.spec_trans
+    }
+
+    /// The share that has a diffuse base.
+    fn opaque(&self) -> f32 {
+        (1.0 - self.metallic) * (1.0 - self.spec_trans)
+    }
+
+    /// Index of the far side over that of wo's side. Where light is transmitted it is not exactly 1, which would be no
+    /// lobe of finite density.
+    fn eta_from(&self, wo: Vec3) -> f32 {
+        let eta = if self.eta == 1.0 && self.transmits() { 1.001 } else { self.eta };
+        if wo.z > 0.0 { eta } else { 1.0 / eta }
+    }
+
+    /// What a facet reflects: from above by metal and dielectric, from below by the dielectric alone. `r` is the exact
+    /// reflectance of the dielectric; where that is 0, nothing is.
+    fn facet_reflectance(&self, above: bool, cos: f32, r: f32, eta: f32) -> Rgb {
+        if r == 0.0 {
+            return Rgb::BLACK;
+        }
+        if !above {
+            return Rgb::splat(self.transmitting() * r);
+        }
+        let dielectric = 1.0 - self.metallic;
+        let mut sum = Rgb::splat(dielectric * (1.0 - self.spec_tint) * r);
+        if self.metallic > 0.0 {
+            sum += burley::schlick(self.base_color, cos, eta) * self.metallic;
+        }
+        if self.spec_tint > 0.0 {
+            let r0 = burley::tint(self.base_color) * burley::r0_from_eta(eta);
+            sum += burley::schlick(r0, cos, eta) * (dielectric * self.spec_tint);
+        }
+        sum
+    }
+
+    /// The transmittance of a facet that reflects the share `r`. Half of the absorption is in each of two surfaces.
+    fn facet_transmittance(&self, r: f32) -> Rgb {
+        self.base_color.map(f32::sqrt) * (self.transmitting() * (1.0 - r))
+    }
+
+    /// The probability with which a facet transmits a sample.
+    fn transmission_probability(&self, reflectance: Rgb, transmittance: Rgb) -> f32 {
+        let [reflected, transmitted] = [reflectance, transmittance].map(Rgb::max_component);
+        if transmitted > 0.0 { transmitted / (reflected + transmitted) } else { 0.0 }
+    }
+
+    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet, raised by
+    /// the mean of Schlick's weight, so that none that scatters has no chance.
+    fn choice(&self, cos_o: f32, above: bool, eta: f32) -> Choice {
+        if !above {
+            return Choice { diffuse: 0.0, clearcoat: 0.0, specular: 1.0 };
+        }
+        let raised = |f: f32| f + (1.0 - f).max(0.0) * MEAN_SCHLICK_WEIGHT;
+        let r = fresnel::dielectric(cos_o, eta).reflectance;
+        let reflected = raised(self.facet_reflectance(above, cos_o, r, eta).max_component());
+        let specular = reflected + self.facet_transmittance(r).max_component();
+        let sheen = (1.0 - self.metallic) * self.sheen * self.sheen_color().max_component();
+        let diffuse = self.opaque() * self.base_color.max_component() + sheen * (PI * MEAN_SCHLICK_WEIGHT);
+        let clearcoat = match self.clearcoat > 0.0 {
+            true => self.clearcoat * cos_o * raised(burley::schlick(Rgb::splat(0.04), cos_o, eta).r),
+            false => 0.0,
+        };
+        let total = diffuse + clearcoat + specular;
+        Choice { diffuse: diffuse / total, clearcoat: clearcoat / total, specular: specular / total }
+    }
+
+    fn sheen_color(&self) -> Rgb {
+        burley::tinted(self.base_color, self.sheen_tint)
+    }
+
+    /// The sum of all lobes.
+    pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        let above = wo.z > 0.0;
+        if wo.z * wi.z == 0.0 || !(above || self.transmits()) {
+            return BsdfEval::ZERO;
+        }
+        let eta = self.eta_from(wo);
+        let side = 1f32.copysign(wo.z);
+        let (wo, wi) = (wo * side, wi * side);
+        match wi.z > 0.0 {
+            true => self.eval_reflection(wo, wi, above, eta),
+            false if self.transmits() => self.eval_transmission(wo, wi, above, eta),
+            false => BsdfEval::ZERO,
+        }
+    }
+
+    fn eval_reflection(&self, wo: Vec3, wi: Vec3, above: bool, eta: f32) -> BsdfEval {
+        let Some(facet) = Facet::mirroring(wo, wi) else { return BsdfEval::ZERO };
+        let Facet { m, cos_o: cos_d, dm_dwi, .. } = facet;
+        let choice = self.choice(wo.z, above, eta);
+        let microfacets = self.microfacets();
+        let r = fresnel::dielectric(cos_d, eta).reflectance;
+        let reflectance = self.facet_reflectance(above, cos_d, r, eta);
+        let g = microfacets.g1(wo, m) * microfacets.g1(wi, m);
+        let transmission = self.transmission_probability(reflectance, self.facet_transmittance(r));
+        let mut sum = BsdfEval {
+            f: reflectance * (microfacets.d(m) * g / (4.0 * wo.z * wi.z)),
+            pdf: choice.specular * (1.0 - transmission) * microfacets.pdf(wo, m) * dm_dwi,
+        };
+        if !above {
+            return sum;
+        }
+        if self.clearcoat > 0.0 {
+            let gtr1 = Gtr1::from_gloss(self.clearcoat_gloss);
+            let g = CLEARCOAT_MASKING.g1(wo, m) * CLEARCOAT_MASKING.g1(wi, m);
+            let r = burley::schlick(Rgb::splat(0.04), cos_d, eta);
+            // A coat of index 1.5, as thick as the artist likes: 1/4 stands where others have 1/(4·cosθo·cosθi).
+            sum.f += r * (0.25 * self.clearcoat * gtr1.d(m) * g);
+            sum.pdf += choice.clearcoat * gtr1.pdf(m) * dm_dwi;
+        }
+        if self.opaque() > 0.0 {
+            let diffuse = burley::diffuse(wo.z, wi.z, cos_d, self.roughness, self.flatness);
+            sum.f += self.base_color * (self.opaque() * FRAC_1_PI * diffuse);
+        }
+        if self.sheen > 0.0 {
+            let share = (1.0 - self.metallic) * self.sheen * burley::schlick_weight(cos_d);
+            sum.f += self.sheen_color() * share;
+        }
+        sum.pdf += choice.diffuse * warp::square_to_cosine_hemisphere_pdf(wi);
+        sum
+    }
+
+    /// As that of a rough dielectric.
+    fn eval_transmission(&self, wo: Vec3, wi: Vec3, above: bool, eta: f32) -> BsdfEval {
+        let Some(facet) = Facet::refracting(wo, wi, eta) else { return BsdfEval::ZERO };
+        let Facet { m, cos_o, dm_dwi, .. } = facet;
+        let microfacets = self.microfacets();
+        let r = fresnel::dielectric(cos_o, eta).reflectance;
+        let g = microfacets.g1(wo, m) * microfacets.g1(wi, m);
+        let reflectance = self.facet_reflectance(above, cos_o, r, eta);
+        let transmittance = self.facet_transmittance(r);
+        let value = microfacets.d(m) * g * cos_o * dm_dwi / (wo.z * wi.z.abs() * eta * eta);
+        let probability = self.transmission_probability(reflectance, transmittance);
+        BsdfEval {
+            f: transmittance * value,
+            pdf: self.choice(wo.z, above, eta).specular * probability * microfacets.pdf(wo, m) * dm_dwi,
+        }
+    }
+
+    /// Samples one lobe, weighted by the sum of all.
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
+        let above = wo.z > 0.0;
+        if wo.z == 0.0 || !(above || self.transmits()) {
+            return None;
+        }
+        let eta = self.eta_from(wo);
+        let side = 1f32.copysign(wo.z);
+        let up = wo * side;
+        let choice = self.choice(up.z, above, eta);
+        let (wi, lobe, eta) = if u_lobe < choice.diffuse {
+            (warp::square_to_cosine_hemisphere(u), Lobe::Diffuse, 1.0)
+        } else if u_lobe < choice.diffuse + choice.clearcoat {
+            let m = Gtr1::from_gloss(self.clearcoat_gloss).sample(u);
+            (Facet::mirror(up, m)?.0, Lobe::Glossy, 1.0)
+        } else {
+            let u_facet = (u_lobe - choice.diffuse - choice.clearcoat) / choice.specular;
+            let (wi, eta) = self.sample_facet(up, above, eta, u_facet, u)?;
+            (wi, Lobe::Glossy, eta)
+        };
+        let wi = wi * side;
+        let BsdfEval { f, pdf } = self.eval(wo, wi);
+        (pdf > 0.0).then(|| BsdfSample { wi, weight: f * (wi.z.abs() / pdf), pdf, lobe, eta })
+    }
+
+    /// Draws a facet of the main distribution and mirrors or refracts `wo` in it.
+    fn sample_facet(&self, wo: Vec3, above: bool, eta: f32, u_facet: f32, u: Vec2) -> Option<(Vec3, f32)> {
+        let m = self.microfacets().sample(wo, u);
+        let cos_o = wo.dot(m).max(0.0);
+        let r = fresnel::dielectric(cos_o, eta);
+        let reflectance = self.facet_reflectance(above, cos_o, r.reflectance, eta);
+        let transmission =
+            self.transmission_probability(reflectance, self.facet_transmittance(r.reflectance));
+        if u_facet < transmission {
+            Some((Facet::refract(wo, m, r.cos_t, eta)?.0, eta))
+        } else {
+            Some((Facet::mirror(wo, m)?.0, 1.0))
+        }
+    }
+
+    /// Base, mean facet and transmission along the normal.
+    pub fn albedo(&self) -> Rgb {
+        let eta = self.eta_from(Vec3::Z);
+        let r = fresnel::dielectric(1.0, eta).reflectance;
+        self.base_color * self.opaque()
+            + self.facet_reflectance(true, 1.0, r, eta)
+            + self.facet_transmittance(r)
+    }
+}

@@ -1,0 +1,224 @@
+//! The principled model of a thin sheet. [Burley 2015]
+
+use super::burley::{self, MEAN_SCHLICK_WEIGHT};
+use super::facet::Facet;
+use super::microfacet::Microfacets;
+use super::{BsdfEval, BsdfSample, Lobe, fresnel};
+use crate::color::Rgb;
+use crate::math::{Vec2, Vec3};
+use crate::sampling::warp;
+use std::f32::consts::{FRAC_1_PI, PI};
+
+/// A thin sheet, alike from both sides: diffuse reflection and transmission, sheen, rough reflection, and rough
+/// transmission without refraction. Shares are in [0, 1].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrincipledThin {
+    /// The colour of base and transmission.
+    pub base_color: Rgb,
+    /// Roughness, the root of the facets'.
+    pub roughness: f32,
+    /// How much rougher the facets are along x than along y.
+    pub anisotropy: f32,
+    /// The share that is not diffuse.
+    pub spec_trans: f32,
+    /// Index of refraction of the sheet over that around it.
+    pub eta: f32,
+    /// How far the reflection has the base's hue.
+    pub spec_tint: f32,
+    /// A factor on the sheen.
+    pub sheen: f32,
+    /// How far the sheen has the base's hue.
+    pub sheen_tint: f32,
+    /// How far diffuse reflection looks like subsurface scattering.
+    pub flatness: f32,
+    /// Twice the share of diffuse light that is transmitted, in [0, 2].
+    pub diff_trans: f32,
+}
+
+impl Default for PrincipledThin {
+    fn default() -> Self {
+        PrincipledThin {
+            base_color: Rgb::splat(0.5),
+            roughness: 0.5,
+            anisotropy: 0.0,
+            spec_trans: 0.0,
+            eta: 1.5,
+            spec_tint: 0.0,
+            sheen: 0.0,
+            sheen_tint: 0.0,
+            flatness: 0.0,
+            diff_trans: 0.0,
+        }
+    }
+}
+
+/// Probabilities of the lobes.
+struct Choice {
+    reflection: f32,
+    transmission: f32,
+    diffuse_reflection: f32,
+    diffuse_transmission: f32,
+}
+
+fn mirrored(w: Vec3) -> Vec3 {
+    Vec3::new(w.x, w.y, -w.z)
+}
+
+impl PrincipledThin {
+    /// Whether some light goes through.
+    pub fn transmits(&self) -> bool {
+        self.spec_trans > 0.0 || self.diff_trans > 0.0
+    }
+
+    fn reflecting(&self) -> Microfacets {
+        burley::microfacets(self.roughness, self.anisotropy)
+    }
+
+    /// The facets of transmission: two rough boundaries blur less, the nearer the indices. [Burley 2015, Fig. 15]
+    fn transmitting(&self) -> Microfacets {
+        burley::microfacets((0.65 * self.eta - 0.35) * self.roughness, self.anisotropy)
+    }
+
+    /// What a facet reflects at the cosine `cos`.
+    fn facet_reflectance(&self, cos: f32) -> Rgb {
+        let r = Rgb::splat(fresnel::dielectric(cos, self.eta).reflectance);
+        if self.spec_tint == 0.0 {
+            return r;
+        }
+        let r0 = burley::tint(self.base_color) * burley::r0_from_eta(self.eta);
+        r * (1.0 - self.spec_tint) + burley::schlick(r0, cos, self.eta) * self.spec_tint
+    }
+
+    /// What a facet transmits at the cosine `cos`.
+    fn facet_transmittance(&self, cos: f32) -> Rgb {
+        self.base_color * (1.0 - fresnel::dielectric(cos, self.eta).reflectance)
+    }
+
+    /// The share of diffuse reflection.
+    fn diffuse_reflection(&self) -> f32 {
+        (1.0 - self.spec_trans) * (1.0 - 0.5 * self.diff_trans)
+    }
+
+    /// The share of diffuse transmission.
+    fn diffuse_transmission(&self) -> f32 {
+        (1.0 - self.spec_trans) * 0.5 * self.diff_trans
+    }
+
+    fn sheen_color(&self) -> Rgb {
+        burley::tinted(self.base_color, self.sheen_tint)
+    }
+
+    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet, raised by
+    /// the mean of Schlick's weight, so that none that scatters has no chance. `None` if nothing is scattered.
+    fn choice(&self, cos_o: f32) -> Option<Choice> {
+        let raised = |f: f32| f + (1.0 - f).max(0.0) * MEAN_SCHLICK_WEIGHT;
+        let base = self.base_color.max_component();
+        let sheen = self.sheen * self.sheen_color().max_component() * (PI * MEAN_SCHLICK_WEIGHT);
+        let mut choice = Choice {
+            reflection: 0.0,
+            transmission: 0.0,
+            diffuse_reflection: self.diffuse_reflection() * (base + sheen),
+            diffuse_transmission: self.diffuse_transmission() * base,
+        };
+        if self.spec_trans > 0.0 {
+            choice.reflection = self.spec_trans * raised(self.facet_reflectance(cos_o).max_component());
+            let transmitted = self.facet_transmittance(cos_o).max_component();
+            choice.transmission = self.spec_trans * (transmitted + base * MEAN_SCHLICK_WEIGHT);
+        }
+        let Choice { reflection, transmission, diffuse_reflection, diffuse_transmission } = choice;
+        let total = reflection + transmission + diffuse_reflection + diffuse_transmission;
+        (total > 0.0).then(|| Choice {
+            reflection: reflection / total,
+            transmission: transmission / total,
+            diffuse_reflection: diffuse_reflection / total,
+            diffuse_transmission: diffuse_transmission / total,
+        })
+    }
+
+    /// The sum of all lobes.
+    pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        if wo.z * wi.z == 0.0 {
+            return BsdfEval::ZERO;
+        }
+        let side = 1f32.copysign(wo.z);
+        let (wo, wi) = (wo * side, wi * side);
+        let Some(choice) = self.choice(wo.z) else { return BsdfEval::ZERO };
+        match wi.z > 0.0 {
+            true => self.eval_reflection(wo, wi, &choice),
+            false => self.eval_transmission(wo, wi, &choice),
+        }
+    }
+
+    fn eval_reflection(&self, wo: Vec3, wi: Vec3, choice: &Choice) -> BsdfEval {
+        let Some(facet) = Facet::mirroring(wo, wi) else { return BsdfEval::ZERO };
+        let share = self.diffuse_reflection();
+        let diffuse = burley::diffuse(wo.z, wi.z, facet.cos_o, self.roughness, self.flatness);
+        let mut sum = BsdfEval {
+            f: self.base_color * (share * FRAC_1_PI * diffuse),
+            pdf: choice.diffuse_reflection * warp::square_to_cosine_hemisphere_pdf(wi),
+        };
+        if self.sheen > 0.0 {
+            let weight = burley::schlick_weight(facet.cos_o);
+            sum.f += self.sheen_color() * (share * self.sheen * weight);
+        }
+        if self.spec_trans > 0.0 {
+            let microfacets = self.reflecting();
+            let g = microfacets.g1(wo, facet.m) * microfacets.g1(wi, facet.m);
+            let value = microfacets.d(facet.m) * g / (4.0 * wo.z * wi.z);
+            sum.f += self.facet_reflectance(facet.cos_o) * (self.spec_trans * value);
+            sum.pdf += choice.reflection * microfacets.pdf(wo, facet.m) * facet.dm_dwi;
+        }
+        sum
+    }
+
+    /// Rough transmission is a reflection that is mirrored in the surface. Its facet must be one that faces away from the
+    /// direction below, too: at grazing angles some of the light is lost.
+    fn eval_transmission(&self, wo: Vec3, wi: Vec3, choice: &Choice) -> BsdfEval {
+        let mut sum = BsdfEval {
+            f: self.base_color * (self.diffuse_transmission() * FRAC_1_PI),
+            pdf: choice.diffuse_transmission * warp::square_to_cosine_hemisphere_pdf(-wi),
+        };
+        if self.spec_trans > 0.0
+            && let Some(facet) = Facet::mirroring(wo, mirrored(wi))
+        {
+            let microfacets = self.transmitting();
+            // Masking is zero where the facet does not face away.
+            let g = microfacets.g1(wo, facet.m) * microfacets.g1(wi, facet.m);
+            let value = microfacets.d(facet.m) * g / (4.0 * wo.z * wi.z.abs());
+            sum.f += self.facet_transmittance(facet.cos_o) * (self.spec_trans * value);
+            sum.pdf += choice.transmission * microfacets.pdf(wo, facet.m) * facet.dm_dwi;
+        }
+        sum
+    }
+
+    /// Samples one lobe, weighted by the sum of all.
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
+        if wo.z == 0.0 {
+            return None;
+        }
+        let side = 1f32.copysign(wo.z);
+        let up = wo * side;
+        let choice = self.choice(up.z)?;
+        let to_transmission = choice.diffuse_reflection + choice.diffuse_transmission;
+        let (wi, lobe) = if u_lobe < choice.diffuse_reflection {
+            (warp::square_to_cosine_hemisphere(u), Lobe::Diffuse)
+        } else if u_lobe < to_transmission {
+            (-warp::square_to_cosine_hemisphere(u), Lobe::Diffuse)
+        } else if u_lobe < to_transmission + choice.transmission {
+            (mirrored(Facet::mirror(up, self.transmitting().sample(up, u))?.0), Lobe::Glossy)
+        } else if choice.reflection > 0.0 {
+            (Facet::mirror(up, self.reflecting().sample(up, u))?.0, Lobe::Glossy)
+        } else {
+            return None;
+        };
+        let wi = wi * side;
+        let BsdfEval { f, pdf } = self.eval(wo, wi);
+        (pdf > 0.0).then(|| BsdfSample { wi, weight: f * (wi.z.abs() / pdf), pdf, lobe, eta: 1.0 })
+    }
+
+    /// Base, mean facet and transmission along the normal.
+    pub fn albedo(&self) -> Rgb {
+        let specular = self.facet_reflectance(1.0) + self.facet_transmittance(1.0);
+        self.base_color * (1.0 - self.spec_trans) + specular * self.spec_trans
+    }
+}

@@ -1,0 +1,113 @@
+//! A rough boundary between two dielectrics. [Walter 2007]
+
+use super::facet::Facet;
+use super::microfacet::Microfacets;
+use super::{BsdfEval, BsdfSample, Dielectric, Lobe, fresnel, mask};
+use crate::color::Rgb;
+use crate::math::{Vec2, Vec3};
+
+/// Reflection and refraction of radiance at a boundary of microfacets.
+///
+/// Indices that are equal let all light pass straight, whatever the roughness.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoughDielectric {
+    /// The facets' normals.
+    pub microfacets: Microfacets,
+    /// Index of refraction below the surface (−z) over that above it.
+    pub eta: f32,
+    /// A factor on the reflection.
+    pub specular_reflectance: Rgb,
+    /// A factor on the transmission.
+    pub specular_transmittance: Rgb,
+}
+
+impl RoughDielectric {
+    /// Whether there are no facets to be seen, because both sides have the same index.
+    pub fn is_passing(&self) -> bool {
+        self.eta == 1.0
+    }
+
+    /// Index of the far side over that of wo's side.
+    fn eta_from(&self, wo: Vec3) -> f32 {
+        if wo.z > 0.0 { self.eta } else { 1.0 / self.eta }
+    }
+
+    /// The probability with which a facet reflects a sample: in proportion to what is reflected and transmitted.
+    fn reflection_probability(&self, reflectance: f32) -> f32 {
+        let reflected = reflectance * self.specular_reflectance.max_component();
+        let transmitted = (1.0 - reflectance) * self.specular_transmittance.max_component();
+        let total = reflected + transmitted;
+        if total > 0.0 { reflected / total } else { 1.0 }
+    }
+
+    /// Reflection as [Walter 2007, Eq. 20]; transmission as Eq. 21 over the squared ratio of the indices, because
+    /// it is radiance that is transported. [Veach 1997, Eq. 5.2]
+    pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        if wo.z * wi.z == 0.0 || self.is_passing() {
+            return BsdfEval::ZERO;
+        }
+        let eta = self.eta_from(wo);
+        // Both sides are alike: wo's becomes the upper one.
+        let side = 1f32.copysign(wo.z);
+        let (wo, wi) = (wo * side, wi * side);
+        let reflects = wi.z > 0.0;
+        let facet = if reflects { Facet::mirroring(wo, wi) } else { Facet::refracting(wo, wi, eta) };
+        let Some(Facet { m, cos_o, dm_dwi, .. }) = facet else { return BsdfEval::ZERO };
+        let d = self.microfacets.d(m);
+        if d == 0.0 {
+            return BsdfEval::ZERO;
+        }
+        let g = self.microfacets.g1(wo, m) * self.microfacets.g1(wi, m);
+        let r = fresnel::dielectric(cos_o, eta).reflectance;
+        // Both equations are this with their Jacobian.
+        let value = d * g * cos_o * dm_dwi / (wo.z * wi.z.abs());
+        let pdf = self.microfacets.pdf(wo, m) * dm_dwi;
+        let probability = self.reflection_probability(r);
+        if reflects {
+            BsdfEval { f: self.specular_reflectance * (value * r), pdf: pdf * probability }
+        } else {
+            let value = value * (1.0 - r) / (eta * eta);
+            BsdfEval { f: self.specular_transmittance * value, pdf: pdf * (1.0 - probability) }
+        }
+    }
+
+    /// Draws a facet and mirrors or refracts `wo` in it, by the Fresnel term of the facet.
+    pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
+        if wo.z == 0.0 {
+            return None;
+        }
+        if self.is_passing() {
+            return Some(BsdfSample { weight: self.specular_transmittance, ..mask::through(wo) });
+        }
+        let eta = self.eta_from(wo);
+        let side = 1f32.copysign(wo.z);
+        let wo = wo * side;
+        let m = self.microfacets.sample(wo, u);
+        let r = fresnel::dielectric(wo.dot(m).max(0.0), eta);
+        let probability = self.reflection_probability(r.reflectance);
+        let (wi, facet, weight, probability, eta) = if u_lobe < probability {
+            let (wi, facet) = Facet::mirror(wo, m)?;
+            let weight = self.specular_reflectance * (r.reflectance / probability);
+            (wi, facet, weight, probability, 1.0)
+        } else {
+            let (wi, facet) = Facet::refract(wo, m, r.cos_t, eta)?;
+            let probability = 1.0 - probability;
+            let share = (1.0 - r.reflectance) / (probability * eta * eta);
+            (wi, facet, self.specular_transmittance * share, probability, eta)
+        };
+        let pdf = self.microfacets.pdf(wo, m) * facet.dm_dwi * probability;
+        // G·(wo·m)·D/(cosθo·pdf(m)), with D cancelled by hand: it over- and underflows where roughness is small.
+        let g1 = self.microfacets.g1(wi, m);
+        let g = match self.microfacets.sample_visible {
+            true => g1,
+            false => g1 * self.microfacets.g1(wo, m) * facet.cos_o / (wo.z * m.z),
+        };
+        (pdf > 0.0).then_some(BsdfSample { wi: wi * side, weight: weight * g, pdf, lobe: Lobe::Glossy, eta })
+    }
+
+    /// That of the smooth boundary.
+    pub fn albedo(&self) -> Rgb {
+        let RoughDielectric { eta, specular_reflectance, specular_transmittance, .. } = *self;
+        Dielectric { eta, specular_reflectance, specular_transmittance }.albedo()
+    }
+}
