@@ -3,6 +3,7 @@
 mod normals;
 mod obj;
 mod ply;
+mod serialized;
 
 use crate::error::{Error, Result, counted};
 use crate::math::{DAffine3, Vec3};
@@ -16,6 +17,11 @@ pub enum Format {
     Obj,
     /// Stanford PLY.
     Ply,
+    /// Mitsuba's own format.
+    Serialized {
+        /// Which of the file's meshes.
+        shape_index: usize,
+    },
 }
 
 /// What the scene asks of a mesh.
@@ -44,10 +50,18 @@ pub fn load(
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh> {
     let bytes = super::read_bytes(path)?;
+    let mut face_normals = options.face_normals;
     let mut mesh = match format {
         Format::Obj => obj::parse(path, &bytes, warnings)?,
-        Format::Ply => ply::parse(path, &bytes)?,
+        Format::Ply => ply::parse(path, &bytes, warnings)?,
+        Format::Serialized { shape_index } => {
+            let read = serialized::parse(path, &bytes, shape_index)?;
+            // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 obeys it.
+            face_normals |= read.face_normals;
+            read.mesh
+        }
     };
+    drop(bytes);
     if mesh.indices.is_empty() {
         return Err(Error::scene("the file has no faces").in_file(path));
     }
@@ -60,7 +74,7 @@ pub fn load(
     if options.flip_tex_coords {
         mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     }
-    match options.face_normals {
+    match face_normals {
         true => mesh.normals = Vec::new(),
         false => complete_normals(&mut mesh, to_world, path, warnings),
     }
