@@ -8,6 +8,7 @@ mod serialized;
 use crate::error::{Error, Result, counted};
 use crate::math::{DAffine3, Vec3};
 use crate::shape::Mesh;
+use std::fs::File;
 use std::path::Path;
 
 /// Formats of mesh files.
@@ -49,19 +50,23 @@ pub fn load(
     to_world: &DAffine3,
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh> {
-    let bytes = super::read_bytes(path)?;
     let mut face_normals = options.face_normals;
     let mut mesh = match format {
-        Format::Obj => obj::parse(path, &bytes, warnings)?,
-        Format::Ply => ply::parse(path, &bytes, warnings)?,
+        Format::Obj => File::open(path)
+            .map_err(obj::Failure::Io)
+            .and_then(|file| obj::parse(path, file, || std::fs::read(path), warnings))
+            .map_err(|failure| match failure {
+                obj::Failure::Io(e) => super::unreadable(path, &e),
+                obj::Failure::Mesh(error) => error,
+            })?,
+        Format::Ply => ply::parse(path, &super::read_bytes(path)?, warnings)?,
         Format::Serialized { shape_index } => {
-            let read = serialized::parse(path, &bytes, shape_index)?;
+            let read = serialized::parse(path, &super::read_bytes(path)?, shape_index)?;
             // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 obeys it.
             face_normals |= read.face_normals;
             read.mesh
         }
     };
-    drop(bytes);
     if mesh.indices.is_empty() {
         return Err(Error::scene("the file has no faces").in_file(path));
     }
