@@ -8,6 +8,7 @@ mod serialized;
 use crate::error::{Error, Result, counted};
 use crate::math::{DAffine3, Vec3};
 use crate::shape::Mesh;
+use rayon::prelude::*;
 use std::fs::File;
 use std::path::Path;
 
@@ -70,14 +71,14 @@ pub fn load(
     if mesh.indices.is_empty() {
         return Err(Error::scene("the file has no faces").in_file(path));
     }
-    let broken = mesh.positions.iter().filter(|p| !p.is_finite()).count();
+    let broken = mesh.positions.par_iter().filter(|p| !p.is_finite()).count();
     if broken > 0 {
         let vertices = counted(mesh.positions.len() as u64, "vertex", "vertices");
         let message = format!("{broken} of {vertices}: not finite; their faces are dropped");
         warnings.push(Error::scene(message).in_file(path));
     }
     if options.flip_tex_coords {
-        mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+        mesh.uvs.par_iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     }
     match face_normals {
         true => mesh.normals = Vec::new(),
@@ -92,13 +93,19 @@ fn complete_normals(mesh: &mut Mesh, to_world: &DAffine3, path: &Path, warnings:
         mesh.normals = normals::compute(mesh, to_world);
         return;
     }
-    let unit = |n: &Vec3| n.as_dvec3().try_normalize().map(|n| n.as_vec3());
-    let invalid: Vec<_> = (0..mesh.normals.len()).filter(|i| unit(&mesh.normals[*i]).is_none()).collect();
-    let computed = if invalid.is_empty() { Vec::new() } else { normals::compute(mesh, to_world) };
-    for (i, normal) in mesh.normals.iter_mut().enumerate() {
-        *normal = unit(normal).unwrap_or_else(|| computed[i]);
-    }
+    let normalize = |(i, n): (usize, &mut Vec3)| match n.as_dvec3().try_normalize() {
+        Some(unit) => {
+            *n = unit.as_vec3();
+            None
+        }
+        None => Some(i),
+    };
+    let invalid: Vec<usize> = mesh.normals.par_iter_mut().enumerate().filter_map(normalize).collect();
     if !invalid.is_empty() {
+        let computed = normals::compute(mesh, to_world);
+        for i in &invalid {
+            mesh.normals[*i] = computed[*i];
+        }
         let message = format!(
             "{} of {} vertex normals are zero or not finite; they are computed",
             invalid.len(),

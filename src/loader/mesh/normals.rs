@@ -2,29 +2,62 @@
 
 use crate::math::{DAffine3, DVec3, Vec3};
 use crate::shape::Mesh;
+use rayon::prelude::*;
+
+/// Triangles whose normals are in memory at once.
+const BLOCK: usize = 1 << 15;
+/// Triangles or vertices that a thread takes at least.
+const LEAST: usize = 1 << 10;
+
+/// What a triangle adds to its corners: its unit normal in the world, and its angles.
+type Share = Option<(DVec3, [f64; 3])>;
 
 /// Unit vertex normals in the mesh's own coordinates: at each vertex the mean of its faces' normals weighted by the
 /// angle that the face spans there. [Thürmer and Wüthrich 1998]
 ///
 /// Angles and normals are those of the mesh in the world, which is where Mitsuba takes them. Vertices without a valid face get
-/// (1, 0, 0) in the world.
+/// (1, 0, 0) in the world. Faces are added in their order, whatever the number of threads.
 pub fn compute(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
-    let world: Vec<DVec3> = mesh.positions.iter().map(|p| to_world.transform_point3(p.as_dvec3())).collect();
-    let mut sums = vec![DVec3::ZERO; world.len()];
-    for triangle in &mesh.indices {
-        let corners = triangle.map(|i| world[i as usize]);
-        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-        let Some(normal) = normal.try_normalize() else { continue };
-        for (i, vertex) in triangle.iter().enumerate() {
-            let to_next = corners[(i + 1) % 3] - corners[i];
-            let to_last = corners[(i + 2) % 3] - corners[i];
-            sums[*vertex as usize] += normal * to_next.angle_between(to_last);
-        }
+    let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
+    let shares = |block: Option<&[[u32; 3]]>, shares: &mut Vec<Share>| {
+        let triangles = block.unwrap_or_default().par_iter().with_min_len(LEAST);
+        triangles.map(|triangle| share(mesh, to_world, triangle)).collect_into_vec(shares);
+    };
+    let (mut ready, mut next) = (Vec::new(), Vec::new());
+    let mut blocks = mesh.indices.chunks(BLOCK);
+    let mut block = blocks.next();
+    shares(block, &mut ready);
+    while let Some(triangles) = block {
+        let following = blocks.next();
+        rayon::join(|| add(triangles, &ready, &mut sums), || shares(following, &mut next));
+        std::mem::swap(&mut ready, &mut next);
+        block = following;
     }
     // Normals go to the world by the inverse transpose, so they come from there by the transpose.
     let from_world = to_world.matrix3.transpose();
-    let own = |sum: DVec3| (from_world * sum.try_normalize().unwrap_or(DVec3::X)).normalize().as_vec3();
-    sums.into_iter().map(own).collect()
+    let own = |sum: &DVec3| (from_world * sum.try_normalize().unwrap_or(DVec3::X)).normalize().as_vec3();
+    sums.par_iter().with_min_len(LEAST).map(own).collect()
+}
+
+/// Adds what triangles give to their corners.
+fn add(triangles: &[[u32; 3]], shares: &[Share], sums: &mut [DVec3]) {
+    for (triangle, share) in triangles.iter().zip(shares) {
+        let Some((normal, angles)) = share else { continue };
+        for (vertex, angle) in triangle.iter().zip(angles) {
+            sums[*vertex as usize] += *normal * *angle;
+        }
+    }
+}
+
+fn share(mesh: &Mesh, to_world: &DAffine3, triangle: &[u32; 3]) -> Share {
+    let corners = triangle.map(|i| to_world.transform_point3(mesh.positions[i as usize].as_dvec3()));
+    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).try_normalize()?;
+    let angle = |i: usize| {
+        let to_next = corners[(i + 1) % 3] - corners[i];
+        let to_last = corners[(i + 2) % 3] - corners[i];
+        to_next.angle_between(to_last)
+    };
+    Some((normal, [angle(0), angle(1), angle(2)]))
 }
 
 #[cfg(test)]
