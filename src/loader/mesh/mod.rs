@@ -55,7 +55,7 @@ pub fn load(
     let mut mesh = match format {
         Format::Obj => File::open(path)
             .map_err(obj::Failure::Io)
-            .and_then(|file| obj::parse(path, file, || std::fs::read(path), warnings))
+            .and_then(|file| obj::parse(path, file, || std::fs::read(path), obj::Sizes::USUAL, warnings))
             .map_err(|failure| match failure {
                 obj::Failure::Io(e) => super::unreadable(path, &e),
                 obj::Failure::Mesh(error) => error,

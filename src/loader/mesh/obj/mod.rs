@@ -17,10 +17,22 @@ use std::io::{self, Read};
 use std::path::Path;
 use weld::{Key, NONE, Weld};
 
-/// Bytes that are read at once, if lines are not longer.
-const BLOCK: usize = 8 << 20;
-/// Bytes that a thread parses at once.
-const PIECE: usize = 256 << 10;
+/// Vertices after which no more is read: so far below the range of `u32` that a piece of lines of any length fits.
+const MOST_VERTICES: usize = 1 << 31;
+
+/// How a file is cut. Lines may be longer.
+#[derive(Clone, Copy, Debug)]
+pub struct Sizes {
+    /// Bytes that are read at once.
+    block: usize,
+    /// Bytes that a thread parses at once.
+    piece: usize,
+}
+
+impl Sizes {
+    /// Blocks that are much smaller than meshes that take long, of enough pieces for many threads.
+    pub const USUAL: Sizes = Sizes { block: 8 << 20, piece: 256 << 10 };
+}
 
 /// Why a file could not be read.
 #[derive(Debug)]
@@ -39,10 +51,11 @@ pub fn parse(
     path: &Path,
     from: impl Read + Send,
     whole: impl FnOnce() -> io::Result<Vec<u8>>,
+    sizes: Sizes,
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh, Failure> {
     let mut build = Build::default();
-    let read = build.read(from).map_err(Failure::Io)?;
+    let read = build.read(from, sizes).map_err(Failure::Io)?;
     let used = build.used();
     match read.and_then(|()| build.finish(used)) {
         Ok((mesh, survey)) => {
@@ -66,11 +79,11 @@ struct Build {
 
 impl Build {
     /// Reads all lines. The next block is read and the last one is put together while one is parsed.
-    fn read(&mut self, mut from: impl Read + Send) -> io::Result<Result<(), Malformed>> {
+    fn read(&mut self, mut from: impl Read + Send, sizes: Sizes) -> io::Result<Result<(), Malformed>> {
         let mut text = Vec::new();
         let mut next = Vec::new();
         let mut pieces = Vec::new();
-        let mut more = fill(&mut from, &mut text)?;
+        let mut more = fill(&mut from, &mut text, sizes.block)?;
         loop {
             // Only whole lines; the rest goes before the next block.
             let end =
@@ -79,9 +92,9 @@ impl Build {
             next.extend_from_slice(&text[end..]);
             let last = std::mem::take(&mut pieces);
             let (parsed, others) = rayon::join(
-                || split(&text[..end]).into_par_iter().map(lines::read).collect::<Vec<_>>(),
+                || split(&text[..end], sizes.piece).into_par_iter().map(lines::read).collect::<Vec<_>>(),
                 || {
-                    let more = if more { fill(&mut from, &mut next) } else { Ok(false) };
+                    let more = if more { fill(&mut from, &mut next, sizes.block) } else { Ok(false) };
                     (last.into_iter().try_for_each(|piece: Piece| self.append(piece)), more)
                 },
             );
@@ -121,10 +134,8 @@ impl Build {
             }
             self.indices.push(triangle);
         }
-        match self.weld.len() < NONE as usize - 3 * PIECE {
-            true => Ok(()),
-            false => Err(Malformed),
-        }
+        // The next piece cannot have more corners than this.
+        if self.weld.len() < MOST_VERTICES { Ok(()) } else { Err(Malformed) }
     }
 
     /// Whether texture coordinates and normals are of use.
@@ -158,12 +169,12 @@ fn gather<T: Copy + Send + Sync>(keys: &[Key], kind: usize, entries: Vec<T>) -> 
 }
 
 /// Appends the next bytes of a file, at least up to a line end; whether there may be more.
-fn fill(from: &mut impl Read, text: &mut Vec<u8>) -> io::Result<bool> {
+fn fill(from: &mut impl Read, text: &mut Vec<u8>, block: usize) -> io::Result<bool> {
     loop {
         let before = text.len();
-        text.reserve(BLOCK);
-        let read = from.by_ref().take(BLOCK as u64).read_to_end(text)?;
-        if read < BLOCK {
+        text.reserve(block);
+        let read = from.by_ref().take(block as u64).read_to_end(text)?;
+        if read < block {
             return Ok(false);
         }
         if text[before..].contains(&b'\n') {
@@ -173,11 +184,11 @@ fn fill(from: &mut impl Read, text: &mut Vec<u8>) -> io::Result<bool> {
 }
 
 /// Cuts a text at line ends.
-fn split(text: &[u8]) -> Vec<&[u8]> {
+fn split(text: &[u8], piece: usize) -> Vec<&[u8]> {
     let mut pieces = Vec::new();
     let mut rest = text;
     while !rest.is_empty() {
-        let start = PIECE.min(rest.len());
+        let start = piece.min(rest.len());
         let end = rest[start..].iter().position(|b| *b == b'\n').map_or(rest.len(), |i| start + i + 1);
         let (piece, after) = rest.split_at(end);
         pieces.push(piece);
@@ -215,10 +226,12 @@ mod tests {
     fn read(text: &str) -> (Result<Mesh>, Vec<String>) {
         let mut warnings = Vec::new();
         let whole = || Ok(text.as_bytes().to_vec());
-        let mesh = parse(Path::new("m.obj"), text.as_bytes(), whole, &mut warnings).map_err(|e| match e {
-            Failure::Mesh(error) => error,
-            Failure::Io(error) => panic!("{error}"),
-        });
+        let mesh = parse(Path::new("m.obj"), text.as_bytes(), whole, Sizes::USUAL, &mut warnings).map_err(
+            |e| match e {
+                Failure::Mesh(error) => error,
+                Failure::Io(error) => panic!("{error}"),
+            },
+        );
         (mesh, warnings.iter().map(Error::to_string).collect())
     }
 
@@ -283,5 +296,53 @@ mod tests {
             message(&format!("{SQUARE}f 1/1/1/1 2 3\n")),
             "m.obj:5:1: expected a corner such as 1, 1/1, 1//1 or 1/1/1, found \"1/1/1/1\""
         );
+    }
+
+    #[test]
+    fn a_file_means_the_same_however_it_is_cut() {
+        let text = format!(
+            "# c\n{SQUARE}vt 0 0\nvt 1 1 # c\nvn 0 0 1\ncurv\nf 1/1/1 2/2/1 3/1/1 4/2/-1\nl 1 2\nv 5 5 5 0.5\nvt 0.5 1\n\
+             f -1/-1/1\t-2/-2/1 -3/1/1 \r\nf 7/1/1 1/1/1 6/1/1# c\n\n  f 7/1/1 6/1/1 1/1/1\nv 1 2 3\nv 3 2 1 0 0 0\nsurf"
+        )
+        .replace("# c\n\n  f", " # c\n\n  f");
+        let cut = |block, piece| {
+            let mut warnings = Vec::new();
+            let whole = || Ok(text.as_bytes().to_vec());
+            let sizes = Sizes { block, piece };
+            let mesh = parse(Path::new("m.obj"), text.as_bytes(), whole, sizes, &mut warnings).unwrap();
+            (mesh, warnings)
+        };
+        let (mesh, warnings) = cut(1000, 1000);
+        assert_eq!(mesh.indices, [[0, 1, 2], [0, 2, 3], [4, 3, 2], [5, 0, 6], [5, 6, 0]]);
+        assert_eq!(mesh.positions[4], Vec3::splat(10.0));
+        assert_eq!(warnings.len(), 2);
+        for block in 1..text.len() {
+            for piece in [1, 7, 30] {
+                assert_eq!(cut(block, piece), (mesh.clone(), warnings.clone()), "{block} {piece}");
+            }
+        }
+    }
+
+    #[test]
+    fn indices_without_entries_are_refused() {
+        let message = |text: &str| read(text).0.unwrap_err().to_string().lines().next().unwrap().to_owned();
+        for (text, expected) in [
+            ("vt 0 0\nf 1/1 2/0 3/1\n", "6:1: there is no texture coordinate 0; the file has 1"),
+            ("vn 0 0 1\nf 1//1 2//1 3//4\n", "6:1: there is no normal 4; the file has 1"),
+            ("f 1 2 99999999999\n", "5:1: there is no vertex 99999999999; the file has 4"),
+            ("f 1 2 99999999999999999999\n", "5:1: expected a whole number, found \"99999999999999999999\""),
+            ("f 1 2 -9223372036854775808\n", "5:1: there is no vertex -9223372036854775808; the file has 4"),
+            ("f 1 2 4294967295\n", "5:1: there is no vertex 4294967295; the file has 4"),
+            ("f 1 2 -\n", "5:1: expected a whole number, found \"-\""),
+            ("f 1 2 /1\n", "5:1: expected a corner such as 1, 1/1, 1//1 or 1/1/1, found \"/1\""),
+            ("v 0 0 0 0\n", "5:1: the weight of the vertex is 0"),
+            ("v 0 0 0 1 1\n", "5:1: expected 3 numbers, found 5"),
+            ("v\n", "5:1: expected 3 numbers, found 0"),
+            ("vt 0 # 1\n", "5:1: expected 2 numbers, found 1"),
+        ] {
+            assert_eq!(message(&format!("{SQUARE}{text}")), format!("m.obj:{expected}"));
+        }
+        // Texture coordinates of corners mean nothing where the file has none.
+        assert!(read(&format!("{SQUARE}f 1/1 2/1 3/1\n")).0.unwrap().uvs.is_empty());
     }
 }
