@@ -1,7 +1,7 @@
 //! Broken input of every kind ends in a scene or an error, never in a panic.
 
 use crate::loader::{BOX, Files};
-use buffon::loader::{LoadOptions, load};
+use buffon::loader::LoadOptions;
 use proptest::prelude::*;
 
 proptest! {

@@ -33,8 +33,8 @@ enum Edit {
 }
 
 fn edit() -> impl Strategy<Value = Edit> {
-    let any = any::<prop::sample::Index>;
-    let words = prop::sample::select(vec![
+    let place = any::<prop::sample::Index>;
+    let words = prop::sample::select::<&'static str>(vec![
         "-1",
         "0",
         "4294967295",
@@ -66,7 +66,7 @@ fn edit() -> impl Strategy<Value = Edit> {
     let bytes = prop_oneof![
         words.prop_map(|word| word.as_bytes().to_vec()),
         proptest::collection::vec(any::<u8>(), 1..9),
-        prop::sample::select(vec![
+        prop::sample::select::<Vec<u8>>(vec![
             vec![0; 8],
             vec![0xff; 8],
             vec![0xff; 4],
@@ -75,11 +75,11 @@ fn edit() -> impl Strategy<Value = Edit> {
         ]),
     ];
     prop_oneof![
-        (any(), bytes.clone()).prop_map(|(at, bytes)| Edit::Replace(at, bytes)),
-        (any(), bytes).prop_map(|(at, bytes)| Edit::Insert(at, bytes)),
-        (any(), 1usize..20).prop_map(|(at, n)| Edit::Remove(at, n)),
-        any().prop_map(Edit::Truncate),
-        (any(), any(), 1usize..40).prop_map(|(from, to, n)| Edit::Copy(from, to, n)),
+        (place(), bytes.clone()).prop_map(|(at, bytes)| Edit::Replace(at, bytes)),
+        (place(), bytes).prop_map(|(at, bytes)| Edit::Insert(at, bytes)),
+        (place(), 1usize..20).prop_map(|(at, n)| Edit::Remove(at, n)),
+        place().prop_map(Edit::Truncate),
+        (place(), place(), 1usize..40).prop_map(|(from, to, n)| Edit::Copy(from, to, n)),
     ]
 }
 
