@@ -8,7 +8,7 @@ use buffon::color::Rgb;
 use buffon::integrator::settings::{DirectSettings, PathSettings};
 use buffon::integrator::{self, Radiance, RadianceQuery, Settings, Wave, Worker};
 use buffon::loader::{LoadOptions, load};
-use buffon::material::{Distribution, Material};
+use buffon::material::{Distribution, Input, Interface, Material, Metal, Roughness};
 use buffon::math::{DAffine3, DVec3, Ray, Vec2};
 use buffon::sampling::{SampleKey, Sampler, SamplerKind};
 use buffon::scene::{Description, Scene};
@@ -19,12 +19,17 @@ fn path(max_depth: Option<u32>) -> Settings {
 }
 
 fn glass(ior: f32) -> Material {
-    Material::Dielectric {
-        int_ior: ior,
-        ext_ior: 1.0,
-        specular_reflectance: Rgb::WHITE,
-        specular_transmittance: Rgb::WHITE,
-    }
+    let interface = Interface { int_ior: ior, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
+    Material::Dielectric(interface, Rgb::WHITE.into())
+}
+
+fn metal([eta, k, specular_reflectance]: [Rgb; 3]) -> Metal {
+    Metal { eta: eta.into(), k: k.into(), specular_reflectance: specular_reflectance.into() }
+}
+
+fn rough_metal(distribution: Distribution, alpha: [f32; 2], colours: [Rgb; 3]) -> Material {
+    let roughness = Roughness { distribution, alpha: alpha.map(Input::from), sample_visible: true };
+    Material::RoughConductor(metal(colours), roughness)
 }
 
 /// Glass loses nothing: in a constant environment it cannot be seen.
@@ -52,7 +57,7 @@ fn floor_behind(sphere_of: Option<Material>, accel: AccelKind) -> Scene {
         * DAffine3::from_rotation_y(std::f64::consts::PI);
     add(&mut description, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(5.0)), diffuse(0.6));
     let light = add(&mut description, Shape::Rectangle, down, diffuse(0.0));
-    description.shapes[light].emission = Some(Rgb::new(4.0, 3.0, 2.0));
+    description.shapes[light].emission = Some(Rgb::new(4.0, 3.0, 2.0).into());
     if let Some(material) = sphere_of {
         add(&mut description, sphere(0.8), DAffine3::from_translation(DVec3::new(0.0, 0.0, 1.0)), material);
     }
@@ -103,7 +108,7 @@ fn mirrors_reflect_by_fresnels_equations() {
         for angle in [0.0f64, 0.5, 1.2, 1.5] {
             let mut description = Description::default();
             let rgb = |v: [f32; 3]| Rgb::new(v[0], v[1], v[2]);
-            let material = Material::Conductor { eta: rgb(eta), k: rgb(k), specular_reflectance: Rgb::WHITE };
+            let material = Material::Conductor(metal([rgb(eta), rgb(k), Rgb::WHITE]));
             add(&mut description, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(50.0)), material);
             description.emitters.push(constant(2.0));
             let eye = DVec3::new(0.0, angle.sin(), angle.cos()) * 3.0;
@@ -124,14 +129,7 @@ fn rough_mirrors_gain_no_light() {
         for distribution in [Distribution::Beckmann, Distribution::Ggx] {
             for (alpha, least) in [([0.01, 0.01], 0.995), ([0.3, 0.3], 0.85), ([0.05, 0.6], 0.72)] {
                 let mut description = Description::default();
-                let material = Material::RoughConductor {
-                    distribution,
-                    alpha,
-                    sample_visible: true,
-                    eta: Rgb::splat(0.0),
-                    k: Rgb::splat(1e9),
-                    specular_reflectance: Rgb::WHITE,
-                };
+                let material = rough_metal(distribution, alpha, [Rgb::splat(0.0), Rgb::splat(1e9), Rgb::WHITE]);
                 add(&mut description, sphere(1.0), DAffine3::IDENTITY, material);
                 description.emitters.push(constant(1.0));
                 description.sensors.push(camera(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, 12.0, 8));
@@ -159,14 +157,11 @@ fn direct_light_is_the_same_by_every_technique() {
     let combinations = combinations();
     let group = Means::of_images(techniques.len() * combinations.len(), 0.01);
     for &(accel, sampler) in &combinations {
-        let rough = Material::RoughConductor {
-            distribution: Distribution::Ggx,
-            alpha: [0.3, 0.3],
-            sample_visible: true,
-            eta: Rgb::splat(0.2),
-            k: Rgb::splat(3.0),
-            specular_reflectance: Rgb::new(0.9, 0.6, 0.3),
-        };
+        let rough = rough_metal(
+            Distribution::Ggx,
+            [0.3, 0.3],
+            [Rgb::splat(0.2), Rgb::splat(3.0), Rgb::new(0.9, 0.6, 0.3)],
+        );
         let scene = floor_behind(Some(rough), accel);
         let paths = render(&scene, &path(Some(2)), sampler, 256, 4);
         for (emitter_samples, bsdf_samples) in techniques {
@@ -182,7 +177,7 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
     let camera = &scene.sensors[0];
     let pixels = (0..camera.film.height).flat_map(|y| (0..camera.film.width).map(move |x| (x, y)));
     let (rays, keys): (Vec<Ray>, Vec<SampleKey>) = pixels
-        .map(|(x, y)| (camera.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)), SampleKey::new(3, x, y, 0)))
+        .map(|(x, y)| (camera.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::ZERO, 0.0), SampleKey::new(3, x, y, 0)))
         .unzip();
     let mut out = vec![Radiance::NONE; rays.len()];
     let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent };
@@ -232,7 +227,7 @@ fn hidden_emitters_shine_without_being_seen() {
         let mut description = Description::default();
         add(&mut description, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(10.0)), diffuse(0.5));
         let id = add(&mut description, sphere(0.5), DAffine3::from_translation(DVec3::Z * 1.5), diffuse(0.5));
-        description.shapes[id].emission = Some(Rgb::splat(3.0));
+        description.shapes[id].emission = Some(Rgb::splat(3.0).into());
         description.sensors.push(camera(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, 0.02, 8));
         let scene = compiled(description, accel);
         for hide_emitters in [false, true] {

@@ -21,7 +21,7 @@ fn vertices() -> Arc<Vec<[f32; 3]>> {
 
 fn triangle_scene(device: &Device) -> CommittedScene {
     let mut builder = SceneBuilder::new(device, SceneOptions::default()).expect("a scene");
-    builder.add_triangles(7, vertices(), 3, Arc::new(vec![[0, 1, 2]])).expect("added");
+    builder.add_triangles(7, vertices(), 3, Arc::new(vec![[0, 1, 2]]), None).expect("added");
     builder.commit().expect("built")
 }
 
@@ -40,7 +40,7 @@ impl UserPrimitives for Trap {
     fn intersect(&self, _: u32, ray: &UserRay) -> Option<UserHit> {
         assert!(ray.origin[0] < 0.5, "the trap is shut");
         let t = -ray.origin[2] / ray.direction[2];
-        (t > ray.t_near && t < ray.t_far).then_some(UserHit { t, u: 0.25, v: 0.75 })
+        (t > ray.t_near && t < ray.t_far).then_some(UserHit { t, u: 0.25, v: 0.75, primitive: 0 })
     }
 }
 
@@ -106,7 +106,9 @@ fn vertices_with_nan_are_left_out() {
     let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
     let mut with_nan = Vec::clone(&vertices());
     with_nan.insert(3, [f32::NAN; 3]);
-    builder.add_triangles(0, Arc::new(with_nan), 4, Arc::new(vec![[0, 1, 3], [0, 1, 2]])).expect("added");
+    builder
+        .add_triangles(0, Arc::new(with_nan), 4, Arc::new(vec![[0, 1, 3], [0, 1, 2]]), None)
+        .expect("added");
     let scene = builder.commit().expect("built");
     let mut ray = RayHit1::new(&DOWN);
     scene.intersect1(&mut ray, Coherence::Incoherent);
@@ -117,16 +119,16 @@ fn vertices_with_nan_are_left_out() {
 #[test]
 fn missing_padding_and_wild_indices_are_refused() {
     let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
-    let error = builder.add_triangles(0, vertices(), 4, Arc::new(vec![[0, 1, 2]])).unwrap_err();
+    let error = builder.add_triangles(0, vertices(), 4, Arc::new(vec![[0, 1, 2]]), None).unwrap_err();
     assert_eq!(error.to_string(), "Embree: expected padding after 4 vertices, found 4 elements");
-    let error = builder.add_triangles(0, vertices(), 3, Arc::new(vec![[0, 1, 3]])).unwrap_err();
+    let error = builder.add_triangles(0, vertices(), 3, Arc::new(vec![[0, 1, 3]]), None).unwrap_err();
     assert_eq!(error.to_string(), "Embree: expected indices below 3, found 3");
 }
 
 #[test]
 fn an_id_used_twice_is_an_error_with_embrees_words() {
     let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
-    let mut add = || builder.add_triangles(0, vertices(), 3, Arc::new(vec![[0, 1, 2]]));
+    let mut add = || builder.add_triangles(0, vertices(), 3, Arc::new(vec![[0, 1, 2]]), None);
     add().expect("once");
     let error = add().unwrap_err().to_string();
     assert!(error.starts_with("Embree: adding a geometry: invalid"), "{error}");
@@ -200,7 +202,7 @@ fn handles_may_be_dropped_in_any_order() {
 fn shared_arrays_live_as_long_as_the_scene_and_no_longer() {
     let (vertices, indices) = (vertices(), Arc::new(vec![[0, 1, 2]]));
     let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
-    builder.add_triangles(0, Arc::clone(&vertices), 3, Arc::clone(&indices)).expect("added");
+    builder.add_triangles(0, Arc::clone(&vertices), 3, Arc::clone(&indices), None).expect("added");
     let scene = builder.commit().expect("built");
     assert_eq!((Arc::strong_count(&vertices), Arc::strong_count(&indices)), (2, 2));
     drop(scene);
@@ -231,7 +233,7 @@ fn the_memory_monitor_counts_what_a_scene_takes_and_gives_back() {
     let grid: Vec<[f32; 3]> = (0..=n * n).map(|i| [(i % n) as f32, (i / n) as f32, 0.0]).collect();
     let indices: Vec<[u32; 3]> = (0..n * (n - 1) - 1).map(|i| [i, i + 1, i + n]).collect();
     let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
-    builder.add_triangles(0, Arc::new(grid), (n * n) as usize, Arc::new(indices)).expect("added");
+    builder.add_triangles(0, Arc::new(grid), (n * n) as usize, Arc::new(indices), None).expect("added");
     let scene = builder.commit().expect("built");
     assert!(scene.memory_bytes() > before + 100_000, "{} bytes", scene.memory_bytes());
     drop(scene);

@@ -4,7 +4,7 @@ use crate::support::chi2::{check_directions, check_square};
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
-use buffon::emitter::{AreaEmitter, Light, Target};
+use buffon::emitter::{AreaEmitter, Emission, Light, Target};
 use buffon::ids::EmitterId;
 use buffon::math::{DAffine3, DVec3, Ray, Vec2, Vec3};
 use buffon::scene::{Description, Scene};
@@ -16,7 +16,7 @@ use std::f64::consts::TAU;
 fn emitting(shape: Shape, to_world: DAffine3, flip_normals: bool) -> Scene {
     let mut description = Description::default();
     let id = scenes::add(&mut description, shape, to_world, scenes::diffuse(0.5));
-    description.shapes[id].emission = Some(Rgb::WHITE);
+    description.shapes[id].emission = Some(Rgb::WHITE.into());
     description.shapes[id].flip_normals = flip_normals;
     let scene = scenes::compiled(description, AccelKind::default());
     assert!(matches!(scene.lights[0], Light::Area(_)));
@@ -47,7 +47,7 @@ fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f6
         name,
         EMITTER_TESTS,
         |_, u| {
-            let s = area.sample(from, u)?;
+            let s = area.sample(from, u, 0.0)?;
             assert!(s.pdf > 0.0 && s.radiance == Rgb::WHITE && !s.delta);
             let ray = Ray::new(from, s.wi);
             let hit = scene.accel.intersect(&ray)?;
@@ -240,17 +240,16 @@ fn environment_samples_follow_their_density() {
     scenes::add(&mut description, scenes::sphere(1.0), DAffine3::IDENTITY, scenes::diffuse(0.5));
     description.emitters.push(scenes::constant(2.0));
     let scene = scenes::compiled(description, AccelKind::default());
-    let environment = scene.environment.expect("there is one");
-    let total = check_directions(
+        let total = check_directions(
         "constant environment",
         EMITTER_TESTS,
         |u_choice, u| {
-            let s = scene.sample_emitter(Vec3::new(0.0, 0.0, 2.0), u_choice, u)?;
+            let s = scene.sample_emitter(Vec3::new(0.0, 0.0, 2.0), u_choice, u, 0.0)?;
             assert!(s.target == Target::Infinity && s.radiance == Rgb::splat(2.0));
-            assert_eq!(s.pdf, scene.environment_pdf(environment));
+            assert_eq!(s.pdf, scene.environment_pdf(s.wi));
             Some(s.wi)
         },
-        |_| scene.environment_pdf(environment),
+        |wi| scene.environment_pdf(wi),
     );
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }
@@ -266,18 +265,18 @@ fn emitters_are_chosen_by_power() {
             DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)),
             scenes::diffuse(0.5),
         );
-        description.shapes[id].emission = Some(Rgb::splat(radiance));
+        description.shapes[id].emission = Some(Rgb::splat(radiance).into());
     }
     let scene = scenes::compiled(description, AccelKind::default());
     let n = 4000;
     let mut right = 0;
     for i in 0..n {
         let u_choice = (i as f32 + 0.5) / n as f32;
-        let s = scene.sample_emitter(Vec3::ZERO, u_choice, Vec2::new(0.3, 0.7)).expect("a sample");
+        let s = scene.sample_emitter(Vec3::ZERO, u_choice, Vec2::new(0.3, 0.7), 0.0).expect("a sample");
         let ray = Ray::new(Vec3::ZERO, s.wi);
         let at = scene.interaction(&ray, &scene.accel.intersect(&ray).expect("an emitter is hit"));
         let emitter = scene.emitter_at(&at).expect("it emits");
-        assert_eq!(scene.emitted(emitter), s.radiance);
+        assert_eq!(scene.emitted(emitter, &at), s.radiance);
         assert!((scene.emitter_pdf(emitter, Vec3::ZERO, &at) / s.pdf - 1.0).abs() < 1e-4);
         right += usize::from(s.wi.x > 0.0);
     }
@@ -291,12 +290,12 @@ fn emitters_are_sampled_at_every_scale() {
         let world =
             WorldShape::new(scenes::sphere(1.0), &DAffine3::from_translation(DVec3::Z * distance), false)
                 .unwrap();
-        let area = AreaEmitter::new(&world, Rgb::WHITE).unwrap();
+        let area = AreaEmitter::new(&world, Emission::Constant(Rgb::WHITE), None).unwrap();
         let exact = {
             let sin2 = 1.0 / (distance * distance);
             2.0 * std::f64::consts::PI * sin2 / (1.0 + (1.0 - sin2).sqrt())
         };
-        let s = area.sample(Vec3::ZERO, Vec2::new(0.3, 0.7)).unwrap();
+        let s = area.sample(Vec3::ZERO, Vec2::new(0.3, 0.7), 0.0).unwrap();
         assert!((f64::from(s.pdf) * exact - 1.0).abs() < 2e-3, "{distance}: {} {exact}", s.pdf);
         assert!((s.wi.length() - 1.0).abs() < 1e-5);
     }

@@ -7,10 +7,10 @@ use buffon::film::Filter;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathSettings;
 use buffon::loader::{LoadOptions, Loaded, load};
-use buffon::material::{Distribution, Material};
+use buffon::material::{Distribution, Input, Material, Metal, Roughness};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
-use buffon::sensor::FovAxis;
+use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::Shape;
 use std::path::Path;
 use tempfile::TempDir;
@@ -133,8 +133,9 @@ fn a_box_of_the_collection_is_read() {
     assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Independent), Some(64)));
     let scene = &loaded.description;
     let sensor = &scene.sensors[0];
-    assert_eq!((sensor.fov, sensor.fov_axis), (19.5f64.to_radians(), FovAxis::X));
-    assert_eq!(sensor.to_world.translation, DVec3::new(0.0, 1.0, 6.8));
+    let Projection::Perspective { fov, fov_axis, .. } = sensor.projection else { panic!() };
+    assert_eq!((fov, fov_axis), (19.5f64.to_radians(), FovAxis::X));
+    assert_eq!(sensor.to_world.at(0.0).translation, DVec3::new(0.0, 1.0, 6.8));
     assert_eq!((sensor.film.width, sensor.film.height), (1024, 512));
     assert_eq!(sensor.film.filter, Filter::Tent { radius: 1.0 });
     assert_eq!(
@@ -142,14 +143,14 @@ fn a_box_of_the_collection_is_read() {
         ["LeftWall", "ShortBox", "Light"]
     );
     assert_eq!(scene.shapes[0].material, scene.shapes[1].material);
-    assert_eq!(scene.shapes[0].to_world.translation, DVec3::new(-1.0, 1.0, 0.0));
-    assert_eq!(scene.shapes[2].emission, Some(Rgb::new(17.0, 12.0, 4.0)));
-    let Material::TwoSided(inner) = scene.materials[scene.shapes[0].material.index()] else {
+    assert_eq!(scene.shapes[0].to_world.at(0.0).translation, DVec3::new(-1.0, 1.0, 0.0));
+    assert_eq!(scene.shapes[2].emission, Some(Rgb::new(17.0, 12.0, 4.0).into()));
+    let Material::TwoSided([inner, _]) = scene.materials[scene.shapes[0].material.index()] else {
         panic!("{scene:?}")
     };
     assert_eq!(
         scene.materials[inner.index()],
-        Material::Diffuse { reflectance: Rgb::new(0.63, 0.065, 0.05) }
+        Material::Diffuse { reflectance: Rgb::new(0.63, 0.065, 0.05).into() }
     );
     assert_eq!(scene.shapes[1].place.as_ref().unwrap().line, 42);
 }
@@ -194,25 +195,28 @@ fn a_lamp_of_the_collection_is_read() {
     assert_eq!(faceted.uvs[0].y, 0.75);
     let Shape::Mesh(smooth) = &scene.shapes[1].shape else { panic!() };
     assert_eq!(smooth.normals, [Vec3::Z; 3]);
-    let Material::TwoSided(lamp) = scene.materials[scene.shapes[0].material.index()] else { panic!() };
-    let expected = Material::RoughConductor {
-        distribution: Distribution::Beckmann,
-        alpha: [0.25; 2],
-        sample_visible: true,
-        eta: Rgb::new(2.8656, 2.11918, 1.94008),
-        k: Rgb::new(3.03233, 2.05611, 1.61629),
-        specular_reflectance: Rgb::WHITE,
+    let Material::TwoSided([lamp, _]) = scene.materials[scene.shapes[0].material.index()] else { panic!() };
+    let metal = Metal {
+        eta: Rgb::new(2.8656, 2.11918, 1.94008).into(),
+        k: Rgb::new(3.03233, 2.05611, 1.61629).into(),
+        specular_reflectance: Rgb::WHITE.into(),
     };
+    let roughness = Roughness {
+        distribution: Distribution::Beckmann,
+        alpha: [0.25.into(); 2],
+        sample_visible: true,
+    };
+    let expected = Material::RoughConductor(metal, roughness);
     assert_eq!(scene.materials[lamp.index()], expected);
     let default = &scene.materials[scene.shapes[2].material.index()];
-    assert_eq!(*default, Material::Diffuse { reflectance: Rgb::splat(0.5) });
+    assert_eq!(*default, Material::Diffuse { reflectance: Rgb::splat(0.5).into() });
 }
 
 #[track_caller]
 fn assert_transform(steps: &str, expected: [[f64; 4]; 3]) {
     let loaded =
         loaded(&format!("<shape type='disk'><transform name='to_world'>{steps}</transform></shape>"));
-    let found: DAffine3 = loaded.description.shapes[0].to_world;
+    let found: DAffine3 = loaded.description.shapes[0].to_world.at(0.0);
     for (i, row) in expected.iter().enumerate() {
         let m = found.matrix3;
         let found = [m.x_axis[i], m.y_axis[i], m.z_axis[i], found.translation[i]];
@@ -299,9 +303,9 @@ fn includes_folders_aliases_and_later_references_are_followed() {
     assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
     let scene = &loaded.description;
     let material = |i: usize| &scene.materials[scene.shapes[i].material.index()];
-    assert_eq!(*material(0), Material::Diffuse { reflectance: Rgb::splat(0.25) });
+    assert_eq!(*material(0), Material::Diffuse { reflectance: Rgb::splat(0.25).into() });
     assert!(matches!(scene.shapes[1].shape, Shape::Mesh(_)));
-    let Material::Diffuse { reflectance } = material(2) else { panic!() };
+    let Material::Diffuse { reflectance: Input::Constant(reflectance) } = material(2) else { panic!() };
     assert!((reflectance.g - 0.5).abs() < 0.01, "{reflectance:?}");
 }
 
@@ -345,10 +349,11 @@ fn old_scenes_are_upgraded() {
     );
     assert_eq!(loaded.samples_per_pixel, Some(16));
     let sensor = &loaded.description.sensors[0];
-    assert_eq!((sensor.near_clip, sensor.fov_axis), (1.0, FovAxis::Smaller));
-    let Material::Dielectric { int_ior, ext_ior, .. } = loaded.description.materials[0] else { panic!() };
-    assert_eq!((int_ior, ext_ior), (1.333, 1.0));
-    assert_eq!(loaded.description.materials[1], Material::Diffuse { reflectance: Rgb::splat(0.1) });
+    let Projection::Perspective { fov_axis, .. } = sensor.projection else { panic!() };
+    assert_eq!((sensor.near_clip, fov_axis), (1.0, FovAxis::Smaller));
+    let Material::Dielectric(interface, _) = loaded.description.materials[0] else { panic!() };
+    assert_eq!((interface.int_ior, interface.ext_ior), (1.333, 1.0));
+    assert_eq!(loaded.description.materials[1], Material::Diffuse { reflectance: Rgb::splat(0.1).into() });
 }
 
 #[test]
@@ -359,16 +364,17 @@ fn a_mesh_alone_is_framed() {
     assert_eq!(scene.emitters, [Emitter::Constant { radiance: Rgb::WHITE }]);
     assert_eq!(
         scene.materials[scene.shapes[0].material.index()],
-        Material::TwoSided(buffon::ids::MaterialId(0))
+        Material::TwoSided([buffon::ids::MaterialId(0); 2])
     );
     assert_eq!(loaded.notes.len(), 1);
     let sensor = &scene.sensors[0];
     let Shape::Mesh(mesh) = &scene.shapes[0].shape else { panic!() };
-    let half = (0.5 * sensor.fov).tan();
+    let Projection::Perspective { fov, .. } = sensor.projection else { panic!() };
+    let (half, to_world) = ((0.5 * fov).tan(), sensor.to_world.at(0.0));
     for p in &mesh.positions {
-        let seen = sensor.to_world.inverse().transform_point3(p.as_dvec3());
+        let seen = to_world.inverse().transform_point3(p.as_dvec3());
         assert!(seen.z > sensor.near_clip && seen.z < sensor.far_clip, "{seen}");
         assert!(seen.x.abs() < half * seen.z && seen.y.abs() < half * seen.z, "{seen}");
     }
-    assert!(sensor.to_world.translation.y > 0.5 && sensor.to_world.translation.z > 0.5);
+    assert!(to_world.translation.y > 0.5 && to_world.translation.z > 0.5);
 }

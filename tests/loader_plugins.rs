@@ -7,10 +7,10 @@ use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{Aov, DirectSettings, Layer};
 use buffon::loader::LoadOptions;
-use buffon::material::{Distribution, Material};
+use buffon::material::{Distribution, Material, Metal};
 use buffon::math::Vec3;
 use buffon::sampling::SamplerKind;
-use buffon::sensor::FovAxis;
+use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::Shape;
 
 #[test]
@@ -35,10 +35,11 @@ fn every_value_of_film_and_sensor_is_read() {
     let sensor = &loaded.description.sensors[0];
     assert_eq!(sensor.name, "cam");
     // Mitsuba gives 38.1848 degrees to the width of a 4:3 image, which is this diagonal.
-    let x = 2.0 * ((0.5 * sensor.fov).tan() * 0.8).atan();
-    assert!((x.to_degrees() - 38.1848).abs() < 1e-4 && sensor.fov_axis == FovAxis::Diagonal);
+    let Projection::Perspective { fov, fov_axis, principal_point_offset } = sensor.projection else { panic!() };
+    let x = 2.0 * ((0.5 * fov).tan() * 0.8).atan();
+    assert!((x.to_degrees() - 38.1848).abs() < 1e-4 && fov_axis == FovAxis::Diagonal);
     assert_eq!((sensor.near_clip, sensor.far_clip), (f64::from(0.01f32), 1e3));
-    assert_eq!(sensor.principal_point_offset, [0.0, -0.1]);
+    assert_eq!(principal_point_offset, [0.0, -0.1]);
     assert_eq!(sensor.film.crop, Some(PixelRect { x: 10, y: 0, width: 20, height: 480 }));
     assert_eq!(
         (sensor.film.pixel_format, sensor.film.component_format),
@@ -101,9 +102,12 @@ fn emitters_spheres_and_conductors_are_read() {
     assert!(scene.shapes[0].flip_normals);
     let eta = Rgb::new(0.143036, 0.375307, 1.44205);
     let k = Rgb::new(3.983, 2.38556, 1.60336);
-    assert_eq!(scene.materials[0], Material::Conductor { eta, k, specular_reflectance: Rgb::WHITE });
-    let Material::RoughConductor { alpha, distribution, sample_visible, k, .. } = scene.materials[1] else {
+    let metal = Metal { eta: eta.into(), k: k.into(), specular_reflectance: Rgb::WHITE.into() };
+    assert_eq!(scene.materials[0], Material::Conductor(metal));
+    let Material::RoughConductor(metal, roughness) = scene.materials[1] else {
         panic!()
     };
-    assert_eq!((alpha, distribution, sample_visible, k), ([0.1, 0.2], Distribution::Ggx, false, Rgb::WHITE));
+    assert_eq!(roughness.alpha, [0.1.into(), 0.2.into()]);
+    assert_eq!((roughness.distribution, roughness.sample_visible), (Distribution::Ggx, false));
+    assert_eq!(metal.k, Rgb::WHITE.into());
 }

@@ -187,7 +187,7 @@ fn every_back_end_finds_what_brute_force_finds() {
     for (seed, scene) in (100..).zip(scenes()) {
         let mut random = Random(seed);
         let rays: Vec<Ray> = (0..RAYS_PER_SCENE).map(|_| ray(&scene, &mut random)).collect();
-        let oracle = BruteForce::new(scene.geometry.clone());
+        let oracle = BruteForce::new(scene.geometry.clone()).expect("built");
         let mut expected = vec![None; rays.len()];
         std::thread::scope(|s| {
             for (rays, expected) in rays.chunks(50_000).zip(expected.chunks_mut(50_000)) {

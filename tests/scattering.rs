@@ -19,7 +19,7 @@ fn directions() -> Vec<Vec3> {
     list
 }
 
-fn check_bsdf(name: &str, tests: usize, bsdf: &Bsdf, wo: Vec3) {
+fn check_bsdf(name: &str, tests: usize, bsdf: &Bsdf<'_>, wo: Vec3) {
     let name = format!("{name}, wo.z = {}", wo.z);
     check_directions(
         &name,
@@ -51,7 +51,7 @@ fn diffuse_samples_follow_their_density() {
     assert!(bsdf.sample(Vec3::new(0.6, 0.0, -0.8), 0.5, Vec2::splat(0.5)).is_none());
 }
 
-fn rough(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> Bsdf {
+fn rough(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> Bsdf<'static> {
     Bsdf::RoughConductor(RoughConductor {
         microfacets: Microfacets { distribution, alpha_x: alpha[0], alpha_y: alpha[1], sample_visible },
         fresnel: ConductorFresnel { eta: Rgb::new(0.2, 0.9, 1.5), k: Rgb::new(3.9, 2.4, 1.9) },
@@ -97,7 +97,7 @@ fn sharp_rough_conductor_samples_follow_their_density() {
 }
 
 /// The square's first axis is r²/(1 + r²) for a facet's slope r in units of the roughness, the second its azimuth.
-fn check_slopes(name: &str, tests: usize, bsdf: &Bsdf, alpha: [f64; 2], wo: Vec3) {
+fn check_slopes(name: &str, tests: usize, bsdf: &Bsdf<'_>, alpha: [f64; 2], wo: Vec3) {
     let sample = |u_lobe, u| {
         let wi = bsdf.sample(wo, u_lobe, u)?.wi;
         let m = wo.as_dvec3() + wi.as_dvec3();

@@ -1,20 +1,57 @@
 //! Every ray against every primitive, in double precision: the oracle that tests hold the other back ends against.
 
+use super::assembly::{Assembly, Checked, Question};
 use super::geometry::valid_triangle;
+use super::primitive::Line;
 use super::{Accel, Geometry, Hit, NO_INSTANCE, is_valid_ray};
+use crate::error::Result;
 use crate::math::{Bounds, DVec3, Ray, Vec3};
 
 /// A back end without any structure. Its cost is linear in the number of primitives.
 pub struct BruteForce {
-    geometry: Vec<Geometry>,
-    bounds: Bounds,
+    assembly: Assembly,
+    checked: Checked,
 }
 
 impl BruteForce {
-    /// Takes the geometry as it is; nothing is built.
-    pub fn new(mut geometry: Vec<Geometry>) -> Self {
-        let bounds = super::geometry::check(&mut geometry).bounds;
-        BruteForce { geometry, bounds }
+    /// Takes the assembly as it is; nothing is built.
+    ///
+    /// # Errors
+    /// As [`build`](super::build).
+    pub fn new(assembly: impl Into<Assembly>) -> Result<Self> {
+        let mut assembly = assembly.into();
+        let checked = assembly.check()?;
+        Ok(BruteForce { assembly, checked })
+    }
+
+    /// The nearest accepted hit of one geometry. `line` is `ray` in the coordinates of the geometry's group.
+    fn intersect_geometry(
+        &self,
+        (geometry, instance): (u32, u32),
+        line: &mut Line,
+        ask: &dyn Fn(&Hit) -> bool,
+    ) -> Option<Hit> {
+        let mut nearest = None;
+        let hit = |(t, u, v), primitive| Hit { t, u, v, geometry, primitive, instance };
+        match &self.assembly.geometry[geometry as usize] {
+            Geometry::Triangles { positions, indices } => {
+                for (primitive, &triangle) in (0..).zip(indices.iter()) {
+                    let Some(corners) = valid_triangle(positions, triangle) else { continue };
+                    let found = intersect_triangle(corners, line).map(|found| hit(found, primitive));
+                    if let Some(found) = found.filter(ask) {
+                        line.t_max = found.t;
+                        nearest = Some(found);
+                    }
+                }
+            }
+            Geometry::Analytic(surface) if surface.is_valid() => {
+                let place = |h: &super::PrimitiveHit| hit((h.t, h.u, h.v), 0);
+                nearest = surface.intersect_line(line, |h| ask(&place(h))).map(|h| place(&h));
+                line.t_max = nearest.map_or(line.t_max, |hit| hit.t);
+            }
+            Geometry::Analytic(_) => {}
+        }
+        nearest
     }
 }
 
@@ -24,7 +61,7 @@ impl Accel for BruteForce {
     }
 
     fn bounds(&self) -> Bounds {
-        self.bounds
+        self.checked.bounds
     }
 
     fn memory_bytes(&self) -> usize {
@@ -32,44 +69,42 @@ impl Accel for BruteForce {
     }
 
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        if !is_valid_ray(ray) {
+        if !is_valid_ray(ray, self.checked.ray_limit) {
             return None;
         }
-        let mut nearest: Option<Hit> = None;
-        let mut ray = *ray;
-        for (geometry, entry) in self.geometry.iter().enumerate() {
-            for primitive in 0..entry.len() {
-                if let Some((t, u, v)) = intersect_one(entry, primitive, &ray) {
-                    ray.t_max = t;
-                    let (geometry, primitive) = (geometry as u32, primitive as u32);
-                    nearest = Some(Hit { t, u, v, geometry, primitive, instance: NO_INSTANCE });
-                }
+        let question = Question::new(self.assembly.filter.as_ref(), ray);
+        let mut nearest = None;
+        let mut line = Line::from(ray);
+        for &geometry in &self.checked.world {
+            let ask = |hit: &Hit| question.accepts(ray, hit);
+            nearest = self.intersect_geometry((geometry, NO_INSTANCE), &mut line, &ask).or(nearest);
+        }
+        for (i, instance) in (0..).zip(&self.assembly.instances) {
+            let inverse = instance.from_world(ray.time);
+            let mut local = Line {
+                o: inverse.transform_point3(line.o),
+                d: inverse.transform_vector3(line.d),
+                t_max: line.t_max,
+            };
+            let local_ray = Ray { o: local.o.as_vec3(), d: local.d.as_vec3(), ..*ray };
+            let ask = |hit: &Hit| question.accepts(&local_ray, hit);
+            for &geometry in &self.assembly.groups[instance.group as usize] {
+                nearest = self.intersect_geometry((geometry, i), &mut local, &ask).or(nearest);
             }
+            line.t_max = local.t_max;
         }
         nearest
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        is_valid_ray(ray)
-            && self.geometry.iter().any(|e| (0..e.len()).any(|i| intersect_one(e, i, ray).is_some()))
-    }
-}
-
-fn intersect_one(entry: &Geometry, primitive: usize, ray: &Ray) -> Option<(f32, f32, f32)> {
-    match entry {
-        Geometry::Triangles { positions, indices } => {
-            intersect_triangle(valid_triangle(positions, indices[primitive])?, ray)
-        }
-        Geometry::Analytic(surface) if surface.is_valid() => surface.intersect(ray).map(|h| (h.t, h.u, h.v)),
-        Geometry::Analytic(_) => None,
+        self.intersect(ray).is_some()
     }
 }
 
 /// A triangle by signed volumes in double precision, edges included. Returns t and the barycentric weights of the
 /// second and third corner.
-fn intersect_triangle(corners: [Vec3; 3], ray: &Ray) -> Option<(f32, f32, f32)> {
-    let o = ray.o.as_dvec3();
-    let d = ray.d.as_dvec3();
+fn intersect_triangle(corners: [Vec3; 3], line: &Line) -> Option<(f32, f32, f32)> {
+    let (o, d) = (line.o, line.d);
     let [a, b, c] = corners.map(|p| p.as_dvec3() - o);
     let volume = |p: DVec3, q: DVec3| d.dot(q.cross(p));
     let (u, v, w) = (volume(c, b), volume(a, c), volume(b, a));
@@ -78,11 +113,8 @@ fn intersect_triangle(corners: [Vec3; 3], ray: &Ray) -> Option<(f32, f32, f32)> 
     }
     let det = u + v + w;
     let n = (b - a).cross(c - a);
-    let t = (n.dot(a) / n.dot(d)) as f32;
-    if det == 0.0 || !(t > 0.0 && t < ray.t_max) {
-        return None;
-    }
-    Some((t, (v / det) as f32, (w / det) as f32))
+    let t = line.within(n.dot(a) / n.dot(d))?;
+    (det != 0.0).then_some((t, (v / det) as f32, (w / det) as f32))
 }
 
 #[cfg(test)]
@@ -95,9 +127,12 @@ mod tests {
         let p = corners[1] * 0.25 + corners[2] * 0.5;
         for side in [1.0, -1.0] {
             let ray = Ray::new(p + Vec3::Z * side, -Vec3::Z * side);
-            let (t, u, v) = intersect_triangle(corners, &ray).expect("hit from both sides");
+            let (t, u, v) = intersect_triangle(corners, &Line::from(&ray)).expect("hit from both sides");
             assert!((t - 1.0).abs() < 1e-6 && (u - 0.25).abs() < 1e-6 && (v - 0.5).abs() < 1e-6);
         }
-        assert_eq!(intersect_triangle(corners, &Ray::new(Vec3::new(-0.1, 1.0, 1.0), -Vec3::Z)), None);
+        assert_eq!(
+            intersect_triangle(corners, &Line::from(&Ray::new(Vec3::new(-0.1, 1.0, 1.0), -Vec3::Z))),
+            None
+        );
     }
 }

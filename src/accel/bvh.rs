@@ -1,86 +1,110 @@
-//! The pure-Rust back end: obvhs builds an eight-wide compressed BVH, and Buffon traverses its nodes.
+//! The pure-Rust back end: obvhs builds eight-wide compressed BVHs, and Buffon traverses their nodes.
 //!
 //! obvhs' own traversal is not used for rendering: it clamps 1/d, starts at a fixed distance, does not round its
 //! slabs outwards and returns no barycentric coordinates. Here every box test is conservative and every triangle
 //! test watertight, so the nearest hit is that over all triangles, whatever the shape of the tree; of hits at
-//! equal distance the one with the least (geometry, primitive) counts.
+//! equal distance the one with the least (geometry, primitive, instance) counts.
+//!
+//! One tree holds what stands in the world, instances among it; each group has its own, in which the ray goes on in
+//! the group's coordinates.
 
-use super::geometry::valid_triangle;
+use super::assembly::{Assembly, Checked, Filtered, Question};
+use super::instance::{Instance, local_ray};
 use super::triangle::ShearedRay;
-use super::{Accel, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
+use super::{Accel, COORDINATE_LIMIT, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
 use crate::error::{Error, Result};
-use crate::math::{Bounds, Ray, Vec3};
+use crate::math::{Bounds, DAffine3, Ray};
+use build::{ANALYTIC, Entry, INSTANCE, Tree};
 use node::BoxTest;
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::cwbvh::{CwBvh, builder::build_cwbvh};
-use std::time::Duration;
 
+mod build;
 mod node;
 
-/// The mark of a leaf entry that is an analytic surface.
-const ANALYTIC: u32 = u32::MAX;
-
-/// A primitive where the leaves refer to it, so that a leaf reads memory in one place.
-#[derive(Clone, Copy)]
-struct Entry {
-    /// A triangle's corners; unused for an analytic surface.
-    corners: [[f32; 3]; 3],
-    geometry: u32,
-    /// The triangle's number, or [`ANALYTIC`].
-    primitive: u32,
-}
-
-/// The BVH over a list of geometries.
+/// The BVH over an assembly.
 pub struct Bvh {
-    tree: CwBvh,
-    entries: Vec<Entry>,
+    world: Tree,
+    groups: Vec<Tree>,
+    instances: Vec<Placed>,
     /// By geometry; empty if there is no analytic surface.
     surfaces: Vec<Option<Primitive>>,
+    filter: Option<Filtered>,
     bounds: Bounds,
+    ray_limit: f32,
+}
+
+/// An instance as the traversal needs it.
+struct Placed {
+    group: u32,
+    /// From the world; that at time 0 for a moving instance.
+    inverse: DAffine3,
+    moving: Option<Instance>,
+}
+
+/// What stays the same during the query of one tree.
+#[derive(Clone, Copy)]
+struct Ask<'a> {
+    filter: Question<'a>,
+    instance: u32,
 }
 
 impl Bvh {
-    /// Builds the BVH with `threads` threads (0 for all cores). The geometry must be checked.
+    /// Builds the BVH with `threads` threads (0 for all cores). The assembly must be checked.
     ///
     /// # Errors
     /// If there are 2^32 primitives or more, or no threads can be started.
-    pub(super) fn new(geometry: Vec<Geometry>, bounds: Bounds, threads: usize) -> Result<Self> {
-        let count: usize = geometry.iter().map(Geometry::len).sum();
+    pub(super) fn new(assembly: Assembly, checked: &Checked, threads: usize) -> Result<Self> {
+        let Assembly { geometry, groups, instances, filter } = assembly;
+        let count = geometry.iter().map(Geometry::len).sum::<usize>() + instances.len();
         if u32::try_from(count).is_err() {
             return Err(Error::scene(format!("{count} primitives are more than the BVH can number")));
         }
-        let (boxes, places) = collect(&geometry, count);
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .map_err(|e| Error::internal(format!("starting the threads that build the BVH: {e}")))?;
-        let tree = match boxes.is_empty() {
-            true => CwBvh::default(),
-            false => {
-                pool.install(|| build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default()))
-            }
+        let (world, groups) = pool.install(|| {
+            let groups = groups.iter().map(|members| Tree::new(&geometry, members, &[])).collect();
+            (Tree::new(&geometry, &checked.world, &checked.instances), groups)
+        });
+        let place = |instance: Instance| Placed {
+            group: instance.group,
+            inverse: instance.from_world(0.0),
+            moving: instance.is_moving().then_some(instance),
         };
-        drop(boxes);
-        let entries = tree.primitive_indices.iter().map(|&i| entry(&geometry, places[i as usize])).collect();
-        let surface = |g: &Geometry| match g {
-            Geometry::Analytic(surface) => Some(*surface),
-            Geometry::Triangles { .. } => None,
-        };
-        let surfaces: Vec<_> = geometry.iter().map(surface).collect();
-        let surfaces = if surfaces.iter().any(Option::is_some) { surfaces } else { Vec::new() };
-        let tree = CwBvh { primitive_indices: Vec::new(), ..tree };
-        Ok(Bvh { tree, entries, surfaces, bounds })
+        Ok(Bvh {
+            world,
+            groups,
+            instances: instances.into_iter().map(place).collect(),
+            surfaces: build::surfaces(&geometry),
+            filter,
+            bounds: checked.bounds,
+            ray_limit: checked.ray_limit,
+        })
     }
 
-    /// Visits the leaves along the ray. With `ANY` it stops at the first hit, whichever that is.
-    fn traverse<const ANY: bool>(&self, ray: &Ray) -> Option<Hit> {
-        if !is_valid_ray(ray) || self.tree.nodes.is_empty() {
+    /// With `ANY` it stops at the first hit, whichever that is.
+    #[inline]
+    fn query<const ANY: bool>(&self, ray: &Ray) -> Option<Hit> {
+        if !is_valid_ray(ray, self.ray_limit) {
             return None;
+        }
+        let ask = Ask { filter: Question::new(self.filter.as_ref(), ray), instance: NO_INSTANCE };
+        self.traverse::<ANY>(&self.world, ray, ask, Nearest { t: ray.t_max, hit: None }).hit
+    }
+
+    /// Visits the leaves of a tree along the ray, which is valid in the tree's coordinates.
+    fn traverse<const ANY: bool>(
+        &self,
+        tree: &Tree,
+        ray: &Ray,
+        ask: Ask<'_>,
+        mut nearest: Nearest,
+    ) -> Nearest {
+        if tree.nodes.nodes.is_empty() {
+            return nearest;
         }
         let sheared = ShearedRay::new(ray);
         let test = BoxTest::new(ray);
-        let mut nearest = Nearest { t: ray.t_max, hit: None };
         let mut stack = Stack::default();
         // A group of nodes: the index of its first, and (high byte) which are to be visited, (low byte) which
         // children are inner nodes. The root is a group of one.
@@ -89,14 +113,14 @@ impl Bvh {
             while group.1 & 0xff00_0000 == 0 {
                 group = match stack.pop() {
                     Some(group) => group,
-                    None => return nearest.hit,
+                    None => return nearest,
                 };
             }
             let bit = 31 - group.1.leading_zeros();
             group.1 &= !(1 << bit);
             let slot = (bit - 24) ^ (test.octant() & 0xff);
             let before = (group.1 & !(u32::MAX << slot) & 0xff).count_ones();
-            let node = &self.tree.nodes[(group.0 + before) as usize];
+            let node = &tree.nodes.nodes[(group.0 + before) as usize];
             if group.1 & 0xff00_0000 != 0 {
                 stack.push(group);
             }
@@ -104,33 +128,69 @@ impl Bvh {
             group = (node.child_base_idx, (hits & 0xff00_0000) | u32::from(node.imask));
             let mut leaves = hits & 0x00ff_ffff;
             while leaves != 0 {
-                let entry = &self.entries[(node.primitive_base_idx + leaves.trailing_zeros()) as usize];
+                let entry = &tree.entries[(node.primitive_base_idx + leaves.trailing_zeros()) as usize];
                 leaves &= leaves - 1;
-                self.intersect_entry(entry, ray, &sheared, &mut nearest);
+                self.intersect_entry::<ANY>(entry, ray, &sheared, &ask, &mut nearest);
                 if ANY && nearest.hit.is_some() {
-                    return nearest.hit;
+                    return nearest;
                 }
             }
         }
     }
 
     #[inline]
-    fn intersect_entry(&self, entry: &Entry, ray: &Ray, sheared: &ShearedRay, nearest: &mut Nearest) {
-        let found = if entry.primitive == ANALYTIC {
-            self.surfaces[entry.geometry as usize].and_then(|surface| {
-                // The bound is exclusive, and a hit at the nearest distance so far must be seen.
-                let ray = Ray { t_max: nearest.t.next_up(), ..*ray };
-                surface.intersect(&ray).map(|h| (h.t, h.u, h.v))
-            })
-        } else {
-            sheared.intersect(&entry.corners, nearest.t)
+    fn intersect_entry<const ANY: bool>(
+        &self,
+        entry: &Entry,
+        ray: &Ray,
+        sheared: &ShearedRay,
+        ask: &Ask<'_>,
+        nearest: &mut Nearest,
+    ) {
+        if entry.primitive >= INSTANCE {
+            return match entry.primitive {
+                ANALYTIC => self.intersect_surface(entry.geometry, ray, ask, nearest),
+                _ => self.enter::<ANY>(entry.geometry, ray, ask, nearest),
+            };
+        }
+        if let Some((t, u, v)) = sheared.intersect(&entry.corners, nearest.t) {
+            let Entry { geometry, primitive, .. } = *entry;
+            let hit = Hit { t, u, v, geometry, primitive, instance: ask.instance };
+            nearest.offer(hit, ray.t_max, |hit| ask.filter.accepts(ray, hit));
+        }
+    }
+
+    #[inline]
+    fn intersect_surface(&self, geometry: u32, ray: &Ray, ask: &Ask<'_>, nearest: &mut Nearest) {
+        let Some(surface) = self.surfaces[geometry as usize] else { return };
+        let place = |h: &super::PrimitiveHit| Hit {
+            t: h.t,
+            u: h.u,
+            v: h.v,
+            geometry,
+            primitive: 0,
+            instance: ask.instance,
         };
-        if let Some((t, u, v)) = found {
-            let primitive = if entry.primitive == ANALYTIC { 0 } else { entry.primitive };
-            nearest.offer(
-                Hit { t, u, v, geometry: entry.geometry, primitive, instance: NO_INSTANCE },
-                ray.t_max,
-            );
+        // The bound is exclusive, and a hit at the nearest distance so far must be seen.
+        let within = Ray { t_max: nearest.t.next_up(), ..*ray };
+        let found = surface.intersect_where(&within, |h| ask.filter.accepts(ray, &place(h)));
+        if let Some(found) = found {
+            nearest.offer(place(&found), ray.t_max, |_| true);
+        }
+    }
+
+    /// Goes on in the tree of an instance's group.
+    #[inline(never)]
+    fn enter<const ANY: bool>(&self, instance: u32, ray: &Ray, ask: &Ask<'_>, nearest: &mut Nearest) {
+        let placed = &self.instances[instance as usize];
+        let local = match &placed.moving {
+            None => local_ray(&placed.inverse, ray),
+            Some(moving) => local_ray(&moving.from_world(ray.time), ray),
+        };
+        // A direction that is next to nothing may vanish in the group's coordinates.
+        if is_valid_ray(&local, COORDINATE_LIMIT) {
+            let tree = &self.groups[placed.group as usize];
+            *nearest = self.traverse::<ANY>(tree, &local, Ask { instance, ..*ask }, *nearest);
         }
     }
 }
@@ -145,19 +205,21 @@ impl Accel for Bvh {
     }
 
     fn memory_bytes(&self) -> usize {
-        size_of_val(&self.tree.nodes[..]) + size_of_val(&self.entries[..]) + size_of_val(&self.surfaces[..])
+        let trees = self.world.bytes() + self.groups.iter().map(Tree::bytes).sum::<usize>();
+        trees + size_of_val(&self.instances[..]) + size_of_val(&self.surfaces[..])
     }
 
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        self.traverse::<false>(ray)
+        self.query::<false>(ray)
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        self.traverse::<true>(ray).is_some()
+        self.query::<true>(ray).is_some()
     }
 }
 
 /// The nearest hit so far.
+#[derive(Clone, Copy)]
 struct Nearest {
     /// Its parameter, or the ray's bound.
     t: f32,
@@ -165,15 +227,16 @@ struct Nearest {
 }
 
 impl Nearest {
-    /// Takes a hit with `0 < t ≤ self.t` if it is below the ray's bound and nearer, or equally near and first in order.
+    /// Takes a hit with `0 < t ≤ self.t` if it is below the ray's bound and nearer, or equally near and first in order,
+    /// and accepted.
     #[inline]
-    fn offer(&mut self, hit: Hit, t_max: f32) {
-        let first = |old: &Hit| (hit.geometry, hit.primitive) < (old.geometry, old.primitive);
+    fn offer(&mut self, hit: Hit, t_max: f32, accept: impl FnOnce(&Hit) -> bool) {
+        let order = |hit: &Hit| (hit.geometry, hit.primitive, hit.instance);
         let nearer = match &self.hit {
             None => hit.t < t_max,
-            Some(old) => hit.t < old.t || first(old),
+            Some(old) => hit.t < old.t || order(&hit) < order(old),
         };
-        if nearer {
+        if nearer && accept(&hit) {
             self.t = hit.t;
             self.hit = Some(hit);
         }
@@ -217,85 +280,6 @@ impl Stack {
         self.len = self.len.checked_sub(1)?;
         Some(self.groups[self.len])
     }
-}
-
-/// The boxes of all valid primitives, and where each comes from: (geometry, triangle or [`ANALYTIC`]).
-fn collect(geometry: &[Geometry], count: usize) -> (Vec<Aabb>, Vec<(u32, u32)>) {
-    let mut boxes = Vec::with_capacity(count);
-    let mut places = Vec::with_capacity(count);
-    let mut repetitions = Repetitions::new();
-    let mut add = |b: Bounds, place| {
-        // A triangle that is the origin alone cannot be hit.
-        if b.min != Vec3::ZERO || b.max != Vec3::ZERO {
-            let b = repetitions.distinguish(b);
-            boxes.push(Aabb::new(b.min.into(), b.max.into()));
-            places.push(place);
-        }
-    };
-    for (g, entry) in (0..).zip(geometry) {
-        match entry {
-            Geometry::Triangles { positions, indices } => {
-                for (i, &triangle) in (0..).zip(indices.iter()) {
-                    if let Some(corners) = valid_triangle(positions, triangle) {
-                        add(Bounds::of(corners), (g, i));
-                    }
-                }
-            }
-            Geometry::Analytic(surface) if surface.is_valid() => add(surface.bounds(), (g, ANALYTIC)),
-            Geometry::Analytic(_) => {}
-        }
-    }
-    (boxes, places)
-}
-
-/// Finds boxes that come again and again, and makes them differ.
-///
-/// The builder merges nearest neighbours. Many equal boxes have no nearest ones: they would be merged one pair at a
-/// time, in quadratic time. A box that was seen often is therefore grown by a pseudo-random share of its rounding error.
-struct Repetitions {
-    /// By hash: a box and how often it was seen since another one took its place.
-    seen: Vec<(Bounds, u32)>,
-}
-
-impl Repetitions {
-    const SLOTS: usize = 1024;
-    /// As many equal boxes are left as they are; two triangles of an axis-aligned rectangle are common.
-    const TOLERATED: u32 = 8;
-
-    fn new() -> Self {
-        Repetitions { seen: vec![(Bounds::EMPTY, 0); Self::SLOTS] }
-    }
-
-    fn distinguish(&mut self, b: Bounds) -> Bounds {
-        let corners = [b.min, b.max].map(|p| p.to_array());
-        let bits = corners.as_flattened().iter().fold(0, |h, x| scramble(h ^ x.to_bits()));
-        let slot = &mut self.seen[bits as usize % Self::SLOTS];
-        let count = if slot.0 == b { slot.1 + 1 } else { 0 };
-        *slot = (b, count);
-        if count < Self::TOLERATED {
-            return b;
-        }
-        let share = (scramble(count) >> 8) as f32 / (1 << 24) as f32;
-        let grow = Vec3::splat(b.min.abs().max(b.max.abs()).max_element() * (8.0 * f32::EPSILON) * share);
-        Bounds { min: b.min - grow, max: b.max + grow }
-    }
-}
-
-/// A hash of 32 bits. [Wellons 2018, "lowbias32"]
-fn scramble(mut x: u32) -> u32 {
-    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
-    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
-    x ^ (x >> 16)
-}
-
-fn entry(geometry: &[Geometry], (g, i): (u32, u32)) -> Entry {
-    let corners = match &geometry[g as usize] {
-        Geometry::Triangles { positions, indices } => {
-            indices[i as usize].map(|index| Vec3::to_array(&positions[index as usize]))
-        }
-        Geometry::Analytic(_) => [[0.0; 3]; 3],
-    };
-    Entry { corners, geometry: g, primitive: i }
 }
 
 #[cfg(test)]

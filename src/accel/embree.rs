@@ -1,68 +1,94 @@
 //! The back end on Embree 3: single rays, and waves in packets of sixteen.
 
-use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive};
+use super::assembly::{Assembly, Checked, Filtered, HitFilter, Question, ray_id};
+use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, PrimitiveHit};
 use crate::embree::{
-    self, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
-    SceneBuilder, SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
+    self, Candidate, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
+    SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
 use std::sync::Arc;
 
-/// Embree over a list of geometries. Vertex and index arrays are shared with it.
+/// Embree over an assembly. Vertex and index arrays are shared with it.
 ///
-/// A mesh keeps its place in the list as its Embree id. The analytic surfaces together are one user geometry,
-/// whose id is the length of the list.
+/// In the scene of the world a mesh keeps its place in the list as its Embree id; in the scene of a group it has its
+/// place in the group. (Embree keeps an array over all ids for each scene.) The analytic surfaces of a scene are one
+/// user geometry, whose id is the first after the meshes' and whose hits report the surface's place in the list as
+/// their primitive. The instances' ids come next.
 pub struct EmbreeAccel {
     scene: CommittedScene,
     bounds: Bounds,
-    /// The least id that is not a mesh's.
-    analytic_id: u32,
-    /// Place in the list of each analytic surface.
-    analytic: Vec<u32>,
+    /// Whether hits are filtered, so that rays need numbers.
+    filtered: bool,
+    /// The id of the analytic surfaces in the world.
+    surfaces_id: u32,
+    /// The groups one after the other, each followed by [`INVALID_ID`] for its analytic surfaces.
+    members: Vec<u32>,
+    /// By instance: where in `members` its group begins.
+    first_members: Vec<u32>,
 }
 
 impl EmbreeAccel {
-    /// Builds the scene with `threads` threads (0 for all cores). The geometry must be checked.
+    /// Builds the scenes with `threads` threads (0 for all cores). The assembly must be checked.
     ///
     /// # Errors
     /// If Embree cannot be started or runs out of memory.
-    pub(super) fn new(geometry: Vec<Geometry>, bounds: Bounds, threads: usize, robust: bool) -> Result<Self> {
+    pub(super) fn new(assembly: Assembly, checked: &Checked, threads: usize, robust: bool) -> Result<Self> {
+        let Assembly { geometry, groups, instances, filter } = assembly;
+        let numbered = u32::try_from(geometry.len() + instances.len()).ok().filter(|&n| n < INVALID_ID - 1);
+        if numbered.is_none() {
+            let (shapes, instances) = (geometry.len(), instances.len());
+            let message =
+                format!("{shapes} shapes and {instances} instances are more than Embree can number");
+            return Err(Error::scene(message));
+        }
         let device = Device::new(DeviceOptions { threads })?;
-        let mut builder = SceneBuilder::new(&device, SceneOptions { robust })?;
-        let analytic_id =
-            u32::try_from(geometry.len()).ok().filter(|&n| n < INVALID_ID).ok_or_else(|| {
-                Error::scene(format!("{} shapes are more than Embree can number", geometry.len()))
-            })?;
-        let mut analytic = Vec::new();
-        let mut surfaces = Vec::new();
-        for (id, entry) in (0..).zip(geometry) {
-            match entry {
-                Geometry::Triangles { indices, .. } if indices.is_empty() => {}
-                Geometry::Triangles { positions, indices } => {
-                    builder.add_triangles(id, Arc::clone(positions.padded()), positions.len(), indices)?;
-                }
-                Geometry::Analytic(surface) if surface.is_valid() => {
-                    analytic.push(id);
-                    surfaces.push(surface);
-                }
-                Geometry::Analytic(_) => {}
+        let surfaces_id = geometry.len() as u32;
+        let parts = Parts { geometry, filter: filter.map(Arc::new), first_instance: surfaces_id + 1 };
+        let mut members = Vec::new();
+        let mut scenes = Vec::with_capacity(groups.len());
+        for group in &groups {
+            let options = SceneOptions { robust, ..SceneOptions::default() };
+            let mut builder = SceneBuilder::new(&device, options)?;
+            parts.add((0..).zip(group.iter().copied()), group.len() as u32, &mut builder)?;
+            scenes.push((Arc::new(builder.commit()?), members.len() as u32));
+            members.extend(group.iter().chain(&[INVALID_ID]));
+        }
+        let mut builder = SceneBuilder::new(&device, SceneOptions { robust, ray_limit: checked.ray_limit })?;
+        parts.add(checked.world.iter().map(|&i| (i, i)), surfaces_id, &mut builder)?;
+        let mut first_members = Vec::with_capacity(instances.len());
+        for (id, (instance, bounds)) in (parts.first_instance..).zip(instances.iter().zip(&checked.instances))
+        {
+            let (scene, first) = &scenes[instance.group as usize];
+            first_members.push(*first);
+            if !bounds.is_empty() {
+                builder.add_instance(id, Arc::clone(scene), instance.steps())?;
             }
         }
-        if !surfaces.is_empty() {
-            builder.add_user(analytic_id, Arc::new(Surfaces(surfaces)))?;
-        }
-        Ok(EmbreeAccel { scene: builder.commit()?, bounds, analytic_id, analytic })
+        Ok(EmbreeAccel {
+            scene: builder.commit()?,
+            bounds: checked.bounds,
+            filtered: parts.filter.is_some(),
+            surfaces_id,
+            members,
+            first_members,
+        })
     }
 
-    /// The geometry and the primitive that Embree's ids stand for.
+    /// The hit that Embree's numbers stand for.
     #[inline]
-    fn place(&self, geometry: u32, primitive: u32) -> (u32, u32) {
-        if geometry < self.analytic_id {
-            (geometry, primitive)
-        } else {
-            (self.analytic[primitive as usize], 0)
-        }
+    fn hit(&self, (t, u, v): (f32, f32, f32), [geometry, primitive, instance]: [u32; 3]) -> Hit {
+        let (mesh, instance) = match instance {
+            INVALID_ID => (if geometry < self.surfaces_id { geometry } else { INVALID_ID }, NO_INSTANCE),
+            id => {
+                let instance = id - self.surfaces_id - 1;
+                let first = self.first_members[instance as usize];
+                (self.members[(first + geometry) as usize], instance)
+            }
+        };
+        let (geometry, primitive) = if mesh == INVALID_ID { (primitive, 0) } else { (mesh, primitive) };
+        Hit { t, u, v, geometry, primitive, instance }
     }
 
     #[inline]
@@ -70,10 +96,99 @@ impl EmbreeAccel {
         if packet.geometry[i] == INVALID_ID {
             return None;
         }
-        let (geometry, primitive) = self.place(packet.geometry[i], packet.primitive[i]);
-        let (t, u, v) = (packet.rays.t_far[i], packet.u[i], packet.v[i]);
-        Some(Hit { t, u, v, geometry, primitive, instance: NO_INSTANCE })
+        let ids = [packet.geometry[i], packet.primitive[i], packet.instance[i]];
+        Some(self.hit((packet.rays.t_far[i], packet.u[i], packet.v[i]), ids))
     }
+
+    /// A single ray, with its number if that is asked for.
+    #[inline]
+    fn single(&self, ray: &Ray) -> RayHit1 {
+        let mut query = RayHit1::new(bytemuck::cast_ref(ray));
+        if self.filtered {
+            query.id = ray_id(ray);
+        }
+        query
+    }
+
+    /// Gives the rays of a packet their numbers if those are asked for.
+    #[inline]
+    fn number(&self, rays: &[[f32; 8]], packet: &mut Rays16) {
+        if self.filtered {
+            for (id, ray) in packet.id.iter_mut().zip(rays) {
+                *id = ray_id(bytemuck::cast_ref(ray));
+            }
+        }
+    }
+}
+
+/// What scenes are put together from.
+struct Parts {
+    geometry: Vec<Geometry>,
+    filter: Option<Arc<Filtered>>,
+    /// The id of the first instance.
+    first_instance: u32,
+}
+
+impl Parts {
+    /// Adds geometries, given as (Embree's id, place in the list), and their analytic surfaces as `surfaces_id`.
+    fn add(
+        &self,
+        members: impl Iterator<Item = (u32, u32)>,
+        surfaces_id: u32,
+        builder: &mut SceneBuilder,
+    ) -> Result<()> {
+        let mut surfaces = Vec::new();
+        for (id, place) in members {
+            match &self.geometry[place as usize] {
+                Geometry::Triangles { indices, .. } if indices.is_empty() => {}
+                Geometry::Triangles { positions, indices } => {
+                    let (vertices, indices) = (Arc::clone(positions.padded()), Arc::clone(indices));
+                    builder.add_triangles(id, vertices, positions.len(), indices, self.mesh_filter(place))?;
+                }
+                Geometry::Analytic(surface) if surface.is_valid() => surfaces.push((place, *surface)),
+                Geometry::Analytic(_) => {}
+            }
+        }
+        if !surfaces.is_empty() {
+            let (filter, first_instance) = (self.filter.clone(), self.first_instance);
+            builder.add_user(surfaces_id, Arc::new(Surfaces { surfaces, filter, first_instance }))?;
+        }
+        Ok(())
+    }
+
+    fn mesh_filter(&self, geometry: u32) -> Option<Arc<dyn TriangleFilter>> {
+        let filtered = self.filter.as_ref().filter(|f| f.geometry[geometry as usize])?;
+        let (filter, first_instance) = (Arc::clone(&filtered.filter), self.first_instance);
+        Some(Arc::new(MeshFilter { filter, geometry, first_instance }))
+    }
+}
+
+/// The filter of one mesh.
+struct MeshFilter {
+    filter: Arc<dyn HitFilter>,
+    geometry: u32,
+    first_instance: u32,
+}
+
+impl TriangleFilter for MeshFilter {
+    fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool {
+        let Candidate { t, u, v, primitive } = *hit;
+        let instance = instance_of(ray, self.first_instance);
+        self.filter.accepts(
+            ray.id,
+            &Ray { t_max: t, ..to_ray(ray) },
+            &Hit { t, u, v, geometry: self.geometry, primitive, instance },
+        )
+    }
+}
+
+fn to_ray(ray: &UserRay) -> Ray {
+    Ray { o: Vec3::from(ray.origin), t_max: ray.t_far, d: Vec3::from(ray.direction), time: ray.time }
+}
+
+/// The number of the instance in whose coordinates the ray is.
+fn instance_of(ray: &UserRay, first_instance: u32) -> u32 {
+    if ray.instance == INVALID_ID { NO_INSTANCE } else { ray.instance - first_instance }
 }
 
 impl Accel for EmbreeAccel {
@@ -90,17 +205,17 @@ impl Accel for EmbreeAccel {
     }
 
     fn intersect(&self, ray: &Ray) -> Option<Hit> {
-        let mut query = RayHit1::new(bytemuck::cast_ref(ray));
+        let mut query = self.single(ray);
         self.scene.intersect1(&mut query, embree::Coherence::Incoherent);
         if query.geometry == INVALID_ID {
             return None;
         }
-        let (geometry, primitive) = self.place(query.geometry, query.primitive);
-        Some(Hit { t: query.t_far, u: query.u, v: query.v, geometry, primitive, instance: NO_INSTANCE })
+        let ids = [query.geometry, query.primitive, query.instance];
+        Some(self.hit((query.t_far, query.u, query.v), ids))
     }
 
     fn occluded(&self, ray: &Ray) -> bool {
-        self.scene.occluded1(&mut RayHit1::new(bytemuck::cast_ref(ray)), embree::Coherence::Incoherent)
+        self.scene.occluded1(&mut self.single(ray), embree::Coherence::Incoherent)
     }
 
     fn intersect_wave(&self, rays: &[Ray], hits: &mut [Option<Hit>], coherence: Coherence) {
@@ -118,10 +233,12 @@ impl Accel for EmbreeAccel {
         let (hits, hits_tail) = hits.as_chunks_mut::<WIDTH>();
         for (rays, hits) in rays.iter().zip(hits) {
             packet.rays.load(rays);
+            self.number(rays, &mut packet.rays);
             trace(&mut packet, hits);
         }
         if !rays_tail.is_empty() {
             packet.rays.load_tail(rays_tail);
+            self.number(rays_tail, &mut packet.rays);
             trace(&mut packet, hits_tail);
         }
     }
@@ -140,10 +257,12 @@ impl Accel for EmbreeAccel {
         let (occluded, occluded_tail) = occluded.as_chunks_mut::<WIDTH>();
         for (rays, occluded) in rays.iter().zip(occluded) {
             packet.load(rays);
+            self.number(rays, &mut packet);
             trace(&mut packet, occluded);
         }
         if !rays_tail.is_empty() {
             packet.load_tail(rays_tail);
+            self.number(rays_tail, &mut packet);
             trace(&mut packet, occluded_tail);
         }
     }
@@ -158,22 +277,31 @@ impl From<Coherence> for embree::Coherence {
     }
 }
 
-/// The analytic surfaces as Embree's user geometry.
-struct Surfaces(Vec<Primitive>);
+/// The analytic surfaces of one scene as Embree's user geometry, each with its place in the list.
+struct Surfaces {
+    surfaces: Vec<(u32, Primitive)>,
+    filter: Option<Arc<Filtered>>,
+    first_instance: u32,
+}
 
 impl UserPrimitives for Surfaces {
     fn count(&self) -> u32 {
-        self.0.len() as u32
+        self.surfaces.len() as u32
     }
 
     fn bounds(&self, i: u32) -> ([f32; 3], [f32; 3]) {
-        let b = self.0[i as usize].bounds();
+        let b = self.surfaces[i as usize].1.bounds();
         (b.min.to_array(), b.max.to_array())
     }
 
-    fn intersect(&self, i: u32, ray: &UserRay) -> Option<UserHit> {
-        let (o, d) = (Vec3::from(ray.origin), Vec3::from(ray.direction));
-        let hit = self.0[i as usize].intersect(&Ray { o, t_max: ray.t_far, d, time: ray.time })?;
-        Some(UserHit { t: hit.t, u: hit.u, v: hit.v })
+    fn intersect(&self, i: u32, user_ray: &UserRay) -> Option<UserHit> {
+        let (geometry, surface) = self.surfaces[i as usize];
+        let ray = to_ray(user_ray);
+        let question = Question::with_id(self.filter.as_deref(), user_ray.id);
+        let instance = instance_of(user_ray, self.first_instance);
+        let hit = surface.intersect_where(&ray, |&PrimitiveHit { t, u, v }| {
+            question.accepts(&ray, &Hit { t, u, v, geometry, primitive: 0, instance })
+        })?;
+        Some(UserHit { t: hit.t, u: hit.u, v: hit.v, primitive: geometry })
     }
 }

@@ -61,6 +61,11 @@ pub enum Geometry {
 }
 
 impl Geometry {
+    /// A geometry that no ray hits.
+    pub fn nothing() -> Self {
+        Geometry::Triangles { positions: Arc::new(Vec::new().into()), indices: Arc::new(Vec::new()) }
+    }
+
     /// The number of primitives, valid or not.
     pub fn len(&self) -> usize {
         match self {
@@ -92,7 +97,7 @@ pub fn is_valid(p: Vec3) -> bool {
     p.abs().cmplt(Vec3::splat(COORDINATE_LIMIT)).all()
 }
 
-/// What [`check`] finds.
+/// What [`check`] finds in one geometry.
 pub(super) struct Checked {
     /// Primitives that no back end will hit.
     pub dropped: usize,
@@ -100,18 +105,14 @@ pub(super) struct Checked {
     pub bounds: Bounds,
 }
 
-/// Counts the invalid primitives and makes the list safe for every back end: a mesh with indices out of range
+/// Counts the invalid primitives and makes the geometry safe for every back end: a mesh with indices out of range
 /// gets its own index array, in which each such triangle is a single point. Triangle numbers do not change.
-pub(super) fn check(list: &mut [Geometry]) -> Checked {
+pub(super) fn check(geometry: &mut Geometry) -> Checked {
     let mut result = Checked { dropped: 0, bounds: Bounds::EMPTY };
-    for geometry in list {
-        match geometry {
-            Geometry::Triangles { positions, indices } => check_mesh(positions, indices, &mut result),
-            Geometry::Analytic(primitive) if primitive.is_valid() => {
-                result.bounds = result.bounds.union(primitive.bounds());
-            }
-            Geometry::Analytic(_) => result.dropped += 1,
-        }
+    match geometry {
+        Geometry::Triangles { positions, indices } => check_mesh(positions, indices, &mut result),
+        Geometry::Analytic(primitive) if primitive.is_valid() => result.bounds = primitive.bounds(),
+        Geometry::Analytic(_) => result.dropped = 1,
     }
     result
 }
@@ -152,14 +153,13 @@ mod tests {
         let positions: VertexBuffer =
             [Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::NAN, Vec3::splat(1e19)].into_iter().collect();
         let indices = vec![[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 1, 5], [0, 0, 0]];
-        let mut list = [
-            Geometry::Triangles { positions: Arc::new(positions), indices: Arc::new(indices) },
-            Geometry::Analytic(Primitive::Sphere { center: Vec3::ZERO, radius: -1.0 }),
-        ];
-        let checked = check(&mut list);
-        assert_eq!(checked.dropped, 4);
+        let mut mesh = Geometry::Triangles { positions: Arc::new(positions), indices: Arc::new(indices) };
+        let checked = check(&mut mesh);
+        assert_eq!(checked.dropped, 3);
         assert_eq!(checked.bounds, Bounds::of([Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)]));
-        let Geometry::Triangles { indices, .. } = &list[0] else { unreachable!() };
+        let mut sphere = Geometry::Analytic(Primitive::Sphere { center: Vec3::ZERO, radius: -1.0 });
+        assert_eq!(check(&mut sphere).dropped, 1);
+        let Geometry::Triangles { indices, .. } = &mesh else { unreachable!() };
         assert_eq!(indices[3], [0; 3]);
         assert_eq!(indices[1], [0, 1, 3]);
     }

@@ -1,18 +1,24 @@
-//! Ray traversal behind one seam: a [`Geometry`] list goes in, preliminary [`Hit`]s come out.
+//! Ray traversal behind one seam: an [`Assembly`] goes in, preliminary [`Hit`]s come out.
 //!
 //! A back end knows no shape, material or scene; it is built from neutral geometry and answers queries for
 //! single rays and for waves of rays. All back ends agree on what a hit is:
 //! `0 < t < t_max`, both sides of every surface, no backface culling.
 
+pub mod assembly;
 pub mod brute_force;
 pub mod bvh;
+mod cylinder;
 #[cfg(feature = "embree")]
 pub mod embree;
 mod geometry;
+pub mod instance;
 pub mod primitive;
 mod triangle;
 
+pub use assembly::{Assembly, Filtered, HitFilter, ray_id};
+pub use cylinder::cylinder_frame;
 pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer};
+pub use instance::{Instance, MAX_STEPS};
 pub use primitive::{Primitive, PrimitiveHit};
 
 use crate::error::{Error, Result};
@@ -29,17 +35,17 @@ pub const NO_INSTANCE: u32 = u32::MAX;
 /// primitive they are the coordinates that [`primitive::Primitive::intersect`] documents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Ray parameter of the hit, in units of the ray's direction.
+    /// Ray parameter of the hit, in units of the ray's direction in the world.
     pub t: f32,
     /// First surface coordinate.
     pub u: f32,
     /// Second surface coordinate.
     pub v: f32,
-    /// Index into the list of geometries that the accelerator was built from.
+    /// Index into [`Assembly::geometry`].
     pub geometry: u32,
     /// Triangle index within the geometry; 0 for an analytic primitive.
     pub primitive: u32,
-    /// Index of the instance, or [`NO_INSTANCE`].
+    /// Index into [`Assembly::instances`], or [`NO_INSTANCE`].
     pub instance: u32,
 }
 
@@ -55,12 +61,13 @@ pub enum Coherence {
 /// A built acceleration structure: immutable, asked from any number of threads.
 ///
 /// A ray with a component of origin or direction that is NaN or beyond [`COORDINATE_LIMIT`], with a zero direction,
-/// or with `t_max` not above 0 hits nothing. Directions need not be of unit length.
+/// with `t_max` not above 0 or a time outside [0, 1] hits nothing. Where an instance's transform could take a ray
+/// beyond the limit, the limit in the world is less. Directions need not be of unit length.
 pub trait Accel: Send + Sync {
     /// The name of the back end, for statistics.
     fn name(&self) -> &'static str;
 
-    /// The box around all valid primitives; empty when there are none.
+    /// The box around all valid primitives in the world, at any time; empty when there are none.
     fn bounds(&self) -> Bounds;
 
     /// Bytes of the acceleration structure itself, without the shared vertex and index arrays.
@@ -95,11 +102,15 @@ pub trait Accel: Send + Sync {
     }
 }
 
-/// Whether a ray can hit anything: see [`Accel`].
+/// Whether a ray can hit anything, `limit` being the greatest valid component: see [`Accel`].
 #[inline]
-fn is_valid_ray(ray: &Ray) -> bool {
-    let within = |v: Vec3| v.abs().cmple(Vec3::splat(COORDINATE_LIMIT)).all();
-    within(ray.o) && within(ray.d) && ray.d != Vec3::ZERO && ray.t_max > 0.0
+fn is_valid_ray(ray: &Ray, limit: f32) -> bool {
+    let within = |v: Vec3| v.abs().cmple(Vec3::splat(limit)).all();
+    within(ray.o)
+        && within(ray.d)
+        && ray.d != Vec3::ZERO
+        && ray.t_max > 0.0
+        && (0.0..=1.0).contains(&ray.time)
 }
 
 /// The back ends that a scene can be rendered with.
@@ -162,21 +173,25 @@ pub struct Built {
     pub dropped: usize,
 }
 
-/// Builds an acceleration structure over `geometry`; the index in the list is [`Hit::geometry`].
+/// Builds an acceleration structure.
 ///
 /// `threads` is the number of threads that build, 0 for all cores. `robust` makes Embree watertight along edges;
 /// it is false only to measure what that costs. The pure-Rust BVH is always watertight.
 ///
 /// # Errors
-/// If the back end cannot be started or runs out of memory, or if there are 2^32 primitives or more.
-pub fn build(kind: AccelKind, mut geometry: Vec<Geometry>, threads: usize, robust: bool) -> Result<Built> {
-    let geometry::Checked { dropped, bounds } = geometry::check(&mut geometry);
+/// If the back end cannot be started or runs out of memory, or if there are 2^32 primitives or more. If an index of
+/// the assembly is out of range. If an instance's transform, at any time, is not finite, cannot be inverted in `f32`,
+/// scales beyond a factor of 10^9, or leads beyond [`COORDINATE_LIMIT`].
+pub fn build(kind: AccelKind, assembly: impl Into<Assembly>, threads: usize, robust: bool) -> Result<Built> {
+    let mut assembly = assembly.into();
+    let checked = assembly.check()?;
+    let dropped = checked.dropped;
     let accel: Box<dyn Accel> = match kind {
         #[cfg(feature = "embree")]
-        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(geometry, bounds, threads, robust)?),
+        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(assembly, &checked, threads, robust)?),
         AccelKind::Obvhs => {
             let _ = robust;
-            Box::new(bvh::Bvh::new(geometry, bounds, threads)?)
+            Box::new(bvh::Bvh::new(assembly, &checked, threads)?)
         }
     };
     Ok(Built { accel, dropped })
@@ -203,7 +218,7 @@ mod tests {
     #[test]
     fn an_empty_scene_has_no_bounds_and_no_hits() {
         for &kind in AccelKind::ALL {
-            let built = build(kind, Vec::new(), 1, true).expect("built");
+            let built = build(kind, Assembly::default(), 1, true).expect("built");
             assert!(built.accel.bounds().is_empty());
             assert_eq!(built.accel.intersect(&Ray::new(Vec3::ZERO, Vec3::X)), None);
         }

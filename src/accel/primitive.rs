@@ -1,9 +1,10 @@
 //! Analytic surfaces that are intersected without tessellation, by the same function in every back end.
 
+use super::cylinder;
 use super::geometry::is_valid;
 use crate::math::{Bounds, DVec3, Ray, Vec3};
 
-/// An analytic surface in world space.
+/// An analytic surface, in the coordinates of its group (of the world, if it is in none).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Primitive {
     /// A sphere.
@@ -22,6 +23,15 @@ pub enum Primitive {
         /// Image of the unit disk's y axis; need not be perpendicular to `du`.
         dv: Vec3,
     },
+    /// A tube without caps.
+    Cylinder {
+        /// The axis' end at height 0.
+        p0: Vec3,
+        /// The axis' other end.
+        p1: Vec3,
+        /// Radius, greater than zero.
+        radius: f32,
+    },
 }
 
 /// A hit of an analytic surface.
@@ -35,82 +45,111 @@ pub struct PrimitiveHit {
     pub v: f32,
 }
 
+/// A ray in double precision.
+pub(super) struct Line {
+    /// Origin.
+    pub o: DVec3,
+    /// Direction.
+    pub d: DVec3,
+    /// The upper bound of the parameter.
+    pub t_max: f32,
+}
+
+impl From<&Ray> for Line {
+    #[inline]
+    fn from(ray: &Ray) -> Self {
+        Line { o: ray.o.as_dvec3(), d: ray.d.as_dvec3(), t_max: ray.t_max }
+    }
+}
+
+impl Line {
+    /// `t` as `f32` if it is within the ray.
+    #[inline]
+    pub fn within(&self, t: f64) -> Option<f32> {
+        let t = t as f32;
+        (t > 0.0 && t < self.t_max).then_some(t)
+    }
+}
+
 impl Primitive {
-    /// Whether the surface can be hit: finite and within the coordinate limit, positive radius, axes that span a plane.
+    /// Whether the surface can be hit: finite and within the coordinate limit, positive radius, axes that span a plane
+    /// or a height.
     pub fn is_valid(&self) -> bool {
         let b = self.bounds();
         let spans = match *self {
             Primitive::Sphere { radius, .. } => radius > 0.0,
             Primitive::Disk { du, dv, .. } => du.as_dvec3().cross(dv.as_dvec3()).length_squared() > 0.0,
+            Primitive::Cylinder { p0, p1, radius } => cylinder::is_valid(p0, p1, radius),
         };
         spans && is_valid(b.min) && is_valid(b.max)
     }
 
     /// A box around the surface, rounded outwards.
     pub fn bounds(&self) -> Bounds {
-        let (center, extent) = match *self {
-            Primitive::Sphere { center, radius } => (center, DVec3::splat(radius.into())),
+        let around = |center: Vec3, extent: DVec3| (center.as_dvec3() - extent, center.as_dvec3() + extent);
+        let (min, max) = match *self {
+            Primitive::Sphere { center, radius } => around(center, DVec3::splat(radius.into())),
             Primitive::Disk { center, du, dv } => {
                 let (du, dv) = (du.as_dvec3(), dv.as_dvec3());
-                (center, (du * du + dv * dv).map(f64::sqrt))
+                around(center, (du * du + dv * dv).map(f64::sqrt))
             }
+            Primitive::Cylinder { p0, p1, radius } => cylinder::bounds(p0, p1, radius),
         };
-        let center = center.as_dvec3();
-        let (min, max) = ((center - extent).as_vec3(), (center + extent).as_vec3());
+        let (min, max) = (min.as_vec3(), max.as_vec3());
         Bounds { min: min.map(f32::next_down), max: max.map(f32::next_up) }
     }
 
     /// The nearest hit with `0 < t < t_max`, from either side.
     ///
     /// For a sphere `u` and `v` are 0: the caller finds its coordinates from the direction to the hit. For a disk
-    /// they are the coordinates of the hit in the basis (du, dv): the point is `center + u·du + v·dv`.
+    /// they are the coordinates of the hit in the basis (du, dv): the point is `center + u·du + v·dv`. For a
+    /// cylinder u in [0, 1) is the angle and v in [0, 1] the height, both as shares, in the frame of
+    /// [`cylinder_frame`](super::cylinder_frame).
     ///
     /// It computes in double precision, so the only rounding of `t` that matters is that to `f32`. An origin that
     /// was moved off the surface by an error bound lies strictly on one side here, too: a ray that leaves a
     /// sphere to the outside misses it, and one that goes inside hits its far side.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<PrimitiveHit> {
+        self.intersect_where(ray, |_| true)
+    }
+
+    /// As [`intersect`](Self::intersect), but of the hits for which `accept` holds: a sphere and a cylinder may be
+    /// hit at the far side where the near side is refused. Nearer hits are asked about first.
+    #[inline]
+    pub fn intersect_where(
+        &self,
+        ray: &Ray,
+        accept: impl FnMut(&PrimitiveHit) -> bool,
+    ) -> Option<PrimitiveHit> {
+        self.intersect_line(&ray.into(), accept)
+    }
+
+    /// As [`intersect_where`](Self::intersect_where), for a ray that is known more precisely.
+    #[inline]
+    pub(super) fn intersect_line(
+        &self,
+        line: &Line,
+        accept: impl FnMut(&PrimitiveHit) -> bool,
+    ) -> Option<PrimitiveHit> {
         match *self {
-            Primitive::Sphere { center, radius } => intersect_sphere(center, radius, ray),
-            Primitive::Disk { center, du, dv } => intersect_disk(center, du, dv, ray),
+            Primitive::Sphere { center, radius } => {
+                let roots = cylinder::circle(line.o - center.as_dvec3(), line.d, radius.into())?;
+                let hits = roots.into_iter().filter_map(|t| line.within(t));
+                hits.map(|t| PrimitiveHit { t, u: 0.0, v: 0.0 }).find(accept)
+            }
+            Primitive::Disk { center, du, dv } => intersect_disk(center, du, dv, line).filter(accept),
+            Primitive::Cylinder { p0, p1, radius } => cylinder::intersect((p0, p1, radius), line, accept),
         }
     }
 }
 
-/// `t` as `f32` if it is within the ray.
-#[inline]
-fn within(t: f64, ray: &Ray) -> Option<f32> {
-    let t = t as f32;
-    (t > 0.0 && t < ray.t_max).then_some(t)
-}
-
-/// The quadratic in the form that keeps its digits for distant origins and near tangents.
-/// [Haines, Günther, Akenine-Möller 2019, "Precision Improvements for Ray/Sphere Intersection", Eq. 5 and 10]
-fn intersect_sphere(center: Vec3, radius: f32, ray: &Ray) -> Option<PrimitiveHit> {
-    let f = ray.o.as_dvec3() - center.as_dvec3();
-    let d = ray.d.as_dvec3();
-    let r2 = f64::from(radius) * f64::from(radius);
-    let a = d.length_squared();
-    let b = -f.dot(d);
-    let discriminant = r2 - (f + d * (b / a)).length_squared();
-    if discriminant.is_nan() || discriminant < 0.0 {
-        return None;
-    }
-    let c = f.length_squared() - r2;
-    let q = b + (a * discriminant).sqrt().copysign(b);
-    // c/q is the root nearer to the origin of the line's parameter, q/a the other one.
-    let (t0, t1) = (c / q, q / a);
-    let (near, far) = if t0 < t1 { (t0, t1) } else { (t1, t0) };
-    let t = within(near, ray).or_else(|| within(far, ray))?;
-    Some(PrimitiveHit { t, u: 0.0, v: 0.0 })
-}
-
-fn intersect_disk(center: Vec3, du: Vec3, dv: Vec3, ray: &Ray) -> Option<PrimitiveHit> {
-    let (du, dv, d) = (du.as_dvec3(), dv.as_dvec3(), ray.d.as_dvec3());
+fn intersect_disk(center: Vec3, du: Vec3, dv: Vec3, line: &Line) -> Option<PrimitiveHit> {
+    let (du, dv, d) = (du.as_dvec3(), dv.as_dvec3(), line.d);
     let n = du.cross(dv);
-    let to_center = center.as_dvec3() - ray.o.as_dvec3();
+    let to_center = center.as_dvec3() - line.o;
     let t = n.dot(to_center) / n.dot(d);
-    let t_rounded = within(t, ray)?;
+    let t_rounded = line.within(t)?;
     let p = d * t - to_center;
     let n2 = n.length_squared();
     let (u, v) = (p.cross(dv).dot(n) / n2, du.cross(p).dot(n) / n2);

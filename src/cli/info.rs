@@ -6,7 +6,7 @@ use crate::error::{Result, counted};
 use crate::image;
 use crate::loader::{self, LoadOptions};
 use crate::scene::{CompileOptions, Scene, compile};
-use crate::{bsdf::Bsdf, emitter::Light, shape::WorldShape};
+use crate::shape::WorldShape;
 use clap::Args;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -43,7 +43,7 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     let loaded = loader::load(&args.file, &options)?;
     let settings = loaded.description.sensors.clone();
     let compile_options =
-        CompileOptions { accel: args.accel.unwrap_or_default(), threads: render::default_threads() };
+        CompileOptions { accel: args.accel.unwrap_or_default(), threads: render::default_threads(), sensor: 0 };
     let (scene, report) = compile(loaded.description, compile_options)?;
     let mut text = String::new();
     let mut line = |name: &str, value: String| {
@@ -56,7 +56,8 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
         line(
             "sensor",
             format!(
-                "perspective, {}x{}, {} to render",
+                "{}, {}x{}, {} to render",
+                sensor.kind(),
                 film.width,
                 film.height,
                 counted(rect.area(), "pixel", "pixels")
@@ -65,8 +66,8 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     }
     line("shapes", count(scene.shapes.iter().map(|s| shape_kind(&s.world))));
     line("triangles", scene.triangle_count().to_string());
-    line("materials", count(scene.materials.iter().map(|m| material_kind(&m.bsdf))));
-    line("emitters", count(scene.lights.iter().map(light_kind)));
+    line("materials", count(scene.materials.iter().map(|m| m.kind())));
+    line("emitters", count(scene.lights.iter().map(|l| l.kind())));
     line("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max));
     line("needs", scene.needs.to_string());
     line("memory", memory(&scene, &settings));
@@ -115,27 +116,6 @@ fn shape_kind(shape: &WorldShape) -> &'static str {
         WorldShape::Rectangle { .. } => "rectangle",
         WorldShape::Sphere { .. } => "sphere",
         WorldShape::Disk { .. } => "disk",
-    }
-}
-
-fn material_kind(bsdf: &Bsdf<'_>) -> &'static str {
-    match bsdf {
-        Bsdf::Diffuse(_) => "diffuse",
-        Bsdf::Conductor(_) => "conductor",
-        Bsdf::RoughConductor(_) => "roughconductor",
-        Bsdf::Dielectric(_) => "dielectric",
-        Bsdf::Null => "null",
-        Bsdf::Blend(_) => "blendbsdf",
-        Bsdf::Mask(_) => "mask",
-        Bsdf::Tilted(_) => "bumpmap",
-        Bsdf::TwoSided(_) => "twosided",
-    }
-}
-
-fn light_kind(light: &Light) -> &'static str {
-    match light {
-        Light::Area(_) => "area",
-        Light::Point { .. } => "point",
-        Light::Constant { .. } => "constant",
+        WorldShape::Cylinder { .. } => "cylinder",
     }
 }

@@ -188,7 +188,7 @@ fn prepare(args: &RenderArgs) -> Result<Prepared> {
     }
     let threads = args.threads.map_or_else(default_threads, |n| n as usize);
     let accel = args.accel.unwrap_or_default();
-    let (scene, report) = compile(description, CompileOptions { accel, threads })?;
+    let (scene, report) = compile(description, CompileOptions { accel, threads, sensor: args.sensor })?;
     seconds.build = report.build_seconds;
     warn(args, report.warnings.clone())?;
     if report.dropped_primitives > 0 {

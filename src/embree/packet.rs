@@ -29,7 +29,8 @@ pub struct RayHit1 {
     /// Greatest parameter of a hit; after a query the hit's, or -∞ for an occluded ray.
     pub t_far: f32,
     mask: u32,
-    id: u32,
+    /// A number for the callbacks.
+    pub id: u32,
     flags: u32,
     normal: [f32; 3],
     /// First surface coordinate of the hit.
@@ -82,7 +83,8 @@ pub struct Rays16 {
     /// Greatest parameters of a hit; after an occlusion query -∞ for an occluded ray.
     pub t_far: [f32; WIDTH],
     mask: [u32; WIDTH],
-    id: [u32; WIDTH],
+    /// Numbers for the callbacks.
+    pub id: [u32; WIDTH],
     flags: [u32; WIDTH],
 }
 
@@ -199,12 +201,12 @@ impl Rays16 {
 
     /// Those of the wanted rays that are valid: see [`CommittedScene`](super::CommittedScene).
     #[inline]
-    pub(super) fn valid(&self, wanted: &Mask16) -> Mask16 {
+    pub(super) fn valid(&self, wanted: &Mask16, limit: f32) -> Mask16 {
         let ([x, y, z], [dx, dy, dz]) = (&self.origin, &self.direction);
         let mut mask = wanted.0;
         for (i, lane) in mask.iter_mut().enumerate() {
             let ray = [x[i], y[i], z[i], dx[i], dy[i], dz[i]];
-            *lane &= -i32::from(is_valid(ray, self.t_near[i], self.t_far[i]));
+            *lane &= -i32::from(is_valid(ray, limit, self.t_near[i], self.t_far[i], self.time[i]));
         }
         Mask16(mask)
     }
@@ -213,19 +215,19 @@ impl Rays16 {
 impl RayHit1 {
     /// Whether the ray is valid: see [`CommittedScene`](super::CommittedScene).
     #[inline]
-    pub(super) fn is_valid(&self) -> bool {
+    pub(super) fn is_valid(&self, limit: f32) -> bool {
         let ([x, y, z], [dx, dy, dz]) = (self.origin, self.direction);
-        is_valid([x, y, z, dx, dy, dz], self.t_near, self.t_far)
+        is_valid([x, y, z, dx, dy, dz], limit, self.t_near, self.t_far, self.time)
     }
 }
 
-/// All components of origin and direction within [`COMPONENT_LIMIT`], a direction that is not zero, and
-/// `0 ≤ t_near < t_far`. False for NaN.
+/// All components of origin and direction within `limit`, a direction that is not zero, `0 ≤ t_near < t_far`, and
+/// a time in [0, 1]. False for NaN.
 #[inline]
-fn is_valid([x, y, z, dx, dy, dz]: [f32; 6], t_near: f32, t_far: f32) -> bool {
-    let mut valid = (t_near >= 0.0) & (t_far > t_near);
+fn is_valid([x, y, z, dx, dy, dz]: [f32; 6], limit: f32, t_near: f32, t_far: f32, time: f32) -> bool {
+    let mut valid = (t_near >= 0.0) & (t_far > t_near) & (time >= 0.0) & (time <= 1.0);
     for component in [x, y, z, dx, dy, dz] {
-        valid &= component.abs() <= COMPONENT_LIMIT;
+        valid &= component.abs() <= limit;
     }
     valid & ((dx != 0.0) | (dy != 0.0) | (dz != 0.0))
 }
@@ -316,16 +318,18 @@ mod tests {
     #[test]
     fn invalid_rays_are_masked() {
         let good = [1.0, 2.0, 3.0, f32::INFINITY, 0.0, -1.0, 0.0, 0.0];
-        let mut rows = [good; 7];
+        let mut rows = [good; 9];
         rows[1][0] = f32::NAN;
         rows[2][4] = f32::INFINITY;
         rows[3][5] = -0.0;
         rows[4][3] = 0.0;
         rows[5][3] = f32::NAN;
         rows[6][2] = -2e18;
+        rows[7][7] = 1.5;
+        rows[8][7] = f32::NAN;
         let mut rays = Rays16::default();
         rays.load_tail(&rows);
-        let mask = rays.valid(&Mask16::ALL);
+        let mask = rays.valid(&Mask16::ALL, COMPONENT_LIMIT);
         assert_eq!(mask, Mask16::from_fn(|i| i == 0));
         assert_eq!(mask.as_ptr() as usize % 64, 0);
     }

@@ -1,22 +1,26 @@
 //! Scenes: a builder that is consumed, and the immutable scene that answers queries.
 
 use super::device::{Device, DeviceHandle};
-use super::packet::{Mask16, RayHit1, RayHits16, Rays16};
+use super::filter::{FilterState, TriangleFilter, on_filter};
+use super::packet::{COMPONENT_LIMIT, Mask16, RayHit1, RayHits16, Rays16};
 use super::user::{QueryContext, UserPrimitives, UserState, on_bounds, on_intersect, on_occluded};
 use crate::error::{Error, Result};
 use buffon_embree_sys as sys;
 use std::sync::Arc;
 
 /// How a scene is built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
     /// Watertight along edges, at some cost (`RTC_SCENE_FLAG_ROBUST`). Off only to measure that cost.
     pub robust: bool,
+    /// The greatest absolute value of a valid ray's components, up to [`COMPONENT_LIMIT`]: less where the inverse of
+    /// an instance's transform would take a ray beyond that.
+    pub ray_limit: f32,
 }
 
 impl Default for SceneOptions {
     fn default() -> Self {
-        SceneOptions { robust: true }
+        SceneOptions { robust: true, ray_limit: COMPONENT_LIMIT }
     }
 }
 
@@ -66,6 +70,10 @@ struct Kept {
     // Boxed: Embree holds the address.
     #[expect(clippy::vec_box)]
     users: Vec<Box<UserState>>,
+    // As above.
+    #[expect(clippy::vec_box)]
+    filters: Vec<Box<FilterState>>,
+    scenes: Vec<Arc<CommittedScene>>,
 }
 
 /// The one owner of a geometry's C handle until it is attached.
@@ -83,6 +91,7 @@ pub struct SceneBuilder {
     // Declared first, so dropped before what it reads.
     scene: SceneHandle,
     kept: Kept,
+    ray_limit: f32,
 }
 
 impl SceneBuilder {
@@ -106,13 +115,13 @@ impl SceneBuilder {
         // SAFETY: the scene is live and not committed.
         unsafe { sys::rtcSetSceneFlags(scene.raw, flags) };
         scene.device.check("setting the scene's flags")?;
-        Ok(SceneBuilder { scene, kept: Kept::default() })
+        Ok(SceneBuilder { scene, kept: Kept::default(), ray_limit: options.ray_limit.min(COMPONENT_LIMIT) })
     }
 
     /// Adds a triangle mesh as geometry `id`. The arrays are shared with Embree, not copied.
     ///
     /// The first `count` elements of `vertices` are the vertices. At least one more element must follow them:
-    /// Embree reads 16 bytes at the last vertex, of which 12 are its own.
+    /// Embree reads 16 bytes at the last vertex, of which 12 are its own. A filter decides which hits count.
     ///
     /// # Errors
     /// If the padding is missing, an index is out of range, or Embree refuses (an id used twice).
@@ -122,6 +131,7 @@ impl SceneBuilder {
         vertices: Arc<Vec<[f32; 3]>>,
         count: usize,
         indices: Arc<Vec<[u32; 3]>>,
+        filter: Option<Arc<dyn TriangleFilter>>,
     ) -> Result<()> {
         if vertices.len() <= count {
             let message =
@@ -161,6 +171,18 @@ impl SceneBuilder {
         }
         self.kept.vertices.push(vertices);
         self.kept.indices.push(indices);
+        if let Some(filter) = filter {
+            let state = Box::new(FilterState(filter));
+            let pointer: *const FilterState = &*state;
+            // SAFETY: the geometry is live; `state` is boxed and held by `kept` until after the scene is released; the
+            // callback reads it only, and has the signature that Embree calls.
+            unsafe {
+                sys::rtcSetGeometryUserData(geometry.0, pointer.cast_mut().cast());
+                sys::rtcSetGeometryIntersectFilterFunction(geometry.0, Some(on_filter));
+                sys::rtcSetGeometryOccludedFilterFunction(geometry.0, Some(on_filter));
+            }
+            self.kept.filters.push(state);
+        }
         self.attach(&geometry, id)
     }
 
@@ -185,6 +207,41 @@ impl SceneBuilder {
         self.attach(&geometry, id)
     }
 
+    /// Adds an instance of a scene as geometry `id`; hits report it as their instance. A scene that holds instances
+    /// itself is not traversed to the second level.
+    ///
+    /// `steps` are the transforms of the scene's coordinates into this one's at equally spaced times over [0, 1]:
+    /// three axes and the translation each, linear in between. They must be invertible at all times, and the scene's
+    /// [`ray_limit`](SceneOptions::ray_limit) such that no inverse leads beyond [`COMPONENT_LIMIT`]: a build of Embree
+    /// with assertions aborts the process otherwise.
+    ///
+    /// # Errors
+    /// If the scene is another device's, a step is not finite, or Embree refuses (an id used twice, no steps or more
+    /// than 129).
+    pub fn add_instance(&mut self, id: u32, scene: Arc<CommittedScene>, steps: &[[f32; 12]]) -> Result<()> {
+        if !Arc::ptr_eq(&scene.scene.device, &self.scene.device) {
+            return Err(Error::internal("expected a scene of the same device").about("Embree"));
+        }
+        if let Some(step) = steps.iter().find(|step| !step.iter().all(|x| x.is_finite())) {
+            return Err(
+                Error::internal(format!("expected a finite transform, found {step:?}")).about("Embree")
+            );
+        }
+        let geometry = self.new_geometry(sys::RTCGeometryType::RTC_GEOMETRY_TYPE_INSTANCE)?;
+        // SAFETY: the geometry and the instanced scene are live and of one device; the scene is committed and `kept`
+        // holds it until after this one is released. Embree copies the 12 floats of each step.
+        unsafe {
+            sys::rtcSetGeometryInstancedScene(geometry.0, scene.scene.raw);
+            sys::rtcSetGeometryTimeStepCount(geometry.0, steps.len() as u32);
+            for (i, step) in (0..).zip(steps) {
+                let format = sys::RTCFormat::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR;
+                sys::rtcSetGeometryTransform(geometry.0, i, format, step.as_ptr().cast());
+            }
+        }
+        self.kept.scenes.push(scene);
+        self.attach(&geometry, id)
+    }
+
     /// Builds the acceleration structure with the device's threads.
     ///
     /// # Errors
@@ -193,7 +250,7 @@ impl SceneBuilder {
         // SAFETY: the scene is live, and `self` is owned: no query runs.
         unsafe { sys::rtcCommitScene(self.scene.raw) };
         self.scene.device.check("building the scene")?;
-        Ok(CommittedScene { scene: self.scene, _kept: self.kept })
+        Ok(CommittedScene { scene: self.scene, _kept: self.kept, ray_limit: self.ray_limit })
     }
 
     fn new_geometry(&self, kind: sys::RTCGeometryType) -> Result<GeometryHandle> {
@@ -220,12 +277,13 @@ impl SceneBuilder {
 /// A scene that is built. It does not change any more; queries may come from any number of threads.
 ///
 /// An invalid ray hits nothing and is left as it was: one with a component of origin or direction that is NaN or
-/// beyond [`COMPONENT_LIMIT`](super::COMPONENT_LIMIT), with a zero direction, or without `0 ≤ t_near < t_far`.
+/// beyond [`SceneOptions::ray_limit`], with a zero direction, without `0 ≤ t_near < t_far` or a time in [0, 1].
 /// Embree itself does not look: a build with assertions, such as Debian's, aborts the process.
 pub struct CommittedScene {
     // Declared first, so dropped before what it reads.
     scene: SceneHandle,
     _kept: Kept,
+    ray_limit: f32,
 }
 
 impl CommittedScene {
@@ -254,7 +312,7 @@ impl CommittedScene {
     /// Finds the nearest hit. A miss leaves the ray as it was.
     #[inline]
     pub fn intersect1(&self, ray: &mut RayHit1, coherence: Coherence) {
-        if !ray.is_valid() {
+        if !ray.is_valid(self.ray_limit) {
             return;
         }
         let mut context = coherence.context();
@@ -266,7 +324,7 @@ impl CommittedScene {
     /// Whether anything is hit.
     #[inline]
     pub fn occluded1(&self, ray: &mut RayHit1, coherence: Coherence) -> bool {
-        if !ray.is_valid() {
+        if !ray.is_valid(self.ray_limit) {
             return false;
         }
         let mut context = coherence.context();
@@ -280,7 +338,7 @@ impl CommittedScene {
     /// Returns which rays were traced: the wanted ones that are valid.
     #[inline]
     pub fn intersect16(&self, wanted: &Mask16, rays: &mut RayHits16, coherence: Coherence) -> Mask16 {
-        let valid = rays.rays.valid(wanted);
+        let valid = rays.rays.valid(wanted, self.ray_limit);
         let mut context = coherence.context();
         let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `RayHits16` is `RTCRayHit16` in size, alignment and layout, and the mask
@@ -294,7 +352,7 @@ impl CommittedScene {
     /// Returns which rays were traced: the wanted ones that are valid.
     #[inline]
     pub fn occluded16(&self, wanted: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
-        let valid = rays.valid(wanted);
+        let valid = rays.valid(wanted, self.ray_limit);
         let mut context = coherence.context();
         let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is

@@ -1,6 +1,5 @@
 //! User geometry: primitives that Rust code bounds and intersects, called back by Embree.
 
-use super::INVALID_ID;
 use buffon_embree_sys as sys;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -19,6 +18,10 @@ pub struct UserRay {
     pub t_far: f32,
     /// Time in [0, 1].
     pub time: f32,
+    /// The number that the caller of the query gave the ray.
+    pub id: u32,
+    /// The instance in whose coordinates the ray is, or [`INVALID_ID`](super::INVALID_ID).
+    pub instance: u32,
 }
 
 /// A hit of a user primitive.
@@ -30,6 +33,8 @@ pub struct UserHit {
     pub u: f32,
     /// Second surface coordinate.
     pub v: f32,
+    /// What the query reports as the hit's primitive.
+    pub primitive: u32,
 }
 
 /// A set of primitives behind one geometry id.
@@ -104,6 +109,7 @@ mod field {
     pub const DIRECTION: usize = 4;
     pub const TIME: usize = 7;
     pub const T_FAR: usize = 8;
+    pub const ID: usize = 10;
     pub const NORMAL: usize = 12;
     pub const U: usize = 15;
     pub const V: usize = 16;
@@ -114,18 +120,25 @@ mod field {
 
 /// One lane of N rays in structure-of-arrays layout.
 #[derive(Clone, Copy)]
-struct Lane {
-    base: *mut f32,
-    n: usize,
-    i: usize,
+pub(super) struct Lane {
+    pub base: *mut f32,
+    pub n: usize,
+    pub i: usize,
 }
 
 impl Lane {
     /// # Safety
     /// `base` must point to `RTCRayN` (or `RTCRayHitN` for the fields of a hit) of `n` rays, and `i < n`.
-    unsafe fn get(self, field: usize) -> f32 {
+    pub unsafe fn get(self, field: usize) -> f32 {
         // SAFETY: the caller vouches for the layout; field `field` of ray `i` is the value number field·n + i.
         unsafe { *self.base.add(field * self.n + self.i) }
+    }
+
+    /// # Safety
+    /// As [`get`](Self::get), for a field of unsigned integers.
+    pub unsafe fn get_u32(self, field: usize) -> u32 {
+        // SAFETY: as in `get`; `f32` and `u32` have the same size and alignment.
+        unsafe { *self.base.add(field * self.n + self.i).cast::<u32>() }
     }
 
     /// # Safety
@@ -142,9 +155,11 @@ impl Lane {
         unsafe { *self.base.add(field * self.n + self.i).cast::<u32>() = value }
     }
 
+    /// The ray, which is in the coordinates of `instance`.
+    ///
     /// # Safety
     /// As [`get`](Self::get).
-    unsafe fn ray(self) -> UserRay {
+    pub unsafe fn ray(self, instance: u32) -> UserRay {
         let three = |f: usize| {
             // SAFETY: passed on to the caller.
             unsafe { [self.get(f), self.get(f + 1), self.get(f + 2)] }
@@ -158,24 +173,29 @@ impl Lane {
             t_far: unsafe { self.get(field::T_FAR) },
             // SAFETY: passed on to the caller.
             time: unsafe { self.get(field::TIME) },
+            // SAFETY: passed on to the caller.
+            id: unsafe { self.get_u32(field::ID) },
+            instance,
         }
     }
 }
 
-/// Calls `f` for the valid lanes; a panic goes into the context, and the remaining lanes are missed.
+/// Calls `f` with the valid lanes and the instance that the rays are in; a panic goes into the context, and the
+/// remaining lanes are left as they are.
 ///
 /// # Safety
 /// The pointers must be those of Embree's arguments, in a query started with a [`QueryContext`].
-unsafe fn for_lanes(
+pub(super) unsafe fn for_lanes(
     valid: *const i32,
     context: *mut sys::RTCIntersectContext,
     base: *mut f32,
     n: usize,
-    mut f: impl FnMut(Lane),
+    mut f: impl FnMut(Lane, u32),
 ) {
     // SAFETY: every query of this module passes a `QueryContext`, whose first field this points to; the query's
     // thread is this one, and it does not touch the context until the query returns.
-    let panic = unsafe { &mut (*context.cast::<QueryContext>()).panic };
+    let context = unsafe { &mut *context.cast::<QueryContext>() };
+    let (instance, panic) = (context.embree.instID[0], &mut context.panic);
     if panic.is_some() {
         return;
     }
@@ -183,7 +203,7 @@ unsafe fn for_lanes(
         for i in 0..n {
             // SAFETY: `valid` has n values.
             if unsafe { *valid.add(i) } != 0 {
-                f(Lane { base, n, i });
+                f(Lane { base, n, i }, instance);
             }
         }
     }));
@@ -205,9 +225,9 @@ pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArg
 pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunctionNArguments) {
     // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
     let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
-    let one = |lane: Lane| {
+    let one = |lane: Lane, instance: u32| {
         // SAFETY: `rayhit` is an `RTCRayHitN` of N rays, and the lane is one of them.
-        let ray = unsafe { lane.ray() };
+        let ray = unsafe { lane.ray(instance) };
         let Some(hit) = state.primitives.intersect(args.primID, &ray) else { return };
         // SAFETY: as above.
         unsafe {
@@ -217,9 +237,9 @@ pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunct
             for k in 0..3 {
                 lane.set(field::NORMAL + k, 0.0);
             }
-            lane.set_u32(field::PRIMITIVE, args.primID);
+            lane.set_u32(field::PRIMITIVE, hit.primitive);
             lane.set_u32(field::GEOMETRY, args.geomID);
-            lane.set_u32(field::INSTANCE, INVALID_ID);
+            lane.set_u32(field::INSTANCE, instance);
         }
     };
     // SAFETY: the pointers are Embree's.
@@ -230,9 +250,9 @@ pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunct
 pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctionNArguments) {
     // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
     let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
-    let one = |lane: Lane| {
+    let one = |lane: Lane, instance: u32| {
         // SAFETY: `ray` is an `RTCRayN` of N rays, and the lane is one of them.
-        let ray = unsafe { lane.ray() };
+        let ray = unsafe { lane.ray(instance) };
         if state.primitives.occluded(args.primID, &ray) {
             // SAFETY: as above.
             unsafe { lane.set(field::T_FAR, f32::NEG_INFINITY) };

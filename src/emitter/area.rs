@@ -1,21 +1,28 @@
 //! Emitting surfaces.
 
 use super::spherical_rectangle::{Rectangle, RectangleX16};
-use super::{EmitterSample, Target};
+use super::{Emission, EmitterSample, LightRay, Target};
+use crate::accel::{Hit, Instance, NO_INSTANCE};
 use crate::color::Rgb;
 use crate::math::ray::{offset_origin, plane_error};
 use crate::math::robust::gamma;
-use crate::math::{Frame, Vec2, Vec3, Vec3x16, f32x16};
+use crate::math::{Frame, Ray, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::mis::area_to_solid_angle;
 use crate::sampling::{Distribution1D, warp};
-use crate::shape::{TriangleMesh, WorldShape};
+use crate::shape::{Placement, TriangleMesh, WorldShape};
+use crate::texture::TexturePoint;
+use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// A shape whose front emits the same radiance everywhere and in every direction.
+/// A shape whose front emits, with the same radiance in every direction.
 pub struct AreaEmitter {
     surface: Surface,
-    radiance: Rgb,
+    emission: Emission,
     area: f64,
+    /// The shape, for texture coordinates, where there is a texture.
+    shape: Option<WorldShape>,
+    /// Where it is over time, if the shape is not in the world but in coordinates that move.
+    motion: Option<Instance>,
 }
 
 /// How its points are sampled.
@@ -26,7 +33,9 @@ enum Surface {
     Sphere { center: Vec3, radius: f32, inward: bool },
     /// Uniformly in the area.
     Disk { center: Vec3, du: Vec3, dv: Vec3, normal: Vec3 },
-    /// Uniformly in the area: a triangle in proportion to its area, then a point in it.
+    /// Uniformly in the area.
+    Cylinder { p0: Vec3, axis: Vec3, side: [Vec3; 2], inward: bool },
+    /// A triangle by its area (times the light of a texture on it), then uniformly in the triangle.
     Mesh { mesh: Arc<TriangleMesh>, triangles: Distribution1D },
 }
 
@@ -41,20 +50,46 @@ pub(super) struct RectangleSurface {
     pub inverse_area: f32,
 }
 
-/// A point on an emitting surface.
+/// A point on an emitting surface that a ray has found.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePlace {
+    /// Position in the world.
+    pub p: Vec3,
+    /// Unit geometric normal.
+    pub n: Vec3,
+    /// Time in [0, 1] over the shutter interval.
+    pub time: f32,
+}
+
+/// A sampled point on an emitting surface.
 struct SurfacePoint {
     p: Vec3,
     /// Bound on the distance of `p` from the surface.
     error: f32,
     /// Unit normal of the front.
     n: Vec3,
-    /// Density per unit solid angle where it is known, else `None`: uniform in the area.
-    pdf: Option<f32>,
+    pdf: Density,
+    place: Place,
+}
+
+/// Where a sampled point is on its surface.
+enum Place {
+    /// At a triangle's or surface's coordinates.
+    Hit(Hit),
+    /// At texture coordinates.
+    Uv(Vec2),
+}
+
+/// A density of points on a surface.
+#[derive(Clone, Copy)]
+enum Density {
+    PerSolidAngle(f32),
+    PerArea(f32),
 }
 
 impl AreaEmitter {
-    /// The emitter on `shape`; `None` where the shape has no area.
-    pub fn new(shape: &WorldShape, radiance: Rgb) -> Option<Self> {
+    /// The emitter on `shape`; `None` where the shape has no area. With `motion`, the shape is in coordinates that move.
+    pub fn new(shape: &WorldShape, emission: Emission, motion: Option<Instance>) -> Option<Self> {
         let (surface, area) = match shape {
             WorldShape::Rectangle { mesh, corner, edge_x, edge_y, normal } => {
                 match Rectangle::new(*corner, *edge_x, *edge_y) {
@@ -64,16 +99,14 @@ impl AreaEmitter {
                         let error = plane_error(reach * gamma(8), *normal);
                         let inverse_area = (1.0 / area) as f32;
                         let normal = *normal;
-                        (
-                            Surface::Rectangle(RectangleSurface { rectangle, normal, error, inverse_area }),
-                            area,
-                        )
+                        let surface = RectangleSurface { rectangle, normal, error, inverse_area };
+                        (Surface::Rectangle(surface), area)
                     }
                     None => mesh_surface(mesh)?,
                 }
             }
             WorldShape::Mesh(mesh) => mesh_surface(mesh)?,
-            WorldShape::Sphere { center, radius, inward } => {
+            WorldShape::Sphere { center, radius, inward, .. } => {
                 let area = 4.0 * std::f64::consts::PI * f64::from(*radius).powi(2);
                 (Surface::Sphere { center: *center, radius: *radius, inward: *inward }, area)
             }
@@ -81,38 +114,58 @@ impl AreaEmitter {
                 let area = std::f64::consts::PI * du.as_dvec3().cross(dv.as_dvec3()).length();
                 (Surface::Disk { center: *center, du: *du, dv: *dv, normal: *normal }, area)
             }
+            WorldShape::Cylinder { p0, p1, side, inward } => {
+                let axis = *p1 - *p0;
+                let around = std::f64::consts::TAU * side[0].as_dvec3().length();
+                let area = around * axis.as_dvec3().length();
+                (Surface::Cylinder { p0: *p0, axis, side: *side, inward: *inward }, area)
+            }
         };
-        (area > 0.0 && area.is_finite()).then_some(AreaEmitter { surface, radiance, area })
+        let textured = emission.constant().is_none();
+        let shape = textured.then(|| shape.clone());
+        (area > 0.0 && area.is_finite()).then_some(AreaEmitter { surface, emission, area, shape, motion })
     }
 
-    /// Emitted radiance.
-    pub fn radiance(&self) -> Rgb {
-        self.radiance
+    /// Emitted radiance at a point of the surface, given in the shape's own coordinates if they move.
+    #[inline]
+    pub fn radiance(&self, hit: &Hit, p: Vec3) -> Rgb {
+        match (&self.emission, &self.shape) {
+            (Emission::Constant(radiance), _) => *radiance,
+            (emission, Some(shape)) => emission.eval(&shape.texture_point(hit, p)),
+            (Emission::Texture(_), None) => Rgb::BLACK,
+        }
     }
 
-    /// Area of the surface.
+    fn radiance_at(&self, point: &SurfacePoint) -> Rgb {
+        match &point.place {
+            Place::Hit(hit) => self.radiance(hit, point.p),
+            Place::Uv(uv) => self.emission.eval(&TexturePoint::at(*uv)),
+        }
+    }
+
+    /// Area of the surface, in its own coordinates if they move.
     pub fn area(&self) -> f64 {
         self.area
     }
 
-    /// The emitted power, W.
+    /// About the emitted power, W.
     pub fn power(&self) -> Rgb {
-        self.radiance * (self.area * std::f64::consts::PI) as f32
+        self.emission.mean() * (self.area * std::f64::consts::PI) as f32
     }
 
-    /// The surface, if it is a rectangle.
+    /// The surface and its radiance, if it is a rectangle of constant radiance.
     #[inline]
-    pub(super) fn rectangle(&self) -> Option<&RectangleSurface> {
-        match &self.surface {
-            Surface::Rectangle(rectangle) => Some(rectangle),
+    pub(super) fn rectangle(&self) -> Option<(&RectangleSurface, Rgb)> {
+        match (&self.surface, self.emission.constant(), &self.motion) {
+            (Surface::Rectangle(rectangle), Some(radiance), None) => Some((rectangle, radiance)),
             _ => None,
         }
     }
 
-    /// Draws a point as seen from `from`.
+    /// Draws a point as seen from `from`, at a time in [0, 1] over the shutter interval.
     #[inline]
-    pub fn sample(&self, from: Vec3, u: Vec2) -> Option<EmitterSample> {
-        let point = self.sample_point(from, u)?;
+    pub fn sample(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
+        let (point, radiance) = self.sample_at(Some(from), u, time)?;
         let to = point.p - from;
         let distance_squared = to.length_squared();
         let wi = to / distance_squared.sqrt();
@@ -122,22 +175,46 @@ impl AreaEmitter {
             return None;
         }
         let pdf = match point.pdf {
-            Some(pdf) => pdf,
-            None => area_to_solid_angle((1.0 / self.area) as f32, distance_squared, cos),
+            Density::PerSolidAngle(pdf) => pdf,
+            Density::PerArea(pdf) => area_to_solid_angle(pdf, distance_squared, cos),
         };
         Some(EmitterSample {
             wi,
             target: Target::Point(offset_origin(point.p, point.error, point.n, -wi)),
-            radiance: self.radiance,
+            radiance,
             pdf,
             delta: false,
         })
     }
 
-    /// The density per unit solid angle with which [`sample`](Self::sample) draws the point `p` with the
-    /// unit normal `n` as seen from `from`.
+    /// A point in the world at a time, and the radiance there.
+    fn sample_at(&self, from: Option<Vec3>, u: Vec2, time: f32) -> Option<(SurfacePoint, Rgb)> {
+        let Some(motion) = &self.motion else {
+            let point = self.sample_point(from, u)?;
+            let radiance = self.radiance_at(&point);
+            return Some((point, radiance));
+        };
+        let point = self.sample_point(None, u)?;
+        let radiance = self.radiance_at(&point);
+        let placed = Placement::new(motion, time);
+        let Density::PerArea(pdf) = point.pdf else { return None };
+        let world = placed.surface(motion, time, point.p, point.error, point.n);
+        let pdf = Density::PerArea(pdf / placed.stretch(point.n));
+        Some((SurfacePoint { p: world.p, error: world.error, n: world.n, pdf, place: point.place }, radiance))
+    }
+
+    /// The density per unit solid angle with which [`sample`](Self::sample) draws a point of the surface as seen from
+    /// `from`.
     #[inline]
-    pub fn pdf(&self, from: Vec3, p: Vec3, n: Vec3) -> f32 {
+    pub fn pdf(&self, from: Vec3, at: &SurfacePlace) -> f32 {
+        let to = at.p - from;
+        let distance_squared = to.length_squared();
+        let cos = to.dot(at.n) / distance_squared.sqrt();
+        if let Some(motion) = &self.motion {
+            let placed = Placement::new(motion, at.time);
+            let pdf = self.uniform() / placed.stretch(placed.local_normal(at.n));
+            return area_to_solid_angle(pdf, distance_squared, cos);
+        }
         match &self.surface {
             Surface::Rectangle(surface) => {
                 let rectangle = RectangleX16::splat(&surface.rectangle);
@@ -151,39 +228,61 @@ impl AreaEmitter {
                     return warp::square_to_cone_pdf(cap);
                 }
             }
-            Surface::Disk { .. } | Surface::Mesh { .. } => {}
+            Surface::Disk { .. } | Surface::Mesh { .. } | Surface::Cylinder { .. } => {}
         }
-        let to = p - from;
-        let distance_squared = to.length_squared();
-        let cos = to.dot(n) / distance_squared.sqrt();
-        area_to_solid_angle((1.0 / self.area) as f32, distance_squared, cos)
+        area_to_solid_angle(self.uniform(), distance_squared, cos)
     }
 
-    fn sample_point(&self, from: Vec3, u: Vec2) -> Option<SurfacePoint> {
+    /// Draws a ray: a point uniform in the area, a direction in proportion to the cosine.
+    pub fn sample_ray(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
+        let (point, radiance) = self.sample_at(None, u_point, time)?;
+        let Density::PerArea(pdf) = point.pdf else { return None };
+        let d = Frame::from_normal(point.n).to_world(warp::square_to_cosine_hemisphere(u_direction));
+        let o = offset_origin(point.p, point.error, point.n, point.n);
+        let power = radiance * (PI / pdf);
+        Some(LightRay { ray: Ray { o, t_max: f32::INFINITY, d, time }, power })
+    }
+
+    /// Density per unit area of a point that is uniform in the area.
+    fn uniform(&self) -> f32 {
+        (1.0 / self.area) as f32
+    }
+
+    /// Draws a point: as seen from another, or, from nowhere, uniformly in the area.
+    fn sample_point(&self, from: Option<Vec3>, u: Vec2) -> Option<SurfacePoint> {
+        let uniform = Density::PerArea(self.uniform());
         Some(match &self.surface {
             Surface::Rectangle(surface) => {
-                let rectangle = RectangleX16::splat(&surface.rectangle);
-                let seen = rectangle.seen_from(Vec3x16::splat(from));
-                let resolved = seen.resolved().to_bitmask() & 1 == 1;
-                SurfacePoint {
-                    p: seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).lane(0),
-                    error: surface.error,
-                    n: surface.normal,
-                    pdf: resolved.then(|| 1.0 / seen.solid_angle().as_array()[0]),
-                }
+                let (p, pdf) = match from {
+                    None => (surface.rectangle.point(u), uniform),
+                    Some(from) => {
+                        let rectangle = RectangleX16::splat(&surface.rectangle);
+                        let seen = rectangle.seen_from(Vec3x16::splat(from));
+                        let p = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).lane(0);
+                        match seen.resolved().to_bitmask() & 1 {
+                            1 => (p, Density::PerSolidAngle(1.0 / seen.solid_angle().as_array()[0])),
+                            _ => (p, uniform),
+                        }
+                    }
+                };
+                let place = Place::Uv(surface.rectangle.shares(p));
+                SurfacePoint { p, error: surface.error, n: surface.normal, pdf, place }
             }
             Surface::Sphere { center, radius, inward } => {
-                let (n, pdf) = match one_minus_cos(*center, *radius, from) {
-                    Some(cap) => {
-                        (sphere_normal(*center, *radius, from, u, cap), Some(warp::square_to_cone_pdf(cap)))
-                    }
-                    None => (warp::square_to_sphere(u), None),
+                let cap = from.and_then(|from| Some((from, one_minus_cos(*center, *radius, from)?)));
+                let (n, pdf) = match cap {
+                    Some((from, cap)) => (
+                        sphere_normal(*center, *radius, from, u, cap),
+                        Density::PerSolidAngle(warp::square_to_cone_pdf(cap)),
+                    ),
+                    None => (warp::square_to_sphere(u), uniform),
                 };
                 SurfacePoint {
                     p: *center + n * *radius,
                     error: plane_error((center.abs() + Vec3::splat(*radius)) * gamma(8), n),
                     n: if *inward { -n } else { n },
                     pdf,
+                    place: Place::Hit(hit_at(0, 0.0, 0.0)),
                 }
             }
             Surface::Disk { center, du, dv, normal } => {
@@ -192,7 +291,21 @@ impl AreaEmitter {
                     p: *center + *du * d.x + *dv * d.y,
                     error: plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), *normal),
                     n: *normal,
-                    pdf: None,
+                    pdf: uniform,
+                    place: Place::Hit(hit_at(0, d.x, d.y)),
+                }
+            }
+            Surface::Cylinder { p0, axis, side, inward } => {
+                let (sin, cos) = (u.x * std::f32::consts::TAU).sin_cos();
+                let out = side[0] * cos + side[1] * sin;
+                let n = out.normalize();
+                let reach = p0.abs() + axis.abs() + side[0].abs() + side[1].abs();
+                SurfacePoint {
+                    p: *p0 + *axis * u.y + out,
+                    error: plane_error(reach * gamma(10), n),
+                    n: if *inward { -n } else { n },
+                    pdf: uniform,
+                    place: Place::Hit(hit_at(0, u.x, u.y)),
                 }
             }
             Surface::Mesh { mesh, triangles } => {
@@ -204,11 +317,17 @@ impl AreaEmitter {
                     p: p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y,
                     error: plane_error(p0.abs().max(p1.abs()).max(p2.abs()) * gamma(10), n),
                     n,
-                    pdf: None,
+                    pdf: uniform,
+                    place: Place::Hit(hit_at(choice.index as u32, b.x, b.y)),
                 }
             }
         })
     }
+}
+
+/// A place on a surface without a ray that leads there.
+fn hit_at(primitive: u32, u: f32, v: f32) -> Hit {
+    Hit { t: 0.0, u, v, geometry: 0, primitive, instance: NO_INSTANCE }
 }
 
 fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(Surface, f64)> {

@@ -126,14 +126,20 @@ impl RectanglesX16 {
 #[inline]
 fn rectangle(light: &Light) -> Option<(&RectangleSurface, Rgb)> {
     match light {
-        Light::Area(area) => area.rectangle().map(|r| (r, area.radiance())),
-        Light::Point { .. } | Light::Constant { .. } => None,
+        Light::Area(area) => area.rectangle(),
+        _ => None,
     }
 }
 
 /// Draws a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the bits of `active`.
 #[inline]
-pub fn sample_x16(lights: [&Light; LANES], from: Vec3x16, u: [f32x16; 2], active: u32) -> EmitterSampleX16 {
+pub fn sample_x16(
+    lights: [&Light; LANES],
+    from: Vec3x16,
+    u: [f32x16; 2],
+    time: f32x16,
+    active: u32,
+) -> EmitterSampleX16 {
     let [first, others @ ..] = lights;
     if others.iter().all(|other| std::ptr::eq(*other, first))
         && let Some((r, radiance)) = rectangle(first)
@@ -151,7 +157,7 @@ pub fn sample_x16(lights: [&Light; LANES], from: Vec3x16, u: [f32x16; 2], active
     }
     for i in bits(others) {
         let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-        samples.set_lane(i, lights[i].sample(from.lane(i), u));
+        samples.set_lane(i, lights[i].sample(from.lane(i), u, time.as_array()[i]));
     }
     samples
 }

@@ -1,6 +1,6 @@
 //! Sampling the solid angle that a rectangle subtends, for sixteen points at a time. [Ureña 2013]
 
-use crate::math::{LANES, Vec3, Vec3x16, f32x16, lanes::with_sign};
+use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16, lanes::with_sign};
 use crate::sampling::warp::{argument_x16, sin_cos_turn_x16};
 
 /// A rectangle in space: a corner and two orthogonal edges.
@@ -67,6 +67,19 @@ impl Rectangle {
             per_length_x: (diagonal / length_x) as f32,
             per_length_y: (diagonal / length_y) as f32,
         })
+    }
+}
+
+impl Rectangle {
+    /// The point at shares `u` of the edges.
+    pub fn point(&self, u: Vec2) -> Vec3 {
+        self.corner + self.edge_x * u.x + self.edge_y * u.y
+    }
+
+    /// The shares of the edges at a point.
+    pub fn shares(&self, p: Vec3) -> Vec2 {
+        let d = p - self.corner;
+        Vec2::new(d.dot(self.x) * self.per_length_x, d.dot(self.y) * self.per_length_y)
     }
 }
 

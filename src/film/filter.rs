@@ -1,93 +1,176 @@
 //! Filter importance sampling: a sample belongs to one pixel, and its position is drawn from the filter.
+//! [Ernst, Stamminger and Greiner 2006]
 
 use super::Filter;
 use crate::math::Vec2;
 use crate::sampling::warp;
+use std::f64::consts::PI;
+
+/// A position around a pixel's centre, drawn from a filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilterSample {
+    /// Offset from the pixel's centre, in pixels.
+    pub offset: Vec2,
+    /// What the sample's value is to be multiplied by: 1 but for filters with negative lobes, which are drawn by their
+    /// magnitude.
+    pub weight: f32,
+}
 
 /// Draws positions around a pixel's centre with the density of a filter.
 #[derive(Clone, Debug)]
-pub enum FilterSampler {
-    /// Uniform in a square.
-    Box {
-        /// Half the width, in pixels.
-        radius: f32,
-    },
-    /// The product of two tents.
-    Tent {
-        /// Half the width, in pixels.
-        radius: f32,
-    },
-    /// The product of two functions, tabulated.
-    Table(Table),
+pub struct FilterSampler {
+    filter: Filter,
+    /// The integral of the filter along one axis.
+    integral: f64,
+    table: Option<Table>,
 }
 
 /// A density on [−radius, radius] that is constant in each of [`CELLS`] equal cells.
 #[derive(Clone, Debug)]
-pub struct Table {
+struct Table {
     radius: f32,
     /// The distribution function at the cells' ends, from 0 to 1.
     cdf: Vec<f32>,
     /// For each of as many equal intervals of the random number, the cell that its lower end falls into.
     guide: Vec<u32>,
+    /// By cell: the filter's sign, times the integral of its magnitude over that of itself.
+    weights: Option<Vec<f32>>,
 }
 
 /// Cells of a tabulated filter.
 const CELLS: usize = 1024;
 
-impl FilterSampler {
-    /// The sampler of a filter.
-    pub fn new(filter: Filter) -> Self {
-        match filter {
-            Filter::Box { radius } => FilterSampler::Box { radius },
-            Filter::Tent { radius } => FilterSampler::Tent { radius },
-            Filter::Gaussian { stddev } => {
-                let stddev = f64::from(stddev);
-                let radius = 4.0 * stddev;
-                let lowest = (-8.0f64).exp();
-                FilterSampler::Table(Table::new(radius, |x| {
-                    ((-0.5 * (x / stddev).powi(2)).exp() - lowest).max(0.0)
-                }))
-            }
+impl Filter {
+    /// Half the width, in pixels; the filter is zero outside.
+    pub fn radius(&self) -> f64 {
+        match *self {
+            Filter::Box { radius } | Filter::Tent { radius } => f64::from(radius),
+            Filter::Gaussian { stddev } => 4.0 * f64::from(stddev),
+            Filter::Mitchell { .. } | Filter::CatmullRom => 2.0,
+            Filter::Lanczos { lobes } => f64::from(lobes),
         }
     }
 
-    /// An offset from the pixel's centre, in pixels.
-    #[inline]
-    pub fn sample(&self, u: Vec2) -> Vec2 {
-        match self {
-            FilterSampler::Box { radius } => (u * 2.0 - Vec2::ONE) * *radius,
-            FilterSampler::Tent { radius } => {
-                Vec2::new(warp::interval_to_tent(u.x), warp::interval_to_tent(u.y)) * *radius
+    /// The filter along one axis at distance `x` from the centre, up to a constant factor.
+    pub fn eval(&self, x: f64) -> f64 {
+        let x = x.abs();
+        if x > self.radius() {
+            return 0.0;
+        }
+        match *self {
+            Filter::Box { .. } => 1.0,
+            Filter::Tent { radius } => 1.0 - x / f64::from(radius),
+            Filter::Gaussian { stddev } => {
+                ((-0.5 * (x / f64::from(stddev)).powi(2)).exp() - (-8.0f64).exp()).max(0.0)
             }
-            FilterSampler::Table(table) => Vec2::new(table.invert(u.x), table.invert(u.y)),
+            Filter::Mitchell { b, c } => cubic(x, b.into(), c.into()),
+            Filter::CatmullRom => cubic(x, 0.0, 0.5),
+            Filter::Lanczos { lobes } => {
+                let sinc = |x: f64| if x == 0.0 { 1.0 } else { (PI * x).sin() / (PI * x) };
+                sinc(x) * sinc(x / f64::from(lobes))
+            }
         }
     }
 }
 
+/// The family of cubic filters. [Mitchell and Netravali 1988, Eq. 8]
+fn cubic(x: f64, b: f64, c: f64) -> f64 {
+    let (x2, x3) = (x * x, x * x * x);
+    if x < 1.0 {
+        ((12.0 - 9.0 * b - 6.0 * c) * x3 + (-18.0 + 12.0 * b + 6.0 * c) * x2 + (6.0 - 2.0 * b)) / 6.0
+    } else {
+        ((-b - 6.0 * c) * x3
+            + (6.0 * b + 30.0 * c) * x2
+            + (-12.0 * b - 48.0 * c) * x
+            + (8.0 * b + 24.0 * c))
+            / 6.0
+    }
+}
+
+impl FilterSampler {
+    /// The sampler of a filter.
+    pub fn new(filter: Filter) -> Self {
+        let radius = filter.radius();
+        let table = match filter {
+            Filter::Box { .. } | Filter::Tent { .. } => None,
+            _ => Some(Table::new(radius, |x| filter.eval(x))),
+        };
+        let integral = simpson(-radius, radius, CELLS, |x| filter.eval(x)).iter().sum();
+        FilterSampler { filter, integral, table }
+    }
+
+    /// Whether any sample's weight is not 1.
+    pub fn has_weights(&self) -> bool {
+        self.table.as_ref().is_some_and(|t| t.weights.is_some())
+    }
+
+    /// Half the width, in pixels.
+    pub fn radius(&self) -> f64 {
+        self.filter.radius()
+    }
+
+    /// The filter at an offset from the pixel's centre, normalised to integrate to 1.
+    pub fn eval(&self, offset: Vec2) -> f32 {
+        let along = |x: f32| self.filter.eval(x.into()) / self.integral;
+        (along(offset.x) * along(offset.y)) as f32
+    }
+
+    /// An offset from the pixel's centre, with its weight.
+    #[inline]
+    pub fn sample(&self, u: Vec2) -> FilterSample {
+        let offset = match (&self.filter, &self.table) {
+            (_, Some(table)) => {
+                let ((x, wx), (y, wy)) = (table.invert(u.x), table.invert(u.y));
+                return FilterSample { offset: Vec2::new(x, y), weight: wx * wy };
+            }
+            (Filter::Tent { radius }, None) => {
+                Vec2::new(warp::interval_to_tent(u.x), warp::interval_to_tent(u.y)) * *radius
+            }
+            (filter, None) => (u * 2.0 - Vec2::ONE) * filter.radius() as f32,
+        };
+        FilterSample { offset, weight: 1.0 }
+    }
+}
+
+/// The integrals of `f` over `n` equal parts of [a, b], by Simpson's rule.
+fn simpson(a: f64, b: f64, n: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
+    let h = (b - a) / n as f64;
+    let part = |i: usize| {
+        let x = a + h * i as f64;
+        (f(x) + 4.0 * f(x + 0.5 * h) + f(x + h)) * h / 6.0
+    };
+    (0..n).map(part).collect()
+}
+
 impl Table {
-    /// The table of the density in proportion to `f`, which is integrated over each cell by Simpson's rule.
+    /// The table of the density in proportion to the magnitude of `f`.
     fn new(radius: f64, f: impl Fn(f64) -> f64) -> Self {
-        let at = |i: f64| radius * (2.0 * i / CELLS as f64 - 1.0);
+        let parts = simpson(-radius, radius, CELLS, f);
         let mut sums = vec![0.0];
-        for i in 0..CELLS {
-            let i = i as f64;
-            sums.push(sums[sums.len() - 1] + f(at(i)) + 4.0 * f(at(i + 0.5)) + f(at(i + 1.0)));
+        for part in &parts {
+            sums.push(sums[sums.len() - 1] + part.abs());
         }
         let cdf: Vec<f32> = sums.iter().map(|s| (s / sums[CELLS]) as f32).collect();
         let cell_of = |u: f32| cdf.partition_point(|&c| c <= u).saturating_sub(1).min(CELLS - 1) as u32;
         let guide = (0..CELLS).map(|i| cell_of(i as f32 / CELLS as f32)).collect();
-        Table { radius: radius as f32, cdf, guide }
+        let total: f64 = parts.iter().sum();
+        let weights = parts.iter().any(|&part| part < 0.0).then(|| {
+            parts.iter().map(|part| (sums[CELLS] / total).copysign(*part) as f32).collect()
+        });
+        Table { radius: radius as f32, cdf, guide, weights }
     }
 
+    /// An offset and its weight.
     #[inline]
-    fn invert(&self, u: f32) -> f32 {
+    fn invert(&self, u: f32) -> (f32, f32) {
         let mut cell = self.guide[((u * CELLS as f32) as usize).min(CELLS - 1)] as usize;
         while cell + 1 < CELLS && self.cdf[cell + 1] <= u {
             cell += 1;
         }
         let width = self.cdf[cell + 1] - self.cdf[cell];
         let fraction = if width > 0.0 { (u - self.cdf[cell]) / width } else { 0.5 };
-        self.radius * (2.0 * (cell as f32 + fraction) / CELLS as f32 - 1.0)
+        let offset = self.radius * (2.0 * (cell as f32 + fraction) / CELLS as f32 - 1.0);
+        (offset, self.weights.as_ref().map_or(1.0, |weights| weights[cell]))
     }
 }
 
@@ -95,48 +178,49 @@ impl Table {
 mod tests {
     use super::*;
 
-    /// The second moment of the offsets is that of the filter.
+    /// Weighted offsets have the filter's integral, mean and second moment.
     #[test]
-    fn offsets_have_the_filters_mean_and_variance() {
-        // ∫x²w/∫w for the Gaussian of deviation 1/2 lowered to reach zero at 2, by Simpson's rule.
-        let gaussian = {
-            let w = |x: f64| (-2.0 * x * x).exp() - (-8.0f64).exp();
-            let n = 2000;
-            let (mut m0, mut m2) = (0.0, 0.0);
-            for i in 0..=n {
-                let x = -2.0 + 4.0 * f64::from(i) / f64::from(n);
-                let c = if i == 0 || i == n {
-                    1.0
-                } else if i % 2 == 1 {
-                    4.0
-                } else {
-                    2.0
-                };
-                m0 += c * w(x);
-                m2 += c * w(x) * x * x;
-            }
-            m2 / m0
-        };
-        for (filter, variance) in [
-            (Filter::Box { radius: 0.5 }, 1.0 / 12.0),
-            (Filter::Tent { radius: 1.0 }, 1.0 / 6.0),
-            (Filter::Gaussian { stddev: 0.5 }, gaussian),
+    fn offsets_have_the_filters_moments() {
+        for filter in [
+            Filter::Box { radius: 0.5 },
+            Filter::Tent { radius: 1.0 },
+            Filter::Gaussian { stddev: 0.5 },
+            Filter::Mitchell { b: 1.0 / 3.0, c: 1.0 / 3.0 },
+            Filter::CatmullRom,
+            Filter::Lanczos { lobes: 3 },
         ] {
+            let moment = |power: i32| -> f64 {
+                let r = filter.radius();
+                simpson(-r, r, 2000, |x| filter.eval(x) * x.powi(power)).iter().sum()
+            };
+            let variance = moment(2) / moment(0);
             let sampler = FilterSampler::new(filter);
             let n = 100_000;
-            let (mut m1, mut m2) = (0.0, 0.0);
+            let mut m = [0.0; 3];
             for i in 0..n {
                 let u = (i as f32 + 0.5) / n as f32;
-                let x = f64::from(sampler.sample(Vec2::splat(u)).x);
-                m1 += x;
-                m2 += x * x;
+                let FilterSample { offset, .. } = sampler.sample(Vec2::new(u, 0.5));
+                let weight = sampler.table.as_ref().map_or(1.0, |t| t.invert(u).1);
+                let (x, w) = (f64::from(offset.x), f64::from(weight));
+                for (k, sum) in m.iter_mut().enumerate() {
+                    *sum += w * x.powi(k as i32) / f64::from(n);
+                }
             }
-            assert!((m1 / f64::from(n)).abs() < 1e-5, "{filter:?}");
-            assert!(
-                (m2 / f64::from(n) - variance).abs() < 2e-5,
-                "{filter:?}: {} {variance}",
-                m2 / f64::from(n)
-            );
+            assert!((m[0] - 1.0).abs() < 1e-3, "{filter:?}: {m:?}");
+            assert!(m[1].abs() < 1e-4, "{filter:?}: {m:?}");
+            assert!((m[2] - variance).abs() < 2e-3, "{filter:?}: {} {variance}", m[2]);
         }
+    }
+
+    #[test]
+    fn filters_have_their_closed_forms() {
+        let mitchell = Filter::Mitchell { b: 1.0 / 3.0, c: 1.0 / 3.0 };
+        assert!((mitchell.eval(0.0) - 8.0 / 9.0).abs() < 1e-6 && (mitchell.eval(1.0) - 1.0 / 18.0).abs() < 1e-6);
+        assert!(mitchell.eval(1.5) < 0.0 && mitchell.eval(2.0).abs() < 1e-12);
+        let lanczos = Filter::Lanczos { lobes: 3 };
+        assert!(lanczos.eval(1.0).abs() < 1e-12 && lanczos.eval(0.0) == 1.0 && lanczos.eval(1.5) < 0.0);
+        assert!((Filter::CatmullRom.eval(0.5) - 0.5625).abs() < 1e-12);
+        let sampler = FilterSampler::new(Filter::Box { radius: 0.5 });
+        assert!((sampler.eval(Vec2::new(0.2, -0.3)) - 1.0).abs() < 1e-6);
     }
 }

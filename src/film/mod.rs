@@ -3,7 +3,7 @@
 pub mod filter;
 pub mod tile;
 
-pub use filter::FilterSampler;
+pub use filter::{FilterSample, FilterSampler};
 pub use tile::Tile;
 
 /// A reconstruction filter; radii and deviations are in pixels.
@@ -23,6 +23,20 @@ pub enum Filter {
     Gaussian {
         /// Standard deviation.
         stddev: f32,
+    },
+    /// A cubic with negative lobes, of radius 2. [Mitchell and Netravali 1988]
+    Mitchell {
+        /// B: blur.
+        b: f32,
+        /// C: ringing.
+        c: f32,
+    },
+    /// The cubic that interpolates, of radius 2. [Catmull and Rom 1974]
+    CatmullRom,
+    /// A windowed sinc.
+    Lanczos {
+        /// Half the width.
+        lobes: u32,
     },
 }
 
@@ -80,6 +94,8 @@ pub struct FilmSettings {
     pub pixel_format: PixelFormat,
     /// Storage of the output.
     pub component_format: ComponentFormat,
+    /// Whether the image is meant for looking at: a PNG, if nothing else is asked for.
+    pub for_display: bool,
 }
 
 impl PixelFormat {
@@ -113,6 +129,7 @@ impl Default for FilmSettings {
             filter: Filter::Gaussian { stddev: 0.5 },
             pixel_format: PixelFormat::Rgb,
             component_format: ComponentFormat::Half,
+            for_display: false,
         }
     }
 }

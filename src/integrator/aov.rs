@@ -5,6 +5,7 @@ use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Hit;
 use crate::math::Ray;
 use crate::scene::Scene;
+use bumpalo::Bump;
 
 /// The image of an `aov` integrator without a child: black, and transparent where rays meet nothing.
 pub struct NoImage;
@@ -74,12 +75,16 @@ impl Aov {
         let Some(hit) = hit else { return };
         let at = scene.interaction(ray, hit);
         match self {
-            Aov::Albedo => out.copy_from_slice(&scene.bsdf(&at).albedo().to_array()),
+            Aov::Albedo => {
+                let arena = Bump::new();
+                let wo = at.frame.to_local(-ray.d);
+                out.copy_from_slice(&scene.bsdf(&at, wo, &arena).albedo().to_array());
+            }
             Aov::GeometricNormal => out.copy_from_slice(&at.ng.to_array()),
             Aov::ShadingNormal => out.copy_from_slice(&at.frame.n.to_array()),
             Aov::Position => out.copy_from_slice(&at.p.to_array()),
             Aov::Depth => out[0] = hit.t,
-            Aov::Uv => out.copy_from_slice(&scene.uv(&at, hit).to_array()),
+            Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),
             Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
             Aov::ShapeIndex => out[0] = hit.geometry as f32,
             Aov::Variance | Aov::Samples => {}

@@ -4,6 +4,7 @@ use crate::accel::Hit;
 use crate::bsdf::Bsdf;
 use crate::math::{LANES, Ray, RayX16, Vec3x16};
 use crate::scene::{Scene, SurfaceInteractionX16};
+use bumpalo::Bump;
 
 /// Up to sixteen surface points of a wave, ready for scattering.
 pub struct Block<'a> {
@@ -29,7 +30,13 @@ impl<'a> Block<'a> {
     /// # Panics
     /// If a ray hits nothing.
     #[inline(always)]
-    pub fn new(scene: &'a Scene, rays: &[Ray], hits: &[Option<Hit>], first: usize) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        arena: &'a Bump,
+        rays: &[Ray],
+        hits: &[Option<Hit>],
+        first: usize,
+    ) -> Self {
         let count = (hits.len() - first).min(LANES);
         let active = (1 << count) - 1;
         let rays = RayX16::load(rays, first);
@@ -41,14 +48,22 @@ impl<'a> Block<'a> {
             None => std::array::from_fn(hit),
         };
         let at = scene.interactions(&rays, &hits);
-        let bsdfs = at.material.map(|material| scene.bsdf_of(material));
-        let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
         let wo = at.frame.to_local(-rays.d);
+        let bsdfs = match scene.needs.varying_materials {
+            false => at.material.map(|material| scene.constant_bsdf(material)),
+            true => std::array::from_fn(|i| scene.bsdf(&at.lane(i), wo.lane(i), arena)),
+        };
+        let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
         Block { first, active, rays, at, bsdfs, finite: finite & active, wo }
     }
 
     /// The blocks of a wave of rays of which each hits something.
-    pub fn all(scene: &'a Scene, rays: &[Ray], hits: &[Option<Hit>]) -> impl Iterator<Item = Block<'a>> {
-        (0..hits.len()).step_by(LANES).map(move |first| Block::new(scene, rays, hits, first))
+    pub fn all(
+        scene: &'a Scene,
+        arena: &'a Bump,
+        rays: &[Ray],
+        hits: &[Option<Hit>],
+    ) -> impl Iterator<Item = Block<'a>> {
+        (0..hits.len()).step_by(LANES).map(move |first| Block::new(scene, arena, rays, hits, first))
     }
 }

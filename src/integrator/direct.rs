@@ -11,6 +11,7 @@ use crate::bsdf;
 use crate::math::lanes::{f32x16, load};
 use crate::sampling::Dimension;
 use crate::scene::Scene;
+use bumpalo::Bump;
 
 /// Samples emitters and the BSDF at the first surface, each as often as told, weighted by the power heuristic.
 pub struct DirectIntegrator {
@@ -76,10 +77,10 @@ impl DirectIntegrator {
             TechniqueCounts { emitter: 0.0, ..self.counts }
         };
         scattered.keep_hits(hits, |paths, i| {
-            let le = lighting::environment(scene, paths.pdf[i], counts);
+            let le = lighting::environment(scene, paths.rays[i].d, paths.pdf[i], counts);
             out[paths.slots[i] as usize].value += paths.beta(i) * le;
         });
-        for block in Block::all(scene, &scattered.rays, hits) {
+        for block in Block::all(scene, &Bump::new(), &scattered.rays, hits) {
             for (i, le) in lighting::emitted(scene, &block, &scattered.pdf, counts) {
                 let i = block.first + i;
                 out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
@@ -114,10 +115,11 @@ impl Integrator for DirectIntegrator {
         paths.keep_hits(hits, |paths, i| {
             if see {
                 out[paths.slots[i] as usize].value +=
-                    lighting::environment(scene, f32::INFINITY, self.counts);
+                    lighting::environment(scene, paths.rays[i].d, f32::INFINITY, self.counts);
             }
         });
-        let blocks: Vec<Block<'_>> = Block::all(scene, &paths.rays, hits).collect();
+        let arena = Bump::new();
+        let blocks: Vec<Block<'_>> = Block::all(scene, &arena, &paths.rays, hits).collect();
         if see {
             for block in &blocks {
                 for (i, le) in lighting::emitted(scene, block, &paths.pdf, self.counts) {

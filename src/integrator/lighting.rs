@@ -42,7 +42,7 @@ pub fn sample_emitters(
     counts: TechniqueCounts,
 ) -> ShadowRays {
     let Block { at, .. } = block;
-    let sample = scene.sample_emitters(at.p, u_choice, u_point, block.finite);
+    let sample = scene.sample_emitters(at.p, u_choice, u_point, block.rays.time, block.finite);
     let wi = at.frame.to_local(sample.wi);
     let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
     let [r, g, b] = scattered.f;
@@ -81,7 +81,7 @@ pub fn emitted_at(
     let Some(emitter) = scene.emitter_at(at) else {
         return Rgb::BLACK;
     };
-    let radiance = scene.emitted(emitter);
+    let radiance = scene.emitted(emitter, at);
     if pdf.is_infinite() {
         return radiance;
     }
@@ -89,16 +89,12 @@ pub fn emitted_at(
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }
 
-/// The weighted radiance that a ray finds when it leaves the scene.
+/// The weighted radiance that a ray in the unit direction `d` finds when it leaves the scene.
 #[inline]
-pub fn environment(scene: &Scene, pdf: f32, counts: TechniqueCounts) -> Rgb {
-    let Some(emitter) = scene.environment else {
-        return Rgb::BLACK;
-    };
-    let radiance = scene.emitted(emitter);
+pub fn environment(scene: &Scene, d: Vec3, pdf: f32, counts: TechniqueCounts) -> Rgb {
+    let radiance = scene.environment_radiance(d);
     if pdf.is_infinite() {
         return radiance;
     }
-    let other = scene.environment_pdf(emitter);
-    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
+    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, scene.environment_pdf(d))
 }

@@ -137,7 +137,8 @@ impl Bounce<'_> {
         let Worker { paths, hits, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
             if self.add_emission && self.scene.needs.environment {
-                let le = lighting::environment(self.scene, paths.pdf[i], TechniqueCounts::ONE_EACH);
+                let d = paths.rays[i].d;
+                let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
             }
         });
@@ -145,10 +146,11 @@ impl Bounce<'_> {
 
     /// Shades every path of the wave, block by block, and moves the survivors to the front.
     fn shade(&self, scatter: bool, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { hits, shadows, paths, numbers, .. } = worker;
+        let Worker { hits, shadows, paths, numbers, arena, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
-            let block = Block::new(self.scene, &paths.rays, hits, first);
+            arena.reset();
+            let block = Block::new(self.scene, arena, &paths.rays, hits, first);
             if self.add_emission {
                 for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
                     out[paths.slots[first + i] as usize].value += paths.beta(first + i) * le;

@@ -6,6 +6,7 @@ use crate::math::lanes::bits;
 use crate::math::{Ray, RayX16, f32x16};
 use crate::sampling::{SampleKey, Sampler};
 use crate::scene::Scene;
+use bumpalo::Bump;
 use std::time::{Duration, Instant};
 
 /// Counts of one worker; merged at the end.
@@ -70,6 +71,8 @@ pub struct Worker {
     pub paths: PathWave,
     /// Random numbers of the wave in hand.
     pub numbers: Numbers,
+    /// Where BSDFs that are not the same everywhere live while they are used.
+    pub arena: Bump,
 }
 
 /// Random numbers of one bounce, drawn for a whole wave.
@@ -216,6 +219,7 @@ impl Worker {
             shadows: ShadowQueue::default(),
             paths: PathWave::default(),
             numbers: Numbers::default(),
+            arena: Bump::new(),
         }
     }
 

@@ -5,7 +5,7 @@ use super::values::quoted;
 use super::xml::Spot;
 use crate::color::spectrum::Spectrum;
 use crate::error::{Error, Result};
-use crate::math::{DAffine3, DVec3};
+use crate::math::{DAffine3, DVec3, Motion};
 use std::collections::HashMap;
 
 /// Index of an object in its [`Graph`].
@@ -54,6 +54,8 @@ pub enum Value {
     Vector(DVec3),
     /// A transformation.
     Transform(DAffine3),
+    /// A transformation that changes over time.
+    Animation(Motion),
 }
 
 /// A property of an object.

@@ -4,7 +4,7 @@ use super::graph::{Child, Graph, Object, ObjectId, Property, Value};
 use super::names;
 use super::values::quoted;
 use crate::error::{Error, Result};
-use crate::math::{DAffine3, DVec3};
+use crate::math::{DAffine3, DVec3, Motion};
 use std::cell::{Cell, RefCell};
 use std::ops::RangeInclusive;
 
@@ -40,6 +40,12 @@ impl<'g> Props<'g> {
         let i = self.object.properties.iter().position(|p| p.name == name)?;
         self.used[i].set(true);
         Some(&self.object.properties[i])
+    }
+
+    /// Whether there is a property or an object of the name.
+    pub fn has(&self, name: &str) -> bool {
+        self.object.properties.iter().any(|p| p.name == name)
+            || self.object.children.iter().any(|c| c.name.as_deref() == Some(name))
     }
 
     /// A number.
@@ -134,13 +140,25 @@ impl<'g> Props<'g> {
     /// `to_world`, or the identity.
     ///
     /// # Errors
-    /// When the property is of another type.
+    /// When the property is of another type, or changes over time.
     pub fn to_world(&self) -> Result<DAffine3> {
+        match self.motion()?.fixed() {
+            Some(transform) => Ok(transform),
+            None => Err(self.error("to_world", "it cannot move")),
+        }
+    }
+
+    /// `to_world`, possibly changing over time, or the identity.
+    ///
+    /// # Errors
+    /// When the property is of another type.
+    pub fn motion(&self) -> Result<Motion> {
         let value = self.typed("to_world", "a transform", |value| match value {
-            Value::Transform(v) => Some(*v),
+            Value::Transform(v) => Some(Motion::from(*v)),
+            Value::Animation(v) => Some(v.clone()),
             _ => None,
         })?;
-        Ok(value.unwrap_or(DAffine3::IDENTITY))
+        Ok(value.unwrap_or_default())
     }
 
     fn typed<T>(
@@ -201,10 +219,11 @@ impl<'g> Props<'g> {
     }
 
     /// The object inside the object that has a name there, such as a texture.
-    pub fn named_child(&self, name: &str) -> Option<&'g Object> {
+    pub fn named_child(&self, name: &'static str) -> Option<ObjectId> {
+        self.asked.borrow_mut().push(name);
         let i = self.object.children.iter().position(|c| c.name.as_deref() == Some(name))?;
         self.used_children[i].set(true);
-        Some(&self.graph.objects[self.object.children[i].object])
+        Some(self.object.children[i].object)
     }
 
     /// Warnings about what nobody asked for.

@@ -7,7 +7,7 @@ use super::values::quoted;
 use super::xml::{self, Attribute, Element};
 use super::{LoadOptions, names, transform, upgrade, values};
 use crate::error::{Error, Result};
-use crate::math::DAffine3;
+use crate::math::{DAffine3, Motion};
 use std::path::{Path, PathBuf};
 
 /// The version of the scene language that Buffon speaks.
@@ -20,8 +20,18 @@ const MAX_FILES: usize = 10_000;
 const MAX_ELEMENTS: usize = 50_000_000;
 
 /// Elements that are a property, and those that are neither property nor object.
-const PROPERTY_TAGS: [&str; 9] =
-    ["integer", "float", "string", "boolean", "rgb", "spectrum", "point", "vector", "transform"];
+const PROPERTY_TAGS: [&str; 10] = [
+    "integer",
+    "float",
+    "string",
+    "boolean",
+    "rgb",
+    "spectrum",
+    "point",
+    "vector",
+    "transform",
+    "animation",
+];
 const OTHER_TAGS: [&str; 5] = ["ref", "default", "include", "path", "alias"];
 
 /// A scene file, resolved.
@@ -283,7 +293,7 @@ impl Resolver {
     fn property(&mut self, element: Element, context: Context) -> Result<()> {
         let tag = element.tag.clone();
         match tag.as_str() {
-            "transform" => check_attributes(&element, &["name"], &[])?,
+            "transform" | "animation" => check_attributes(&element, &["name"], &[])?,
             "point" | "vector" => check_attributes(&element, &["name"], &["x", "y", "z", "value"])?,
             "spectrum" => check_attributes(&element, &["name"], &["value", "filename"])?,
             _ => check_attributes(&element, &["name", "value"], &[])?,
@@ -297,6 +307,7 @@ impl Resolver {
             "rgb" => values::rgb(text).map(Value::Rgb),
             "spectrum" => spectrum(&element),
             "transform" => return self.transform(element, context),
+            "animation" => return self.animation(element, context),
             _ => point(&element),
         };
         let value = value.map_err(|message| element.error(message))?;
@@ -305,6 +316,12 @@ impl Resolver {
     }
 
     fn transform(&mut self, mut element: Element, context: Context) -> Result<()> {
+        let whole = self.product(&mut element, context)?;
+        self.add_property(&element, Value::Transform(whole), context)
+    }
+
+    /// The product of the transformations inside an element.
+    fn product(&mut self, element: &mut Element, context: Context) -> Result<DAffine3> {
         let mut whole = DAffine3::IDENTITY;
         for mut child in std::mem::take(&mut element.children) {
             self.substitute(&mut child)?;
@@ -317,7 +334,27 @@ impl Resolver {
             no_children(&child)?;
         }
         transform::check_invertible(&whole).map_err(|message| element.error(message))?;
-        self.add_property(&element, Value::Transform(whole), context)
+        Ok(whole)
+    }
+
+    /// Transforms at key times: `<transform time="...">` elements.
+    fn animation(&mut self, mut element: Element, context: Context) -> Result<()> {
+        let mut keys = Vec::new();
+        for mut child in std::mem::take(&mut element.children) {
+            self.substitute(&mut child)?;
+            if child.tag != "transform" {
+                return Err(child.error("expected <transform time=\"...\"> inside an animation"));
+            }
+            check_attributes(&child, &["time"], &[])?;
+            let time = values::float(child.attribute("time").unwrap_or_default());
+            let time = time.map_err(|message| child.error(message))?;
+            if keys.last().is_some_and(|(last, _)| *last >= time) {
+                return Err(child.error("expected times that increase"));
+            }
+            keys.push((time, self.product(&mut child, context)?));
+        }
+        let motion = Motion::new(keys).ok_or_else(|| element.error("expected at least one transform inside it"))?;
+        self.add_property(&element, Value::Animation(motion), context)
     }
 
     fn add_property(&mut self, element: &Element, value: Value, context: Context) -> Result<()> {

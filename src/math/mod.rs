@@ -3,11 +3,13 @@
 pub mod bounds;
 pub mod frame;
 pub mod lanes;
+pub mod motion;
 pub mod ray;
 pub mod robust;
 
 pub use bounds::Bounds;
 pub use frame::{Frame, FrameX16};
-pub use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Mat3, Vec2, Vec3};
+pub use glam::{Affine2, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, Mat3, Vec2, Vec3};
 pub use lanes::{LANES, Vec3x16, f32x16};
+pub use motion::Motion;
 pub use ray::{Ray, RayX16};

@@ -9,7 +9,7 @@ use crate::integrator::settings::{Aov, Layer};
 use crate::integrator::{Counters, Integrator, Worker};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
-use crate::sensor::Perspective;
+use crate::sensor::Camera;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -39,7 +39,7 @@ pub struct Job<'a> {
     /// How.
     pub integrator: &'a dyn Integrator,
     /// From where, and onto which film.
-    pub camera: &'a Perspective,
+    pub camera: &'a Camera,
     /// Settings.
     pub settings: JobSettings,
     /// Where progress is shown and interruption asked for.
@@ -82,7 +82,7 @@ impl<'a> Job<'a> {
     pub fn new(
         scene: &'a Scene,
         integrator: &'a dyn Integrator,
-        camera: &'a Perspective,
+        camera: &'a Camera,
         settings: JobSettings,
         progress: &'a Progress,
     ) -> Self {

@@ -6,7 +6,7 @@ use crate::film::{ComponentFormat, PixelFormat, Tile};
 use crate::image::{Image, Metadata, SampleFormat, Value};
 use crate::integrator::settings::{Aov, Layer};
 use crate::math::{DMat4, DVec3};
-use crate::sensor::Perspective;
+use crate::sensor::Camera;
 
 impl PixelFormat {
     /// Names of the image's channels.
@@ -99,7 +99,7 @@ fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered)
 ///
 /// `worldToCamera` takes world points to the sensor's coordinates (x left, y up, z along the view);
 /// `worldToNDC` takes them to x and y in [0, 1] from the image's top left to its bottom right corner.
-pub fn camera_metadata(camera: &Perspective) -> [(&'static str, Value); 2] {
+pub fn camera_metadata(camera: &Camera) -> [(&'static str, Value); 2] {
     let world_to_camera = DMat4::from(camera.world_to_camera());
     let [right, down, corner] = camera.image_plane();
     // A camera-space direction is a multiple of corner + x·right + y·down: solve for (x, y, 1)·z.

@@ -3,8 +3,8 @@
 use super::job::Job;
 use crate::accel::Coherence;
 use crate::color::Rgb;
-use crate::film::Tile;
-use crate::integrator::worker::draw_2d;
+use crate::film::{FilterSample, Tile};
+use crate::integrator::worker::{draw_1d, draw_2d};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
 use crate::math::{Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
@@ -33,6 +33,10 @@ pub struct CameraWorker {
     rays: Vec<Ray>,
     keys: Vec<SampleKey>,
     positions: [Vec<f32>; 2],
+    lens: [Vec<f32>; 2],
+    times: Vec<f32>,
+    /// Weights of the filter's samples, for filters that have any.
+    weights: Vec<f32>,
     radiance: Vec<Radiance>,
     values: Vec<f32>,
     /// The first dropped samples of this thread.
@@ -52,6 +56,9 @@ impl CameraWorker {
             rays: Vec::new(),
             keys: Vec::new(),
             positions: [Vec::new(), Vec::new()],
+            lens: [Vec::new(), Vec::new()],
+            times: Vec::new(),
+            weights: Vec::new(),
             radiance: Vec::new(),
             values: Vec::new(),
             invalid: Vec::new(),
@@ -93,20 +100,32 @@ impl CameraWorker {
             self.keys.extend(samples.clone().map(|s| SampleKey::new(job.settings.seed, x, y, s)));
         }
         draw_2d(self.worker.sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
+        if job.camera.has_lens() {
+            draw_2d(self.worker.sampler, Dimension::LENS, &self.keys, &mut self.lens);
+        }
+        if job.scene.needs.time {
+            draw_1d(self.worker.sampler, Dimension::TIME, &self.keys, &mut self.times);
+        }
         self.rays.clear();
+        self.weights.clear();
         let per_pixel = (samples.end - samples.start) as usize;
-        let [us, vs] = &self.positions;
-        for (i, (us, vs)) in us.chunks_exact(per_pixel).zip(vs.chunks_exact(per_pixel)).enumerate() {
-            let (x, y) = tile.position(i);
+        let pair = |pair: &[Vec<f32>; 2], i: usize| Vec2::new(pair[0][i], pair[1][i]);
+        for i in 0..self.keys.len() {
+            let (x, y) = tile.position(i / per_pixel);
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            let offsets = us.iter().zip(vs).map(|(&u, &v)| job.filter.sample(Vec2::new(u, v)));
-            self.rays.extend(offsets.map(|offset| job.camera.ray(centre + offset)));
+            let FilterSample { offset, weight } = job.filter.sample(pair(&self.positions, i));
+            let u = if job.camera.has_lens() { pair(&self.lens, i) } else { Vec2::ZERO };
+            let time = if job.scene.needs.time { self.times[i] } else { 0.0 };
+            self.rays.push(job.camera.ray(centre + offset, u, time));
+            if job.filter.has_weights() {
+                self.weights.push(weight);
+            }
         }
     }
 
     fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
         let per_pixel = (samples.end - samples.start) as usize;
-        let only_colour = !job.alpha && !job.has_sampled_layers();
+        let only_colour = !job.alpha && !job.has_sampled_layers() && !job.filter.has_weights();
         for pixel in 0..tile.pixel_count() {
             for (k, sample) in samples.clone().enumerate() {
                 let j = pixel * per_pixel + k;
@@ -118,6 +137,9 @@ impl CameraWorker {
                     tile.add(pixel, half, &value.to_array());
                 } else {
                     self.evaluate_layers(job, j);
+                    if let Some(&weight) = self.weights.get(j) {
+                        self.values.iter_mut().for_each(|v| *v *= weight);
+                    }
                     tile.add(pixel, half, &self.values);
                 }
             }

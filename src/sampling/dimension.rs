@@ -11,6 +11,16 @@ pub struct Dimension(pub u32);
 impl Dimension {
     /// Position in the pixel (a pair).
     pub const PIXEL: Dimension = Dimension(0);
+    /// Position on the aperture (a pair).
+    pub const LENS: Dimension = Dimension(1);
+    /// Time within the shutter interval.
+    pub const TIME: Dimension = Dimension(2);
+    /// Which emitter a light path begins on.
+    pub const LIGHT: Dimension = Dimension(3);
+    /// Where on the emitter a light path begins (a pair).
+    pub const LIGHT_POINT: Dimension = Dimension(4);
+    /// In which direction a light path begins (a pair).
+    pub const LIGHT_DIRECTION: Dimension = Dimension(5);
     const BOUNCES: u32 = 8;
     const PER_BOUNCE: u32 = 8;
 
@@ -56,7 +66,10 @@ mod tests {
 
     #[test]
     fn no_two_uses_share_a_dimension() {
-        let mut seen = HashSet::from([Dimension::PIXEL.0]);
+        let camera = [Dimension::PIXEL, Dimension::LENS, Dimension::TIME];
+        let light = [Dimension::LIGHT, Dimension::LIGHT_POINT, Dimension::LIGHT_DIRECTION];
+        let mut seen: HashSet<u32> = camera.into_iter().chain(light).map(|d| d.0).collect();
+        assert_eq!(seen.len(), 6);
         for bounce in 0..1000 {
             for d in [
                 Dimension::emitter_choice(bounce),

@@ -1,19 +1,22 @@
 //! From a description to a scene: transforms applied, emitters made samplable, the accelerator built.
 
-use super::description::{Description, PlacedShape};
-use super::{Needs, Scene, SceneMaterial, SceneShape};
-use crate::accel::{self, AccelKind};
-use crate::bsdf::fresnel::ConductorFresnel;
-use crate::bsdf::microfacet::Microfacets;
-use crate::bsdf::{Bsdf, Conductor, Dielectric, Diffuse, RoughConductor};
-use crate::emitter::{AreaEmitter, Emitter, Light};
-use crate::error::{Error, Result};
-use crate::ids::{EmitterId, MaterialId};
-use crate::material::Material;
-use crate::math::Bounds;
+use super::description::{Description, PlacedGroup, PlacedShape};
+use super::holes::Holes;
+use super::{Materials, Needs, Scene, SceneShape};
+use crate::accel::{self, AccelKind, Assembly, Filtered, Geometry, Instance, MAX_STEPS};
+use crate::color::Rgb;
+use crate::emitter::{
+    AreaEmitter, BoundingSphere, Directional, Emission, Emitter, Environment, Light, Point, Projector, Spot,
+};
+use crate::error::{Error, Place, Result};
+use crate::ids::{EmitterId, ShapeId, TextureId};
+use crate::material::Input;
+use crate::math::{Bounds, DAffine3, Motion, Vec3};
 use crate::sampling::Distribution1D;
-use crate::sensor::Perspective;
-use crate::shape::WorldShape;
+use crate::sensor::{Camera, SensorSettings};
+use crate::shape::{Shape, WorldShape};
+use crate::texture::Texture;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// How to compile.
@@ -23,6 +26,8 @@ pub struct CompileOptions {
     pub accel: AccelKind,
     /// Threads for building it.
     pub threads: usize,
+    /// Which sensor's shutter decides when things move.
+    pub sensor: usize,
 }
 
 /// What happened on the way.
@@ -36,157 +41,274 @@ pub struct CompileReport {
     pub build_seconds: f64,
 }
 
+/// Linear steps depart from a motion by at most this share of the size of what moves.
+const MOTION_TOLERANCE: f64 = 2.5e-4;
+
 /// Compiles a description.
 ///
 /// # Errors
-/// If a transform is not finite, a sphere is squeezed, a sensor is singular, or the accelerator cannot be built.
+/// If a transform is not finite, a sphere is squeezed, a sensor is singular, an index is out of range, or the accelerator
+/// cannot be built.
 pub fn compile(description: Description, options: CompileOptions) -> Result<(Scene, CompileReport)> {
-    let mut report = CompileReport::default();
-    let materials: Vec<SceneMaterial> = (0..description.materials.len())
-        .map(|i| scene_material(&description.materials, i))
-        .collect::<Result<_>>()?;
-    let mut lights = Vec::new();
-    let mut shapes = Vec::with_capacity(description.shapes.len());
+    let mut builder = Builder {
+        materials: Arc::new(Materials::new(description.materials, description.textures)?),
+        shutter: description.sensors.get(options.sensor).map_or([0.0; 2], |sensor| sensor.shutter),
+        shapes: Vec::new(),
+        assembly: Assembly::default(),
+        first_group: 0,
+        lights: Vec::new(),
+        report: CompileReport::default(),
+    };
     for placed in description.shapes {
-        shapes.push(place_shape(placed, &materials, &mut lights, &mut report)?);
+        builder.shape(placed)?;
     }
-    let started = Instant::now();
-    let geometry = shapes.iter().map(|s| s.world.geometry()).collect();
-    let built = accel::build(options.accel, geometry, options.threads, true)?;
-    report.build_seconds = started.elapsed().as_secs_f64();
-    report.dropped_primitives = built.dropped;
-    let bounds = built.accel.bounds();
-    let environment = add_emitters(&description.emitters, bounds, &mut lights)?;
-    let powers: Vec<f64> = lights.iter().map(|l| f64::from(l.power().luminance())).collect();
-    let light_choice = Distribution1D::new(&powers);
-    let sensors = description.sensors.iter().map(Perspective::new).collect::<Result<_>>()?;
-    let needs = find_needs(&shapes, &materials, &lights, !light_choice.is_empty(), environment);
-    let scene = Scene {
-        accel: built.accel,
-        shapes,
-        materials,
-        lights,
-        light_choice,
-        environment,
-        sensors,
-        bounds,
-        needs,
-    };
-    Ok((scene, report))
+    builder.first_group = builder.assembly.groups.len();
+    for group in description.groups {
+        builder.group(group)?;
+    }
+    for placed in description.instances {
+        builder.instance(placed)?;
+    }
+    builder.finish(&description.emitters, &description.sensors, options)
 }
 
-fn place_shape(
-    placed: PlacedShape,
-    materials: &[SceneMaterial],
-    lights: &mut Vec<Light>,
-    report: &mut CompileReport,
-) -> Result<SceneShape> {
-    let PlacedShape { name, place, shape, to_world, flip_normals, material, emission } = placed;
-    let locate = |e: Error| match &place {
-        Some(place) => e.at(place.clone()),
-        None if name.is_empty() => e,
-        None => e.about(format!("shape \"{name}\"")),
-    };
-    if !to_world.is_finite() {
-        return Err(locate(Error::scene("expected a finite to_world transform")));
-    }
-    if material.index() >= materials.len() {
-        return Err(locate(Error::internal(format!("there is no material {}", material.0))));
-    }
-    let world = WorldShape::new(shape, &to_world, flip_normals).map_err(locate)?;
-    let mut emitter = None;
-    if let Some(radiance) = emission.filter(|r| !r.is_black()) {
-        match AreaEmitter::new(&world, radiance) {
-            Some(area) => {
-                emitter = Some(EmitterId::from(lights.len()));
-                lights.push(Light::Area(area));
-            }
-            None => report.warnings.push(locate(Error::scene("an emitter without area sends no light"))),
-        }
-    }
-    Ok(SceneShape { world, material, emitter })
+/// A scene in the making.
+struct Builder {
+    materials: Arc<Materials>,
+    /// When the shutter opens and closes.
+    shutter: [f64; 2],
+    shapes: Vec<SceneShape>,
+    assembly: Assembly,
+    /// The place in the assembly of the description's first group; before it are those of single moving shapes.
+    first_group: usize,
+    lights: Vec<Light>,
+    report: CompileReport,
 }
 
-fn add_emitters(emitters: &[Emitter], bounds: Bounds, lights: &mut Vec<Light>) -> Result<Option<EmitterId>> {
-    let mut environment = None;
-    for emitter in emitters {
-        match emitter {
-            Emitter::Point { position, intensity } => {
-                lights.push(Light::Point { position: *position, intensity: *intensity });
+impl Builder {
+    /// A shape of the world; one that moves becomes a group of its own.
+    fn shape(&mut self, placed: PlacedShape) -> Result<()> {
+        let steps = self.steps(&placed.to_world);
+        if let [to_world] = steps[..] {
+            self.place(placed, &to_world, None)?;
+            return Ok(());
+        }
+        check_finite(&steps).map_err(|e| locate(e, &placed.name, placed.place.as_ref()))?;
+        let group = self.assembly.groups.len();
+        let instance = Instance::new(group as u32, &steps);
+        // The order of a faceted mesh's vertices says which side is its front: a mirror exchanges the sides.
+        let faceted = matches!(&placed.shape, Shape::Mesh(mesh) if mesh.normals.is_empty());
+        let mirrored = steps[0].matrix3.determinant() < 0.0;
+        let placed = PlacedShape { flip_normals: placed.flip_normals != (faceted && mirrored), ..placed };
+        let id = self.place(placed, &DAffine3::IDENTITY, Some(&instance))?;
+        self.assembly.groups.push(vec![id.0]);
+        self.assembly.instances.push(instance);
+        Ok(())
+    }
+
+    /// A group of shapes, which stands nowhere yet.
+    fn group(&mut self, shapes: Vec<PlacedShape>) -> Result<()> {
+        let mut members = Vec::with_capacity(shapes.len());
+        for placed in shapes {
+            let Some(to_world) = placed.to_world.fixed() else {
+                let error = Error::scene("a shape inside a group cannot move by itself");
+                return Err(locate(error, &placed.name, placed.place.as_ref()));
+            };
+            if placed.emission.is_some() {
+                let error = Error::scene("a shape inside a group cannot emit light");
+                return Err(locate(error, &placed.name, placed.place.as_ref()));
             }
-            Emitter::Constant { radiance } => {
-                if environment.replace(EmitterId::from(lights.len())).is_some() {
-                    return Err(Error::scene("expected at most one environment emitter, found two"));
+            members.push(self.place(placed, &to_world, None)?.0);
+        }
+        self.assembly.groups.push(members);
+        Ok(())
+    }
+
+    fn instance(&mut self, placed: PlacedGroup) -> Result<()> {
+        let steps = self.steps(&placed.to_world);
+        let locate = |e| locate(e, &placed.name, placed.place.as_ref());
+        check_finite(&steps).map_err(locate)?;
+        let group = (self.first_group + placed.group) as u32;
+        self.assembly.instances.push(Instance::new(group, &steps));
+        Ok(())
+    }
+
+    /// A motion as transforms at equally spaced times while the shutter is open.
+    fn steps(&self, motion: &Motion) -> Vec<DAffine3> {
+        let [open, close] = self.shutter;
+        motion.steps(open, close, MOTION_TOLERANCE, MAX_STEPS)
+    }
+
+    /// Adds a shape to the list; `motion` is that of its coordinates.
+    fn place(&mut self, placed: PlacedShape, to_world: &DAffine3, motion: Option<&Instance>) -> Result<ShapeId> {
+        let PlacedShape { name, place, shape, flip_normals, material, emission, .. } = placed;
+        let locate = |e: Error| locate(e, &name, place.as_ref());
+        check_finite(std::slice::from_ref(to_world)).map_err(locate)?;
+        if material.index() >= self.materials.len() {
+            return Err(locate(Error::internal(format!("there is no material {}", material.0))));
+        }
+        let world = WorldShape::new(shape, to_world, flip_normals).map_err(locate)?;
+        let emission = emission.map(|input| self.emission(input)).transpose().map_err(locate)?;
+        let mut emitter = None;
+        if let Some(emission) = emission.filter(|e| !e.mean().is_black()) {
+            match AreaEmitter::new(&world, emission, motion.cloned()) {
+                Some(area) => {
+                    emitter = Some(EmitterId::from(self.lights.len()));
+                    self.lights.push(Light::Area(area));
                 }
-                // A scene without extent still has light around it.
-                let scene_radius = bounds.radius().max(f32::MIN_POSITIVE.sqrt());
-                lights.push(Light::Constant { radiance: *radiance, scene_radius });
+                None => {
+                    self.report.warnings.push(locate(Error::scene("an emitter without area sends no light")))
+                }
             }
         }
+        let id = ShapeId::from(self.shapes.len());
+        let absent = emitter.is_none() && self.materials.get(material).is_absent();
+        self.assembly.geometry.push(if absent { Geometry::nothing() } else { world.geometry() });
+        self.shapes.push(SceneShape { world, material, emitter });
+        Ok(id)
     }
-    Ok(environment)
+
+    fn emission(&self, input: Input<Rgb>) -> Result<Emission> {
+        Ok(match input {
+            Input::Constant(radiance) => Emission::Constant(radiance),
+            Input::Texture(id) => Emission::Texture(self.texture(id)?),
+        })
+    }
+
+    fn texture(&self, id: TextureId) -> Result<Arc<Texture>> {
+        let texture = self.materials.textures().get(id.index()).cloned();
+        texture.ok_or_else(|| Error::internal(format!("there is no texture {}", id.0)))
+    }
+
+    /// Marks the shapes with holes; hits of those that emit count everywhere, for they emit everywhere.
+    fn filter(&mut self) {
+        let holes = |shape: &SceneShape| {
+            shape.emitter.is_none() && self.materials.get(shape.material).holes
+        };
+        let geometry: Vec<bool> = self.shapes.iter().map(holes).collect();
+        if !geometry.contains(&true) {
+            return;
+        }
+        let shape = |(shape, holes): (&SceneShape, &bool)| holes.then(|| (shape.world.clone(), shape.material));
+        let shapes = self.shapes.iter().zip(&geometry).map(shape).collect();
+        let filter = Arc::new(Holes { shapes, materials: self.materials.clone() });
+        self.assembly.filter = Some(Filtered { filter, geometry });
+    }
+
+    fn finish(
+        mut self,
+        emitters: &[Emitter],
+        sensors: &[SensorSettings],
+        options: CompileOptions,
+    ) -> Result<(Scene, CompileReport)> {
+        self.filter();
+        let (holes, instances) = (self.assembly.filter.is_some(), self.assembly.instances.clone());
+        let started = Instant::now();
+        let built = accel::build(options.accel, self.assembly.clone(), options.threads, true)?;
+        self.report.build_seconds = started.elapsed().as_secs_f64();
+        self.report.dropped_primitives = built.dropped;
+        let bounds = built.accel.bounds();
+        let environment = self.add_emitters(emitters, bounds)?;
+        let powers: Vec<f64> = self.lights.iter().map(|l| f64::from(l.power().luminance())).collect();
+        let light_choice = Distribution1D::new(&powers);
+        let sensors: Vec<Camera> = sensors.iter().map(Camera::new).collect::<Result<_>>()?;
+        let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
+        let needs = Needs {
+            time: camera_moves || instances.iter().any(Instance::is_moving),
+            holes,
+            instances: !instances.is_empty(),
+            ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty(), environment)
+        };
+        let scene = Scene {
+            accel: built.accel,
+            shapes: self.shapes,
+            instances,
+            materials: self.materials,
+            lights: self.lights,
+            light_choice,
+            environment,
+            sensors,
+            bounds,
+            needs,
+        };
+        Ok((scene, self.report))
+    }
+
+    fn add_emitters(&mut self, emitters: &[Emitter], bounds: Bounds) -> Result<Option<EmitterId>> {
+        // A scene without extent still has light around it.
+        let radius = bounds.radius().max(f32::MIN_POSITIVE.sqrt());
+        let center = if bounds.radius() > 0.0 { bounds.center() } else { Vec3::ZERO };
+        let scene = BoundingSphere { center, radius };
+        let mut environment = None;
+        for emitter in emitters {
+            if emitter.is_environment() && environment.replace(EmitterId::from(self.lights.len())).is_some() {
+                return Err(Error::scene("expected at most one environment emitter, found two"));
+            }
+            let light = match emitter {
+                Emitter::Point { position, intensity } => {
+                    Light::Point(Point { position: *position, intensity: *intensity })
+                }
+                Emitter::Spot { to_world, intensity, texture, cutoff_angle, beam_width } => {
+                    let texture = texture.map(|id| self.texture(id)).transpose()?;
+                    Light::Spot(Spot::new(to_world, *intensity, texture, *cutoff_angle, *beam_width))
+                }
+                Emitter::Directional { direction, irradiance } => Light::Directional(Directional {
+                    direction: *direction,
+                    irradiance: *irradiance,
+                    scene,
+                }),
+                Emitter::Constant { radiance } => {
+                    Light::Environment(Environment::constant(*radiance, scene))
+                }
+                Emitter::EnvironmentMap { .. } => {
+                    return Err(Error::internal("environment maps"));
+                }
+                Emitter::Projector { to_world, irradiance, scale, half_extents } => {
+                    let irradiance = self.texture(*irradiance)?;
+                    Light::Projector(Projector::new(to_world, irradiance, *scale, *half_extents))
+                }
+            };
+            self.lights.push(light);
+        }
+        Ok(environment)
+    }
 }
 
-fn scene_material(materials: &[Material], index: usize) -> Result<SceneMaterial> {
-    let one_sided = |bsdf| SceneMaterial { bsdf, two_sided: false };
-    Ok(match &materials[index] {
-        Material::Diffuse { reflectance } => one_sided(Bsdf::Diffuse(Diffuse { reflectance: *reflectance })),
-        Material::Conductor { eta, k, specular_reflectance } => one_sided(Bsdf::Conductor(Conductor {
-            fresnel: ConductorFresnel { eta: *eta, k: *k },
-            specular_reflectance: *specular_reflectance,
-        })),
-        Material::RoughConductor { distribution, alpha, sample_visible, eta, k, specular_reflectance } => {
-            one_sided(Bsdf::RoughConductor(RoughConductor {
-                microfacets: Microfacets {
-                    distribution: *distribution,
-                    // Below this, squares of the roughness leave the range of f32.
-                    alpha_x: alpha[0].max(1e-4),
-                    alpha_y: alpha[1].max(1e-4),
-                    sample_visible: *sample_visible,
-                },
-                fresnel: ConductorFresnel { eta: *eta, k: *k },
-                specular_reflectance: *specular_reflectance,
-            }))
-        }
-        Material::Dielectric { int_ior, ext_ior, specular_reflectance, specular_transmittance } => {
-            one_sided(Bsdf::Dielectric(Dielectric {
-                eta: int_ior / ext_ior,
-                specular_reflectance: *specular_reflectance,
-                specular_transmittance: *specular_transmittance,
-            }))
-        }
-        Material::TwoSided(MaterialId(inner)) => {
-            let inner = *inner as usize;
-            match materials.get(inner) {
-                Some(Material::TwoSided(_)) | None => {
-                    return Err(Error::scene("expected a one-sided material inside a twosided one"));
-                }
-                Some(Material::Dielectric { .. }) => {
-                    return Err(Error::scene("a material that transmits light cannot be made twosided"));
-                }
-                Some(_) => SceneMaterial { two_sided: true, ..scene_material(materials, inner)? },
-            }
-        }
-    })
+/// Says which shape an error is about.
+fn locate(error: Error, name: &str, place: Option<&Place>) -> Error {
+    match place {
+        Some(place) => error.at(place.clone()),
+        None if name.is_empty() => error,
+        None => error.about(format!("shape \"{name}\"")),
+    }
+}
+
+fn check_finite(transforms: &[DAffine3]) -> Result<()> {
+    match transforms.iter().all(DAffine3::is_finite) {
+        true => Ok(()),
+        false => Err(Error::scene("expected a finite to_world transform")),
+    }
 }
 
 fn find_needs(
     shapes: &[SceneShape],
-    materials: &[SceneMaterial],
+    materials: &Materials,
     lights: &[Light],
     can_sample: bool,
     environment: Option<EmitterId>,
 ) -> Needs {
-    let used: Vec<&Bsdf<'_>> = shapes.iter().map(|s| &materials[s.material.index()].bsdf).collect();
-    let finite_lobes = used.iter().any(|b| !b.is_specular());
+    let used: Vec<_> = shapes.iter().map(|s| materials.get(s.material)).collect();
+    let finite_lobes = used.iter().any(|m| !m.specular);
     let area_lights = lights.iter().any(|l| matches!(l, Light::Area(_)));
     Needs {
         emitter_sampling: can_sample && finite_lobes,
         hit_emitters: area_lights || environment.is_some(),
         environment: environment.is_some(),
         finite_lobes,
-        specular_lobes: used.iter().any(|b| b.is_specular()),
-        lobe_choice: used.iter().any(|b| matches!(b, Bsdf::Dielectric(_))),
-        tangents: used.iter().any(|b| b.is_anisotropic()),
+        specular_lobes: used.iter().any(|m| m.specular),
+        lobe_choice: used.iter().any(|m| m.lobe_choice),
+        tangents: used.iter().any(|m| m.tangents),
+        varying_materials: used.iter().any(|m| m.constant.is_none()),
+        ..Needs::default()
     }
 }

@@ -1,11 +1,11 @@
 //! Surface points: everything about a hit that shading needs, recomputed from the hit's coordinates.
 
+use crate::accel::Hit;
 use crate::ids::{MaterialId, ShapeId};
 use crate::math::ray::{plane_error, plane_error_x16};
 use crate::math::robust::gamma;
-use crate::math::{Frame, FrameX16, LANES, Vec2, Vec3, Vec3x16, f32x16};
-use crate::shape::{TriangleMesh, WorldShape};
-use std::f32::consts::{PI, TAU};
+use crate::math::{Frame, FrameX16, LANES, Vec3, Vec3x16, f32x16};
+use crate::shape::TriangleMesh;
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug)]
@@ -20,9 +20,11 @@ pub struct SurfaceInteraction {
     pub frame: Frame,
     /// Whether the ray came from the shape's front, before a two-sided material turned the frame.
     pub front: bool,
-    /// The shape.
-    pub shape: ShapeId,
-    /// Its material.
+    /// The hit that it was computed from.
+    pub hit: Hit,
+    /// Time in [0, 1] over the shutter interval.
+    pub time: f32,
+    /// The shape's material.
     pub material: MaterialId,
 }
 
@@ -41,10 +43,19 @@ pub struct SurfaceInteractionX16 {
     pub front: u32,
     /// Bits: the shape emits on the side that the ray came from.
     pub emitting: u32,
-    /// The shapes.
-    pub shape: [ShapeId; LANES],
-    /// Their materials.
+    /// The hits that they were computed from.
+    pub hit: [Hit; LANES],
+    /// Times in [0, 1] over the shutter interval.
+    pub time: f32x16,
+    /// The shapes' materials.
     pub material: [MaterialId; LANES],
+}
+
+impl SurfaceInteraction {
+    /// The shape.
+    pub fn shape(&self) -> ShapeId {
+        ShapeId(self.hit.geometry)
+    }
 }
 
 impl SurfaceInteractionX16 {
@@ -56,7 +67,8 @@ impl SurfaceInteractionX16 {
             ng: self.ng.lane(i),
             frame: self.frame.lane(i),
             front: self.front >> i & 1 == 1,
-            shape: self.shape[i],
+            hit: self.hit[i],
+            time: self.time.as_array()[i],
             material: self.material[i],
         }
     }
@@ -149,50 +161,17 @@ pub(super) fn disk_point(center: Vec3, du: Vec3, dv: Vec3, normal: Vec3, u: f32,
     }
 }
 
-/// The derivative of the position by the first texture coordinate, to within a positive factor: the direction
-/// that anisotropic materials are oriented along. Zero where it is not defined.
-pub(super) fn tangent(shape: &WorldShape, primitive: u32, u: f32, v: f32, p: Vec3) -> Vec3 {
-    match shape {
-        WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
-            let indices = mesh.indices[primitive as usize];
-            let [p0, p1, p2] = indices.map(|i| mesh.positions[i as usize]);
-            if mesh.uvs.is_empty() {
-                return p1 - p0;
-            }
-            let [t0, t1, t2] = indices.map(|i| mesh.uvs[i as usize]);
-            let (d1, d2) = (t1 - t0, t2 - t0);
-            let determinant = d1.x * d2.y - d1.y * d2.x;
-            if determinant == 0.0 {
-                return Vec3::ZERO;
-            }
-            ((p1 - p0) * d2.y - (p2 - p0) * d1.y) * determinant.signum()
-        }
-        WorldShape::Sphere { center, .. } => {
-            let q = p - *center;
-            Vec3::new(-q.y, q.x, 0.0)
-        }
-        WorldShape::Disk { du, dv, .. } => *du * u + *dv * v,
-    }
-}
-
-/// Texture coordinates of a hit.
-pub(super) fn uv(shape: &WorldShape, primitive: u32, u: f32, v: f32, p: Vec3) -> Vec2 {
-    match shape {
-        WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
-            if mesh.uvs.is_empty() {
-                return Vec2::new(u, v);
-            }
-            let [t0, t1, t2] = mesh.indices[primitive as usize].map(|i| mesh.uvs[i as usize]);
-            t0 * (1.0 - u - v) + t1 * u + t2 * v
-        }
-        WorldShape::Sphere { center, radius, .. } => {
-            let q = (p - *center) / *radius;
-            let phi = q.y.atan2(q.x) / TAU;
-            Vec2::new(if phi < 0.0 { phi + 1.0 } else { phi }, q.z.clamp(-1.0, 1.0).acos() / PI)
-        }
-        WorldShape::Disk { .. } => {
-            let phi = v.atan2(u) / TAU;
-            Vec2::new((u * u + v * v).sqrt(), if phi < 0.0 { phi + 1.0 } else { phi })
-        }
+/// The point of a cylinder at or near `p`, moved onto its surface.
+pub(super) fn cylinder_point(ends: [Vec3; 2], side: [Vec3; 2], inward: bool, p: Vec3) -> Surface {
+    let axis = (ends[1] - ends[0]).normalize();
+    let q = p - ends[0];
+    let height = q.dot(axis);
+    let n = (q - axis * height).normalize_or(side[0].normalize());
+    let radius = side[0].length();
+    let reach = ends[0].abs().max(ends[1].abs()) + Vec3::splat(radius);
+    Surface {
+        p: ends[0] + axis * height + n * radius,
+        error: plane_error(reach * gamma(16), n),
+        n: if inward { -n } else { n },
     }
 }

@@ -2,26 +2,32 @@
 
 pub mod compile;
 pub mod description;
+mod holes;
 pub mod interaction;
+pub mod materials;
 pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile};
 pub use description::Description;
 pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
+pub use materials::{Materials, SceneMaterial};
 pub use needs::Needs;
 
-use crate::accel::{Accel, Hit};
-use crate::bsdf::Bsdf;
+use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
+use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
-use crate::emitter::{self, EmitterSample, EmitterSampleX16, Light};
-use crate::ids::{EmitterId, MaterialId, ShapeId};
+use crate::emitter::{self, EmitterSample, EmitterSampleX16, Environment, Light, SurfacePlace};
+use crate::ids::{EmitterId, MaterialId};
 use crate::math::lanes::{bits, mask_from_bits};
 use crate::math::ray::{offset_origin, offset_origin_x16};
 use crate::math::{Bounds, Frame, FrameX16, LANES, Ray, RayX16, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::Distribution1D;
-use crate::sensor::Perspective;
-use crate::shape::WorldShape;
+use crate::sensor::Camera;
+use crate::shape::{Placement, WorldShape};
+use bumpalo::Bump;
 use interaction::{CornersX16, SurfaceX16};
+use materials::{MaterialPoint, Scattering};
+use std::sync::Arc;
 
 /// A shape of the compiled scene.
 pub struct SceneShape {
@@ -33,23 +39,16 @@ pub struct SceneShape {
     pub emitter: Option<EmitterId>,
 }
 
-/// A material of the compiled scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SceneMaterial {
-    /// Scattering on the front.
-    pub bsdf: Bsdf<'static>,
-    /// Whether the back scatters as the front does.
-    pub two_sided: bool,
-}
-
 /// A compiled scene: arrays, ids and an accelerator. It is `Sync` and never changes.
 pub struct Scene {
     /// Answers ray queries.
     pub accel: Box<dyn Accel>,
     /// The shapes; a hit's geometry index is a shape's id.
     pub shapes: Vec<SceneShape>,
+    /// Where groups of shapes stand in the world; a hit's instance is an index into them.
+    pub instances: Vec<Instance>,
     /// The materials.
-    pub materials: Vec<SceneMaterial>,
+    pub materials: Arc<Materials>,
     /// The emitters.
     pub lights: Vec<Light>,
     /// Which emitter to sample, in proportion to power.
@@ -57,7 +56,7 @@ pub struct Scene {
     /// The emitter that rays find when they leave the scene.
     pub environment: Option<EmitterId>,
     /// The sensors.
-    pub sensors: Vec<Perspective>,
+    pub sensors: Vec<Camera>,
     /// The box around all shapes.
     pub bounds: Bounds,
     /// What the scene uses.
@@ -75,7 +74,7 @@ impl Scene {
     pub fn interactions(&self, rays: &RayX16, hits: &[Hit; LANES]) -> SurfaceInteractionX16 {
         let mut corners = CornersX16::new();
         let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
-        let (mut analytic, mut two_sided, mut emitters, mut anisotropic) = (0, 0, 0, 0);
+        let (mut analytic, mut two_sided, mut emitters, mut tangents, mut placed) = (0, 0, 0, 0, 0);
         let mut material = [MaterialId(0); LANES];
         for (i, hit) in hits.iter().enumerate() {
             let shape = &self.shapes[hit.geometry as usize];
@@ -83,84 +82,159 @@ impl Scene {
                 WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
                     corners.set_lane(i, mesh, hit.primitive);
                 }
-                WorldShape::Sphere { .. } | WorldShape::Disk { .. } => analytic |= 1 << i,
+                WorldShape::Sphere { .. } | WorldShape::Disk { .. } | WorldShape::Cylinder { .. } => {
+                    analytic |= 1 << i;
+                }
             }
             (u[i], v[i]) = (hit.u, hit.v);
             material[i] = shape.material;
-            let SceneMaterial { bsdf, two_sided: both } = &self.materials[shape.material.index()];
-            two_sided |= u32::from(*both) << i;
+            let surface = self.materials.get(shape.material);
+            two_sided |= u32::from(surface.two_sided) << i;
             emitters |= u32::from(shape.emitter.is_some()) << i;
-            anisotropic |= u32::from(self.needs.tangents && bsdf.is_anisotropic()) << i;
+            tangents |= u32::from(surface.tangents) << i;
+            placed |= u32::from(hit.instance != NO_INSTANCE) << i;
         }
         let SurfaceX16 { mut p, mut error, mut ng, mut ns } = corners.surface(f32x16::new(u), f32x16::new(v));
         for i in bits(analytic) {
-            let surface = self.analytic_surface(&hits[i], &|| rays.o.lane(i) + rays.d.lane(i) * hits[i].t);
+            let at = || {
+                let p = rays.o.lane(i) + rays.d.lane(i) * hits[i].t;
+                self.local_point(&hits[i], rays.time.as_array()[i], p)
+            };
+            let surface = self.analytic_surface(&hits[i], &at);
             p.set_lane(i, surface.p);
             error.as_mut_array()[i] = surface.error;
             ng.set_lane(i, surface.n);
             ns.set_lane(i, surface.n);
         }
+        for i in bits(placed) {
+            let (instance, time) = (&self.instances[hits[i].instance as usize], rays.time.as_array()[i]);
+            let placement = Placement::new(instance, time);
+            let at = placement.surface(instance, time, p.lane(i), error.as_array()[i], ng.lane(i));
+            p.set_lane(i, at.p);
+            error.as_mut_array()[i] = at.error;
+            ng.set_lane(i, at.n);
+            ns.set_lane(i, placement.normal(ns.lane(i)));
+        }
         let front = ns.dot(rays.d).simd_lt(f32x16::ZERO).to_bitmask();
+        let mut frame = FrameX16::from_normal(ns);
+        for i in bits(tangents) {
+            let [tangent, _] = self.partials(&hits[i], rays.time.as_array()[i], p.lane(i));
+            frame.set_lane(i, Frame::from_normal_tangent(ns.lane(i), tangent));
+        }
+        // The back of a two-sided material sees the frame mirrored in the surface.
         let flip = two_sided & !front;
         if flip != 0 {
             let flip = mask_from_bits(flip);
-            ns = Vec3x16::select(flip, -ns, ns);
+            frame.n = Vec3x16::select(flip, -ns, ns);
             ng = Vec3x16::select(flip, -ng, ng);
         }
-        let mut frame = FrameX16::from_normal(ns);
-        for i in bits(anisotropic) {
-            let Hit { geometry, primitive, u, v, .. } = hits[i];
-            let shape = &self.shapes[geometry as usize].world;
-            let tangent = interaction::tangent(shape, primitive, u, v, p.lane(i));
-            frame.set_lane(i, Frame::from_normal_tangent(ns.lane(i), tangent));
+        SurfaceInteractionX16 {
+            p,
+            error,
+            ng,
+            frame,
+            front,
+            emitting: emitters & front,
+            hit: *hits,
+            time: rays.time,
+            material,
         }
-        let shape = hits.map(|hit| ShapeId(hit.geometry));
-        SurfaceInteractionX16 { p, error, ng, frame, front, emitting: emitters & front, shape, material }
     }
 
     /// The point of a sphere or disk; `at` is the ray's point at the hit.
     fn analytic_surface(&self, hit: &Hit, at: &dyn Fn() -> Vec3) -> interaction::Surface {
         match &self.shapes[hit.geometry as usize].world {
-            WorldShape::Sphere { center, radius, inward } => {
+            WorldShape::Sphere { center, radius, inward, .. } => {
                 interaction::sphere_point(*center, *radius, *inward, at())
             }
             WorldShape::Disk { center, du, dv, normal } => {
                 interaction::disk_point(*center, *du, *dv, *normal, hit.u, hit.v)
             }
+            WorldShape::Cylinder { p0, p1, side, inward } => {
+                interaction::cylinder_point([*p0, *p1], *side, *inward, at())
+            }
             WorldShape::Mesh(_) | WorldShape::Rectangle { .. } => unreachable!("a mesh is not analytic"),
         }
     }
 
-    /// The BSDF at a surface point.
-    #[inline]
-    pub fn bsdf(&self, at: &SurfaceInteraction) -> &Bsdf<'_> {
-        &self.materials[at.material.index()].bsdf
+    /// A world point of a hit in the coordinates of its shape.
+    fn local_point(&self, hit: &Hit, time: f32, p: Vec3) -> Vec3 {
+        match self.instances.get(hit.instance as usize) {
+            Some(instance) => Placement::new(instance, time).local_point(p),
+            None => p,
+        }
     }
 
-    /// The BSDF of a material.
-    #[inline]
-    pub fn bsdf_of(&self, material: MaterialId) -> &Bsdf<'_> {
-        &self.materials[material.index()].bsdf
+    /// The derivatives of the world position by the texture coordinates at a hit.
+    fn partials(&self, hit: &Hit, time: f32, p: Vec3) -> [Vec3; 2] {
+        let shape = &self.shapes[hit.geometry as usize].world;
+        match self.instances.get(hit.instance as usize) {
+            Some(instance) => {
+                let placement = Placement::new(instance, time);
+                shape.partials(hit, placement.local_point(p)).map(|d| placement.vector(d))
+            }
+            None => shape.partials(hit, p),
+        }
     }
 
-    /// Texture coordinates of a hit.
-    pub fn uv(&self, at: &SurfaceInteraction, hit: &Hit) -> Vec2 {
-        interaction::uv(&self.shapes[hit.geometry as usize].world, hit.primitive, hit.u, hit.v, at.p)
+    /// What scatters at a surface point, seen along `wo` in its frame. What is not the same everywhere lives in
+    /// the arena.
+    #[inline]
+    pub fn bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Vec3, arena: &'a Bump) -> &'a Bsdf<'a> {
+        match &self.materials.get(at.material).constant {
+            Some(bsdf) => bsdf,
+            None => arena.alloc(self.varying_bsdf(at, wo, arena)),
+        }
+    }
+
+    /// The BSDF of a material that is the same everywhere.
+    ///
+    /// # Panics
+    /// If it is not.
+    #[inline]
+    pub fn constant_bsdf(&self, material: MaterialId) -> &Bsdf<'_> {
+        self.materials.get(material).constant.as_ref().expect("the material is the same everywhere")
+    }
+
+    /// The BSDF at a point of a material that is not the same everywhere.
+    fn varying_bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Vec3, arena: &'a Bump) -> Bsdf<'a> {
+        let shape = &self.shapes[at.shape().index()];
+        let point = MaterialPoint {
+            texture: shape.world.texture_point(&at.hit, self.local_point(&at.hit, at.time, at.p)),
+            frame: at.frame,
+            ng: at.ng,
+            dp_duv: match self.materials.get(at.material).tangents {
+                true => self.partials(&at.hit, at.time, at.p),
+                false => [Vec3::ZERO; 2],
+            },
+            wo,
+        };
+        let Scattering { bsdf, opacity } = self.materials.scattering(at.material, &point, arena);
+        // Elsewhere rays meet only what is there. What emits is met everywhere, for it emits everywhere.
+        if opacity < 1.0 && shape.emitter.is_some() {
+            return Bsdf::Mask(Mask { opacity, inner: arena.alloc(bsdf) });
+        }
+        bsdf
+    }
+
+    /// Texture coordinates of a surface point.
+    pub fn uv(&self, at: &SurfaceInteraction) -> Vec2 {
+        let p = self.local_point(&at.hit, at.time, at.p);
+        self.shapes[at.shape().index()].world.uv(&at.hit, p)
     }
 
     /// The emitter of the surface, if it emits on the side that the ray came from.
     #[inline]
     pub fn emitter_at(&self, at: &SurfaceInteraction) -> Option<EmitterId> {
-        self.shapes[at.shape.index()].emitter.filter(|_| at.front)
+        self.shapes[at.shape().index()].emitter.filter(|_| at.front)
     }
 
-    /// Radiance of an area or environment emitter.
+    /// Radiance of the area emitter at a point of its surface.
     #[inline]
-    pub fn emitted(&self, emitter: EmitterId) -> Rgb {
+    pub fn emitted(&self, emitter: EmitterId, at: &SurfaceInteraction) -> Rgb {
         match &self.lights[emitter.index()] {
-            Light::Area(area) => area.radiance(),
-            Light::Constant { radiance, .. } => *radiance,
-            Light::Point { .. } => Rgb::BLACK,
+            Light::Area(area) => area.radiance(&at.hit, self.local_point(&at.hit, at.time, at.p)),
+            _ => Rgb::BLACK,
         }
     }
 
@@ -169,23 +243,42 @@ impl Scene {
     #[inline]
     pub fn emitter_pdf(&self, emitter: EmitterId, from: Vec3, at: &SurfaceInteraction) -> f32 {
         match &self.lights[emitter.index()] {
-            Light::Area(area) => self.light_choice.pmf(emitter.index()) * area.pdf(from, at.p, at.ng),
-            Light::Point { .. } | Light::Constant { .. } => 0.0,
+            Light::Area(area) => {
+                let place = SurfacePlace { p: at.p, n: at.ng, time: at.time };
+                self.light_choice.pmf(emitter.index()) * area.pdf(from, &place)
+            }
+            _ => 0.0,
         }
     }
 
-    /// The density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) draws a direction
+    /// Radiance of the environment from the unit direction `d`; black where there is none.
+    #[inline]
+    pub fn environment_radiance(&self, d: Vec3) -> Rgb {
+        self.environment_light().map_or(Rgb::BLACK, |(_, environment)| environment.eval(d))
+    }
+
+    /// The density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) draws the direction `d`
     /// of the environment.
     #[inline]
-    pub fn environment_pdf(&self, emitter: EmitterId) -> f32 {
-        self.light_choice.pmf(emitter.index()) * self.lights[emitter.index()].pdf_environment()
+    pub fn environment_pdf(&self, d: Vec3) -> f32 {
+        self.environment_light().map_or(0.0, |(id, environment)| {
+            self.light_choice.pmf(id.index()) * environment.pdf(d)
+        })
+    }
+
+    fn environment_light(&self) -> Option<(EmitterId, &Environment)> {
+        let id = self.environment?;
+        match &self.lights[id.index()] {
+            Light::Environment(environment) => Some((id, environment)),
+            _ => None,
+        }
     }
 
     /// Draws an emitter and a direction to it as seen from `from`; densities include the choice.
     #[inline]
-    pub fn sample_emitter(&self, from: Vec3, u_choice: f32, u: Vec2) -> Option<EmitterSample> {
+    pub fn sample_emitter(&self, from: Vec3, u_choice: f32, u: Vec2, time: f32) -> Option<EmitterSample> {
         let choice = self.light_choice.sample(u_choice)?;
-        let mut sample = self.lights[choice.index].sample(from, u)?;
+        let mut sample = self.lights[choice.index].sample(from, u, time)?;
         sample.pdf *= choice.pmf;
         Some(sample)
     }
@@ -197,10 +290,11 @@ impl Scene {
         from: Vec3x16,
         u_choice: f32x16,
         u: [f32x16; 2],
+        time: f32x16,
         active: u32,
     ) -> EmitterSampleX16 {
         if let [light] = self.lights.as_slice() {
-            return emitter::lanes::sample_x16([light; LANES], from, u, active);
+            return emitter::lanes::sample_x16([light; LANES], from, u, time, active);
         }
         let Some(first) = self.lights.first() else {
             return EmitterSampleX16::NONE;
@@ -215,7 +309,7 @@ impl Scene {
                 chosen |= 1 << i;
             }
         }
-        let mut samples = emitter::lanes::sample_x16(lights, from, u, chosen);
+        let mut samples = emitter::lanes::sample_x16(lights, from, u, time, chosen);
         samples.pdf *= f32x16::new(pmf);
         samples.valid &= mask_from_bits(chosen);
         samples

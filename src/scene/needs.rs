@@ -19,11 +19,19 @@ pub struct Needs {
     pub lobe_choice: bool,
     /// Some material depends on the tangents of the surface.
     pub tangents: bool,
+    /// Some material is not the same everywhere: textures are read, or materials combined, at each point.
+    pub varying_materials: bool,
+    /// Something moves while the shutter is open.
+    pub time: bool,
+    /// Some surface has holes: hits are filtered.
+    pub holes: bool,
+    /// Some shapes stand in the world as instances.
+    pub instances: bool,
 }
 
 impl Needs {
     /// The features with their names, in a fixed order.
-    pub fn list(&self) -> [(&'static str, bool); 7] {
+    pub fn list(&self) -> [(&'static str, bool); 11] {
         [
             ("emitter_sampling", self.emitter_sampling),
             ("hit_emitters", self.hit_emitters),
@@ -32,6 +40,10 @@ impl Needs {
             ("specular_lobes", self.specular_lobes),
             ("lobe_choice", self.lobe_choice),
             ("tangents", self.tangents),
+            ("varying_materials", self.varying_materials),
+            ("time", self.time),
+            ("holes", self.holes),
+            ("instances", self.instances),
         ]
     }
 }

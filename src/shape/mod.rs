@@ -1,9 +1,12 @@
 //! Shapes: what the scene language can place in the world.
 
 pub mod mesh;
+pub mod parametrization;
+pub mod placement;
 pub mod world;
 
 pub use mesh::Mesh;
+pub use placement::Placement;
 pub use world::{TriangleMesh, WorldShape};
 
 use crate::math::Vec3;
@@ -21,6 +24,15 @@ pub enum Shape {
     Sphere {
         /// Centre.
         center: Vec3,
+        /// Radius, positive.
+        radius: f32,
+    },
+    /// A tube without caps; uv = (angle / 2π, share of the height).
+    Cylinder {
+        /// Centre of the lower end.
+        p0: Vec3,
+        /// Centre of the upper end.
+        p1: Vec3,
         /// Radius, positive.
         radius: f32,
     },

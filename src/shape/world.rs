@@ -3,7 +3,7 @@
 use super::{Mesh, Shape};
 use crate::accel::{Geometry, Primitive, VertexBuffer};
 use crate::error::{Error, Result};
-use crate::math::{DAffine3, DMat3, Vec2, Vec3};
+use crate::math::{DAffine3, DMat3, DVec3, Frame, Mat3, Vec2, Vec3};
 use crate::texture::Attribute;
 use std::sync::Arc;
 
@@ -39,6 +39,7 @@ impl TriangleMesh {
 }
 
 /// A shape in the world.
+#[derive(Clone)]
 pub enum WorldShape {
     /// A triangle mesh.
     Mesh(Arc<TriangleMesh>),
@@ -63,6 +64,8 @@ pub enum WorldShape {
         radius: f32,
         /// Whether the front is the inside.
         inward: bool,
+        /// World directions of its own axes, of unit length.
+        axes: Mat3,
     },
     /// A disk, possibly sheared to an ellipse.
     Disk {
@@ -74,6 +77,17 @@ pub enum WorldShape {
         dv: Vec3,
         /// Unit normal of the front.
         normal: Vec3,
+    },
+    /// A tube without caps.
+    Cylinder {
+        /// Centre of the lower end.
+        p0: Vec3,
+        /// Centre of the upper end.
+        p1: Vec3,
+        /// The radius from the axis to where u is 0, and to where it is 1/4.
+        side: [Vec3; 2],
+        /// Whether the front is the inside.
+        inward: bool,
     },
 }
 
@@ -89,6 +103,7 @@ impl WorldShape {
             }
             Shape::Rectangle => rectangle(to_world, flip),
             Shape::Sphere { center, radius } => sphere(center, radius, to_world, flip)?,
+            Shape::Cylinder { p0, p1, radius } => cylinder([p0, p1], radius, to_world, flip)?,
             Shape::Disk => {
                 let normal = transform_normal(&to_world.matrix3, Vec3::Z);
                 WorldShape::Disk {
@@ -112,6 +127,9 @@ impl WorldShape {
             }
             WorldShape::Disk { center, du, dv, .. } => {
                 Geometry::Analytic(Primitive::Disk { center: *center, du: *du, dv: *dv })
+            }
+            WorldShape::Cylinder { p0, p1, side, .. } => {
+                Geometry::Analytic(Primitive::Cylinder { p0: *p0, p1: *p1, radius: side[0].length() })
             }
         }
     }
@@ -186,24 +204,25 @@ fn rectangle(to_world: &DAffine3, flip: bool) -> WorldShape {
     }
 }
 
-/// The cube's six faces, each with its own four vertices.
+/// The cube's six faces, each with its own four vertices. On a face, u runs along `s` and v along `t`.
 fn cube() -> Mesh {
+    let faces = [
+        (Vec3::NEG_Y, Vec3::Z, Vec3::X),
+        (Vec3::Y, Vec3::NEG_X, Vec3::NEG_Z),
+        (Vec3::X, Vec3::Y, Vec3::NEG_Z),
+        (Vec3::Z, Vec3::Y, Vec3::X),
+        (Vec3::NEG_X, Vec3::Y, Vec3::Z),
+        (Vec3::NEG_Z, Vec3::NEG_Y, Vec3::X),
+    ];
     let mut mesh = Mesh::default();
-    for axis in 0..3 {
-        for sign in [-1.0, 1.0] {
-            let mut n = Vec3::ZERO;
-            n[axis] = sign;
-            let mut s = Vec3::ZERO;
-            s[(axis + 1) % 3] = 1.0;
-            let t = n.cross(s);
-            let base = mesh.positions.len() as u32;
-            for (a, b) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
-                mesh.positions.push(n + s * a + t * b);
-                mesh.uvs.push(Vec2::new(0.5 * (a + 1.0), 0.5 * (b + 1.0)));
-            }
-            mesh.indices.push([base, base + 1, base + 2]);
-            mesh.indices.push([base + 2, base + 3, base]);
+    for (n, s, t) in faces {
+        let base = mesh.positions.len() as u32;
+        for (u, v) in [(0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0)] {
+            mesh.positions.push(n + s * (2.0 * u - 1.0) + t * (2.0 * v - 1.0));
+            mesh.uvs.push(Vec2::new(u, v));
         }
+        mesh.indices.push([base, base + 1, base + 2]);
+        mesh.indices.push([base + 3, base, base + 2]);
     }
     mesh
 }
@@ -226,13 +245,32 @@ fn sphere(center: Vec3, radius: f32, to_world: &DAffine3, flip: bool) -> Result<
         center: to_world.transform_point3(center.as_dvec3()).as_vec3(),
         radius: (f64::from(radius) * lengths[0]) as f32,
         inward: flip != (m.determinant() < 0.0),
+        axes: DMat3::from_cols(m.x_axis / lengths[0], m.y_axis / lengths[0], m.z_axis / lengths[0]).as_mat3(),
+    })
+}
+
+fn cylinder(ends: [Vec3; 2], radius: f32, to_world: &DAffine3, flip: bool) -> Result<WorldShape> {
+    let [p0, p1] = ends.map(|p| to_world.transform_point3(p.as_dvec3()));
+    let local = Frame::from_normal((ends[1] - ends[0]).normalize());
+    let side = [local.s, local.t].map(|v| to_world.matrix3 * v.as_dvec3() * f64::from(radius));
+    let axis = (p1 - p0).normalize();
+    let lengths = side.map(DVec3::length);
+    let lean = [side[0].dot(side[1]) / lengths[0], side[0].dot(axis), side[1].dot(axis)];
+    let uneven = (lengths[1] - lengths[0]).abs();
+    if lean.iter().chain([&uneven]).any(|off| off.abs() > 1e-4 * lengths[0]) {
+        return Err(Error::scene("expected a cylinder's cross section to stay a circle across its axis"));
+    }
+    Ok(WorldShape::Cylinder {
+        p0: p0.as_vec3(),
+        p1: p1.as_vec3(),
+        side: side.map(|v| v.as_vec3()),
+        inward: flip,
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::DVec3;
 
     fn normal_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
         let [a, b, c] = mesh.triangle(i);

@@ -12,7 +12,7 @@ use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::description::{Description, PlacedShape};
 use buffon::scene::{CompileOptions, Scene, compile};
-use buffon::sensor::{FovAxis, SensorSettings};
+use buffon::sensor::{FovAxis, Projection, SensorSettings};
 use buffon::shape::Shape;
 
 /// A shape with a material of its own.
@@ -23,7 +23,7 @@ pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: 
         name: String::new(),
         place: None,
         shape,
-        to_world,
+        to_world: to_world.into(),
         flip_normals: false,
         material: id,
         emission: None,
@@ -33,7 +33,7 @@ pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: 
 
 /// A grey diffuse material.
 pub fn diffuse(reflectance: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::splat(reflectance) }
+    Material::Diffuse { reflectance: Rgb::splat(reflectance).into() }
 }
 
 /// A sphere shape around the origin.
@@ -53,12 +53,16 @@ pub fn camera(eye: DVec3, target: DVec3, fov_degrees: f64, size: u32) -> SensorS
     let x = up.cross(z).normalize();
     SensorSettings {
         name: String::new(),
-        to_world: DAffine3::from_mat3_translation(DMat3::from_cols(x, z.cross(x), z), eye),
-        fov: fov_degrees.to_radians(),
-        fov_axis: FovAxis::X,
+        to_world: DAffine3::from_mat3_translation(DMat3::from_cols(x, z.cross(x), z), eye).into(),
+        projection: Projection::Perspective {
+            fov: fov_degrees.to_radians(),
+            fov_axis: FovAxis::X,
+            principal_point_offset: [0.0; 2],
+        },
+        lens: None,
+        shutter: [0.0; 2],
         near_clip: 1e-4,
         far_clip: 1e30,
-        principal_point_offset: [0.0; 2],
         film: FilmSettings {
             width: size,
             height: size,
@@ -66,13 +70,14 @@ pub fn camera(eye: DVec3, target: DVec3, fov_degrees: f64, size: u32) -> SensorS
             filter: Filter::Box { radius: 0.5 },
             pixel_format: PixelFormat::Rgb,
             component_format: ComponentFormat::Float,
+            for_display: false,
         },
     }
 }
 
 /// Compiles a scene.
 pub fn compiled(description: Description, accel: AccelKind) -> Scene {
-    compile(description, CompileOptions { accel, threads: 2 }).expect("the test scene compiles").0
+    compile(description, CompileOptions { accel, threads: 2, sensor: 0 }).expect("the test scene compiles").0
 }
 
 /// Renders the scene's first sensor.

@@ -10,7 +10,7 @@ use crate::loader::{Loaded, transform};
 use crate::material::Material;
 use crate::math::{DAffine3, DVec3};
 use crate::scene::description::{Description, PlacedShape};
-use crate::sensor::{FovAxis, SensorSettings};
+use crate::sensor::{FovAxis, Projection, SensorSettings};
 use crate::shape::{Mesh, Shape};
 use std::path::Path;
 
@@ -37,17 +37,20 @@ pub fn load(path: &Path) -> Result<Loaded> {
         name,
         place: None,
         shape: Shape::Mesh(mesh),
-        to_world: DAffine3::IDENTITY,
+        to_world: DAffine3::IDENTITY.into(),
         flip_normals: false,
         material: MaterialId(1),
         emission: None,
     };
     loaded.description = Description {
+        groups: Vec::new(),
+        instances: Vec::new(),
         shapes: vec![shape],
         materials: vec![
-            Material::Diffuse { reflectance: Rgb::splat(0.5) },
-            Material::TwoSided(MaterialId(0)),
+            Material::Diffuse { reflectance: Rgb::splat(0.5).into() },
+            Material::TwoSided([MaterialId(0); 2]),
         ],
+        textures: Vec::new(),
         emitters: vec![Emitter::Constant { radiance: Rgb::WHITE }],
         sensors: vec![sensor],
     };
@@ -73,12 +76,16 @@ fn camera(mesh: &Mesh) -> Option<SensorSettings> {
     let left = DVec3::Y.cross(direction).normalize();
     Some(SensorSettings {
         name: String::new(),
-        to_world: transform::frame(0.5 * (low + high) - distance * direction, left, direction),
-        fov,
-        fov_axis: FovAxis::Smaller,
+        to_world: transform::frame(0.5 * (low + high) - distance * direction, left, direction).into(),
+        projection: Projection::Perspective {
+            fov,
+            fov_axis: FovAxis::Smaller,
+            principal_point_offset: [0.0; 2],
+        },
+        lens: None,
+        shutter: [0.0; 2],
         near_clip: 1e-3 * distance,
         far_clip: 1e3 * distance,
-        principal_point_offset: [0.0; 2],
         film: FilmSettings::default(),
     })
 }

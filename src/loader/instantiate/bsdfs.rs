@@ -1,4 +1,4 @@
-//! BSDFs: `diffuse`, `conductor`, `roughconductor`, `dielectric`, `twosided`.
+//! BSDFs.
 
 use super::{Builder, unknown_plugin};
 use crate::color::Rgb;
@@ -7,35 +7,53 @@ use crate::color::ior;
 use crate::color::spectrum::Quantity;
 use crate::error::Result;
 use crate::ids::MaterialId;
-use crate::loader::graph::{ObjectId, Value};
+use crate::loader::graph::{Child, ObjectId, Value};
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
-use crate::material::{Distribution, Material};
+use crate::material::{
+    Bending, Coated, Distribution, Input, Interface, Material, Metal, Principled, PrincipledThin, Roughness,
+};
 
-const SUPPORTED: [&str; 5] = ["diffuse", "conductor", "roughconductor", "dielectric", "twosided"];
-const MITSUBA: [&str; 18] = [
+const SUPPORTED: [&str; 16] = [
     "blendbsdf",
     "bumpmap",
-    "circular",
-    "hair",
+    "conductor",
+    "dielectric",
+    "diffuse",
     "mask",
-    "measured",
-    "measured_polarized",
     "normalmap",
     "null",
     "plastic",
-    "polarizer",
-    "pplastic",
     "principled",
     "principledthin",
-    "retarder",
+    "roughconductor",
     "roughdielectric",
     "roughplastic",
     "thindielectric",
+    "twosided",
+];
+const MITSUBA: [&str; 9] = [
+    "circular",
+    "hair",
+    "measured",
+    "measured_polarized",
+    "neuralbsdf",
+    "openpbr",
+    "polarizer",
+    "pplastic",
+    "retarder",
 ];
 /// What a conductor is made of when nothing is said: a perfect mirror.
 const DEFAULT_CONDUCTOR: &str = "none";
+/// Sampling rates of Mitsuba's principled models.
+const SAMPLING_RATES: [&str; 5] = [
+    "diffuse_reflectance_sampling_rate",
+    "main_specular_sampling_rate",
+    "clearcoat_sampling_rate",
+    "diff_refl_sampling_rate",
+    "diff_trans_sampling_rate",
+];
 
 impl Builder<'_> {
     /// The material of a BSDF, instantiated once.
@@ -48,25 +66,44 @@ impl Builder<'_> {
         }
         let props = Props::new(self.graph, object);
         let material = match props.object.plugin.as_str() {
-            "diffuse" => Material::Diffuse {
-                reflectance: self.colour(&props, "reflectance", Quantity::Reflectance, 0.5)?,
-            },
-            "conductor" => {
-                let ComplexIor { eta, k } = self.complex_ior(&props)?;
-                Material::Conductor {
-                    eta,
-                    k,
-                    specular_reflectance: self.specular(&props, "specular_reflectance")?,
-                }
+            "diffuse" => Material::Diffuse { reflectance: self.reflectance(&props, "reflectance", 0.5)? },
+            "conductor" => Material::Conductor(self.metal(&props)?),
+            "roughconductor" => {
+                let roughness = self.roughness(&props)?;
+                Material::RoughConductor(self.metal(&props)?, roughness)
             }
-            "roughconductor" => self.rough_conductor(&props)?,
-            "dielectric" => Material::Dielectric {
-                int_ior: dielectric_ior(&props, "int_ior", "bk7")?,
-                ext_ior: dielectric_ior(&props, "ext_ior", "air")?,
-                specular_reflectance: self.specular(&props, "specular_reflectance")?,
-                specular_transmittance: self.specular(&props, "specular_transmittance")?,
+            "dielectric" => {
+                Material::Dielectric(self.interface(&props, "bk7")?, self.transmittance(&props)?)
+            }
+            "thindielectric" => {
+                Material::ThinDielectric(self.interface(&props, "bk7")?, self.transmittance(&props)?)
+            }
+            "roughdielectric" => {
+                let (interface, transmittance) =
+                    (self.interface(&props, "bk7")?, self.transmittance(&props)?);
+                Material::RoughDielectric(interface, transmittance, self.roughness(&props)?)
+            }
+            "plastic" => {
+                Material::Plastic(self.interface(&props, "polypropylene")?, self.coated(&props)?)
+            }
+            "roughplastic" => Material::RoughPlastic {
+                interface: self.interface(&props, "polypropylene")?,
+                base: self.coated(&props)?,
+                distribution: distribution(&props)?,
+                alpha: props.positive("alpha", 0.1)?,
+                sample_visible: props.boolean("sample_visible", true)?,
             },
+            "principled" => Material::Principled(Box::new(self.principled(&props)?)),
+            "principledthin" => Material::PrincipledThin(Box::new(self.principled_thin(&props)?)),
+            "mask" => {
+                let inner = self.only_child(&props)?;
+                Material::Mask { opacity: self.share(&props, "opacity", 0.5)?, inner }
+            }
+            "blendbsdf" => self.blend(&props)?,
+            "bumpmap" => self.bump_map(&props)?,
+            "normalmap" => self.normal_map(&props)?,
             "twosided" => self.two_sided(&props)?,
+            "null" => Material::Null,
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
         self.finish(props);
@@ -80,84 +117,216 @@ impl Builder<'_> {
         if let Some(id) = self.default_material {
             return id;
         }
-        let id = self.add_material(Material::Diffuse { reflectance: Rgb::splat(0.5) });
+        let id = self.add_material(Material::Diffuse { reflectance: Rgb::splat(0.5).into() });
         self.default_material = Some(id);
         id
     }
 
-    fn specular(&mut self, props: &Props, name: &'static str) -> Result<Rgb> {
-        self.colour(props, name, Quantity::Reflectance, 1.0)
+    /// A share of light by colour, in [0, 1], or a texture.
+    fn reflectance(&mut self, props: &Props, name: &'static str, default: f32) -> Result<Input<Rgb>> {
+        self.color_input(props, name, Quantity::Reflectance, default)
     }
 
-    /// `material` by name, or `eta` and `k`.
-    fn complex_ior(&mut self, props: &Props) -> Result<ComplexIor> {
-        let name = props.text("material")?;
-        let eta = self.colour(props, "eta", Quantity::Unbounded, 0.0)?;
-        let k = self.colour(props, "k", Quantity::Unbounded, 1.0)?;
-        let given = props.find("eta").or(props.find("k"));
-        match (name, given) {
-            (Some(_), Some(property)) => {
-                Err(property.error("expected either material or eta and k, found both"))
-            }
-            (None, Some(_)) => Ok(ComplexIor { eta, k }),
-            (name, None) => {
-                let name = name.unwrap_or(DEFAULT_CONDUCTOR);
-                conductors::conductor(name).ok_or_else(|| {
-                    let near = names::did_you_mean(name, conductors::conductor_names());
-                    props.refusal("material", &format!("expected the name of a conductor{near}"))
-                })
-            }
-        }
+    /// A number in [0, 1], or a texture.
+    fn share(&mut self, props: &Props, name: &'static str, default: f32) -> Result<Input<f32>> {
+        self.number_input(props, name, default, 0.0..=1.0)
     }
 
-    fn rough_conductor(&mut self, props: &Props) -> Result<Material> {
-        let words = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
-        let distribution = props.choice("distribution", &words, Distribution::Beckmann)?;
-        let ComplexIor { eta, k } = self.complex_ior(props)?;
-        Ok(Material::RoughConductor {
-            distribution,
-            alpha: alpha(props)?,
-            sample_visible: props.boolean("sample_visible", true)?,
-            eta,
-            k,
-            specular_reflectance: self.specular(props, "specular_reflectance")?,
+    fn transmittance(&mut self, props: &Props) -> Result<Input<Rgb>> {
+        self.reflectance(props, "specular_transmittance", 1.0)
+    }
+
+    fn interface(&mut self, props: &Props, inside: &str) -> Result<Interface> {
+        Ok(Interface {
+            int_ior: dielectric_ior(props, "int_ior", inside)?,
+            ext_ior: dielectric_ior(props, "ext_ior", "air")?,
+            specular_reflectance: self.reflectance(props, "specular_reflectance", 1.0)?,
         })
     }
 
-    /// The same material on both sides.
-    fn two_sided(&mut self, props: &Props) -> Result<Material> {
-        let inner = match props.children("bsdf")[..] {
-            [] => return Err(props.object.error("expected a bsdf inside it")),
-            [one] => one,
-            [_, second, ..] => {
-                let error = props.object.error("different materials on the two sides are not supported");
-                return Err(error.at(second.spot.place()));
+    fn coated(&mut self, props: &Props) -> Result<Coated> {
+        Ok(Coated {
+            diffuse_reflectance: self.reflectance(props, "diffuse_reflectance", 0.5)?,
+            nonlinear: props.boolean("nonlinear", false)?,
+        })
+    }
+
+    /// `material` by name, or `eta` and `k`.
+    fn metal(&mut self, props: &Props) -> Result<Metal> {
+        let specular_reflectance = self.reflectance(props, "specular_reflectance", 1.0)?;
+        let name = props.text("material")?;
+        let eta = self.color_input(props, "eta", Quantity::Unbounded, 0.0)?;
+        let k = self.color_input(props, "k", Quantity::Unbounded, 1.0)?;
+        let given = ["eta", "k"].into_iter().find(|name| props.has(name));
+        match (name, given) {
+            (Some(_), Some(other)) => {
+                Err(props.error(other, "expected either material or eta and k, found both"))
+            }
+            (None, Some(_)) => Ok(Metal { eta, k, specular_reflectance }),
+            (name, None) => {
+                let name = name.unwrap_or(DEFAULT_CONDUCTOR);
+                let ComplexIor { eta, k } = conductors::conductor(name).ok_or_else(|| {
+                    let near = names::did_you_mean(name, conductors::conductor_names());
+                    props.refusal("material", &format!("expected the name of a conductor{near}"))
+                })?;
+                Ok(Metal { eta: eta.into(), k: k.into(), specular_reflectance })
+            }
+        }
+    }
+
+    fn roughness(&mut self, props: &Props) -> Result<Roughness> {
+        let alpha = match (props.has("alpha"), props.has("alpha_u"), props.has("alpha_v")) {
+            (_, false, false) => [self.alpha(props, "alpha")?; 2],
+            (false, true, true) => [self.alpha(props, "alpha_u")?, self.alpha(props, "alpha_v")?],
+            _ => return Err(props.object.error("expected either alpha or both alpha_u and alpha_v")),
+        };
+        let (distribution, sample_visible) = (distribution(props)?, props.boolean("sample_visible", true)?);
+        Ok(Roughness { distribution, alpha, sample_visible })
+    }
+
+    fn alpha(&mut self, props: &Props, name: &'static str) -> Result<Input<f32>> {
+        self.number_input(props, name, 0.1, f32::MIN_POSITIVE..=f32::MAX)
+    }
+
+    fn principled(&mut self, props: &Props) -> Result<Principled> {
+        let eta = match (props.float("eta")?, props.float("specular")?) {
+            (Some(_), Some(_)) => {
+                return Err(props.error("specular", "expected either eta or specular, found both"));
+            }
+            (Some(_), None) => props.positive("eta", 1.5)?,
+            (None, specular) => {
+                // Normal reflectance 0.08·specular. [Burley 2015]
+                let specular = specular.unwrap_or(0.5);
+                if !(0.0..=1.0).contains(&specular) {
+                    return Err(props.refusal("specular", "expected a number from 0 to 1"));
+                }
+                (2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0) as f32
             }
         };
-        let id = self.material(inner.object)?;
-        match &self.loaded.description.materials[id.index()] {
-            Material::Dielectric { .. } => {
-                Err(props.object.error("a material that transmits light cannot be made two-sided"))
-            }
-            Material::TwoSided(innermost) => Ok(Material::TwoSided(*innermost)),
-            _ => Ok(Material::TwoSided(id)),
+        let parameters = Principled {
+            base_color: self.reflectance(props, "base_color", 0.5)?,
+            roughness: self.share(props, "roughness", 0.5)?,
+            anisotropic: self.share(props, "anisotropic", 0.0)?,
+            metallic: self.share(props, "metallic", 0.0)?,
+            spec_trans: self.share(props, "spec_trans", 0.0)?,
+            eta,
+            spec_tint: self.share(props, "spec_tint", 0.0)?,
+            sheen: self.share(props, "sheen", 0.0)?,
+            sheen_tint: self.share(props, "sheen_tint", 0.0)?,
+            flatness: self.share(props, "flatness", 0.0)?,
+            clearcoat: self.share(props, "clearcoat", 0.0)?,
+            clearcoat_gloss: self.share(props, "clearcoat_gloss", 0.0)?,
+        };
+        self.ignore(props, &SAMPLING_RATES, "lobes are sampled by what they reflect");
+        Ok(parameters)
+    }
+
+    fn principled_thin(&mut self, props: &Props) -> Result<PrincipledThin> {
+        let parameters = PrincipledThin {
+            base_color: self.reflectance(props, "base_color", 0.5)?,
+            roughness: self.share(props, "roughness", 0.5)?,
+            anisotropic: self.share(props, "anisotropic", 0.0)?,
+            spec_trans: self.share(props, "spec_trans", 0.0)?,
+            eta: self.number_input(props, "eta", 1.5, f32::MIN_POSITIVE..=f32::MAX)?,
+            spec_tint: self.share(props, "spec_tint", 0.0)?,
+            sheen: self.share(props, "sheen", 0.0)?,
+            sheen_tint: self.share(props, "sheen_tint", 0.0)?,
+            flatness: self.share(props, "flatness", 0.0)?,
+            diff_trans: self.number_input(props, "diff_trans", 0.0, 0.0..=2.0)?,
+        };
+        self.ignore(props, &SAMPLING_RATES, "lobes are sampled by what they reflect");
+        self.ignore(props, &["spec_reflect_sampling_rate", "spec_trans_sampling_rate"], "see there");
+        Ok(parameters)
+    }
+
+    /// The materials of the BSDFs inside it.
+    fn children<const N: usize>(&mut self, props: &Props) -> Result<[MaterialId; N]> {
+        let children = props.children("bsdf");
+        let Ok(children) = <[&Child; N]>::try_from(children.as_slice()) else {
+            let expected = if N == 1 { "a bsdf".to_owned() } else { format!("{N} bsdfs") };
+            let error = props.object.error(format!("expected {expected} inside it, found {}", children.len()));
+            return Err(match children.get(N) {
+                Some(extra) => error.at(extra.spot.place()),
+                None => error,
+            });
+        };
+        let mut ids = [MaterialId(0); N];
+        for (id, child) in ids.iter_mut().zip(children) {
+            *id = self.material(child.object)?;
         }
+        Ok(ids)
+    }
+
+    fn only_child(&mut self, props: &Props) -> Result<MaterialId> {
+        let [inner] = self.children(props)?;
+        Ok(inner)
+    }
+
+    fn blend(&mut self, props: &Props) -> Result<Material> {
+        let inner = self.children(props)?;
+        if !props.has("weight") {
+            return Err(props.object.error("the property weight is missing"));
+        }
+        Ok(Material::Blend { weight: self.share(props, "weight", 0.5)?, inner })
+    }
+
+    fn bump_map(&mut self, props: &Props) -> Result<Material> {
+        let inner = self.only_child(props)?;
+        let height = match props.child("texture")? {
+            Some(texture) => self.texture(texture)?,
+            None => return Err(props.object.error("expected a texture inside it")),
+        };
+        let scale = props.float("scale")?.unwrap_or(1.0) as f32;
+        if !scale.is_finite() {
+            return Err(props.refusal("scale", "expected a finite number"));
+        }
+        Ok(Material::BumpMap { height, scale, bending: bending(props)?, inner })
+    }
+
+    fn normal_map(&mut self, props: &Props) -> Result<Material> {
+        let inner = self.only_child(props)?;
+        let Input::Texture(normals) = self.color_input(props, "normalmap", Quantity::Unbounded, 0.5)? else {
+            return Err(props.error("normalmap", "expected a texture"));
+        };
+        Ok(Material::NormalMap { normals, bending: bending(props)?, inner })
+    }
+
+    /// One material for both sides, or one for each.
+    fn two_sided(&mut self, props: &Props) -> Result<Material> {
+        let sides = match props.children("bsdf").len() {
+            2 => self.children(props)?,
+            _ => [self.only_child(props)?; 2],
+        };
+        let materials = &self.loaded.description.materials;
+        let innermost = sides.map(|side| match &materials[side.index()] {
+            Material::TwoSided(inner) => inner[0],
+            _ => side,
+        });
+        for side in innermost {
+            if transmits(materials, side) {
+                return Err(props.object.error("a material that transmits light cannot be made two-sided"));
+            }
+        }
+        Ok(Material::TwoSided(innermost))
     }
 }
 
-/// `alpha`, or `alpha_u` and `alpha_v`.
-fn alpha(props: &Props) -> Result<[f32; 2]> {
-    for name in ["alpha", "alpha_u", "alpha_v"] {
-        if let Some(object) = props.named_child(name) {
-            return Err(super::unsupported(object));
-        }
-    }
-    let both = [props.find("alpha_u"), props.find("alpha_v")];
-    match (props.find("alpha"), both) {
-        (_, [None, None]) => Ok([props.positive("alpha", 0.1)?; 2]),
-        (None, [Some(_), Some(_)]) => Ok([props.positive("alpha_u", 0.1)?, props.positive("alpha_v", 0.1)?]),
-        _ => Err(props.object.error("expected either alpha or both alpha_u and alpha_v")),
-    }
+/// Whether light may pass through a material.
+fn transmits(materials: &[Material], id: MaterialId) -> bool {
+    let material = &materials[id.index()];
+    material.transmits() || material.inner().iter().any(|inner| transmits(materials, *inner))
+}
+
+fn bending(props: &Props) -> Result<Bending> {
+    Ok(Bending {
+        flip_invalid: props.boolean("flip_invalid_normals", true)?,
+        soften: props.boolean("use_shadowing_function", true)?,
+    })
+}
+
+fn distribution(props: &Props) -> Result<Distribution> {
+    let words = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
+    props.choice("distribution", &words, Distribution::Beckmann)
 }
 
 /// An index of refraction: a number or the name of a dielectric.

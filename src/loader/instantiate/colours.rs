@@ -1,12 +1,14 @@
 //! Properties that are colours: numbers, `<rgb>` and `<spectrum>`, checked for what they stand for.
 
-use super::{Builder, unsupported};
+use super::Builder;
 use crate::color::Rgb;
 use crate::color::spectrum::{Quantity, Spectrum};
 use crate::error::Result;
-use crate::loader::graph::{Property, Value};
+use crate::loader::graph::{ObjectId, Property, Value};
 use crate::loader::props::Props;
 use crate::loader::values;
+use crate::material::Input;
+use std::ops::RangeInclusive;
 
 impl Builder<'_> {
     /// A colour property, or the default.
@@ -23,7 +25,10 @@ impl Builder<'_> {
         default: f32,
     ) -> Result<Rgb> {
         if let Some(object) = props.named_child(name) {
-            return Err(unsupported(object));
+            return match self.spectrum_plugin(object, quantity)? {
+                Some(rgb) => Ok(rgb),
+                None => Err(self.graph.objects[object].error("expected the same colour everywhere, found a texture")),
+            };
         }
         let Some(property) = props.find(name) else { return Ok(Rgb::splat(default)) };
         let rgb = match &property.value {
@@ -48,14 +53,92 @@ impl Builder<'_> {
         Err(property.error(format!("{expected}, found {}, {}, {}", rgb.r, rgb.g, rgb.b)))
     }
 
+    /// A colour property that may be a texture, or the default.
+    ///
+    /// # Errors
+    /// As for [`colour`](Self::colour), and those of the texture.
+    pub fn color_input(
+        &mut self,
+        props: &Props,
+        name: &'static str,
+        quantity: Quantity,
+        default: f32,
+    ) -> Result<Input<Rgb>> {
+        let Some(object) = props.named_child(name) else {
+            return Ok(Input::Constant(self.colour(props, name, quantity, default)?));
+        };
+        Ok(match self.spectrum_plugin(object, quantity)? {
+            Some(rgb) => Input::Constant(rgb),
+            None => Input::Texture(self.texture(object)?),
+        })
+    }
+
+    /// A number in a range that may be a texture, or the default.
+    ///
+    /// # Errors
+    /// A wrong type, a number out of the range, and those of the texture.
+    pub fn number_input(
+        &mut self,
+        props: &Props,
+        name: &'static str,
+        default: f32,
+        range: RangeInclusive<f32>,
+    ) -> Result<Input<f32>> {
+        if let Some(object) = props.named_child(name) {
+            return Ok(match self.spectrum_plugin(object, Quantity::Unbounded)? {
+                Some(rgb) => Input::Constant(rgb.luminance()),
+                None => Input::Texture(self.texture(object)?),
+            });
+        }
+        let value = props.float(name)?.map_or(default, |v| v as f32);
+        if range.contains(&value) {
+            return Ok(Input::Constant(value));
+        }
+        let expected = match (*range.start(), *range.end()) {
+            (f32::MIN_POSITIVE, f32::MAX) => "expected a number greater than 0".to_owned(),
+            (low, high) => format!("expected a number from {low} to {high}"),
+        };
+        Err(props.refusal(name, &expected))
+    }
+
+    /// The colour of an object that is a spectrum (`d65`, `blackbody`, ...); `None` where it is a texture.
+    fn spectrum_plugin(&mut self, object: ObjectId, quantity: Quantity) -> Result<Option<Rgb>> {
+        let props = Props::new(self.graph, object);
+        let rgb = match props.object.plugin.as_str() {
+            "d65" => Rgb::splat(props.float("scale")?.unwrap_or(1.0) as f32),
+            "uniform" => Rgb::splat(props.float("value")?.unwrap_or(1.0) as f32),
+            "srgb" | "rgb" => {
+                let name = if props.has("value") { "value" } else { "color" };
+                self.colour(&props, name, quantity, 0.5)?
+            }
+            "regular" | "irregular" | "blackbody" => {
+                let spectrum = spectrum_samples(&props)?;
+                let reduced = spectrum.to_rgb(quantity);
+                if let Some(raw) = reduced.out_of_gamut {
+                    self.loaded.warnings.push(props.object.error(out_of_gamut(raw)));
+                }
+                reduced.rgb
+            }
+            _ => return Ok(None),
+        };
+        let expected = match quantity {
+            Quantity::Reflectance if rgb.is_valid() && rgb.max_component() <= 1.0 => None,
+            Quantity::Unbounded | Quantity::Emission if rgb.is_valid() => None,
+            Quantity::Reflectance => Some("values from 0 to 1"),
+            Quantity::Unbounded | Quantity::Emission => Some("values of at least 0"),
+        };
+        if let Some(expected) = expected {
+            let message = format!("expected {expected}, found {}, {}, {}", rgb.r, rgb.g, rgb.b);
+            return Err(props.object.error(message));
+        }
+        self.finish(props);
+        Ok(Some(rgb))
+    }
+
     fn reduce(&mut self, property: &Property, spectrum: &Spectrum, quantity: Quantity) -> Rgb {
         let reduced = spectrum.to_rgb(quantity);
         if let Some(raw) = reduced.out_of_gamut {
-            let message = format!(
-                "the spectrum's colour {:.3}, {:.3}, {:.3} is out of range and clamped",
-                raw.r, raw.g, raw.b
-            );
-            self.loaded.warnings.push(property.error(message));
+            self.loaded.warnings.push(property.error(out_of_gamut(raw)));
         }
         reduced.rgb
     }
@@ -79,4 +162,67 @@ impl Builder<'_> {
         })?;
         Ok(Some(spectrum))
     }
+}
+
+fn out_of_gamut(raw: Rgb) -> String {
+    format!("the spectrum's colour {:.3}, {:.3}, {:.3} is out of range and clamped", raw.r, raw.g, raw.b)
+}
+
+/// Shortest and longest visible wavelengths, nm.
+const VISIBLE: [f64; 2] = [360.0, 830.0];
+/// Wavelengths at which a black body is tabulated.
+const BLACKBODY_STEPS: usize = 471;
+
+/// The samples of a `regular`, `irregular` or `blackbody` spectrum.
+fn spectrum_samples(props: &Props) -> Result<Spectrum> {
+    let list = |name: &'static str| -> Result<Vec<f64>> {
+        let Some(text) = props.text(name)? else {
+            return Err(props.object.error(format!("the property {name} is missing")));
+        };
+        let words = text.split(|c: char| c == ',' || c.is_whitespace()).filter(|w| !w.is_empty());
+        words.map(|w| values::float(w).map_err(|message| props.error(name, &message))).collect()
+    };
+    let samples = match props.object.plugin.as_str() {
+        "regular" => {
+            let values = list("values")?;
+            let [low, high] = range(props)?;
+            let step = (high - low) / (values.len().max(2) - 1) as f64;
+            values.into_iter().enumerate().map(|(i, v)| (low + step * i as f64, v)).collect()
+        }
+        "irregular" => {
+            let (nm, values) = (list("wavelengths")?, list("values")?);
+            if nm.len() != values.len() {
+                let message = format!("expected as many wavelengths as values, found {} and {}", nm.len(), values.len());
+                return Err(props.object.error(message));
+            }
+            nm.into_iter().zip(values).collect()
+        }
+        _ => {
+            let temperature = f64::from(props.positive("temperature", 5000.0)?);
+            let [low, high] = range(props)?;
+            let (low, high) = (low.max(VISIBLE[0]), high.min(VISIBLE[1]));
+            let nm = |i: usize| low + (high - low) * i as f64 / (BLACKBODY_STEPS - 1) as f64;
+            (0..BLACKBODY_STEPS).map(|i| (nm(i), planck(nm(i), temperature))).collect()
+        }
+    };
+    Spectrum::from_samples(samples).map_err(|message| props.object.error(message))
+}
+
+/// `wavelength_min` and `wavelength_max`, in nm.
+fn range(props: &Props) -> Result<[f64; 2]> {
+    let low = props.float("wavelength_min")?.unwrap_or(VISIBLE[0]);
+    let high = props.float("wavelength_max")?.unwrap_or(VISIBLE[1]);
+    match low > 0.0 && high > low && high.is_finite() {
+        true => Ok([low, high]),
+        false => Err(props.object.error("expected wavelength_min to be less than wavelength_max, and both positive")),
+    }
+}
+
+/// Radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at a wavelength in nm and a temperature in K. [Planck 1901]
+fn planck(nm: f64, temperature: f64) -> f64 {
+    const H: f64 = 6.626_070_15e-34;
+    const C: f64 = 299_792_458.0;
+    const K: f64 = 1.380_649e-23;
+    let lambda = nm * 1e-9;
+    1e-9 * 2.0 * H * C * C / lambda.powi(5) / (H * C / (lambda * K * temperature)).exp_m1()
 }

@@ -7,6 +7,7 @@ use crate::emitter::Emitter;
 use crate::error::Result;
 use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
+use crate::material::Input;
 use crate::math::DVec3;
 
 const SUPPORTED: [&str; 3] = ["area", "point", "constant"];
@@ -48,7 +49,7 @@ impl Builder<'_> {
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
-    pub fn area_emitter(&mut self, object: ObjectId) -> Result<Rgb> {
+    pub fn area_emitter(&mut self, object: ObjectId) -> Result<Input<Rgb>> {
         let props = Props::new(self.graph, object);
         match props.object.plugin.as_str() {
             "area" => {}
@@ -57,7 +58,7 @@ impl Builder<'_> {
             }
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         }
-        let radiance = self.colour(&props, "radiance", Quantity::Emission, 1.0)?;
+        let radiance = self.color_input(&props, "radiance", Quantity::Emission, 1.0)?;
         self.finish(props);
         Ok(radiance)
     }

@@ -1,4 +1,4 @@
-//! Films (`hdrfilm`) and reconstruction filters (`box`, `tent`, `gaussian`).
+//! Films and reconstruction filters.
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
@@ -6,10 +6,9 @@ use crate::film::{ComponentFormat, FilmSettings, Filter, PixelFormat, PixelRect}
 use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
 
-const SUPPORTED: [&str; 1] = ["hdrfilm"];
+const SUPPORTED: [&str; 2] = ["hdrfilm", "ldrfilm"];
 const MITSUBA: [&str; 1] = ["specfilm"];
-const SUPPORTED_FILTERS: [&str; 3] = ["box", "tent", "gaussian"];
-const MITSUBA_FILTERS: [&str; 3] = ["catmullrom", "lanczos", "mitchell"];
+const SUPPORTED_FILTERS: [&str; 6] = ["box", "catmullrom", "gaussian", "lanczos", "mitchell", "tent"];
 /// Longest side of an image.
 const MAX_SIDE: i64 = 65_536;
 /// Most pixels of an image.
@@ -25,9 +24,11 @@ impl Builder<'_> {
     pub fn film(&mut self, sensor: &Props) -> Result<FilmSettings> {
         let Some(object) = sensor.child("film")? else { return Ok(FilmSettings::default()) };
         let props = Props::new(self.graph, object);
-        if props.object.plugin != "hdrfilm" {
-            return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
-        }
+        let for_display = match props.object.plugin.as_str() {
+            "hdrfilm" => false,
+            "ldrfilm" => true,
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
+        };
         let default = FilmSettings::default();
         let side = |name, default: u32| Ok(props.integer(name, 1..=MAX_SIDE)?.map_or(default, |v| v as u32));
         let (width, height) = (side("width", default.width)?, side("height", default.height)?);
@@ -47,9 +48,17 @@ impl Builder<'_> {
             filter,
             pixel_format: pixel_format(&props)?,
             component_format: component_format(&props)?,
+            for_display,
         };
-        let formats = [("openexr", ()), ("exr", ()), ("rgbe", ()), ("pfm", ())];
-        props.choice("file_format", &formats, ())?;
+        let formats: &[(&str, ())] = match for_display {
+            false => &[("openexr", ()), ("exr", ()), ("rgbe", ()), ("pfm", ())],
+            true => &[("png", ()), ("jpeg", ())],
+        };
+        props.choice("file_format", formats, ())?;
+        if for_display {
+            let why = "the picture is written with the transfer curve of sRGB, as it is";
+            self.ignore(&props, &["gamma", "exposure", "tonemap_method", "key", "burn"], why);
+        }
         props.find("banner");
         self.ignore(&props, &["sample_border"], "a sample belongs to one pixel, so borders need none");
         self.ignore(&props, &["compensate"], "sums are always compensated");
@@ -71,10 +80,25 @@ impl Builder<'_> {
             "box" => Filter::Box { radius: 0.5 },
             "tent" => Filter::Tent { radius: width("radius", 1.0)? },
             "gaussian" => Filter::Gaussian { stddev: width("stddev", 0.5)? },
-            _ => return Err(unknown_plugin(props.object, &SUPPORTED_FILTERS, &MITSUBA_FILTERS)),
+            "mitchell" => Filter::Mitchell { b: coefficient(&props, "B")?, c: coefficient(&props, "C")? },
+            "catmullrom" => Filter::CatmullRom,
+            "lanczos" => {
+                let lobes = props.integer("lobes", 1..=i64::from(MAX_FILTER as u32))?;
+                Filter::Lanczos { lobes: lobes.map_or(3, |n| n as u32) }
+            }
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED_FILTERS, &[])),
         };
         self.finish(props);
         Ok(filter)
+    }
+}
+
+/// A coefficient of the Mitchell-Netravali filter: a third by default. In old scenes its name may be small.
+fn coefficient(props: &Props, name: &'static str) -> Result<f32> {
+    let value = props.float(name)?.unwrap_or(1.0 / 3.0) as f32;
+    match value.is_finite() {
+        true => Ok(value),
+        false => Err(props.refusal(name, "expected a finite number")),
     }
 }
 

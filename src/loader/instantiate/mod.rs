@@ -9,6 +9,7 @@ mod integrators;
 mod samplers;
 mod sensors;
 mod shapes;
+mod textures;
 
 use super::files::Folders;
 use super::graph::{Graph, Object, ObjectId};
@@ -17,7 +18,7 @@ use super::resolve::Resolved;
 use super::{Loaded, names};
 use crate::emitter::Emitter;
 use crate::error::{Error, Result};
-use crate::ids::MaterialId;
+use crate::ids::{MaterialId, TextureId};
 use crate::material::Material;
 use std::collections::{HashMap, HashSet};
 
@@ -32,6 +33,7 @@ pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
         folders: &resolved.folders,
         loaded,
         materials: HashMap::new(),
+        textures: HashMap::new(),
         finished: HashSet::new(),
         default_material: None,
         missing: Vec::new(),
@@ -50,6 +52,7 @@ struct Builder<'g> {
     folders: &'g Folders,
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
+    textures: HashMap<ObjectId, TextureId>,
     finished: HashSet<ObjectId>,
     default_material: Option<MaterialId>,
     missing: Vec<Error>,
@@ -78,7 +81,10 @@ impl<'g> Builder<'g> {
         for shape in self.once(&props, "shape") {
             self.shape(shape)?;
         }
-        for class in ["texture", "medium", "volume", "phase"] {
+        for texture in self.once(&props, "texture") {
+            self.texture(texture)?;
+        }
+        for class in ["medium", "volume", "phase"] {
             if let Some(object) = self.once(&props, class).first() {
                 return Err(unsupported(&graph.objects[*object]));
             }

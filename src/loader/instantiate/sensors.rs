@@ -1,15 +1,14 @@
-//! Sensors: `perspective`.
+//! Sensors.
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
-use crate::math::DAffine3;
-use crate::sensor::{FovAxis, SensorSettings};
+use crate::math::Motion;
+use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 
-const SUPPORTED: [&str; 1] = ["perspective"];
-const MITSUBA: [&str; 7] =
-    ["batch", "distant", "irradiancemeter", "measured", "orthographic", "radiancemeter", "thinlens"];
+const SUPPORTED: [&str; 3] = ["orthographic", "perspective", "thinlens"];
+const MITSUBA: [&str; 5] = ["batch", "distant", "irradiancemeter", "measured", "radiancemeter"];
 /// Focal length in mm of a camera that gives neither it nor a field of view.
 const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
 /// Diagonal of the 35 mm film's 36 mm x 24 mm frame, which focal lengths refer to.
@@ -24,31 +23,49 @@ impl Builder<'_> {
     /// As for [`instantiate`](super::instantiate).
     pub fn sensor(&mut self, object: ObjectId, first: bool) -> Result<()> {
         let props = Props::new(self.graph, object);
-        if props.object.plugin != "perspective" {
+        let plugin = props.object.plugin.as_str();
+        if !SUPPORTED.contains(&plugin) {
             return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
         }
-        let to_world = rigid(&props)?;
-        let (fov, fov_axis) = field_of_view(&props)?;
+        let to_world = props.motion()?;
+        let projection = match plugin {
+            "orthographic" => Projection::Orthographic,
+            _ => {
+                check_rigid(&props, &to_world)?;
+                let (fov, fov_axis) = field_of_view(&props)?;
+                let names = ["principal_point_offset_x", "principal_point_offset_y"];
+                let offset = [props.float(names[0])?, props.float(names[1])?];
+                let principal_point_offset = offset.map(|v| v.unwrap_or(0.0));
+                Projection::Perspective { fov, fov_axis, principal_point_offset }
+            }
+        };
+        let lens = if plugin == "thinlens" { thin_lens(&props)? } else { None };
+        if lens.is_none() {
+            self.ignore(&props, &["focus_distance"], "everything is in focus");
+        }
         let near_clip = f64::from(props.positive("near_clip", 1e-2)?);
         let far_clip = f64::from(props.positive("far_clip", 1e4)?);
         if near_clip >= far_clip {
             let name = if props.find("near_clip").is_some() { "near_clip" } else { "far_clip" };
             return Err(props.refusal(name, "expected near_clip to be less than far_clip"));
         }
-        let offset = [props.float("principal_point_offset_x")?, props.float("principal_point_offset_y")?];
+        let shutter = [props.float("shutter_open")?, props.float("shutter_close")?].map(|t| t.unwrap_or(0.0));
+        if !(shutter[0] <= shutter[1] && shutter.iter().all(|t| t.is_finite())) {
+            return Err(props.refusal("shutter_close", "expected the shutter to close after it opens"));
+        }
+        self.ignore(&props, &["srf"], "images are RGB");
         let film = self.film(&props)?;
         if let Some(sampler) = props.child("sampler")? {
             self.sampler(sampler, first)?;
         }
-        self.ignore(&props, &["shutter_open", "shutter_close"], "nothing moves");
         let settings = SensorSettings {
             name: props.object.id.clone(),
             to_world,
-            fov,
-            fov_axis,
+            projection,
+            lens,
             near_clip,
             far_clip,
-            principal_point_offset: offset.map(|v| v.unwrap_or(0.0)),
+            shutter,
             film,
         };
         self.finish(props);
@@ -57,15 +74,34 @@ impl Builder<'_> {
     }
 }
 
-/// `to_world` without scale: lengths along the viewing axis would not be those of the world.
-fn rigid(props: &Props) -> Result<DAffine3> {
-    let to_world = props.to_world()?;
-    let m = to_world.matrix3;
-    let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.length());
-    if lengths.iter().any(|l| (l - 1.0).abs() > SCALE_TOLERANCE) {
-        return Err(props.error("to_world", "a camera cannot be scaled"));
+/// Refuses a `to_world` with scale: lengths along the viewing axis would not be those of the world.
+fn check_rigid(props: &Props, to_world: &Motion) -> Result<()> {
+    for transform in to_world.keys() {
+        let m = transform.matrix3;
+        let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.length());
+        if lengths.iter().any(|l| (l - 1.0).abs() > SCALE_TOLERANCE) {
+            return Err(props.error("to_world", "a camera cannot be scaled"));
+        }
     }
-    Ok(to_world)
+    Ok(())
+}
+
+/// The lens of a `thinlens`; `None` for an aperture of radius 0, which is a pinhole.
+fn thin_lens(props: &Props) -> Result<Option<ThinLens>> {
+    let Some(aperture_radius) = props.float("aperture_radius")? else {
+        return Err(props.object.error("the property aperture_radius is missing"));
+    };
+    if !(aperture_radius >= 0.0 && aperture_radius.is_finite()) {
+        return Err(props.refusal("aperture_radius", "expected a number of at least 0"));
+    }
+    if aperture_radius == 0.0 {
+        return Ok(None);
+    }
+    if !props.has("focus_distance") {
+        return Err(props.object.error("the property focus_distance is missing"));
+    }
+    let focus_distance = f64::from(props.positive("focus_distance", 1.0)?);
+    Ok(Some(ThinLens { aperture_radius, focus_distance }))
 }
 
 /// The field of view in radians and what it spans, from `fov` or `focal_length`.

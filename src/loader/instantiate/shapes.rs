@@ -33,7 +33,8 @@ impl Builder<'_> {
     /// As for [`instantiate`](super::instantiate).
     pub fn shape(&mut self, object: ObjectId) -> Result<()> {
         let props = Props::new(self.graph, object);
-        let to_world = props.to_world()?;
+        let motion = props.motion()?;
+        let to_world = motion.at(0.0);
         let shape = match props.object.plugin.as_str() {
             "obj" => self.mesh(&props, Format::Obj, &to_world)?,
             "ply" => self.mesh(&props, Format::Ply, &to_world)?,
@@ -66,7 +67,8 @@ impl Builder<'_> {
         let place = Some(props.object.spot.place());
         let name = props.object.id.clone();
         self.finish(props);
-        let shape = PlacedShape { name, place, shape, to_world, flip_normals, material, emission };
+        let shape =
+            PlacedShape { name, place, shape, to_world: motion, flip_normals, material, emission };
         self.loaded.description.shapes.push(shape);
         Ok(())
     }

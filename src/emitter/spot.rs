@@ -1,0 +1,94 @@
+//! A point light with a cone of light.
+
+use super::point::towards;
+use super::{EmitterSample, LightRay, Target, at_least_a_little, textured};
+use crate::color::Rgb;
+use crate::math::{DAffine3, Mat3, Ray, Vec2, Vec3};
+use crate::sampling::warp;
+use crate::texture::Texture;
+use std::f32::consts::TAU;
+use std::sync::Arc;
+
+/// A point that shines into a cone around its axis: constant in the beam, then linear in the angle down to nothing.
+#[derive(Clone, Debug)]
+pub struct Spot {
+    position: Vec3,
+    /// World directions of its own axes; the third is that of the cone.
+    axes: Mat3,
+    intensity: Rgb,
+    texture: Option<Arc<Texture>>,
+    cutoff_angle: f32,
+    beam_width: f32,
+}
+
+impl Spot {
+    /// A spot; angles to the axis in radians, `beam_width ≤ cutoff_angle < π/2` where there is a texture.
+    pub fn new(
+        to_world: &DAffine3,
+        intensity: Rgb,
+        texture: Option<Arc<Texture>>,
+        cutoff_angle: f32,
+        beam_width: f32,
+    ) -> Self {
+        let m = to_world.matrix3;
+        let axes = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.normalize().as_vec3());
+        Spot {
+            position: to_world.translation.as_vec3(),
+            axes: Mat3::from_cols(axes[0], axes[1], axes[2]),
+            intensity,
+            texture,
+            cutoff_angle,
+            beam_width,
+        }
+    }
+
+    /// Radiant intensity in the local direction `d`, W·sr⁻¹.
+    fn intensity(&self, d: Vec3) -> Rgb {
+        let angle = d.x.hypot(d.y).atan2(d.z);
+        if angle >= self.cutoff_angle {
+            return Rgb::BLACK;
+        }
+        let falloff = match angle <= self.beam_width {
+            true => 1.0,
+            false => (self.cutoff_angle - angle) / (self.cutoff_angle - self.beam_width),
+        };
+        let width = d.z * self.cutoff_angle.tan();
+        let uv = Vec2::splat(0.5) + Vec2::new(d.x, d.y) * (0.5 / width);
+        textured(self.intensity, self.texture.as_ref(), uv) * falloff
+    }
+
+    /// The one direction.
+    pub fn sample(&self, from: Vec3) -> Option<EmitterSample> {
+        let (wi, distance_squared) = towards(self.position, from)?;
+        let radiance = self.intensity(self.axes.transpose() * -wi) / distance_squared;
+        (!radiance.is_black()).then_some(EmitterSample {
+            wi,
+            target: Target::Point(self.position),
+            radiance,
+            pdf: 1.0,
+            delta: true,
+        })
+    }
+
+    /// `1 − cos` of the cone.
+    fn cap(&self) -> f32 {
+        let half = (0.5 * self.cutoff_angle).sin();
+        2.0 * half * half
+    }
+
+    /// A ray in a direction uniform in the cone.
+    pub fn sample_ray(&self, u: Vec2, time: f32) -> Option<LightRay> {
+        let local = warp::square_to_cone(u, self.cap());
+        let power = self.intensity(local) / warp::square_to_cone_pdf(self.cap());
+        let ray = Ray { o: self.position, t_max: f32::INFINITY, d: (self.axes * local).normalize(), time };
+        (!power.is_black()).then_some(LightRay { ray, power })
+    }
+
+    /// About the emitted power, W.
+    pub fn power(&self) -> Rgb {
+        let mean = self.texture.as_ref().map_or(Rgb::WHITE, |t| at_least_a_little(t.mean()));
+        // Half of the light of the rim.
+        let beam = 1.0 - (0.5 * (self.beam_width + self.cutoff_angle)).cos();
+        self.intensity * mean * (TAU * beam)
+    }
+}

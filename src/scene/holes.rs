@@ -1,0 +1,53 @@
+//! Surfaces that are there by chance: which hits of materials with holes count.
+
+use super::Materials;
+use crate::accel::{Hit, HitFilter};
+use crate::ids::MaterialId;
+use crate::math::{Ray, Vec3};
+use crate::shape::WorldShape;
+use std::sync::Arc;
+
+/// Accepts a hit with the probability of the material's opacity there. A ray that passes goes on unchanged, so that
+/// emitters behind are found, and weighted, as if there were nothing between.
+pub struct Holes {
+    /// By geometry: the shape and material of those that have holes.
+    pub shapes: Vec<Option<(WorldShape, MaterialId)>>,
+    /// The materials.
+    pub materials: Arc<Materials>,
+}
+
+impl HitFilter for Holes {
+    fn accepts(&self, id: u32, ray: &Ray, hit: &Hit) -> bool {
+        let Some((shape, material)) = &self.shapes[hit.geometry as usize] else { return true };
+        let p = ray.o + ray.d * hit.t;
+        let opacity = self.materials.opacity(*material, &shape.texture_point(hit, p));
+        if opacity <= 0.0 || opacity >= 1.0 {
+            return opacity > 0.0;
+        }
+        let side = u32::from(enters(shape, p, ray.d));
+        let words = [hit.geometry, hit.primitive, hit.instance, side];
+        let hash = words.into_iter().fold(id, |h, word| mix(h ^ mix(word.wrapping_add(0x9e37_79b9))));
+        let u = (hash >> 8) as f32 * (1.0 / (1 << 24) as f32);
+        u < opacity
+    }
+}
+
+/// Tells the two hits of a ray with a curved surface apart.
+fn enters(shape: &WorldShape, p: Vec3, d: Vec3) -> bool {
+    match shape {
+        WorldShape::Sphere { center, .. } => d.dot(p - *center) < 0.0,
+        WorldShape::Cylinder { p0, p1, .. } => {
+            let axis = (*p1 - *p0).normalize();
+            let q = p - *p0;
+            d.dot(q - axis * q.dot(axis)) < 0.0
+        }
+        WorldShape::Mesh(_) | WorldShape::Rectangle { .. } | WorldShape::Disk { .. } => false,
+    }
+}
+
+/// A hash of 32 bits. [Wellons 2018, "lowbias32"]
+fn mix(mut x: u32) -> u32 {
+    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
+    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}

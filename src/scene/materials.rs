@@ -1,0 +1,424 @@
+//! Materials of a compiled scene: from a material and a surface point to a BSDF.
+
+use crate::bsdf::fresnel::ConductorFresnel;
+use crate::bsdf::microfacet::Microfacets;
+use crate::bsdf::{
+    Blend, Bsdf, Conductor, Dielectric, Diffuse, RoughConductor, Tilted, TwoSided,
+};
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::ids::{MaterialId, TextureId};
+use crate::material::{Bending, Input, Material, Metal, Roughness};
+use crate::math::{Frame, Vec2, Vec3};
+use crate::texture::{Texture, TexturePoint};
+use bumpalo::Bump;
+use std::sync::Arc;
+
+/// The least roughness: below it, squares of the roughness leave the range of `f32`.
+const LEAST_ALPHA: f32 = 1e-4;
+
+/// A material of the compiled scene.
+pub struct SceneMaterial {
+    /// What the scene says of it; without the outermost [`Material::TwoSided`] of a single material.
+    material: Material,
+    /// Its BSDF, where that is the same everywhere.
+    pub constant: Option<Bsdf<'static>>,
+    /// Whether the back scatters as the front does: surface points turn their frames to the ray then.
+    pub two_sided: bool,
+    /// Whether the tangents of the local frame matter.
+    pub tangents: bool,
+    /// Whether light may pass as if there were no surface.
+    pub holes: bool,
+    /// Whether every lobe is a Dirac delta.
+    pub specular: bool,
+    /// Whether sampling chooses among lobes.
+    pub lobe_choice: bool,
+}
+
+/// The materials and textures of a scene.
+pub struct Materials {
+    list: Vec<SceneMaterial>,
+    textures: Vec<Arc<Texture>>,
+}
+
+/// A surface point as materials see it.
+#[derive(Clone, Copy, Debug)]
+pub struct MaterialPoint<'a> {
+    /// For textures.
+    pub texture: TexturePoint<'a>,
+    /// The shading frame.
+    pub frame: Frame,
+    /// Geometric normal.
+    pub ng: Vec3,
+    /// Derivatives of the position by the texture coordinates.
+    pub dp_duv: [Vec3; 2],
+    /// Where the ray came from, in the shading frame.
+    pub wo: Vec3,
+}
+
+/// What scatters at a point, and the share of the surface that is there.
+#[derive(Clone, Copy, Debug)]
+pub struct Scattering<'a> {
+    /// The BSDF of what is there.
+    pub bsdf: Bsdf<'a>,
+    /// The share, in [0, 1]; the rest lets light pass.
+    pub opacity: f32,
+}
+
+impl Materials {
+    /// Checks materials and prepares them.
+    ///
+    /// # Errors
+    /// If an index is out of range, a material contains itself, or one inside a two-sided one transmits light.
+    pub fn new(materials: Vec<Material>, textures: Vec<Arc<Texture>>) -> Result<Self> {
+        check_references(&materials, textures.len())?;
+        let mut list: Vec<SceneMaterial> = Vec::with_capacity(materials.len());
+        for material in &materials {
+            let is = |material, f: fn(&Material) -> bool| is_made_of(&materials, material, f);
+            if let Material::TwoSided(sides) = material {
+                for side in sides.map(|side| &materials[side.index()]) {
+                    if is(side, |m| matches!(m, Material::TwoSided(_))) {
+                        return Err(Error::scene("expected a one-sided material inside a twosided one"));
+                    }
+                    if is(side, Material::transmits) {
+                        return Err(Error::scene("a material that transmits light cannot be made twosided"));
+                    }
+                }
+            }
+            let (outer, two_sided) = match material {
+                Material::TwoSided([front, back]) if front == back => (&materials[front.index()], true),
+                other => (other, false),
+            };
+            list.push(SceneMaterial {
+                material: outer.clone(),
+                constant: None,
+                two_sided,
+                tangents: is(outer, has_tangents),
+                holes: is(outer, has_holes),
+                specular: !is(outer, is_finite),
+                lobe_choice: is(outer, chooses_lobe),
+            });
+        }
+        let mut all = Materials { list, textures };
+        for i in 0..all.list.len() {
+            all.list[i].constant = all.constant(&all.list[i].material);
+        }
+        Ok(all)
+    }
+
+    /// A material.
+    #[inline]
+    pub fn get(&self, id: MaterialId) -> &SceneMaterial {
+        &self.list[id.index()]
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = &SceneMaterial> {
+        self.list.iter()
+    }
+
+    /// The textures.
+    pub fn textures(&self) -> &[Arc<Texture>] {
+        &self.textures
+    }
+
+    /// The share of the surface that is there.
+    pub fn opacity(&self, id: MaterialId, point: &TexturePoint<'_>) -> f32 {
+        self.opacity_of(&self.get(id).material, point)
+    }
+
+    fn opacity_of(&self, material: &Material, point: &TexturePoint<'_>) -> f32 {
+        match material {
+            Material::Null => 0.0,
+            Material::Mask { opacity, inner } => {
+                self.share(opacity, point) * self.opacity(*inner, point)
+            }
+            Material::Blend { weight, inner: [a, b] } => {
+                let w = self.share(weight, point);
+                (1.0 - w) * self.opacity(*a, point) + w * self.opacity(*b, point)
+            }
+            Material::BumpMap { inner, .. } | Material::NormalMap { inner, .. } => self.opacity(*inner, point),
+            _ => 1.0,
+        }
+    }
+
+    /// What scatters at a point. What it is made of lives in the arena.
+    pub fn scattering<'a>(
+        &'a self,
+        id: MaterialId,
+        at: &MaterialPoint<'a>,
+        arena: &'a Bump,
+    ) -> Scattering<'a> {
+        let entry = self.get(id);
+        if let Some(bsdf) = entry.constant {
+            return Scattering { bsdf, opacity: 1.0 };
+        }
+        let point = &at.texture;
+        match &entry.material {
+            Material::Null => Scattering { bsdf: Bsdf::Null, opacity: 0.0 },
+            Material::Mask { opacity, inner } => {
+                let inner = self.scattering(*inner, at, arena);
+                Scattering { opacity: inner.opacity * self.share(opacity, point), ..inner }
+            }
+            Material::Blend { weight, inner } => {
+                let w = self.share(weight, point);
+                let [a, b] = inner.map(|id| self.scattering(id, at, arena));
+                let (share_a, share_b) = ((1.0 - w) * a.opacity, w * b.opacity);
+                let opacity = share_a + share_b;
+                let bsdf = if share_b == 0.0 {
+                    a.bsdf
+                } else if share_a == 0.0 {
+                    b.bsdf
+                } else {
+                    let bsdfs = [a, b].map(|s| &*arena.alloc(s.bsdf));
+                    Bsdf::Blend(Blend { weight: share_b / opacity, bsdfs })
+                };
+                Scattering { bsdf, opacity }
+            }
+            Material::BumpMap { height, scale, bending, inner } => {
+                let gradient = self.texture(*height).gradient(point) * *scale;
+                self.tilted(at, bumped_normal(at, gradient), *bending, *inner, arena)
+            }
+            Material::NormalMap { normals, bending, inner } => {
+                let n = self.texture(*normals).eval(point);
+                let n = Vec3::new(n.r, n.g, n.b) * 2.0 - Vec3::ONE;
+                self.tilted(at, n, *bending, *inner, arena)
+            }
+            Material::TwoSided(sides) => {
+                let sides = sides.map(|id| &*arena.alloc(self.scattering(id, at, arena).bsdf));
+                Scattering { bsdf: Bsdf::TwoSided(TwoSided { sides }), opacity: 1.0 }
+            }
+            leaf => Scattering { bsdf: self.leaf(leaf, point), opacity: 1.0 },
+        }
+    }
+
+    /// The inner material around the local normal `n`, which need not be of unit length.
+    fn tilted<'a>(
+        &'a self,
+        at: &MaterialPoint<'a>,
+        n: Vec3,
+        bending: Bending,
+        inner: MaterialId,
+        arena: &'a Bump,
+    ) -> Scattering<'a> {
+        let mirror = bending.flip_invalid && at.wo.z * at.wo.dot(n) <= 0.0;
+        let n = if mirror { Vec3::new(-n.x, -n.y, n.z) } else { n };
+        let frame = Frame::from_normal_tangent(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X);
+        let world = Frame {
+            s: at.frame.to_world(frame.s),
+            t: at.frame.to_world(frame.t),
+            n: at.frame.to_world(frame.n),
+        };
+        let inner_at = MaterialPoint { frame: world, wo: frame.to_local(at.wo), ..*at };
+        let Scattering { bsdf, opacity } = self.scattering(inner, &inner_at, arena);
+        let inner = arena.alloc(bsdf);
+        Scattering { bsdf: Bsdf::Tilted(Tilted { frame, soften: bending.soften, inner }), opacity }
+    }
+
+    /// The BSDF of a material that is not made of others.
+    fn leaf<'a>(&'a self, material: &'a Material, point: &TexturePoint<'_>) -> Bsdf<'a> {
+        match material {
+            Material::Diffuse { reflectance } => {
+                Bsdf::Diffuse(Diffuse { reflectance: self.color(reflectance, point) })
+            }
+            Material::Conductor(metal) => Bsdf::Conductor(Conductor {
+                fresnel: self.fresnel(metal, point),
+                specular_reflectance: self.color(&metal.specular_reflectance, point),
+            }),
+            Material::RoughConductor(metal, roughness) => Bsdf::RoughConductor(RoughConductor {
+                microfacets: self.microfacets(roughness, point),
+                fresnel: self.fresnel(metal, point),
+                specular_reflectance: self.color(&metal.specular_reflectance, point),
+            }),
+            Material::Dielectric(interface, transmittance) => Bsdf::Dielectric(Dielectric {
+                eta: interface.eta(),
+                specular_reflectance: self.color(&interface.specular_reflectance, point),
+                specular_transmittance: self.color(transmittance, point),
+            }),
+            _ => Bsdf::Null,
+        }
+    }
+
+    fn fresnel(&self, metal: &Metal, point: &TexturePoint<'_>) -> ConductorFresnel {
+        ConductorFresnel { eta: self.color(&metal.eta, point), k: self.color(&metal.k, point) }
+    }
+
+    fn microfacets(&self, roughness: &Roughness, point: &TexturePoint<'_>) -> Microfacets {
+        let [alpha_x, alpha_y] =
+            [0, 1].map(|i| self.number(&roughness.alpha[i], point).max(LEAST_ALPHA));
+        Microfacets {
+            distribution: roughness.distribution,
+            alpha_x,
+            alpha_y,
+            sample_visible: roughness.sample_visible,
+        }
+    }
+
+    /// The BSDF of a leaf whose inputs are all constant.
+    fn constant(&self, material: &Material) -> Option<Bsdf<'static>> {
+        if !material.inner().is_empty() || inputs_vary(material) {
+            return None;
+        }
+        match self.leaf(material, &TexturePoint::at(Vec2::ZERO)) {
+            Bsdf::Diffuse(b) => Some(Bsdf::Diffuse(b)),
+            Bsdf::Conductor(b) => Some(Bsdf::Conductor(b)),
+            Bsdf::RoughConductor(b) => Some(Bsdf::RoughConductor(b)),
+            Bsdf::Dielectric(b) => Some(Bsdf::Dielectric(b)),
+            _ => None,
+        }
+    }
+
+    fn texture(&self, id: TextureId) -> &Texture {
+        &self.textures[id.index()]
+    }
+
+    fn color(&self, input: &Input<Rgb>, point: &TexturePoint<'_>) -> Rgb {
+        match input {
+            Input::Constant(value) => *value,
+            Input::Texture(id) => self.texture(*id).eval(point),
+        }
+    }
+
+    fn number(&self, input: &Input<f32>, point: &TexturePoint<'_>) -> f32 {
+        match input {
+            Input::Constant(value) => *value,
+            Input::Texture(id) => self.texture(*id).eval_scalar(point),
+        }
+    }
+
+    /// A number in [0, 1]: textures may overshoot.
+    fn share(&self, input: &Input<f32>, point: &TexturePoint<'_>) -> f32 {
+        self.number(input, point).clamp(0.0, 1.0)
+    }
+}
+
+impl SceneMaterial {
+    /// Whether there is nothing anywhere.
+    pub fn is_absent(&self) -> bool {
+        matches!(self.material, Material::Null)
+    }
+
+    /// The name of its kind in the scene language.
+    pub fn kind(&self) -> &'static str {
+        self.material.kind()
+    }
+}
+
+/// The local normal of a surface that is raised by a height with the given derivatives by the texture coordinates.
+/// [Blinn 1978, without the derivative of the surface's own normal]
+fn bumped_normal(at: &MaterialPoint<'_>, gradient: Vec2) -> Vec3 {
+    let n = at.frame.n;
+    let [du, dv] = [0, 1].map(|i| {
+        let d = at.dp_duv[i];
+        d + n * (gradient[i] - n.dot(d))
+    });
+    let bent = du.cross(dv);
+    let bent = if bent.dot(at.ng) < 0.0 { -bent } else { bent };
+    at.frame.to_local(bent)
+}
+
+fn inputs_vary(material: &Material) -> bool {
+    material.textures().next().is_some()
+}
+
+/// Whether something holds for a material or one that it is made of.
+fn is_made_of(all: &[Material], material: &Material, f: fn(&Material) -> bool) -> bool {
+    f(material) || material.inner().iter().any(|id| is_made_of(all, &all[id.index()], f))
+}
+
+/// Whether the tangents matter: lobes that are stretched, normals that lean.
+fn has_tangents(material: &Material) -> bool {
+    match material {
+        Material::RoughConductor(_, roughness) | Material::RoughDielectric(_, _, roughness) => {
+            roughness.alpha[0] != roughness.alpha[1]
+        }
+        Material::Principled(p) => p.anisotropic != Input::Constant(0.0),
+        Material::PrincipledThin(p) => p.anisotropic != Input::Constant(0.0),
+        Material::BumpMap { .. } | Material::NormalMap { .. } => true,
+        _ => false,
+    }
+}
+
+fn has_holes(material: &Material) -> bool {
+    match material {
+        Material::Null => true,
+        Material::Mask { opacity, .. } => opacity.constant().is_none_or(|o| o < 1.0),
+        _ => false,
+    }
+}
+
+/// Whether it has lobes of finite density.
+fn is_finite(material: &Material) -> bool {
+    match material {
+        Material::Diffuse { .. }
+        | Material::RoughConductor(..)
+        | Material::RoughDielectric(..)
+        | Material::Plastic(..)
+        | Material::RoughPlastic { .. }
+        | Material::Principled(_)
+        | Material::PrincipledThin(_) => true,
+        Material::Conductor(_)
+        | Material::Dielectric(..)
+        | Material::ThinDielectric(..)
+        | Material::Mask { .. }
+        | Material::Blend { .. }
+        | Material::BumpMap { .. }
+        | Material::NormalMap { .. }
+        | Material::TwoSided(_)
+        | Material::Null => false,
+    }
+}
+
+fn chooses_lobe(material: &Material) -> bool {
+    !matches!(
+        material,
+        Material::Diffuse { .. }
+            | Material::Conductor(_)
+            | Material::RoughConductor(..)
+            | Material::BumpMap { .. }
+            | Material::NormalMap { .. }
+            | Material::TwoSided(_)
+            | Material::Null
+    )
+}
+
+/// Refuses indices that do not exist, and materials that contain themselves.
+fn check_references(materials: &[Material], textures: usize) -> Result<()> {
+    // A material's depth is known once that of those inside it is.
+    let mut known = vec![false; materials.len()];
+    loop {
+        let mut progress = false;
+        for (i, material) in materials.iter().enumerate() {
+            if known[i] {
+                continue;
+            }
+            if let Some(id) = material.inner().iter().find(|id| id.index() >= materials.len()) {
+                return Err(Error::internal(format!("there is no material {}", id.0)));
+            }
+            if let Some(id) = material.textures().find(|id| id.index() >= textures) {
+                return Err(Error::internal(format!("there is no texture {}", id.0)));
+            }
+            if material.inner().iter().all(|id| known[id.index()]) {
+                known[i] = true;
+                progress = true;
+            }
+        }
+        if !progress {
+            break;
+        }
+    }
+    match known.iter().all(|k| *k) {
+        true => Ok(()),
+        false => Err(Error::scene("a material contains itself")),
+    }
+}

@@ -1,0 +1,283 @@
+//! Cameras: rays from film positions, and film positions of points.
+
+use super::{FovAxis, Projection, SensorSettings, ThinLens};
+use crate::error::{Error, Result};
+use crate::film::FilmSettings;
+use crate::math::{DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3};
+use crate::sampling::warp;
+
+/// A camera ready to make rays.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// The film behind it.
+    pub film: FilmSettings,
+    /// Sensor to world.
+    to_world: Motion,
+    /// When the shutter opens and closes.
+    shutter: [f64; 2],
+    /// Sensor to world at all times, where that never changes.
+    fixed: Option<DAffine3>,
+    /// In the sensor's coordinates, the film's top left corner at distance 1 along the viewing axis.
+    corner: DVec2,
+    /// Change of that per pixel to the right and downwards.
+    pixel: DVec2,
+    parallel: bool,
+    lens: Option<ThinLens>,
+    near: f64,
+    far: f64,
+}
+
+/// How the film sees a point, drawn at a point of the aperture. [Veach 1997, 4.3]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Importance {
+    /// Position on the film in pixels from the top left corner of the full image.
+    pub film: Vec2,
+    /// Unit direction from the point towards the aperture.
+    pub wi: Vec3,
+    /// Where a connecting ray ends: on the near clipping plane.
+    pub target: Vec3,
+    /// What a path that carries the radiance L there adds to the pixels under it, over L and the cosine at the point: pixel
+    /// values are mean radiances, and there is one path for each pixel of the full image.
+    pub weight: f32,
+}
+
+impl Camera {
+    /// A camera.
+    ///
+    /// # Errors
+    /// If a transform is singular or not finite.
+    pub fn new(settings: &SensorSettings) -> Result<Self> {
+        let fixed = settings.to_world.fixed();
+        let [open, close] = settings.shutter;
+        for time in [open, close] {
+            let to_world = settings.to_world.at(time);
+            if !to_world.is_finite() || to_world.matrix3.determinant() == 0.0 {
+                return Err(Error::scene("expected an invertible, finite to_world transform of the sensor"));
+            }
+        }
+        let film = settings.film;
+        let (width, height) = (f64::from(film.width), f64::from(film.height));
+        let (half, offset, parallel) = match settings.projection {
+            Projection::Perspective { fov, fov_axis, principal_point_offset } => {
+                (half_extents(fov, fov_axis, width, height), principal_point_offset, false)
+            }
+            Projection::Orthographic => ([1.0, height / width], [0.0; 2], true),
+        };
+        Ok(Camera {
+            film,
+            to_world: settings.to_world.clone(),
+            shutter: settings.shutter,
+            fixed,
+            // x points to the left, y upwards.
+            corner: DVec2::new(half[0] * (1.0 - 2.0 * offset[0]), half[1] * (1.0 - 2.0 * offset[1])),
+            pixel: DVec2::new(-2.0 * half[0] / width, -2.0 * half[1] / height),
+            parallel,
+            lens: settings.lens,
+            near: settings.near_clip,
+            far: settings.far_clip,
+        })
+    }
+
+    /// Sensor to world at a time in [0, 1] over the shutter interval.
+    #[inline]
+    pub fn to_world(&self, time: f32) -> DAffine3 {
+        match self.fixed {
+            Some(to_world) => to_world,
+            None => {
+                let [open, close] = self.shutter;
+                self.to_world.at(open + (close - open) * f64::from(time))
+            }
+        }
+    }
+
+    /// Whether rays depend on a point of the aperture.
+    pub fn has_lens(&self) -> bool {
+        self.lens.is_some()
+    }
+
+    /// Whether it moves while the shutter is open.
+    pub fn is_moving(&self) -> bool {
+        self.fixed.is_none() && self.shutter[0] < self.shutter[1]
+    }
+
+    /// The ray through the film position `p` in pixels from the top left corner of the full image, at a time in
+    /// [0, 1] over the shutter interval; `u` chooses the point of the aperture. It starts on the near
+    /// clipping plane and ends on the far one.
+    #[inline]
+    pub fn ray(&self, p: Vec2, u: Vec2, time: f32) -> Ray {
+        let to_world = self.to_world(time);
+        let q = self.corner + self.pixel * p.as_dvec2();
+        if self.parallel {
+            let o = to_world.transform_point3(q.extend(self.near));
+            let d = to_world.matrix3.z_axis.normalize();
+            return Ray { o: o.as_vec3(), t_max: (self.far - self.near) as f32, d: d.as_vec3(), time };
+        }
+        let m = unit_axes(&to_world.matrix3);
+        let (start, direction) = match self.lens {
+            None => (DVec2::ZERO, q.extend(1.0)),
+            Some(lens) => {
+                let start = warp::square_to_disk(u).as_dvec2() * lens.aperture_radius;
+                (start, (q - start / lens.focus_distance).extend(1.0))
+            }
+        };
+        let direction = m * direction;
+        // The reciprocal of the cosine to the viewing axis.
+        let length = direction.length() as f32;
+        let d = (direction / f64::from(length)).as_vec3();
+        let origin = to_world.translation + m * start.extend(0.0);
+        let (near, far) = (self.near as f32, self.far as f32);
+        Ray { o: origin.as_vec3() + d * (near * length), t_max: (far - near) * length, d, time }
+    }
+
+    /// How the film sees the world point `p` at a time; `None` where that is beyond the clipping planes, or more than
+    /// `margin` pixels beside the full image. `u` chooses the point of the aperture.
+    ///
+    /// A pixel's value is the mean radiance over its area, so the film's importance is constant in the area of the image
+    /// plane: `We = 1 / (A·cos⁴θ)` per unit aperture. [pbrt 16.1.1]
+    pub fn importance(&self, p: Vec3, u: Vec2, time: f32, margin: f64) -> Option<Importance> {
+        let to_world = self.to_world(time);
+        let pixels = f64::from(self.film.width) * f64::from(self.film.height);
+        // Area of the full image in the sensor's coordinates at distance 1.
+        let area = (self.pixel.x * self.pixel.y).abs() * pixels;
+        let p = p.as_dvec3();
+        let (film, aperture, to_near, weight) = if self.parallel {
+            let local = to_world.inverse().transform_point3(p);
+            let axis = to_world.matrix3.z_axis.normalize();
+            let depth = (p - to_world.transform_point3(local.truncate().extend(0.0))).dot(axis);
+            // Distances are those of the world.
+            if !(depth > self.near && depth < self.far) {
+                return None;
+            }
+            let m = to_world.matrix3;
+            let world_area = area * m.x_axis.cross(m.y_axis).dot(axis).abs();
+            ((local.truncate() - self.corner) / self.pixel, p - axis * depth, depth - self.near, 1.0 / world_area)
+        } else {
+            let m = unit_axes(&to_world.matrix3);
+            let local = m.inverse() * (p - to_world.translation);
+            if !(local.z > self.near && local.z < self.far) {
+                return None;
+            }
+            let start = match self.lens {
+                None => DVec2::ZERO,
+                Some(lens) => warp::square_to_disk(u).as_dvec2() * lens.aperture_radius,
+            };
+            // The image point is that of the ray's point in the plane of focus.
+            let slope = (local.truncate() - start) / local.z;
+            let q = match self.lens {
+                None => slope,
+                Some(lens) => slope + start / lens.focus_distance,
+            };
+            let aperture = to_world.translation + m * start.extend(0.0);
+            let to = local - start.extend(0.0);
+            let (distance2, cos) = (to.length_squared(), local.z / to.length());
+            // We over the density of the aperture's point per unit solid angle: (1/Aₗ)·d²/cosθ.
+            let weight = 1.0 / (area * cos.powi(3) * distance2);
+            ((q - self.corner) / self.pixel, aperture, to.length() * (1.0 - self.near / local.z), weight)
+        };
+        let size = DVec2::new(self.film.width.into(), self.film.height.into());
+        if !(film.cmpge(DVec2::splat(-margin)).all() && film.cmple(size + margin).all()) {
+            return None;
+        }
+        let wi = (aperture - p).normalize();
+        Some(Importance {
+            film: film.as_vec2(),
+            wi: wi.as_vec3(),
+            target: (p + wi * to_near).as_vec3(),
+            weight: weight as f32,
+        })
+    }
+
+    /// In the sensor's coordinates, the vectors across the image plane (its full width and height) and the one
+    /// to its top left corner, at distance 1 along the viewing axis.
+    pub fn image_plane(&self) -> [DVec3; 3] {
+        let (width, height) = (f64::from(self.film.width), f64::from(self.film.height));
+        [
+            DVec3::new(self.pixel.x * width, 0.0, 0.0),
+            DVec3::new(0.0, self.pixel.y * height, 0.0),
+            self.corner.extend(1.0),
+        ]
+    }
+
+    /// World to sensor in the middle of the shutter interval, for the image's metadata.
+    pub fn world_to_camera(&self) -> DAffine3 {
+        self.to_world(0.5).inverse()
+    }
+}
+
+/// The axes of a perspective camera: a scale would change nothing but the clipping distances, which are world lengths.
+fn unit_axes(m: &DMat3) -> DMat3 {
+    DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize())
+}
+
+/// Half the width and height of the image plane at distance 1.
+fn half_extents(fov: f64, fov_axis: FovAxis, width: f64, height: f64) -> [f64; 2] {
+    let tan = (0.5 * fov).tan();
+    let along_x = match fov_axis {
+        FovAxis::X => true,
+        FovAxis::Y => false,
+        FovAxis::Smaller => width <= height,
+        FovAxis::Larger => width > height,
+        FovAxis::Diagonal => {
+            let diagonal = width.hypot(height);
+            return [tan * width / diagonal, tan * height / diagonal];
+        }
+    };
+    if along_x { [tan, tan * height / width] } else { [tan * width / height, tan] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Origins, directions and lengths that Mitsuba 3.9.1 computes for the same camera.
+    #[test]
+    fn rays_agree_with_the_scene_languages_camera() {
+        let (eye, target) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.0, 0.5, 0.0));
+        let z = (target - eye).normalize();
+        let x = DVec3::Y.cross(z).normalize();
+        let to_world = DAffine3::from_mat3_translation(DMat3::from_cols(x, z.cross(x), z), eye);
+        for (fov_axis, o, d, t_max) in [
+            (FovAxis::X, [0.804938, 1.78845, 2.58746], [-0.387812, -0.420583, -0.82019], 9.556638),
+            (FovAxis::Y, [0.778835, 1.78982, 2.59548], [-0.436495, -0.414806, -0.798378], 9.626969),
+            (FovAxis::Diagonal, [0.813706, 1.78799, 2.58477], [-0.371056, -0.422267, -0.827048], 9.539247),
+            (FovAxis::Smaller, [0.778835, 1.78982, 2.59548], [-0.436495, -0.414806, -0.798378], 9.626969),
+            (FovAxis::Larger, [0.804938, 1.78845, 2.58746], [-0.387812, -0.420583, -0.82019], 9.556638),
+        ] {
+            let camera = Camera::new(&SensorSettings {
+                name: String::new(),
+                to_world: to_world.into(),
+                projection: Projection::Perspective {
+                    fov: 40f64.to_radians(),
+                    fov_axis,
+                    principal_point_offset: [0.1, -0.2],
+                },
+                lens: None,
+                shutter: [0.0; 2],
+                near_clip: 0.5,
+                far_clip: 10.0,
+                film: FilmSettings { width: 60, height: 40, ..FilmSettings::default() },
+            })
+            .unwrap();
+            let ray = camera.ray(Vec2::new(15.0, 27.5), Vec2::ZERO, 0.0);
+            assert!((ray.o - Vec3::from(o)).length() < 2e-5, "{fov_axis:?} {ray:?}");
+            assert!((ray.d - Vec3::from(d)).length() < 2e-6, "{fov_axis:?} {ray:?}");
+            assert!((ray.t_max - t_max).abs() < 2e-5, "{fov_axis:?} {ray:?}");
+        }
+    }
+
+    #[test]
+    fn a_flat_transform_is_refused() {
+        let settings = SensorSettings {
+            name: String::new(),
+            to_world: DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0)).into(),
+            projection: Projection::Orthographic,
+            lens: None,
+            shutter: [0.0; 2],
+            near_clip: 0.1,
+            far_clip: 10.0,
+            film: FilmSettings::default(),
+        };
+        let error = Camera::new(&settings).unwrap_err();
+        assert_eq!(error.to_string(), "expected an invertible, finite to_world transform of the sensor");
+    }
+}
