@@ -15,6 +15,7 @@ mod loader_errors;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;
+mod mesh_robustness;
 mod meshes;
 mod own_scenes;
 mod parity;

@@ -85,8 +85,11 @@ fn load_xml(path: &Path, options: &LoadOptions) -> Result<Loaded> {
 /// # Errors
 /// When it does not exist or cannot be read, with what the system says.
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path)
-        .map_err(|e| Error::scene(format!("cannot be read: {}", system_message(&e))).in_file(path))
+    std::fs::read(path).map_err(|e| unreadable(path, &e))
+}
+
+fn unreadable(path: &Path, error: &std::io::Error) -> Error {
+    Error::scene(format!("cannot be read: {}", system_message(error))).in_file(path)
 }
 
 /// The system's words for an error without the code that Rust appends.

@@ -1,4 +1,4 @@
-//! Shapes: `obj`, `ply`, `rectangle`, `cube`, `sphere`, `disk`.
+//! Shapes: `obj`, `ply`, `serialized`, `rectangle`, `cube`, `sphere`, `disk`.
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
@@ -9,8 +9,8 @@ use crate::math::{DAffine3, DVec3};
 use crate::scene::description::PlacedShape;
 use crate::shape::{Mesh, Shape};
 
-const SUPPORTED: [&str; 6] = ["obj", "ply", "rectangle", "cube", "sphere", "disk"];
-const MITSUBA: [&str; 12] = [
+const SUPPORTED: [&str; 7] = ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk"];
+const MITSUBA: [&str; 11] = [
     "bsplinecurve",
     "blender",
     "cylinder",
@@ -20,7 +20,6 @@ const MITSUBA: [&str; 12] = [
     "linearcurve",
     "merge",
     "sdfgrid",
-    "serialized",
     "shapegroup",
     "catmullrom",
 ];
@@ -39,6 +38,11 @@ impl Builder<'_> {
         let shape = match props.object.plugin.as_str() {
             "obj" => self.mesh(&props, Format::Obj, &to_world)?,
             "ply" => self.mesh(&props, Format::Ply, &to_world)?,
+            "serialized" => {
+                let shape_index =
+                    props.integer("shape_index", 0..=i64::from(u32::MAX))?.unwrap_or(0) as usize;
+                self.mesh(&props, Format::Serialized { shape_index }, &to_world)?
+            }
             "rectangle" => Shape::Rectangle,
             "cube" => Shape::Cube,
             "disk" => Shape::Disk,
@@ -74,7 +78,11 @@ impl Builder<'_> {
         let options = mesh::Options {
             face_normals: props.boolean("face_normals", false)?,
             // OBJ's v points up and an image's down, so it is turned by default there, as in Mitsuba.
-            flip_tex_coords: props.boolean("flip_tex_coords", format == Format::Obj)?,
+            flip_tex_coords: match format {
+                Format::Obj => props.boolean("flip_tex_coords", true)?,
+                Format::Ply => props.boolean("flip_tex_coords", false)?,
+                Format::Serialized { .. } => false,
+            },
         };
         let Some(path) = self.find_file(props, "filename")? else { return Ok(Shape::Mesh(Mesh::default())) };
         let mesh = mesh::load(&path, format, options, to_world, &mut self.loaded.warnings)?;

@@ -3,10 +3,13 @@
 mod normals;
 mod obj;
 mod ply;
+mod serialized;
 
 use crate::error::{Error, Result, counted};
 use crate::math::{DAffine3, Vec3};
 use crate::shape::Mesh;
+use rayon::prelude::*;
+use std::fs::File;
 use std::path::Path;
 
 /// Formats of mesh files.
@@ -16,6 +19,11 @@ pub enum Format {
     Obj,
     /// Stanford PLY.
     Ply,
+    /// Mitsuba's own format.
+    Serialized {
+        /// Which of the file's meshes.
+        shape_index: usize,
+    },
 }
 
 /// What the scene asks of a mesh.
@@ -43,24 +51,36 @@ pub fn load(
     to_world: &DAffine3,
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh> {
-    let bytes = super::read_bytes(path)?;
+    let mut face_normals = options.face_normals;
     let mut mesh = match format {
-        Format::Obj => obj::parse(path, &bytes, warnings)?,
-        Format::Ply => ply::parse(path, &bytes)?,
+        Format::Obj => File::open(path)
+            .map_err(obj::Failure::Io)
+            .and_then(|file| obj::parse(path, file, || std::fs::read(path), obj::Sizes::USUAL, warnings))
+            .map_err(|failure| match failure {
+                obj::Failure::Io(e) => super::unreadable(path, &e),
+                obj::Failure::Mesh(error) => error,
+            })?,
+        Format::Ply => ply::parse(path, &super::read_bytes(path)?, warnings)?,
+        Format::Serialized { shape_index } => {
+            let read = serialized::parse(path, &super::read_bytes(path)?, shape_index)?;
+            // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 obeys it.
+            face_normals |= read.face_normals;
+            read.mesh
+        }
     };
     if mesh.indices.is_empty() {
         return Err(Error::scene("the file has no faces").in_file(path));
     }
-    let broken = mesh.positions.iter().filter(|p| !p.is_finite()).count();
+    let broken = mesh.positions.par_iter().filter(|p| !p.is_finite()).count();
     if broken > 0 {
         let vertices = counted(mesh.positions.len() as u64, "vertex", "vertices");
         let message = format!("{broken} of {vertices}: not finite; their faces are dropped");
         warnings.push(Error::scene(message).in_file(path));
     }
     if options.flip_tex_coords {
-        mesh.uvs.iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+        mesh.uvs.par_iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
     }
-    match options.face_normals {
+    match face_normals {
         true => mesh.normals = Vec::new(),
         false => complete_normals(&mut mesh, to_world, path, warnings),
     }
@@ -73,13 +93,19 @@ fn complete_normals(mesh: &mut Mesh, to_world: &DAffine3, path: &Path, warnings:
         mesh.normals = normals::compute(mesh, to_world);
         return;
     }
-    let unit = |n: &Vec3| n.as_dvec3().try_normalize().map(|n| n.as_vec3());
-    let invalid: Vec<_> = (0..mesh.normals.len()).filter(|i| unit(&mesh.normals[*i]).is_none()).collect();
-    let computed = if invalid.is_empty() { Vec::new() } else { normals::compute(mesh, to_world) };
-    for (i, normal) in mesh.normals.iter_mut().enumerate() {
-        *normal = unit(normal).unwrap_or_else(|| computed[i]);
-    }
+    let normalize = |(i, n): (usize, &mut Vec3)| match n.as_dvec3().try_normalize() {
+        Some(unit) => {
+            *n = unit.as_vec3();
+            None
+        }
+        None => Some(i),
+    };
+    let invalid: Vec<usize> = mesh.normals.par_iter_mut().enumerate().filter_map(normalize).collect();
     if !invalid.is_empty() {
+        let computed = normals::compute(mesh, to_world);
+        for i in &invalid {
+            mesh.normals[*i] = computed[*i];
+        }
         let message = format!(
             "{} of {} vertex normals are zero or not finite; they are computed",
             invalid.len(),

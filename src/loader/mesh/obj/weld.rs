@@ -1,0 +1,103 @@
+//! Corners that share all their indices become one vertex.
+
+use std::collections::HashMap;
+
+/// An index that a vertex lacks, and the end of a chain.
+pub const NONE: u32 = u32::MAX;
+/// Vertices of one position that are looked through one after the other.
+const LONGEST_CHAIN: usize = 32;
+
+/// Indices of position, texture coordinate and normal.
+pub type Key = [u32; 3];
+
+/// Vertices in the order of their first use.
+#[derive(Debug, Default)]
+pub struct Weld {
+    keys: Vec<Key>,
+    /// For each vertex an older one of the same position.
+    older: Vec<u32>,
+    /// For each position the newest vertex in its chain.
+    newest: Vec<u32>,
+    /// Vertices that are in no chain: those of positions that came later, and where the chain is too long.
+    others: HashMap<Key, u32>,
+}
+
+impl Weld {
+    /// Makes room for positions.
+    pub fn set_positions(&mut self, count: usize) {
+        self.newest.resize(count, NONE);
+    }
+
+    /// The number of the vertex with these indices. They are not checked.
+    #[inline]
+    pub fn vertex(&mut self, key: Key) -> u32 {
+        let mut at = self.newest.get(key[0] as usize).copied().unwrap_or(NONE);
+        let mut steps = 0;
+        while at != NONE && steps < LONGEST_CHAIN {
+            if self.keys[at as usize] == key {
+                return at;
+            }
+            at = self.older[at as usize];
+            steps += 1;
+        }
+        self.add(key, steps)
+    }
+
+    /// Adds a vertex that is in no chain, unless it is one of the others.
+    #[cold]
+    fn add(&mut self, key: Key, steps: usize) -> u32 {
+        if let Some(vertex) = self.others.get(&key) {
+            return *vertex;
+        }
+        let vertex = self.keys.len() as u32;
+        self.keys.push(key);
+        match self.newest.get_mut(key[0] as usize) {
+            Some(newest) if steps < LONGEST_CHAIN => {
+                self.older.push(*newest);
+                *newest = vertex;
+            }
+            _ => {
+                self.older.push(NONE);
+                self.others.insert(key, vertex);
+            }
+        }
+        vertex
+    }
+
+    /// How many vertices there are.
+    pub fn len(&self) -> usize {
+        self.keys.len()
+    }
+
+    /// The indices of every vertex.
+    pub fn into_keys(self) -> Vec<Key> {
+        self.keys
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vertices_are_numbered_by_first_use() {
+        let mut weld = Weld::default();
+        weld.set_positions(2);
+        let keys = [[1, 0, 0], [0, 0, 0], [1, 0, 1], [1, 0, 0], [7, 0, 0], [7, 0, 0], [0, 0, 0]];
+        assert_eq!(keys.map(|key| weld.vertex(key)), [0, 1, 2, 0, 3, 3, 1]);
+        weld.set_positions(8);
+        assert_eq!([[7, 0, 0], [7, 1, 0], [7, 1, 0]].map(|key| weld.vertex(key)), [3, 4, 4]);
+        assert_eq!(weld.into_keys(), [[1, 0, 0], [0, 0, 0], [1, 0, 1], [7, 0, 0], [7, 1, 0]]);
+    }
+
+    #[test]
+    fn many_vertices_of_one_position_stay_apart() {
+        let mut weld = Weld::default();
+        weld.set_positions(1);
+        for _ in 0..2 {
+            for i in 0..1000 {
+                assert_eq!(weld.vertex([0, i, 0]), i);
+            }
+        }
+    }
+}
