@@ -8,7 +8,7 @@ use crate::math::ray::{offset_origin, plane_error};
 use crate::math::robust::gamma;
 use crate::math::{Frame, Ray, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::mis::area_to_solid_angle;
-use crate::sampling::{Distribution1D, warp};
+use crate::sampling::{Distribution1D, Distribution2D, warp};
 use crate::shape::{Placement, TriangleMesh, WorldShape};
 use crate::texture::TexturePoint;
 use std::f32::consts::PI;
@@ -21,6 +21,8 @@ pub struct AreaEmitter {
     area: f64,
     /// The shape, for texture coordinates, where there is a texture.
     shape: Option<WorldShape>,
+    /// Over a rectangle's texture coordinates: where to sample a texture's light.
+    light: Option<Distribution2D>,
     /// Where it is over time, if the shape is not in the world but in coordinates that move.
     motion: Option<Instance>,
 }
@@ -57,6 +59,10 @@ pub struct SurfacePlace {
     pub p: Vec3,
     /// Unit geometric normal.
     pub n: Vec3,
+    /// The hit.
+    pub hit: Hit,
+    /// The position in the shape's own coordinates, if they move; else that in the world.
+    pub local: Vec3,
     /// Time in [0, 1] over the shutter interval.
     pub time: f32,
 }
@@ -122,8 +128,12 @@ impl AreaEmitter {
             }
         };
         let textured = emission.constant().is_none();
+        let light = match (&surface, &emission) {
+            (Surface::Rectangle(_), Emission::Texture(texture)) => texture.uv_distribution(),
+            _ => None,
+        };
         let shape = textured.then(|| shape.clone());
-        (area > 0.0 && area.is_finite()).then_some(AreaEmitter { surface, emission, area, shape, motion })
+        (area > 0.0 && area.is_finite()).then_some(AreaEmitter { surface, emission, area, shape, light, motion })
     }
 
     /// Emitted radiance at a point of the surface, given in the shape's own coordinates if they move.
@@ -212,11 +222,11 @@ impl AreaEmitter {
         let cos = to.dot(at.n) / distance_squared.sqrt();
         if let Some(motion) = &self.motion {
             let placed = Placement::new(motion, at.time);
-            let pdf = self.uniform() / placed.stretch(placed.local_normal(at.n));
+            let pdf = self.density(&at.hit, at.local) / placed.stretch(placed.local_normal(at.n));
             return area_to_solid_angle(pdf, distance_squared, cos);
         }
         match &self.surface {
-            Surface::Rectangle(surface) => {
+            Surface::Rectangle(surface) if self.light.is_none() => {
                 let rectangle = RectangleX16::splat(&surface.rectangle);
                 let seen = rectangle.seen_from(Vec3x16::splat(from));
                 if seen.resolved().to_bitmask() & 1 == 1 {
@@ -228,9 +238,9 @@ impl AreaEmitter {
                     return warp::square_to_cone_pdf(cap);
                 }
             }
-            Surface::Disk { .. } | Surface::Mesh { .. } | Surface::Cylinder { .. } => {}
+            _ => {}
         }
-        area_to_solid_angle(self.uniform(), distance_squared, cos)
+        area_to_solid_angle(self.density(&at.hit, at.local), distance_squared, cos)
     }
 
     /// Draws a ray: a point uniform in the area, a direction in proportion to the cosine.
@@ -248,12 +258,24 @@ impl AreaEmitter {
         (1.0 / self.area) as f32
     }
 
+    /// Density per unit area with which a point is drawn that is not drawn by solid angle.
+    fn density(&self, hit: &Hit, p: Vec3) -> f32 {
+        match (&self.light, &self.shape) {
+            (Some(light), Some(shape)) => self.uniform() * light.pdf(shape.uv(hit, p)),
+            _ => self.uniform(),
+        }
+    }
+
     /// Draws a point: as seen from another, or, from nowhere, uniformly in the area.
     fn sample_point(&self, from: Option<Vec3>, u: Vec2) -> Option<SurfacePoint> {
         let uniform = Density::PerArea(self.uniform());
         Some(match &self.surface {
             Surface::Rectangle(surface) => {
                 let (p, pdf) = match from {
+                    _ if self.light.is_some() => {
+                        let (uv, pdf) = self.light.as_ref()?.sample(u)?;
+                        (surface.rectangle.point(uv), Density::PerArea(self.uniform() * pdf))
+                    }
                     None => (surface.rectangle.point(u), uniform),
                     Some(from) => {
                         let rectangle = RectangleX16::splat(&surface.rectangle);

@@ -1,15 +1,12 @@
 //! Light from every direction, from far away.
 
 use super::directional::distant_ray;
-use super::{BoundingSphere, EmitterSample, LightRay, Target};
+use super::{BoundingSphere, EmitterSample, EnvMap, EnvMapSample, LightRay, Target};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
 use std::f32::consts::PI;
-
-/// The image of an environment map.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LatLongImage;
+use std::sync::Arc;
 
 /// Light from every direction.
 pub struct Environment {
@@ -20,6 +17,7 @@ pub struct Environment {
 /// Radiance by direction, W·m⁻²·sr⁻¹.
 enum Radiance {
     Constant(Rgb),
+    Map(Arc<EnvMap>),
 }
 
 impl Environment {
@@ -28,19 +26,26 @@ impl Environment {
         Environment { radiance: Radiance::Constant(radiance), scene }
     }
 
+    /// The radiance that an image shows.
+    pub fn map(map: Arc<EnvMap>, scene: BoundingSphere) -> Self {
+        Environment { radiance: Radiance::Map(map), scene }
+    }
+
     /// Radiance from the unit direction `d`.
     #[inline]
-    pub fn eval(&self, _d: Vec3) -> Rgb {
+    pub fn eval(&self, d: Vec3) -> Rgb {
         match &self.radiance {
             Radiance::Constant(radiance) => *radiance,
+            Radiance::Map(map) => map.eval(d),
         }
     }
 
     /// The density per unit solid angle with which [`sample`](Self::sample) draws the unit direction `d`.
     #[inline]
-    pub fn pdf(&self, _d: Vec3) -> f32 {
+    pub fn pdf(&self, d: Vec3) -> f32 {
         match &self.radiance {
             Radiance::Constant(_) => warp::SQUARE_TO_SPHERE_PDF,
+            Radiance::Map(map) => map.pdf(d),
         }
     }
 
@@ -50,6 +55,10 @@ impl Environment {
         let (wi, radiance, pdf) = match &self.radiance {
             Radiance::Constant(radiance) => {
                 (warp::square_to_sphere(u), *radiance, warp::SQUARE_TO_SPHERE_PDF)
+            }
+            Radiance::Map(map) => {
+                let EnvMapSample { wi, radiance, pdf } = map.sample(u)?;
+                (wi, radiance, pdf)
             }
         };
         Some(EmitterSample { wi, target: Target::Infinity, radiance, pdf, delta: false })
@@ -67,6 +76,7 @@ impl Environment {
     pub fn power(&self) -> Rgb {
         let mean = match &self.radiance {
             Radiance::Constant(radiance) => *radiance,
+            Radiance::Map(map) => map.mean_radiance(),
         };
         mean * (4.0 * PI * PI * self.scene.radius * self.scene.radius)
     }
@@ -75,6 +85,7 @@ impl Environment {
     pub fn kind(&self) -> &'static str {
         match &self.radiance {
             Radiance::Constant(_) => "constant",
+            Radiance::Map(_) => "envmap",
         }
     }
 }

@@ -65,14 +65,7 @@ pub enum Emitter {
         radiance: Rgb,
     },
     /// An image of the radiance from every direction.
-    EnvironmentMap {
-        /// The image, by latitude and longitude.
-        map: Arc<environment::LatLongImage>,
-        /// A factor on its radiance.
-        scale: f32,
-        /// Its coordinates to the world.
-        to_world: DAffine3,
-    },
+    EnvironmentMap(Arc<EnvMap>),
     /// A pinhole that casts an image.
     Projector {
         /// Its coordinates to the world.
@@ -89,7 +82,7 @@ pub enum Emitter {
 impl Emitter {
     /// Whether it shines from every direction; a scene has room for one such.
     pub fn is_environment(&self) -> bool {
-        matches!(self, Emitter::Constant { .. } | Emitter::EnvironmentMap { .. })
+        matches!(self, Emitter::Constant { .. } | Emitter::EnvironmentMap(_))
     }
 }
 

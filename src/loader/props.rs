@@ -148,6 +148,18 @@ impl<'g> Props<'g> {
         }
     }
 
+    /// A transformation that does not change over time, or the identity.
+    ///
+    /// # Errors
+    /// When the property is of another type.
+    pub fn transform(&self, name: &'static str) -> Result<DAffine3> {
+        let value = self.typed(name, "a transform", |value| match value {
+            Value::Transform(v) => Some(*v),
+            _ => None,
+        })?;
+        Ok(value.unwrap_or(DAffine3::IDENTITY))
+    }
+
     /// `to_world`, possibly changing over time, or the identity.
     ///
     /// # Errors

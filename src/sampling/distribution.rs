@@ -1,7 +1,7 @@
 //! Discrete distributions.
 
 /// A discrete distribution over `0..n`, sampled by inversion.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Distribution1D {
     /// Upper ends of the intervals; the last is 1.
     cdf: Vec<f32>,

@@ -4,7 +4,7 @@ use super::Distribution1D;
 use crate::math::Vec2;
 
 /// A density over the unit square that is constant in each cell of a regular grid.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Distribution2D {
     rows: Distribution1D,
     /// Within each row.
@@ -68,7 +68,7 @@ impl Distribution2D {
 
 /// A density over the unit square that is bilinear between the vertices of a grid. The columns are equally spaced, the
 /// rows where they are asked for.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct BilinearDistribution2D {
     /// Vertices in a row.
     width: usize,

@@ -260,8 +260,8 @@ impl Builder {
                 Emitter::Constant { radiance } => {
                     Light::Environment(Environment::constant(*radiance, scene))
                 }
-                Emitter::EnvironmentMap { .. } => {
-                    return Err(Error::internal("environment maps"));
+                Emitter::EnvironmentMap(map) => {
+                    Light::Environment(Environment::map(map.clone(), scene))
                 }
                 Emitter::Projector { to_world, irradiance, scale, half_extents } => {
                     let irradiance = self.texture(*irradiance)?;

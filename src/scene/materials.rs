@@ -3,7 +3,8 @@
 use crate::bsdf::fresnel::ConductorFresnel;
 use crate::bsdf::microfacet::Microfacets;
 use crate::bsdf::{
-    Blend, Bsdf, Conductor, Dielectric, Diffuse, RoughConductor, Tilted, TwoSided,
+    Blend, Bsdf, Conductor, Dielectric, Diffuse, Plastic, Principled, PrincipledThin, RoughConductor,
+    RoughDielectric, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided,
 };
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -21,6 +22,7 @@ const LEAST_ALPHA: f32 = 1e-4;
 pub struct SceneMaterial {
     /// What the scene says of it; without the outermost [`Material::TwoSided`] of a single material.
     material: Material,
+    coat: Coat,
     /// Its BSDF, where that is the same everywhere.
     pub constant: Option<Bsdf<'static>>,
     /// Whether the back scatters as the front does: surface points turn their frames to the ray then.
@@ -33,6 +35,31 @@ pub struct SceneMaterial {
     pub specular: bool,
     /// Whether sampling chooses among lobes.
     pub lobe_choice: bool,
+}
+
+/// What a dielectric coat lets pass, computed once.
+#[derive(Default)]
+struct Coat {
+    /// Share of diffuse light that a smooth coat reflects back inside.
+    fdr_int: f32,
+    /// The same and more for a rough coat.
+    rough: Option<Box<RoughTransmittance>>,
+}
+
+impl Coat {
+    fn of(material: &Material) -> Self {
+        match material {
+            Material::Plastic(interface, _) => Coat {
+                fdr_int: Plastic::new(Rgb::WHITE, Rgb::WHITE, interface.eta(), false).fdr_int,
+                rough: None,
+            },
+            Material::RoughPlastic { interface, distribution, alpha, .. } => {
+                let rough = RoughTransmittance::new(*distribution, alpha.max(LEAST_ALPHA), interface.eta());
+                Coat { fdr_int: 0.0, rough: Some(Box::new(rough)) }
+            }
+            _ => Coat::default(),
+        }
+    }
 }
 
 /// The materials and textures of a scene.
@@ -91,6 +118,7 @@ impl Materials {
             };
             list.push(SceneMaterial {
                 material: outer.clone(),
+                coat: Coat::of(outer),
                 constant: None,
                 two_sided,
                 tangents: is(outer, has_tangents),
@@ -101,7 +129,7 @@ impl Materials {
         }
         let mut all = Materials { list, textures };
         for i in 0..all.list.len() {
-            all.list[i].constant = all.constant(&all.list[i].material);
+            all.list[i].constant = all.constant(&all.list[i].material, &all.list[i].coat);
         }
         Ok(all)
     }
@@ -198,7 +226,7 @@ impl Materials {
                 let sides = sides.map(|id| &*arena.alloc(self.scattering(id, at, arena).bsdf));
                 Scattering { bsdf: Bsdf::TwoSided(TwoSided { sides }), opacity: 1.0 }
             }
-            leaf => Scattering { bsdf: self.leaf(leaf, point), opacity: 1.0 },
+            leaf => Scattering { bsdf: self.leaf(leaf, &entry.coat, point), opacity: 1.0 },
         }
     }
 
@@ -226,7 +254,7 @@ impl Materials {
     }
 
     /// The BSDF of a material that is not made of others.
-    fn leaf<'a>(&'a self, material: &'a Material, point: &TexturePoint<'_>) -> Bsdf<'a> {
+    fn leaf<'a>(&'a self, material: &'a Material, coat: &'a Coat, point: &TexturePoint<'_>) -> Bsdf<'a> {
         match material {
             Material::Diffuse { reflectance } => {
                 Bsdf::Diffuse(Diffuse { reflectance: self.color(reflectance, point) })
@@ -245,7 +273,75 @@ impl Materials {
                 specular_reflectance: self.color(&interface.specular_reflectance, point),
                 specular_transmittance: self.color(transmittance, point),
             }),
-            _ => Bsdf::Null,
+            Material::ThinDielectric(interface, transmittance) => Bsdf::ThinDielectric(ThinDielectric {
+                eta: interface.eta(),
+                specular_reflectance: self.color(&interface.specular_reflectance, point),
+                specular_transmittance: self.color(transmittance, point),
+            }),
+            Material::RoughDielectric(interface, transmittance, roughness) => {
+                Bsdf::RoughDielectric(RoughDielectric {
+                    microfacets: self.microfacets(roughness, point),
+                    eta: interface.eta(),
+                    specular_reflectance: self.color(&interface.specular_reflectance, point),
+                    specular_transmittance: self.color(transmittance, point),
+                })
+            }
+            Material::Plastic(interface, base) => Bsdf::Plastic(Plastic {
+                diffuse_reflectance: self.color(&base.diffuse_reflectance, point),
+                specular_reflectance: self.color(&interface.specular_reflectance, point),
+                eta: interface.eta(),
+                nonlinear: base.nonlinear,
+                fdr_int: coat.fdr_int,
+            }),
+            Material::Principled(p) => Bsdf::Principled(Principled {
+                base_color: self.color(&p.base_color, point),
+                roughness: self.share(&p.roughness, point),
+                anisotropy: self.share(&p.anisotropic, point),
+                metallic: self.share(&p.metallic, point),
+                spec_trans: self.share(&p.spec_trans, point),
+                eta: p.eta,
+                spec_tint: self.share(&p.spec_tint, point),
+                sheen: self.share(&p.sheen, point),
+                sheen_tint: self.share(&p.sheen_tint, point),
+                flatness: self.share(&p.flatness, point),
+                clearcoat: self.share(&p.clearcoat, point),
+                clearcoat_gloss: self.share(&p.clearcoat_gloss, point),
+            }),
+            Material::PrincipledThin(p) => Bsdf::PrincipledThin(PrincipledThin {
+                base_color: self.color(&p.base_color, point),
+                roughness: self.share(&p.roughness, point),
+                anisotropy: self.share(&p.anisotropic, point),
+                spec_trans: self.share(&p.spec_trans, point),
+                eta: self.number(&p.eta, point),
+                spec_tint: self.share(&p.spec_tint, point),
+                sheen: self.share(&p.sheen, point),
+                sheen_tint: self.share(&p.sheen_tint, point),
+                flatness: self.share(&p.flatness, point),
+                diff_trans: self.number(&p.diff_trans, point).clamp(0.0, 2.0),
+            }),
+            Material::RoughPlastic { interface, base, distribution, alpha, sample_visible } => {
+                let Some(transmittance) = &coat.rough else { return Bsdf::Null };
+                let alpha = alpha.max(LEAST_ALPHA);
+                Bsdf::RoughPlastic(RoughPlastic {
+                    microfacets: Microfacets {
+                        distribution: *distribution,
+                        alpha_x: alpha,
+                        alpha_y: alpha,
+                        sample_visible: *sample_visible,
+                    },
+                    diffuse_reflectance: self.color(&base.diffuse_reflectance, point),
+                    specular_reflectance: self.color(&interface.specular_reflectance, point),
+                    eta: interface.eta(),
+                    nonlinear: base.nonlinear,
+                    transmittance,
+                })
+            }
+            Material::Mask { .. }
+            | Material::Blend { .. }
+            | Material::BumpMap { .. }
+            | Material::NormalMap { .. }
+            | Material::TwoSided(_)
+            | Material::Null => Bsdf::Null,
         }
     }
 
@@ -265,16 +361,27 @@ impl Materials {
     }
 
     /// The BSDF of a leaf whose inputs are all constant.
-    fn constant(&self, material: &Material) -> Option<Bsdf<'static>> {
+    fn constant(&self, material: &Material, coat: &Coat) -> Option<Bsdf<'static>> {
         if !material.inner().is_empty() || inputs_vary(material) {
             return None;
         }
-        match self.leaf(material, &TexturePoint::at(Vec2::ZERO)) {
+        // Those that refer to something are put together at each point.
+        match self.leaf(material, coat, &TexturePoint::at(Vec2::ZERO)) {
             Bsdf::Diffuse(b) => Some(Bsdf::Diffuse(b)),
             Bsdf::Conductor(b) => Some(Bsdf::Conductor(b)),
             Bsdf::RoughConductor(b) => Some(Bsdf::RoughConductor(b)),
             Bsdf::Dielectric(b) => Some(Bsdf::Dielectric(b)),
-            _ => None,
+            Bsdf::ThinDielectric(b) => Some(Bsdf::ThinDielectric(b)),
+            Bsdf::RoughDielectric(b) => Some(Bsdf::RoughDielectric(b)),
+            Bsdf::Plastic(b) => Some(Bsdf::Plastic(b)),
+            Bsdf::Principled(b) => Some(Bsdf::Principled(b)),
+            Bsdf::PrincipledThin(b) => Some(Bsdf::PrincipledThin(b)),
+            Bsdf::Null
+            | Bsdf::RoughPlastic(_)
+            | Bsdf::Blend(_)
+            | Bsdf::Mask(_)
+            | Bsdf::Tilted(_)
+            | Bsdf::TwoSided(_) => None,
         }
     }
 

@@ -244,7 +244,8 @@ impl Scene {
     pub fn emitter_pdf(&self, emitter: EmitterId, from: Vec3, at: &SurfaceInteraction) -> f32 {
         match &self.lights[emitter.index()] {
             Light::Area(area) => {
-                let place = SurfacePlace { p: at.p, n: at.ng, time: at.time };
+                let local = self.local_point(&at.hit, at.time, at.p);
+                let place = SurfacePlace { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
                 self.light_choice.pmf(emitter.index()) * area.pdf(from, &place)
             }
             _ => 0.0,

@@ -209,8 +209,8 @@ fn unit_axes(m: &DMat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize())
 }
 
-/// Half the width and height of the image plane at distance 1.
-fn half_extents(fov: f64, fov_axis: FovAxis, width: f64, height: f64) -> [f64; 2] {
+/// Half the width and height of the image plane at distance 1, for an image of so many pixels.
+pub fn half_extents(fov: f64, fov_axis: FovAxis, width: f64, height: f64) -> [f64; 2] {
     let tan = (0.5 * fov).tan();
     let along_x = match fov_axis {
         FovAxis::X => true,

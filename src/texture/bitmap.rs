@@ -95,6 +95,11 @@ impl Bitmap {
         Rgb::from(image.rgb(x, self.wrap_mode.wrap(y, image.height())))
     }
 
+    /// Columns and rows of the image.
+    pub fn size(&self) -> [usize; 2] {
+        [self.image.width(), self.image.height()]
+    }
+
     /// The image's size.
     fn resolution(&self) -> Vec2 {
         Vec2::new(self.image.width() as f32, self.image.height() as f32)

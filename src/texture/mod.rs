@@ -118,6 +118,14 @@ impl Texture {
         }
     }
 
+    /// Its width and height in texels; 1 and 1 for what has none.
+    pub fn resolution(&self) -> [f64; 2] {
+        match self {
+            Texture::Bitmap(bitmap) => bitmap.size().map(|n| n as f64),
+            _ => [1.0; 2],
+        }
+    }
+
     /// How many different pieces lie along the unit square's sides, at most.
     fn detail(&self) -> Vec2 {
         match self {

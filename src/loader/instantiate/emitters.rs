@@ -1,18 +1,20 @@
-//! Emitters: `point`, `constant`, and `area` inside shapes.
+//! Emitters.
 
 use super::{Builder, unknown_plugin};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
-use crate::emitter::Emitter;
+use crate::emitter::{Emitter, EnvMap};
 use crate::error::Result;
+use crate::image::TextureImage;
 use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
 use crate::material::Input;
 use crate::math::DVec3;
+use crate::sensor::camera::half_extents;
+use std::sync::Arc;
 
-const SUPPORTED: [&str; 3] = ["area", "point", "constant"];
-const MITSUBA: [&str; 7] =
-    ["directional", "directionalarea", "envmap", "projector", "spot", "sunsky", "timed_sunsky"];
+const SUPPORTED: [&str; 7] = ["area", "constant", "directional", "envmap", "point", "projector", "spot"];
+const MITSUBA: [&str; 4] = ["directionalarea", "sunsky", "timed_sunsky", "volumelight"];
 
 impl Builder<'_> {
     /// An emitter of the scene.
@@ -31,17 +33,98 @@ impl Builder<'_> {
                 self.add_emitter(Emitter::Point { position, intensity });
             }
             "constant" => {
-                let is_environment = |e: &Emitter| matches!(e, Emitter::Constant { .. });
-                if self.loaded.description.emitters.iter().any(is_environment) {
-                    return Err(props.object.error("a scene has room for one environment"));
-                }
+                self.check_only_environment(&props)?;
                 let radiance = self.colour(&props, "radiance", Quantity::Emission, 1.0)?;
                 self.add_emitter(Emitter::Constant { radiance });
             }
+            "envmap" => {
+                self.check_only_environment(&props)?;
+                self.environment_map(&props)?;
+            }
+            "spot" => self.spot(&props)?,
+            "directional" => {
+                let direction = match (props.point("direction")?, props.find("to_world")) {
+                    (Some(_), Some(property)) => {
+                        return Err(property.error("expected either direction or to_world, found both"));
+                    }
+                    (Some(direction), None) => direction,
+                    (None, _) => props.to_world()?.matrix3.z_axis,
+                };
+                let Some(direction) = direction.try_normalize() else {
+                    return Err(props.refusal("direction", "expected a direction"));
+                };
+                let direction = direction.as_vec3();
+                let irradiance = self.colour(&props, "irradiance", Quantity::Emission, 1.0)?;
+                self.add_emitter(Emitter::Directional { direction, irradiance });
+            }
+            "projector" => self.projector(&props)?,
             "area" => return Err(props.object.error("an area emitter belongs inside a shape")),
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         }
         self.finish(props);
+        Ok(())
+    }
+
+    /// Refuses a second light from every direction.
+    fn check_only_environment(&self, props: &Props) -> Result<()> {
+        match self.loaded.description.emitters.iter().any(Emitter::is_environment) {
+            true => Err(props.object.error("a scene has room for one environment")),
+            false => Ok(()),
+        }
+    }
+
+    fn environment_map(&mut self, props: &Props) -> Result<()> {
+        let scale = props.float("scale")?.unwrap_or(1.0) as f32;
+        let to_world = props.to_world()?;
+        self.ignore(props, &["mis_compensation"], "the density is that of the light");
+        let Some(path) = self.find_file(props, "filename")? else { return Ok(()) };
+        let image = self.image(&path, false)?;
+        let map = EnvMap::new(TextureImage::clone(&image), scale, &to_world);
+        let map = map.map_err(|e| props.object.error(e.message))?;
+        self.add_emitter(Emitter::EnvironmentMap(Arc::new(map)));
+        Ok(())
+    }
+
+    fn spot(&mut self, props: &Props) -> Result<()> {
+        let intensity = self.colour(props, "intensity", Quantity::Emission, 1.0)?;
+        let cutoff = f64::from(props.positive("cutoff_angle", 20.0)?);
+        let beam = props.float("beam_width")?.unwrap_or(0.75 * cutoff);
+        if cutoff > 180.0 {
+            return Err(props.refusal("cutoff_angle", "expected degrees from 0 to 180"));
+        }
+        if !(beam >= 0.0 && beam <= cutoff) {
+            return Err(props.refusal("beam_width", &format!("expected degrees from 0 to the cutoff_angle, {cutoff}")));
+        }
+        let texture = match props.named_child("texture") {
+            Some(object) if cutoff < 90.0 => Some(self.texture(object)?),
+            Some(_) => {
+                return Err(props.error("cutoff_angle", "expected less than 90 degrees for a texture"));
+            }
+            None => None,
+        };
+        self.add_emitter(Emitter::Spot {
+            to_world: props.to_world()?,
+            intensity,
+            texture,
+            cutoff_angle: cutoff.to_radians() as f32,
+            beam_width: beam.to_radians() as f32,
+        });
+        Ok(())
+    }
+
+    fn projector(&mut self, props: &Props) -> Result<()> {
+        let Input::Texture(irradiance) = self.color_input(props, "irradiance", Quantity::Emission, 1.0)? else {
+            return Err(props.error("irradiance", "expected a texture"));
+        };
+        let scale = props.float("scale")?.unwrap_or(1.0) as f32;
+        if !(scale >= 0.0 && scale.is_finite()) {
+            return Err(props.refusal("scale", "expected a number of at least 0"));
+        }
+        let [width, height] = self.loaded.description.textures[irradiance.index()].resolution();
+        let (fov, fov_axis) = super::sensors::field_of_view(props)?;
+        let half_extents = half_extents(fov, fov_axis, width, height).map(|v| v as f32);
+        let to_world = props.to_world()?;
+        self.add_emitter(Emitter::Projector { to_world, irradiance, scale, half_extents });
         Ok(())
     }
 
@@ -53,7 +136,7 @@ impl Builder<'_> {
         let props = Props::new(self.graph, object);
         match props.object.plugin.as_str() {
             "area" => {}
-            "point" | "constant" => {
+            plugin if SUPPORTED.contains(&plugin) => {
                 return Err(props.object.error("only an area emitter can be inside a shape"));
             }
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),

@@ -20,7 +20,10 @@ use crate::emitter::Emitter;
 use crate::error::{Error, Result};
 use crate::ids::{MaterialId, TextureId};
 use crate::material::Material;
+use crate::image::TextureImage;
 use std::collections::{HashMap, HashSet};
+use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Turns a resolved scene file into a scene.
 ///
@@ -34,6 +37,8 @@ pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
         loaded,
         materials: HashMap::new(),
         textures: HashMap::new(),
+        images: HashMap::new(),
+        groups: HashMap::new(),
         finished: HashSet::new(),
         default_material: None,
         missing: Vec::new(),
@@ -53,6 +58,9 @@ struct Builder<'g> {
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
     textures: HashMap<ObjectId, TextureId>,
+    /// By file, and whether it is taken as it is.
+    images: HashMap<(PathBuf, bool), Arc<TextureImage>>,
+    groups: HashMap<ObjectId, usize>,
     finished: HashSet<ObjectId>,
     default_material: Option<MaterialId>,
     missing: Vec<Error>,

@@ -105,7 +105,7 @@ fn thin_lens(props: &Props) -> Result<Option<ThinLens>> {
 }
 
 /// The field of view in radians and what it spans, from `fov` or `focal_length`.
-fn field_of_view(props: &Props) -> Result<(f64, FovAxis)> {
+pub fn field_of_view(props: &Props) -> Result<(f64, FovAxis)> {
     let axes = [
         ("x", FovAxis::X),
         ("y", FovAxis::Y),

@@ -1,4 +1,4 @@
-//! Shapes: `obj`, `ply`, `serialized`, `rectangle`, `cube`, `sphere`, `disk`.
+//! Shapes, and groups of them.
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
@@ -6,33 +6,99 @@ use crate::loader::graph::ObjectId;
 use crate::loader::mesh::{self, Format};
 use crate::loader::props::Props;
 use crate::math::{DAffine3, DVec3};
-use crate::scene::description::PlacedShape;
+use crate::scene::description::{PlacedGroup, PlacedShape};
 use crate::shape::{Mesh, Shape};
 
-const SUPPORTED: [&str; 7] = ["obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk"];
-const MITSUBA: [&str; 11] = [
-    "bsplinecurve",
-    "blender",
+const SUPPORTED: [&str; 11] = [
+    "cube",
     "cylinder",
-    "ellipsoids",
-    "ellipsoidsmesh",
+    "disk",
     "instance",
-    "linearcurve",
     "merge",
-    "sdfgrid",
+    "obj",
+    "ply",
+    "rectangle",
+    "serialized",
     "shapegroup",
-    "catmullrom",
+    "sphere",
 ];
+const MITSUBA: [&str; 7] =
+    ["bsplinecurve", "blender", "ellipsoids", "ellipsoidsmesh", "linearcurve", "sdfgrid", "catmullrom"];
 /// How much the axes of a sphere's transformation may differ, relatively: more than a matrix printed with six digits does.
 const SPHERE_TOLERANCE: f64 = 1e-4;
 
 impl Builder<'_> {
-    /// Adds a shape with its material and emitter.
+    /// Adds a shape, an instance of a group, or the shapes of a `merge`.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
     pub fn shape(&mut self, object: ObjectId) -> Result<()> {
+        match self.graph.objects[object].plugin.as_str() {
+            "instance" => self.instance(object),
+            "shapegroup" => self.group(object).map(drop),
+            _ => {
+                let mut shapes = Vec::new();
+                self.placed_shapes(object, &mut shapes)?;
+                self.loaded.description.shapes.extend(shapes);
+                Ok(())
+            }
+        }
+    }
+
+    /// The index of a group, instantiated once.
+    fn group(&mut self, object: ObjectId) -> Result<usize> {
+        if let Some(group) = self.groups.get(&object) {
+            return Ok(*group);
+        }
         let props = Props::new(self.graph, object);
+        let mut shapes = Vec::new();
+        for child in self.once(&props, "shape") {
+            let inner = &self.graph.objects[child];
+            if matches!(inner.plugin.as_str(), "instance" | "shapegroup") {
+                return Err(inner.error("a shapegroup cannot contain groups or instances"));
+            }
+            self.placed_shapes(child, &mut shapes)?;
+        }
+        if shapes.is_empty() {
+            return Err(props.object.error("expected shapes inside it"));
+        }
+        self.finish(props);
+        let groups = &mut self.loaded.description.groups;
+        groups.push(shapes);
+        self.groups.insert(object, groups.len() - 1);
+        Ok(groups.len() - 1)
+    }
+
+    /// A group put into the world.
+    fn instance(&mut self, object: ObjectId) -> Result<()> {
+        let props = Props::new(self.graph, object);
+        let inside = props.child("shape")?;
+        let inside = inside.ok_or_else(|| props.object.error("expected a shapegroup inside it"))?;
+        if self.graph.objects[inside].plugin != "shapegroup" {
+            return Err(self.graph.objects[inside].error("expected a shapegroup inside an instance"));
+        }
+        let group = self.group(inside)?;
+        let to_world = props.motion()?;
+        let (name, place) = (props.object.id.clone(), Some(props.object.spot.place()));
+        self.finish(props);
+        self.loaded.description.instances.push(PlacedGroup { name, place, group, to_world });
+        Ok(())
+    }
+
+    /// A shape with its material and emitter, or those of a `merge`.
+    fn placed_shapes(&mut self, object: ObjectId, out: &mut Vec<PlacedShape>) -> Result<()> {
+        let props = Props::new(self.graph, object);
+        if props.object.plugin == "merge" {
+            for child in self.once(&props, "shape") {
+                let inner = &self.graph.objects[child];
+                if matches!(inner.plugin.as_str(), "instance" | "shapegroup") {
+                    return Err(inner.error("only shapes can be merged"));
+                }
+                self.placed_shapes(child, out)?;
+            }
+            self.finish(props);
+            return Ok(());
+        }
         let motion = props.motion()?;
         let to_world = motion.at(0.0);
         let shape = match props.object.plugin.as_str() {
@@ -47,6 +113,7 @@ impl Builder<'_> {
             "cube" => Shape::Cube,
             "disk" => Shape::Disk,
             "sphere" => sphere(&props, &to_world)?,
+            "cylinder" => cylinder(&props)?,
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
         let material = match props.child("bsdf")? {
@@ -69,7 +136,7 @@ impl Builder<'_> {
         self.finish(props);
         let shape =
             PlacedShape { name, place, shape, to_world: motion, flip_normals, material, emission };
-        self.loaded.description.shapes.push(shape);
+        out.push(shape);
         Ok(())
     }
 
@@ -88,6 +155,16 @@ impl Builder<'_> {
         let mesh = mesh::load(&path, format, options, to_world, &mut self.loaded.warnings)?;
         Ok(Shape::Mesh(mesh))
     }
+}
+
+fn cylinder(props: &Props) -> Result<Shape> {
+    let radius = props.positive("radius", 1.0)?;
+    let p0 = props.point("p0")?.unwrap_or(DVec3::ZERO).as_vec3();
+    let p1 = props.point("p1")?.unwrap_or(DVec3::Z).as_vec3();
+    if !(p0.is_finite() && p1.is_finite() && p0 != p1) {
+        return Err(props.object.error("expected two different, finite ends p0 and p1"));
+    }
+    Ok(Shape::Cylinder { p0, p1, radius })
 }
 
 fn sphere(props: &Props, to_world: &DAffine3) -> Result<Shape> {

@@ -1,13 +1,21 @@
 //! Textures.
 
 use super::{Builder, unknown_plugin};
+use crate::color::Rgb;
+use crate::color::spectrum::Quantity;
 use crate::error::Result;
 use crate::ids::TextureId;
+use crate::image::{self, TextureImage};
 use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
+use crate::material::Input;
+use crate::math::Affine2;
+use crate::texture::{Bitmap, Checkerboard, FilterType, MeshAttribute, Texture, WrapMode};
+use std::path::Path;
+use std::sync::Arc;
 
-const SUPPORTED: [&str; 0] = [];
-const MITSUBA: [&str; 4] = ["bitmap", "checkerboard", "mesh_attribute", "volume"];
+const SUPPORTED: [&str; 3] = ["bitmap", "checkerboard", "mesh_attribute"];
+const MITSUBA: [&str; 1] = ["volume"];
 
 impl Builder<'_> {
     /// The texture of an object, instantiated once.
@@ -19,6 +27,85 @@ impl Builder<'_> {
             return Ok(*id);
         }
         let props = Props::new(self.graph, object);
-        Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA))
+        let texture = match props.object.plugin.as_str() {
+            "bitmap" => self.bitmap(&props)?,
+            "checkerboard" => {
+                let color0 = self.texture_of(&props, "color0", 0.4)?;
+                let color1 = self.texture_of(&props, "color1", 0.2)?;
+                Texture::Checkerboard(Checkerboard::new(color0, color1, to_uv(&props)?))
+            }
+            "mesh_attribute" => mesh_attribute(&props)?,
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
+        };
+        self.finish(props);
+        let textures = &mut self.loaded.description.textures;
+        textures.push(Arc::new(texture));
+        let id = TextureId::from(textures.len() - 1);
+        self.textures.insert(object, id);
+        Ok(id)
     }
+
+    /// A colour or texture inside a texture.
+    fn texture_of(&mut self, props: &Props, name: &'static str, default: f32) -> Result<Texture> {
+        Ok(match self.color_input(props, name, Quantity::Unbounded, default)? {
+            Input::Constant(value) => Texture::Constant(value),
+            Input::Texture(id) => Texture::clone(&self.loaded.description.textures[id.index()]),
+        })
+    }
+
+    fn bitmap(&mut self, props: &Props) -> Result<Texture> {
+        let filters = [("bilinear", FilterType::Bilinear), ("nearest", FilterType::Nearest)];
+        let filter = props.choice("filter_type", &filters, FilterType::Bilinear)?;
+        let wraps = [
+            ("repeat", WrapMode::Repeat),
+            ("mirror", WrapMode::Mirror),
+            ("clamp", WrapMode::Clamp),
+        ];
+        let wrap = props.choice("wrap_mode", &wraps, WrapMode::Repeat)?;
+        let raw = props.boolean("raw", false)?;
+        let to_uv = to_uv(props)?;
+        self.ignore(props, &["format"], "images keep the precision of their files");
+        self.ignore(props, &["accel"], "there is one way to look textures up");
+        let Some(path) = self.find_file(props, "filename")? else {
+            return Ok(Texture::Constant(Rgb::BLACK));
+        };
+        let image = self.image(&path, raw).map_err(|e| match e.place {
+            Some(_) => e,
+            None => props.error("filename", &e.message),
+        })?;
+        Ok(Texture::Bitmap(Bitmap::new(image, filter, wrap, to_uv)))
+    }
+
+    /// An image, read once.
+    pub fn image(&mut self, path: &Path, raw: bool) -> Result<Arc<TextureImage>> {
+        let key = (path.to_path_buf(), raw);
+        if let Some(image) = self.images.get(&key) {
+            return Ok(image.clone());
+        }
+        let image = image::read_texture(path)?;
+        let image = Arc::new(if raw { image.as_linear() } else { image });
+        self.images.insert(key, image.clone());
+        Ok(image)
+    }
+}
+
+/// The transformation of texture coordinates: of a transformation of space, what happens in the plane.
+fn to_uv(props: &Props) -> Result<Affine2> {
+    let m = props.transform("to_uv")?;
+    let (x, y, t) = (m.matrix3.x_axis, m.matrix3.y_axis, m.translation);
+    Ok(Affine2::from_cols_array(&[x.x, x.y, y.x, y.y, t.x, t.y].map(|v| v as f32)))
+}
+
+fn mesh_attribute(props: &Props) -> Result<Texture> {
+    let Some(name) = props.text("name")? else {
+        return Err(props.object.error("the property name is missing"));
+    };
+    if !(name.starts_with("vertex_") || name.starts_with("face_")) {
+        return Err(props.refusal("name", "expected a name that begins with vertex_ or face_"));
+    }
+    let scale = props.float("scale")?.unwrap_or(1.0) as f32;
+    if !(scale >= 0.0 && scale.is_finite()) {
+        return Err(props.refusal("scale", "expected a number of at least 0"));
+    }
+    Ok(Texture::MeshAttribute(MeshAttribute { name: name.to_owned(), scale }))
 }
