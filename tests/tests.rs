@@ -4,6 +4,7 @@ mod cli;
 mod closed_form;
 mod closed_form_specular;
 mod determinism;
+mod distributions;
 #[cfg(feature = "embree")]
 mod embree_ffi;
 mod emitters;

@@ -132,11 +132,22 @@ impl TextureImage {
     #[inline]
     pub fn rgb(&self, x: usize, y: usize) -> [f32; 3] {
         assert!(x < self.width, "column {x} of a texture {} wide", self.width);
-        let at = y * self.width + x;
-        if self.channels == 1 {
-            return [self.texels.get(at); 3];
+        let at = (y * self.width + x) * self.channels;
+        match &self.texels {
+            Texels::Bytes { codes, values } => self.pixel(&codes[at..], |v| values[usize::from(v)]),
+            Texels::Shorts { codes, values } => self.pixel(&codes[at..], |v| values[usize::from(v)]),
+            Texels::Halves(values) => self.pixel(&values[at..], f16::to_f32),
+            Texels::Floats(values) => self.pixel(&values[at..], |v| v),
         }
-        [0, 1, 2].map(|c| self.texels.get(3 * at + c))
+    }
+
+    /// The colour of the pixel that begins `samples`.
+    #[inline]
+    fn pixel<T: Copy>(&self, samples: &[T], value: impl Fn(T) -> f32) -> [f32; 3] {
+        match *samples {
+            [r, g, b, ..] if self.channels == 3 => [value(r), value(g), value(b)],
+            _ => [value(samples[0]); 3],
+        }
     }
 
     /// The memory that the samples take.
@@ -157,17 +168,6 @@ impl Texels {
             return Texels::Halves(values.into_iter().map(f16::from_f32).collect());
         }
         Texels::Floats(values)
-    }
-
-    /// The value of a sample.
-    #[inline]
-    fn get(&self, index: usize) -> f32 {
-        match self {
-            Texels::Bytes { codes, values } => values[usize::from(codes[index])],
-            Texels::Shorts { codes, values } => values[usize::from(codes[index])],
-            Texels::Halves(values) => values[index].to_f32(),
-            Texels::Floats(values) => values[index],
-        }
     }
 }
 
