@@ -12,10 +12,22 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// Diffuse reflection, sheen, rough reflection by a metal or a dielectric, rough transmission and a clear coat. Shares are
 /// in [0, 1]. The back shows nothing but the transmitting share.
 ///
-/// Its parts are added up with no regard to each other, and it gains energy. The table has the albedo of a white
-/// material, seen at a cosine of 1, 0.5 and 0.1.
+/// Its parts are added up with no regard to each other, and it gains energy: up to 2.35 times what arrives, among 6000
+/// materials with an index in [0.5, 2.5]. This is scattered by white ones, seen at cosines of 1, 0.5 and 0.1; what is not
+/// said is as in [`default`](Self::default).
 ///
-/// PRINCIPLED_TABLE
+/// | material | scattered |
+/// | --- | --- |
+/// | default | 1.04, 1.08, 1.18 |
+/// | roughness 0 | 1.02, 1.05, 1.26 |
+/// | roughness 1 | 1.05, 1.08, 1.42 |
+/// | metallic 1 | 0.92, 0.86, 0.85 |
+/// | spec_trans 1 | 0.99, 0.96, 0.88; from below 0.93, 0.82, 0.77 |
+/// | flatness 1 | 0.79, 1.15, 1.44 |
+/// | sheen 1 | 1.04, 1.09, 1.25 |
+/// | clearcoat 1 | 1.07, 1.09, 1.19 |
+///
+/// With no diffuse share but a sheen, Mitsuba's variants disagree; here there is sheen, as in the limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
     /// The colour of base and metal; its root is that of transmission.
