@@ -8,6 +8,7 @@ use buffon::color::Rgb;
 use buffon::math::Vec3;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use std::f32::consts::TAU;
 
 const BASE: Rgb = Rgb::new(0.2, 0.5, 0.9);
 
@@ -148,7 +149,7 @@ proptest! {
         [spec_tint, sheen, sheen_tint, flatness, clearcoat, clearcoat_gloss] in prop::array::uniform6(0f32..=1.0),
         eta in 0.5f32..=2.5,
         (z_o, z_i) in (-1f32..=1.0, -1f32..=1.0),
-        (phi_o, phi_i) in (0f32..6.28, 0f32..6.28),
+        (phi_o, phi_i) in (0f32..TAU, 0f32..TAU),
         zeros in any::<u16>(),
     ) {
         let on = |bit: u32, value: f32| if zeros >> bit & 1 == 0 { value } else { 0.0 };
@@ -181,7 +182,7 @@ proptest! {
         [sheen, sheen_tint, flatness, diff_trans] in prop::array::uniform4(0f32..=1.0),
         eta in 0.5f32..=2.5,
         (z_o, z_i) in (-1f32..=1.0, -1f32..=1.0),
-        (phi_o, phi_i) in (0f32..6.28, 0f32..6.28),
+        (phi_o, phi_i) in (0f32..TAU, 0f32..TAU),
         zeros in any::<u16>(),
     ) {
         let on = |bit: u32, value: f32| if zeros >> bit & 1 == 0 { value } else { 0.0 };

@@ -10,6 +10,7 @@ use buffon::color::Rgb;
 use buffon::math::{Vec2, Vec3};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use std::f32::consts::TAU;
 
 const DISTRIBUTIONS: [Distribution; 2] = [Distribution::Beckmann, Distribution::Ggx];
 
@@ -128,7 +129,7 @@ proptest! {
         log_alpha in prop::array::uniform2(-4f32..=0.0),
         log_eta in -1f32..=1.0,
         (z_o, z_i) in (-1f32..=1.0, -1f32..=1.0),
-        (phi_o, phi_i) in (0f32..6.28, 0f32..6.28),
+        (phi_o, phi_i) in (0f32..TAU, 0f32..TAU),
     ) {
         let distribution = DISTRIBUTIONS[usize::from(ggx)];
         let eta = log_eta.exp();

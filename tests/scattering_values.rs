@@ -265,7 +265,6 @@ fn principled_thin() {
             sheen_tint: 0.6,
             flatness: 0.7,
             diff_trans: 0.8,
-            ..PrincipledThin::default()
         }),
         EXACT,
         &[

@@ -18,6 +18,7 @@ mod meshes;
 mod own_scenes;
 mod parity;
 mod scattering;
+mod scattering_extremes;
 mod scattering_principled;
 mod scattering_rough;
 mod scattering_values;
