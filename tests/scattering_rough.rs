@@ -92,7 +92,7 @@ fn rough_boundaries_between_equals_let_light_pass() {
     }
 }
 
-/// A smooth boundary's samples are near those of a very rough one in which facets are all but level.
+/// The samples of a boundary whose facets are all but level are near those of a smooth one.
 #[test]
 fn nearly_smooth_boundaries_are_smooth() {
     let smooth = buffon::bsdf::Dielectric {

@@ -10,8 +10,8 @@ use crate::math::{Vec2, Vec3};
 ///
 /// Indices that are equal let all light pass straight, whatever the roughness.
 ///
-/// Light that meets a second facet is lost. This share of the energy is left at an index of 1.5, seen at cosines of 1,
-/// 0.5 and 0.1 from above and from below:
+/// Light that meets a second facet is lost. This share of the energy is left at an index of 1.5, seen at
+/// cosines of 1, 0.5 and 0.1 from above and from below:
 ///
 /// | facets | above | below |
 /// | --- | --- | --- |

@@ -97,8 +97,8 @@ impl Chart {
     }
 }
 
-/// Compares sampled directions with their density, over the slopes of the facet between the directions: sharp lobes and
-/// broad ones are both resolved.
+/// Compares sampled directions with their density, over the slopes of the facet between the directions: sharp
+/// lobes and broad ones are both resolved.
 ///
 /// The square's first axis is `t/(2 + t)` with `t = ln(1 + r²)` for a facet's slope r in units of the roughness, the
 /// second its azimuth. Specular lobes are left out.
@@ -157,8 +157,8 @@ static NUMBERS: LazyLock<Vec<(f32, Vec2)>> = LazyLock::new(|| {
     (0..SAMPLES).flat_map(choices).collect()
 });
 
-/// The share of the energy that is scattered from `wo`, to about 10⁻³. Radiance that was refracted is turned to energy by
-/// the square of the indices' ratio.
+/// The share of the energy that is scattered from `wo`, to about 10⁻³. Radiance that was refracted is turned to
+/// energy by the square of the indices' ratio.
 pub fn scattered_energy(bsdf: &Bsdf, wo: Vec3) -> Rgb {
     let mut sum = Rgb::BLACK;
     for &(u_lobe, u) in NUMBERS.iter() {
