@@ -133,7 +133,14 @@ impl AreaEmitter {
             _ => None,
         };
         let shape = textured.then(|| shape.clone());
-        (area > 0.0 && area.is_finite()).then_some(AreaEmitter { surface, emission, area, shape, light, motion })
+        (area > 0.0 && area.is_finite()).then_some(AreaEmitter {
+            surface,
+            emission,
+            area,
+            shape,
+            light,
+            motion,
+        })
     }
 
     /// Emitted radiance at a point of the surface, given in the shape's own coordinates if they move.

@@ -262,9 +262,8 @@ impl Scene {
     /// of the environment.
     #[inline]
     pub fn environment_pdf(&self, d: Vec3) -> f32 {
-        self.environment_light().map_or(0.0, |(id, environment)| {
-            self.light_choice.pmf(id.index()) * environment.pdf(d)
-        })
+        self.environment_light()
+            .map_or(0.0, |(id, environment)| self.light_choice.pmf(id.index()) * environment.pdf(d))
     }
 
     fn environment_light(&self) -> Option<(EmitterId, &Environment)> {
