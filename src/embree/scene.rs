@@ -8,6 +8,9 @@ use crate::error::{Error, Result};
 use buffon_embree_sys as sys;
 use std::sync::Arc;
 
+/// The most steps of an instance's motion.
+const MAX_STEPS: usize = sys::RTC_MAX_TIME_STEP_COUNT as usize;
+
 /// How a scene is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
@@ -216,11 +219,16 @@ impl SceneBuilder {
     /// with assertions aborts the process otherwise.
     ///
     /// # Errors
-    /// If the scene is another device's, a step is not finite, or Embree refuses (an id used twice, no steps or more
-    /// than 129).
+    /// If the scene is another device's, there are no steps or more than 129, one is not finite, or Embree refuses
+    /// (an id used twice).
     pub fn add_instance(&mut self, id: u32, scene: Arc<CommittedScene>, steps: &[[f32; 12]]) -> Result<()> {
         if !Arc::ptr_eq(&scene.scene.device, &self.scene.device) {
             return Err(Error::internal("expected a scene of the same device").about("Embree"));
+        }
+        // Embree reads what is not there if the number of steps is out of range.
+        if !(1..=MAX_STEPS).contains(&steps.len()) {
+            let message = format!("expected 1 to {MAX_STEPS} transforms, found {}", steps.len());
+            return Err(Error::internal(message).about("Embree"));
         }
         if let Some(step) = steps.iter().find(|step| !step.iter().all(|x| x.is_finite())) {
             return Err(
