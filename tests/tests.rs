@@ -17,6 +17,7 @@ mod loader_robustness;
 mod meshes;
 mod own_scenes;
 mod parity;
+mod parity_instances;
 mod scattering;
 mod self_intersection;
 mod support;

@@ -258,7 +258,7 @@ impl SceneBuilder {
         // SAFETY: the scene is live, and `self` is owned: no query runs.
         unsafe { sys::rtcCommitScene(self.scene.raw) };
         self.scene.device.check("building the scene")?;
-        Ok(CommittedScene { scene: self.scene, _kept: self.kept, ray_limit: self.ray_limit })
+        Ok(CommittedScene { scene: self.scene, kept: self.kept, ray_limit: self.ray_limit })
     }
 
     fn new_geometry(&self, kind: sys::RTCGeometryType) -> Result<GeometryHandle> {
@@ -290,7 +290,7 @@ impl SceneBuilder {
 pub struct CommittedScene {
     // Declared first, so dropped before what it reads.
     scene: SceneHandle,
-    _kept: Kept,
+    kept: Kept,
     ray_limit: f32,
 }
 
@@ -361,6 +361,8 @@ impl CommittedScene {
     #[inline]
     pub fn occluded16(&self, wanted: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
         let valid = rays.valid(wanted, self.ray_limit);
+        // Embree 3.13.5 does not return from a coherent `rtcOccluded16` that enters an instance.
+        let coherence = if self.kept.scenes.is_empty() { coherence } else { Coherence::Incoherent };
         let mut context = coherence.context();
         let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is
