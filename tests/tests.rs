@@ -20,6 +20,7 @@ mod mesh_robustness;
 mod meshes;
 mod own_scenes;
 mod parity;
+mod parity_instances;
 mod scattering;
 mod scattering_extremes;
 mod scattering_principled;
