@@ -1,5 +1,6 @@
 //! The integration tests, in one binary.
 
+mod cameras;
 mod cli;
 mod closed_form;
 mod closed_form_specular;
@@ -11,6 +12,7 @@ mod emitters;
 mod environment_map;
 mod image_io;
 mod layering;
+mod light_tracing;
 mod loader;
 mod loader_errors;
 mod loader_plugin_errors;

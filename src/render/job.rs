@@ -145,7 +145,8 @@ impl<'a> Job<'a> {
             });
             if let Some(ptracer) = self.integrator.light_tracer() {
                 let samples = done..done + pass;
-                invalid_splats += pool.install(|| splats::trace(self, ptracer, &workers, &mut tiles, samples));
+                invalid_splats +=
+                    pool.install(|| splats::trace(self, ptracer, &workers, &mut tiles, samples));
             }
             relmse = estimated_relmse(&tiles);
             if !self.progress.is_interrupted() {

@@ -40,7 +40,8 @@ pub fn trace(
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
                 let first = batch * BATCH;
-                let keys = (first..(first + BATCH).min(pixels)).map(|p| key(job.settings.seed, pixels, sample, p));
+                let keys =
+                    (first..(first + BATCH).min(pixels)).map(|p| key(job.settings.seed, pixels, sample, p));
                 let keys: Vec<SampleKey> = keys.collect();
                 let mut out = Vec::new();
                 ptracer.trace(job.scene, job.camera, margin, &keys, &mut worker.worker, &mut out);

@@ -57,7 +57,9 @@ impl Builder<'_> {
             "moment" => {
                 let image = self.only_integrator(&props)?;
                 let layers = vec![Layer { name: "variance".to_owned(), aov: Aov::Variance }];
-                self.note("moment: the second moments of its layers are written as the variance of the image");
+                self.note(
+                    "moment: the second moments of its layers are written as the variance of the image",
+                );
                 Settings::Aov { layers, image: Some(Box::new(image)) }
             }
             "aov" => {
