@@ -88,7 +88,8 @@ fn a_thin_lens_is_the_mean_of_pinholes() {
         let (max, rms) = difference(&blurred, &expected);
         assert!(max < 0.05 && rms < 0.008, "{accel}: {max} {rms}");
         let sharp = image(&description, pinhole.clone(), (256, 0), *accel);
-        assert!(difference(&sharp, &expected).1 > 0.04, "the lens blurs");
+        let (_, rms) = difference(&sharp, &expected);
+        assert!(rms > 0.02, "the lens blurs: {rms}");
     }
 }
 
@@ -163,8 +164,8 @@ fn moving_lamps_light_as_the_mean_of_lamps_at_rest() {
             pixels(&render(&scene, &path, SamplerKind::Sobol, spp, seed))
         };
         let n = 64;
-        let expected = average((0..n).map(|i| lit([(f64::from(i) + 0.5) / f64::from(n); 2], 16, i as u64)));
-        let blurred = lit([0.0, 1.0], 1024, 99);
+        let expected = average((0..n).map(|i| lit([(f64::from(i) + 0.5) / f64::from(n); 2], 64, i as u64)));
+        let blurred = lit([0.0, 1.0], 4096, 99);
         let mean = |image: &[[f64; 3]]| image.iter().flatten().sum::<f64>() / (3 * image.len()) as f64;
         let ratio = mean(&blurred) / mean(&expected);
         let (max, rms) = difference(&blurred, &expected);
