@@ -20,6 +20,7 @@ mod loader_plugins;
 mod loader_robustness;
 mod mesh_robustness;
 mod meshes;
+mod mistakes;
 mod own_scenes;
 mod parity;
 mod parity_instances;

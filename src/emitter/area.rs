@@ -133,7 +133,9 @@ impl AreaEmitter {
             _ => None,
         };
         let shape = textured.then(|| shape.clone());
-        (area > 0.0 && area.is_finite()).then_some(AreaEmitter {
+        // The density of its points is a number of `f32`.
+        let density = (1.0 / area) as f32;
+        (density > 0.0 && density.is_finite()).then_some(AreaEmitter {
             surface,
             emission,
             area,
