@@ -10,6 +10,7 @@ mod distributions;
 mod embree_ffi;
 mod emitters;
 mod environment_map;
+mod holes;
 mod image_io;
 mod layering;
 mod light_tracing;
