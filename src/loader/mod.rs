@@ -6,6 +6,7 @@
 //! [`instantiate`] turns objects into the scene's plain data.
 
 mod files;
+mod framing;
 mod graph;
 mod instantiate;
 mod mesh;
