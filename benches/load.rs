@@ -110,8 +110,11 @@ fn serialized() -> Vec<u8> {
     file
 }
 
+/// Makes the contents of a file.
+type Contents = fn() -> Vec<u8>;
+
 /// The files: name and contents.
-fn files() -> Vec<(&'static str, fn() -> Vec<u8>)> {
+fn files() -> Vec<(&'static str, Contents)> {
     vec![
         ("ply-normals.ply", || ply("binary_little_endian", &[0, 1, 2, 3, 4, 5])),
         ("ply-plain.ply", || ply("binary_little_endian", &[0, 1, 2])),
@@ -153,7 +156,7 @@ fn run(scene: &Path) -> [f64; 3] {
     std::array::from_fn(|_| words.next().expect("three numbers"))
 }
 
-fn bench(directory: &Path, name: &str, contents: fn() -> Vec<u8>) {
+fn bench(directory: &Path, name: &str, contents: Contents) {
     let contents = contents();
     let megabytes = contents.len() as f64 * 1e-6;
     std::fs::write(directory.join(name), contents).expect("a file");

@@ -129,7 +129,8 @@ fn rough_mirrors_gain_no_light() {
         for distribution in [Distribution::Beckmann, Distribution::Ggx] {
             for (alpha, least) in [([0.01, 0.01], 0.995), ([0.3, 0.3], 0.85), ([0.05, 0.6], 0.72)] {
                 let mut description = Description::default();
-                let material = rough_metal(distribution, alpha, [Rgb::splat(0.0), Rgb::splat(1e9), Rgb::WHITE]);
+                let material =
+                    rough_metal(distribution, alpha, [Rgb::splat(0.0), Rgb::splat(1e9), Rgb::WHITE]);
                 add(&mut description, sphere(1.0), DAffine3::IDENTITY, material);
                 description.emitters.push(constant(1.0));
                 description.sensors.push(camera(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, 12.0, 8));
@@ -163,10 +164,10 @@ fn direct_light_is_the_same_by_every_technique() {
             [Rgb::splat(0.2), Rgb::splat(3.0), Rgb::new(0.9, 0.6, 0.3)],
         );
         let scene = floor_behind(Some(rough), accel);
-        let paths = render(&scene, &path(Some(2)), sampler, 256, 4);
+        let paths = render(&scene, &path(Some(2)), sampler, 1024, 4);
         for (emitter_samples, bsdf_samples) in techniques {
             let settings = DirectSettings { emitter_samples, bsdf_samples, hide_emitters: false };
-            let rendered = render(&scene, &Settings::Direct(settings), sampler, 256, 5);
+            let rendered = render(&scene, &Settings::Direct(settings), sampler, 1024, 5);
             group.expect_same(&format!("{settings:?}, {sampler}, {accel}"), &rendered, &paths);
         }
     }
@@ -177,7 +178,12 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
     let camera = &scene.sensors[0];
     let pixels = (0..camera.film.height).flat_map(|y| (0..camera.film.width).map(move |x| (x, y)));
     let (rays, keys): (Vec<Ray>, Vec<SampleKey>) = pixels
-        .map(|(x, y)| (camera.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::ZERO, 0.0), SampleKey::new(3, x, y, 0)))
+        .map(|(x, y)| {
+            (
+                camera.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::ZERO, 0.0),
+                SampleKey::new(3, x, y, 0),
+            )
+        })
         .unzip();
     let mut out = vec![Radiance::NONE; rays.len()];
     let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent };

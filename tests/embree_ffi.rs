@@ -1,8 +1,8 @@
 //! The safe wrapper of Embree keeps its promises: layouts, padding, panics in callbacks, order of drops.
 
 use buffon::embree::{
-    Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
-    SceneBuilder, SceneOptions, UserHit, UserPrimitives, UserRay, WIDTH,
+    Candidate, Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16,
+    Rays16, SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -44,8 +44,8 @@ impl UserPrimitives for Trap {
     }
 }
 
-fn trap_scene() -> CommittedScene {
-    let mut builder = SceneBuilder::new(&device(), SceneOptions::default()).expect("a scene");
+fn trap_scene(device: &Device) -> CommittedScene {
+    let mut builder = SceneBuilder::new(device, SceneOptions::default()).expect("a scene");
     builder.add_user(3, Arc::new(Trap)).expect("added");
     builder.commit().expect("built")
 }
@@ -136,7 +136,7 @@ fn an_id_used_twice_is_an_error_with_embrees_words() {
 
 #[test]
 fn a_panic_in_a_callback_goes_on_after_the_query() {
-    let scene = trap_scene();
+    let scene = trap_scene(&device());
     let caught = |f: &mut dyn FnMut()| {
         let payload = catch_unwind(AssertUnwindSafe(f)).expect_err("the panic arrives");
         payload.downcast_ref::<&str>().map(|s| s.to_string()).unwrap_or_default()
@@ -188,7 +188,7 @@ fn handles_may_be_dropped_in_any_order() {
     let device = device();
     let unfinished = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
     let scene = triangle_scene(&device);
-    let other = trap_scene();
+    let other = trap_scene(&device);
     drop(device);
     drop(unfinished);
     let mut ray = RayHit1::new(&DOWN);
@@ -238,4 +238,161 @@ fn the_memory_monitor_counts_what_a_scene_takes_and_gives_back() {
     assert!(scene.memory_bytes() > before + 100_000, "{} bytes", scene.memory_bytes());
     drop(scene);
     assert!(device.memory_bytes() < before + 100_000);
+}
+
+/// Twice as large and three to the right.
+const TWICE: [f32; 12] = [2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 3.0, 0.0, 0.0];
+
+/// A square in the plane z = 0 as user geometry.
+struct Patch;
+
+impl UserPrimitives for Patch {
+    fn count(&self) -> u32 {
+        1
+    }
+
+    fn bounds(&self, _: u32) -> ([f32; 3], [f32; 3]) {
+        ([-1.0, -1.0, -0.1], [1.0, 1.0, 0.1])
+    }
+
+    fn intersect(&self, _: u32, ray: &UserRay) -> Option<UserHit> {
+        let t = -ray.origin[2] / ray.direction[2];
+        let at = |axis: usize| ray.origin[axis] + t * ray.direction[axis];
+        let inside = at(0).abs() < 1.0 && at(1).abs() < 1.0 && t > ray.t_near && t < ray.t_far;
+        assert!(!inside || ray.instance == 21);
+        inside.then_some(UserHit { t, u: at(0), v: at(1), primitive: 5 })
+    }
+}
+
+fn patch_scene(device: &Device) -> CommittedScene {
+    let mut builder = SceneBuilder::new(device, SceneOptions::default()).expect("a scene");
+    builder.add_user(3, Arc::new(Patch)).expect("added");
+    builder.commit().expect("built")
+}
+
+/// Instances 20 and 21 of scenes that nothing else keeps.
+fn instance_scene(device: &Device) -> CommittedScene {
+    let mut builder = SceneBuilder::new(device, SceneOptions::default()).expect("a scene");
+    let moved = [TWICE, TWICE].map(|m| m.map(|x| if x == 3.0 { -3.0 } else { x }));
+    builder.add_instance(20, Arc::new(triangle_scene(device)), &[TWICE]).expect("added");
+    builder.add_instance(21, Arc::new(patch_scene(device)), &moved).expect("added");
+    builder.commit().expect("built")
+}
+
+#[test]
+fn instances_report_themselves_singly_and_in_packets() {
+    let scene = instance_scene(&device());
+    // Both are hit at their (0.25, 0.25, 0) from one above, in units of the direction in the world.
+    let above = |x: f32| [x + 0.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -0.5, 0.25];
+    let rays: [_; WIDTH] = std::array::from_fn(|i| above([3.0, -3.0, 40.0][i % 3]));
+    let expected = [(7, 20, 2.0, 0.25), (3, 21, 2.0, 0.25), (INVALID_ID, INVALID_ID, f32::INFINITY, 0.0)];
+    let mut packet = RayHits16::default();
+    packet.rays.load(&rays);
+    for coherence in [Coherence::Incoherent, Coherence::Coherent] {
+        packet.clear_hits();
+        packet.rays.load(&rays);
+        scene.intersect16(&Mask16::ALL, &mut packet, coherence);
+        for (i, ray) in rays.iter().enumerate() {
+            let found = (packet.geometry[i], packet.instance[i], packet.rays.t_far[i], packet.u[i]);
+            assert_eq!(found, expected[i % 3]);
+            let mut single = RayHit1::new(ray);
+            scene.intersect1(&mut single, coherence);
+            assert_eq!((single.geometry, single.instance, single.t_far, single.u), expected[i % 3]);
+            assert_eq!(scene.occluded1(&mut RayHit1::new(ray), coherence), i % 3 != 2);
+        }
+    }
+}
+
+#[test]
+fn the_scene_of_an_instance_lives_as_long_as_the_instance() {
+    let device = device();
+    let vertices = vertices();
+    let mut group = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    group.add_triangles(7, Arc::clone(&vertices), 3, Arc::new(vec![[0, 1, 2]]), None).expect("added");
+    let group = Arc::new(group.commit().expect("built"));
+    let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    builder.add_instance(0, Arc::clone(&group), &[TWICE]).expect("added");
+    drop(device);
+    drop(group);
+    let scene = builder.commit().expect("built");
+    let mut ray = RayHit1::new(&[3.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0]);
+    scene.intersect1(&mut ray, Coherence::Incoherent);
+    assert_eq!((ray.geometry, ray.instance), (7, 0));
+    assert_eq!(Arc::strong_count(&vertices), 2);
+    drop(scene);
+    assert_eq!(Arc::strong_count(&vertices), 1);
+}
+
+#[test]
+fn instances_of_another_device_and_without_numbers_are_refused() {
+    let device = device();
+    let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    let other = Arc::new(triangle_scene(&Device::new(DeviceOptions::default()).expect("a device")));
+    let error = builder.add_instance(0, other, &[TWICE]).unwrap_err();
+    assert_eq!(error.to_string(), "Embree: expected a scene of the same device");
+    let group = Arc::new(triangle_scene(&device));
+    let error = builder.add_instance(0, Arc::clone(&group), &[TWICE, [f32::NAN; 12]]).unwrap_err();
+    assert!(error.to_string().starts_with("Embree: expected a finite transform"), "{error}");
+    for wrong in [0, 130] {
+        let error = builder.add_instance(0, Arc::clone(&group), &vec![TWICE; wrong]).unwrap_err();
+        assert_eq!(error.to_string(), format!("Embree: expected 1 to 129 transforms, found {wrong}"));
+    }
+    builder.add_instance(0, group, &[TWICE; 129]).expect("added");
+}
+
+/// Accepts what a ray of an even number hits; shut for the number 99.
+struct Even;
+
+impl TriangleFilter for Even {
+    fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool {
+        assert!(ray.id != 99, "the filter is shut");
+        assert_eq!((ray.instance, hit.primitive, hit.u, ray.origin), (20, 0, 0.25, [0.25, 0.25, 0.5]));
+        assert_eq!(hit.t, 1.0);
+        ray.id.is_multiple_of(2)
+    }
+}
+
+#[test]
+fn a_filter_sees_the_ray_in_its_instance_and_its_panic_goes_on_after_the_query() {
+    let device = device();
+    let mut group = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    group.add_triangles(7, vertices(), 3, Arc::new(vec![[0, 1, 2]]), Some(Arc::new(Even))).expect("added");
+    let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+    builder.add_instance(20, Arc::new(group.commit().expect("built")), &[TWICE]).expect("added");
+    let scene = builder.commit().expect("built");
+    let ray = [3.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0];
+    let single = |id| {
+        let mut single = RayHit1::new(&ray);
+        single.id = id;
+        single
+    };
+    let mut packet = RayHits16::default();
+    packet.rays.load(&[ray; WIDTH]);
+    packet.rays.id = std::array::from_fn(|i| i as u32);
+    let packet_of_rays = packet;
+    for coherence in [Coherence::Incoherent, Coherence::Coherent] {
+        let (mut packet, mut shadows) = (packet_of_rays, packet_of_rays.rays);
+        scene.intersect16(&Mask16::ALL, &mut packet, coherence);
+        scene.occluded16(&Mask16::ALL, &mut shadows, coherence);
+        for i in 0..WIDTH {
+            let accepted = i % 2 == 0;
+            assert_eq!((packet.geometry[i] == 7, packet.instance[i] == 20), (accepted, accepted));
+            assert_eq!(shadows.t_far[i] == f32::NEG_INFINITY, accepted);
+            let mut alone = single(i as u32);
+            scene.intersect1(&mut alone, coherence);
+            assert_eq!(alone.geometry == 7, accepted);
+            assert_eq!(scene.occluded1(&mut single(i as u32), coherence), accepted);
+        }
+    }
+    let caught = |f: &mut dyn FnMut()| {
+        let payload = catch_unwind(AssertUnwindSafe(f)).expect_err("the panic arrives");
+        assert_eq!(payload.downcast_ref::<&str>(), Some(&"the filter is shut"));
+    };
+    caught(&mut || scene.intersect1(&mut single(99), Coherence::Incoherent));
+    caught(&mut || _ = scene.occluded1(&mut single(99), Coherence::Incoherent));
+    packet.rays.load(&[ray; WIDTH]);
+    packet.rays.id[11] = 99;
+    let mut shadows = packet.rays;
+    caught(&mut || _ = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent));
+    caught(&mut || _ = scene.occluded16(&Mask16::ALL, &mut shadows, Coherence::Coherent));
 }

@@ -240,7 +240,7 @@ fn environment_samples_follow_their_density() {
     scenes::add(&mut description, scenes::sphere(1.0), DAffine3::IDENTITY, scenes::diffuse(0.5));
     description.emitters.push(scenes::constant(2.0));
     let scene = scenes::compiled(description, AccelKind::default());
-        let total = check_directions(
+    let total = check_directions(
         "constant environment",
         EMITTER_TESTS,
         |u_choice, u| {

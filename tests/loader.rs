@@ -201,11 +201,8 @@ fn a_lamp_of_the_collection_is_read() {
         k: Rgb::new(3.03233, 2.05611, 1.61629).into(),
         specular_reflectance: Rgb::WHITE.into(),
     };
-    let roughness = Roughness {
-        distribution: Distribution::Beckmann,
-        alpha: [0.25.into(); 2],
-        sample_visible: true,
-    };
+    let roughness =
+        Roughness { distribution: Distribution::Beckmann, alpha: [0.25.into(); 2], sample_visible: true };
     let expected = Material::RoughConductor(metal, roughness);
     assert_eq!(scene.materials[lamp.index()], expected);
     let default = &scene.materials[scene.shapes[2].material.index()];

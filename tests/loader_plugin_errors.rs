@@ -6,18 +6,18 @@ use crate::loader_errors::error;
 fn unknown_and_unsupported_plugins() {
     let cases = [
         ("<bsdf type='difuse'/>", "<bsdf type=\"difuse\">: unknown bsdf (did you mean \"diffuse\"?)"),
-        ("<bsdf type='plastic'/>", "<bsdf type=\"plastic\">: this bsdf is not supported"),
+        ("<bsdf type='hair'/>", "<bsdf type=\"hair\">: this bsdf is not supported"),
         ("<shape type='spere'/>", "<shape type=\"spere\">: unknown shape (did you mean \"sphere\"?)"),
-        ("<shape type='cylinder'/>", "<shape type=\"cylinder\">: this shape is not supported"),
-        ("<emitter type='envmap'/>", "<emitter type=\"envmap\">: this emitter is not supported"),
+        ("<shape type='sdfgrid'/>", "<shape type=\"sdfgrid\">: this shape is not supported"),
+        ("<emitter type='sunsky'/>", "<emitter type=\"sunsky\">: this emitter is not supported"),
         (
             "<integrator type='pth'/>",
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",
         ),
         ("<integrator type='volpath'/>", "<integrator type=\"volpath\">: this integrator is not supported"),
-        ("<sensor type='thinlens'/>", "<sensor type=\"thinlens\">: this sensor is not supported"),
+        ("<sensor type='distant'/>", "<sensor type=\"distant\">: this sensor is not supported"),
         ("<medium type='homogeneous'/>", "<medium type=\"homogeneous\">: this medium is not supported"),
-        ("<texture type='bitmap'/>", "<texture type=\"bitmap\">: this texture is not supported"),
+        ("<texture type='volume'/>", "<texture type=\"volume\">: this texture is not supported"),
     ];
     for (element, message) in cases {
         assert_eq!(error(element), format!("scene.xml:2:1: {message}"));
@@ -25,10 +25,13 @@ fn unknown_and_unsupported_plugins() {
     let inside = "<sensor type='perspective'>\n<sampler type='halton'/></sensor>";
     assert_eq!(error(inside), "scene.xml:3:1: <sampler type=\"halton\">: unknown sampler");
     let inside =
-        "<sensor type='perspective'><film type='hdrfilm'>\n<rfilter type='mitchell'/></film></sensor>";
-    assert_eq!(error(inside), "scene.xml:3:1: <rfilter type=\"mitchell\">: this rfilter is not supported");
-    let inside = "<bsdf type='diffuse'>\n<texture type='bitmap' name='reflectance'/></bsdf>";
-    assert_eq!(error(inside), "scene.xml:3:1: <texture type=\"bitmap\">: this texture is not supported");
+        "<sensor type='perspective'><film type='hdrfilm'>\n<rfilter type='mitchel'/></film></sensor>";
+    assert_eq!(
+        error(inside),
+        "scene.xml:3:1: <rfilter type=\"mitchel\">: unknown rfilter (did you mean \"mitchell\"?)"
+    );
+    let inside = "<bsdf type='diffuse'>\n<texture type='volume' name='reflectance'/></bsdf>";
+    assert_eq!(error(inside), "scene.xml:3:1: <texture type=\"volume\">: this texture is not supported");
 }
 
 #[test]
@@ -80,7 +83,7 @@ fn materials_out_of_range() {
             "'roughconductor'><float name='alpha_u' value='1'/>",
             "<bsdf type=\"roughconductor\">: expected either alpha or both alpha_u and alpha_v",
         ),
-        ("'twosided'>", "<bsdf type=\"twosided\">: expected a bsdf inside it"),
+        ("'twosided'>", "<bsdf type=\"twosided\">: expected a bsdf inside it, found 0"),
         (
             "'twosided'><bsdf type='dielectric'/>",
             "<bsdf type=\"twosided\">: a material that transmits light cannot be made two-sided",
@@ -90,8 +93,8 @@ fn materials_out_of_range() {
         assert_eq!(bsdf(text), format!("scene.xml:2:1: {message}"));
     }
     assert_eq!(
-        bsdf("'twosided'><bsdf type='diffuse'/>\n<bsdf type='conductor'/>"),
-        "scene.xml:3:1: <bsdf type=\"twosided\">: different materials on the two sides are not supported"
+        bsdf("'twosided'><bsdf type='diffuse'/><bsdf type='diffuse'/>\n<bsdf type='conductor'/>"),
+        "scene.xml:3:1: <bsdf type=\"twosided\">: expected one or two bsdfs inside it, found more"
     );
 }
 

@@ -35,7 +35,9 @@ fn every_value_of_film_and_sensor_is_read() {
     let sensor = &loaded.description.sensors[0];
     assert_eq!(sensor.name, "cam");
     // Mitsuba gives 38.1848 degrees to the width of a 4:3 image, which is this diagonal.
-    let Projection::Perspective { fov, fov_axis, principal_point_offset } = sensor.projection else { panic!() };
+    let Projection::Perspective { fov, fov_axis, principal_point_offset } = sensor.projection else {
+        panic!()
+    };
     let x = 2.0 * ((0.5 * fov).tan() * 0.8).atan();
     assert!((x.to_degrees() - 38.1848).abs() < 1e-4 && fov_axis == FovAxis::Diagonal);
     assert_eq!((sensor.near_clip, sensor.far_clip), (f64::from(0.01f32), 1e3));
@@ -104,9 +106,7 @@ fn emitters_spheres_and_conductors_are_read() {
     let k = Rgb::new(3.983, 2.38556, 1.60336);
     let metal = Metal { eta: eta.into(), k: k.into(), specular_reflectance: Rgb::WHITE.into() };
     assert_eq!(scene.materials[0], Material::Conductor(metal));
-    let Material::RoughConductor(metal, roughness) = scene.materials[1] else {
-        panic!()
-    };
+    let Material::RoughConductor(metal, roughness) = scene.materials[1] else { panic!() };
     assert_eq!(roughness.alpha, [0.1.into(), 0.2.into()]);
     assert_eq!((roughness.distribution, roughness.sample_visible), (Distribution::Ggx, false));
     assert_eq!(metal.k, Rgb::WHITE.into());

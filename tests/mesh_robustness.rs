@@ -28,6 +28,8 @@ enum Edit {
     Insert(prop::sample::Index, Vec<u8>),
     Remove(prop::sample::Index, usize),
     Truncate(prop::sample::Index),
+    /// The next digit that is there becomes another.
+    Digit(prop::sample::Index, u8),
     /// A stretch from elsewhere in the file.
     Copy(prop::sample::Index, prop::sample::Index, usize),
 }
@@ -75,11 +77,12 @@ fn edit() -> impl Strategy<Value = Edit> {
         ]),
     ];
     prop_oneof![
-        (place(), bytes.clone()).prop_map(|(at, bytes)| Edit::Replace(at, bytes)),
-        (place(), bytes).prop_map(|(at, bytes)| Edit::Insert(at, bytes)),
-        (place(), 1usize..20).prop_map(|(at, n)| Edit::Remove(at, n)),
-        place().prop_map(Edit::Truncate),
-        (place(), place(), 1usize..40).prop_map(|(from, to, n)| Edit::Copy(from, to, n)),
+        1 => (place(), bytes.clone()).prop_map(|(at, bytes)| Edit::Replace(at, bytes)),
+        1 => (place(), bytes).prop_map(|(at, bytes)| Edit::Insert(at, bytes)),
+        1 => (place(), 1usize..20).prop_map(|(at, n)| Edit::Remove(at, n)),
+        1 => place().prop_map(Edit::Truncate),
+        4 => (place(), b'0'..=b'9').prop_map(|(at, digit)| Edit::Digit(at, digit)),
+        1 => (place(), place(), 1usize..40).prop_map(|(from, to, n)| Edit::Copy(from, to, n)),
     ]
 }
 
@@ -101,6 +104,10 @@ fn apply(bytes: &mut Vec<u8>, edits: &[Edit]) {
                 bytes.drain(at..(at + n).min(length));
             }
             Edit::Truncate(at) => bytes.truncate(place(at)),
+            Edit::Digit(at, digit) => {
+                let found = bytes[place(at)..].iter_mut().find(|b| b.is_ascii_digit());
+                found.into_iter().for_each(|b| *b = *digit);
+            }
             Edit::Copy(from, to, n) => {
                 let (from, to) = (place(from), place(to));
                 let copy = bytes[from..(from + n).min(length)].to_vec();
@@ -235,7 +242,7 @@ fn run(cases: u32) {
     }
     let before = peak();
     let config = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
-    let edits = || proptest::collection::vec(edit(), 1..6);
+    let edits = || proptest::collection::vec(edit(), 1..4);
     let mut read = 0;
     for (extension, original) in originals() {
         let mut good = 0;
@@ -257,7 +264,7 @@ fn run(cases: u32) {
     let growth = peak() - before;
     println!("{cases} cases of each format, {read} of all read; memory grew by {} MB", growth >> 20);
     assert!(growth < GROWTH, "memory grew by {growth} bytes");
-    assert!(read > cases / 4, "only {read} files could be read: nothing is tested");
+    assert!(read > cases / 2, "only {read} files could be read: nothing is tested");
 }
 
 fn run_all<S: Strategy>(

@@ -1,45 +1,16 @@
-//! Sampling against densities: every BSDF and every warp.
+//! Sampling against densities: diffuse reflection, conductors and every warp.
 
+use crate::support::bsdfs::{
+    Chart, check_bsdf, check_facets, check_reciprocity, directions, scattered_energy,
+};
 use crate::support::chi2::{check_directions, check_square};
 use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
-use buffon::bsdf::{Bsdf, Diffuse, Lobe, RoughConductor};
+use buffon::bsdf::{Bsdf, Diffuse, RoughConductor};
 use buffon::color::Rgb;
-use buffon::math::{DVec3, Vec2, Vec3};
+use buffon::math::{Vec2, Vec3};
 use buffon::sampling::warp;
 use std::f64::consts::TAU;
-
-/// Directions above and below the surface, from the normal to grazing.
-fn directions() -> Vec<Vec3> {
-    let mut list = Vec::new();
-    for z in [1.0f32, 0.8, 0.3, 0.05] {
-        let r = (1.0 - z * z).sqrt();
-        list.push(Vec3::new(r * 0.6, r * 0.8, z));
-    }
-    list
-}
-
-fn check_bsdf(name: &str, tests: usize, bsdf: &Bsdf<'_>, wo: Vec3) {
-    let name = format!("{name}, wo.z = {}", wo.z);
-    check_directions(
-        &name,
-        tests,
-        |u_lobe, u| {
-            let s = bsdf.sample(wo, u_lobe, u)?;
-            assert_ne!(s.lobe, Lobe::Specular);
-            let e = bsdf.eval(wo, s.wi);
-            // The weight and density of a sample are what evaluation says they are.
-            let close = |a: f32, b: f32| (a - b).abs() <= 2e-3 * a.abs().max(b.abs()) + 1e-5;
-            assert!(close(e.pdf, s.pdf), "{name}: pdf {} and {} at {}", s.pdf, e.pdf, s.wi);
-            let weight = e.f * (s.wi.z.abs() / e.pdf);
-            for c in 0..3 {
-                assert!(close(weight[c], s.weight[c]), "{name}: weight {:?} and {weight:?}", s.weight);
-            }
-            Some(s.wi)
-        },
-        |wi| bsdf.eval(wo, wi).pdf,
-    );
-}
 
 #[test]
 fn diffuse_samples_follow_their_density() {
@@ -88,35 +59,12 @@ fn sharp_rough_conductor_samples_follow_their_density() {
             for visible in [true, false] {
                 let bsdf = rough(distribution, alpha, visible);
                 for &wo in &directions {
-                    let name = format!("{distribution:?} {alpha:?} visible {visible}, wo.z = {}", wo.z);
-                    check_slopes(&name, tests, &bsdf, alpha.map(f64::from), wo);
+                    let name = format!("{distribution:?} {alpha:?} visible {visible}");
+                    check_facets(&name, tests, &bsdf, alpha.map(f64::from), wo, Chart::Mirrored);
                 }
             }
         }
     }
-}
-
-/// The square's first axis is r²/(1 + r²) for a facet's slope r in units of the roughness, the second its azimuth.
-fn check_slopes(name: &str, tests: usize, bsdf: &Bsdf<'_>, alpha: [f64; 2], wo: Vec3) {
-    let sample = |u_lobe, u| {
-        let wi = bsdf.sample(wo, u_lobe, u)?.wi;
-        let m = wo.as_dvec3() + wi.as_dvec3();
-        let (x, y) = (m.x / (m.z * alpha[0]), m.y / (m.z * alpha[1]));
-        let r2 = x * x + y * y;
-        Some([r2 / (1.0 + r2), y.atan2(x).rem_euclid(TAU) / TAU])
-    };
-    let density = |[s, phi]: [f64; 2]| {
-        let r = (s / (1.0 - s)).sqrt();
-        let (sin, cos) = (TAU * phi).sin_cos();
-        let m = DVec3::new(alpha[0] * r * cos, alpha[1] * r * sin, 1.0).normalize();
-        let wo = wo.as_dvec3();
-        let wi = m * (2.0 * wo.dot(m)) - wo;
-        // Slopes per unit square, facets per slope, directions per facet.
-        let slopes = alpha[0] * alpha[1] * 0.5 / (1.0 - s).powi(2) * TAU;
-        let solid_angle = slopes * m.z.powi(3) * 4.0 * wo.dot(m).max(0.0);
-        f64::from(bsdf.eval(wo.as_vec3(), wi.as_vec3().normalize()).pdf) * solid_angle
-    };
-    check_square(name, tests, sample, density);
 }
 
 /// Where every facet reflects all light, energy is never gained, and the BSDF is reciprocal.
@@ -135,17 +83,10 @@ fn rough_conductors_conserve_energy_and_are_reciprocal() {
                 specular_reflectance: Rgb::WHITE,
             });
             for wo in directions() {
-                let n = 128;
-                let mut sum = 0.0;
-                for i in 0..n * n {
-                    let u = Vec2::new(((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32);
-                    sum += mirror.sample(wo, 0.5, u).map_or(0.0, |s| s.weight.r);
-                }
-                let albedo = sum / (n * n) as f32;
+                let albedo = scattered_energy(&mirror, wo).r;
                 assert!(albedo < 1.0 + 1e-3, "{distribution:?} {alpha} {wo}: {albedo}");
                 let wi = Vec3::new(-0.2, 0.5, 0.7).normalize();
-                let (a, b) = (mirror.eval(wo, wi).f.r, mirror.eval(wi, wo).f.r);
-                assert!((a - b).abs() <= 1e-4 * a.max(b), "{a} {b}");
+                check_reciprocity(&mirror, wo, wi, 1.0);
             }
         }
     }

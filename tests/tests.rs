@@ -1,5 +1,6 @@
 //! The integration tests, in one binary.
 
+mod cameras;
 mod cli;
 mod closed_form;
 mod closed_form_specular;
@@ -11,6 +12,7 @@ mod emitters;
 mod environment_map;
 mod image_io;
 mod layering;
+mod light_tracing;
 mod loader;
 mod loader_errors;
 mod loader_plugin_errors;
@@ -20,7 +22,12 @@ mod mesh_robustness;
 mod meshes;
 mod own_scenes;
 mod parity;
+mod parity_instances;
 mod scattering;
+mod scattering_extremes;
+mod scattering_principled;
+mod scattering_rough;
+mod scattering_values;
 mod self_intersection;
 mod support;
 mod texture_files;

@@ -12,8 +12,8 @@
 //! bounds their number and demands that each passes within rounding of a vertex.
 
 use crate::meshes::{Mesh, Random, cube, sphere};
-use buffon::accel::{Accel, AccelKind, Coherence, build};
-use buffon::math::{Ray, Vec3};
+use buffon::accel::{Accel, AccelKind, Assembly, Coherence, Instance, build};
+use buffon::math::{DAffine3, DQuat, DVec3, Ray, Vec3};
 
 const RAYS: usize = 1_000_000;
 
@@ -88,4 +88,48 @@ fn no_ray_escapes_from_a_closed_mesh_through_vertices_or_edges() {
         }
     }
     assert!(through_vertices <= EMBREE_VERTEX_ESCAPES, "{through_vertices} rays escape through vertices");
+}
+
+/// An instance's rays are transformed once, so the group's mesh is as closed as in the world; its box is not too small.
+#[test]
+fn no_ray_escapes_from_an_instance_of_a_closed_mesh() {
+    let near = DVec3::new(0.5, -2.0, 1.0);
+    let turned = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 1.0);
+    let place = |scale, rotation, at| DAffine3::from_scale_rotation_translation(scale, rotation, at);
+    let mirrored = place(DVec3::new(0.3, -2.0, 1.5), turned, near);
+    let steps = [
+        vec![mirrored],
+        vec![place(DVec3::splat(1e-3), turned, near * 1e3)],
+        vec![mirrored, place(DVec3::new(0.5, -1.0, 1.0), turned, near * 3.0), mirrored],
+    ];
+    for (seed, (name, mesh, inside)) in (1..).zip(closed_meshes()) {
+        for steps in &steps {
+            let instance = Instance::new(0, steps);
+            let mut random = Random(seed);
+            let mut ray = |i: usize| {
+                let time = [0.0, 0.3, 0.5, 1.0][i % 4];
+                let (local, world) =
+                    (aimed_ray(&mesh, Vec3::ZERO, inside, &mut random), instance.to_world(time));
+                let o = world.transform_point3(local.o.as_dvec3()).as_vec3();
+                Ray { time, ..Ray::new(o, world.transform_vector3(local.d.as_dvec3()).as_vec3()) }
+            };
+            let rays: Vec<Ray> = (0..50_000).map(&mut ray).collect();
+            let assembly = Assembly {
+                geometry: vec![mesh.clone().geometry()],
+                groups: vec![vec![0]],
+                instances: vec![instance.clone()],
+                filter: None,
+            };
+            for &kind in AccelKind::ALL {
+                let accel = build(kind, assembly.clone(), 0, true).expect("built").accel;
+                let escaped = escaped(&*accel, &rays);
+                println!("{kind}, {name}: {} escape", escaped.len());
+                match kind {
+                    AccelKind::Obvhs => assert_eq!(escaped.first(), None, "{name}: {} escape", escaped.len()),
+                    #[cfg(feature = "embree")]
+                    AccelKind::Embree => assert!(escaped.len() <= EMBREE_VERTEX_ESCAPES, "{}", escaped.len()),
+                }
+            }
+        }
+    }
 }

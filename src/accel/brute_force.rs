@@ -80,7 +80,7 @@ impl Accel for BruteForce {
             nearest = self.intersect_geometry((geometry, NO_INSTANCE), &mut line, &ask).or(nearest);
         }
         for (i, instance) in (0..).zip(&self.assembly.instances) {
-            let inverse = instance.from_world(ray.time);
+            let inverse = instance.world_inverse(ray.time);
             let mut local = Line {
                 o: inverse.transform_point3(line.o),
                 d: inverse.transform_vector3(line.d),

@@ -68,7 +68,7 @@ impl Bvh {
         });
         let place = |instance: Instance| Placed {
             group: instance.group,
-            inverse: instance.from_world(0.0),
+            inverse: instance.world_inverse(0.0),
             moving: instance.is_moving().then_some(instance),
         };
         Ok(Bvh {
@@ -185,7 +185,7 @@ impl Bvh {
         let placed = &self.instances[instance as usize];
         let local = match &placed.moving {
             None => local_ray(&placed.inverse, ray),
-            Some(moving) => local_ray(&moving.from_world(ray.time), ray),
+            Some(moving) => local_ray(&moving.world_inverse(ray.time), ray),
         };
         // A direction that is next to nothing may vanish in the group's coordinates.
         if is_valid_ray(&local, COORDINATE_LIMIT) {

@@ -67,7 +67,7 @@ impl Instance {
     }
 
     /// The transform from the world at a time in [0, 1].
-    pub(super) fn from_world(&self, time: f32) -> DAffine3 {
+    pub(super) fn world_inverse(&self, time: f32) -> DAffine3 {
         self.to_world(time).inverse()
     }
 

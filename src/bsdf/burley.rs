@@ -15,8 +15,8 @@ pub fn schlick_weight(cos: f32) -> f32 {
     m * m * m * m * m
 }
 
-/// Schlick's approximation of Fresnel reflectance from the reflectance `r0` along the normal, at the cosine `cos_i ≥ 0`
-/// on the near side. From a denser medium (`eta ≤ 1`) the refracted cosine counts.
+/// Schlick's approximation of Fresnel reflectance from the reflectance `r0` along the normal, at the cosine
+/// `cos_i ≥ 0` on the near side. From a denser medium (`eta ≤ 1`) the refracted cosine counts.
 #[inline]
 pub fn schlick(r0: Rgb, cos_i: f32, eta: f32) -> Rgb {
     let cos = match eta > 1.0 {
@@ -60,8 +60,9 @@ pub fn microfacets(roughness: f32, anisotropy: f32) -> Microfacets {
     }
 }
 
-/// Diffuse reflection with retro-reflection by roughness, over ρ/π; `flatness` blends to an approximation of subsurface
-/// scattering. `cos_d` is the cosine between a direction and the half vector. [Burley 2012, 5.3; 2015]
+/// Diffuse reflection with retro-reflection by roughness, over ρ/π; `flatness` blends to an approximation of
+/// subsurface scattering. `cos_d` is the cosine between a direction and the half vector.
+/// [Burley 2012, 5.3; 2015]
 #[inline]
 pub fn diffuse(cos_o: f32, cos_i: f32, cos_d: f32, roughness: f32, flatness: f32) -> f32 {
     let (w_o, w_i) = (schlick_weight(cos_o), schlick_weight(cos_i));

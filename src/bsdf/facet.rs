@@ -47,8 +47,8 @@ impl Facet {
             .then(|| (wi, Facet { m, cos_o, cos_i: cos_o, dm_dwi: 1.0 / (4.0 * cos_o) }))
     }
 
-    /// Refracts `wo` in the facet m; `cos_t > 0` is the refracted cosine. `None` if the facet is not seen from `wo`, or
-    /// `wi` is not below the surface. [Walter 2007, Eq. 40]
+    /// Refracts `wo` in the facet m; `cos_t > 0` is the refracted cosine. `None` if the facet is not seen from
+    /// `wo`, or `wi` is not below the surface. [Walter 2007, Eq. 40]
     #[inline]
     pub fn refract(wo: Vec3, m: Vec3, cos_t: f32, eta: f32) -> Option<(Vec3, Facet)> {
         let cos_o = wo.dot(m);

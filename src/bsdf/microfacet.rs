@@ -134,8 +134,8 @@ impl Microfacets {
 
 const FRAC_1_SQRT_PI: f32 = 0.564_189_6;
 
-/// The slope along the azimuth 0 of a visible facet of unit roughness, seen at the polar angle with `cos` and `sin` and
-/// azimuth 0. The slope across is independent of it, [`beckmann_slope_across`].
+/// The slope along the azimuth 0 of a visible facet of unit roughness, seen at the polar angle with `cos` and
+/// `sin` and azimuth 0. The slope across is independent of it, [`beckmann_slope_across`].
 ///
 /// The marginal in x is `∝ (cosθ − sinθ·x)·exp(−x²)` for `x < cotθ`; its distribution function
 /// is inverted by bisection-guarded Newton steps in `f64`, to full `f32` precision.

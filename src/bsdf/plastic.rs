@@ -13,12 +13,16 @@ use std::f32::consts::FRAC_1_PI;
 /// `f = (1 − Fo)(1 − Fi)/η² · ρ/(1 − ρ·Fdr) / π`, where ρ in the denominator is 1 unless the model is nonlinear.
 ///
 /// `Fdr`, the share of diffuse light from inside that the coating throws back, is that of
-/// [`fresnel::diffuse_reflectance`]. Its fit is as good as the table says; in the last column is the largest albedo
-/// of a white base that is seen along the normal, which would be 1.
+/// [`fresnel::diffuse_reflectance`], a fit. The last column is what a white base scatters, seen along the normal; 1
+/// would be right. From an index of 3.85 on, the fit is above 1 and the base is no reflection at all.
 ///
-/// | η | Fdr | exact | albedo |
+/// | η | Fdr | exact | scattered |
 /// | --- | --- | --- | --- |
-/// PLASTIC_TABLE
+/// | 1.33 | 0.4724 | 0.4719 | 1.001 |
+/// | 1.5 | 0.5968 | 0.5963 | 1.001 |
+/// | 2 | 0.7903 | 0.7901 | 1.001 |
+/// | 2.4 | 0.8665 | 0.8629 | 1.023 |
+/// | 3 | 0.9355 | 0.9196 | 1.186 |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plastic {
     /// Share of the light that the base reflects.

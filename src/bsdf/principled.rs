@@ -9,13 +9,25 @@ use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
 use std::f32::consts::{FRAC_1_PI, PI};
 
-/// Diffuse reflection, sheen, rough reflection by a metal or a dielectric, rough transmission and a clear coat. Shares are
-/// in [0, 1]. The back shows nothing but the transmitting share.
+/// Diffuse reflection, sheen, rough reflection by a metal or a dielectric, rough transmission and a clear coat.
+/// Shares are in [0, 1]. The back shows nothing but the transmitting share.
 ///
-/// Its parts are added up with no regard to each other, and it gains energy. The table has the albedo of a white
-/// material, seen at a cosine of 1, 0.5 and 0.1.
+/// Its parts are added up with no regard to each other, and it gains energy: up to 2.35 times what arrives,
+/// among 6000 materials with an index in [0.5, 2.5]. This is scattered by white ones, seen at cosines of 1, 0.5
+/// and 0.1; what is not said is as in [`default`](Self::default).
 ///
-/// PRINCIPLED_TABLE
+/// | material | scattered |
+/// | --- | --- |
+/// | default | 1.04, 1.08, 1.18 |
+/// | roughness 0 | 1.02, 1.05, 1.26 |
+/// | roughness 1 | 1.05, 1.08, 1.42 |
+/// | metallic 1 | 0.92, 0.86, 0.85 |
+/// | spec_trans 1 | 0.99, 0.96, 0.88; from below 0.93, 0.82, 0.77 |
+/// | flatness 1 | 0.79, 1.15, 1.44 |
+/// | sheen 1 | 1.04, 1.09, 1.25 |
+/// | clearcoat 1 | 1.07, 1.09, 1.19 |
+///
+/// With no diffuse share but a sheen, Mitsuba's variants disagree; here there is sheen, as in the limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
     /// The colour of base and metal; its root is that of transmission.
@@ -99,15 +111,15 @@ impl Principled {
         (1.0 - self.metallic) * (1.0 - self.spec_trans)
     }
 
-    /// Index of the far side over that of wo's side. Where light is transmitted it is not exactly 1, which would be no
-    /// lobe of finite density.
+    /// Index of the far side over that of wo's side. Where light is transmitted it is not exactly 1, which
+    /// would be no lobe of finite density.
     fn eta_from(&self, wo: Vec3) -> f32 {
         let eta = if self.eta == 1.0 && self.transmits() { 1.001 } else { self.eta };
         if wo.z > 0.0 { eta } else { 1.0 / eta }
     }
 
-    /// What a facet reflects: from above by metal and dielectric, from below by the dielectric alone. `r` is the exact
-    /// reflectance of the dielectric; where that is 0, nothing is.
+    /// What a facet reflects: from above by metal and dielectric, from below by the dielectric alone. `r` is
+    /// the exact reflectance of the dielectric; where that is 0, nothing is.
     fn facet_reflectance(&self, above: bool, cos: f32, r: f32, eta: f32) -> Rgb {
         if r == 0.0 {
             return Rgb::BLACK;
@@ -138,8 +150,8 @@ impl Principled {
         if transmitted > 0.0 { transmitted / (reflected + transmitted) } else { 0.0 }
     }
 
-    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet, raised by
-    /// the mean of Schlick's weight, so that none that scatters has no chance.
+    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet,
+    /// raised by the mean of Schlick's weight, so that none that scatters has no chance.
     fn choice(&self, cos_o: f32, above: bool, eta: f32) -> Choice {
         if !above {
             return Choice { diffuse: 0.0, clearcoat: 0.0, specular: 1.0 };

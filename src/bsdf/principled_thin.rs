@@ -11,6 +11,19 @@ use std::f32::consts::{FRAC_1_PI, PI};
 
 /// A thin sheet, alike from both sides: diffuse reflection and transmission, sheen, rough reflection, and rough
 /// transmission without refraction. Shares are in [0, 1].
+///
+/// It gains energy: up to 1.67 times what arrives, among 6000 sheets with an index in [0.5, 2.5]. This is
+/// scattered by white ones, seen at cosines of 1, 0.5 and 0.1; what is not said is as in
+/// [`default`](Self::default).
+///
+/// | sheet | scattered |
+/// | --- | --- |
+/// | default | 1.01, 1.01, 1.02 |
+/// | roughness 1 | 1.04, 1.06, 1.38 |
+/// | spec_trans 1 | 0.97, 0.93, 0.69 |
+/// | flatness 1 | 0.75, 1.08, 1.28 |
+/// | sheen 1 | 1.01, 1.02, 1.09 |
+/// | diff_trans 2 | 1.00, 1.00, 1.00 |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrincipledThin {
     /// The colour of base and transmission.
@@ -108,8 +121,9 @@ impl PrincipledThin {
         burley::tinted(self.base_color, self.sheen_tint)
     }
 
-    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet, raised by
-    /// the mean of Schlick's weight, so that none that scatters has no chance. `None` if nothing is scattered.
+    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet,
+    /// raised by the mean of Schlick's weight, so that none that scatters has no chance. `None` if nothing is
+    /// scattered.
     fn choice(&self, cos_o: f32) -> Option<Choice> {
         let raised = |f: f32| f + (1.0 - f).max(0.0) * MEAN_SCHLICK_WEIGHT;
         let base = self.base_color.max_component();
@@ -171,8 +185,9 @@ impl PrincipledThin {
         sum
     }
 
-    /// Rough transmission is a reflection that is mirrored in the surface. Its facet must be one that faces away from the
-    /// direction below, too: at grazing angles some of the light is lost.
+    /// Rough transmission is a reflection that is mirrored in the surface. Its facet must be one that faces
+    /// away from the direction below, too: at grazing angles some of the light is lost, and goes one way but
+    /// not the other.
     fn eval_transmission(&self, wo: Vec3, wi: Vec3, choice: &Choice) -> BsdfEval {
         let mut sum = BsdfEval {
             f: self.base_color * (self.diffuse_transmission() * FRAC_1_PI),

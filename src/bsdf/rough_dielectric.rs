@@ -9,6 +9,20 @@ use crate::math::{Vec2, Vec3};
 /// Reflection and refraction of radiance at a boundary of microfacets.
 ///
 /// Indices that are equal let all light pass straight, whatever the roughness.
+///
+/// Light that meets a second facet is lost. This share of the energy is left at an index of 1.5, seen at
+/// cosines of 1, 0.5 and 0.1 from above and from below:
+///
+/// | facets | above | below |
+/// | --- | --- | --- |
+/// | Beckmann 0.1 | 1.000, 1.000, 0.934 | 1.000, 1.000, 0.912 |
+/// | Beckmann 0.3 | 1.000, 0.978, 0.956 | 1.000, 0.881, 0.931 |
+/// | Beckmann 0.5 | 0.997, 0.963, 0.953 | 0.962, 0.770, 0.922 |
+/// | Beckmann 1 | 0.967, 0.906, 0.752 | 0.544, 0.625, 0.668 |
+/// | GGX 0.1 | 0.999, 0.992, 0.916 | 0.989, 0.963, 0.853 |
+/// | GGX 0.3 | 0.989, 0.947, 0.850 | 0.900, 0.780, 0.740 |
+/// | GGX 0.5 | 0.968, 0.883, 0.704 | 0.754, 0.643, 0.604 |
+/// | GGX 1 | 0.893, 0.672, 0.400 | 0.417, 0.453, 0.342 |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughDielectric {
     /// The facets' normals.

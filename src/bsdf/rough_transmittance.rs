@@ -8,8 +8,8 @@ use crate::sampling::warp;
 
 /// What a rough dielectric boundary lets pass from outside, and what it throws back from inside.
 ///
-/// It is what the scene language has computed in advance for a rough plastic, with its quadrature: Gauss's over the unit
-/// square, mapped to visible facets. That is in error by up to 8·10⁻⁴, and we have the same error.
+/// It is what the scene language has computed in advance for a rough plastic, with its quadrature: Gauss's over
+/// the unit square, mapped to visible facets. That is in error by up to 8·10⁻⁴, and we have the same error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoughTransmittance {
     /// Transmittance at cosines that divide [0, 1] evenly.

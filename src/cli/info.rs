@@ -42,8 +42,11 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     let options = LoadOptions { defines: args.define.clone(), search_paths: Vec::new() };
     let loaded = loader::load(&args.file, &options)?;
     let settings = loaded.description.sensors.clone();
-    let compile_options =
-        CompileOptions { accel: args.accel.unwrap_or_default(), threads: render::default_threads(), sensor: 0 };
+    let compile_options = CompileOptions {
+        accel: args.accel.unwrap_or_default(),
+        threads: render::default_threads(),
+        sensor: 0,
+    };
     let (scene, report) = compile(loaded.description, compile_options)?;
     let mut text = String::new();
     let mut line = |name: &str, value: String| {

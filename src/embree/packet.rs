@@ -225,7 +225,9 @@ impl RayHit1 {
 /// a time in [0, 1]. False for NaN.
 #[inline]
 fn is_valid([x, y, z, dx, dy, dz]: [f32; 6], limit: f32, t_near: f32, t_far: f32, time: f32) -> bool {
-    let mut valid = (t_near >= 0.0) & (t_far > t_near) & (time >= 0.0) & (time <= 1.0);
+    let mut valid = (t_near >= 0.0) & (t_far > t_near);
+    valid &= time >= 0.0;
+    valid &= time <= 1.0;
     for component in [x, y, z, dx, dy, dz] {
         valid &= component.abs() <= limit;
     }

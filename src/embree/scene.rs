@@ -8,6 +8,9 @@ use crate::error::{Error, Result};
 use buffon_embree_sys as sys;
 use std::sync::Arc;
 
+/// The most steps of an instance's motion.
+const MAX_STEPS: usize = sys::RTC_MAX_TIME_STEP_COUNT as usize;
+
 /// How a scene is built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
@@ -216,11 +219,16 @@ impl SceneBuilder {
     /// with assertions aborts the process otherwise.
     ///
     /// # Errors
-    /// If the scene is another device's, a step is not finite, or Embree refuses (an id used twice, no steps or more
-    /// than 129).
+    /// If the scene is another device's, there are no steps or more than 129, one is not finite, or Embree refuses
+    /// (an id used twice).
     pub fn add_instance(&mut self, id: u32, scene: Arc<CommittedScene>, steps: &[[f32; 12]]) -> Result<()> {
         if !Arc::ptr_eq(&scene.scene.device, &self.scene.device) {
             return Err(Error::internal("expected a scene of the same device").about("Embree"));
+        }
+        // Embree reads what is not there if the number of steps is out of range.
+        if !(1..=MAX_STEPS).contains(&steps.len()) {
+            let message = format!("expected 1 to {MAX_STEPS} transforms, found {}", steps.len());
+            return Err(Error::internal(message).about("Embree"));
         }
         if let Some(step) = steps.iter().find(|step| !step.iter().all(|x| x.is_finite())) {
             return Err(
@@ -250,7 +258,7 @@ impl SceneBuilder {
         // SAFETY: the scene is live, and `self` is owned: no query runs.
         unsafe { sys::rtcCommitScene(self.scene.raw) };
         self.scene.device.check("building the scene")?;
-        Ok(CommittedScene { scene: self.scene, _kept: self.kept, ray_limit: self.ray_limit })
+        Ok(CommittedScene { scene: self.scene, kept: self.kept, ray_limit: self.ray_limit })
     }
 
     fn new_geometry(&self, kind: sys::RTCGeometryType) -> Result<GeometryHandle> {
@@ -282,7 +290,7 @@ impl SceneBuilder {
 pub struct CommittedScene {
     // Declared first, so dropped before what it reads.
     scene: SceneHandle,
-    _kept: Kept,
+    kept: Kept,
     ray_limit: f32,
 }
 
@@ -353,6 +361,8 @@ impl CommittedScene {
     #[inline]
     pub fn occluded16(&self, wanted: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
         let valid = rays.valid(wanted, self.ray_limit);
+        // Embree 3.13.5 does not return from a coherent `rtcOccluded16` that enters an instance.
+        let coherence = if self.kept.scenes.is_empty() { coherence } else { Coherence::Incoherent };
         let mut context = coherence.context();
         let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is

@@ -79,10 +79,7 @@ fn cubic(x: f64, b: f64, c: f64) -> f64 {
     if x < 1.0 {
         ((12.0 - 9.0 * b - 6.0 * c) * x3 + (-18.0 + 12.0 * b + 6.0 * c) * x2 + (6.0 - 2.0 * b)) / 6.0
     } else {
-        ((-b - 6.0 * c) * x3
-            + (6.0 * b + 30.0 * c) * x2
-            + (-12.0 * b - 48.0 * c) * x
-            + (8.0 * b + 24.0 * c))
+        ((-b - 6.0 * c) * x3 + (6.0 * b + 30.0 * c) * x2 + (-12.0 * b - 48.0 * c) * x + (8.0 * b + 24.0 * c))
             / 6.0
     }
 }
@@ -154,9 +151,10 @@ impl Table {
         let cell_of = |u: f32| cdf.partition_point(|&c| c <= u).saturating_sub(1).min(CELLS - 1) as u32;
         let guide = (0..CELLS).map(|i| cell_of(i as f32 / CELLS as f32)).collect();
         let total: f64 = parts.iter().sum();
-        let weights = parts.iter().any(|&part| part < 0.0).then(|| {
-            parts.iter().map(|part| (sums[CELLS] / total).copysign(*part) as f32).collect()
-        });
+        let weights = parts
+            .iter()
+            .any(|&part| part < 0.0)
+            .then(|| parts.iter().map(|part| (sums[CELLS] / total).copysign(*part) as f32).collect());
         Table { radius: radius as f32, cdf, guide, weights }
     }
 
@@ -215,7 +213,9 @@ mod tests {
     #[test]
     fn filters_have_their_closed_forms() {
         let mitchell = Filter::Mitchell { b: 1.0 / 3.0, c: 1.0 / 3.0 };
-        assert!((mitchell.eval(0.0) - 8.0 / 9.0).abs() < 1e-6 && (mitchell.eval(1.0) - 1.0 / 18.0).abs() < 1e-6);
+        assert!(
+            (mitchell.eval(0.0) - 8.0 / 9.0).abs() < 1e-6 && (mitchell.eval(1.0) - 1.0 / 18.0).abs() < 1e-6
+        );
         assert!(mitchell.eval(1.5) < 0.0 && mitchell.eval(2.0).abs() < 1e-12);
         let lanczos = Filter::Lanczos { lobes: 3 };
         assert!(lanczos.eval(1.0).abs() < 1e-12 && lanczos.eval(0.0) == 1.0 && lanczos.eval(1.5) < 0.0);

@@ -30,13 +30,7 @@ impl<'a> Block<'a> {
     /// # Panics
     /// If a ray hits nothing.
     #[inline(always)]
-    pub fn new(
-        scene: &'a Scene,
-        arena: &'a Bump,
-        rays: &[Ray],
-        hits: &[Option<Hit>],
-        first: usize,
-    ) -> Self {
+    pub fn new(scene: &'a Scene, arena: &'a Bump, rays: &[Ray], hits: &[Option<Hit>], first: usize) -> Self {
         let count = (hits.len() - first).min(LANES);
         let active = (1 << count) - 1;
         let rays = RayX16::load(rays, first);

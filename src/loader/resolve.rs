@@ -20,18 +20,8 @@ const MAX_FILES: usize = 10_000;
 const MAX_ELEMENTS: usize = 50_000_000;
 
 /// Elements that are a property, and those that are neither property nor object.
-const PROPERTY_TAGS: [&str; 10] = [
-    "integer",
-    "float",
-    "string",
-    "boolean",
-    "rgb",
-    "spectrum",
-    "point",
-    "vector",
-    "transform",
-    "animation",
-];
+const PROPERTY_TAGS: [&str; 10] =
+    ["integer", "float", "string", "boolean", "rgb", "spectrum", "point", "vector", "transform", "animation"];
 const OTHER_TAGS: [&str; 5] = ["ref", "default", "include", "path", "alias"];
 
 /// A scene file, resolved.
@@ -353,7 +343,8 @@ impl Resolver {
             }
             keys.push((time, self.product(&mut child, context)?));
         }
-        let motion = Motion::new(keys).ok_or_else(|| element.error("expected at least one transform inside it"))?;
+        let motion =
+            Motion::new(keys).ok_or_else(|| element.error("expected at least one transform inside it"))?;
         self.add_property(&element, Value::Animation(motion), context)
     }
 

@@ -140,7 +140,12 @@ impl Builder {
     }
 
     /// Adds a shape to the list; `motion` is that of its coordinates.
-    fn place(&mut self, placed: PlacedShape, to_world: &DAffine3, motion: Option<&Instance>) -> Result<ShapeId> {
+    fn place(
+        &mut self,
+        placed: PlacedShape,
+        to_world: &DAffine3,
+        motion: Option<&Instance>,
+    ) -> Result<ShapeId> {
         let PlacedShape { name, place, shape, flip_normals, material, emission, .. } = placed;
         let locate = |e: Error| locate(e, &name, place.as_ref());
         check_finite(std::slice::from_ref(to_world)).map_err(locate)?;
@@ -182,14 +187,13 @@ impl Builder {
 
     /// Marks the shapes with holes; hits of those that emit count everywhere, for they emit everywhere.
     fn filter(&mut self) {
-        let holes = |shape: &SceneShape| {
-            shape.emitter.is_none() && self.materials.get(shape.material).holes
-        };
+        let holes = |shape: &SceneShape| shape.emitter.is_none() && self.materials.get(shape.material).holes;
         let geometry: Vec<bool> = self.shapes.iter().map(holes).collect();
         if !geometry.contains(&true) {
             return;
         }
-        let shape = |(shape, holes): (&SceneShape, &bool)| holes.then(|| (shape.world.clone(), shape.material));
+        let shape =
+            |(shape, holes): (&SceneShape, &bool)| holes.then(|| (shape.world.clone(), shape.material));
         let shapes = self.shapes.iter().zip(&geometry).map(shape).collect();
         let filter = Arc::new(Holes { shapes, materials: self.materials.clone() });
         self.assembly.filter = Some(Filtered { filter, geometry });
@@ -252,17 +256,11 @@ impl Builder {
                     let texture = texture.map(|id| self.texture(id)).transpose()?;
                     Light::Spot(Spot::new(to_world, *intensity, texture, *cutoff_angle, *beam_width))
                 }
-                Emitter::Directional { direction, irradiance } => Light::Directional(Directional {
-                    direction: *direction,
-                    irradiance: *irradiance,
-                    scene,
-                }),
-                Emitter::Constant { radiance } => {
-                    Light::Environment(Environment::constant(*radiance, scene))
+                Emitter::Directional { direction, irradiance } => {
+                    Light::Directional(Directional { direction: *direction, irradiance: *irradiance, scene })
                 }
-                Emitter::EnvironmentMap(map) => {
-                    Light::Environment(Environment::map(map.clone(), scene))
-                }
+                Emitter::Constant { radiance } => Light::Environment(Environment::constant(*radiance, scene)),
+                Emitter::EnvironmentMap(map) => Light::Environment(Environment::map(map.clone(), scene)),
                 Emitter::Projector { to_world, irradiance, scale, half_extents } => {
                     let irradiance = self.texture(*irradiance)?;
                     Light::Projector(Projector::new(to_world, irradiance, *scale, *half_extents))

@@ -168,14 +168,14 @@ impl Materials {
     fn opacity_of(&self, material: &Material, point: &TexturePoint<'_>) -> f32 {
         match material {
             Material::Null => 0.0,
-            Material::Mask { opacity, inner } => {
-                self.share(opacity, point) * self.opacity(*inner, point)
-            }
+            Material::Mask { opacity, inner } => self.share(opacity, point) * self.opacity(*inner, point),
             Material::Blend { weight, inner: [a, b] } => {
                 let w = self.share(weight, point);
                 (1.0 - w) * self.opacity(*a, point) + w * self.opacity(*b, point)
             }
-            Material::BumpMap { inner, .. } | Material::NormalMap { inner, .. } => self.opacity(*inner, point),
+            Material::BumpMap { inner, .. } | Material::NormalMap { inner, .. } => {
+                self.opacity(*inner, point)
+            }
             _ => 1.0,
         }
     }
@@ -350,8 +350,7 @@ impl Materials {
     }
 
     fn microfacets(&self, roughness: &Roughness, point: &TexturePoint<'_>) -> Microfacets {
-        let [alpha_x, alpha_y] =
-            [0, 1].map(|i| self.number(&roughness.alpha[i], point).max(LEAST_ALPHA));
+        let [alpha_x, alpha_y] = [0, 1].map(|i| self.number(&roughness.alpha[i], point).max(LEAST_ALPHA));
         Microfacets {
             distribution: roughness.distribution,
             alpha_x,

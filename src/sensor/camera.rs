@@ -150,7 +150,12 @@ impl Camera {
             }
             let m = to_world.matrix3;
             let world_area = area * m.x_axis.cross(m.y_axis).dot(axis).abs();
-            ((local.truncate() - self.corner) / self.pixel, p - axis * depth, depth - self.near, 1.0 / world_area)
+            (
+                (local.truncate() - self.corner) / self.pixel,
+                p - axis * depth,
+                depth - self.near,
+                1.0 / world_area,
+            )
         } else {
             let m = unit_axes(&to_world.matrix3);
             let local = m.inverse() * (p - to_world.translation);

@@ -82,7 +82,9 @@ mod tests {
         let squeeze = DAffine3::from_scale(DVec3::new(2.0, 3.0, -5.0));
         let instance = Instance::new(0, &[squeeze]);
         let placed = Placement::new(&instance, 0.0);
-        assert!((placed.stretch(Vec3::Z) - 6.0).abs() < 1e-6 && (placed.stretch(Vec3::X) - 15.0).abs() < 1e-6);
+        assert!(
+            (placed.stretch(Vec3::Z) - 6.0).abs() < 1e-6 && (placed.stretch(Vec3::X) - 15.0).abs() < 1e-6
+        );
         assert_eq!(placed.normal(Vec3::Z), -Vec3::Z);
         let n = Vec3::new(1.0, 2.0, 3.0).normalize();
         assert!((placed.local_normal(placed.normal(n)) - n).length() < 1e-6);

@@ -1,5 +1,6 @@
 //! What the tests share.
 
+pub mod bsdfs;
 pub mod chi2;
 pub mod cli;
 pub mod expect;

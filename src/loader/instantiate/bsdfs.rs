@@ -72,9 +72,7 @@ impl Builder<'_> {
                 let roughness = self.roughness(&props)?;
                 Material::RoughConductor(self.metal(&props)?, roughness)
             }
-            "dielectric" => {
-                Material::Dielectric(self.interface(&props, "bk7")?, self.transmittance(&props)?)
-            }
+            "dielectric" => Material::Dielectric(self.interface(&props, "bk7")?, self.transmittance(&props)?),
             "thindielectric" => {
                 Material::ThinDielectric(self.interface(&props, "bk7")?, self.transmittance(&props)?)
             }
@@ -83,9 +81,7 @@ impl Builder<'_> {
                     (self.interface(&props, "bk7")?, self.transmittance(&props)?);
                 Material::RoughDielectric(interface, transmittance, self.roughness(&props)?)
             }
-            "plastic" => {
-                Material::Plastic(self.interface(&props, "polypropylene")?, self.coated(&props)?)
-            }
+            "plastic" => Material::Plastic(self.interface(&props, "polypropylene")?, self.coated(&props)?),
             "roughplastic" => Material::RoughPlastic {
                 interface: self.interface(&props, "polypropylene")?,
                 base: self.coated(&props)?,
@@ -244,7 +240,8 @@ impl Builder<'_> {
         let children = props.children("bsdf");
         let Ok(children) = <[&Child; N]>::try_from(children.as_slice()) else {
             let expected = if N == 1 { "a bsdf".to_owned() } else { format!("{N} bsdfs") };
-            let error = props.object.error(format!("expected {expected} inside it, found {}", children.len()));
+            let error =
+                props.object.error(format!("expected {expected} inside it, found {}", children.len()));
             return Err(match children.get(N) {
                 Some(extra) => error.at(extra.spot.place()),
                 None => error,
@@ -293,8 +290,12 @@ impl Builder<'_> {
 
     /// One material for both sides, or one for each.
     fn two_sided(&mut self, props: &Props) -> Result<Material> {
-        let sides = match props.children("bsdf").len() {
-            2 => self.children(props)?,
+        let sides = match props.children("bsdf")[..] {
+            [_, _] => self.children(props)?,
+            [_, _, extra, ..] => {
+                let error = props.object.error("expected one or two bsdfs inside it, found more");
+                return Err(error.at(extra.spot.place()));
+            }
             _ => [self.only_child(props)?; 2],
         };
         let materials = &self.loaded.description.materials;

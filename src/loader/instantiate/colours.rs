@@ -27,7 +27,10 @@ impl Builder<'_> {
         if let Some(object) = props.named_child(name) {
             return match self.spectrum_plugin(object, quantity)? {
                 Some(rgb) => Ok(rgb),
-                None => Err(self.graph.objects[object].error("expected the same colour everywhere, found a texture")),
+                None => {
+                    Err(self.graph.objects[object]
+                        .error("expected the same colour everywhere, found a texture"))
+                }
             };
         }
         let Some(property) = props.find(name) else { return Ok(Rgb::splat(default)) };
@@ -192,7 +195,11 @@ fn spectrum_samples(props: &Props) -> Result<Spectrum> {
         "irregular" => {
             let (nm, values) = (list("wavelengths")?, list("values")?);
             if nm.len() != values.len() {
-                let message = format!("expected as many wavelengths as values, found {} and {}", nm.len(), values.len());
+                let message = format!(
+                    "expected as many wavelengths as values, found {} and {}",
+                    nm.len(),
+                    values.len()
+                );
                 return Err(props.object.error(message));
             }
             nm.into_iter().zip(values).collect()
@@ -214,7 +221,9 @@ fn range(props: &Props) -> Result<[f64; 2]> {
     let high = props.float("wavelength_max")?.unwrap_or(VISIBLE[1]);
     match low > 0.0 && high > low && high.is_finite() {
         true => Ok([low, high]),
-        false => Err(props.object.error("expected wavelength_min to be less than wavelength_max, and both positive")),
+        false => Err(props
+            .object
+            .error("expected wavelength_min to be less than wavelength_max, and both positive")),
     }
 }
 

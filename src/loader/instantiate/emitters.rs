@@ -93,7 +93,8 @@ impl Builder<'_> {
             return Err(props.refusal("cutoff_angle", "expected degrees from 0 to 180"));
         }
         if !(beam >= 0.0 && beam <= cutoff) {
-            return Err(props.refusal("beam_width", &format!("expected degrees from 0 to the cutoff_angle, {cutoff}")));
+            return Err(props
+                .refusal("beam_width", &format!("expected degrees from 0 to the cutoff_angle, {cutoff}")));
         }
         let texture = match props.named_child("texture") {
             Some(object) if cutoff < 90.0 => Some(self.texture(object)?),
@@ -113,7 +114,8 @@ impl Builder<'_> {
     }
 
     fn projector(&mut self, props: &Props) -> Result<()> {
-        let Input::Texture(irradiance) = self.color_input(props, "irradiance", Quantity::Emission, 1.0)? else {
+        let Input::Texture(irradiance) = self.color_input(props, "irradiance", Quantity::Emission, 1.0)?
+        else {
             return Err(props.error("irradiance", "expected a texture"));
         };
         let scale = props.float("scale")?.unwrap_or(1.0) as f32;

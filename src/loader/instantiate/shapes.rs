@@ -134,8 +134,7 @@ impl Builder<'_> {
         let place = Some(props.object.spot.place());
         let name = props.object.id.clone();
         self.finish(props);
-        let shape =
-            PlacedShape { name, place, shape, to_world: motion, flip_normals, material, emission };
+        let shape = PlacedShape { name, place, shape, to_world: motion, flip_normals, material, emission };
         out.push(shape);
         Ok(())
     }

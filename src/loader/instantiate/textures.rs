@@ -56,11 +56,7 @@ impl Builder<'_> {
     fn bitmap(&mut self, props: &Props) -> Result<Texture> {
         let filters = [("bilinear", FilterType::Bilinear), ("nearest", FilterType::Nearest)];
         let filter = props.choice("filter_type", &filters, FilterType::Bilinear)?;
-        let wraps = [
-            ("repeat", WrapMode::Repeat),
-            ("mirror", WrapMode::Mirror),
-            ("clamp", WrapMode::Clamp),
-        ];
+        let wraps = [("repeat", WrapMode::Repeat), ("mirror", WrapMode::Mirror), ("clamp", WrapMode::Clamp)];
         let wrap = props.choice("wrap_mode", &wraps, WrapMode::Repeat)?;
         let raw = props.boolean("raw", false)?;
         let to_uv = to_uv(props)?;

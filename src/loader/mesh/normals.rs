@@ -9,6 +9,8 @@ use wide::f64x4;
 const BLOCK: usize = 1 << 15;
 /// Vertices, or fours of triangles, that a thread takes at least.
 const LEAST: usize = 1 << 8;
+/// Sums of weighted normals whose squared length is not above this have no direction: their faces cancel.
+const LEAST_SQUARE: f64 = 1e-60;
 
 /// What four triangles add to their corners: unit normals in the world (x, y, z), and the angle at each corner; zero for a
 /// triangle that has no area or is not finite.
@@ -37,7 +39,10 @@ pub fn compute(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
     }
     // Normals go to the world by the inverse transpose, so they come from there by the transpose.
     let from_world = to_world.matrix3.transpose();
-    let own = |sum: &DVec3| (from_world * sum.try_normalize().unwrap_or(DVec3::X)).normalize().as_vec3();
+    let own = |sum: &DVec3| {
+        let known = sum.length_squared() > LEAST_SQUARE;
+        (from_world * if known { *sum } else { DVec3::X }).normalize().as_vec3()
+    };
     sums.par_iter().with_min_len(LEAST).map(own).collect()
 }
 
