@@ -10,6 +10,8 @@ mod distributions;
 mod embree_ffi;
 mod emitters;
 mod environment_map;
+mod gltf;
+mod gltf_errors;
 mod holes;
 mod image_io;
 mod layering;

@@ -21,8 +21,8 @@ use std::time::{Duration, Instant};
 
 /// Render a scene.
 ///
-/// The scene is a Mitsuba 3 XML file (older versions are upgraded) or a bare .obj or .ply mesh. The image's
-/// format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm (linear).
+/// The scene is a Mitsuba 3 XML file (older versions are upgraded), glTF 2.0 (.gltf or .glb), or a bare .obj or .ply
+/// mesh. The image's format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm (linear).
 #[derive(Clone, Debug, Args)]
 pub struct RenderArgs {
     /// The scene file
