@@ -21,6 +21,7 @@ mod meshes;
 mod own_scenes;
 mod parity;
 mod parity_instances;
+mod plugins;
 mod scattering;
 mod scattering_extremes;
 mod scattering_principled;
