@@ -209,6 +209,24 @@ fn a_lamp_of_the_collection_is_read() {
     assert_eq!(*default, Material::Diffuse { reflectance: Rgb::splat(0.5).into() });
 }
 
+/// As in Mitsuba, whose lamps reflect nothing unless they are told to.
+#[test]
+fn shapes_that_name_no_material_are_grey_and_lamps_black() {
+    let scene = loaded(
+        "<shape type='disk'><emitter type='area'/></shape>
+        <shape type='disk'/>
+        <shape type='sphere'><emitter type='area'/></shape>
+        <shape type='disk'><bsdf type='diffuse'/><emitter type='area'/></shape>",
+    );
+    let scene = scene.description;
+    let reflectances =
+        [0, 1, 2, 3].map(|shape| match &scene.materials[scene.shapes[shape].material.index()] {
+            Material::Diffuse { reflectance } => reflectance.clone(),
+            other => panic!("{other:?}"),
+        });
+    assert_eq!(reflectances, [0.0, 0.5, 0.0, 0.5].map(|r| Rgb::splat(r).into()));
+}
+
 #[track_caller]
 fn assert_transform(steps: &str, expected: [[f64; 4]; 3]) {
     let loaded =

@@ -27,6 +27,7 @@ mod mistakes;
 mod own_scenes;
 mod parity;
 mod parity_instances;
+mod plugins;
 mod scattering;
 mod scattering_extremes;
 mod scattering_principled;

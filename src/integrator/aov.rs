@@ -3,6 +3,7 @@
 use super::settings::Aov;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Hit;
+use crate::bsdf::Bsdf;
 use crate::math::Ray;
 use crate::scene::Scene;
 use bumpalo::Bump;
@@ -81,7 +82,15 @@ impl Aov {
                 out.copy_from_slice(&scene.bsdf(&at, wo, &arena).albedo().to_array());
             }
             Aov::GeometricNormal => out.copy_from_slice(&at.ng.to_array()),
-            Aov::ShadingNormal => out.copy_from_slice(&at.frame.n.to_array()),
+            Aov::ShadingNormal => {
+                let arena = Bump::new();
+                // As in Mitsuba, a normal or bump map counts where nothing is around it.
+                let n = match scene.bsdf(&at, at.frame.to_local(-ray.d), &arena) {
+                    Bsdf::Tilted(tilted) => at.frame.to_world(tilted.frame.n),
+                    _ => at.frame.n,
+                };
+                out.copy_from_slice(&n.to_array());
+            }
             Aov::Position => out.copy_from_slice(&at.p.to_array()),
             Aov::Depth => out[0] = hit.t,
             Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),

@@ -108,13 +108,15 @@ impl Builder<'_> {
         Ok(id)
     }
 
-    /// The material of shapes that name none: diffuse with reflectance 0.5, as in Mitsuba.
-    pub fn default_material(&mut self) -> MaterialId {
-        if let Some(id) = self.default_material {
+    /// The material of shapes that name none, as in Mitsuba: diffuse with reflectance 0.5, and black where they emit.
+    pub fn default_material(&mut self, emits: bool) -> MaterialId {
+        let index = usize::from(emits);
+        if let Some(id) = self.default_materials[index] {
             return id;
         }
-        let id = self.add_material(Material::Diffuse { reflectance: Rgb::splat(0.5).into() });
-        self.default_material = Some(id);
+        let reflectance = Rgb::splat(if emits { 0.0 } else { 0.5 });
+        let id = self.add_material(Material::Diffuse { reflectance: reflectance.into() });
+        self.default_materials[index] = Some(id);
         id
     }
 

@@ -40,7 +40,7 @@ pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
         images: HashMap::new(),
         groups: HashMap::new(),
         finished: HashSet::new(),
-        default_material: None,
+        default_materials: [None; 2],
         missing: Vec::new(),
     };
     builder.scene()?;
@@ -62,7 +62,8 @@ struct Builder<'g> {
     images: HashMap<(PathBuf, bool), Arc<TextureImage>>,
     groups: HashMap<ObjectId, usize>,
     finished: HashSet<ObjectId>,
-    default_material: Option<MaterialId>,
+    /// Of shapes that name no material, and of those among them that emit.
+    default_materials: [Option<MaterialId>; 2],
     missing: Vec<Error>,
 }
 

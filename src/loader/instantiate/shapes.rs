@@ -116,13 +116,13 @@ impl Builder<'_> {
             "cylinder" => cylinder(&props)?,
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
-        let material = match props.child("bsdf")? {
-            Some(bsdf) => self.material(bsdf)?,
-            None => self.default_material(),
-        };
         let emission = match props.child("emitter")? {
             Some(emitter) => Some(self.area_emitter(emitter)?),
             None => None,
+        };
+        let material = match props.child("bsdf")? {
+            Some(bsdf) => self.material(bsdf)?,
+            None => self.default_material(emission.is_some()),
         };
         for class in ["medium", "sensor", "texture"] {
             if let Some(inside) = props.child(class)? {
