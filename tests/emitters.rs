@@ -142,7 +142,7 @@ fn textured_rectangle_samples_follow_their_density() {
     ] {
         let mut to_world = place(0.3, 0.1, 0.8, 1.0);
         if flip {
-            to_world = to_world * DAffine3::from_rotation_x(std::f64::consts::PI);
+            to_world *= DAffine3::from_rotation_x(std::f64::consts::PI);
         }
         let mut description = Description { textures: vec![picture(filter)], ..Description::default() };
         let id = scenes::add(&mut description, Shape::Rectangle, to_world, scenes::diffuse(0.5));
