@@ -5,11 +5,14 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::loader::{LoadOptions, Loaded, load};
 use buffon::material::{Input, Material};
-use buffon::math::{DAffine3, DVec3, Vec2, Vec3};
+use buffon::math::{DAffine3, DVec3, Frame, Vec2, Vec3};
+use buffon::scene::Materials;
 use buffon::scene::description::PlacedShape;
+use buffon::scene::materials::MaterialPoint;
 use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::{Mesh, Shape};
 use buffon::texture::{Texture, TexturePoint};
+use bumpalo::Bump;
 use serde_json::json;
 
 fn mesh(placed: &PlacedShape) -> &Mesh {
@@ -117,7 +120,8 @@ fn matrices_place_nodes_and_mirrors_keep_the_front() {
 
 #[test]
 fn a_mesh_of_several_nodes_is_a_group_unless_it_shines() {
-    let nodes = json!([{ "mesh": 0 }, { "mesh": 0, "scale": [-1, 1, 1] }, { "mesh": 0, "translation": [3, 0, 0] }]);
+    let nodes =
+        json!([{ "mesh": 0 }, { "mesh": 0, "scale": [-1, 1, 1] }, { "mesh": 0, "translation": [3, 0, 0] }]);
     let mut model = Model::new(nodes);
     let dark = model.square();
     let mut bright = model.square();
@@ -125,9 +129,9 @@ fn a_mesh_of_several_nodes_is_a_group_unless_it_shines() {
     model.add("meshes", json!({ "primitives": [dark, bright] }));
     let loaded = model.loaded();
     let description = &loaded.description;
-    assert_eq!(description.instances.iter().map(|i| i.group).collect::<Vec<_>>(), [0, 1, 0]);
-    assert_eq!(description.groups.iter().map(Vec::len).collect::<Vec<_>>(), [1, 1]);
-    assert_eq!([0, 1].map(|i| description.groups[i][0].flip_normals), [false, true]);
+    assert_eq!(description.instances.iter().map(|i| i.group).collect::<Vec<_>>(), [0; 3]);
+    assert_eq!(description.groups.iter().map(Vec::len).collect::<Vec<_>>(), [1]);
+    assert!(!description.groups[0][0].flip_normals);
     assert_eq!(description.instances[2].to_world.at(0.0), DAffine3::from_translation(DVec3::X * 3.0));
     let lamps: Vec<_> = description.shapes.iter().map(|s| (s.emission, s.flip_normals)).collect();
     let light = Some(Input::Constant(Rgb::new(1.0, 0.5, 0.0)));
@@ -168,7 +172,10 @@ fn metal_and_roughness_become_the_principled_model() {
         "doubleSided": true
     }))
     .loaded();
-    assert!(matches!(material(&loaded), Material::Principled(_)), "what transmits light is not made two-sided");
+    assert!(
+        matches!(material(&loaded), Material::Principled(_)),
+        "what transmits light is not made two-sided"
+    );
     let p = principled(&loaded);
     assert_eq!(p.base_color, Input::Constant(Rgb::new(0.5, 0.25, 1.0)));
     assert_eq!((p.metallic, p.roughness), (Input::Constant(0.75), Input::Constant(0.4)));
@@ -201,7 +208,8 @@ fn roughness_is_green_metal_is_blue_and_neither_is_encoded() {
     })
     .loaded();
     let p = principled(&loaded);
-    for (uv, roughness, metallic) in [(MIDDLES[0], 0.1, 0.4), (MIDDLES[1], 0.2, 0.8), (MIDDLES[3], 0.5, 1.0)] {
+    for (uv, roughness, metallic) in [(MIDDLES[0], 0.1, 0.4), (MIDDLES[1], 0.2, 0.8), (MIDDLES[3], 0.5, 1.0)]
+    {
         assert!((number_at(&loaded, p.roughness, uv) - roughness).abs() < 1e-6, "{uv:?}");
         assert!((number_at(&loaded, p.metallic, uv) - metallic).abs() < 1e-6, "{uv:?}");
     }
@@ -227,6 +235,27 @@ fn alpha_makes_holes() {
     assert_eq!(with(json!({ "alphaMode": "MASK", "alphaCutoff": 0.05 })), [1.0; 4]);
     let opaque = square_of(json!({ "alphaMode": "MASK" })).loaded();
     assert!(matches!(material(&opaque), Material::Principled(_)));
+}
+
+#[test]
+fn double_sided_materials_have_both_sides_between_holes() {
+    let loaded = square_of(json!({
+        "alphaMode": "BLEND", "doubleSided": true, "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 1, 0.5] }
+    }))
+    .loaded();
+    let (id, description) = (loaded.description.shapes[0].material, loaded.description);
+    let materials = Materials::new(description.materials, description.textures).unwrap();
+    let f = |wo: Vec3| {
+        let texture = TexturePoint::at(Vec2::ZERO);
+        let frame = Frame::from_normal(Vec3::Z);
+        let at = MaterialPoint { texture, frame, ng: Vec3::Z, dp_duv: [Vec3::X, Vec3::Y], wo };
+        let arena = Bump::new();
+        let scattering = materials.scattering(id, &at, &arena);
+        assert_eq!(scattering.opacity, 0.5);
+        scattering.bsdf.eval(wo, wo).f
+    };
+    assert!(!f(Vec3::Z).is_black());
+    assert_eq!(f(Vec3::NEG_Z), f(Vec3::Z));
 }
 
 #[test]
@@ -288,9 +317,10 @@ fn vertex_colours_are_multiplied_into_the_base_colour() {
 
 #[test]
 fn the_textures_choose_the_set_of_coordinates() {
-    let mut model = textured(&FOUR, |texture| {
-        json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture, "texCoord": 1 } } })
-    });
+    let mut model = textured(
+        &FOUR,
+        |texture| json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture, "texCoord": 1 } } }),
+    );
     let second = model.floats("VEC2", &[0.5; 8]);
     model.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"] = json!(second);
     assert_eq!(mesh(&model.loaded().description.shapes[0]).uvs, [Vec2::splat(0.5); 4]);
@@ -317,15 +347,23 @@ fn lights_stand_at_their_nodes_and_shine_along_minus_z() {
         { "type": "spot", "intensity": 2, "spot": { "innerConeAngle": 0.25, "outerConeAngle": 0.5 } }
     ] } });
     let loaded = model.loaded();
-    let [point, directional, spot] = loaded.description.emitters.as_slice() else { panic!("expected three lights") };
+    let [point, directional, spot] = loaded.description.emitters.as_slice() else {
+        panic!("expected three lights")
+    };
     let intensity = Rgb::new(4.0, 2.0, 0.0);
     assert_eq!(*point, Emitter::Point { position: Vec3::new(1.0, 2.0, 3.0), intensity });
     let Emitter::Directional { direction, irradiance } = directional else { panic!("{directional:?}") };
     assert!((*direction - Vec3::NEG_Y).length() < 1e-6 && *irradiance == Rgb::splat(3.0), "{direction}");
-    let Emitter::Spot { to_world, intensity, cutoff_angle, beam_width, .. } = spot else { panic!("{spot:?}") };
+    let Emitter::Spot { to_world, intensity, cutoff_angle, beam_width, .. } = spot else {
+        panic!("{spot:?}")
+    };
     assert_eq!((to_world.matrix3.z_axis, *intensity), (DVec3::NEG_Z, Rgb::splat(2.0)));
     assert_eq!((*cutoff_angle, *beam_width), (0.5, 0.25));
-    assert!(loaded.notes.iter().any(|note| note.starts_with("point light, in candela")), "{:?}", loaded.notes);
+    assert!(
+        loaded.notes.iter().any(|note| note.starts_with("point light, in candela")),
+        "{:?}",
+        loaded.notes
+    );
 }
 
 #[test]
@@ -347,7 +385,10 @@ fn cameras_look_along_minus_z_and_each_is_a_sensor() {
     assert_eq!((front.film.width, front.film.height), (1080, 720));
     let Projection::Perspective { fov, fov_axis, .. } = front.projection else { panic!("{front:?}") };
     assert_eq!((fov, fov_axis), (0.5, FovAxis::Y));
-    assert_eq!((above.projection, above.film.width, above.film.height), (Projection::Orthographic, 1280, 640));
+    assert_eq!(
+        (above.projection, above.film.width, above.film.height),
+        (Projection::Orthographic, 1280, 640)
+    );
     let m = above.to_world.at(0.0).matrix3;
     assert_eq!([m.x_axis, m.y_axis, m.z_axis], [DVec3::X * -4.0, DVec3::Y * 4.0, DVec3::NEG_Z]);
 }
@@ -375,9 +416,10 @@ fn what_a_file_lacks_is_added_and_said() {
 
 #[test]
 fn buffers_and_images_may_be_files_beside_it() {
-    let mut model = textured(&FOUR, |texture| {
-        json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture } } })
-    });
+    let mut model = textured(
+        &FOUR,
+        |texture| json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": texture } } }),
+    );
     let folder = tempfile::TempDir::new().unwrap();
     std::fs::write(folder.path().join("all numbers.bin"), &model.bytes).unwrap();
     std::fs::write(folder.path().join("four.png"), png(2, &FOUR)).unwrap();

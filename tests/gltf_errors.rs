@@ -13,7 +13,8 @@ fn model() -> Model {
         { "extensions": { "KHR_lights_punctual": { "light": 0 } } }
     ]));
     let mut square = model.square();
-    let texture = model.texture(2, &[[255, 0, 0, 255], [0, 255, 0, 9], [1, 2, 3, 4], [5, 6, 7, 8]], json!({}));
+    let texture =
+        model.texture(2, &[[255, 0, 0, 255], [0, 255, 0, 9], [1, 2, 3, 4], [5, 6, 7, 8]], json!({}));
     square["material"] = json!(model.add(
         "materials",
         json!({
@@ -23,8 +24,7 @@ fn model() -> Model {
     ));
     model.mesh(square);
     model.add("cameras", json!({ "type": "perspective", "perspective": { "yfov": 0.5, "znear": 0.1 } }));
-    model.json["extensions"] =
-        json!({ "KHR_lights_punctual": { "lights": [{ "type": "spot", "spot": { "outerConeAngle": 0.5 } }] } });
+    model.json["extensions"] = json!({ "KHR_lights_punctual": { "lights": [{ "type": "spot", "spot": { "outerConeAngle": 0.5 } }] } });
     model
 }
 
@@ -128,7 +128,11 @@ fn other_mistakes_are_said_too() {
     let cases: [(&str, serde_json::Value, &str); 6] = [
         ("/asset/version", json!("1.0"), "asset: expected glTF 2.0, found version \"1.0\""),
         ("/cameras/0/perspective/yfov", json!(4.0), "cameras[0]: expected a yfov between 0 and π, found 4"),
-        ("/cameras/0/perspective/znear", json!(0.0), "cameras[0]: expected 0 < znear < zfar, found 0 and 10000"),
+        (
+            "/cameras/0/perspective/znear",
+            json!(0.0),
+            "cameras[0]: expected 0 < znear < zfar, found 0 and 10000",
+        ),
         ("/cameras/0/type", json!("fisheye"), "cameras[0].type: the value is invalid"),
         ("/nodes/1/rotation", json!([0, 0, 0, 0]), "nodes[1]: expected a rotation other than zero"),
         ("/nodes/1/translation", json!([1e300, 0, 0]), "nodes[1]: its transformation is not finite"),
@@ -150,7 +154,8 @@ fn binary_files_that_are_cut_short_are_refused() {
         let error = load_bytes("scene.glb", &bytes[..cut]).unwrap_err().to_string();
         assert!(error.starts_with("scene.glb: ") || error.starts_with("scene.glb:1:"), "{cut}: {error}");
         if cut > 12 {
-            let expected = format!("scene.glb: the file is cut short: expected {} bytes, found {cut}", bytes.len());
+            let expected =
+                format!("scene.glb: the file is cut short: expected {} bytes, found {cut}", bytes.len());
             assert_eq!(error, expected);
         }
     }

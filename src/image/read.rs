@@ -85,7 +85,8 @@ pub fn read_texture_bytes_with(backend: Backend, name: &Path, bytes: &[u8]) -> R
         }
         Some(format) => format,
     };
-    let damaged = |why: String| fail(format!("damaged or cut short {} image ({})", format.name(), why.trim()));
+    let damaged =
+        |why: String| fail(format!("damaged or cut short {} image ({})", format.name(), why.trim()));
     if format == Format::Jpeg && !jpeg_is_whole(bytes) {
         return Err(damaged("the end of the image is missing".into()));
     }

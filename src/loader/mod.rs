@@ -67,7 +67,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match extension.as_str() {
         "xml" => load_xml(path, options),
-        "gltf" | "glb" => gltf::load(path, &options.search_paths).map(|loaded| warn_of_defines(loaded, options)),
+        "gltf" | "glb" => {
+            gltf::load(path, &options.search_paths).map(|loaded| warn_of_defines(loaded, options))
+        }
         "obj" | "ply" => instantiate::bare::load(path).map(|loaded| warn_of_defines(loaded, options)),
         _ => {
             let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";

@@ -24,7 +24,11 @@ impl File {
     ///
     /// # Errors
     /// If its elements have another number of components, or reach beyond their buffer view.
-    pub fn numbers<const N: usize>(&self, accessor: &Accessor<'_>, integers: Integers) -> Result<Vec<[f32; N]>> {
+    pub fn numbers<const N: usize>(
+        &self,
+        accessor: &Accessor<'_>,
+        integers: Integers,
+    ) -> Result<Vec<[f32; N]>> {
         let components = accessor.dimensions().multiplicity();
         if components != N || is_matrix(accessor.dimensions()) {
             let message = format!("expected {N} components in each element, found {components}");
@@ -51,12 +55,20 @@ impl File {
     }
 
     /// All elements, sparse ones in their places.
-    fn elements<T: Clone>(&self, accessor: &Accessor<'_>, zero: T, read: impl Fn(&[u8]) -> T) -> Result<Vec<T>> {
+    fn elements<T: Clone>(
+        &self,
+        accessor: &Accessor<'_>,
+        zero: T,
+        read: impl Fn(&[u8]) -> T,
+    ) -> Result<Vec<T>> {
         let (count, size) = (accessor.count(), accessor.size());
         let mut elements: Vec<T> = match accessor.view() {
-            Some(view) => self.slices(accessor, &view, [accessor.offset(), count, size])?.map(&read).collect(),
+            Some(view) => {
+                self.slices(accessor, &view, [accessor.offset(), count, size])?.map(&read).collect()
+            }
             None if count > MOST_ZEROS => {
-                let message = format!("expected at most {MOST_ZEROS} elements without a bufferView, found {count}");
+                let message =
+                    format!("expected at most {MOST_ZEROS} elements without a bufferView, found {count}");
                 return Err(self.fault(accessor, message));
             }
             None => vec![zero; count],
@@ -93,7 +105,8 @@ impl File {
         let bytes = self.view(view)?;
         let stride = view.stride().unwrap_or(size);
         if stride < size {
-            let message = format!("expected a byteStride of at least {size} in its bufferView, found {stride}");
+            let message =
+                format!("expected a byteStride of at least {size} in its bufferView, found {stride}");
             return Err(self.fault(accessor, message));
         }
         let spanned = match count.checked_sub(1) {
@@ -103,7 +116,8 @@ impl File {
         let needed = spanned.and_then(|n| n.checked_add(offset)).unwrap_or(usize::MAX);
         if needed > bytes.len() {
             let found = counted(bytes.len() as u64, "byte", "bytes");
-            let message = format!("it needs {needed} bytes, but its bufferViews[{}] has {found}", view.index());
+            let message =
+                format!("it needs {needed} bytes, but its bufferViews[{}] has {found}", view.index());
             return Err(self.fault(accessor, message));
         }
         Ok((0..count).map(move |i| &bytes[offset + i * stride..][..size]))

@@ -58,15 +58,15 @@ fn look(camera: &Perspective, frame: DAffine3) -> Result<SensorSettings> {
     }
     let near = f64::from(camera.znear);
     let far = camera.zfar.map_or(FAR.max(1e6 * near), f64::from);
-    let projection =
-        Projection::Perspective { fov, fov_axis: FovAxis::Y, principal_point_offset: [0.0; 2] };
+    let projection = Projection::Perspective { fov, fov_axis: FovAxis::Y, principal_point_offset: [0.0; 2] };
     sensor(frame, projection, [near, far], film(aspect))
 }
 
 fn draw(camera: &Orthographic, frame: DAffine3) -> Result<SensorSettings> {
     let [x, y] = [camera.xmag, camera.ymag].map(|side| f64::from(side.abs()));
     if !(x > 0.0 && y > 0.0 && x.is_finite() && y.is_finite()) {
-        let message = format!("expected xmag and ymag other than 0, found {} and {}", camera.xmag, camera.ymag);
+        let message =
+            format!("expected xmag and ymag other than 0, found {} and {}", camera.xmag, camera.ymag);
         return Err(Error::scene(message));
     }
     let film = film(x / y);
@@ -108,7 +108,9 @@ mod tests {
 
     #[test]
     fn films_have_the_cameras_shape() {
-        for (aspect, size) in [(16.0 / 9.0, [1280, 720]), (1.0, [720, 720]), (4.0, [1280, 320]), (1e9, [1280, 1])] {
+        for (aspect, size) in
+            [(16.0 / 9.0, [1280, 720]), (1.0, [720, 720]), (4.0, [1280, 320]), (1e9, [1280, 1])]
+        {
             let film = film(aspect);
             assert_eq!([film.width, film.height], size, "{aspect}");
         }

@@ -44,7 +44,13 @@ impl Builder<'_> {
                 );
                 let beam_width = inner_cone_angle.clamp(0.0, outer_cone_angle);
                 let (to_world, texture) = (frame, None);
-                Emitter::Spot { to_world, intensity: strength, texture, cutoff_angle: outer_cone_angle, beam_width }
+                Emitter::Spot {
+                    to_world,
+                    intensity: strength,
+                    texture,
+                    cutoff_angle: outer_cone_angle,
+                    beam_width,
+                }
             }
         };
         self.loaded.description.emitters.push(emitter);

@@ -92,7 +92,9 @@ impl Builder<'_> {
         let mut sets = infos.iter().flatten().map(|info| TextureUse::new(info).set).chain(normals);
         let Some(first) = sets.next() else { return 0 };
         if sets.any(|set| set != first) {
-            let message = format!("its textures use several sets of texture coordinates: TEXCOORD_{first} is taken for all");
+            let message = format!(
+                "its textures use several sets of texture coordinates: TEXCOORD_{first} is taken for all"
+            );
             self.warn(thing, &message);
         }
         first
@@ -127,7 +129,9 @@ impl Builder<'_> {
             }
         }
         if factor > 0.0 {
-            self.note("light that is transmitted is refracted, as by solid bodies: walls are not taken as thin");
+            self.note(
+                "light that is transmitted is refracted, as by solid bodies: walls are not taken as thin",
+            );
         }
         let zero = Input::Constant(0.0);
         Ok(Principled {
@@ -152,12 +156,19 @@ impl Builder<'_> {
         if ior >= 1.0 && ior.is_finite() {
             return ior;
         }
-        self.warn(thing, &format!("expected an index of refraction of at least 1, found {ior}: {DEFAULT_IOR} is taken"));
+        self.warn(
+            thing,
+            &format!("expected an index of refraction of at least 1, found {ior}: {DEFAULT_IOR} is taken"),
+        );
         DEFAULT_IOR
     }
 
     /// The material with bent normals.
-    fn normal_map(&mut self, normals: &gltf::material::NormalTexture<'_>, inner: MaterialId) -> Result<MaterialId> {
+    fn normal_map(
+        &mut self,
+        normals: &gltf::material::NormalTexture<'_>,
+        inner: MaterialId,
+    ) -> Result<MaterialId> {
         let mut texture = self.bitmap(&TextureUse::of_normals(normals), Plane::Vector)?;
         if matches!(*texture, Texture::Constant(_)) {
             return Ok(inner);

@@ -120,7 +120,8 @@ fn triangles(mode: Mode, corners: &[u32]) -> Vec<[u32; 3]> {
     let windows = corners.windows(3).enumerate();
     match mode {
         Mode::TriangleStrip => {
-            let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
+            let turned =
+                |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
             // Strips are sewn together by triangles without area.
             windows.map(turned).filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]).collect()
         }

@@ -68,8 +68,8 @@ struct Builder<'f> {
     loaded: Loaded,
     /// How many nodes have a mesh.
     uses: HashMap<usize, usize>,
-    /// By mesh, and whether it is mirrored: the group of what of it does not shine, if there is such.
-    groups: HashMap<(usize, bool), Option<usize>>,
+    /// By mesh: the group of what of it does not shine, if there is such.
+    groups: HashMap<usize, Option<usize>>,
     /// By mesh: what it consists of.
     meshes: HashMap<usize, Arc<Vec<PlacedShape>>>,
     surfaces: HashMap<(Option<usize>, VertexColors), Surface>,
@@ -168,11 +168,12 @@ impl Builder<'_> {
         let mirrored = to_world.matrix3.determinant() < 0.0;
         let name = node.name().or(mesh.name()).unwrap_or_default().to_owned();
         let alone = self.uses.get(&mesh.index()) == Some(&1);
-        if !alone && let Some(group) = self.group(mesh.index(), mirrored, &shapes) {
+        if !alone && let Some(group) = self.group(mesh.index(), &shapes) {
             let (name, place) = (name.clone(), Some(self.file.place()));
             let instance = PlacedGroup { name, place, group, to_world: (*to_world).into() };
             self.loaded.description.instances.push(instance);
         }
+        // The front of a faceted mesh is that of the order of its vertices, which a mirror exchanges.
         let placed = |shape: PlacedShape| PlacedShape {
             name: name.clone(),
             flip_normals: mirrored && is_faceted(&shape),
@@ -189,14 +190,12 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The group of what of a mesh does not shine. The front of faceted meshes is that of the order of their vertices,
-    /// which a mirror exchanges.
-    fn group(&mut self, mesh: usize, mirrored: bool, shapes: &[PlacedShape]) -> Option<usize> {
+    /// The group of what of a mesh does not shine. Its front stays the front where an instance mirrors it.
+    fn group(&mut self, mesh: usize, shapes: &[PlacedShape]) -> Option<usize> {
         let groups = &mut self.loaded.description.groups;
-        *self.groups.entry((mesh, mirrored)).or_insert_with(|| {
+        *self.groups.entry(mesh).or_insert_with(|| {
             let dark = shapes.iter().filter(|shape| shape.emission.is_none());
-            let flip = |s: &PlacedShape| PlacedShape { flip_normals: mirrored && is_faceted(s), ..s.clone() };
-            let members: Vec<PlacedShape> = dark.map(flip).collect();
+            let members: Vec<PlacedShape> = dark.cloned().collect();
             if members.is_empty() {
                 return None;
             }
@@ -246,7 +245,9 @@ fn is_faceted(placed: &PlacedShape) -> bool {
 fn local(transform: &Transform) -> Result<DAffine3, String> {
     match transform {
         Transform::Matrix { matrix } => {
-            let m = DMat4::from_cols_array(&matrix.as_flattened().try_into().map_or([0.0; 16], |m: [f32; 16]| m.map(f64::from)));
+            let m = DMat4::from_cols_array(
+                &matrix.as_flattened().try_into().map_or([0.0; 16], |m: [f32; 16]| m.map(f64::from)),
+            );
             if m.row(3) != DVec3::ZERO.extend(1.0) {
                 return Err("expected a matrix with 0 0 0 1 in the last row".to_owned());
             }
@@ -276,7 +277,8 @@ fn viewer(to_world: &DAffine3) -> Option<DAffine3> {
 /// Adds a light and a camera to a scene that has none.
 fn complete(loaded: &mut Loaded, file: &File) -> Result<()> {
     let Description { shapes, emitters, sensors, .. } = &loaded.description;
-    let (dark, blind) = (emitters.is_empty() && shapes.iter().all(|s| s.emission.is_none()), sensors.is_empty());
+    let (dark, blind) =
+        (emitters.is_empty() && shapes.iter().all(|s| s.emission.is_none()), sensors.is_empty());
     if dark {
         loaded.description.emitters.push(framing::white_environment());
         loaded.notes.push("the file has no light: everything is in an even white light".to_owned());
@@ -287,7 +289,8 @@ fn complete(loaded: &mut Loaded, file: &File) -> Result<()> {
             return Err(file.error("", "the scene has neither a camera nor triangles to look at"));
         };
         loaded.description.sensors.push(sensor);
-        let note = "the file has no camera: everything is seen from the front and above (y is up, z to the viewer)";
+        let note =
+            "the file has no camera: everything is seen from the front and above (y is up, z to the viewer)";
         loaded.notes.push(note.to_owned());
     }
     Ok(())
@@ -298,8 +301,11 @@ fn corners(description: &Description) -> Vec<DVec3> {
     let bounds = |shape: &PlacedShape| -> Vec<DVec3> {
         let Shape::Mesh(mesh) = &shape.shape else { return Vec::new() };
         let finite = mesh.positions.iter().filter(|p| p.is_finite()).map(|p| p.as_dvec3());
-        let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
-        let corner = |i: u32| DVec3::select(DVec3::from([0, 1, 2].map(|a| f64::from(i >> a & 1))).cmpgt(DVec3::ZERO), high, low);
+        let (low, high) =
+            finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+        let corner = |i: u32| {
+            DVec3::select(DVec3::from([0, 1, 2].map(|a| f64::from(i >> a & 1))).cmpgt(DVec3::ZERO), high, low)
+        };
         let to_world = shape.to_world.at(0.0);
         (0..8).map(|i| to_world.transform_point3(corner(i))).collect()
     };

@@ -40,7 +40,8 @@ const TRANSFORM: &str = "KHR_texture_transform";
 impl<'a> TextureUse<'a> {
     /// Of the usual reference.
     pub fn new(info: &Info<'a>) -> Self {
-        let mut used = TextureUse { texture: info.texture(), set: info.tex_coord(), to_uv: Affine2::IDENTITY };
+        let mut used =
+            TextureUse { texture: info.texture(), set: info.tex_coord(), to_uv: Affine2::IDENTITY };
         if let Some(transform) = info.texture_transform() {
             used.set = transform.tex_coord().unwrap_or(used.set);
             used.to_uv = to_uv(transform.offset(), transform.rotation(), transform.scale());
@@ -53,7 +54,8 @@ impl<'a> TextureUse<'a> {
         let mut used =
             TextureUse { texture: normals.texture(), set: normals.tex_coord(), to_uv: Affine2::IDENTITY };
         if let Some(transform) = normals.extension_value(TRANSFORM) {
-            let number = |value: &serde_json::Value, default: f32| value.as_f64().map_or(default, |v| v as f32);
+            let number =
+                |value: &serde_json::Value, default: f32| value.as_f64().map_or(default, |v| v as f32);
             let pair = |name: &str, default: f32| [0, 1].map(|i| number(&transform[name][i], default));
             let set = transform["texCoord"].as_u64().and_then(|set| u32::try_from(set).ok());
             used.set = set.unwrap_or(used.set);
@@ -180,7 +182,8 @@ mod tests {
 
     #[test]
     fn coordinates_are_scaled_then_turned_then_moved() {
-        let found = to_uv([0.5, 0.25], std::f32::consts::FRAC_PI_2, [2.0, 3.0]).transform_point2(Vec2::new(1.0, 1.0));
+        let found =
+            to_uv([0.5, 0.25], std::f32::consts::FRAC_PI_2, [2.0, 3.0]).transform_point2(Vec2::new(1.0, 1.0));
         // (2, 3) turned counter-clockwise with v downwards: u goes to -v, v to u.
         assert!((found - Vec2::new(3.5, -1.75)).length() < 1e-6, "{found}");
     }

@@ -81,7 +81,8 @@ mod tests {
 
     #[test]
     fn base_64_is_that_of_the_standard() {
-        for (text, bytes) in [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm8", "fo"), ("Zm9vYmFy", "foobar")] {
+        for (text, bytes) in [("", ""), ("Zg==", "f"), ("Zm8=", "fo"), ("Zm8", "fo"), ("Zm9vYmFy", "foobar")]
+        {
             assert_eq!(decode_base64(text).unwrap(), bytes.as_bytes(), "{text}");
         }
         assert_eq!(decode_base64("+/-_").unwrap(), [0xfb, 0xff, 0xbf]);
