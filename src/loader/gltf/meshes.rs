@@ -117,15 +117,15 @@ impl Builder<'_> {
 
 /// Triangles of a list, strip or fan of vertices. [glTF 2.0, 3.7.2.1]
 fn triangles(mode: Mode, corners: &[u32]) -> Vec<[u32; 3]> {
-    let windows = corners.windows(3).enumerate();
+    let windows = corners.windows(3);
     match mode {
         Mode::TriangleStrip => {
             let turned =
                 |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
             // Strips are sewn together by triangles without area.
-            windows.map(turned).filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]).collect()
+            windows.enumerate().map(turned).filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]).collect()
         }
-        Mode::TriangleFan => windows.map(|(_, w)| [w[1], w[2], corners[0]]).collect(),
+        Mode::TriangleFan => windows.map(|w| [w[1], w[2], corners[0]]).collect(),
         _ => corners.as_chunks::<3>().0.to_vec(),
     }
 }
