@@ -14,6 +14,7 @@ use buffon::shape::{Mesh, Shape};
 use buffon::texture::{Texture, TexturePoint};
 use bumpalo::Bump;
 use serde_json::json;
+use std::f64::consts::FRAC_1_SQRT_2;
 
 fn mesh(placed: &PlacedShape) -> &Mesh {
     match &placed.shape {
@@ -82,7 +83,7 @@ fn textured(pixels: &[[u8; 4]; 4], set: impl FnOnce(usize) -> serde_json::Value)
 #[test]
 fn a_mesh_has_the_files_numbers_and_the_nodes_place() {
     let mut model = Model::new(json!([
-        { "children": [1], "translation": [1.0, 2.0, 3.0], "rotation": [0.0, 0.0, 0.70710678, 0.70710678] },
+        { "children": [1], "translation": [1.0, 2.0, 3.0], "rotation": [0.0, 0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2] },
         { "mesh": 0, "scale": [2.0, 3.0, 4.0], "name": "square" }
     ]));
     let square = model.square();
@@ -335,7 +336,7 @@ fn lights_stand_at_their_nodes_and_shine_along_minus_z() {
     let light = |i: usize| json!({ "KHR_lights_punctual": { "light": i } });
     let mut model = Model::new(json!([
         { "extensions": light(0), "translation": [1, 2, 3] },
-        { "extensions": light(1), "rotation": [-0.70710678, 0, 0, 0.70710678], "scale": [2, 2, 2] },
+        { "extensions": light(1), "rotation": [-FRAC_1_SQRT_2, 0, 0, FRAC_1_SQRT_2], "scale": [2, 2, 2] },
         { "extensions": light(2) },
         { "mesh": 0 }
     ]));
