@@ -5,11 +5,14 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::loader::{LoadOptions, Loaded, load};
 use buffon::material::{Input, Material};
-use buffon::math::{DAffine3, DVec3, Vec2, Vec3};
+use buffon::math::{DAffine3, DVec3, Frame, Vec2, Vec3};
+use buffon::scene::Materials;
 use buffon::scene::description::PlacedShape;
+use buffon::scene::materials::MaterialPoint;
 use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::{Mesh, Shape};
 use buffon::texture::{Texture, TexturePoint};
+use bumpalo::Bump;
 use serde_json::json;
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -127,9 +130,9 @@ fn a_mesh_of_several_nodes_is_a_group_unless_it_shines() {
     model.add("meshes", json!({ "primitives": [dark, bright] }));
     let loaded = model.loaded();
     let description = &loaded.description;
-    assert_eq!(description.instances.iter().map(|i| i.group).collect::<Vec<_>>(), [0, 1, 0]);
-    assert_eq!(description.groups.iter().map(Vec::len).collect::<Vec<_>>(), [1, 1]);
-    assert_eq!([0, 1].map(|i| description.groups[i][0].flip_normals), [false, true]);
+    assert_eq!(description.instances.iter().map(|i| i.group).collect::<Vec<_>>(), [0; 3]);
+    assert_eq!(description.groups.iter().map(Vec::len).collect::<Vec<_>>(), [1]);
+    assert!(!description.groups[0][0].flip_normals);
     assert_eq!(description.instances[2].to_world.at(0.0), DAffine3::from_translation(DVec3::X * 3.0));
     let lamps: Vec<_> = description.shapes.iter().map(|s| (s.emission, s.flip_normals)).collect();
     let light = Some(Input::Constant(Rgb::new(1.0, 0.5, 0.0)));
@@ -233,6 +236,27 @@ fn alpha_makes_holes() {
     assert_eq!(with(json!({ "alphaMode": "MASK", "alphaCutoff": 0.05 })), [1.0; 4]);
     let opaque = square_of(json!({ "alphaMode": "MASK" })).loaded();
     assert!(matches!(material(&opaque), Material::Principled(_)));
+}
+
+#[test]
+fn double_sided_materials_have_both_sides_between_holes() {
+    let loaded = square_of(json!({
+        "alphaMode": "BLEND", "doubleSided": true, "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 1, 0.5] }
+    }))
+    .loaded();
+    let (id, description) = (loaded.description.shapes[0].material, loaded.description);
+    let materials = Materials::new(description.materials, description.textures).unwrap();
+    let f = |wo: Vec3| {
+        let texture = TexturePoint::at(Vec2::ZERO);
+        let frame = Frame::from_normal(Vec3::Z);
+        let at = MaterialPoint { texture, frame, ng: Vec3::Z, dp_duv: [Vec3::X, Vec3::Y], wo };
+        let arena = Bump::new();
+        let scattering = materials.scattering(id, &at, &arena);
+        assert_eq!(scattering.opacity, 0.5);
+        scattering.bsdf.eval(wo, wo).f
+    };
+    assert!(!f(Vec3::Z).is_black());
+    assert_eq!(f(Vec3::NEG_Z), f(Vec3::Z));
 }
 
 #[test]

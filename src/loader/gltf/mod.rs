@@ -68,8 +68,8 @@ struct Builder<'f> {
     loaded: Loaded,
     /// How many nodes have a mesh.
     uses: HashMap<usize, usize>,
-    /// By mesh, and whether it is mirrored: the group of what of it does not shine, if there is such.
-    groups: HashMap<(usize, bool), Option<usize>>,
+    /// By mesh: the group of what of it does not shine, if there is such.
+    groups: HashMap<usize, Option<usize>>,
     /// By mesh: what it consists of.
     meshes: HashMap<usize, Arc<Vec<PlacedShape>>>,
     surfaces: HashMap<(Option<usize>, VertexColors), Surface>,
@@ -168,11 +168,12 @@ impl Builder<'_> {
         let mirrored = to_world.matrix3.determinant() < 0.0;
         let name = node.name().or(mesh.name()).unwrap_or_default().to_owned();
         let alone = self.uses.get(&mesh.index()) == Some(&1);
-        if !alone && let Some(group) = self.group(mesh.index(), mirrored, &shapes) {
+        if !alone && let Some(group) = self.group(mesh.index(), &shapes) {
             let (name, place) = (name.clone(), Some(self.file.place()));
             let instance = PlacedGroup { name, place, group, to_world: (*to_world).into() };
             self.loaded.description.instances.push(instance);
         }
+        // The front of a faceted mesh is that of the order of its vertices, which a mirror exchanges.
         let placed = |shape: PlacedShape| PlacedShape {
             name: name.clone(),
             flip_normals: mirrored && is_faceted(&shape),
@@ -189,14 +190,12 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The group of what of a mesh does not shine. The front of faceted meshes is that of the order of their vertices,
-    /// which a mirror exchanges.
-    fn group(&mut self, mesh: usize, mirrored: bool, shapes: &[PlacedShape]) -> Option<usize> {
+    /// The group of what of a mesh does not shine. Its front stays the front where an instance mirrors it.
+    fn group(&mut self, mesh: usize, shapes: &[PlacedShape]) -> Option<usize> {
         let groups = &mut self.loaded.description.groups;
-        *self.groups.entry((mesh, mirrored)).or_insert_with(|| {
+        *self.groups.entry(mesh).or_insert_with(|| {
             let dark = shapes.iter().filter(|shape| shape.emission.is_none());
-            let flip = |s: &PlacedShape| PlacedShape { flip_normals: mirrored && is_faceted(s), ..s.clone() };
-            let members: Vec<PlacedShape> = dark.map(flip).collect();
+            let members: Vec<PlacedShape> = dark.cloned().collect();
             if members.is_empty() {
                 return None;
             }
