@@ -23,7 +23,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         (
             "render s.xml --integrator pth",
             2,
-            "buffon: --integrator: there is no integrator \"pth\"; there are path, direct, depth and aov",
+            "buffon: --integrator: there is no integrator \"pth\"; there are path, direct, ptracer, depth and aov",
         ),
         (
             "render s.xml --aov nope",

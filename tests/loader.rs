@@ -221,7 +221,7 @@ fn shapes_that_name_no_material_are_grey_and_lamps_black() {
     let scene = scene.description;
     let reflectances =
         [0, 1, 2, 3].map(|shape| match &scene.materials[scene.shapes[shape].material.index()] {
-            Material::Diffuse { reflectance } => reflectance.clone(),
+            Material::Diffuse { reflectance } => *reflectance,
             other => panic!("{other:?}"),
         });
     assert_eq!(reflectances, [0.0, 0.5, 0.0, 0.5].map(|r| Rgb::splat(r).into()));

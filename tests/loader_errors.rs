@@ -50,7 +50,7 @@ fn files_that_are_no_scene() {
     std::fs::write(files.path().join("latin.xml"), b"<scene>\n <\xe9/>").unwrap();
     let message =
         |name: &str| files.relative(load(&files.path().join(name), &LoadOptions::default()).unwrap_err());
-    assert_eq!(message("a.txt"), "a.txt: expected a scene (.xml) or a mesh (.obj, .ply)");
+    assert_eq!(message("a.txt"), "a.txt: expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)");
     assert_eq!(message("none.xml"), "none.xml: cannot be read: no such file or directory");
     assert_eq!(message("latin.xml"), "latin.xml:2:3: expected text in UTF-8, found an invalid byte");
     assert_eq!(message("empty.obj"), "empty.obj: the file has no faces");

@@ -93,8 +93,8 @@ fn materials_out_of_range() {
         assert_eq!(bsdf(text), format!("scene.xml:2:1: {message}"));
     }
     assert_eq!(
-        bsdf("'twosided'><bsdf type='diffuse'/>\n<bsdf type='conductor'/>"),
-        "scene.xml:3:1: <bsdf type=\"twosided\">: different materials on the two sides are not supported"
+        bsdf("'twosided'><bsdf type='diffuse'/><bsdf type='diffuse'/>\n<bsdf type='conductor'/>"),
+        "scene.xml:3:1: <bsdf type=\"twosided\">: expected one or two bsdfs inside it, found more"
     );
 }
 

@@ -3,7 +3,9 @@
 use crate::meshes::Random;
 use crate::support::scenes::{add, compiled, diffuse, sphere};
 use buffon::accel::{AccelKind, Coherence, Hit};
-use buffon::math::{DAffine3, DVec3, Frame, Ray, Vec3};
+use buffon::color::Rgb;
+use buffon::emitter::Target;
+use buffon::math::{DAffine3, DVec3, Frame, Ray, Vec2, Vec3};
 use buffon::scene::{Description, Scene};
 use buffon::shape::{Mesh, Shape};
 
@@ -106,4 +108,57 @@ fn leave(scene: &Scene, ray: &Ray, hit: &Hit, random: &mut Random) -> Ray {
     let local = random.cube();
     let local = Vec3::new(local.x, local.y, local.z.abs() * flatten + 1e-3).normalize();
     scene.spawn_ray(&at, Frame::from_normal(side).to_world(local), 0.0)
+}
+
+/// A lamp is not in the way of its own light: of a convex lamp alone in the world every front point is seen from
+/// everywhere before it, at whatever angle.
+#[test]
+fn lamps_do_not_shadow_themselves() {
+    for accel in AccelKind::ALL {
+        for surface in lamps(*accel) {
+            let Surface { name, scene, target } = surface;
+            let size = target.matrix3.x_axis.length();
+            let mut random = Random(11);
+            let (mut blocked, mut samples) = (0, 0);
+            for _ in 0..20_000 {
+                let away =
+                    random.cube().as_dvec3().normalize() * size * 10f64.powf(random.unit() as f64 * 3.0);
+                let from = (target.translation + away * 1.8).as_vec3();
+                let u = Vec2::new(random.unit(), random.unit());
+                let Some(sample) = scene.sample_emitter(from, 0.5, u, 0.0) else { continue };
+                let Target::Point(end) = sample.target else { panic!("a lamp is somewhere") };
+                samples += 1;
+                blocked +=
+                    usize::from(scene.accel.occluded(&Ray { t_max: 1.0, ..Ray::new(from, end - from) }));
+            }
+            assert!(samples > 2000, "{name}: {samples}");
+            assert_eq!(blocked, 0, "{name}: of {samples}");
+        }
+    }
+}
+
+/// Lamps on coordinate planes and askew, at the origin and beside it.
+fn lamps(accel: AccelKind) -> Vec<Surface> {
+    let mut list = Vec::new();
+    for offset in [DVec3::ZERO, DVec3::new(0.3, 1.75, 0.2), DVec3::new(-40.0, 3.0, 7.0)] {
+        for turn in [0.0, 0.5, std::f64::consts::FRAC_PI_2] {
+            let to_world = DAffine3::from_translation(offset)
+                * DAffine3::from_rotation_x(turn)
+                * DAffine3::from_scale(DVec3::splat(0.4));
+            for (kind, shape) in [
+                ("cube", Shape::Cube),
+                ("rectangle", Shape::Rectangle),
+                ("triangle", triangle()),
+                ("disk", Shape::Disk),
+                ("sphere", sphere(1.0)),
+            ] {
+                let mut description = Description::default();
+                let id = add(&mut description, shape, to_world, diffuse(0.5));
+                description.shapes[id].emission = Some(Rgb::WHITE.into());
+                let name = format!("{kind} at {offset}, turned {turn}, {accel}");
+                list.push(Surface { name, scene: compiled(description, accel), target: to_world });
+            }
+        }
+    }
+    list
 }

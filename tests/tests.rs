@@ -1,5 +1,6 @@
 //! The integration tests, in one binary.
 
+mod cameras;
 mod cli;
 mod closed_form;
 mod closed_form_specular;
@@ -9,8 +10,12 @@ mod distributions;
 mod embree_ffi;
 mod emitters;
 mod environment_map;
+mod gltf;
+mod gltf_errors;
+mod holes;
 mod image_io;
 mod layering;
+mod light_tracing;
 mod loader;
 mod loader_errors;
 mod loader_plugin_errors;
@@ -18,6 +23,7 @@ mod loader_plugins;
 mod loader_robustness;
 mod mesh_robustness;
 mod meshes;
+mod mistakes;
 mod own_scenes;
 mod parity;
 mod parity_instances;

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// Tell what a scene or an image holds, what it needs and what it will cost.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
-    /// A scene (.xml, .obj, .ply) or an image (.exr, .png, .jpg, .hdr, .pfm)
+    /// A scene (.xml, .gltf, .glb, .obj, .ply) or an image (.exr, .png, .jpg, .hdr, .pfm)
     pub file: PathBuf,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
@@ -31,7 +31,7 @@ pub struct InfoArgs {
 /// If the file cannot be read.
 pub fn run(args: &InfoArgs) -> Result<u8> {
     let extension = args.file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    if matches!(extension.as_str(), "xml" | "obj" | "ply") {
+    if loader::EXTENSIONS.contains(&extension.as_str()) {
         print(&describe_scene(args)?)
     } else {
         print(&info_image::describe(&image::read(&args.file)?))

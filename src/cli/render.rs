@@ -7,7 +7,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, Metadata, Value, WriteOptions};
-use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings};
+use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings, PtracerSettings};
 use crate::integrator::{self, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::render::{Job, JobSettings, Progress, Rendered, StopReason, StopRules, output};
@@ -21,8 +21,8 @@ use std::time::{Duration, Instant};
 
 /// Render a scene.
 ///
-/// The scene is a Mitsuba 3 XML file (older versions are upgraded) or a bare .obj or .ply mesh. The image's
-/// format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm (linear).
+/// The scene is a Mitsuba 3 XML file (older versions are upgraded), glTF 2.0 (.gltf or .glb), or a bare .obj or .ply
+/// mesh. The image's format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm (linear).
 #[derive(Clone, Debug, Args)]
 pub struct RenderArgs {
     /// The scene file
@@ -42,7 +42,7 @@ pub struct RenderArgs {
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, depth or aov [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified or sobol [default: sobol]
@@ -221,24 +221,31 @@ fn stop_rules(args: &RenderArgs, of_scene: Option<u32>) -> StopRules {
 /// Samples per pixel where neither the scene nor the command line says anything.
 const DEFAULT_SPP: u64 = 64;
 
-/// The integrator of that name, with the scene's parameters where it is the scene's integrator.
+/// The integrator of the command line, else that of the scene. What both have of the lengths of paths and of hidden
+/// emitters stays as the scene has it.
 fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
-    let hide_emitters = match &of_scene {
-        Settings::Path(path) => path.hide_emitters,
-        Settings::Direct(direct) => direct.hide_emitters,
-        Settings::Depth | Settings::Aov { .. } => false,
+    let default = PathSettings::default();
+    let kept = match &of_scene {
+        Settings::Path(path) => *path,
+        Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
+            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
+        }
+        Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
+        Settings::Depth | Settings::Aov { .. } => default,
     };
+    let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
     Ok(match name {
         None => of_scene,
         Some(name) if name == of_scene.name() => of_scene,
-        Some("path") => Settings::Path(PathSettings { hide_emitters, ..PathSettings::default() }),
+        Some("path") => Settings::Path(kept),
+        Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
         Some("depth") => Settings::Depth,
         // Its layers are those of --aov: see `layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, depth and aov"
             )));
         }
     })

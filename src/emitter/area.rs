@@ -4,7 +4,7 @@ use super::spherical_rectangle::{Rectangle, RectangleX16};
 use super::{Emission, EmitterSample, LightRay, Target};
 use crate::accel::{Hit, Instance, NO_INSTANCE};
 use crate::color::Rgb;
-use crate::math::ray::{offset_origin, plane_error};
+use crate::math::ray::{end_error, offset_origin, plane_error};
 use crate::math::robust::gamma;
 use crate::math::{Frame, Ray, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::mis::area_to_solid_angle;
@@ -133,7 +133,9 @@ impl AreaEmitter {
             _ => None,
         };
         let shape = textured.then(|| shape.clone());
-        (area > 0.0 && area.is_finite()).then_some(AreaEmitter {
+        // The density of its points is a number of `f32`.
+        let density = (1.0 / area) as f32;
+        (density > 0.0 && density.is_finite()).then_some(AreaEmitter {
             surface,
             emission,
             area,
@@ -197,7 +199,7 @@ impl AreaEmitter {
         };
         Some(EmitterSample {
             wi,
-            target: Target::Point(offset_origin(point.p, point.error, point.n, -wi)),
+            target: Target::Point(offset_origin(point.p, point.error + end_error(to), point.n, -wi)),
             radiance,
             pdf,
             delta: false,

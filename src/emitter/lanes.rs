@@ -7,7 +7,7 @@ use super::spherical_rectangle::RectangleX16;
 use super::{EmitterSample, Light, Target};
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
-use crate::math::ray::offset_origin_x16;
+use crate::math::ray::{end_error_x16, offset_origin_x16};
 use crate::math::{Vec2, Vec3};
 
 /// As [`EmitterSample`], in sixteen lanes.
@@ -112,7 +112,7 @@ impl RectanglesX16 {
         }
         EmitterSampleX16 {
             wi,
-            target: offset_origin_x16(p, self.error, self.normal, -wi),
+            target: offset_origin_x16(p, self.error + end_error_x16(to), self.normal, -wi),
             radiance: self.radiance,
             pdf,
             // False where `from` is the point itself.

@@ -89,7 +89,7 @@ impl Emitter {
 /// An emitter ready for sampling.
 pub enum Light {
     /// A surface.
-    Area(AreaEmitter),
+    Area(Box<AreaEmitter>),
     /// An isotropic point.
     Point(Point),
     /// A point with a cone of light.

@@ -56,6 +56,14 @@ impl Tile {
         self.counts[2 * i + half] += 1;
     }
 
+    /// Adds to the sums of a half of pixel `i` without counting a sample.
+    pub fn splat(&mut self, i: usize, half: usize, values: [f32; 3]) {
+        let start = (2 * i + half) * self.channels;
+        for (sum, v) in self.sums[start..start + 3].iter_mut().zip(values) {
+            *sum += f64::from(v);
+        }
+    }
+
     /// Samples of pixel `i`.
     pub fn count(&self, i: usize) -> u64 {
         self.counts[2 * i] + self.counts[2 * i + 1]

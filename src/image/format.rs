@@ -177,6 +177,15 @@ impl Backend {
         }
     }
 
+    /// As [`read_codes`](Self::read_codes), of a file in memory.
+    pub(super) fn decode_codes(self, bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
+        match self {
+            #[cfg(feature = "oiio")]
+            Backend::OpenImageIo => super::oiio::decode_codes(bytes, format, most),
+            Backend::RustCrates => pure::decode_codes(bytes, format, most),
+        }
+    }
+
     /// The bytes of a PNG or JPEG file.
     pub(super) fn encode_bytes(self, format: Format, bytes: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
         match self {

@@ -30,10 +30,12 @@ pub use compare::{
 pub use format::{Backend, backend, set_threads};
 pub use heat::{HeatScale, heat};
 pub use metadata::{Metadata, Value};
-pub use read::{read, read_texture, read_texture_with, read_with};
+pub use read::{
+    read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_with, read_with,
+};
 pub use replace::{check_replaceable, replace};
 pub use srgb::{from_srgb, to_srgb};
-pub use texture::TextureImage;
+pub use texture::{TextureImage, TextureLayers};
 pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
 pub use ztest::{ZTest, z_test};
 

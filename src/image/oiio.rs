@@ -1,6 +1,7 @@
 //! Files and comparison by OpenImageIO, through the C shim of `buffon-oiio-sys`.
 
 use std::ffi::{CStr, CString, c_char};
+use std::marker::PhantomData;
 use std::path::Path;
 use std::ptr::{self, NonNull};
 
@@ -78,24 +79,35 @@ fn format_name(format: Format) -> &'static CStr {
     }
 }
 
-/// An open file; the only owner of the shim's reader.
-struct Reader(NonNull<sys::BuffonOiioReader>);
+/// An open file, on disk or in bytes that are borrowed for `'a`; the only owner of the shim's reader.
+struct Reader<'a>(NonNull<sys::BuffonOiioReader>, PhantomData<&'a [u8]>);
 
-impl Drop for Reader {
+impl Drop for Reader<'_> {
     fn drop(&mut self) {
-        // SAFETY: the pointer came from `buffon_oiio_open`, this is its only owner and gives it up here.
+        // SAFETY: the pointer came from `buffon_oiio_open` or `buffon_oiio_open_memory`, this is its only owner and gives it up here.
         unsafe { sys::buffon_oiio_close(self.0.as_ptr()) }
     }
 }
 
-impl Reader {
+impl<'a> Reader<'a> {
     fn open(path: &Path, format: Format) -> Result<Self, String> {
         let (path, mut message) = (c_path(path)?, Message::new());
         let (buffer, size) = message.buffer();
         // SAFETY: both names end with a NUL, and `size` bytes of `buffer` are ours to write.
         let reader =
             unsafe { sys::buffon_oiio_open(path.as_ptr(), format_name(format).as_ptr(), buffer, size) };
-        NonNull::new(reader).map(Reader).ok_or_else(|| message.text())
+        NonNull::new(reader).map(|r| Reader(r, PhantomData)).ok_or_else(|| message.text())
+    }
+
+    /// A file in memory.
+    fn open_memory(bytes: &'a [u8], format: Format) -> Result<Self, String> {
+        let mut message = Message::new();
+        let (buffer, size) = message.buffer();
+        let (data, length, name) = (bytes.as_ptr(), bytes.len(), format_name(format).as_ptr());
+        // SAFETY: `data` are `length` bytes, which the reader only reads and which live as long as it does (`'a`); the
+        // name ends with a NUL, and `size` bytes of `buffer` are ours to write.
+        let reader = unsafe { sys::buffon_oiio_open_memory(data, length, name, buffer, size) };
+        NonNull::new(reader).map(|r| Reader(r, PhantomData)).ok_or_else(|| message.text())
     }
 
     /// Goes to a part; `None` after the last.
@@ -250,7 +262,16 @@ pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String>
 
 /// The samples of a PNG, JPEG, BMP, TGA or HDR file as they are stored, if there are at most `most`.
 pub(super) fn read_codes(path: &Path, format: Format, most: u64) -> Result<Codes, String> {
-    let mut reader = Reader::open(path, format)?;
+    codes(Reader::open(path, format)?, most)
+}
+
+/// As [`read_codes`], of a file in memory.
+pub(super) fn decode_codes(bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
+    codes(Reader::open_memory(bytes, format)?, most)
+}
+
+/// The samples of an open file's first part.
+fn codes(mut reader: Reader<'_>, most: u64) -> Result<Codes, String> {
     let part = reader.part(0)?.ok_or("there is no image in it")?;
     if !(1..=4).contains(&part.channels) {
         return Err(format!("expected 1 to 4 channels, found {}", part.channels));

@@ -1,7 +1,7 @@
 //! Files by the crates `exr` and `image`.
 
 use std::fs::File;
-use std::io::{BufReader, Cursor};
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
 use ::image::codecs::jpeg::JpegEncoder;
@@ -191,8 +191,17 @@ pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String>
 
 /// The samples of a PNG, JPEG, BMP, TGA or HDR file as they are stored, if there are at most `most`.
 pub(super) fn read_codes(path: &Path, format: Format, most: u64) -> Result<Codes, String> {
-    let open = || File::open(path).map(BufReader::new).map_err(|e| e.to_string());
-    let mut reader = ImageReader::with_format(open()?, image_format(format));
+    codes(BufReader::new(File::open(path).map_err(|e| e.to_string())?), format, most)
+}
+
+/// As [`read_codes`], of a file in memory.
+pub(super) fn decode_codes(bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
+    codes(Cursor::new(bytes), format, most)
+}
+
+/// The samples of a file.
+fn codes(file: impl BufRead + Seek, format: Format, most: u64) -> Result<Codes, String> {
+    let mut reader = ImageReader::with_format(file, image_format(format));
     let mut limits = Limits::default();
     limits.max_alloc = Some(4 * most);
     reader.limits(limits);

@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::format::{Backend, Format, Part};
-use super::texture::{MAX_TEXTURE_VALUES, TextureImage};
+use super::texture::{MAX_TEXTURE_VALUES, TextureImage, TextureLayers};
 use super::{Image, pfm, srgb};
 use crate::error::{Error, Result};
 
@@ -65,6 +65,33 @@ pub fn read_texture_with(backend: Backend, path: &Path) -> Result<TextureImage> 
             Ok(TextureImage::from_codes(codes))
         }
     }
+}
+
+/// Reads the bytes of a PNG, JPEG, BMP, TGA or Radiance HDR file as a texture; `name` is what errors call it.
+///
+/// # Errors
+/// If they are no such image, damaged or cut short, or if there are more than 2^30 values.
+pub fn read_texture_bytes(name: &Path, bytes: &[u8]) -> Result<TextureLayers> {
+    read_texture_bytes_with(Backend::default(), name, bytes)
+}
+
+/// [`read_texture_bytes`] with a given library.
+pub fn read_texture_bytes_with(backend: Backend, name: &Path, bytes: &[u8]) -> Result<TextureLayers> {
+    let fail = |message: String| Error::output(message).in_file(name);
+    let format = match Format::of_content(&bytes[..bytes.len().min(18)]) {
+        Some(Format::OpenExr | Format::Pfm) | None => {
+            let expected = "PNG, JPEG, BMP, TGA or Radiance HDR";
+            return Err(fail(format!("expected an image ({expected}), found something else")));
+        }
+        Some(format) => format,
+    };
+    let damaged =
+        |why: String| fail(format!("damaged or cut short {} image ({})", format.name(), why.trim()));
+    if format == Format::Jpeg && !jpeg_is_whole(bytes) {
+        return Err(damaged("the end of the image is missing".into()));
+    }
+    let codes = backend.decode_codes(bytes, format, MAX_TEXTURE_VALUES).map_err(damaged)?;
+    Ok(TextureLayers::from_codes(codes))
 }
 
 /// The format that the file's content announces.

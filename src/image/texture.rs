@@ -42,6 +42,36 @@ enum Texels {
     Floats(Vec<f32>),
 }
 
+/// A picture, and what a file says of how much of it is there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TextureLayers {
+    /// The colours, not multiplied by alpha.
+    pub color: TextureImage,
+    /// Alpha as a grey picture of linear values; `None` where the file has none.
+    pub alpha: Option<TextureImage>,
+}
+
+impl TextureLayers {
+    /// The layers of a file's samples.
+    pub(super) fn from_codes(codes: Codes) -> Self {
+        let (width, height, n) = (codes.width, codes.height, codes.channels);
+        let alpha = n.is_multiple_of(2).then(|| {
+            let texels = match &codes.samples {
+                Samples::Bytes(v) => Texels::Bytes { codes: channel(v, n, n - 1), values: &LINEAR_8 },
+                Samples::Shorts(v) => Texels::Shorts { codes: channel(v, n, n - 1), values: &LINEAR_16 },
+                Samples::Floats(v) => Texels::of_floats(channel(v, n, n - 1)),
+            };
+            TextureImage { width, height, channels: 1, texels }
+        });
+        TextureLayers { color: TextureImage::from_codes(codes), alpha }
+    }
+}
+
+/// The samples of one channel.
+fn channel<T: Copy>(samples: &[T], channels: usize, c: usize) -> Vec<T> {
+    samples.iter().skip(c).step_by(channels).copied().collect()
+}
+
 impl TextureImage {
     /// A picture of linear values, 1 or 3 for each pixel: rows from the top, pixels from the left.
     ///
@@ -89,6 +119,24 @@ impl TextureImage {
             Samples::Floats(v) => Texels::of_floats(without_alpha(v, channels)),
         };
         TextureImage { width, height, channels: if channels < 3 { 1 } else { 3 }, texels }
+    }
+
+    /// One of red, green and blue as a grey picture; a grey picture as it is.
+    ///
+    /// # Panics
+    /// If `c` is greater than 2.
+    pub fn channel(&self, c: usize) -> TextureImage {
+        assert!(c < 3, "channel {c} of a picture");
+        if self.is_grey() {
+            return self.clone();
+        }
+        let texels = match &self.texels {
+            Texels::Bytes { codes, values } => Texels::Bytes { codes: channel(codes, 3, c), values },
+            Texels::Shorts { codes, values } => Texels::Shorts { codes: channel(codes, 3, c), values },
+            Texels::Halves(values) => Texels::Halves(channel(values, 3, c)),
+            Texels::Floats(values) => Texels::Floats(channel(values, 3, c)),
+        };
+        TextureImage { channels: 1, texels, ..*self }
     }
 
     /// Pixels in a row.
@@ -220,6 +268,17 @@ mod tests {
         assert_eq!(without_alpha(vec![1, 2, 3, 4, 5, 6, 7, 8], 4), [1, 2, 3, 5, 6, 7]);
         assert_eq!(without_alpha(vec![1, 2, 3, 4], 2), [1, 3]);
         assert_eq!(without_alpha(vec![1, 2, 3], 3), [1, 2, 3]);
+    }
+
+    #[test]
+    fn channels_and_alpha_become_pictures_of_their_own() {
+        let codes = |channels, bytes| Codes { width: 2, height: 1, channels, samples: Samples::Bytes(bytes) };
+        let layers = TextureLayers::from_codes(codes(4, vec![51, 102, 153, 204, 5, 6, 7, 255]));
+        let color = layers.color.as_linear();
+        assert_eq!([0, 1, 2].map(|c| color.channel(c).rgb(0, 0)), [[0.2; 3], [0.4; 3], [0.6; 3]]);
+        assert_eq!(layers.alpha.map(|a| [a.rgb(0, 0), a.rgb(1, 0)]), Some([[0.8; 3], [1.0; 3]]));
+        let grey = TextureLayers::from_codes(codes(1, vec![51, 102]));
+        assert_eq!((grey.alpha, grey.color.channel(2)), (None, grey.color));
     }
 
     #[test]

@@ -10,12 +10,14 @@ pub mod direct;
 pub mod emission;
 pub mod lighting;
 pub mod path;
+pub mod ptracer;
 pub mod settings;
 pub mod worker;
 
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use path::PathIntegrator;
+pub use ptracer::{Ptracer, Splat};
 pub use settings::Settings;
 pub use worker::{Counters, Worker};
 
@@ -86,6 +88,11 @@ pub trait Integrator: Send + Sync {
         false
     }
 
+    /// What traces light paths besides, if anything does.
+    fn light_tracer(&self) -> Option<&Ptracer> {
+        None
+    }
+
     /// Estimates the radiance along each ray of `wave` into `out`, which has as many entries.
     fn li(
         &self,
@@ -103,6 +110,7 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
         Settings::Path(path) => Box::new(PathIntegrator::new(*path)),
         Settings::Direct(direct) => Box::new(DirectIntegrator::new(*direct)),
         Settings::Depth => Box::new(DepthIntegrator),
+        Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
         Settings::Aov { image: Some(image), .. } => create(image),
         Settings::Aov { image: None, .. } => Box::new(aov::NoImage),
     }

@@ -68,6 +68,23 @@ impl Default for DirectSettings {
     }
 }
 
+/// Light tracing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PtracerSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    pub max_depth: Option<u32>,
+    /// Depth from which Russian roulette may end a path.
+    pub rr_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl Default for PtracerSettings {
+    fn default() -> Self {
+        PtracerSettings { max_depth: None, rr_depth: 5, hide_emitters: false }
+    }
+}
+
 /// An integrator and its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Settings {
@@ -77,6 +94,8 @@ pub enum Settings {
     Direct(DirectSettings),
     /// Distance to the first surface.
     Depth,
+    /// Light tracing.
+    Ptracer(PtracerSettings),
     /// Layers of surface features, beside the image of another integrator if there is one.
     Aov {
         /// The layers in file order.
@@ -99,6 +118,7 @@ impl Settings {
             Settings::Path(_) => "path",
             Settings::Direct(_) => "direct",
             Settings::Depth => "depth",
+            Settings::Ptracer(_) => "ptracer",
             Settings::Aov { .. } => "aov",
         }
     }

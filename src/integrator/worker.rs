@@ -57,6 +57,14 @@ impl ShadowQueue {
     }
 }
 
+impl ShadowQueue {
+    /// Adds one ray; its value goes to entry `slot` if the ray is free.
+    pub fn push_one(&mut self, ray: Ray, slot: u32, value: Rgb) {
+        self.rays.push(ray);
+        self.pending.push((slot, value));
+    }
+}
+
 /// One thread's state. Nothing in it changes the result of a sample.
 pub struct Worker {
     /// The sampler.

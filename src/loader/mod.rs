@@ -1,11 +1,13 @@
 //! Loaders: scene files in, [`Description`] and settings out.
 //!
-//! A scene file is XML in Mitsuba 3's language. It goes through four steps, each in its own file:
+//! A scene file is glTF ([`gltf`]) or XML in Mitsuba 3's language. The latter goes through four steps, each in its own file:
 //! [`xml`] reads elements that know their place, [`resolve`] substitutes parameters, follows includes and
 //! references and types the values, [`props`] answers questions about an object and remembers which were asked, and
 //! [`instantiate`] turns objects into the scene's plain data.
 
 mod files;
+mod framing;
+mod gltf;
 mod graph;
 mod instantiate;
 mod mesh;
@@ -50,7 +52,10 @@ pub struct Loaded {
     pub notes: Vec<String>,
 }
 
-/// Loads a scene (`.xml`) or a bare mesh (`.obj`, `.ply`).
+/// What the program can load, by the extension of the file.
+pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
+
+/// Loads a scene (`.xml`, `.gltf`, `.glb`) or a bare mesh (`.obj`, `.ply`).
 ///
 /// A bare mesh gets a camera that frames it from the front and above, an even white environment and a grey
 /// material, and a note that says so.
@@ -62,16 +67,24 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     match extension.as_str() {
         "xml" => load_xml(path, options),
-        "obj" | "ply" => {
-            let mut loaded = instantiate::bare::load(path)?;
-            let unused = |(name, _): &(String, String)| {
-                Error::scene("nothing to define: a mesh file has no parameters").about(format!("-D {name}"))
-            };
-            loaded.warnings.extend(options.defines.iter().map(unused));
-            Ok(loaded)
+        "gltf" | "glb" => {
+            gltf::load(path, &options.search_paths).map(|loaded| warn_of_defines(loaded, options))
         }
-        _ => Err(Error::scene("expected a scene (.xml) or a mesh (.obj, .ply)").in_file(path)),
+        "obj" | "ply" => instantiate::bare::load(path).map(|loaded| warn_of_defines(loaded, options)),
+        _ => {
+            let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
+            Err(Error::scene(expected).in_file(path))
+        }
     }
+}
+
+/// Adds a warning for each value that the user gives to a parameter, where files have none.
+fn warn_of_defines(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
+    let unused = |(name, _): &(String, String)| {
+        Error::scene("nothing to define: files of this kind have no parameters").about(format!("-D {name}"))
+    };
+    loaded.warnings.extend(options.defines.iter().map(unused));
+    loaded
 }
 
 /// Loads a scene in Mitsuba's language.

@@ -1,6 +1,7 @@
 //! Rays, and where they may start and end without an epsilon.
 
 use super::lanes::{LANES, Vec3x16, f32x16, with_sign};
+use super::robust::gamma;
 use glam::Vec3;
 use wide::f32x8;
 
@@ -45,6 +46,22 @@ pub fn plane_error(p_error: Vec3, ng: Vec3) -> f32 {
 #[inline(always)]
 pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, w: Vec3) -> Vec3 {
     p + ng * error.copysign(w.dot(ng))
+}
+
+/// How far off the plane of a triangle the end of a ray may seem to lie, besides the error of the end itself: the ray's
+/// direction is a rounded difference, and back ends compute the distance of the plane from differences of the ray's
+/// origin and the corners, so their errors grow with the ray's length, whatever its angle to the plane. `to` is the
+/// vector along the ray.
+#[inline(always)]
+pub fn end_error(to: Vec3) -> f32 {
+    to.abs().max_element() * gamma(16)
+}
+
+/// As [`end_error`], for sixteen rays.
+#[inline(always)]
+pub fn end_error_x16(to: Vec3x16) -> f32x16 {
+    let [x, y, z] = [to.x, to.y, to.z].map(f32x16::abs);
+    x.fast_max(y).fast_max(z) * f32x16::splat(gamma(16))
 }
 
 /// As [`plane_error`], for sixteen points.

@@ -1,6 +1,7 @@
 //! The render job: one mechanism for sample counts, time limits, error targets and interruption.
 
 use super::progress::Progress;
+use super::splats;
 use super::stop::{StopReason, StopRules};
 use super::tracing::{CameraWorker, InvalidSample};
 use crate::error::{Error, Result};
@@ -15,7 +16,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Side of a tile in pixels.
-const TILE: u32 = 16;
+pub(super) const TILE: u32 = 16;
 
 /// What decides the pixels and when to stop.
 #[derive(Clone, Debug)]
@@ -126,6 +127,7 @@ impl<'a> Job<'a> {
         let started = Instant::now();
         let mut done = 0;
         let mut relmse = None;
+        let mut invalid_splats = 0;
         let stop_reason = loop {
             if self.progress.is_interrupted() {
                 break StopReason::Interrupted;
@@ -141,6 +143,11 @@ impl<'a> Job<'a> {
                     worker.render_tile(self, tile, done..done + pass);
                 });
             });
+            if let Some(ptracer) = self.integrator.light_tracer() {
+                let samples = done..done + pass;
+                invalid_splats +=
+                    pool.install(|| splats::trace(self, ptracer, &workers, &mut tiles, samples));
+            }
             relmse = estimated_relmse(&tiles);
             if !self.progress.is_interrupted() {
                 done += pass;
@@ -159,7 +166,7 @@ impl<'a> Job<'a> {
             elapsed,
             counters: Counters::default(),
             invalid: Vec::new(),
-            invalid_count: 0,
+            invalid_count: invalid_splats,
         };
         for worker in workers {
             let worker = worker.into_inner().unwrap_or_else(PoisonError::into_inner);

@@ -3,6 +3,7 @@
 pub mod job;
 pub mod output;
 pub mod progress;
+mod splats;
 pub mod stop;
 pub mod tracing;
 

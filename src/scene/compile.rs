@@ -159,7 +159,7 @@ impl Builder {
             match AreaEmitter::new(&world, emission, motion.cloned()) {
                 Some(area) => {
                     emitter = Some(EmitterId::from(self.lights.len()));
-                    self.lights.push(Light::Area(area));
+                    self.lights.push(Light::Area(Box::new(area)));
                 }
                 None => {
                     self.report.warnings.push(locate(Error::scene("an emitter without area sends no light")))

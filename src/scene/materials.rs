@@ -195,12 +195,12 @@ impl Materials {
         match &entry.material {
             Material::Null => Scattering { bsdf: Bsdf::Null, opacity: 0.0 },
             Material::Mask { opacity, inner } => {
-                let inner = self.scattering(*inner, at, arena);
+                let inner = self.inner(*inner, at, arena);
                 Scattering { opacity: inner.opacity * self.share(opacity, point), ..inner }
             }
             Material::Blend { weight, inner } => {
                 let w = self.share(weight, point);
-                let [a, b] = inner.map(|id| self.scattering(id, at, arena));
+                let [a, b] = inner.map(|id| self.inner(id, at, arena));
                 let (share_a, share_b) = ((1.0 - w) * a.opacity, w * b.opacity);
                 let opacity = share_a + share_b;
                 let bsdf = if share_b == 0.0 {
@@ -230,6 +230,17 @@ impl Materials {
         }
     }
 
+    /// What scatters of a material inside another. Frames are turned to the ray for the outermost material only, so one
+    /// that is two-sided gets both of its sides here.
+    fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
+        let scattering = self.scattering(id, at, arena);
+        if !self.get(id).two_sided {
+            return scattering;
+        }
+        let side = &*arena.alloc(scattering.bsdf);
+        Scattering { bsdf: Bsdf::TwoSided(TwoSided { sides: [side; 2] }), ..scattering }
+    }
+
     /// The inner material around the local normal `n`, which need not be of unit length.
     fn tilted<'a>(
         &'a self,
@@ -248,7 +259,7 @@ impl Materials {
             n: at.frame.to_world(frame.n),
         };
         let inner_at = MaterialPoint { frame: world, wo: frame.to_local(at.wo), ..*at };
-        let Scattering { bsdf, opacity } = self.scattering(inner, &inner_at, arena);
+        let Scattering { bsdf, opacity } = self.inner(inner, &inner_at, arena);
         let inner = arena.alloc(bsdf);
         Scattering { bsdf: Bsdf::Tilted(Tilted { frame, soften: bending.soften, inner }), opacity }
     }

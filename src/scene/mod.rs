@@ -16,7 +16,7 @@ pub use needs::Needs;
 use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
-use crate::emitter::{self, EmitterSample, EmitterSampleX16, Environment, Light, SurfacePlace};
+use crate::emitter::{self, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, SurfacePlace};
 use crate::ids::{EmitterId, MaterialId};
 use crate::math::lanes::{bits, mask_from_bits};
 use crate::math::ray::{offset_origin, offset_origin_x16};
@@ -338,6 +338,25 @@ impl Scene {
     #[inline]
     pub fn spawn_ray(&self, at: &SurfaceInteraction, wi: Vec3, time: f32) -> Ray {
         Ray { o: offset_origin(at.p, at.error, at.ng, wi), t_max: f32::INFINITY, d: wi, time }
+    }
+
+    /// Draws a ray of light; its power is over the choice of the emitter, too.
+    pub fn sample_light_ray(
+        &self,
+        u_choice: f32,
+        u_point: Vec2,
+        u_direction: Vec2,
+        time: f32,
+    ) -> Option<LightRay> {
+        let choice = self.light_choice.sample(u_choice)?;
+        let light = self.lights[choice.index].sample_ray(u_point, u_direction, time)?;
+        Some(LightRay { power: light.power / choice.pmf, ..light })
+    }
+
+    /// The ray from a surface point to a point in the direction `wi`.
+    pub fn shadow_ray_to(&self, at: &SurfaceInteraction, target: Vec3, wi: Vec3) -> Ray {
+        let o = offset_origin(at.p, at.error, at.ng, wi);
+        Ray { o, t_max: 1.0, d: target - o, time: at.time }
     }
 
     /// Triangles of all shapes.

@@ -15,8 +15,8 @@ pub struct Camera {
     to_world: Motion,
     /// When the shutter opens and closes.
     shutter: [f64; 2],
-    /// Sensor to world at all times, where that never changes.
-    fixed: Option<DAffine3>,
+    /// Where it is at all times, if that never changes.
+    fixed: Option<Place>,
     /// In the sensor's coordinates, the film's top left corner at distance 1 along the viewing axis.
     corner: DVec2,
     /// Change of that per pixel to the right and downwards.
@@ -25,6 +25,34 @@ pub struct Camera {
     lens: Option<ThinLens>,
     near: f64,
     far: f64,
+}
+
+/// Where a camera is at one time.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    to_world: DAffine3,
+    /// World directions of its axes, of unit length: a scale of a perspective camera would change nothing but the clipping
+    /// distances, which are world lengths.
+    axes: DMat3,
+    /// World direction, 1 long along the viewing axis, of the film's top left corner, and its change per pixel to the right
+    /// and downwards.
+    corner: DVec3,
+    dx: DVec3,
+    dy: DVec3,
+}
+
+impl Place {
+    fn new(to_world: DAffine3, corner: DVec2, pixel: DVec2) -> Self {
+        let m = to_world.matrix3;
+        let axes = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
+        Place {
+            to_world,
+            axes,
+            corner: axes * corner.extend(1.0),
+            dx: axes.x_axis * pixel.x,
+            dy: axes.y_axis * pixel.y,
+        }
+    }
 }
 
 /// How the film sees a point, drawn at a point of the aperture. [Veach 1997, 4.3]
@@ -47,7 +75,6 @@ impl Camera {
     /// # Errors
     /// If a transform is singular or not finite.
     pub fn new(settings: &SensorSettings) -> Result<Self> {
-        let fixed = settings.to_world.fixed();
         let [open, close] = settings.shutter;
         for time in [open, close] {
             let to_world = settings.to_world.at(time);
@@ -63,14 +90,17 @@ impl Camera {
             }
             Projection::Orthographic => ([1.0, height / width], [0.0; 2], true),
         };
+        // x points to the left, y upwards.
+        let corner = DVec2::new(half[0] * (1.0 - 2.0 * offset[0]), half[1] * (1.0 - 2.0 * offset[1]));
+        let pixel = DVec2::new(-2.0 * half[0] / width, -2.0 * half[1] / height);
+        let at_rest = if open < close { settings.to_world.fixed() } else { Some(settings.to_world.at(open)) };
         Ok(Camera {
             film,
             to_world: settings.to_world.clone(),
             shutter: settings.shutter,
-            fixed,
-            // x points to the left, y upwards.
-            corner: DVec2::new(half[0] * (1.0 - 2.0 * offset[0]), half[1] * (1.0 - 2.0 * offset[1])),
-            pixel: DVec2::new(-2.0 * half[0] / width, -2.0 * half[1] / height),
+            fixed: at_rest.map(|to_world| Place::new(to_world, corner, pixel)),
+            corner,
+            pixel,
             parallel,
             lens: settings.lens,
             near: settings.near_clip,
@@ -81,12 +111,21 @@ impl Camera {
     /// Sensor to world at a time in [0, 1] over the shutter interval.
     #[inline]
     pub fn to_world(&self, time: f32) -> DAffine3 {
-        match self.fixed {
-            Some(to_world) => to_world,
+        match &self.fixed {
+            Some(place) => place.to_world,
             None => {
                 let [open, close] = self.shutter;
                 self.to_world.at(open + (close - open) * f64::from(time))
             }
+        }
+    }
+
+    /// Where it is at a time.
+    #[inline]
+    fn place(&self, time: f32) -> Place {
+        match self.fixed {
+            Some(place) => place,
+            None => Place::new(self.to_world(time), self.corner, self.pixel),
         }
     }
 
@@ -105,26 +144,25 @@ impl Camera {
     /// clipping plane and ends on the far one.
     #[inline]
     pub fn ray(&self, p: Vec2, u: Vec2, time: f32) -> Ray {
-        let to_world = self.to_world(time);
-        let q = self.corner + self.pixel * p.as_dvec2();
+        let place = self.place(time);
         if self.parallel {
+            let to_world = place.to_world;
+            let q = self.corner + self.pixel * p.as_dvec2();
             let o = to_world.transform_point3(q.extend(self.near));
             let d = to_world.matrix3.z_axis.normalize();
             return Ray { o: o.as_vec3(), t_max: (self.far - self.near) as f32, d: d.as_vec3(), time };
         }
-        let m = unit_axes(&to_world.matrix3);
-        let (start, direction) = match self.lens {
-            None => (DVec2::ZERO, q.extend(1.0)),
-            Some(lens) => {
-                let start = warp::square_to_disk(u).as_dvec2() * lens.aperture_radius;
-                (start, (q - start / lens.focus_distance).extend(1.0))
-            }
-        };
-        let direction = m * direction;
+        let mut direction = place.corner + place.dx * f64::from(p.x) + place.dy * f64::from(p.y);
+        let mut origin = place.to_world.translation;
+        if let Some(lens) = self.lens {
+            let start = warp::square_to_disk(u).as_dvec2() * lens.aperture_radius;
+            let start = place.axes.x_axis * start.x + place.axes.y_axis * start.y;
+            origin += start;
+            direction -= start / lens.focus_distance;
+        }
         // The reciprocal of the cosine to the viewing axis.
         let length = direction.length() as f32;
         let d = (direction / f64::from(length)).as_vec3();
-        let origin = to_world.translation + m * start.extend(0.0);
         let (near, far) = (self.near as f32, self.far as f32);
         Ray { o: origin.as_vec3() + d * (near * length), t_max: (far - near) * length, d, time }
     }
@@ -135,7 +173,7 @@ impl Camera {
     /// A pixel's value is the mean radiance over its area, so the film's importance is constant in the area of the image
     /// plane: `We = 1 / (A·cos⁴θ)` per unit aperture. [pbrt 16.1.1]
     pub fn importance(&self, p: Vec3, u: Vec2, time: f32, margin: f64) -> Option<Importance> {
-        let to_world = self.to_world(time);
+        let Place { to_world, axes: m, .. } = self.place(time);
         let pixels = f64::from(self.film.width) * f64::from(self.film.height);
         // Area of the full image in the sensor's coordinates at distance 1.
         let area = (self.pixel.x * self.pixel.y).abs() * pixels;
@@ -157,7 +195,6 @@ impl Camera {
                 1.0 / world_area,
             )
         } else {
-            let m = unit_axes(&to_world.matrix3);
             let local = m.inverse() * (p - to_world.translation);
             if !(local.z > self.near && local.z < self.far) {
                 return None;
@@ -207,11 +244,6 @@ impl Camera {
     pub fn world_to_camera(&self) -> DAffine3 {
         self.to_world(0.5).inverse()
     }
-}
-
-/// The axes of a perspective camera: a scale would change nothing but the clipping distances, which are world lengths.
-fn unit_axes(m: &DMat3) -> DMat3 {
-    DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize())
 }
 
 /// Half the width and height of the image plane at distance 1, for an image of so many pixels.

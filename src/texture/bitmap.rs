@@ -52,7 +52,8 @@ impl WrapMode {
 pub struct Bitmap {
     image: Arc<TextureImage>,
     filter_type: FilterType,
-    wrap_mode: WrapMode,
+    /// Along u and v.
+    wrap_modes: [WrapMode; 2],
     to_uv: Affine2,
     mean: Rgb,
 }
@@ -84,15 +85,20 @@ impl Bitmap {
         }
         let texels = image.width() as f64 * image.height() as f64;
         let mean = Rgb::from(sum.map(|s| (s / texels) as f32));
-        Bitmap { image, filter_type, wrap_mode, to_uv, mean }
+        Bitmap { image, filter_type, wrap_modes: [wrap_mode; 2], to_uv, mean }
+    }
+
+    /// The same with its own wrap mode along u and along v.
+    pub fn wrapped(self, wrap_modes: [WrapMode; 2]) -> Self {
+        Bitmap { wrap_modes, ..self }
     }
 
     /// The colour of a texel, inside or outside of the image.
     #[inline]
     fn texel(&self, x: i64, y: i64) -> Rgb {
         let image = &self.image;
-        let x = self.wrap_mode.wrap(x, image.width());
-        Rgb::from(image.rgb(x, self.wrap_mode.wrap(y, image.height())))
+        let [along_u, along_v] = self.wrap_modes;
+        Rgb::from(image.rgb(along_u.wrap(x, image.width()), along_v.wrap(y, image.height())))
     }
 
     /// Columns and rows of the image.

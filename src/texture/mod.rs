@@ -1,12 +1,15 @@
 //! Textures: functions of a surface point that colours and numbers of materials and emitters are read from.
 //!
-//! They mean what Mitsuba 3.9.1 makes of its plugins `bitmap`, `checkerboard` and `mesh_attribute`.
+//! They mean what Mitsuba 3.9.1 makes of its plugins `bitmap`, `checkerboard` and `mesh_attribute`; those of
+//! [`adjusted`] make of them what other scene formats ask for.
 
+pub mod adjusted;
 pub mod attribute;
 pub mod bitmap;
 pub mod checkerboard;
 mod uv_distribution;
 
+pub use adjusted::{Adjusted, Product};
 pub use attribute::{Attribute, MeshAttribute};
 pub use bitmap::{Bitmap, FilterType, WrapMode};
 pub use checkerboard::Checkerboard;
@@ -47,6 +50,10 @@ pub enum Texture {
     Checkerboard(Checkerboard),
     /// Values that a mesh file gives to vertices or faces.
     MeshAttribute(MeshAttribute),
+    /// Another texture times a factor plus an offset.
+    Adjusted(Adjusted),
+    /// The product of two textures.
+    Product(Product),
 }
 
 impl Texture {
@@ -58,6 +65,8 @@ impl Texture {
             Texture::Bitmap(bitmap) => bitmap.eval(point),
             Texture::Checkerboard(board) => board.eval(point),
             Texture::MeshAttribute(attribute) => attribute.eval(point),
+            Texture::Adjusted(adjusted) => adjusted.eval(point),
+            Texture::Product(product) => product.eval(point),
         }
     }
 
@@ -71,6 +80,8 @@ impl Texture {
             Texture::Bitmap(bitmap) => bitmap.eval_scalar(point),
             Texture::Checkerboard(board) => board.eval_scalar(point),
             Texture::MeshAttribute(attribute) => attribute.eval_scalar(point),
+            Texture::Adjusted(adjusted) => adjusted.eval_scalar(point),
+            Texture::Product(product) => product.eval_scalar(point),
         }
     }
 
@@ -81,6 +92,8 @@ impl Texture {
             Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ZERO,
             Texture::Bitmap(bitmap) => bitmap.gradient(point),
             Texture::Checkerboard(board) => board.gradient(point),
+            Texture::Adjusted(adjusted) => adjusted.gradient(point),
+            Texture::Product(product) => product.gradient(point),
         }
     }
 
@@ -92,6 +105,8 @@ impl Texture {
             Texture::Bitmap(bitmap) => bitmap.mean(),
             Texture::Checkerboard(board) => board.mean(),
             Texture::MeshAttribute(attribute) => Rgb::splat(0.5 * attribute.scale),
+            Texture::Adjusted(adjusted) => adjusted.mean(),
+            Texture::Product(product) => product.mean(),
         }
     }
 
@@ -106,6 +121,8 @@ impl Texture {
             Texture::Constant(_) | Texture::MeshAttribute(_) => 0,
             Texture::Bitmap(bitmap) => bitmap.memory_bytes(),
             Texture::Checkerboard(board) => board.memory_bytes(),
+            Texture::Adjusted(adjusted) => adjusted.texture.memory_bytes(),
+            Texture::Product(product) => product.0.iter().map(|t| t.memory_bytes()).sum(),
         }
     }
 
@@ -115,6 +132,8 @@ impl Texture {
             Texture::Constant(_) | Texture::Bitmap(_) => false,
             Texture::Checkerboard(board) => board.needs_mesh(),
             Texture::MeshAttribute(_) => true,
+            Texture::Adjusted(adjusted) => adjusted.texture.needs_mesh(),
+            Texture::Product(product) => product.0.iter().any(|t| t.needs_mesh()),
         }
     }
 
@@ -122,6 +141,7 @@ impl Texture {
     pub fn resolution(&self) -> [f64; 2] {
         match self {
             Texture::Bitmap(bitmap) => bitmap.size().map(|n| n as f64),
+            Texture::Adjusted(adjusted) => adjusted.texture.resolution(),
             _ => [1.0; 2],
         }
     }
@@ -132,6 +152,8 @@ impl Texture {
             Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ONE,
             Texture::Bitmap(bitmap) => bitmap.detail(),
             Texture::Checkerboard(board) => board.detail(),
+            Texture::Adjusted(adjusted) => adjusted.texture.detail(),
+            Texture::Product(product) => product.0[0].detail().max(product.0[1].detail()),
         }
     }
 }

@@ -4,5 +4,6 @@ pub mod bsdfs;
 pub mod chi2;
 pub mod cli;
 pub mod expect;
+pub mod gltf;
 pub mod scenes;
 pub mod statistics;

@@ -110,3 +110,17 @@ pub fn mean(rendered: &Rendered) -> ([f64; 3], [f64; 3]) {
     }
     (mean.map(|m| m / n), variance.map(|v| v.sqrt() / n))
 }
+
+/// The means of the pixels, row by row.
+pub fn pixels(rendered: &Rendered) -> Vec<[f64; 3]> {
+    let rect = rendered.rect;
+    let mut image = vec![[0.0; 3]; (rect.width * rect.height) as usize];
+    for tile in &rendered.tiles {
+        for i in 0..tile.pixel_count() {
+            let (x, y) = tile.position(i);
+            let pixel = &mut image[((y - rect.y) * rect.width + x - rect.x) as usize];
+            *pixel = [0, 1, 2].map(|c| tile.estimate(i, c).mean);
+        }
+    }
+    image
+}

@@ -292,8 +292,12 @@ impl Builder<'_> {
 
     /// One material for both sides, or one for each.
     fn two_sided(&mut self, props: &Props) -> Result<Material> {
-        let sides = match props.children("bsdf").len() {
-            2 => self.children(props)?,
+        let sides = match props.children("bsdf")[..] {
+            [_, _] => self.children(props)?,
+            [_, _, extra, ..] => {
+                let error = props.object.error("expected one or two bsdfs inside it, found more");
+                return Err(error.at(extra.spot.place()));
+            }
             _ => [self.only_child(props)?; 2],
         };
         let materials = &self.loaded.description.materials;

@@ -1,24 +1,22 @@
-//! Integrators: `path`, `direct`, `depth`, `aov`.
+//! Integrators.
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
-use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings};
+use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings, PtracerSettings};
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
 
-const SUPPORTED: [&str; 4] = ["path", "direct", "depth", "aov"];
-const MITSUBA: [&str; 13] = [
+const SUPPORTED: [&str; 6] = ["aov", "depth", "direct", "moment", "path", "ptracer"];
+const MITSUBA: [&str; 11] = [
     "batch",
     "direct_projective",
-    "moment",
     "prb",
     "prb_basic",
     "prb_projective",
     "prbvolpath",
-    "ptracer",
     "stokes",
     "volpath",
     "volpathmis",
@@ -52,6 +50,18 @@ impl Builder<'_> {
             "path" => Settings::Path(path(&props)?),
             "direct" => Settings::Direct(direct(&props)?),
             "depth" => Settings::Depth,
+            "ptracer" => {
+                let PathSettings { max_depth, rr_depth, hide_emitters } = path(&props)?;
+                Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters })
+            }
+            "moment" => {
+                let image = self.only_integrator(&props)?;
+                let layers = vec![Layer { name: "variance".to_owned(), aov: Aov::Variance }];
+                self.note(
+                    "moment: the second moments of its layers are written as the variance of the image",
+                );
+                Settings::Aov { layers, image: Some(Box::new(image)) }
+            }
             "aov" => {
                 let image = match props.child("integrator")? {
                     Some(inner) => Some(Box::new(self.integrator(inner)?)),
@@ -64,6 +74,16 @@ impl Builder<'_> {
         self.ignore(&props, &["samples_per_pass", "block_size", "timeout"], "the render job decides");
         self.finish(props);
         Ok(settings)
+    }
+}
+
+impl Builder<'_> {
+    /// The integrator inside another.
+    fn only_integrator(&mut self, props: &Props) -> Result<Settings> {
+        match props.child("integrator")? {
+            Some(inner) => self.integrator(inner),
+            None => Err(props.object.error("expected an integrator inside it")),
+        }
     }
 }
 

@@ -99,6 +99,10 @@ impl<'g> Builder<'g> {
             }
         }
         self.finish(props);
+        let sensors = self.loaded.description.sensors.len();
+        if sensors > 1 {
+            self.note(format!("the scene has {sensors} sensors: --sensor chooses, the first is number 0"));
+        }
         if self.loaded.description.sensors.is_empty() {
             self.loaded.warnings.push(graph.objects[0].error("the scene has no sensor"));
         }

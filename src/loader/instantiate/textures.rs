@@ -3,7 +3,7 @@
 use super::{Builder, unknown_plugin};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::ids::TextureId;
 use crate::image::{self, TextureImage};
 use crate::loader::graph::ObjectId;
@@ -78,7 +78,8 @@ impl Builder<'_> {
         if let Some(image) = self.images.get(&key) {
             return Ok(image.clone());
         }
-        let image = image::read_texture(path)?;
+        // What an image library finds wrong is the scene's fault here.
+        let image = image::read_texture(path).map_err(|e| Error { kind: Kind::Scene, ..e })?;
         let image = Arc::new(if raw { image.as_linear() } else { image });
         self.images.insert(key, image.clone());
         Ok(image)

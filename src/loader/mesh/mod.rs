@@ -88,7 +88,7 @@ pub fn load(
 }
 
 /// Normalises the normals, and computes those that are missing or invalid.
-fn complete_normals(mesh: &mut Mesh, to_world: &DAffine3, path: &Path, warnings: &mut Vec<Error>) {
+pub fn complete_normals(mesh: &mut Mesh, to_world: &DAffine3, path: &Path, warnings: &mut Vec<Error>) {
     if mesh.normals.is_empty() {
         mesh.normals = normals::compute(mesh, to_world);
         return;

@@ -14,6 +14,8 @@
 #include <vector>
 
 struct BuffonOiioReader {
+    /// Of a file in memory; `input` reads from it, so it is destroyed after `input`.
+    std::unique_ptr<OIIO::Filesystem::IOMemReader> memory;
     std::unique_ptr<OIIO::ImageInput> input;
     OIIO::ImageSpec spec;
     std::string part_name;
@@ -122,6 +124,33 @@ OIIO::ImageBuf view(const float *pixels, int32_t width, int32_t height, int32_t 
     return OIIO::ImageBuf(spec, const_cast<float *>(pixels));
 }
 
+/// Opens a file, or the reader's memory if it has one.
+BuffonOiioReader *open(std::unique_ptr<BuffonOiioReader> reader, const char *path, const char *format,
+                       char *message, size_t size)
+{
+    be_quiet();
+    reader->input = OIIO::ImageInput::create(format);
+    if (!reader->input) {
+        say(OIIO::geterror(), message, size);
+        return nullptr;
+    }
+    if (reader->memory && !reader->input->supports("ioproxy")) {
+        say(std::string("files of format ") + format + " cannot be read from memory", message, size);
+        return nullptr;
+    }
+    OIIO::ImageSpec config;
+    config.attribute("oiio:UnassociatedAlpha", 1);
+    if (reader->memory) {
+        OIIO::Filesystem::IOProxy *proxy = reader->memory.get();
+        config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+    }
+    if (!reader->input->open(path, reader->spec, config)) {
+        say(reader->input->geterror(), message, size);
+        return nullptr;
+    }
+    return reader.release();
+}
+
 }  // namespace
 
 extern "C" {
@@ -142,21 +171,21 @@ void buffon_oiio_set_threads(int32_t threads) noexcept
 
 BuffonOiioReader *buffon_oiio_open(const char *path, const char *format, char *message, size_t size) noexcept
 {
-    return guarded<BuffonOiioReader *>(nullptr, message, size, [&]() -> BuffonOiioReader * {
-        be_quiet();
+    return guarded<BuffonOiioReader *>(nullptr, message, size, [&] {
+        return open(std::make_unique<BuffonOiioReader>(), path, format, message, size);
+    });
+}
+
+BuffonOiioReader *buffon_oiio_open_memory(const unsigned char *bytes, size_t length, const char *format,
+                                          char *message, size_t size) noexcept
+{
+    return guarded<BuffonOiioReader *>(nullptr, message, size, [&] {
         auto reader = std::make_unique<BuffonOiioReader>();
-        reader->input = OIIO::ImageInput::create(format);
-        if (!reader->input) {
-            say(OIIO::geterror(), message, size);
-            return nullptr;
-        }
-        OIIO::ImageSpec config;
-        config.attribute("oiio:UnassociatedAlpha", 1);
-        if (!reader->input->open(path, reader->spec, config)) {
-            say(reader->input->geterror(), message, size);
-            return nullptr;
-        }
-        return reader.release();
+        // The library reads through a pointer that could write.
+        reader->memory =
+            std::make_unique<OIIO::Filesystem::IOMemReader>(const_cast<unsigned char *>(bytes), length);
+        const std::string name = std::string("memory.") + format;
+        return open(std::move(reader), name.c_str(), format, message, size);
     });
 }
 

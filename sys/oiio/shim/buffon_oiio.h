@@ -93,6 +93,10 @@ void buffon_oiio_set_threads(int32_t threads) BUFFON_OIIO_NOEXCEPT;
 BuffonOiioReader *buffon_oiio_open(const char *path, const char *format, char *message,
                                    size_t message_size) BUFFON_OIIO_NOEXCEPT;
 
+/* Opens `size` bytes, which must outlive the reader and are only read, as `format`; NULL on failure. */
+BuffonOiioReader *buffon_oiio_open_memory(const unsigned char *bytes, size_t size, const char *format,
+                                          char *message, size_t message_size) BUFFON_OIIO_NOEXCEPT;
+
 /* Closes and frees a reader; NULL is allowed. */
 void buffon_oiio_close(BuffonOiioReader *reader) BUFFON_OIIO_NOEXCEPT;
 

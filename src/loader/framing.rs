@@ -1,0 +1,49 @@
+//! What a scene needs and a file may lack: a camera that sees everything, and light from everywhere.
+
+use super::transform;
+use crate::color::Rgb;
+use crate::emitter::Emitter;
+use crate::film::FilmSettings;
+use crate::math::DVec3;
+use crate::sensor::{FovAxis, Projection, SensorSettings};
+
+/// The camera's field of view across the smaller side of the image, degrees.
+const FOV_DEG: f64 = 35.0;
+/// From the middle to the camera: y is up, z towards the viewer.
+const TO_CAMERA: DVec3 = DVec3::new(0.35, 0.45, 1.0);
+/// Room around what is seen, as a factor on the camera's distance.
+const MARGIN: f64 = 1.05;
+
+/// An even white environment.
+pub fn white_environment() -> Emitter {
+    Emitter::Constant { radiance: Rgb::WHITE }
+}
+
+/// A camera that sees the sphere around the bounding box of the points, from the front and above; `None` where the box is
+/// empty or infinite. Points that are not finite are left out.
+pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
+    let finite = points.filter(|p| p.is_finite());
+    let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+    let radius = 0.5 * (high - low).length();
+    if !(radius > 0.0 && radius.is_finite()) {
+        return None;
+    }
+    let fov = FOV_DEG.to_radians();
+    let distance = MARGIN * radius / (0.5 * fov).sin();
+    let direction = -TO_CAMERA.normalize();
+    let left = DVec3::Y.cross(direction).normalize();
+    Some(SensorSettings {
+        name: String::new(),
+        to_world: transform::frame(0.5 * (low + high) - distance * direction, left, direction).into(),
+        projection: Projection::Perspective {
+            fov,
+            fov_axis: FovAxis::Smaller,
+            principal_point_offset: [0.0; 2],
+        },
+        lens: None,
+        shutter: [0.0; 2],
+        near_clip: 1e-3 * distance,
+        far_clip: 1e3 * distance,
+        film: FilmSettings::default(),
+    })
+}

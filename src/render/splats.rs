@@ -1,0 +1,98 @@
+//! Light paths of a pass: traced in batches, and added to the film in the order of the batches.
+
+use super::job::{Job, TILE};
+use super::tracing::CameraWorker;
+use crate::film::{PixelRect, Tile};
+use crate::integrator::{Ptracer, Splat};
+use crate::math::Vec2;
+use crate::sampling::SampleKey;
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+/// Light paths of a batch.
+const BATCH: u64 = 2048;
+/// Batches that are traced before their splats are added: enough work for many threads, little memory.
+const AT_ONCE: usize = 256;
+
+/// Traces one light path for each pixel of the full image and each sample of the range, and adds what arrives. Sums do not
+/// depend on threads: batches are added one by one in their order.
+pub fn trace(
+    job: &Job<'_>,
+    ptracer: &Ptracer,
+    workers: &[Mutex<CameraWorker>],
+    tiles: &mut [Tile],
+    samples: Range<u64>,
+) -> u64 {
+    let film = &job.camera.film;
+    let pixels = u64::from(film.width) * u64::from(film.height);
+    let per_sample = pixels.div_ceil(BATCH);
+    let batches: Vec<(u64, u64)> = samples.flat_map(|s| (0..per_sample).map(move |b| (s, b))).collect();
+    let margin = job.filter.radius();
+    let mut dropped = 0;
+    for chunk in batches.chunks(AT_ONCE) {
+        if job.progress.is_interrupted() {
+            break;
+        }
+        let splats: Vec<Vec<Splat>> = chunk
+            .par_iter()
+            .map(|&(sample, batch)| {
+                let thread = rayon::current_thread_index().unwrap_or(0);
+                let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
+                let first = batch * BATCH;
+                let keys =
+                    (first..(first + BATCH).min(pixels)).map(|p| key(job.settings.seed, pixels, sample, p));
+                let keys: Vec<SampleKey> = keys.collect();
+                let mut out = Vec::new();
+                ptracer.trace(job.scene, job.camera, margin, &keys, &mut worker.worker, &mut out);
+                out
+            })
+            .collect();
+        for (&(sample, _), splats) in chunk.iter().zip(&splats) {
+            for splat in splats {
+                dropped += u64::from(!add(job, tiles, (sample & 1) as usize, splat));
+            }
+        }
+    }
+    dropped
+}
+
+/// The key of the light path that belongs to a pixel and a sample: all light paths of a half are one sequence.
+fn key(seed: u64, pixels: u64, sample: u64, pixel: u64) -> SampleKey {
+    SampleKey::new(seed, 0, 0, 2 * ((sample >> 1) * pixels + pixel) + (sample & 1))
+}
+
+/// Adds a splat to the pixels under the filter; false if its value is none.
+fn add(job: &Job<'_>, tiles: &mut [Tile], half: usize, splat: &Splat) -> bool {
+    if !splat.value.is_valid() {
+        return false;
+    }
+    let rect = job.camera.film.rect();
+    let radius = job.filter.radius() as f32;
+    // Pixels whose centres are within the radius.
+    let range = |x: f32, start: u32, length: u32| {
+        let low = (x - radius - 0.5).ceil().max(start as f32) as u32;
+        let high = (x + radius - 0.5).floor().min((start + length) as f32 - 1.0);
+        if high < low as f32 { low..low } else { low..high as u32 + 1 }
+    };
+    for y in range(splat.film.y, rect.y, rect.height) {
+        for x in range(splat.film.x, rect.x, rect.width) {
+            let offset = splat.film - Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            let weight = job.filter.eval(offset);
+            let (tile, pixel) = place(rect, x, y);
+            let tile = &mut tiles[tile];
+            debug_assert_eq!(tile.position(pixel), (x, y));
+            tile.splat(pixel, half, (splat.value * weight).to_array());
+        }
+    }
+    true
+}
+
+/// The tile and the pixel in it of a pixel of the image.
+fn place(rect: PixelRect, x: u32, y: u32) -> (usize, usize) {
+    let (x, y) = (x - rect.x, y - rect.y);
+    let (column, row) = (x / TILE, y / TILE);
+    let width = TILE.min(rect.width - column * TILE);
+    let tile = row as usize * rect.width.div_ceil(TILE) as usize + column as usize;
+    (tile, ((y % TILE) * width + x % TILE) as usize)
+}

@@ -1,0 +1,72 @@
+//! Light tracing against path tracing.
+
+use crate::support::cli::Folder;
+use std::path::Path;
+
+/// The scene of Buffon's own with every kind of light, and its texture.
+fn folder() -> Folder {
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/light-tracing");
+    let read = |name: &str| std::fs::read(from.join(name)).expect("the scene is there");
+    let folder = Folder::with(&String::from_utf8(read("lights.xml")).expect("a scene is text"));
+    folder.write("radiance.png", &read("radiance.png"));
+    folder
+}
+
+/// Paths from either end estimate one picture, for a pinhole, a lens and parallel rays.
+#[test]
+fn light_paths_and_camera_paths_agree() {
+    let folder = folder();
+    for sensor in 0..3 {
+        let common = format!("s.xml -q --size 32x24 -s {sensor} --aov variance --spp 1024");
+        folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
+        folder.render(&format!("{common} --integrator ptracer --seed 2 -o light.exr"));
+        let run = folder.run("diff path.exr light.exr --z");
+        assert_eq!(run.code, 0, "sensor {sensor}: {}{}", run.stdout, run.stderr);
+    }
+}
+
+/// Splats are added in one order, whatever threads trace them, and a crop has the very pixels of the whole.
+#[test]
+fn splats_do_not_depend_on_threads_or_crops() {
+    let folder = folder();
+    for threads in [1, 2, 5] {
+        folder.render(&format!("s.xml -q --size 32x24 --spp 5 -t {threads} -o {threads}.exr"));
+    }
+    let read = |name: &str| buffon::image::read(&folder.path(name)).expect("an image");
+    let data = ["1.exr", "2.exr", "5.exr"].map(|name| read(name).data);
+    assert!(data[0] == data[1] && data[0] == data[2]);
+    folder.render("s.xml -q --size 32x24 --spp 5 --crop 8,4,16,16 -o crop.exr");
+    let (whole, crop) = (read("1.exr"), read("crop.exr"));
+    for y in 0..16 {
+        for x in 0..16 {
+            for c in 0..3 {
+                let at = |image: &buffon::image::Image, x: usize, y: usize| {
+                    image.data[(y * image.width + x) * image.channels.len() + c]
+                };
+                let inside = match crop.width {
+                    16 => at(&crop, x, y),
+                    _ => at(&crop, x + 8, y + 4),
+                };
+                assert_eq!(inside, at(&whole, x + 8, y + 4), "{x} {y}");
+            }
+        }
+    }
+}
+
+/// The shortest paths are those of the camera, and the longest as long as the scene says.
+#[test]
+fn depths_mean_what_they_mean_to_camera_paths() {
+    let folder = folder();
+    for depth in [1, 2, 3] {
+        let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
+        let scene =
+            text.replace("name=\"max_depth\" value=\"6\"", &format!("name=\"max_depth\" value=\"{depth}\""));
+        assert_ne!(scene, text);
+        folder.write("d.xml", scene.as_bytes());
+        let common = "d.xml -q --size 24x16 --aov variance --spp 512";
+        folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
+        folder.render(&format!("{common} --seed 2 -o light.exr"));
+        let run = folder.run("diff path.exr light.exr --z");
+        assert_eq!(run.code, 0, "depth {depth}: {}{}", run.stdout, run.stderr);
+    }
+}
