@@ -263,10 +263,14 @@ fn layers(args: &RenderArgs, settings: &Settings) -> Result<Vec<Layer>> {
             Aov::NAMES.join(", ")
         )));
     }
-    for name in &args.aov {
+    for (i, name) in args.aov.iter().enumerate() {
         let aov = Aov::by_name(name).ok_or_else(|| {
             Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
         })?;
+        // `moment` brings its variance along.
+        if layers.iter().any(|l| l.name == *name && l.aov == aov) && !args.aov[..i].contains(name) {
+            continue;
+        }
         if layers.iter().any(|l| l.name == *name) {
             return Err(Error::usage(format!("--aov: the layer \"{name}\" is there twice")));
         }
