@@ -206,7 +206,7 @@ fn a_lamp_of_the_collection_is_read() {
     let expected = Material::RoughConductor(metal, roughness);
     assert_eq!(scene.materials[lamp.index()], expected);
     let default = &scene.materials[scene.shapes[2].material.index()];
-    assert_eq!(*default, Material::Diffuse { reflectance: Rgb::splat(0.5).into() });
+    assert_eq!(*default, Material::Diffuse { reflectance: Rgb::BLACK.into() });
 }
 
 /// As in Mitsuba, whose lamps reflect nothing unless they are told to.

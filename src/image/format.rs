@@ -140,6 +140,9 @@ pub(super) struct Difference {
 }
 
 /// What a library does for us. An error is the library's reason, without the file's name.
+///
+/// PNG files are always read by the crate `image`: libpng, which OpenImageIO reads them with, writes what it
+/// finds wrong with a file to the process's stderr by itself.
 impl Backend {
     /// All parts of an OpenEXR file.
     pub(super) fn read_exr(self, path: &Path) -> Result<Vec<Part>, String> {
@@ -163,8 +166,8 @@ impl Backend {
     pub(super) fn read_codes(self, path: &Path, format: Format, most: u64) -> Result<Codes, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::read_codes(path, format, most),
-            Backend::RustCrates => pure::read_codes(path, format, most),
+            Backend::OpenImageIo if format != Format::Png => super::oiio::read_codes(path, format, most),
+            _ => pure::read_codes(path, format, most),
         }
     }
 
@@ -172,8 +175,8 @@ impl Backend {
     pub(super) fn read_raster(self, path: &Path, format: Format) -> Result<Raster, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::read_raster(path, format),
-            Backend::RustCrates => pure::read_raster(path, format),
+            Backend::OpenImageIo if format != Format::Png => super::oiio::read_raster(path, format),
+            _ => pure::read_raster(path, format),
         }
     }
 
@@ -181,8 +184,8 @@ impl Backend {
     pub(super) fn decode_codes(self, bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::decode_codes(bytes, format, most),
-            Backend::RustCrates => pure::decode_codes(bytes, format, most),
+            Backend::OpenImageIo if format != Format::Png => super::oiio::decode_codes(bytes, format, most),
+            _ => pure::decode_codes(bytes, format, most),
         }
     }
 
