@@ -226,12 +226,16 @@ fn bench(mesh: Mesh) {
     let geometry =
         || vec![Geometry::Triangles { positions: Arc::clone(&positions), indices: Arc::clone(&indices) }];
     let mut sets = Vec::new();
-    for &kind in AccelKind::ALL {
-        let robustness: &[bool] = if kind == AccelKind::Obvhs { &[true] } else { &[true, false] };
+    for &kind in AccelKind::CHOICES.iter().rev() {
+        let in_rust = matches!(kind, AccelKind::Auto | AccelKind::Obvhs);
+        let robustness: &[bool] = if in_rust { &[true] } else { &[true, false] };
         for &robust in robustness {
             let start = Instant::now();
             let accel = build(kind, geometry(), THREADS, robust).expect("built").accel;
             let seconds = start.elapsed().as_secs_f64();
+            if kind == AccelKind::Auto && accel.name() != "list" {
+                continue;
+            }
             if sets.is_empty() {
                 let count = THREADS * WAVE * WAVES;
                 sets = [Coherence::Coherent, Coherence::Incoherent]
@@ -239,11 +243,12 @@ fn bench(mesh: Mesh) {
                     .to_vec();
             }
             let label = match (kind, robust) {
+                (AccelKind::Auto, _) => "list".to_string(),
                 (AccelKind::Obvhs, _) => "bvh".to_string(),
                 #[cfg(feature = "embree")]
-                (_, true) => format!("{kind}, robust"),
+                (AccelKind::Embree, true) => format!("{kind}, robust"),
                 #[cfg(feature = "embree")]
-                (_, false) => format!("{kind}, robust no"),
+                (AccelKind::Embree, false) => format!("{kind}, robust no"),
             };
             print_build(&label, seconds, accel.memory_bytes(), mesh.indices.len());
             rows(&label, &*accel, &sets, kind != AccelKind::Obvhs);

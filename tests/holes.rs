@@ -138,8 +138,8 @@ fn between() -> Vec<Between> {
 #[test]
 fn shadow_rays_pass_holes_by_their_share() {
     let cases = between();
-    let group = Means::of_images(2 * cases.len() * AccelKind::ALL.len(), 0.02);
-    for accel in AccelKind::ALL {
+    let group = Means::of_images(2 * cases.len() * AccelKind::CHOICES.len(), 0.02);
+    for accel in AccelKind::CHOICES {
         for (name, put, share) in &cases {
             let mut description = plane();
             put(&mut description);
@@ -159,8 +159,8 @@ fn shadow_rays_pass_holes_by_their_share() {
 #[test]
 fn lamps_behind_holes_are_found_by_every_technique() {
     let settings = [path(Some(2)), path(None), direct(1, 1), direct(1, 0), direct(0, 1)];
-    let group = Means::of_images(settings.len() * AccelKind::ALL.len(), 0.02);
-    for accel in AccelKind::ALL {
+    let group = Means::of_images(settings.len() * AccelKind::CHOICES.len(), 0.02);
+    for accel in AccelKind::CHOICES {
         let mut description = plane();
         let m = mask(&mut description, 0.4);
         add(&mut description, Shape::Rectangle, sheet(1.0), m);
@@ -179,8 +179,8 @@ fn lamps_behind_holes_are_found_by_every_technique() {
 /// A lamp with holes emits everywhere, and lets the light of the lamp behind it pass by its share of holes.
 #[test]
 fn lamps_with_holes_emit_everywhere() {
-    let group = Means::of_images(2 * AccelKind::ALL.len(), 0.02);
-    for accel in AccelKind::ALL {
+    let group = Means::of_images(2 * AccelKind::CHOICES.len(), 0.02);
+    for accel in AccelKind::CHOICES {
         let mut description = Description::default();
         let m = mask(&mut description, 0.25);
         for (z, radiance, material) in [(0.0, 1.0, m), (-1.0, 2.0, black())] {

@@ -75,10 +75,10 @@ fn no_ray_escapes_from_a_closed_mesh_through_vertices_or_edges() {
             let mesh = mesh.clone().map(|p| p + center);
             let rays: Vec<Ray> =
                 (0..rays_each).map(|_| aimed_ray(&mesh, center, *inside, &mut random)).collect();
-            for &kind in AccelKind::ALL {
+            for &kind in AccelKind::CHOICES {
                 let accel = build(kind, vec![mesh.clone().geometry()], 0, true).expect("built").accel;
                 let escaped = escaped(&*accel, &rays);
-                if kind == AccelKind::Obvhs {
+                if ["list", "obvhs"].contains(&accel.name()) {
                     assert_eq!(escaped.first(), None, "{kind}, {name} at {center}: {} escape", escaped.len());
                 }
                 let unexplained = escaped.iter().find(|ray| !passes_a_vertex(&mesh, ray));
@@ -126,8 +126,7 @@ fn no_ray_escapes_from_an_instance_of_a_closed_mesh() {
                 println!("{kind}, {name}: {} escape", escaped.len());
                 match kind {
                     AccelKind::Obvhs => assert_eq!(escaped.first(), None, "{name}: {} escape", escaped.len()),
-                    #[cfg(feature = "embree")]
-                    AccelKind::Embree => assert!(escaped.len() <= EMBREE_VERTEX_ESCAPES, "{}", escaped.len()),
+                    _ => assert!(escaped.len() <= EMBREE_VERTEX_ESCAPES, "{}", escaped.len()),
                 }
             }
         }

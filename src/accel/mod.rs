@@ -12,6 +12,7 @@ mod cylinder;
 pub mod embree;
 mod geometry;
 pub mod instance;
+pub mod list;
 pub mod primitive;
 mod triangle;
 
@@ -114,8 +115,11 @@ fn is_valid_ray(ray: &Ray, limit: f32) -> bool {
 }
 
 /// The back ends that a scene can be rendered with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AccelKind {
+    /// A [`list`] for a scene of a few dozen surfaces; else Embree, if it is compiled in.
+    #[default]
+    Auto,
     /// Embree 3.
     #[cfg(feature = "embree")]
     Embree,
@@ -124,7 +128,15 @@ pub enum AccelKind {
 }
 
 impl AccelKind {
-    /// All back ends of this build.
+    /// What can be chosen in this build.
+    pub const CHOICES: &[AccelKind] = &[
+        AccelKind::Auto,
+        #[cfg(feature = "embree")]
+        AccelKind::Embree,
+        AccelKind::Obvhs,
+    ];
+
+    /// The back ends of this build that take any scene, the fastest first.
     pub const ALL: &[AccelKind] = &[
         #[cfg(feature = "embree")]
         AccelKind::Embree,
@@ -132,16 +144,10 @@ impl AccelKind {
     ];
 }
 
-impl Default for AccelKind {
-    /// Embree if it is compiled in.
-    fn default() -> Self {
-        AccelKind::ALL[0]
-    }
-}
-
 impl fmt::Display for AccelKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
+            AccelKind::Auto => "auto",
             #[cfg(feature = "embree")]
             AccelKind::Embree => "embree",
             AccelKind::Obvhs => "obvhs",
@@ -153,12 +159,12 @@ impl FromStr for AccelKind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        let found = AccelKind::ALL.iter().find(|kind| kind.to_string() == name);
+        let found = AccelKind::CHOICES.iter().find(|kind| kind.to_string() == name);
         found.copied().ok_or_else(|| {
             if name == "embree" {
                 return Error::usage("this Buffon was built without Embree (feature `embree`); use `obvhs`");
             }
-            let names: Vec<String> = AccelKind::ALL.iter().map(|kind| format!("`{kind}`")).collect();
+            let names: Vec<String> = AccelKind::CHOICES.iter().map(|kind| format!("`{kind}`")).collect();
             Error::usage(format!("expected {}, found `{name}`", names.join(" or ")))
         })
     }
@@ -186,15 +192,26 @@ pub fn build(kind: AccelKind, assembly: impl Into<Assembly>, threads: usize, rob
     let mut assembly = assembly.into();
     let checked = assembly.check()?;
     let dropped = checked.dropped;
-    let accel: Box<dyn Accel> = match kind {
-        #[cfg(feature = "embree")]
-        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(assembly, &checked, threads, robust)?),
-        AccelKind::Obvhs => {
-            let _ = robust;
-            Box::new(bvh::Bvh::new(assembly, &checked, threads)?)
-        }
-    };
+    let accel = build_checked(kind, assembly, &checked, threads, robust)?;
     Ok(Built { accel, dropped })
+}
+
+fn build_checked(
+    kind: AccelKind,
+    assembly: Assembly,
+    checked: &assembly::Checked,
+    threads: usize,
+    robust: bool,
+) -> Result<Box<dyn Accel>> {
+    Ok(match kind {
+        AccelKind::Auto => match list::List::new(&assembly, checked) {
+            Some(list) => Box::new(list),
+            None => build_checked(AccelKind::ALL[0], assembly, checked, threads, robust)?,
+        },
+        #[cfg(feature = "embree")]
+        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(assembly, checked, threads, robust)?),
+        AccelKind::Obvhs => Box::new(bvh::Bvh::new(assembly, checked, threads)?),
+    })
 }
 
 #[cfg(test)]
@@ -203,11 +220,14 @@ mod tests {
 
     #[test]
     fn a_back_end_is_named_and_an_unknown_name_is_answered_with_the_known_ones() {
-        for kind in AccelKind::ALL {
+        for kind in AccelKind::CHOICES {
             assert_eq!(kind.to_string().parse(), Ok(*kind));
         }
         let error = "bvh".parse::<AccelKind>().unwrap_err().to_string();
-        assert!(error.starts_with("expected `") && error.ends_with("`obvhs`, found `bvh`"), "{error}");
+        assert!(
+            error.starts_with("expected `auto` or `") && error.ends_with("`obvhs`, found `bvh`"),
+            "{error}"
+        );
         #[cfg(not(feature = "embree"))]
         assert_eq!(
             "embree".parse::<AccelKind>().unwrap_err().to_string(),
@@ -217,7 +237,7 @@ mod tests {
 
     #[test]
     fn an_empty_scene_has_no_bounds_and_no_hits() {
-        for &kind in AccelKind::ALL {
+        for &kind in AccelKind::CHOICES {
             let built = build(kind, Assembly::default(), 1, true).expect("built");
             assert!(built.accel.bounds().is_empty());
             assert_eq!(built.accel.intersect(&Ray::new(Vec3::ZERO, Vec3::X)), None);

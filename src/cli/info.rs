@@ -21,7 +21,7 @@ pub struct InfoArgs {
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
     pub define: Vec<(String, String)>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
+    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
 }

@@ -46,7 +46,7 @@ pub struct RenderArgs {
     /// The sampler: independent, stratified or sobol [default: sobol]
     #[arg(long, value_name = "NAME")]
     pub sampler: Option<SamplerKind>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
+    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
     /// Size of the full image, instead of the scene's (a crop of the scene is dropped)

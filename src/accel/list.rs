@@ -1,0 +1,443 @@
+//! A list instead of a tree: scenes of a few dozen flat or analytic surfaces, each tested against eight rays at a time.
+//!
+//! Two triangles that make a parallelogram are tested as one. A lane computes the plane's distance and the coordinates
+//! of the point that the ray meets; where their rounding could decide (near an edge, at a grazing angle, for an
+//! origin far outside the scene), the triangles themselves are asked with the watertight test that the pure-Rust BVH
+//! uses. So the list is as watertight as that, and a walk through a tree, which costs more than a few dozen planes,
+//! is saved. Analytic surfaces are asked, by the code that all back ends share, where a ray meets a ball around them.
+
+use super::assembly::{Assembly, Checked};
+use super::geometry::valid_triangle;
+use super::triangle::ShearedRay;
+use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
+use crate::math::lanes::{LANES, Vec3x16, bits, f32x16};
+use crate::math::robust::gamma;
+use crate::math::{Bounds, Ray, RayX16, Vec3};
+use facet::{Facet, Half, Made, Triangle, facet};
+use wide::{f32x8, i32x8};
+
+mod facet;
+
+/// The costs of a facet and of an analytic surface, and the greatest sum of them for which a list is faster than
+/// Embree on rays in all directions (`cargo bench --bench traversal`).
+const COST_OF_FACET: usize = 1;
+const COST_OF_SURFACE: usize = 2;
+const GREATEST_COST: usize = 48;
+/// Origins within so many radii of the scene's bounding ball are computed in lanes.
+const REACH: f32 = 4.0;
+
+/// The list over an assembly.
+pub struct List {
+    /// Parallelograms, then single triangles.
+    facets: Vec<Facet>,
+    quads: usize,
+    surfaces: Vec<Surface>,
+    bounds: Bounds,
+    center: Vec3,
+    reach: f32,
+    ray_limit: f32,
+}
+
+/// An analytic surface and a ball around it.
+struct Surface {
+    geometry: u32,
+    primitive: Primitive,
+    center: Vec3,
+    radius_squared: f32,
+}
+
+impl List {
+    /// The list over a checked assembly, if that is small and simple enough: no instances, no filter, no slivers.
+    pub(super) fn new(assembly: &Assembly, checked: &Checked) -> Option<Self> {
+        let count: usize = assembly.geometry.iter().map(Geometry::len).sum();
+        let simple = assembly.groups.is_empty() && assembly.instances.is_empty() && assembly.filter.is_none();
+        if !simple || count > 2 * GREATEST_COST || checked.bounds.is_empty() {
+            return None;
+        }
+        let center = checked.bounds.center();
+        let reach = REACH * checked.bounds.radius();
+        let (quads, lone) = facets(triangles(assembly), reach)?;
+        let surfaces: Vec<Surface> = surfaces(assembly, reach).collect();
+        let cost = COST_OF_FACET * (quads.len() + lone.len()) + COST_OF_SURFACE * surfaces.len();
+        let usable = cost <= GREATEST_COST && reach.is_finite() && reach < checked.ray_limit;
+        usable.then(|| List {
+            quads: quads.len(),
+            facets: quads.into_iter().chain(lone).collect(),
+            surfaces,
+            bounds: checked.bounds,
+            center,
+            reach,
+            ray_limit: checked.ray_limit,
+        })
+    }
+
+    /// Answers for a wave: by `of_lane` for rays that lanes can compute, by `of_hit` for the others.
+    #[inline(always)]
+    fn trace<const ANY: bool, T>(
+        &self,
+        rays: &[Ray],
+        answers: &mut [T],
+        of_lane: impl Fn(&Found, &Exact, usize) -> T,
+        of_hit: impl Fn(Option<Hit>) -> T,
+    ) {
+        assert_eq!(rays.len(), answers.len(), "one answer for each ray");
+        let mut exact = [None; 8];
+        for first in (0..rays.len()).step_by(LANES) {
+            let block = RayX16::load(rays, first);
+            let rays = &rays[first..rays.len().min(first + LANES)];
+            let answers = &mut answers[first..first + rays.len()];
+            for (half, (rays, answers)) in rays.chunks(8).zip(answers.chunks_mut(8)).enumerate() {
+                let (lanes, found, far) = Lanes::new(self, rays, &block, half);
+                let found = lanes.test_all::<ANY>(self, found, &mut exact);
+                for (lane, answer) in answers.iter_mut().enumerate() {
+                    *answer = of_lane(&found, &exact, lane);
+                }
+                for lane in bits(far) {
+                    answers[lane] = of_hit(self.intersect_exactly(&rays[lane]));
+                }
+            }
+        }
+    }
+
+    /// The nearest hit by asking every triangle and surface itself.
+    fn intersect_exactly(&self, ray: &Ray) -> Option<Hit> {
+        if !is_valid_ray(ray, self.ray_limit) {
+            return None;
+        }
+        let mut nearest = Nearest { t: ray.t_max, hit: None };
+        let sheared = ShearedRay::new(ray);
+        for (i, facet) in self.facets.iter().enumerate() {
+            nearest.ask(&sheared, facet, i < self.quads);
+        }
+        for surface in &self.surfaces {
+            nearest.ask_surface(ray, surface);
+        }
+        nearest.hit
+    }
+}
+
+/// All valid triangles, in the order of the assembly.
+fn triangles(assembly: &Assembly) -> Vec<Triangle> {
+    let mut triangles = Vec::new();
+    for (geometry, of_list) in (0..).zip(&assembly.geometry) {
+        let Geometry::Triangles { positions, indices } = of_list else { continue };
+        for (primitive, &indices) in (0..).zip(indices.iter()) {
+            let corners = valid_triangle(positions, indices);
+            triangles.extend(corners.map(|corners| Triangle { geometry, primitive, corners }));
+        }
+    }
+    triangles
+}
+
+/// Parallelograms of neighbours in the list, and what is left; `None` if a triangle is too thin.
+fn facets(triangles: Vec<Triangle>, reach: f32) -> Option<(Vec<Facet>, Vec<Facet>)> {
+    let (mut quads, mut lone) = (Vec::new(), Vec::new());
+    let mut rest = &triangles[..];
+    while let [first, following @ ..] = rest {
+        let partner = following.first().filter(|next| next.geometry == first.geometry);
+        let pair = partner.map(|next| facet(*first, Some(*next), reach));
+        if let Some(Made::Quad(quad)) = pair {
+            quads.push(quad);
+            rest = &following[1..];
+            continue;
+        }
+        match facet(*first, None, reach) {
+            Made::Lone(triangle) => lone.push(triangle),
+            _ => return None,
+        }
+        rest = following;
+    }
+    Some((quads, lone))
+}
+
+fn surfaces(assembly: &Assembly, reach: f32) -> impl Iterator<Item = Surface> {
+    (0..).zip(&assembly.geometry).filter_map(move |(geometry, of_list)| {
+        let &Geometry::Analytic(primitive) = of_list else { return None };
+        let bounds = primitive.bounds();
+        let center = bounds.center();
+        // Wider by more than the rounding of the test.
+        let radius_squared = (bounds.max - center).length_squared() * 1.01 + 1e-5 * reach * reach;
+        primitive.is_valid().then_some(Surface { geometry, primitive, center, radius_squared })
+    })
+}
+
+/// The nearest hit so far.
+struct Nearest {
+    t: f32,
+    hit: Option<Hit>,
+}
+
+impl Nearest {
+    #[inline]
+    fn found(&mut self, hit: Hit) {
+        if hit.t < self.t {
+            self.t = hit.t;
+            self.hit = Some(hit);
+        }
+    }
+
+    /// Asks the triangles of a facet.
+    fn ask(&mut self, ray: &ShearedRay, facet: &Facet, both: bool) {
+        for Half { triangle, .. } in &facet.halves[..1 + usize::from(both)] {
+            let corners = triangle.corners.map(|p| p.to_array());
+            if let Some((t, u, v)) = ray.intersect(&corners, self.t) {
+                let Triangle { geometry, primitive, .. } = *triangle;
+                self.found(Hit { t, u, v, geometry, primitive, instance: NO_INSTANCE });
+            }
+        }
+    }
+
+    fn ask_surface(&mut self, ray: &Ray, surface: &Surface) {
+        let ray = Ray { t_max: self.t, ..*ray };
+        if let Some(hit) = surface.primitive.intersect(&ray) {
+            let geometry = surface.geometry;
+            self.found(Hit { t: hit.t, u: hit.u, v: hit.v, geometry, primitive: 0, instance: NO_INSTANCE });
+        }
+    }
+}
+
+/// Eight vectors.
+#[derive(Clone, Copy)]
+struct Vec3x8([f32x8; 3]);
+
+impl Vec3x8 {
+    /// r − c for eight r.
+    #[inline(always)]
+    fn relative_to(self, c: Vec3) -> Self {
+        let [x, y, z] = self.0;
+        Vec3x8([x - c.x, y - c.y, z - c.z])
+    }
+
+    #[inline(always)]
+    fn dot(self, v: Vec3) -> f32x8 {
+        let [x, y, z] = self.0;
+        x.mul_add(f32x8::splat(v.x), y.mul_add(f32x8::splat(v.y), z * v.z))
+    }
+
+    #[inline(always)]
+    fn dot_x8(self, o: Self) -> f32x8 {
+        let ([x, y, z], [a, b, c]) = (self.0, o.0);
+        x.mul_add(a, y.mul_add(b, z * c))
+    }
+
+    /// Where all components are at most `limit` in magnitude; false for NaN.
+    #[inline(always)]
+    fn is_within(self, limit: f32x8) -> f32x8 {
+        let [x, y, z] = self.0.map(|c| c.abs().simd_le(limit));
+        x & y & z
+    }
+}
+
+/// Eight rays.
+struct Lanes<'a> {
+    rays: &'a [Ray],
+    o: Vec3x8,
+    d: Vec3x8,
+    /// The sum of the direction's components' magnitudes: at least its length.
+    length: f32x8,
+    /// Below this |d·n| may be off by its rounding.
+    grazing: f32x8,
+}
+
+/// What eight rays have found; a value, so that it stays in registers.
+#[derive(Clone, Copy)]
+struct Found {
+    /// The distance of the nearest hit; 0 for rays that have ended or are not for lanes.
+    t: f32x8,
+    /// The nearest facet, or what else there is to say: [`NOTHING`], [`EXACT`].
+    facet: i32x8,
+    /// The coordinates on the facet.
+    s: f32x8,
+    r: f32x8,
+}
+
+/// No hit.
+const NOTHING: i32 = -1;
+/// A hit that was found by asking about a single ray.
+const EXACT: i32 = -2;
+
+/// Those hits.
+type Exact = [Option<Hit>; 8];
+
+impl<'a> Lanes<'a> {
+    /// Half of a block, the rays that can be computed in lanes, and the bits of those that are valid but start too
+    /// far away.
+    #[inline(always)]
+    fn new(list: &List, rays: &'a [Ray], block: &RayX16, half: usize) -> (Self, Found, u32) {
+        let pick = |v: f32x16| bytemuck::cast::<f32x16, [f32x8; 2]>(v)[half];
+        let three = |v: Vec3x16| Vec3x8([v.x, v.y, v.z].map(pick));
+        let (o, d, t_max, time) = (three(block.o), three(block.d), pick(block.t_max), pick(block.time));
+        let limit = f32x8::splat(list.ray_limit);
+        let [dx, dy, dz] = d.0.map(f32x8::abs);
+        let length = dx + dy + dz;
+        let valid = o.is_within(limit)
+            & d.is_within(limit)
+            & length.simd_gt(f32x8::ZERO)
+            & t_max.simd_gt(f32x8::ZERO)
+            & time.simd_ge(f32x8::ZERO)
+            & time.simd_le(f32x8::ONE);
+        let near = o.relative_to(list.center).is_within(f32x8::splat(list.reach));
+        let lanes = Lanes { rays, o, d, length, grazing: length * gamma(4) };
+        let found =
+            Found { t: t_max & (valid & near), facet: i32x8::splat(NOTHING), s: f32x8::ZERO, r: f32x8::ZERO };
+        (lanes, found, valid.to_bitmask() & !near.to_bitmask())
+    }
+
+    /// Tests a facet; `LONE` for one with a single half. With `ANY` a hit ends a ray.
+    #[inline(always)]
+    fn test<const LONE: bool, const ANY: bool>(
+        &self,
+        facet: &Facet,
+        index: usize,
+        mut found: Found,
+        exact: &mut Exact,
+    ) -> Found {
+        let from_center = self.o.relative_to(facet.center);
+        let (height, slope) = (from_center.dot(facet.normal), self.d.dot(facet.normal));
+        let per_slope = f32x8::ONE / slope;
+        let t = -height * per_slope;
+        let s = t.mul_add(self.d.dot(facet.du), from_center.dot(facet.du));
+        let r = t.mul_add(self.d.dot(facet.dv), from_center.dot(facet.dv));
+        let mut outside = s.abs().fast_max(r.abs()) - 0.5;
+        if LONE {
+            outside = outside.fast_max(s + r);
+        }
+        let margin = (self.length * per_slope).abs() * facet.margin;
+        let ahead = t.simd_gt(f32x8::ZERO) & t.simd_lt(found.t);
+        let grazing = slope.abs().simd_lt(self.grazing) & found.t.simd_gt(f32x8::ZERO);
+        let hit = ahead & outside.simd_lt(-margin);
+        let uncertain = ((ahead & outside.abs().simd_le(margin)) | grazing).to_bitmask();
+        found.t = hit.select(if ANY { f32x8::ZERO } else { t }, found.t);
+        found.s = hit.select(s, found.s);
+        found.r = hit.select(r, found.r);
+        found.facet = bytemuck::cast::<f32x8, i32x8>(hit).select(i32x8::splat(index as i32), found.facet);
+        if uncertain == 0 {
+            return found;
+        }
+        self.ask::<ANY>(uncertain, found, exact, |ray, nearest| {
+            nearest.ask(&ShearedRay::new(ray), facet, !LONE);
+        })
+    }
+
+    /// Tests an analytic surface where a ray meets the ball around it.
+    #[inline(always)]
+    fn test_surface<const ANY: bool>(&self, surface: &Surface, found: Found, exact: &mut Exact) -> Found {
+        let from_center = self.o.relative_to(surface.center);
+        let b = from_center.dot_x8(self.d);
+        let c = from_center.dot_x8(from_center) - surface.radius_squared;
+        let meets = (b * b).simd_ge(self.d.dot_x8(self.d) * c);
+        let ahead = b.simd_lt(f32x8::ZERO) | c.simd_lt(f32x8::ZERO);
+        let candidates = (meets & ahead & found.t.simd_gt(f32x8::ZERO)).to_bitmask();
+        if candidates == 0 {
+            return found;
+        }
+        self.ask::<ANY>(candidates, found, exact, |ray, nearest| nearest.ask_surface(ray, surface))
+    }
+
+    /// Asks about some lanes one by one. What has been found is taken apart and put together again here, so that
+    /// it need not have an address.
+    #[inline(always)]
+    fn ask<const ANY: bool>(
+        &self,
+        lanes: u32,
+        mut found: Found,
+        exact: &mut Exact,
+        question: impl Fn(&Ray, &mut Nearest),
+    ) -> Found {
+        let (mut t, mut facet) = (found.t.to_array(), found.facet.to_array());
+        ask_each::<ANY>(self.rays, lanes, (&mut t, &mut facet), exact, question);
+        (found.t, found.facet) = (f32x8::new(t), i32x8::new(facet));
+        found
+    }
+
+    #[inline(always)]
+    fn test_all<const ANY: bool>(&self, list: &List, mut found: Found, exact: &mut Exact) -> Found {
+        let (quads, lone) = list.facets.split_at(list.quads);
+        for (i, facet) in quads.iter().enumerate() {
+            found = self.test::<false, ANY>(facet, i, found, exact);
+        }
+        for (i, facet) in lone.iter().enumerate() {
+            found = self.test::<true, ANY>(facet, quads.len() + i, found, exact);
+        }
+        for surface in &list.surfaces {
+            found = self.test_surface::<ANY>(surface, found, exact);
+        }
+        found
+    }
+}
+
+#[inline(never)]
+fn ask_each<const ANY: bool>(
+    rays: &[Ray],
+    lanes: u32,
+    (t, facet): (&mut [f32; 8], &mut [i32; 8]),
+    exact: &mut Exact,
+    question: impl Fn(&Ray, &mut Nearest),
+) {
+    for lane in bits(lanes) {
+        let mut nearest = Nearest { t: t[lane], hit: None };
+        question(&rays[lane], &mut nearest);
+        if let Some(hit) = nearest.hit {
+            t[lane] = if ANY { 0.0 } else { hit.t };
+            facet[lane] = EXACT;
+            exact[lane] = Some(hit);
+        }
+    }
+}
+
+impl List {
+    /// The nearest hit of a lane.
+    #[inline]
+    fn hit(&self, found: &Found, exact: &Exact, lane: usize) -> Option<Hit> {
+        let i = match found.facet.as_array()[lane] {
+            NOTHING => return None,
+            EXACT => return exact[lane],
+            i => i as usize,
+        };
+        let (s, r) = (found.s.as_array()[lane], found.r.as_array()[lane]);
+        let Half { triangle, u, v } = &self.facets[i].halves[usize::from(i < self.quads && s + r >= 0.0)];
+        Some(Hit {
+            t: found.t.as_array()[lane],
+            u: (u[0] + u[1] * s + u[2] * r).max(0.0),
+            v: (v[0] + v[1] * s + v[2] * r).max(0.0),
+            geometry: triangle.geometry,
+            primitive: triangle.primitive,
+            instance: NO_INSTANCE,
+        })
+    }
+}
+
+impl Accel for List {
+    fn name(&self) -> &'static str {
+        "list"
+    }
+
+    fn bounds(&self) -> Bounds {
+        self.bounds
+    }
+
+    fn memory_bytes(&self) -> usize {
+        size_of_val(self.facets.as_slice()) + size_of_val(self.surfaces.as_slice())
+    }
+
+    fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        let mut hit = [None];
+        self.intersect_wave(std::slice::from_ref(ray), &mut hit, Coherence::Incoherent);
+        hit[0]
+    }
+
+    fn occluded(&self, ray: &Ray) -> bool {
+        let mut occluded = [false];
+        self.occluded_wave(std::slice::from_ref(ray), &mut occluded, Coherence::Incoherent);
+        occluded[0]
+    }
+
+    fn intersect_wave(&self, rays: &[Ray], hits: &mut [Option<Hit>], _coherence: Coherence) {
+        self.trace::<false, _>(rays, hits, |found, exact, lane| self.hit(found, exact, lane), |hit| hit);
+    }
+
+    fn occluded_wave(&self, rays: &[Ray], occluded: &mut [bool], _coherence: Coherence) {
+        let is_hit = |found: &Found, _: &Exact, lane: usize| found.facet.as_array()[lane] != NOTHING;
+        self.trace::<true, _>(rays, occluded, is_hit, |hit| hit.is_some());
+    }
+}
