@@ -6,8 +6,8 @@
 //! pixel); past 6^6 points of a half it goes on with a new, independently scrambled one. Single numbers take base 2.
 //!
 //! Every pair has the bases 2 and 3, as [`sobol`](super::sobol) has the same two dimensions for every pair. Bases of its own
-//! for every dimension (5 and 7 for the next pair, and so on) give 5 to 20 % more relMSE up to 72 samples per
-//! pixel, and as much at 256, on a Cornell box and on a scene with a lens: large bases need many points.
+//! for every dimension (5 and 7 for the next pair, and so on) have up to 25 % more relMSE up to 72 samples per
+//! pixel, and about as much at 256 (docs/samplers.md): large bases need many points.
 
 use super::SampleKey;
 use super::sobol;
