@@ -6,7 +6,7 @@
 //! pixel); past 6^6 points of a half it goes on with a new, independently scrambled one. Single numbers take base 2.
 //!
 //! Every pair has the bases 2 and 3, as [`sobol`](super::sobol) has the same two dimensions for every pair. Bases of its own
-//! for every dimension (5 and 7 for the next pair, and so on) have up to 25 % more relMSE up to 72 samples per
+//! for every dimension (5 and 7 for the next pair, and so on) have up to 23 % more relMSE up to 72 samples per
 //! pixel, and about as much at 256 (docs/samplers.md): large bases need many points.
 
 use super::SampleKey;
