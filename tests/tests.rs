@@ -28,6 +28,8 @@ mod own_scenes;
 mod parity;
 mod parity_instances;
 mod plugins;
+mod samplers;
+mod samplers_rendered;
 mod scattering;
 mod scattering_extremes;
 mod scattering_principled;

@@ -43,7 +43,15 @@ pub struct RenderArgs {
     /// The integrator: path, direct, ptracer, depth or aov [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
-    /// The sampler: independent, stratified or sobol [default: sobol]
+    /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]
+    ///
+    /// independent: uniform random numbers, what the others are measured against.
+    /// stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and column; they
+    /// fill all of their cells at some numbers of samples only, of which every power of two is one.
+    /// halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol at powers of
+    /// two.
+    /// zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs a power of two.
+    /// fixed: the same Sobol points in every pixel, so that the error shows as structure.
     #[arg(long, value_name = "NAME")]
     pub sampler: Option<SamplerKind>,
     /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
@@ -104,6 +112,10 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     let (session, mut seconds) = open(args)?;
     let plan = session.plan(&choices(args))?;
+    let advice = plan.job.sampler.kind().advice(plan.job.stop.samples);
+    if let Some(advice) = advice.filter(|_| !args.quiet) {
+        eprintln!("buffon: note: {advice}");
+    }
     let progress = Arc::new(Progress::new());
     let signal = listen(&progress)?;
     let rendered = sample(args, &session, &plan, &progress)?;
