@@ -90,5 +90,6 @@ pub mod report;
 pub mod sampling;
 pub mod scene;
 pub mod sensor;
+pub mod session;
 pub mod shape;
 pub mod texture;
