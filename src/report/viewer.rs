@@ -4,7 +4,7 @@
 //! them, the small pictures remain.
 
 use super::html::{Html, add, escape};
-use super::pixels::{HEAT_DECADES, HEAT_MAX, colours, packed, thumbnail};
+use super::pixels::{HEAT_DECADES, HEAT_MAX, packed, thumbnail};
 use crate::error::{Error, Result};
 use crate::image::{HeatScale, Image, heat, to_srgb};
 
@@ -105,7 +105,7 @@ impl Viewer<'_> {
 /// An exposure in steps of a half at which most of an image is neither black nor white: its 80th percentile of luminance
 /// becomes 0.7. 0 for an image that is black, or bright enough as it is.
 pub fn exposure_of(image: &Image) -> f32 {
-    let colours = colours(image);
+    let colours = image.colours();
     let mut luminances: Vec<f32> =
         colours.chunks_exact(3).map(|c| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]).collect();
     luminances.sort_unstable_by(f32::total_cmp);
