@@ -52,15 +52,15 @@ fn winner(scene: &SceneReport) -> Option<String> {
         format!(", {}× that of {}", number((best / second * 100.0).round() / 100.0), label(&row.combination))
     });
     Some(format!(
-        "{}: most efficient is {} with {} per second{lead}.",
+        "{}: most efficient is {}, at {} per second{lead}.",
         scene.name(),
         label(&first.combination),
-        number(best.round())
+        number(three_digits(*best))
     ))
 }
 
 fn label(c: &Combination) -> String {
-    format!("{} · {} · {}", c.integrator, c.sampler, c.accel)
+    format!("{}\u{a0}· {}\u{a0}· {}", c.integrator, c.sampler, c.accel)
 }
 
 fn section(report: &Report, scene: &SceneReport, pixels: &mut usize) -> Result<Html> {
@@ -187,7 +187,7 @@ fn pictures(scene: &SceneReport) -> Result<Vec<Picture>> {
     let mut pictures = vec![Picture {
         images: vec![thumbnail(reference, THUMBNAIL, exposure)?],
         title: "reference".into(),
-        note: scene.reference.floor.map_or_else(String::new, |f| format!("relMSE about {f:.1e}")),
+        note: scene.reference.floor.map_or_else(String::new, |f| format!("relMSE about {}", number(f))),
     }];
     for row in &scene.rows {
         let (Some(image), Some(Some(m))) = (&row.image, row.medians().pop()) else { continue };
@@ -197,7 +197,12 @@ fn pictures(scene: &SceneReport) -> Result<Vec<Picture>> {
                 error_thumbnail(image, reference, THUMBNAIL)?,
             ],
             title: label(&row.combination),
-            note: format!("{:.2} s, {} spp, relMSE {:.2e}", m.seconds, m.samples_per_pixel, m.relmse),
+            note: format!(
+                "{:.2} s, {} spp, relMSE {}",
+                m.seconds,
+                m.samples_per_pixel,
+                number(three_digits(m.relmse))
+            ),
         });
     }
     Ok(pictures)
