@@ -179,7 +179,8 @@ fn bench_scene(
 ) -> Result<Option<SceneReport>> {
     let name = path.display();
     let mut file = load(path, options)?;
-    std::mem::take(&mut file.warnings).iter().for_each(|w| tell(&format!("warning: {w}")));
+    file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
+    file.notes.iter().for_each(|note| tell(&format!("note: {note}")));
     let key = cache::key(&mut file);
     let sessions: Vec<_> = options
         .accels
@@ -205,6 +206,7 @@ fn bench_scene(
         let reason = sessions.first().and_then(|(_, s)| s.as_ref().err());
         return Err(Error::scene(reason.map_or_else(|| "no traversal".into(), Clone::clone)));
     };
+    session.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
     let reference = reference::find(session, options, key, &candidates, progress, tell)?;
     let pictures = candidates.iter().filter(|c| c.failure().is_none()).count() as u64;
     let runs =
