@@ -75,6 +75,7 @@
 #![deny(unsafe_code)]
 
 pub mod accel;
+pub mod bench;
 pub mod bsdf;
 pub mod cli;
 pub mod color;
@@ -92,6 +93,7 @@ pub mod loader;
 pub mod material;
 pub mod math;
 pub mod render;
+pub mod report;
 pub mod sampling;
 pub mod scene;
 pub mod sensor;

@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+pub mod bench;
 pub mod cpu;
 pub mod diff;
 pub mod info;
@@ -33,6 +34,7 @@ const VERSION: &str = env!("BUFFON_VERSION");
 enum Command {
     Render(Box<render::RenderArgs>),
     Diff(diff::DiffArgs),
+    Bench(Box<bench::BenchArgs>),
     Info(info::InfoArgs),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
@@ -52,6 +54,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),
