@@ -88,19 +88,20 @@ impl Tile {
         Estimate { mean, variance }
     }
 
-    /// The sum over pixels and the first three channels of `variance / (mean² + 0.01)`, and the number of terms.
-    pub fn relative_variance(&self) -> (f64, u64) {
-        let mut total = (0.0, 0);
-        for i in 0..self.pixel_count() {
-            for c in 0..3 {
-                let Estimate { mean, variance } = self.estimate(i, c);
-                if let Some(variance) = variance {
-                    total.0 += variance / (mean * mean + 0.01);
-                    total.1 += 1;
-                }
-            }
+    /// Mean and difference of the halves of channel `c` of pixel `i`; zero without samples in both halves.
+    ///
+    /// The square of the difference is the variance of [`estimate`](Self::estimate); its sign tells which half
+    /// is the brighter one.
+    #[inline]
+    pub fn replicates(&self, i: usize, c: usize) -> [f64; 2] {
+        let [n_a, n_b] = [self.counts[2 * i] as f64, self.counts[2 * i + 1] as f64];
+        if n_a == 0.0 || n_b == 0.0 {
+            return [0.0; 2];
         }
-        total
+        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c]);
+        let n = n_a + n_b;
+        // √(w (1 − w)) with w = n_a / n.
+        [(a + b) / n, (n_a * n_b).sqrt() / n * (a / n_a - b / n_b)]
     }
 
     /// Bytes of its sums.

@@ -196,7 +196,11 @@ fn tiles_of(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
 /// The estimated relMSE of the image: the mean over pixels and channels of the variance of the mean, over the
 /// squared mean plus 0.01. Summed in the order of the tiles.
 fn estimated_relmse(tiles: &[Tile]) -> Option<f64> {
-    let parts: Vec<(f64, u64)> = tiles.par_iter().map(Tile::relative_variance).collect();
+    let parts: Vec<(f64, u64)> = tiles.par_iter().map(|t| {
+        let mut total = (0.0, 0);
+        for i in 0..t.pixel_count() { for c in 0..3 { let e = t.estimate(i, c); if let Some(v) = e.variance { total.0 += v / (e.mean * e.mean + 0.01); total.1 += 1; } } }
+        total
+    }).collect();
     let (sum, n) = parts.into_iter().fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
     (n > 0).then(|| sum / n as f64)
 }
