@@ -36,9 +36,12 @@ pub struct RenderArgs {
     /// Stop sampling after this time (90s, 1.5m, 2h)
     #[arg(long, value_name = "TIME", value_parser = values::duration)]
     pub time: Option<Duration>,
-    /// Stop when the estimated relMSE of the image is at most this
+    /// Stop when the relMSE of the image is at most this, by the upper end of its estimate's 95 % interval
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
+    /// Take more samples where the error is larger, as many as --spp says on average; adds no bias
+    #[arg(long)]
+    pub adaptive: bool,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
@@ -69,7 +72,7 @@ pub struct RenderArgs {
     /// Folders to look for the scene's files in, besides its own; several are separated by ';'
     #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
     pub search_path: Vec<PathBuf>,
-    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, samples
+    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error, samples
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub aov: Vec<String>,
     /// Write an account of the render as JSON ("-" is standard output)
@@ -313,8 +316,15 @@ fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
 
 fn sample(args: &RenderArgs, prepared: &Prepared, progress: &Arc<Progress>) -> Result<Rendered> {
     let integrator = integrator::create(&prepared.settings);
+    if args.adaptive && integrator.light_tracer().is_some() {
+        return Err(Error::usage(format!(
+            "--adaptive: {} traces its paths from the lights, and cannot decide which pixels they reach",
+            integrator.name()
+        )));
+    }
     let camera = &prepared.scene.sensors[args.sensor];
-    let job = Job::new(&prepared.scene, integrator.as_ref(), camera, prepared.job.clone(), progress);
+    let job = Job::new(&prepared.scene, integrator.as_ref(), camera, prepared.job.clone(), progress)
+        .with_adaptive(args.adaptive);
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
     let watcher = Watcher::start(kind, progress.clone(), camera.film.rect().area(), prepared.job.stop);
     let rendered = job.run();
@@ -334,6 +344,10 @@ fn finished_image(prepared: &Prepared, rendered: &Rendered, args: &RenderArgs) -
     if let Some(relmse) = rendered.relmse {
         metadata.set("buffon:relmse", Value::Float(relmse as f32));
     }
+    if let Some([low, high]) = rendered.relmse_interval {
+        metadata.set("buffon:relmse_low", Value::Float(low as f32));
+        metadata.set("buffon:relmse_high", Value::Float(high as f32));
+    }
     for (name, value) in output::camera_metadata(camera) {
         metadata.set(name, value);
     }
@@ -350,6 +364,7 @@ fn account<'a>(args: &'a RenderArgs, prepared: &'a Prepared, rendered: &'a Rende
         seed: args.seed,
         threads: prepared.job.threads,
         rendered,
+        adaptive: args.adaptive,
         seconds: prepared.seconds,
     }
 }
@@ -361,10 +376,19 @@ fn summary(target: &Path, rendered: &Rendered) -> String {
         StopReason::Error => "error reached",
         StopReason::Interrupted => "interrupted",
     };
-    let error = rendered.relmse.map_or_else(String::new, |e| format!(", relMSE about {e:.2e}"));
+    let error = match (rendered.relmse, rendered.relmse_interval) {
+        (Some(e), Some([low, high])) => format!(", relMSE about {e:.2e} ({low:.2e} to {high:.2e})"),
+        _ => String::new(),
+    };
+    let counts = rendered.counts;
+    let range = if counts.most > counts.least + 1 {
+        format!(" ({} to {})", counts.least, counts.most)
+    } else {
+        String::new()
+    };
     let rate = rendered.counters.paths as f64 / rendered.elapsed.as_secs_f64().max(1e-9) * 1e-6;
     format!(
-        "{}: {}x{}, {} per pixel in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
+        "{}: {}x{}, {} per pixel{range} in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
         target.display(),
         rendered.rect.width,
         rendered.rect.height,

@@ -1,4 +1,4 @@
 //! The statistics that everything reports.
 
 pub mod metrics;
-
+pub mod replicates;
