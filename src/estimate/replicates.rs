@@ -200,7 +200,8 @@ impl Block {
             for y in 0..h - dy {
                 let (from, to) = (y * BLOCK, (y + dy) * BLOCK);
                 for x in 0..w - dx {
-                    sum += if mirrored { square(from + x + dx, to + x) } else { square(from + x, to + x + dx) };
+                    sum +=
+                        if mirrored { square(from + x + dx, to + x) } else { square(from + x, to + x + dx) };
                 }
             }
             let mean = sum / ((w - dx) * (h - dy)) as f64;
@@ -272,8 +273,8 @@ impl ErrorSums {
         if relmse == 0.0 {
             return Some(ErrorEstimate::default());
         }
-        let factor =
-            factor(self.variance.sqrt() / self.errors) * (ALLOWANCE * (self.errors / self.own).ln().abs()).exp();
+        let factor = factor(self.variance.sqrt() / self.errors)
+            * (ALLOWANCE * (self.errors / self.own).ln().abs()).exp();
         let without_outliers = (1.0 - self.outliers / self.errors).clamp(0.0, 1.0);
         Some(ErrorEstimate { relmse, interval: [relmse * without_outliers / factor, relmse * factor] })
     }
@@ -348,8 +349,12 @@ mod tests {
     #[test]
     fn extreme_values_stay_finite() {
         for value in [[1e15, 1e15], [1e-30, 1e-30], [-1.0, 2.0], [0.0, 1e18]] {
-            let estimate = sums(5, 4, |x, _| if x == 2 { value } else { [0.0; 2] }).estimate().expect("pixels");
-            assert!(estimate.relmse.is_finite() && estimate.interval.iter().all(|e| !e.is_nan()), "{estimate:?}");
+            let estimate =
+                sums(5, 4, |x, _| if x == 2 { value } else { [0.0; 2] }).estimate().expect("pixels");
+            assert!(
+                estimate.relmse.is_finite() && estimate.interval.iter().all(|e| !e.is_nan()),
+                "{estimate:?}"
+            );
         }
     }
 }

@@ -39,7 +39,8 @@ pub struct Allocation {
 
 /// Samples per pixel of the pilot, for so many samples per pixel in all; `None` if they are too few for one.
 pub fn pilot(samples: Option<u64>) -> Option<u64> {
-    let pilot = samples.map_or(LONGEST_PILOT, |n| (n / PILOT_SHARE & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
+    let pilot =
+        samples.map_or(LONGEST_PILOT, |n| (n / PILOT_SHARE & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
     samples.is_none_or(|n| n >= 2 * pilot).then_some(pilot)
 }
 
@@ -125,8 +126,9 @@ fn around(values: &[f64], width: usize, height: usize) -> Vec<f64> {
         let (top, bottom) = (y.saturating_sub(RADIUS), (y + RADIUS + 1).min(height));
         for x in 0..width {
             let (left, right) = (x.saturating_sub(RADIUS), (x + RADIUS + 1).min(width));
-            let sum = sums[bottom * stride + right] - sums[bottom * stride + left] - sums[top * stride + right]
-                + sums[top * stride + left];
+            let sum =
+                sums[bottom * stride + right] - sums[bottom * stride + left] - sums[top * stride + right]
+                    + sums[top * stride + left];
             let pixels = (right - left) * (bottom - top) - 1;
             means.push((sum - values[y * width + x]).max(0.0) / pixels.max(1) as f64);
         }
@@ -204,20 +206,19 @@ mod tests {
 
     #[test]
     fn pilots_are_a_quarter_at_most() {
-        assert_eq!([4, 7, 8, 20, 64, 1000].map(|n| pilot(Some(n))), [
-            None,
-            None,
-            Some(4),
-            Some(4),
-            Some(16),
-            Some(16)
-        ]);
+        assert_eq!(
+            [4, 7, 8, 20, 64, 1000].map(|n| pilot(Some(n))),
+            [None, None, Some(4), Some(4), Some(16), Some(16)]
+        );
         assert_eq!(pilot(None), Some(16));
     }
 
     #[test]
     fn steps_are_even_with_few_significant_bits() {
-        assert_eq!([0, 1, 2, 15, 16, 17, 19, 63, 64, 100].map(in_steps), [0, 0, 2, 14, 16, 16, 16, 56, 64, 96]);
+        assert_eq!(
+            [0, 1, 2, 15, 16, 17, 19, 63, 64, 100].map(in_steps),
+            [0, 0, 2, 14, 16, 16, 16, 56, 64, 96]
+        );
         assert!(in_steps(u64::MAX) > u64::MAX / 2);
     }
 

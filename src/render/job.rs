@@ -95,8 +95,8 @@ impl SampleCounts {
     pub fn of(tiles: &[Tile]) -> Self {
         let counts = tiles.iter().flat_map(|tile| (0..tile.pixel_count()).map(|i| tile.count(i)));
         let none = (u64::MAX, 0, 0u64, 0u64);
-        let (least, most, sum, pixels) =
-            counts.fold(none, |(least, most, sum, pixels), n| (least.min(n), most.max(n), sum + n, pixels + 1));
+        let (least, most, sum, pixels) = counts
+            .fold(none, |(least, most, sum, pixels), n| (least.min(n), most.max(n), sum + n, pixels + 1));
         SampleCounts { least: least.min(most), most, mean: sum as f64 / pixels.max(1) as f64 }
     }
 }
