@@ -34,6 +34,8 @@ const OUTLIER: f32 = 16.0;
 /// The share of the correction of the weights, as a logarithm, that the interval allows for. It is not derived:
 /// `cargo run --release --example calibration` shows what it brings.
 const ALLOWANCE: f64 = 0.15;
+/// Squares of larger values would leave the range of `f32`.
+const LARGEST: f64 = 1e15;
 /// 97.5 % of a normal distribution are below so many standard deviations.
 const NORMAL_QUANTILE: f64 = 1.959_963_984_540_054;
 /// Where the neighbours are whose products are looked at; the last one is mirrored.
@@ -85,12 +87,12 @@ impl Block {
     }
 
     /// Sets a channel of a pixel: the mean of its halves, and half their signed difference (so scaled that its square
-    /// estimates the variance of the mean, if one half has more samples).
+    /// estimates the variance of the mean, if one half has more samples). Values beyond ±10^15 count as that.
     #[inline]
     pub fn set(&mut self, x: usize, y: usize, channel: usize, [mean, difference]: [f64; 2]) {
         let i = y * BLOCK + x;
-        self.mean[channel][i] = mean as f32;
-        self.difference[channel][i] = difference as f32;
+        self.mean[channel][i] = mean.clamp(-LARGEST, LARGEST) as f32;
+        self.difference[channel][i] = difference.clamp(-LARGEST, LARGEST) as f32;
     }
 
     /// The sums of the block.
@@ -114,7 +116,7 @@ impl Block {
                 own += d * d / (self.mean[c][i] * self.mean[c][i] + floor);
                 // Half the range of the weights over r ± s, relative to their middle.
                 let s = (1.0 - common) * spread[c][i];
-                doubt += weight * d * d * 2.0 * r.abs() * s / (r * r + s * s + floor);
+                doubt += weight * d * d * (2.0 * r.abs() * s / (r * r + s * s + floor));
             }
             sums.errors += f64::from(error) / 3.0;
             sums.own += f64::from(own) / 3.0;
@@ -128,10 +130,11 @@ impl Block {
     /// What the neighbours of each pixel say of it.
     fn surroundings(&self) -> Surroundings {
         let typical = self.indices().map(|i| self.noise(i).sqrt()).sum::<f32>();
-        let scale = (self.width * self.height) as f32 / (OUTLIER * typical).max(f32::MIN_POSITIVE);
+        let pixels = (self.width * self.height) as f32;
+        let scale = if typical > 0.0 { pixels / (OUTLIER * typical) } else { 0.0 };
         let mut trust = [0.0; AREA];
         for i in self.indices() {
-            let t = self.noise(i) * scale * scale;
+            let t = (self.noise(i).sqrt() * scale).powi(2);
             trust[i] = 1.0 / (1.0 + t * t);
         }
         let padded_trust = padded(&trust);
@@ -192,7 +195,7 @@ impl Block {
         let (w, h) = (self.width, self.height);
         let square = |i: usize, j: usize| {
             let dot = d[0][i] * d[0][j] + d[1][i] * d[1][j] + d[2][i] * d[2][j];
-            f64::from(dot * dot)
+            f64::from(dot) * f64::from(dot)
         };
         let mut largest = None::<f64>;
         for (dx, dy, mirrored) in DIRECTIONS.into_iter().filter(|&(dx, dy, _)| dx < w && dy < h) {
@@ -348,12 +351,14 @@ mod tests {
 
     #[test]
     fn extreme_values_stay_finite() {
-        for value in [[1e15, 1e15], [1e-30, 1e-30], [-1.0, 2.0], [0.0, 1e18]] {
-            let estimate =
-                sums(5, 4, |x, _| if x == 2 { value } else { [0.0; 2] }).estimate().expect("pixels");
+        let quiet = sums(16, 16, |_, _| [1.0, 0.0]);
+        for value in [[1e15, 1e15], [1e30, -1e30], [1e-30, 1e-30], [-1.0, 2.0], [0.0, 1e18], [1.0, 1e-15]] {
+            let mut sums = sums(5, 4, |x, _| if x == 2 { value } else { [0.0; 2] });
+            sums.merge(&quiet);
+            let ErrorEstimate { relmse, interval: [low, high] } = sums.estimate().expect("pixels");
             assert!(
-                estimate.relmse.is_finite() && estimate.interval.iter().all(|e| !e.is_nan()),
-                "{estimate:?}"
+                (0.0..=relmse).contains(&low) && relmse <= high && high.is_finite(),
+                "{low} {relmse} {high}"
             );
         }
     }
