@@ -89,7 +89,7 @@ fn calibrate(file: &Path, options: &Options) -> Result<(), Box<dyn std::error::E
     Ok(())
 }
 
-fn print_row(name: &str, renders: &[Rendered], truths: &Vec<f64>) {
+fn print_row(name: &str, renders: &[Rendered], truths: &[f64]) {
     let n = truths.len() as f64;
     let [mut estimate, mut held, mut upper, mut to_upper, mut to_lower] = [0.0; 5];
     for (render, &truth) in renders.iter().zip(truths) {

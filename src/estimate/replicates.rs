@@ -177,9 +177,9 @@ impl Block {
                     let q = (distance * scale[k]).min(1e15);
                     let weight = trust[start + k] / (1.0 + q * q);
                     sums.total[k] += weight;
-                    for c in 0..3 {
-                        sums.first[c][k] += weight * v[c];
-                        sums.second[c][k] += weight * v[c] * v[c];
+                    for (c, v) in v.into_iter().enumerate() {
+                        sums.first[c][k] += weight * v;
+                        sums.second[c][k] += weight * v * v;
                     }
                 }
             }

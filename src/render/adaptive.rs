@@ -40,7 +40,7 @@ pub struct Allocation {
 /// Samples per pixel of the pilot, for so many samples per pixel in all; `None` if they are too few for one.
 pub fn pilot(samples: Option<u64>) -> Option<u64> {
     let pilot =
-        samples.map_or(LONGEST_PILOT, |n| (n / PILOT_SHARE & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
+        samples.map_or(LONGEST_PILOT, |n| ((n / PILOT_SHARE) & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
     samples.is_none_or(|n| n >= 2 * pilot).then_some(pilot)
 }
 
