@@ -137,7 +137,7 @@ fn a_target_is_reached_with_few_samples_too_many() {
         let rendered = render(&scene, sampler, rules, 3, false);
         let [_, high] = rendered.relmse_interval.expect("an interval");
         assert!(high <= target && high > 0.85 * target, "{sampler}: {high}");
-        assert!(rendered.samples_per_pixel % 2 == 0);
+        assert!(rendered.samples_per_pixel.is_multiple_of(2));
     }
 }
 

@@ -146,7 +146,7 @@ mod tests {
             let mut done = 0;
             while rules.reached(done, SECOND, about(per_sample / done as f64)).is_none() {
                 let pass = rules.next_pass(done, SECOND, about(per_sample / done.max(1) as f64));
-                assert!(pass % 2 == 0 && pass > 0, "{pass}");
+                assert!(pass.is_multiple_of(2) && pass > 0, "{pass}");
                 done += pass;
             }
             let needed = (1.1 * per_sample / 1e-3).max(16.0);
