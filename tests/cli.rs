@@ -29,13 +29,13 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "render s.xml --aov nope",
             2,
             "buffon: --aov: there is no layer \"nope\"; there are albedo, N, geo_normal, P, Z, uv, prim_index, \
-             shape_index, variance, samples",
+             shape_index, variance, standard_error, samples",
         ),
         (
             "render s.xml --integrator aov",
             2,
             "buffon: --integrator aov: expected layers in --aov: albedo, N, geo_normal, P, Z, uv, prim_index, \
-             shape_index, variance, samples",
+             shape_index, variance, standard_error, samples",
         ),
         ("render s.xml --aov Z,Z", 2, "buffon: --aov: the layer \"Z\" is there twice"),
         ("render s.xml --aov Z -o s.png", 2, "buffon: --aov: layers need an EXR, which s.png is not"),
@@ -404,7 +404,7 @@ fn progress_goes_to_standard_error() {
     }
     let run = folder.render("s.xml --progress plain --time 6.5s -t 1");
     let line = run.stderr.lines().next().expect("a line after five seconds");
-    for part in [" %, ", " samples per pixel, ", " M samples/s, relMSE about ", " s left"] {
+    for part in [" %, ", " samples per pixel, ", " s of 6.5 s, relMSE ", " M samples/s, ", " s left"] {
         assert!(line.contains(part), "{part} in {line}");
     }
 }

@@ -11,6 +11,7 @@ mod distributions;
 mod embree_ffi;
 mod emitters;
 mod environment_map;
+mod error_estimates;
 mod gltf;
 mod gltf_errors;
 mod holes;

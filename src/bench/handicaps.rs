@@ -17,6 +17,10 @@ const COMPILED_FOR: &str = if cfg!(target_feature = "avx512f") {
 pub(super) fn of(accel: AccelKind, threads: usize) -> String {
     let detected = machine::simd();
     match accel {
+        AccelKind::Auto => format!(
+            "auto: for a scene of a few dozen surfaces a list of them, eight rays at a time in Rust compiled for {COMPILED_FOR} \
+             (the processor has {detected}), watertight; any other scene as the first of those below; {threads} threads."
+        ),
         #[cfg(feature = "embree")]
         AccelKind::Embree => format!(
             "embree: Embree 3 as Debian builds it, with code for the widest SIMD of the processor ({detected}) chosen at run \

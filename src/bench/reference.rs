@@ -125,7 +125,7 @@ fn render(
         sampler: Some(SamplerKind::default()),
         stop: wanted.stop,
         seed: options.seed.wrapping_add(OTHER_SEED),
-        aov: Vec::new(),
+        ..Choices::default()
     };
     let samples = wanted.stop.samples.map_or_else(String::new, |n| format!("{n} samples per pixel, "));
     let seconds = wanted.stop.time.unwrap_or_default().as_secs_f64();

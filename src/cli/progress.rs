@@ -81,6 +81,8 @@ impl Watcher {
 }
 
 const STEPS: u64 = 1000;
+/// What is shown of a render that is not done is at most this share.
+const NOT_DONE: f64 = 0.999;
 
 fn bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(STEPS), ProgressDrawTarget::stderr());
@@ -98,9 +100,9 @@ impl View {
         let by_samples = self.rules.samples.map(|n| samples / n as f64);
         let by_time = self.rules.time.map(|t| elapsed / t.as_secs_f64());
         // The error falls about as one over the number of samples.
-        let by_error = self.rules.error.and_then(|target| Some(target / self.progress.relmse()?));
+        let by_error = self.rules.error.and_then(|target| Some(target / self.progress.error()?.interval[1]));
         let shares = [by_samples, by_time, by_error].into_iter().flatten();
-        shares.reduce(f64::max).map(|share| share.clamp(0.0, 0.999))
+        shares.reduce(f64::max).map(|share| share.clamp(0.0, NOT_DONE))
     }
 
     fn rate(&self) -> f64 {
@@ -113,17 +115,23 @@ impl View {
     }
 
     fn line(&self) -> String {
-        let mut line = match self.share() {
-            // Floored: a percentage never rounds up to done.
-            Some(share) => format!("{:>3} %", (share * 100.0) as u32),
-            None => "running".into(),
+        let mut line = self.share().map_or_else(|| "running".into(), percentage);
+        let per_pixel = (self.progress.pixel_samples() as f64 / self.pixels as f64) as u64;
+        line += &match self.rules.samples {
+            Some(n) => format!(", {per_pixel}/{n} samples per pixel"),
+            None => format!(", {} per pixel", counted(per_pixel, "sample", "samples")),
         };
-        let per_pixel = self.progress.pixel_samples() as f64 / self.pixels as f64;
-        let samples = counted(per_pixel as u64, "sample", "samples");
-        line += &format!(", {samples} per pixel, {:.2} M samples/s", self.rate() * 1e-6);
-        if let Some(relmse) = self.progress.relmse() {
-            line += &format!(", relMSE about {relmse:.1e}");
+        if let Some(time) = self.rules.time {
+            line += &format!(", {} s of {} s", self.started.elapsed().as_secs(), time.as_secs_f64());
         }
+        if let Some(error) = self.progress.error() {
+            let [low, high] = error.interval;
+            line += &format!(", relMSE {:.1e} ({low:.1e} to {high:.1e})", error.relmse);
+            if let Some(target) = self.rules.error {
+                line += &format!(" → {target}");
+            }
+        }
+        line += &format!(", {:.2} M samples/s", self.rate() * 1e-6);
         if let Some(eta) = self.eta() {
             line += &format!(", {:.0} s left", eta.as_secs_f64().ceil());
         }
@@ -138,6 +146,12 @@ impl View {
             "samples_per_pixel": self.progress.samples_per_pixel(),
             "samples": self.progress.pixel_samples(),
             "relmse_estimate": self.progress.relmse(),
+            "relmse_interval": self.progress.error().map(|error| error.interval),
+            "rules": {
+                "samples": self.rules.samples,
+                "seconds": self.rules.time.map(|time| time.as_secs_f64()),
+                "relmse": self.rules.error,
+            },
         })
         .to_string()
     }
@@ -145,5 +159,32 @@ impl View {
     fn draw(&self, bar: &ProgressBar) {
         bar.set_position((self.share().unwrap_or(0.0) * STEPS as f64) as u64);
         bar.set_message(self.line());
+    }
+}
+
+/// A share as a percentage, rounded down: what is not done is never shown as done.
+fn percentage(share: f64) -> String {
+    // A share of 0.578 is 57.8 %, although 578 thousandths are a little less as a binary number.
+    format!("{:>4.1} %", (share * 1000.0 + 1e-9).floor() / 10.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentages_are_rounded_down() {
+        let shown = [0.0, 0.0009999, 0.578, 0.9996, 0.99999, 1.0].map(percentage);
+        assert_eq!(shown, [" 0.0 %", " 0.0 %", "57.8 %", "99.9 %", "99.9 %", "100.0 %"]);
+    }
+
+    #[test]
+    fn the_line_shows_every_rule_that_was_given() {
+        let progress = Arc::new(Progress::new());
+        let rules = StopRules { samples: Some(64), time: Some(Duration::from_secs(3600)), error: Some(0.01) };
+        let view = View { progress, pixels: 100, rules, started: Instant::now() };
+        assert!(view.line().starts_with(" 0.0 %, 0/64 samples per pixel, 0 s of 3600 s"), "{}", view.line());
+        let view = View { rules: StopRules::default(), ..view };
+        assert!(view.line().starts_with("running, 0 samples per pixel"), "{}", view.line());
     }
 }

@@ -34,9 +34,12 @@ pub struct RenderArgs {
     /// Stop sampling after this time (90s, 1.5m, 2h)
     #[arg(long, value_name = "TIME", value_parser = values::duration)]
     pub time: Option<Duration>,
-    /// Stop when the estimated relMSE of the image is at most this
+    /// Stop when the relMSE of the image is at most this, by the upper end of its estimate's 95 % interval
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
+    /// Take more samples where the error is larger, as many as --spp says on average; adds no bias
+    #[arg(long)]
+    pub adaptive: bool,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
@@ -75,7 +78,7 @@ pub struct RenderArgs {
     /// Folders to look for the scene's files in, besides its own; several are separated by ';'
     #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
     pub search_path: Vec<PathBuf>,
-    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, samples
+    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error, samples
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub aov: Vec<String>,
     /// Write an account of the render as JSON ("-" is standard output)
@@ -183,6 +186,7 @@ fn choices(args: &RenderArgs) -> Choices {
         stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
         seed: args.seed,
         aov: args.aov.clone(),
+        adaptive: args.adaptive,
     }
 }
 
@@ -234,10 +238,19 @@ fn summary(target: &Path, rendered: &Rendered) -> String {
         StopReason::Error => "error reached",
         StopReason::Interrupted => "interrupted",
     };
-    let error = rendered.relmse.map_or_else(String::new, |e| format!(", relMSE about {e:.2e}"));
+    let error = match (rendered.relmse, rendered.relmse_interval) {
+        (Some(e), Some([low, high])) => format!(", relMSE about {e:.2e} ({low:.2e} to {high:.2e})"),
+        _ => String::new(),
+    };
+    let counts = rendered.counts;
+    let range = if counts.most > counts.least + 1 {
+        format!(" ({} to {})", counts.least, counts.most)
+    } else {
+        String::new()
+    };
     let rate = rendered.counters.paths as f64 / rendered.elapsed.as_secs_f64().max(1e-9) * 1e-6;
     format!(
-        "{}: {}x{}, {} per pixel in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
+        "{}: {}x{}, {} per pixel{range} in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
         target.display(),
         rendered.rect.width,
         rendered.rect.height,

@@ -68,6 +68,12 @@ impl Account<'_> {
             "width": rendered.rect.width,
             "height": rendered.rect.height,
             "spp": rendered.samples_per_pixel,
+            "adaptive": plan.adaptive,
+            "samples": {
+                "least": rendered.counts.least,
+                "mean": rendered.counts.mean,
+                "most": rendered.counts.most,
+            },
             "stop_reason": rendered.stop_reason.to_string(),
             "seconds": {
                 "load": seconds.load,
@@ -86,6 +92,7 @@ impl Account<'_> {
             "paths": counters.paths,
             "invalid_samples": rendered.invalid_count,
             "relmse_estimate": rendered.relmse,
+            "relmse_interval": rendered.relmse_interval,
             "peak_memory_bytes": peak_memory(),
             "accel_memory_bytes": scene.accel.memory_bytes(),
             "mesh_memory_bytes": scene.mesh_bytes(),

@@ -1,6 +1,7 @@
 //! The sums of a part of the film, kept in two halves.
 
 use super::PixelRect;
+use crate::estimate::replicates::{BLOCK, Block, ErrorSums};
 
 /// Sums of the samples of a rectangle of pixels.
 ///
@@ -88,19 +89,45 @@ impl Tile {
         Estimate { mean, variance }
     }
 
-    /// The sum over pixels and the first three channels of `variance / (mean² + 0.01)`, and the number of terms.
-    pub fn relative_variance(&self) -> (f64, u64) {
-        let mut total = (0.0, 0);
-        for i in 0..self.pixel_count() {
-            for c in 0..3 {
-                let Estimate { mean, variance } = self.estimate(i, c);
-                if let Some(variance) = variance {
-                    total.0 += variance / (mean * mean + 0.01);
-                    total.1 += 1;
+    /// Whether both halves of a pixel have samples.
+    pub fn has_replicates(&self) -> bool {
+        self.counts.chunks_exact(2).any(|halves| halves[0] > 0 && halves[1] > 0)
+    }
+
+    /// Mean and difference of the halves of channel `c` of pixel `i`; zero without samples in both halves.
+    ///
+    /// The square of the difference is the variance of [`estimate`](Self::estimate); its sign tells which half
+    /// is the brighter one.
+    #[inline]
+    pub fn replicates(&self, i: usize, c: usize) -> [f64; 2] {
+        let [n_a, n_b] = [self.counts[2 * i] as f64, self.counts[2 * i + 1] as f64];
+        if n_a == 0.0 || n_b == 0.0 {
+            return [0.0; 2];
+        }
+        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c]);
+        let n = n_a + n_b;
+        // √(w (1 − w)) with w = n_a / n.
+        [(a + b) / n, (n_a * n_b).sqrt() / n * (a / n_a - b / n_b)]
+    }
+
+    /// What the halves of the first three channels say about the error of the image.
+    pub fn error_sums(&self) -> ErrorSums {
+        let (width, height) = (self.rect.width as usize, self.rect.height as usize);
+        let mut sums = ErrorSums::default();
+        for top in (0..height).step_by(BLOCK) {
+            for left in (0..width).step_by(BLOCK) {
+                let mut block = Block::new(BLOCK.min(width - left), BLOCK.min(height - top));
+                for y in top..(top + BLOCK).min(height) {
+                    for x in left..(left + BLOCK).min(width) {
+                        for c in 0..3 {
+                            block.set(x - left, y - top, c, self.replicates(y * width + x, c));
+                        }
+                    }
                 }
+                sums.merge(&block.sums());
             }
         }
-        total
+        sums
     }
 
     /// Bytes of its sums.
@@ -134,7 +161,8 @@ mod tests {
         assert_eq!(tile.estimate(0, 0).variance, None);
         tile.add(0, 1, &[3.0; 3]);
         assert_eq!(tile.estimate(0, 0), Estimate { mean: 2.0, variance: Some(1.0) });
-        let (sum, terms) = tile.relative_variance();
-        assert_eq!((sum, terms), (3.0 / 4.01, 3));
+        assert_eq!(tile.replicates(0, 0), [2.0, -1.0]);
+        let estimate = tile.error_sums().estimate().expect("a pixel");
+        assert!((estimate.relmse - 1.0 / 4.01).abs() < 1e-7, "{estimate:?}");
     }
 }

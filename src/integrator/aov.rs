@@ -35,7 +35,7 @@ impl Aov {
     /// The suffixes of its channels.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
-            Aov::Albedo | Aov::Variance => &["R", "G", "B"],
+            Aov::Albedo | Aov::Variance | Aov::StandardError => &["R", "G", "B"],
             Aov::GeometricNormal | Aov::ShadingNormal | Aov::Position => &["X", "Y", "Z"],
             Aov::Uv => &["U", "V"],
             Aov::Depth => &["T"],
@@ -56,18 +56,30 @@ impl Aov {
             "prim_index" => Aov::PrimitiveIndex,
             "shape_index" => Aov::ShapeIndex,
             "variance" => Aov::Variance,
+            "standard_error" => Aov::StandardError,
             "samples" => Aov::Samples,
             _ => return None,
         })
     }
 
     /// The names that [`by_name`](Self::by_name) knows, one for each layer.
-    pub const NAMES: [&'static str; 10] =
-        ["albedo", "N", "geo_normal", "P", "Z", "uv", "prim_index", "shape_index", "variance", "samples"];
+    pub const NAMES: [&'static str; 11] = [
+        "albedo",
+        "N",
+        "geo_normal",
+        "P",
+        "Z",
+        "uv",
+        "prim_index",
+        "shape_index",
+        "variance",
+        "standard_error",
+        "samples",
+    ];
 
     /// Whether it is averaged over the samples of a pixel (else it comes from the film itself).
     pub fn is_sampled(self) -> bool {
-        !matches!(self, Aov::Variance | Aov::Samples)
+        !matches!(self, Aov::Variance | Aov::StandardError | Aov::Samples)
     }
 
     /// Its value at the hit of a camera ray, in as many numbers as it has channels; zero where there is none.
@@ -96,7 +108,7 @@ impl Aov {
             Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),
             Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
             Aov::ShapeIndex => out[0] = hit.geometry as f32,
-            Aov::Variance | Aov::Samples => {}
+            Aov::Variance | Aov::StandardError | Aov::Samples => {}
         }
     }
 }

@@ -21,6 +21,9 @@ pub enum Aov {
     ShapeIndex,
     /// Variance of the pixel's mean, from the two half-buffers.
     Variance,
+    /// Standard error of the pixel's mean: half the difference of the two half-buffers, so with one degree of
+    /// freedom.
+    StandardError,
     /// Number of samples of the pixel.
     Samples,
 }

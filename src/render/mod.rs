@@ -1,12 +1,14 @@
 //! Rendering a scene: passes over sample ranges, threads, stop rules, progress, the account of it all.
 
+mod adaptive;
 pub mod job;
 pub mod output;
+mod passes;
 pub mod progress;
 mod splats;
 pub mod stop;
 pub mod tracing;
 
-pub use job::{Job, JobSettings, Rendered};
+pub use job::{Job, JobSettings, Rendered, SampleCounts};
 pub use progress::Progress;
 pub use stop::{StopReason, StopRules};

@@ -83,6 +83,9 @@ fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered)
             Aov::Variance => {
                 values.extend((0..3).map(|c| finite(tile.estimate(i, c).variance.unwrap_or(0.0))));
             }
+            Aov::StandardError => {
+                values.extend((0..3).map(|c| finite(tile.estimate(i, c).variance.unwrap_or(0.0).sqrt())));
+            }
             Aov::Samples => values.push(tile.count(i) as f32),
             sampled => {
                 for _ in sampled.channels() {

@@ -1,5 +1,6 @@
 //! What a render shows of itself while it runs.
 
+use crate::estimate::replicates::ErrorEstimate;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Shared between the render and whoever watches or stops it.
@@ -8,14 +9,17 @@ pub struct Progress {
     interrupt: AtomicBool,
     pixel_samples: AtomicU64,
     samples_per_pixel: AtomicU64,
-    /// The bits of an `f64`; NaN while there is no estimate.
-    relmse: AtomicU64,
+    /// The bits of `f64`s: the estimated relMSE, the ends of its interval; NaN while there is no estimate.
+    relmse: [AtomicU64; 3],
 }
 
 impl Progress {
     /// A render that has not begun.
     pub fn new() -> Self {
-        Progress { relmse: AtomicU64::new(f64::NAN.to_bits()), ..Progress::default() }
+        Progress {
+            relmse: std::array::from_fn(|_| AtomicU64::new(f64::NAN.to_bits())),
+            ..Progress::default()
+        }
     }
 
     /// Asks the render to stop as soon as every thread has finished the wave in hand.
@@ -40,16 +44,25 @@ impl Progress {
 
     /// The estimated relMSE after the last pass.
     pub fn relmse(&self) -> Option<f64> {
-        let value = f64::from_bits(self.relmse.load(Ordering::Relaxed));
-        (!value.is_nan()).then_some(value)
+        self.error().map(|error| error.relmse)
+    }
+
+    /// The same with its interval.
+    pub fn error(&self) -> Option<ErrorEstimate> {
+        let [relmse, low, high] =
+            std::array::from_fn(|i| f64::from_bits(self.relmse[i].load(Ordering::Relaxed)));
+        (!relmse.is_nan()).then_some(ErrorEstimate { relmse, interval: [low, high] })
     }
 
     pub(super) fn add_samples(&self, n: u64) {
         self.pixel_samples.fetch_add(n, Ordering::Relaxed);
     }
 
-    pub(super) fn finish_pass(&self, samples_per_pixel: u64, relmse: Option<f64>) {
+    pub(super) fn finish_pass(&self, samples_per_pixel: u64, error: Option<ErrorEstimate>) {
         self.samples_per_pixel.store(samples_per_pixel, Ordering::Relaxed);
-        self.relmse.store(relmse.unwrap_or(f64::NAN).to_bits(), Ordering::Relaxed);
+        let values = error.map_or([f64::NAN; 3], |e| [e.relmse, e.interval[0], e.interval[1]]);
+        for (place, value) in self.relmse.iter().zip(values) {
+            place.store(value.to_bits(), Ordering::Relaxed);
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Light paths of a pass: traced in batches, and added to the film in the order of the batches.
 
-use super::job::{Job, TILE};
+use super::job::Job;
+use super::passes::TILE;
 use super::tracing::CameraWorker;
 use crate::film::{PixelRect, Tile};
 use crate::integrator::{Ptracer, Splat};

@@ -1,5 +1,6 @@
 //! Stop rules: the first that fires ends the render.
 
+use crate::estimate::replicates::ErrorEstimate;
 use std::fmt;
 use std::time::Duration;
 
@@ -10,7 +11,7 @@ pub struct StopRules {
     pub samples: Option<u64>,
     /// Time for sampling.
     pub time: Option<Duration>,
-    /// Estimated relMSE of the image.
+    /// What the relMSE of the image must not exceed: the upper end of the estimate's interval decides.
     pub error: Option<f64>,
 }
 
@@ -21,7 +22,7 @@ pub enum StopReason {
     Samples,
     /// The next pass would have passed the time.
     Time,
-    /// The estimated error fell below the target.
+    /// The upper end of the estimated error's interval fell to the target.
     Error,
     /// The user or the system asked for it.
     Interrupted,
@@ -40,19 +41,25 @@ impl fmt::Display for StopReason {
 
 /// Largest pass: estimates and stop rules are looked at once a pass.
 const LARGEST_PASS: u64 = 64;
-/// An error estimate from fewer samples is not trusted to stop a render.
+/// An error estimate from fewer samples is not trusted to stop a render: calibration finds intervals that hold what they
+/// promise from here on.
 const FEWEST_FOR_ERROR: u64 = 16;
+/// A pass towards the target takes this share of the samples that seem to be missing, while they are many: the error of
+/// low-discrepancy samplers falls faster than one over their number.
+const CAUTION: f64 = 0.75;
+/// They are many above this share of those that are done.
+const MANY: f64 = 0.125;
 
 impl StopRules {
     /// Why to stop after `done` samples per pixel, if any rule says so. `elapsed` is the time so far, `error`
     /// the estimated relMSE.
-    pub fn reached(&self, done: u64, elapsed: Duration, error: Option<f64>) -> Option<StopReason> {
+    pub fn reached(&self, done: u64, elapsed: Duration, error: Option<ErrorEstimate>) -> Option<StopReason> {
         if self.samples.is_some_and(|n| done >= n) {
             return Some(StopReason::Samples);
         }
         if done >= FEWEST_FOR_ERROR
             && let (Some(target), Some(error)) = (self.error, error)
-            && error <= target
+            && error.interval[1] <= target
         {
             return Some(StopReason::Error);
         }
@@ -60,13 +67,26 @@ impl StopRules {
             .then_some(StopReason::Time)
     }
 
-    /// Samples per pixel of the next pass: as many as before, up to a limit, and no more than the rules leave.
-    pub fn next_pass(&self, done: u64, elapsed: Duration) -> u64 {
+    /// Samples per pixel of the next pass: as many as before, up to a limit, and no more than the rules leave or
+    /// the target seems to need.
+    pub fn next_pass(&self, done: u64, elapsed: Duration, error: Option<ErrorEstimate>) -> u64 {
         let pass = done.clamp(2, LARGEST_PASS);
         let left = self.samples.map_or(u64::MAX, |n| n - done.min(n));
         let in_time =
             if done > 0 && self.time.is_some() { self.pass_within_time(done, elapsed) } else { u64::MAX };
-        pass.min(left).min(in_time)
+        pass.min(left).min(in_time).min(self.pass_to_target(done, error))
+    }
+
+    /// How many more samples per pixel seem to be missing for the target; an even number.
+    fn pass_to_target(&self, done: u64, error: Option<ErrorEstimate>) -> u64 {
+        let (Some(target), Some(error)) = (self.error, error) else { return u64::MAX };
+        if done < FEWEST_FOR_ERROR {
+            return FEWEST_FOR_ERROR - done;
+        }
+        // The error falls about as one over the number of samples.
+        let missing = (error.interval[1] / target - 1.0).max(0.0) * done as f64;
+        let pass = if missing > MANY * done as f64 { CAUTION * missing } else { missing };
+        (pass.ceil() as u64).saturating_add(1).max(2) & !1
     }
 
     /// How many more samples per pixel fit the time, at the speed so far; an even number, to keep the halves equal.
@@ -90,7 +110,7 @@ mod tests {
         let mut done = 0;
         let mut passes = Vec::new();
         while rules.reached(done, SECOND, None).is_none() {
-            passes.push(rules.next_pass(done, SECOND));
+            passes.push(rules.next_pass(done, SECOND, None));
             done += passes[passes.len() - 1];
         }
         assert_eq!(passes, [2, 2, 4, 8, 16, 32, 13]);
@@ -101,15 +121,36 @@ mod tests {
     fn time_allows_what_fits_and_always_one_pass() {
         let rules = StopRules { time: Some(10 * SECOND), ..StopRules::default() };
         assert_eq!(rules.reached(0, 20 * SECOND, None), None);
-        assert_eq!(rules.next_pass(32, 8 * SECOND), 8);
+        assert_eq!(rules.next_pass(32, 8 * SECOND, None), 8);
         assert_eq!(rules.reached(32, 10 * SECOND, None), Some(StopReason::Time));
     }
 
+    /// An estimate with 10 % on either side.
+    fn about(relmse: f64) -> Option<ErrorEstimate> {
+        Some(ErrorEstimate { relmse, interval: [relmse / 1.1, relmse * 1.1] })
+    }
+
     #[test]
-    fn the_error_rule_waits_for_enough_samples() {
+    fn the_error_rule_waits_for_enough_samples_and_for_the_upper_end() {
         let rules = StopRules { error: Some(1e-3), ..StopRules::default() };
-        assert_eq!(rules.reached(8, SECOND, Some(1e-4)), None);
-        assert_eq!(rules.reached(16, SECOND, Some(1e-4)), Some(StopReason::Error));
-        assert_eq!(rules.reached(16, SECOND, Some(1e-2)), None);
+        assert_eq!(rules.reached(8, SECOND, about(1e-4)), None);
+        assert_eq!(rules.reached(16, SECOND, about(1e-4)), Some(StopReason::Error));
+        assert_eq!(rules.reached(16, SECOND, about(0.95e-3)), None);
+        assert_eq!(rules.reached(16, SECOND, None), None);
+    }
+
+    #[test]
+    fn passes_towards_a_target_do_not_overshoot() {
+        let rules = StopRules { error: Some(1e-3), ..StopRules::default() };
+        for per_sample in [1e-3, 0.07, 0.0801, 0.3, 2.2] {
+            let mut done = 0;
+            while rules.reached(done, SECOND, about(per_sample / done as f64)).is_none() {
+                let pass = rules.next_pass(done, SECOND, about(per_sample / done.max(1) as f64));
+                assert!(pass.is_multiple_of(2) && pass > 0, "{pass}");
+                done += pass;
+            }
+            let needed = (1.1 * per_sample / 1e-3).max(16.0);
+            assert!(done as f64 <= needed + 4.0, "{done} instead of {needed}");
+        }
     }
 }

@@ -26,10 +26,20 @@ pub struct InvalidSample {
     pub value: [f32; 3],
 }
 
+/// Consecutive samples of one pixel of a tile.
+#[derive(Clone, Copy)]
+struct Span {
+    pixel: usize,
+    first: u64,
+    end: u64,
+}
+
 /// One thread's buffers for the camera's side of a wave.
 pub struct CameraWorker {
     /// The integrator's worker.
     pub worker: Worker,
+    /// What the wave in hand is made of.
+    spans: Vec<Span>,
     rays: Vec<Ray>,
     keys: Vec<SampleKey>,
     positions: [Vec<f32>; 2],
@@ -53,6 +63,7 @@ impl CameraWorker {
     pub fn new(worker: Worker) -> Self {
         CameraWorker {
             worker,
+            spans: Vec::new(),
             rays: Vec::new(),
             keys: Vec::new(),
             positions: [Vec::new(), Vec::new()],
@@ -72,15 +83,46 @@ impl CameraWorker {
         let per_wave = (WAVE / pixels).max(1) as u64;
         let mut first = samples.start;
         while first < samples.end && !job.progress.is_interrupted() {
-            let last = (first + per_wave).min(samples.end);
-            self.render_wave(job, tile, first..last);
-            job.progress.add_samples((last - first) * pixels as u64);
-            first = last;
+            let end = (first + per_wave).min(samples.end);
+            self.spans.clear();
+            self.spans.extend((0..pixels).map(|pixel| Span { pixel, first, end }));
+            self.render_wave(job, tile);
+            first = end;
         }
     }
 
-    fn render_wave(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
-        self.aim(job, tile, samples.clone());
+    /// Takes the samples that each pixel of the tile is given by its place in the full image, unless the render is
+    /// interrupted between waves.
+    pub fn render_allocated(
+        &mut self,
+        job: &Job<'_>,
+        tile: &mut Tile,
+        samples: impl Fn((u32, u32)) -> Range<u64>,
+    ) {
+        self.spans.clear();
+        let mut free = WAVE as u64;
+        for pixel in 0..tile.pixel_count() {
+            let Range { start: mut first, end: last } = samples(tile.position(pixel));
+            while first < last && !job.progress.is_interrupted() {
+                let end = last.min(first + free);
+                self.spans.push(Span { pixel, first, end });
+                free -= end - first;
+                first = end;
+                if free == 0 {
+                    self.render_wave(job, tile);
+                    self.spans.clear();
+                    free = WAVE as u64;
+                }
+            }
+        }
+        if !self.spans.is_empty() && !job.progress.is_interrupted() {
+            self.render_wave(job, tile);
+        }
+    }
+
+    /// Takes the samples of `spans`.
+    fn render_wave(&mut self, job: &Job<'_>, tile: &mut Tile) {
+        self.aim(job, tile);
         let wave = Wave { rays: &self.rays, keys: &self.keys, coherence: Coherence::Coherent };
         self.radiance.clear();
         self.radiance.resize(self.rays.len(), Radiance::NONE);
@@ -89,16 +131,17 @@ impl CameraWorker {
         if job.has_sampled_layers() {
             self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
         }
-        self.accumulate(job, tile, samples);
+        self.accumulate(job, tile);
+        job.progress.add_samples(self.rays.len() as u64);
     }
 
     /// Makes the camera rays: pixel by pixel, the samples of a pixel beside each other.
-    fn aim(&mut self, job: &Job<'_>, tile: &Tile, samples: Range<u64>) {
+    fn aim(&mut self, job: &Job<'_>, tile: &Tile) {
         let sampler = self.worker.sampler;
         self.keys.clear();
-        for i in 0..tile.pixel_count() {
-            let (x, y) = tile.position(i);
-            self.keys.extend(samples.clone().map(|s| sampler.key(job.settings.seed, x, y, s)));
+        for span in &self.spans {
+            let (x, y) = tile.position(span.pixel);
+            self.keys.extend((span.first..span.end).map(|s| sampler.key(job.settings.seed, x, y, s)));
         }
         draw_2d(sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         if job.camera.has_lens() {
@@ -109,27 +152,29 @@ impl CameraWorker {
         }
         self.rays.clear();
         self.weights.clear();
-        let per_pixel = (samples.end - samples.start) as usize;
         let pair = |pair: &[Vec<f32>; 2], i: usize| Vec2::new(pair[0][i], pair[1][i]);
-        for i in 0..self.keys.len() {
-            let (x, y) = tile.position(i / per_pixel);
+        for span in &self.spans {
+            let (x, y) = tile.position(span.pixel);
             let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            let FilterSample { offset, weight } = job.filter.sample(pair(&self.positions, i));
-            let u = if job.camera.has_lens() { pair(&self.lens, i) } else { Vec2::ZERO };
-            let time = if job.scene.needs.time { self.times[i] } else { 0.0 };
-            self.rays.push(job.camera.ray(centre + offset, u, time));
-            if job.filter.has_weights() {
-                self.weights.push(weight);
+            for _ in span.first..span.end {
+                let i = self.rays.len();
+                let FilterSample { offset, weight } = job.filter.sample(pair(&self.positions, i));
+                let u = if job.camera.has_lens() { pair(&self.lens, i) } else { Vec2::ZERO };
+                let time = if job.scene.needs.time { self.times[i] } else { 0.0 };
+                self.rays.push(job.camera.ray(centre + offset, u, time));
+                if job.filter.has_weights() {
+                    self.weights.push(weight);
+                }
             }
         }
     }
 
-    fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
-        let per_pixel = (samples.end - samples.start) as usize;
+    fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile) {
         let only_colour = !job.alpha && !job.has_sampled_layers() && !job.filter.has_weights();
-        for pixel in 0..tile.pixel_count() {
-            for (k, sample) in samples.clone().enumerate() {
-                let j = pixel * per_pixel + k;
+        let mut j = 0;
+        for s in 0..self.spans.len() {
+            let Span { pixel, first, end } = self.spans[s];
+            for sample in first..end {
                 let value = self.radiance[j].value;
                 let half = (sample & 1) as usize;
                 if !value.is_valid() {
@@ -143,6 +188,7 @@ impl CameraWorker {
                     }
                     tile.add(pixel, half, &self.values);
                 }
+                j += 1;
             }
         }
     }

@@ -157,7 +157,9 @@ impl Session {
     /// If the threads cannot be started.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
         let integrator = integrator::create(&plan.integrator);
-        Job::new(&self.scene, integrator.as_ref(), self.camera(), plan.job.clone(), progress).run()
+        Job::new(&self.scene, integrator.as_ref(), self.camera(), plan.job.clone(), progress)
+            .with_adaptive(plan.adaptive)
+            .run()
     }
 
     /// The image of a render, with layers and metadata.
@@ -172,6 +174,10 @@ impl Session {
             .with("buffon:stop", Value::Text(rendered.stop_reason.to_string()));
         if let Some(relmse) = rendered.relmse {
             metadata.set("buffon:relmse", Value::Float(relmse as f32));
+        }
+        if let Some([low, high]) = rendered.relmse_interval {
+            metadata.set("buffon:relmse_low", Value::Float(low as f32));
+            metadata.set("buffon:relmse_high", Value::Float(high as f32));
         }
         for (name, value) in output::camera_metadata(self.camera()) {
             metadata.set(name, value);

@@ -2,8 +2,8 @@
 
 use super::Session;
 use crate::error::{Error, Result};
-use crate::integrator::Settings;
 use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings, PtracerSettings};
+use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 
@@ -20,6 +20,8 @@ pub struct Choices {
     pub seed: u64,
     /// Names of layers beside the image.
     pub aov: Vec<String>,
+    /// Whether noisier pixels get more samples.
+    pub adaptive: bool,
 }
 
 /// An integrator's settings and a job's.
@@ -29,6 +31,8 @@ pub struct Plan {
     pub integrator: Settings,
     /// Sampler, seed, threads, stop rules and layers.
     pub job: JobSettings,
+    /// Whether noisier pixels get more samples.
+    pub adaptive: bool,
 }
 
 /// Samples per pixel where neither the scene nor the user says anything.
@@ -38,7 +42,7 @@ impl Session {
     /// The settings of a render.
     ///
     /// # Errors
-    /// If there is no such integrator or layer, or a layer is there twice.
+    /// If there is no such integrator or layer, a layer is there twice, or the integrator cannot sample adaptively.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
         let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
@@ -49,7 +53,14 @@ impl Session {
         let sampler = Sampler::new(kind, stop.samples);
         let layers = choose_layers(&choices.aov, &integrator)?;
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
-        Ok(Plan { integrator, job })
+        let created = integrator::create(&integrator);
+        if choices.adaptive && created.light_tracer().is_some() {
+            return Err(Error::usage(format!(
+                "--adaptive: {} traces its paths from the lights, and cannot decide which pixels they reach",
+                created.name()
+            )));
+        }
+        Ok(Plan { integrator, job, adaptive: choices.adaptive })
     }
 }
 

@@ -1,0 +1,231 @@
+//! Adaptive sampling: more samples where the relative error is larger, without bias.
+//!
+//! A pilot takes the same number of samples in every pixel. From then on the number of samples of a pixel depends on
+//! what the pilot found in the pixels *around* it, never on its own: with samplers that scramble every pixel
+//! independently, a pixel's mean is independent of its count, and stays unbiased. What ties them together is only the
+//! factor common to all pixels that makes the counts meet the budget, to which a pixel of N contributes one part in N.
+
+use crate::estimate::metrics::RELATIVE_FLOOR;
+use crate::film::{PixelRect, Tile};
+
+/// Samples per pixel of the longest pilot.
+const LONGEST_PILOT: u64 = 16;
+/// A shorter pilot says nothing about the noise.
+const SHORTEST_PILOT: u64 = 4;
+/// The pilot takes one in so many of the samples.
+const PILOT_SHARE: u64 = 4;
+/// Every pixel gets at least one in so many of the average.
+const LEAST_SHARE: u64 = 4;
+/// And at most so many times the average.
+const MOST_TIMES: u64 = 16;
+/// Pixels up to this far away, along either axis, decide.
+const RADIUS: usize = 4;
+/// Levels of noise for each factor of two.
+const PER_OCTAVE: f64 = 64.0;
+/// Levels in all: from 2^-32 to 2^32.
+const LEVELS: usize = 4096;
+
+/// How samples are spread over the pixels.
+pub struct Allocation {
+    rect: PixelRect,
+    pilot: u64,
+    /// By pixel: the logarithm of the surrounding pixels' relative standard error.
+    levels: Vec<u16>,
+    /// Pixels of each level.
+    histogram: Vec<u64>,
+    /// Samples of the pixels of each level: before the pass in hand, and after it.
+    counts: [Vec<u64>; 2],
+}
+
+/// Samples per pixel of the pilot, for so many samples per pixel in all; `None` if they are too few for one.
+pub fn pilot(samples: Option<u64>) -> Option<u64> {
+    let pilot =
+        samples.map_or(LONGEST_PILOT, |n| ((n / PILOT_SHARE) & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
+    samples.is_none_or(|n| n >= 2 * pilot).then_some(pilot)
+}
+
+impl Allocation {
+    /// Decides from the sums of a pilot of so many samples per pixel.
+    pub fn new(tiles: &[Tile], rect: PixelRect, pilot: u64) -> Self {
+        let (width, height) = (rect.width as usize, rect.height as usize);
+        let mut noise = vec![0.0; width * height];
+        for tile in tiles {
+            for i in 0..tile.pixel_count() {
+                let (x, y) = tile.position(i);
+                noise[(y - rect.y) as usize * width + (x - rect.x) as usize] = relative_noise(tile, i);
+            }
+        }
+        let levels: Vec<u16> = around(&noise, width, height).into_iter().map(level).collect();
+        let mut histogram = vec![0; LEVELS];
+        levels.iter().for_each(|&level| histogram[usize::from(level)] += 1);
+        Allocation { rect, pilot, levels, histogram, counts: [vec![pilot; LEVELS], vec![pilot; LEVELS]] }
+    }
+
+    /// Spreads the samples of a pass that brings the average to at most `average` samples per pixel.
+    pub fn advance(&mut self, average: u64) {
+        let budget = average.saturating_mul(self.levels.len() as u64);
+        let [_, before] = std::mem::take(&mut self.counts);
+        let count = |level: usize, shift: f64| self.count(level, shift, average).max(before[level]);
+        let cost = |shift: f64| {
+            let used = self.histogram.iter().enumerate().filter(|(_, pixels)| **pixels > 0);
+            used.fold(0u64, |sum, (level, &pixels)| {
+                sum.saturating_add(pixels.saturating_mul(count(level, shift)))
+            })
+        };
+        // The logarithm of the common factor, by bisection: the cost never falls with it.
+        let (mut low, mut high) = (-128.0, 128.0);
+        for _ in 0..64 {
+            let middle = 0.5 * (low + high);
+            if cost(middle) <= budget { low = middle } else { high = middle }
+        }
+        let after = (0..LEVELS).map(|level| count(level, low)).collect();
+        self.counts = [before, after];
+    }
+
+    /// Samples of the pixels of a level for a common factor of 2^shift.
+    fn count(&self, level: usize, shift: f64, average: u64) -> u64 {
+        let wanted = ((level as f64 - LEVELS as f64 / 2.0) / PER_OCTAVE + shift).exp2();
+        let least = self.pilot.max(average / LEAST_SHARE);
+        in_steps((wanted as u64).clamp(least, least.max(average.saturating_mul(MOST_TIMES))))
+    }
+
+    /// The samples of pixel (x, y) of the full image that the pass in hand takes.
+    #[inline]
+    pub fn samples(&self, (x, y): (u32, u32)) -> std::ops::Range<u64> {
+        let i = (y - self.rect.y) as usize * self.rect.width as usize + (x - self.rect.x) as usize;
+        let level = usize::from(self.levels[i]);
+        self.counts[0][level]..self.counts[1][level]
+    }
+}
+
+/// The standard error of a pixel relative to its value.
+fn relative_noise(tile: &Tile, i: usize) -> f64 {
+    (0..3)
+        .map(|c| {
+            let [mean, difference] = tile.replicates(i, c);
+            difference * difference / (mean * mean + RELATIVE_FLOOR)
+        })
+        .sum::<f64>()
+        .sqrt()
+}
+
+/// The mean over the pixels around each pixel, without itself.
+fn around(values: &[f64], width: usize, height: usize) -> Vec<f64> {
+    // Sums over all pixels above and to the left.
+    let stride = width + 1;
+    let mut sums = vec![0.0; stride * (height + 1)];
+    for y in 0..height {
+        let mut row = 0.0;
+        for x in 0..width {
+            row += values[y * width + x];
+            sums[(y + 1) * stride + x + 1] = sums[y * stride + x + 1] + row;
+        }
+    }
+    let mut means = Vec::with_capacity(values.len());
+    for y in 0..height {
+        let (top, bottom) = (y.saturating_sub(RADIUS), (y + RADIUS + 1).min(height));
+        for x in 0..width {
+            let (left, right) = (x.saturating_sub(RADIUS), (x + RADIUS + 1).min(width));
+            let sum =
+                sums[bottom * stride + right] - sums[bottom * stride + left] - sums[top * stride + right]
+                    + sums[top * stride + left];
+            let pixels = (right - left) * (bottom - top) - 1;
+            means.push((sum - values[y * width + x]).max(0.0) / pixels.max(1) as f64);
+        }
+    }
+    means
+}
+
+/// The level of a relative noise.
+fn level(noise: f64) -> u16 {
+    (noise.log2() * PER_OCTAVE + LEVELS as f64 / 2.0).clamp(0.0, LEVELS as f64 - 1.0) as u16
+}
+
+/// The largest even number up to `n` whose half has at most three significant bits: low-discrepancy sequences are
+/// well spread at such counts.
+fn in_steps(n: u64) -> u64 {
+    let half = n / 2;
+    let dropped = (u64::BITS - half.leading_zeros()).saturating_sub(3);
+    2 * (half >> dropped << dropped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RECT: PixelRect = PixelRect { x: 5, y: 3, width: 40, height: 24 };
+
+    /// An allocation after a pilot whose halves differ by `noise` on a grey ground.
+    fn allocation(noise: impl Fn(u32, u32) -> f32) -> Allocation {
+        let mut tile = Tile::new(RECT, 3);
+        for i in 0..tile.pixel_count() {
+            let (x, y) = tile.position(i);
+            for half in 0..2 {
+                let sign = if half == 0 { 1.0 } else { -1.0 };
+                (0..8).for_each(|_| tile.add(i, half, &[1.0 + sign * noise(x, y); 3]));
+            }
+        }
+        Allocation::new(&[tile], RECT, 16)
+    }
+
+    fn counts(allocation: &Allocation) -> Vec<u64> {
+        let pixels = (0..RECT.height).flat_map(|y| (0..RECT.width).map(move |x| (RECT.x + x, RECT.y + y)));
+        pixels.map(|p| allocation.samples(p).end).collect()
+    }
+
+    #[test]
+    fn counts_follow_the_noise_and_meet_the_budget() {
+        let mut allocation = allocation(|x, y| if x < 20 { 0.02 } else { 0.1 } * (1.0 + 0.01 * y as f32));
+        let mut last = vec![16; (RECT.width * RECT.height) as usize];
+        for average in [32, 64, 128, 190, 1000] {
+            allocation.advance(average);
+            let now = counts(&allocation);
+            let mean = now.iter().sum::<u64>() as f64 / now.len() as f64;
+            assert!(mean <= average as f64 && mean > 0.9 * average as f64, "{mean} of {average}");
+            assert!(now.iter().zip(&last).all(|(now, last)| now >= last));
+            assert!(now.iter().all(|n| n % 2 == 0 && *n >= average / 4 / 5 * 4));
+            last = now;
+        }
+        // Far from the border between them, five times the noise is five times the samples.
+        let ratio = last[30] as f64 / last[3] as f64;
+        assert!((3.8..6.0).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn a_pixel_has_no_say_in_its_own_count() {
+        let quiet = |x: u32, y: u32| 0.05 + 0.001 * ((x * 7 + y * 3) % 5) as f32;
+        let mut first = allocation(quiet);
+        let mut second = allocation(|x, y| if (x, y) == (25, 13) { 50.0 } else { quiet(x, y) });
+        assert_eq!(first.levels[10 * 40 + 20], second.levels[10 * 40 + 20]);
+        assert_ne!(first.levels[10 * 40 + 21], second.levels[10 * 40 + 21]);
+        for allocation in [&mut first, &mut second] {
+            allocation.advance(64);
+        }
+        assert!(second.samples((26, 13)).end > first.samples((26, 13)).end);
+    }
+
+    #[test]
+    fn pilots_are_a_quarter_at_most() {
+        assert_eq!(
+            [4, 7, 8, 20, 64, 1000].map(|n| pilot(Some(n))),
+            [None, None, Some(4), Some(4), Some(16), Some(16)]
+        );
+        assert_eq!(pilot(None), Some(16));
+    }
+
+    #[test]
+    fn steps_are_even_with_few_significant_bits() {
+        assert_eq!(
+            [0, 1, 2, 15, 16, 17, 19, 63, 64, 100].map(in_steps),
+            [0, 0, 2, 14, 16, 16, 16, 56, 64, 96]
+        );
+        assert!(in_steps(u64::MAX) > u64::MAX / 2);
+    }
+
+    #[test]
+    fn no_noise_at_all_is_spread_evenly() {
+        let mut allocation = allocation(|_, _| 0.0);
+        allocation.advance(64);
+        assert!(counts(&allocation).iter().all(|n| *n == 64));
+    }
+}

@@ -1,0 +1,192 @@
+//! Error estimates hold what they promise: intervals, stop rules, adaptive sampling.
+
+use crate::support::cli::Folder;
+use crate::support::scenes;
+use buffon::accel::AccelKind;
+use buffon::image::{Value, read};
+use buffon::integrator::{self, Settings};
+use buffon::loader::{LoadOptions, load};
+use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
+use buffon::sampling::{Sampler, SamplerKind};
+use buffon::scene::Scene;
+use serde_json::Value as Json;
+use statrs::distribution::{Binomial, DiscreteCDF};
+use std::path::Path;
+
+/// A scene of `scenes/error`, so many pixels wide and high.
+fn scene(name: &str, size: u32) -> (Scene, Settings) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/error").join(name);
+    let mut loaded = load(&file, &LoadOptions::default()).expect("the scene loads");
+    let film = &mut loaded.description.sensors[0].film;
+    (film.width, film.height) = (size, size);
+    (scenes::compiled(loaded.description, AccelKind::default()), loaded.integrator)
+}
+
+fn render(
+    (scene, settings): &(Scene, Settings),
+    sampler: SamplerKind,
+    stop: StopRules,
+    seed: u64,
+    adaptive: bool,
+) -> Rendered {
+    let integrator = integrator::create(settings);
+    let sampler = Sampler::new(sampler, stop.samples);
+    let job = JobSettings { sampler, seed, threads: 2, stop, layers: Vec::new() };
+    let progress = Progress::new();
+    let job = Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress);
+    job.with_adaptive(adaptive).run().expect("the threads start")
+}
+
+fn samples(n: u64) -> StopRules {
+    StopRules { samples: Some(n), ..StopRules::default() }
+}
+
+/// The relMSE of each image against the mean of all others, without what that mean's own error adds.
+fn errors(images: &[Vec<[f64; 3]>]) -> Vec<f64> {
+    let n = images.len() as f64;
+    let sum = |pixel: usize, c: usize| images.iter().map(|image| image[pixel][c]).sum::<f64>();
+    let sums: Vec<[f64; 3]> = (0..images[0].len()).map(|p| [0, 1, 2].map(|c| sum(p, c))).collect();
+    let error = |image: &Vec<[f64; 3]>| {
+        let pairs = image.iter().zip(&sums).flat_map(|(x, sum)| (0..3).map(move |c| (x[c], sum[c])));
+        let terms = pairs.map(|(x, sum)| {
+            let r = (sum - x) / (n - 1.0);
+            (x - r) * (x - r) / (r * r + 0.01)
+        });
+        terms.sum::<f64>() / (3 * image.len()) as f64 * (n - 1.0) / n
+    };
+    images.iter().map(error).collect()
+}
+
+/// 40 seeds of each case: no fewer intervals hold the true error than a coverage of 95 % (90 % among fireflies) leaves a
+/// chance of one in a thousand, and the estimates are right on average.
+#[test]
+fn intervals_hold_the_true_error_as_often_as_they_claim() {
+    const SEEDS: u64 = 40;
+    let cases =
+        [("smooth.xml", 0.95, 0.1, 1.4), ("noisy.xml", 0.95, 0.1, 1.6), ("fireflies.xml", 0.9, 0.8, 6.0)];
+    for (name, coverage, largest_bias, widest) in cases {
+        let scene = scene(name, 32);
+        for sampler in [SamplerKind::Independent, SamplerKind::Sobol] {
+            let renders: Vec<Rendered> =
+                (0..SEEDS).map(|seed| render(&scene, sampler, samples(16), seed, false)).collect();
+            let truths = errors(&renders.iter().map(scenes::pixels).collect::<Vec<_>>());
+            let intervals: Vec<[f64; 2]> = renders.iter().filter_map(|r| r.relmse_interval).collect();
+            assert_eq!(intervals.len(), truths.len());
+            let held =
+                intervals.iter().zip(&truths).filter(|([low, high], e)| (*low..=*high).contains(*e)).count();
+            let chance = Binomial::new(coverage, SEEDS).expect("a distribution").cdf(held as u64);
+            assert!(chance > 1e-3, "{name}, {sampler}: {held} of {SEEDS} intervals hold the error");
+            let mean = renders.iter().filter_map(|r| r.relmse).sum::<f64>() / truths.iter().sum::<f64>();
+            assert!(mean.ln().abs() < largest_bias, "{name}, {sampler}: estimates are {mean} of the error");
+            let factors = renders.iter().zip(&intervals).filter_map(|(r, i)| Some(i[1] / r.relmse?));
+            let factor = (factors.map(f64::ln).sum::<f64>() / SEEDS as f64).exp();
+            assert!(factor > 1.05 && factor < widest, "{name}, {sampler}: up to {factor} times the estimate");
+        }
+    }
+}
+
+/// Adaptive and uniform sampling of other seeds: the means of the image and of its quarters agree within 4.5 standard
+/// errors (a chance of 7 in a million for each of 20 comparisons).
+#[test]
+fn adaptive_sampling_is_unbiased() {
+    const SEEDS: u64 = 48;
+    const SIZE: usize = 24;
+    for (name, sampler) in [
+        ("noisy.xml", SamplerKind::Independent),
+        ("fireflies.xml", SamplerKind::Independent),
+        ("noisy.xml", SamplerKind::Sobol),
+        ("fireflies.xml", SamplerKind::Sobol),
+    ] {
+        let scene = scene(name, SIZE as u32);
+        let means = |adaptive: bool| -> Vec<[f64; 5]> {
+            let seeds = (0..SEEDS).map(|seed| seed + if adaptive { 1000 } else { 0 });
+            seeds
+                .map(|seed| {
+                    let mut sums = [0.0; 5];
+                    let image = scenes::pixels(&render(&scene, sampler, samples(16), seed, adaptive));
+                    for (i, pixel) in image.iter().enumerate() {
+                        let quarter = i % SIZE / (SIZE / 2) + 2 * (i / SIZE / (SIZE / 2));
+                        let value = pixel.iter().sum::<f64>();
+                        sums[quarter] += value;
+                        sums[4] += value;
+                    }
+                    sums
+                })
+                .collect()
+        };
+        let (with, without) = (means(true), means(false));
+        for part in 0..5 {
+            let moments = |values: &[[f64; 5]]| {
+                let n = values.len() as f64;
+                let mean = values.iter().map(|v| v[part]).sum::<f64>() / n;
+                let variance = values.iter().map(|v| (v[part] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+                (mean, variance / n)
+            };
+            let ((a, var_a), (b, var_b)) = (moments(&with), moments(&without));
+            let z = (a - b) / (var_a + var_b).sqrt();
+            assert!(z.abs() < 4.5, "{name}, {sampler}, part {part}: {a} instead of {b}, z = {z}");
+        }
+    }
+}
+
+#[test]
+fn a_target_is_reached_with_few_samples_too_many() {
+    let scene = scene("smooth.xml", 48);
+    for (sampler, target) in [(SamplerKind::Independent, 0.012), (SamplerKind::Sobol, 0.012)] {
+        let rules = StopRules { error: Some(target), ..StopRules::default() };
+        let rendered = render(&scene, sampler, rules, 3, false);
+        let [_, high] = rendered.relmse_interval.expect("an interval");
+        assert!(high <= target && high > 0.85 * target, "{sampler}: {high}");
+        assert!(rendered.samples_per_pixel.is_multiple_of(2));
+    }
+}
+
+#[test]
+fn adaptive_renders_keep_budget_and_numbers_on_any_threads() {
+    let folder = Folder::new();
+    let options = "s.xml -q --spp 32 --adaptive --aov samples,variance,standard_error";
+    for threads in [1, 2, 5] {
+        folder.render(&format!("{options} -t {threads} -o {threads}.exr --stats {threads}.json"));
+    }
+    let first = read(&folder.path("1.exr")).expect("the image");
+    for threads in [2, 5] {
+        let other = read(&folder.path(&format!("{threads}.exr"))).expect("the image");
+        let bits = |image: &buffon::image::Image| image.data.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&first), bits(&other), "{threads} threads");
+    }
+    let channel = |name: &str| first.channel(name).expect("the layer is there");
+    let (n, variance, error) = (channel("samples.N"), channel("variance.G"), channel("standard_error.G"));
+    let pixels: Vec<&[f32]> = first.data.chunks_exact(first.data.len() / (40 * 30)).collect();
+    let counts: Vec<u64> = pixels.iter().map(|p| p[n] as u64).collect();
+    let mean = counts.iter().sum::<u64>() as f64 / counts.len() as f64;
+    assert!(mean <= 32.0 && mean > 29.0, "{mean}");
+    assert!(counts.iter().all(|n| n % 2 == 0 && *n >= 8) && counts.iter().any(|n| *n > 40));
+    assert!(pixels.iter().all(|p| (p[error] * p[error] - p[variance]).abs() <= 1e-5 * p[variance]));
+    let stats: Json = serde_json::from_slice(&folder.read("1.json")).expect("JSON");
+    assert_eq!(stats["adaptive"], Json::from(true));
+    assert_eq!(stats["samples"]["mean"], Json::from(mean));
+    assert_eq!(stats["spp"], Json::from(mean.round() as u64));
+    for (i, key) in ["buffon:relmse_low", "buffon:relmse_high"].into_iter().enumerate() {
+        let Some(Value::Float(value)) = first.metadata.get(key) else { panic!("{key} is missing") };
+        let in_stats = stats["relmse_interval"][i].as_f64().expect("a number");
+        assert!((f64::from(*value) / in_stats - 1.0).abs() < 1e-6, "{key}");
+    }
+}
+
+#[test]
+fn adaptive_sampling_works_with_every_rule_and_is_refused_where_it_cannot() {
+    let folder = Folder::new();
+    for (rules, reason) in [
+        ("--time 0.5s", "time is up"),
+        ("--target-error 0.3", "error reached"),
+        ("--spp 5", "all samples taken"),
+    ] {
+        let run = folder.render(&format!("s.xml --adaptive --progress none {rules}"));
+        assert!(run.stderr.trim_end().ends_with(reason), "{rules}: {}", run.stderr);
+    }
+    let run = folder.run("render s.xml --adaptive --integrator ptracer");
+    assert_eq!(run.code, 2);
+    let expected =
+        "--adaptive: ptracer traces its paths from the lights, and cannot decide which pixels they reach";
+    assert!(run.stderr.contains(expected), "{}", run.stderr);
+}
