@@ -40,6 +40,7 @@
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
 //! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
 //! - `[Duff 2017]` Building an orthonormal basis, revisited. JCGT 6(1).
 //! - `[Dupuy and Benyoub 2023]` Sampling visible GGX normals with spherical caps. HPG.
@@ -65,6 +66,7 @@
 //! - `[Wächter and Binder 2019]` A fast and robust method for avoiding self-intersection. Ray Tracing Gems.
 //! - `[Walter 2007]` Microfacet models for refraction through rough surfaces. EGSR.
 //! - `[Wellons 2018]` Prospecting for hash functions.
+//! - `[Whitted 1980]` An improved illumination model for shaded display. CACM 23(6).
 //! - `[Woop 2013]` Woop, Benthin, Wald: Watertight ray/triangle intersection. JCGT 2(1).
 #![deny(unsafe_code)]
 

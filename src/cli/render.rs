@@ -7,7 +7,9 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, Metadata, Value, WriteOptions};
-use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings, PtracerSettings};
+use crate::integrator::settings::{
+    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+};
 use crate::integrator::{self, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::render::{Job, JobSettings, Progress, Rendered, StopReason, StopRules, output};
@@ -42,7 +44,7 @@ pub struct RenderArgs {
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, whitted, distribution, depth or aov [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified or sobol [default: sobol]
@@ -222,7 +224,7 @@ fn stop_rules(args: &RenderArgs, of_scene: Option<u32>) -> StopRules {
 const DEFAULT_SPP: u64 = 64;
 
 /// The integrator of the command line, else that of the scene. What both have of the lengths of paths and of hidden
-/// emitters stays as the scene has it.
+/// emitters stays as the scene has it; trees of rays, whose cost is exponential, are no deeper than their default.
 fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
     let default = PathSettings::default();
     let kept = match &of_scene {
@@ -231,6 +233,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
+        Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+        | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
+            PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
+        }
         Settings::Depth | Settings::Aov { .. } => default,
     };
     let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
@@ -240,12 +246,23 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
+        Some("whitted") => {
+            let default = WhittedSettings::default();
+            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
+            Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+        }
+        Some("distribution") => {
+            let default = DistributionSettings::default();
+            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
+            Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
+        }
         Some("depth") => Settings::Depth,
         // Its layers are those of --aov: see `layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
+                 distribution, depth and aov"
             )));
         }
     })
