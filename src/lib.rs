@@ -91,5 +91,6 @@ pub mod render;
 pub mod sampling;
 pub mod scene;
 pub mod sensor;
+pub mod session;
 pub mod shape;
 pub mod texture;

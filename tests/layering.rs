@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The rows; a module may use those of every row above.
-const ROWS: [&[&str]; 10] = [
+const ROWS: [&[&str]; 11] = [
     &["math", "error", "ids"],
     &["color", "sampling", "estimate", "image", "embree"],
     &["accel", "texture"],
@@ -14,6 +14,7 @@ const ROWS: [&[&str]; 10] = [
     &["integrator"],
     &["render"],
     &["loader", "report"],
+    &["session"],
     &["cli", "main"],
 ];
 

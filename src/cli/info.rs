@@ -1,11 +1,12 @@
 //! `buffon info`: what a scene or an image holds, what it needs, and what it will cost.
 
-use super::{info_image, print, render};
+use super::{info_image, print};
 use crate::accel::AccelKind;
 use crate::error::{Result, counted};
 use crate::image;
 use crate::loader::{self, LoadOptions};
 use crate::scene::{CompileOptions, Scene, compile};
+use crate::session::default_threads;
 use crate::shape::WorldShape;
 use clap::Args;
 use std::collections::BTreeMap;
@@ -42,11 +43,8 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     let options = LoadOptions { defines: args.define.clone(), search_paths: Vec::new() };
     let loaded = loader::load(&args.file, &options)?;
     let settings = loaded.description.sensors.clone();
-    let compile_options = CompileOptions {
-        accel: args.accel.unwrap_or_default(),
-        threads: render::default_threads(),
-        sensor: 0,
-    };
+    let compile_options =
+        CompileOptions { accel: args.accel.unwrap_or_default(), threads: default_threads(), sensor: 0 };
     let (scene, report) = compile(loaded.description, compile_options)?;
     let mut text = String::new();
     let mut line = |name: &str, value: String| {

@@ -6,15 +6,11 @@ use super::values;
 use crate::accel::AccelKind;
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
-use crate::image::{self, Metadata, Value, WriteOptions};
-use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
-};
-use crate::integrator::{self, Settings};
-use crate::loader::{self, LoadOptions, Loaded};
-use crate::render::{Job, JobSettings, Progress, Rendered, StopReason, StopRules, output};
-use crate::sampling::{Sampler, SamplerKind};
-use crate::scene::{CompileOptions, CompileReport, Scene, compile};
+use crate::image::{self, WriteOptions};
+use crate::loader::LoadOptions;
+use crate::render::{Progress, Rendered, StopReason, StopRules};
+use crate::sampling::SamplerKind;
+use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session, default_threads};
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -94,15 +90,6 @@ pub struct RenderArgs {
     pub display_server: Option<String>,
 }
 
-/// A scene that is ready to be rendered.
-struct Prepared {
-    scene: Scene,
-    report: CompileReport,
-    settings: Settings,
-    job: JobSettings,
-    seconds: Seconds,
-}
-
 /// Renders.
 ///
 /// # Errors
@@ -115,20 +102,20 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
         image::check_replaceable(path)?;
     }
-    let mut prepared = prepare(args)?;
+    let (session, mut seconds) = open(args)?;
+    let plan = session.plan(&choices(args))?;
     let progress = Arc::new(Progress::new());
     let signal = listen(&progress)?;
-    let rendered = sample(args, &prepared, &progress)?;
+    let rendered = sample(args, &session, &plan, &progress)?;
     let written = Instant::now();
-    let image = finished_image(&prepared, &rendered, args);
-    let camera = &prepared.scene.sensors[args.sensor];
-    let options = WriteOptions { samples: camera.film.component_format.into(), ..WriteOptions::default() };
-    let report = image::write(&target, &image, &options)?;
-    prepared.seconds.write = written.elapsed().as_secs_f64();
-    prepared.seconds.render = rendered.elapsed.as_secs_f64();
-    prepared.seconds.total = started.elapsed().as_secs_f64();
+    let image = session.image(&plan, &rendered);
+    let samples = session.camera().film.component_format.into();
+    let report = image::write(&target, &image, &WriteOptions { samples, ..WriteOptions::default() })?;
+    seconds.write = written.elapsed().as_secs_f64();
+    seconds.render = rendered.elapsed.as_secs_f64();
+    seconds.total = started.elapsed().as_secs_f64();
     if let Some(path) = &args.stats {
-        account(args, &prepared, &rendered).write(path)?;
+        Account { session: &session, plan: &plan, rendered: &rendered, seconds }.write(path)?;
     }
     if !args.quiet {
         eprintln!("{}", summary(&target, &rendered));
@@ -154,146 +141,37 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
     Ok(())
 }
 
-fn prepare(args: &RenderArgs) -> Result<Prepared> {
-    let mut seconds = Seconds::default();
-    let loading = Instant::now();
-    let options = LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() };
-    let Loaded { mut description, integrator, sampler, samples_per_pixel, warnings, notes } =
-        loader::load(&args.scene, &options)?;
-    seconds.load = loading.elapsed().as_secs_f64();
-    warn(args, warnings)?;
-    if !args.quiet {
-        notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
-    }
-    let sensors = description.sensors.len();
-    let Some(sensor) = description.sensors.get_mut(args.sensor) else {
-        return Err(Error::usage(format!(
-            "--sensor {}: the scene has {}, counted from 0",
-            args.sensor,
-            counted(sensors as u64, "sensor", "sensors")
-        )));
+/// Loads and compiles the scene, saying what there is to say about it.
+fn open(args: &RenderArgs) -> Result<(Session, Seconds)> {
+    let choices = SceneChoices {
+        load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+        sensor: args.sensor,
+        size: args.size,
+        crop: args.crop,
     };
-    if let Some((width, height)) = args.size {
-        (sensor.film.width, sensor.film.height, sensor.film.crop) = (width, height, None);
-    }
-    if let Some(crop) = args.crop {
-        let inside =
-            |start: u32, length: u32, whole: u32| start.checked_add(length).is_some_and(|end| end <= whole);
-        let film = &mut sensor.film;
-        if !inside(crop.x, crop.width, film.width) || !inside(crop.y, crop.height, film.height) {
-            return Err(Error::usage(format!(
-                "--crop {},{},{},{}: expected a part of the image, which has {}x{} pixels",
-                crop.x, crop.y, crop.width, crop.height, film.width, film.height
-            )));
-        }
-        film.crop = Some(crop);
+    let mut file = SceneFile::load(&args.scene, &choices)?;
+    let load = file.load_seconds;
+    warn(args, std::mem::take(&mut file.warnings))?;
+    if !args.quiet {
+        file.notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     let threads = args.threads.map_or_else(default_threads, |n| n as usize);
-    let accel = args.accel.unwrap_or_default();
-    let (scene, report) = compile(description, CompileOptions { accel, threads, sensor: args.sensor })?;
-    seconds.build = report.build_seconds;
-    warn(args, report.warnings.clone())?;
-    if report.dropped_primitives > 0 {
-        let dropped = counted(report.dropped_primitives as u64, "primitive", "primitives");
-        let message = format!("{dropped} left out: not finite, or out of range");
-        warn(args, vec![Error::scene(message)])?;
-    }
-    let settings = choose_integrator(args.integrator.as_deref(), integrator)?;
-    let stop = stop_rules(args, samples_per_pixel);
-    let kind = args.sampler.or(sampler).unwrap_or_default();
-    let sampler = Sampler::new(kind, stop.samples);
-    let layers = layers(args, &settings)?;
     image::set_threads(threads);
-    let job = JobSettings { sampler, seed: args.seed, threads, stop, layers };
-    Ok(Prepared { scene, report, settings, job, seconds })
+    let mut session = file.compile(args.accel.unwrap_or_default(), threads)?;
+    warn(args, std::mem::take(&mut session.warnings))?;
+    let build = session.report.build_seconds;
+    Ok((session, Seconds { load, build, ..Seconds::default() }))
 }
 
-/// All cores.
-pub(super) fn default_threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// The rules of the command line; without any, the scene's sample count.
-fn stop_rules(args: &RenderArgs, of_scene: Option<u32>) -> StopRules {
-    let given = args.spp.is_some() || args.time.is_some() || args.target_error.is_some();
-    let samples = if given { args.spp } else { Some(of_scene.map_or(DEFAULT_SPP, u64::from)) };
-    StopRules { samples, time: args.time, error: args.target_error }
-}
-
-/// Samples per pixel where neither the scene nor the command line says anything.
-const DEFAULT_SPP: u64 = 64;
-
-/// The integrator of the command line, else that of the scene. What both have of the lengths of paths and of hidden
-/// emitters stays as the scene has it; trees of rays, whose cost is exponential, are no deeper than their default.
-fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
-    let default = PathSettings::default();
-    let kept = match &of_scene {
-        Settings::Path(path) => *path,
-        Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
-            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
-        }
-        Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
-        Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
-        | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
-            PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
-        }
-        Settings::Depth | Settings::Aov { .. } => default,
-    };
-    let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
-    Ok(match name {
-        None => of_scene,
-        Some(name) if name == of_scene.name() => of_scene,
-        Some("path") => Settings::Path(kept),
-        Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
-        Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
-        Some("whitted") => {
-            let default = WhittedSettings::default();
-            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
-            Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
-        }
-        Some("distribution") => {
-            let default = DistributionSettings::default();
-            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
-            Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
-        }
-        Some("depth") => Settings::Depth,
-        // Its layers are those of --aov: see `layers`.
-        Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
-        Some(other) => {
-            return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
-                 distribution, depth and aov"
-            )));
-        }
-    })
-}
-
-/// The layers of the scene's `aov` integrator and of the command line.
-fn layers(args: &RenderArgs, settings: &Settings) -> Result<Vec<Layer>> {
-    let mut layers = match settings {
-        Settings::Aov { layers, .. } => layers.clone(),
-        _ => Vec::new(),
-    };
-    if layers.is_empty() && args.aov.is_empty() && matches!(settings, Settings::Aov { .. }) {
-        return Err(Error::usage(format!(
-            "--integrator aov: expected layers in --aov: {}",
-            Aov::NAMES.join(", ")
-        )));
+/// What the command line says of the render.
+fn choices(args: &RenderArgs) -> Choices {
+    Choices {
+        integrator: args.integrator.clone(),
+        sampler: args.sampler,
+        stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
+        seed: args.seed,
+        aov: args.aov.clone(),
     }
-    for (i, name) in args.aov.iter().enumerate() {
-        let aov = Aov::by_name(name).ok_or_else(|| {
-            Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
-        })?;
-        // `moment` brings its variance along.
-        if layers.iter().any(|l| l.name == *name && l.aov == aov) && !args.aov[..i].contains(name) {
-            continue;
-        }
-        if layers.iter().any(|l| l.name == *name) {
-            return Err(Error::usage(format!("--aov: the layer \"{name}\" is there twice")));
-        }
-        layers.push(Layer { name: name.clone(), aov });
-    }
-    Ok(layers)
 }
 
 /// Prints warnings, or fails with them under `--strict`.
@@ -328,47 +206,13 @@ fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
     Ok(result)
 }
 
-fn sample(args: &RenderArgs, prepared: &Prepared, progress: &Arc<Progress>) -> Result<Rendered> {
-    let integrator = integrator::create(&prepared.settings);
-    let camera = &prepared.scene.sensors[args.sensor];
-    let job = Job::new(&prepared.scene, integrator.as_ref(), camera, prepared.job.clone(), progress);
+fn sample(args: &RenderArgs, session: &Session, plan: &Plan, progress: &Arc<Progress>) -> Result<Rendered> {
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
-    let watcher = Watcher::start(kind, progress.clone(), camera.film.rect().area(), prepared.job.stop);
-    let rendered = job.run();
+    let pixels = session.camera().film.rect().area();
+    let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
+    let rendered = session.render(plan, progress);
     watcher.finish();
     rendered
-}
-
-fn finished_image(prepared: &Prepared, rendered: &Rendered, args: &RenderArgs) -> image::Image {
-    let camera = &prepared.scene.sensors[args.sensor];
-    let mut metadata = Metadata::new()
-        .with("Software", Value::Text(format!("Buffon {}", env!("CARGO_PKG_VERSION"))))
-        .with("samplesPerPixel", Value::Int(i32::try_from(rendered.samples_per_pixel).unwrap_or(i32::MAX)))
-        .with("renderTimeSeconds", Value::Float(rendered.elapsed.as_secs_f32()))
-        .with("buffon:seed", Value::Text(args.seed.to_string()))
-        .with("buffon:integrator", Value::Text(prepared.settings.name().into()))
-        .with("buffon:stop", Value::Text(rendered.stop_reason.to_string()));
-    if let Some(relmse) = rendered.relmse {
-        metadata.set("buffon:relmse", Value::Float(relmse as f32));
-    }
-    for (name, value) in output::camera_metadata(camera) {
-        metadata.set(name, value);
-    }
-    output::to_image(rendered, camera.film.pixel_format, metadata)
-}
-
-fn account<'a>(args: &'a RenderArgs, prepared: &'a Prepared, rendered: &'a Rendered) -> Account<'a> {
-    Account {
-        scene_file: &args.scene,
-        scene: &prepared.scene,
-        report: &prepared.report,
-        integrator: prepared.settings.name(),
-        sampler: prepared.job.sampler.kind(),
-        seed: args.seed,
-        threads: prepared.job.threads,
-        rendered,
-        seconds: prepared.seconds,
-    }
 }
 
 fn summary(target: &Path, rendered: &Rendered) -> String {

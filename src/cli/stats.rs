@@ -3,8 +3,7 @@
 use crate::error::Result;
 use crate::image::replace;
 use crate::render::Rendered;
-use crate::sampling::SamplerKind;
-use crate::scene::{CompileReport, Scene};
+use crate::session::{Plan, Session};
 use cpu_time::ProcessTime;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -28,20 +27,10 @@ pub struct Seconds {
 
 /// Everything that the account is made of.
 pub struct Account<'a> {
-    /// The scene file.
-    pub scene_file: &'a Path,
     /// The scene.
-    pub scene: &'a Scene,
-    /// What compiling found.
-    pub report: &'a CompileReport,
-    /// Name of the integrator.
-    pub integrator: &'a str,
-    /// The sampler.
-    pub sampler: SamplerKind,
-    /// The seed.
-    pub seed: u64,
-    /// Threads.
-    pub threads: usize,
+    pub session: &'a Session,
+    /// How it was rendered.
+    pub plan: &'a Plan,
     /// The render.
     pub rendered: &'a Rendered,
     /// Its times.
@@ -62,19 +51,20 @@ impl Account<'_> {
     }
 
     fn json(&self) -> Value {
-        let Account { scene, rendered, seconds, .. } = self;
+        let Account { session, plan, rendered, seconds } = self;
+        let Session { scene, report, .. } = session;
         let counters = &rendered.counters;
         let needs: Map<String, Value> =
             scene.needs.list().into_iter().map(|(name, used)| (name.to_string(), used.into())).collect();
         json!({
             "version": env!("BUFFON_VERSION"),
-            "scene": self.scene_file.display().to_string(),
-            "integrator": self.integrator,
-            "sampler": self.sampler.name(),
+            "scene": session.path.display().to_string(),
+            "integrator": plan.integrator.name(),
+            "sampler": plan.job.sampler.kind().name(),
             "accel": scene.accel.name(),
             "image_library": crate::image::backend(),
-            "seed": self.seed,
-            "threads": self.threads,
+            "seed": plan.job.seed,
+            "threads": plan.job.threads,
             "width": rendered.rect.width,
             "height": rendered.rect.height,
             "spp": rendered.samples_per_pixel,
@@ -101,7 +91,7 @@ impl Account<'_> {
             "mesh_memory_bytes": scene.mesh_bytes(),
             "film_memory_bytes": rendered.tiles.iter().map(|t| t.memory_bytes()).sum::<usize>(),
             "triangles": scene.triangle_count(),
-            "dropped_primitives": self.report.dropped_primitives,
+            "dropped_primitives": report.dropped_primitives,
             "needs": needs,
         })
     }

@@ -1,0 +1,129 @@
+//! From what the user chooses, and what the scene file asks for, to the settings of a render.
+
+use super::Session;
+use crate::error::{Error, Result};
+use crate::integrator::Settings;
+use crate::integrator::settings::{
+    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+};
+use crate::render::{JobSettings, StopRules};
+use crate::sampling::{Sampler, SamplerKind};
+
+/// How the user wants a scene rendered. What is not chosen is what the scene file asks for, else the default.
+#[derive(Clone, Debug, Default)]
+pub struct Choices {
+    /// Name of the integrator.
+    pub integrator: Option<String>,
+    /// The sampler.
+    pub sampler: Option<SamplerKind>,
+    /// Stop rules; without any, the scene's sample count.
+    pub stop: StopRules,
+    /// The seed.
+    pub seed: u64,
+    /// Names of layers beside the image.
+    pub aov: Vec<String>,
+}
+
+/// An integrator's settings and a job's.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The integrator.
+    pub integrator: Settings,
+    /// Sampler, seed, threads, stop rules and layers.
+    pub job: JobSettings,
+}
+
+/// Samples per pixel where neither the scene nor the user says anything.
+const DEFAULT_SPP: u64 = 64;
+
+impl Session {
+    /// The settings of a render.
+    ///
+    /// # Errors
+    /// If there is no such integrator or layer, or a layer is there twice.
+    pub fn plan(&self, choices: &Choices) -> Result<Plan> {
+        let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
+        let mut stop = choices.stop;
+        if stop == StopRules::default() {
+            stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
+        }
+        let kind = choices.sampler.or(self.defaults.sampler).unwrap_or_default();
+        let sampler = Sampler::new(kind, stop.samples);
+        let layers = choose_layers(&choices.aov, &integrator)?;
+        let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
+        Ok(Plan { integrator, job })
+    }
+}
+
+/// The integrator that the user names, else that of the scene. What both have of the lengths of paths and of hidden
+/// emitters stays as the scene has it; trees of rays, whose cost is exponential, are no deeper than their default.
+fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
+    let default = PathSettings::default();
+    let kept = match &of_scene {
+        Settings::Path(path) => *path,
+        Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
+            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
+        }
+        Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
+        Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+        | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
+            PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
+        }
+        Settings::Depth | Settings::Aov { .. } => default,
+    };
+    let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
+    Ok(match name {
+        None => of_scene,
+        Some(name) if name == of_scene.name() => of_scene,
+        Some("path") => Settings::Path(kept),
+        Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
+        Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
+        Some("whitted") => {
+            let default = WhittedSettings::default();
+            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
+            Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+        }
+        Some("distribution") => {
+            let default = DistributionSettings::default();
+            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
+            Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
+        }
+        Some("depth") => Settings::Depth,
+        // Its layers are those of --aov: see `layers`.
+        Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
+        Some(other) => {
+            return Err(Error::usage(format!(
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
+                 distribution, depth and aov"
+            )));
+        }
+    })
+}
+
+/// The layers of the scene's `aov` integrator and those that the user names.
+fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
+    let mut layers = match settings {
+        Settings::Aov { layers, .. } => layers.clone(),
+        _ => Vec::new(),
+    };
+    if layers.is_empty() && names.is_empty() && matches!(settings, Settings::Aov { .. }) {
+        return Err(Error::usage(format!(
+            "--integrator aov: expected layers in --aov: {}",
+            Aov::NAMES.join(", ")
+        )));
+    }
+    for (i, name) in names.iter().enumerate() {
+        let aov = Aov::by_name(name).ok_or_else(|| {
+            Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
+        })?;
+        // `moment` brings its variance along.
+        if layers.iter().any(|l| l.name == *name && l.aov == aov) && !names[..i].contains(name) {
+            continue;
+        }
+        if layers.iter().any(|l| l.name == *name) {
+            return Err(Error::usage(format!("--aov: the layer \"{name}\" is there twice")));
+        }
+        layers.push(Layer { name: name.clone(), aov });
+    }
+    Ok(layers)
+}
