@@ -187,7 +187,13 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
         .unzip();
     let mut out = vec![Radiance::NONE; rays.len()];
     let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent };
-    integrator::create(settings).li(scene, wave, query, &mut Worker::new(Sampler::Sobol), &mut out);
+    integrator::create(settings).li(
+        scene,
+        wave,
+        query,
+        &mut Worker::new(Sampler::new(SamplerKind::Sobol, None)),
+        &mut out,
+    );
     out
 }
 

@@ -1,12 +1,27 @@
 //! The dimensions of a sample, laid out once.
 //!
-//! A sample is a point of infinitely many dimensions. Its first ones belong to the camera, then each bounce
-//! has a block of its own. A number or a pair of numbers is drawn for a [`Dimension`]; samplers stratify
-//! within a dimension and scramble each dimension independently.
+//! A sample is a point of infinitely many dimensions. Its first ones belong to the camera and to the start of a light
+//! path, then each bounce has a block of its own. A number or a pair of numbers is drawn for a [`Dimension`]; samplers
+//! stratify within a dimension and scramble each dimension independently.
+
+use super::Domain;
+use std::fmt;
 
 /// A dimension (or pair of dimensions) of the sample space.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Dimension(pub u32);
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Dimension(pub u64);
+
+/// Names and domains of the dimensions before the bounces.
+const FIRST: [(&str, Domain); 6] = [
+    ("pixel", Domain::Pixel),
+    ("lens", Domain::Lens),
+    ("time", Domain::Time),
+    ("light", Domain::Light),
+    ("light_point", Domain::Light),
+    ("light_direction", Domain::Light),
+];
+/// Names of the dimensions of a bounce, by their offset in its block.
+const OF_BOUNCE: [&str; 5] = ["emitter_choice", "emitter_point", "bsdf_lobe", "bsdf_direction", "roulette"];
 
 impl Dimension {
     /// Position in the pixel (a pair).
@@ -21,8 +36,10 @@ impl Dimension {
     pub const LIGHT_POINT: Dimension = Dimension(4);
     /// In which direction a light path begins (a pair).
     pub const LIGHT_DIRECTION: Dimension = Dimension(5);
-    const BOUNCES: u32 = 8;
-    const PER_BOUNCE: u32 = 8;
+    const BOUNCES: u64 = 8;
+    const PER_BOUNCE: u64 = 8;
+    /// The bits above these count repetitions.
+    const REPEAT_SHIFT: u32 = 36;
 
     /// Which emitter to sample at a bounce.
     pub const fn emitter_choice(bounce: u32) -> Dimension {
@@ -49,13 +66,58 @@ impl Dimension {
         Dimension::of_bounce(bounce, 4)
     }
 
-    /// The same dimension of the `i`-th of several samples that one path draws at one place.
+    /// The same dimension of the `i`-th (of at most 2^28) of several samples that one path draws at one place.
     pub const fn repeat(self, i: u32) -> Dimension {
-        Dimension(self.0.wrapping_add(i.wrapping_mul(0x0100_0000)))
+        Dimension(self.0.wrapping_add((i as u64) << Self::REPEAT_SHIFT))
     }
 
-    const fn of_bounce(bounce: u32, offset: u32) -> Dimension {
-        Dimension(Self::BOUNCES + bounce * Self::PER_BOUNCE + offset)
+    const fn of_bounce(bounce: u32, offset: u64) -> Dimension {
+        Dimension(Self::BOUNCES + bounce as u64 * Self::PER_BOUNCE + offset)
+    }
+
+    /// The word that samplers scramble with.
+    pub(super) const fn word(self) -> u32 {
+        self.0 as u32 ^ ((self.0 >> 32) as u32).wrapping_mul(0x9e37_79b9)
+    }
+
+    /// Which repetition it belongs to.
+    const fn repetition(self) -> u64 {
+        self.0 >> Self::REPEAT_SHIFT
+    }
+
+    /// The bounce and the offset in its block; the dimension's own number before the bounces.
+    const fn place(self) -> Result<(u64, usize), usize> {
+        let base = self.0 & ((1 << Self::REPEAT_SHIFT) - 1);
+        match base.checked_sub(Self::BOUNCES) {
+            None => Err(base as usize),
+            Some(base) => Ok((base / Self::PER_BOUNCE, (base % Self::PER_BOUNCE) as usize)),
+        }
+    }
+
+    /// The domain of integration that it belongs to; the number of an unused place belongs to [`Domain::Hemisphere`].
+    pub fn domain(self) -> Domain {
+        match self.place() {
+            Err(i) => FIRST.get(i).map_or(Domain::Hemisphere, |(_, domain)| *domain),
+            Ok((_, 0 | 1)) => Domain::Light,
+            Ok((0, 2 | 3)) => Domain::Bsdf,
+            Ok((_, 4)) => Domain::Roulette,
+            Ok(_) => Domain::Hemisphere,
+        }
+    }
+}
+
+/// The name: `pixel`, `emitter_point[3]` for one of the fourth bounce, `emitter_point[0] of sample 2` for a repetition.
+impl fmt::Display for Dimension {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let unused = "unused";
+        match self.place() {
+            Err(i) => f.write_str(FIRST.get(i).map_or(unused, |(name, _)| name))?,
+            Ok((bounce, i)) => write!(f, "{}[{bounce}]", OF_BOUNCE.get(i).unwrap_or(&unused))?,
+        }
+        match self.repetition() {
+            0 => Ok(()),
+            i => write!(f, " of sample {i}"),
+        }
     }
 }
 
@@ -64,23 +126,46 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
+    fn of_bounce(bounce: u32) -> [Dimension; 5] {
+        [
+            Dimension::emitter_choice(bounce),
+            Dimension::emitter_point(bounce),
+            Dimension::bsdf_lobe(bounce),
+            Dimension::bsdf_direction(bounce),
+            Dimension::roulette(bounce),
+        ]
+    }
+
+    const CAMERA: [Dimension; 3] = [Dimension::PIXEL, Dimension::LENS, Dimension::TIME];
+    const LIGHT: [Dimension; 3] = [Dimension::LIGHT, Dimension::LIGHT_POINT, Dimension::LIGHT_DIRECTION];
+
     #[test]
-    fn no_two_uses_share_a_dimension() {
-        let camera = [Dimension::PIXEL, Dimension::LENS, Dimension::TIME];
-        let light = [Dimension::LIGHT, Dimension::LIGHT_POINT, Dimension::LIGHT_DIRECTION];
-        let mut seen: HashSet<u32> = camera.into_iter().chain(light).map(|d| d.0).collect();
-        assert_eq!(seen.len(), 6);
-        for bounce in 0..1000 {
-            for d in [
-                Dimension::emitter_choice(bounce),
-                Dimension::emitter_point(bounce),
-                Dimension::bsdf_lobe(bounce),
-                Dimension::bsdf_direction(bounce),
-                Dimension::roulette(bounce),
-            ] {
-                assert!(seen.insert(d.0));
-                assert!(seen.insert(d.repeat(1).0));
+    fn no_two_uses_share_a_dimension_a_name_or_a_word() {
+        let all: Vec<_> = (0..1000).chain([u32::MAX]).flat_map(of_bounce).collect();
+        let all = CAMERA.into_iter().chain(LIGHT).chain(all);
+        let (mut seen, mut names, mut words) = (HashSet::new(), HashSet::new(), HashSet::new());
+        for d in all {
+            for i in [0, 1, 255, 256, 70_000] {
+                let d = d.repeat(i);
+                assert!(seen.insert(d), "{d}");
+                assert!(names.insert(d.to_string()), "{d}");
+                assert!(words.insert(d.word()), "{d}");
             }
         }
+    }
+
+    #[test]
+    fn names_and_domains_are_those_of_the_uses() {
+        let first = CAMERA.into_iter().chain(LIGHT).map(|d| format!("{d} {}", d.domain()));
+        let expected =
+            "pixel pixel, lens lens, time time, light light, light_point light, light_direction light";
+        assert_eq!(first.collect::<Vec<_>>().join(", "), expected);
+        let domains = of_bounce(0).map(|d| format!("{d} {}", d.domain())).join(", ");
+        let expected = "emitter_choice[0] light, emitter_point[0] light, bsdf_lobe[0] bsdf, \
+                        bsdf_direction[0] bsdf, roulette[0] roulette";
+        assert_eq!(domains, expected);
+        assert_eq!(Dimension::bsdf_direction(3).domain(), Domain::Hemisphere);
+        assert_eq!(Dimension::emitter_point(3).repeat(2).to_string(), "emitter_point[3] of sample 2");
+        assert_eq!(Dimension::emitter_point(3).repeat(2).domain(), Domain::Light);
     }
 }

@@ -3,12 +3,14 @@
 pub mod dimension;
 pub mod distribution;
 pub mod distribution_2d;
+pub mod domain;
 pub mod hash;
 pub mod mis;
-pub mod sampler;
+pub mod samplers;
 pub mod warp;
 
 pub use dimension::Dimension;
 pub use distribution::Distribution1D;
 pub use distribution_2d::{BilinearDistribution2D, Distribution2D};
-pub use sampler::{SampleKey, Sampler, SamplerKind};
+pub use domain::{Domain, DomainSet};
+pub use samplers::{SampleKey, Sampler, SamplerKind};

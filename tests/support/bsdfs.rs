@@ -4,7 +4,7 @@ use super::chi2::{check_directions, check_square};
 use buffon::bsdf::{Bsdf, BsdfSample, Lobe};
 use buffon::color::Rgb;
 use buffon::math::{DVec3, Vec2, Vec3};
-use buffon::sampling::{Dimension, SampleKey, Sampler};
+use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
@@ -143,9 +143,9 @@ static NUMBERS: LazyLock<Vec<(f32, Vec2)>> = LazyLock::new(|| {
     const SAMPLES: usize = 1 << 12;
     const CHOICES: usize = 4;
     let keys: Vec<_> = (0..SAMPLES as u64).map(|i| SampleKey::new(5, 0, 0, 2 * i)).collect();
-    let draw = |d: u32| {
+    let draw = |d: u64| {
         let (mut x, mut y) = (vec![0.0; SAMPLES], vec![0.0; SAMPLES]);
-        Sampler::Sobol.fill_2d(Dimension(d), &keys, &mut x, &mut y);
+        Sampler::new(SamplerKind::Sobol, None).fill_2d(Dimension(d), &keys, &mut x, &mut y);
         (x, y)
     };
     let ((u_lobe, _), (x, y)) = (draw(0), draw(1));

@@ -5,7 +5,7 @@
 
 use super::statistics::{chi2_tail, sidak};
 use buffon::math::{Vec2, Vec3};
-use buffon::sampling::{Dimension, SampleKey, Sampler};
+use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use std::f64::consts::{PI, TAU};
 
 /// Cells along the first axis; odd, so that cell borders avoid the equator and the poles' symmetries.
@@ -128,9 +128,9 @@ fn outliers(counts: &[u64], shares: &[f64]) -> Vec<(usize, usize, u64, f64)> {
 /// Independent random numbers, the same in every run.
 fn numbers() -> impl Iterator<Item = (f32, Vec2)> {
     let keys: Vec<_> = (0..SAMPLES as u32).map(|i| SampleKey::new(11, i % 1024, i / 1024, 0)).collect();
-    let draw = |d: u32| {
+    let draw = |d: u64| {
         let (mut x, mut y) = (vec![0.0; SAMPLES], vec![0.0; SAMPLES]);
-        Sampler::Independent.fill_2d(Dimension(d), &keys, &mut x, &mut y);
+        Sampler::new(SamplerKind::Independent, None).fill_2d(Dimension(d), &keys, &mut x, &mut y);
         (x, y)
     };
     let (lobe, _) = draw(0);
