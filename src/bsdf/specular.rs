@@ -101,7 +101,9 @@ mod tests {
         let n = 1 << 16;
         let mut found: Vec<(Vec3, Rgb)> = Vec::new();
         for k in 0..n {
-            let Some(sample) = bsdf.sample(wo, (k as f32 + 0.5) / n as f32, Vec2::splat(0.5)) else { continue };
+            let Some(sample) = bsdf.sample(wo, (k as f32 + 0.5) / n as f32, Vec2::splat(0.5)) else {
+                continue;
+            };
             if sample.lobe == Lobe::Specular {
                 let weight = sample.weight / n as f32;
                 match found.iter_mut().find(|(wi, _)| (*wi - sample.wi).length() < 1e-5) {
@@ -166,7 +168,8 @@ mod tests {
         let mut lobes = Vec::new();
         let wo = Vec3::new(0.8, 0.0, -0.6);
         Bsdf::Dielectric(glass()).specular_lobes(wo, &mut |lobe| lobes.push(lobe));
-        let expected = SpecularLobe { wi: Vec3::new(-0.8, 0.0, -0.6), weight: Rgb::new(0.9, 0.8, 1.0), eta: 1.0 };
+        let expected =
+            SpecularLobe { wi: Vec3::new(-0.8, 0.0, -0.6), weight: Rgb::new(0.9, 0.8, 1.0), eta: 1.0 };
         assert_eq!(lobes, [expected]);
     }
 }

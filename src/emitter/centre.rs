@@ -136,7 +136,11 @@ mod tests {
     fn expect(light: &Light, from: Vec3, wi: Vec3, irradiance: f32) {
         let sample = light.sample_centre(from, 0.0).expect("the light shines here");
         assert!((sample.wi - wi).length() < 1e-5, "{} {wi}", sample.wi);
-        assert!((sample.radiance.r - irradiance).abs() < 1e-5 * irradiance, "{} {irradiance}", sample.radiance.r);
+        assert!(
+            (sample.radiance.r - irradiance).abs() < 1e-5 * irradiance,
+            "{} {irradiance}",
+            sample.radiance.r
+        );
         assert!(sample.delta && sample.pdf == 1.0);
     }
 

@@ -103,7 +103,13 @@ impl<'a> Tree<'a> {
                     if !beta.is_black() {
                         let ray = self.scene.spawn_ray(&at, at.frame.to_world(lobe.wi), at.time);
                         let key = branch(parents.keys[parent], k as u32);
-                        children[k].push(ray, key, parents.slots[parent], beta, parents.eta[parent] * lobe.eta);
+                        children[k].push(
+                            ray,
+                            key,
+                            parents.slots[parent],
+                            beta,
+                            parents.eta[parent] * lobe.eta,
+                        );
                     }
                     k += 1;
                 });
@@ -139,7 +145,8 @@ mod tests {
     /// Eight levels of three-fold splits of eight samples, past the range of 32 bits at the end.
     #[test]
     fn no_two_nodes_of_a_level_share_a_key() {
-        let mut level: Vec<SampleKey> = (0..8).map(|i| SampleKey { index: 700_000 + i, ..SampleKey::new(1, 2, 3, 0) }).collect();
+        let mut level: Vec<SampleKey> =
+            (0..8).map(|i| SampleKey { index: 700_000 + i, ..SampleKey::new(1, 2, 3, 0) }).collect();
         for depth in 0..8 {
             level = level.iter().flat_map(|&key| (0..3).map(move |i| split(key, 3, i))).collect();
             let distinct: HashSet<(u32, u32)> = level.iter().map(|k| (k.scramble, k.index)).collect();
