@@ -4,6 +4,7 @@ pub mod cpu;
 pub mod diff;
 pub mod info;
 pub mod info_image;
+pub mod lab;
 pub mod progress;
 pub mod render;
 pub mod shell;
@@ -34,6 +35,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Diff(diff::DiffArgs),
     Info(info::InfoArgs),
+    Lab(lab::LabArgs),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
 }
@@ -53,6 +55,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Lab(args) => lab::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),
     };

@@ -21,8 +21,11 @@ impl PowerLaw {
     /// finite. Other points are left out.
     pub fn fit(points: impl IntoIterator<Item = (f64, f64)>) -> Option<PowerLaw> {
         let usable = |v: f64| v > 0.0 && v.is_finite();
-        let points: Vec<(f64, f64)> =
-            points.into_iter().filter(|&(x, y)| usable(x) && usable(y)).map(|(x, y)| (x.ln(), y.ln())).collect();
+        let points: Vec<(f64, f64)> = points
+            .into_iter()
+            .filter(|&(x, y)| usable(x) && usable(y))
+            .map(|(x, y)| (x.ln(), y.ln()))
+            .collect();
         let n = points.len() as f64;
         if points.len() < 3 {
             return None;

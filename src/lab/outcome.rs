@@ -117,7 +117,11 @@ pub fn slope(law: Option<PowerLaw>) -> String {
 pub fn plus_minus(measured: Measured) -> String {
     let half = 1.96 * measured.error;
     // Two significant digits of the interval.
-    let digits = if half > 0.0 && half.is_finite() { (1.0 - half.log10().floor()).clamp(0.0, 9.0) as usize } else { 4 };
+    let digits = if half > 0.0 && half.is_finite() {
+        (1.0 - half.log10().floor()).clamp(0.0, 9.0) as usize
+    } else {
+        4
+    };
     format!("{:.digits$} ± {half:.digits$}", measured.value)
 }
 

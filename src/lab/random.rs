@@ -18,7 +18,7 @@ impl Stream {
 
     /// The next number in [0, 1).
     #[inline]
-    pub fn next(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         let [a, b, _] = pcg3d(self.drawn, self.key[0], self.key[1]);
         self.drawn = self.drawn.wrapping_add(1);
         let bits = u64::from(a) << 21 ^ u64::from(b >> 11);
@@ -34,14 +34,14 @@ mod tests {
     fn numbers_are_uniform_and_streams_differ() {
         let n = 100_000;
         let mut stream = Stream::new(7, 1, 2);
-        let numbers: Vec<f64> = (0..n).map(|_| stream.next()).collect();
+        let numbers: Vec<f64> = (0..n).map(|_| stream.uniform()).collect();
         assert!(numbers.iter().all(|u| (0.0..1.0).contains(u)));
         let mean = |k: i32| numbers.iter().map(|u| u.powi(k)).sum::<f64>() / f64::from(n);
         // Five standard errors.
         assert!((mean(1) - 0.5).abs() < 5.0 * (1.0f64 / 12.0 / 1e5).sqrt());
         assert!((mean(2) - 1.0 / 3.0).abs() < 5.0 * (4.0f64 / 45.0 / 1e5).sqrt());
         for (seed, part, run) in [(8, 1, 2), (7, 2, 2), (7, 1, 3), (7 + (1 << 32), 1, 2)] {
-            assert_ne!(Stream::new(seed, part, run).next(), numbers[0]);
+            assert_ne!(Stream::new(seed, part, run).uniform(), numbers[0]);
         }
         assert!(numbers.iter().any(|u| (u * (1u64 << 30) as f64).fract() != 0.0), "more than 24 bits");
     }
