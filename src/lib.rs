@@ -36,17 +36,22 @@
 //!
 //! # Bibliography
 //!
+//! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of
+//!   pixels. ACM Transactions on Graphics 39(6).
 //! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
 //! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
 //! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
+//! - `[Cook 1986]` Stochastic sampling in computer graphics. ACM Transactions on Graphics 5(1).
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
 //! - `[Duff 2017]` Building an orthonormal basis, revisited. JCGT 6(1).
 //! - `[Dupuy and Benyoub 2023]` Sampling visible GGX normals with spherical caps. HPG.
 //! - `[Egan and Hilgeman 1973]` Spectral reflectance of particulate materials: a Monte Carlo model including asperity
 //!   scattering. Applied Optics 12.
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
+//! - `[Halton 1960]` On the efficiency of certain quasi-random sequences of points in evaluating multi-dimensional integrals.
+//!   Numerische Mathematik 2.
 //! - `[Heitz 2014]` Understanding the masking-shadowing function in microfacet-based BRDFs. JCGT 3(2).
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals. EGSR.
 //! - `[Heitz 2018]` Sampling the GGX distribution of visible normals. JCGT 7(4).
@@ -59,6 +64,7 @@
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
 //! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
+//! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.

@@ -90,9 +90,9 @@ fn options_that_cannot_be_read_are_usage_errors() {
         ("render", "the following required arguments were not provided:\n  <SCENE>"),
         ("bogus", "unrecognized subcommand 'bogus'"),
         (
-            "render s.xml --sampler halton",
-            "invalid value 'halton' for '--sampler <NAME>': unknown sampler \"halton\"; there are independent, stratified \
-             and sobol",
+            "render s.xml --sampler halten",
+            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\"; there are independent, stratified, \
+             multijitter, halton, sobol, zsobol, fixed",
         ),
         ("render s.xml --accel bvh", &accel_sentence),
         ("render s.xml -D foo", "invalid value 'foo' for '-D <NAME=VALUE>': expected name=value"),

@@ -72,12 +72,25 @@ fn a_crop_has_the_very_pixels_of_the_whole() {
     assert_eq!(bits(&crop), bits(&whole.crop(7, 5, 20, 19).expect("the crop is inside")));
 }
 
+/// Also with samplers whose pixels belong together.
+#[test]
+fn a_crop_has_the_very_pixels_of_the_whole_with_every_sampler() {
+    let folder = Folder::new();
+    for sampler in SamplerKind::ALL {
+        let options = format!("--spp 4 --sampler {sampler}");
+        let whole = picture(&folder, "whole", &options);
+        let crop = picture(&folder, "crop", &format!("{options} --crop 7,5,20,19"));
+        assert_eq!(bits(&crop), bits(&whole.crop(7, 5, 20, 19).expect("the crop is inside")), "{sampler}");
+    }
+}
+
 #[test]
 fn seeds_and_samplers_differ_and_estimate_the_same_picture() {
     let folder = Folder::new();
     let options = "--spp 256 --aov variance";
     let first = picture(&folder, "first", options);
-    let others = ["--seed 1", "--seed 4294967296", "--sampler stratified", "--sampler sobol"];
+    let others =
+        ["--seed 1", "--seed 4294967296", "--sampler stratified", "--sampler sobol", "--sampler zsobol"];
     for other in others {
         let image = picture(&folder, "other", &format!("{options} {other}"));
         assert_ne!(bits(&image), bits(&first), "{other}");

@@ -22,8 +22,11 @@ fn unknown_and_unsupported_plugins() {
     for (element, message) in cases {
         assert_eq!(error(element), format!("scene.xml:2:1: {message}"));
     }
-    let inside = "<sensor type='perspective'>\n<sampler type='halton'/></sensor>";
-    assert_eq!(error(inside), "scene.xml:3:1: <sampler type=\"halton\">: unknown sampler");
+    let inside = "<sensor type='perspective'>\n<sampler type='zsobl'/></sensor>";
+    assert_eq!(
+        error(inside),
+        "scene.xml:3:1: <sampler type=\"zsobl\">: unknown sampler (did you mean \"zsobol\"?)"
+    );
     let inside =
         "<sensor type='perspective'><film type='hdrfilm'>\n<rfilter type='mitchel'/></film></sensor>";
     assert_eq!(

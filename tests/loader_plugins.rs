@@ -48,13 +48,12 @@ fn every_value_of_film_and_sensor_is_read() {
         (PixelFormat::Rgba, ComponentFormat::Float)
     );
     assert_eq!(sensor.film.filter, Filter::Gaussian { stddev: 0.7 });
-    assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Stratified), None));
+    assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Multijitter), None));
     assert_eq!(
         loaded.notes,
         [
             "the scene names no integrator: path is used",
             "<film type=\"hdrfilm\">: sample_border is ignored: a sample belongs to one pixel, so borders need none",
-            "the sampler multijitter is mapped to stratified",
             "<sampler type=\"multijitter\">: seed is ignored: the command line's --seed decides",
         ]
     );

@@ -43,7 +43,15 @@ pub struct RenderArgs {
     /// The integrator: path, direct, ptracer, whitted, distribution, depth or aov [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
-    /// The sampler: independent, stratified or sobol [default: sobol]
+    /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]
+    ///
+    /// independent: uniform random numbers, what the others are measured against.
+    /// stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and column; they
+    /// fill all of their cells at some numbers of samples only, of which every power of two is one.
+    /// halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol at powers of
+    /// two.
+    /// zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs a power of two.
+    /// fixed: the same Sobol points in every pixel, so that the error shows as structure.
     #[arg(long, value_name = "NAME")]
     pub sampler: Option<SamplerKind>,
     /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
@@ -156,6 +164,26 @@ fn open(args: &RenderArgs) -> Result<(Session, Seconds)> {
         file.notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     let threads = args.threads.map_or_else(default_threads, |n| n as usize);
+<<<<<<< HEAD
+=======
+    let accel = args.accel.unwrap_or_default();
+    let (scene, report) = compile(description, CompileOptions { accel, threads, sensor: args.sensor })?;
+    seconds.build = report.build_seconds;
+    warn(args, report.warnings.clone())?;
+    if report.dropped_primitives > 0 {
+        let dropped = counted(report.dropped_primitives as u64, "primitive", "primitives");
+        let message = format!("{dropped} left out: not finite, or out of range");
+        warn(args, vec![Error::scene(message)])?;
+    }
+    let settings = choose_integrator(args.integrator.as_deref(), integrator)?;
+    let stop = stop_rules(args, samples_per_pixel);
+    let kind = args.sampler.or(sampler).unwrap_or_default();
+    if let Some(advice) = kind.advice(stop.samples).filter(|_| !args.quiet) {
+        eprintln!("buffon: note: {advice}");
+    }
+    let sampler = Sampler::new(kind, stop.samples);
+    let layers = layers(args, &settings)?;
+>>>>>>> e06a6f7
     image::set_threads(threads);
     let mut session = file.compile(args.accel.unwrap_or_default(), threads)?;
     warn(args, std::mem::take(&mut session.warnings))?;

@@ -94,17 +94,18 @@ impl CameraWorker {
 
     /// Makes the camera rays: pixel by pixel, the samples of a pixel beside each other.
     fn aim(&mut self, job: &Job<'_>, tile: &Tile, samples: Range<u64>) {
+        let sampler = self.worker.sampler;
         self.keys.clear();
         for i in 0..tile.pixel_count() {
             let (x, y) = tile.position(i);
-            self.keys.extend(samples.clone().map(|s| SampleKey::new(job.settings.seed, x, y, s)));
+            self.keys.extend(samples.clone().map(|s| sampler.key(job.settings.seed, x, y, s)));
         }
-        draw_2d(self.worker.sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
+        draw_2d(sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         if job.camera.has_lens() {
-            draw_2d(self.worker.sampler, Dimension::LENS, &self.keys, &mut self.lens);
+            draw_2d(sampler, Dimension::LENS, &self.keys, &mut self.lens);
         }
         if job.scene.needs.time {
-            draw_1d(self.worker.sampler, Dimension::TIME, &self.keys, &mut self.times);
+            draw_1d(sampler, Dimension::TIME, &self.keys, &mut self.times);
         }
         self.rays.clear();
         self.weights.clear();

@@ -6,7 +6,9 @@ use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
 use crate::sampling::SamplerKind;
 
-const SUPPORTED: [&str; 6] = ["independent", "stratified", "multijitter", "orthogonal", "ldsampler", "sobol"];
+/// Mitsuba's samplers that are another one here, with the closest.
+const MAPPED: [(&str, SamplerKind); 2] =
+    [("orthogonal", SamplerKind::Multijitter), ("ldsampler", SamplerKind::Sobol)];
 
 impl Builder<'_> {
     /// A sensor's sampler; the first sensor's is the scene's.
@@ -16,17 +18,19 @@ impl Builder<'_> {
     pub fn sampler(&mut self, object: ObjectId, first: bool) -> Result<()> {
         let props = Props::new(self.graph, object);
         let name = props.object.plugin.as_str();
-        let (kind, mapped) = match name {
-            "independent" => (SamplerKind::Independent, None),
-            "stratified" => (SamplerKind::Stratified, None),
-            "sobol" => (SamplerKind::Sobol, None),
-            "multijitter" => (SamplerKind::Stratified, Some("stratified")),
-            "orthogonal" | "ldsampler" => (SamplerKind::Sobol, Some("sobol")),
-            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &[])),
+        let mapped = MAPPED.iter().find(|(mitsubas, _)| *mitsubas == name);
+        let kind = match (name.parse(), mapped) {
+            (Ok(kind), _) => kind,
+            (Err(_), Some((_, ours))) => {
+                self.note(format!("the sampler {name} is mapped to {ours}"));
+                *ours
+            }
+            _ => {
+                let ours = SamplerKind::ALL.map(SamplerKind::name);
+                let supported: Vec<&str> = ours.into_iter().chain(MAPPED.map(|(name, _)| name)).collect();
+                return Err(unknown_plugin(props.object, &supported, &[]));
+            }
         };
-        if let Some(ours) = mapped {
-            self.note(format!("the sampler {name} is mapped to {ours}"));
-        }
         let count = props.integer("sample_count", 1..=i64::from(u32::MAX))?;
         self.ignore(&props, &["seed"], "the command line's --seed decides");
         self.ignore(&props, &["jitter", "strength"], "samples are always jittered");

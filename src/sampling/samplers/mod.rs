@@ -6,20 +6,28 @@
 //! The samples of a pixel form two halves: sample `i` is point `i div 2` of half `i mod 2`, and the halves are
 //! scrambled independently, so that their difference estimates the error of any sampler.
 
+mod fixed;
+mod halton;
 mod independent;
 mod key;
 mod kind;
+mod multijitter;
 mod sobol;
 mod strata;
 mod stratified;
 #[cfg(test)]
 mod tests;
+mod zsobol;
 
 pub use key::SampleKey;
 pub use kind::SamplerKind;
 
 use super::hash::combine;
 use super::{Dimension, DomainSet};
+use strata::Grid;
+
+/// The samples of a half that a sampler is laid out for where nothing says how many there will be.
+const PER_HALF: u64 = 64;
 
 /// A sampler with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,25 +37,34 @@ pub struct Sampler {
     held: DomainSet,
 }
 
-/// The point sets.
+/// The point sets; each has a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Points {
     Independent,
-    Stratified { side: u32 },
+    Stratified(Grid),
+    Multijitter(Grid),
+    Halton,
     Sobol,
+    Zsobol { log2_count: u32 },
+    Fixed,
 }
 
 impl Sampler {
-    /// The sampler of a kind for about `samples_per_pixel` samples (only strata depend on that number;
-    /// `None` takes 8 × 8).
+    /// The sampler of a kind for about `samples_per_pixel` samples. Only strata and the Z-curve depend on that number;
+    /// `None` takes 128. More or fewer may be drawn: [`SamplerKind::advice`] says what that means.
     pub fn new(kind: SamplerKind, samples_per_pixel: Option<u64>) -> Self {
+        let per_half = samples_per_pixel.map_or(PER_HALF, |n| n.div_ceil(2));
         let points = match kind {
             SamplerKind::Independent => Points::Independent,
+            SamplerKind::Stratified => Points::Stratified(Grid::new(per_half)),
+            SamplerKind::Multijitter => Points::Multijitter(Grid::new(per_half)),
+            SamplerKind::Halton => Points::Halton,
             SamplerKind::Sobol => Points::Sobol,
-            SamplerKind::Stratified => {
-                let per_half = samples_per_pixel.map_or(64, |n| n.div_ceil(2)).min(1 << 20);
-                Points::Stratified { side: (per_half as f64).sqrt().floor().max(1.0) as u32 }
+            SamplerKind::Zsobol => {
+                let most = 1 << zsobol::MOST_LOG2;
+                Points::Zsobol { log2_count: per_half.clamp(1, most).next_power_of_two().ilog2() }
             }
+            SamplerKind::Fixed => Points::Fixed,
         };
         Sampler { points, held: DomainSet::EMPTY }
     }
@@ -65,8 +82,22 @@ impl Sampler {
     pub fn kind(self) -> SamplerKind {
         match self.points {
             Points::Independent => SamplerKind::Independent,
-            Points::Stratified { .. } => SamplerKind::Stratified,
+            Points::Stratified(_) => SamplerKind::Stratified,
+            Points::Multijitter(_) => SamplerKind::Multijitter,
+            Points::Halton => SamplerKind::Halton,
             Points::Sobol => SamplerKind::Sobol,
+            Points::Zsobol { .. } => SamplerKind::Zsobol,
+            Points::Fixed => SamplerKind::Fixed,
+        }
+    }
+
+    /// The key of sample `sample` of pixel (x, y), counted over the full image.
+    #[inline]
+    pub fn key(self, seed: u64, x: u32, y: u32, sample: u64) -> SampleKey {
+        match self.points {
+            Points::Zsobol { log2_count } => zsobol::key(log2_count, seed, x, y, sample),
+            Points::Fixed => fixed::key(seed, sample),
+            _ => SampleKey::new(seed, x, y, sample),
         }
     }
 
@@ -88,8 +119,11 @@ impl Sampler {
         let d = combine(0x1d, dimension.word());
         match self.points {
             Points::Independent => independent::fill_1d(d, keys, out),
-            Points::Stratified { side } => stratified::fill_1d(side, d, keys, out),
-            Points::Sobol => sobol::fill_1d(d, keys, out),
+            Points::Stratified(grid) => stratified::fill_1d(grid, d, keys, out),
+            Points::Multijitter(grid) => multijitter::fill_1d(grid, d, keys, out),
+            Points::Halton => halton::fill_1d(d, keys, out),
+            Points::Sobol | Points::Fixed => sobol::fill_1d(d, keys, out),
+            Points::Zsobol { log2_count } => zsobol::fill_1d(log2_count, d, keys, out),
         }
     }
 
@@ -106,8 +140,11 @@ impl Sampler {
         let d = combine(0x2d, dimension.word());
         match self.points {
             Points::Independent => independent::fill_2d(d, keys, x, y),
-            Points::Stratified { side } => stratified::fill_2d(side, d, keys, x, y),
-            Points::Sobol => sobol::fill_2d(d, keys, x, y),
+            Points::Stratified(grid) => stratified::fill_2d(grid, d, keys, x, y),
+            Points::Multijitter(grid) => multijitter::fill_2d(grid, d, keys, x, y),
+            Points::Halton => halton::fill_2d(d, keys, x, y),
+            Points::Sobol | Points::Fixed => sobol::fill_2d(d, keys, x, y),
+            Points::Zsobol { log2_count } => zsobol::fill_2d(log2_count, d, keys, x, y),
         }
     }
 }

@@ -49,7 +49,7 @@ pub fn pair(index: u32, seeds: [u32; 2]) -> [u32; 2] {
 /// Owen scrambling of `x` with its bits reversed: bit i of the result depends on bits 0..=i of `x` only.
 /// [Laine and Karras 2011; constants of Vegdahl 2021]
 #[inline(always)]
-fn owen_reversed(mut x: u32, seed: u32) -> u32 {
+pub fn owen_reversed(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
     x = x.wrapping_add(seed);
     x = x.wrapping_mul((seed >> 16) | 1);

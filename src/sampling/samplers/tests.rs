@@ -108,7 +108,7 @@ fn names_round_trip_and_unknown_ones_are_refused() {
     }
     assert_eq!(
         "halten".parse::<SamplerKind>(),
-        Err("unknown sampler \"halten\"; there are independent, stratified and sobol".into())
+        Err("unknown sampler \"halten\"; there are independent, stratified, multijitter, halton, sobol, zsobol, fixed".into())
     );
 }
 
@@ -131,4 +131,33 @@ fn held_domains_stand_still_and_nothing_else_does() {
         holding.fill_1d(Dimension::emitter_choice(1), &keys, &mut u);
         assert!(u.iter().all(|&u| u == 0.5));
     }
+}
+
+#[test]
+fn advice_names_the_nearest_numbers_that_fit() {
+    let advice = |kind: SamplerKind, spp| kind.advice(spp).unwrap_or_default();
+    for kind in [SamplerKind::Independent, SamplerKind::Halton, SamplerKind::Sobol, SamplerKind::Fixed] {
+        assert_eq!([None, Some(1), Some(63), Some(1 << 40)].map(|spp| advice(kind, spp)), [""; 4]);
+    }
+    for kind in [SamplerKind::Stratified, SamplerKind::Multijitter] {
+        assert_eq!([1, 2, 4, 12, 64, 72, 128, 1 << 20].map(|spp| advice(kind, Some(spp))), [""; 8]);
+    }
+    assert_eq!([1, 2, 64, 1 << 17].map(|spp| advice(SamplerKind::Zsobol, Some(spp))), [""; 4]);
+    assert_eq!(
+        advice(SamplerKind::Multijitter, Some(62)),
+        "the sampler multijitter fills all of its strata only at some numbers of samples: 60 or 64 samples per pixel \
+         instead of 62"
+    );
+    assert_eq!(
+        advice(SamplerKind::Zsobol, Some(100)),
+        "the sampler zsobol spreads its error best at powers of two: 64 or 128 samples per pixel instead of 100"
+    );
+    assert_eq!(
+        advice(SamplerKind::Zsobol, None),
+        "the sampler zsobol is laid out for 128 samples per pixel where --spp names no number, and begins anew after those"
+    );
+    assert_eq!(
+        advice(SamplerKind::Stratified, Some(u64::MAX)),
+        "the sampler stratified begins anew after 2097152 samples per pixel"
+    );
 }

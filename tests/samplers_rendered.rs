@@ -1,0 +1,86 @@
+//! Samplers in a render: each gives the same mean, and its estimate of the error is what the error is.
+
+use crate::support::scenes::{add, camera, compiled, diffuse, render, sphere};
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::integrator::Settings;
+use buffon::integrator::settings::PathSettings;
+use buffon::math::{DAffine3, DVec3};
+use buffon::sampling::SamplerKind;
+use buffon::scene::{Description, Scene};
+
+/// Renders with different seeds.
+const RUNS: u64 = 48;
+
+/// A half-grey and half-bright sphere seen from within: 1 everywhere.
+fn furnace() -> Scene {
+    let mut scene = Description::default();
+    let id = add(&mut scene, sphere(1.0), DAffine3::IDENTITY, diffuse(0.5));
+    scene.shapes[id].emission = Some(Rgb::splat(0.5).into());
+    scene.shapes[id].flip_normals = true;
+    scene.sensors.push(camera(DVec3::new(0.2, 0.1, -0.3), DVec3::new(-0.3, 0.4, 0.5), 90.0, 8));
+    compiled(scene, AccelKind::default())
+}
+
+/// What some renders of the furnace show.
+struct Figures {
+    /// By how many of its standard errors, taken from the spread of the renders' means, their mean is off.
+    t: f64,
+    /// The mean estimate of a pixel's variance, over the mean square of its error.
+    estimated: f64,
+    /// The mean square of the error of an image's mean, over what independent pixels would have.
+    of_mean: f64,
+}
+
+fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
+    let settings = Settings::Path(PathSettings { max_depth: None, rr_depth: 5, hide_emitters: false });
+    let (mut means, mut squares, mut estimates, mut pixels) = (Vec::new(), 0.0, 0.0, 0.0);
+    for seed in 0..RUNS {
+        let rendered = render(scene, &settings, kind, 16, seed);
+        assert_eq!(rendered.invalid_count, 0, "{kind}");
+        let (mut sum, mut count) = (0.0, 0.0);
+        for tile in &rendered.tiles {
+            for i in 0..tile.pixel_count() {
+                let estimate = tile.estimate(i, 0);
+                sum += estimate.mean;
+                squares += (estimate.mean - 1.0).powi(2);
+                estimates += estimate.variance.expect("both halves have samples");
+                count += 1.0;
+            }
+        }
+        means.push(sum / count);
+        pixels = count;
+    }
+    let runs = RUNS as f64;
+    let mean = means.iter().sum::<f64>() / runs;
+    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (runs - 1.0);
+    let of_mean = means.iter().map(|m| (m - 1.0).powi(2)).sum::<f64>() / runs;
+    Figures {
+        t: (mean - 1.0) / (variance / runs).sqrt(),
+        estimated: estimates / squares,
+        of_mean: of_mean / (squares / (runs * pixels) / pixels),
+    }
+}
+
+/// Student's t of 47 degrees of freedom passes 4.5 by chance with a probability of 4.5·10^−5.
+#[test]
+fn every_sampler_has_the_same_mean_and_knows_its_error() {
+    let scene = furnace();
+    for kind in SamplerKind::ALL {
+        let Figures { t, estimated, of_mean } = figures(&scene, kind);
+        println!(
+            "{kind}: off by {t:.2} standard errors; estimated over true variance of a pixel {estimated:.2}; variance of the \
+             image's mean {of_mean:.2} times that of independent pixels"
+        );
+        assert!(t.abs() < 4.5, "{kind}: the mean is off by {t} standard errors");
+        // Where pixels err alike, 64 of them say little more than one.
+        let (least, most) = if kind == SamplerKind::Fixed { (0.5, 2.0) } else { (0.85, 1.18) };
+        assert!((least..most).contains(&estimated), "{kind}: {estimated}");
+        let expected = match kind {
+            SamplerKind::Fixed => 5.0..64.0,
+            SamplerKind::Zsobol => 0.0..0.6,
+            _ => 0.4..2.2,
+        };
+        assert!(expected.contains(&of_mean), "{kind}: {of_mean}");
+    }
+}
