@@ -112,6 +112,9 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     let (session, mut seconds) = open(args)?;
     let plan = session.plan(&choices(args))?;
+    if let Some(advice) = plan.job.sampler.kind().advice(plan.job.stop.samples).filter(|_| !args.quiet) {
+        eprintln!("buffon: note: {advice}");
+    }
     let progress = Arc::new(Progress::new());
     let signal = listen(&progress)?;
     let rendered = sample(args, &session, &plan, &progress)?;
@@ -164,26 +167,6 @@ fn open(args: &RenderArgs) -> Result<(Session, Seconds)> {
         file.notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     let threads = args.threads.map_or_else(default_threads, |n| n as usize);
-<<<<<<< HEAD
-=======
-    let accel = args.accel.unwrap_or_default();
-    let (scene, report) = compile(description, CompileOptions { accel, threads, sensor: args.sensor })?;
-    seconds.build = report.build_seconds;
-    warn(args, report.warnings.clone())?;
-    if report.dropped_primitives > 0 {
-        let dropped = counted(report.dropped_primitives as u64, "primitive", "primitives");
-        let message = format!("{dropped} left out: not finite, or out of range");
-        warn(args, vec![Error::scene(message)])?;
-    }
-    let settings = choose_integrator(args.integrator.as_deref(), integrator)?;
-    let stop = stop_rules(args, samples_per_pixel);
-    let kind = args.sampler.or(sampler).unwrap_or_default();
-    if let Some(advice) = kind.advice(stop.samples).filter(|_| !args.quiet) {
-        eprintln!("buffon: note: {advice}");
-    }
-    let sampler = Sampler::new(kind, stop.samples);
-    let layers = layers(args, &settings)?;
->>>>>>> e06a6f7
     image::set_threads(threads);
     let mut session = file.compile(args.accel.unwrap_or_default(), threads)?;
     warn(args, std::mem::take(&mut session.warnings))?;
