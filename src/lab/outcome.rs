@@ -37,6 +37,25 @@ pub enum Evidence {
     Viewer(Html),
 }
 
+impl Evidence {
+    fn html(&self) -> Html {
+        match self {
+            Evidence::Text(sentences) => Html::paragraph(sentences),
+            Evidence::Table(title, table) => titled(title, &table.html()),
+            Evidence::Plot(plot) => plot.html(),
+            Evidence::Pictures(title, pictures) => titled(title, &gallery(pictures)),
+            Evidence::Viewer(viewer) => viewer.clone(),
+        }
+    }
+}
+
+/// Mark-up under a heading.
+fn titled(title: &str, content: &Html) -> Html {
+    let mut html = Html::element("h3", "", &Html::text(title));
+    html.push(content);
+    html
+}
+
 /// What an experiment found.
 #[derive(Clone, Debug)]
 pub struct Outcome {
@@ -81,20 +100,15 @@ impl Outcome {
             list.push(&Html::element("li", "", &item));
         }
         html.push(&Html::element("ul", "findings", &list));
-        for evidence in &self.evidence {
-            match evidence {
-                Evidence::Text(sentences) => html.push(&Html::paragraph(sentences)),
-                Evidence::Table(title, table) => {
-                    html.push(&Html::element("h3", "", &Html::text(title)));
-                    html.push(&table.html());
-                }
-                Evidence::Plot(plot) => html.push(&plot.html()),
-                Evidence::Pictures(title, pictures) => {
-                    html.push(&Html::element("h3", "", &Html::text(title)));
-                    html.push(&gallery(pictures));
-                }
-                Evidence::Viewer(viewer) => html.push(viewer),
-            }
+        // Plots that follow each other stand beside each other where there is room.
+        let is_plot = |evidence: &Evidence| matches!(evidence, Evidence::Plot(_));
+        for group in self.evidence.chunk_by(|a, b| is_plot(a) && is_plot(b)) {
+            let mut content = Html::default();
+            group.iter().for_each(|evidence| content.push(&evidence.html()));
+            html.push(&match is_plot(&group[0]) {
+                true => Html::element("div", "figures", &content),
+                false => content,
+            });
         }
         html
     }
@@ -132,7 +146,7 @@ mod tests {
     #[test]
     fn intervals_have_two_digits() {
         assert_eq!(plus_minus(Measured { value: 1.77777, error: 0.01 }), "1.778 ± 0.020");
-        assert_eq!(plus_minus(Measured { value: 1234.5, error: 20.0 }), "1235 ± 39");
+        assert_eq!(plus_minus(Measured { value: 1235.6, error: 20.0 }), "1236 ± 39");
         assert_eq!(plus_minus(Measured { value: 0.5, error: 0.0 }), "0.5000 ± 0.0000");
         assert_eq!(slope(None), "–");
     }
