@@ -134,7 +134,7 @@ pub(super) fn split(key: SampleKey, n: u32, i: u32) -> SampleKey {
         0 => key.scramble,
         beyond => combine(key.scramble, beyond),
     };
-    SampleKey { scramble, index: index as u32, ..key }
+    SampleKey { scramble, index: index as u32 }
 }
 
 #[cfg(test)]

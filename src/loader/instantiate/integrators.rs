@@ -147,7 +147,7 @@ fn distribution(props: &Props) -> Result<DistributionSettings> {
     };
     match settings.rays_at_last_level() {
         0..=DistributionSettings::MAX_RAYS => Ok(settings),
-        _ => Err(props.object.error(&format!(
+        _ => Err(props.object.error(format!(
             "bsdf_samples {} at max_depth {} are more than {} rays for each camera ray: expected fewer of either",
             settings.bsdf_samples,
             settings.max_depth,
