@@ -38,7 +38,7 @@ struct Row {
 }
 
 fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<Vec<Row>> {
-    let most = options.scaled(5, 7);
+    let most = options.scaled(5, 6);
     let mut rows = Vec::new();
     for (domain, (of, _)) in DOMAINS.into_iter().enumerate() {
         for sampler in SAMPLERS {
@@ -116,8 +116,8 @@ pub fn run(options: &Options) -> Result<Found> {
     let integrator = Settings::Path(path);
     let rows =
         measure(&Studio::open(ROOM, options.scaled((24, 18), (48, 36)), options)?, &integrator, options)?;
-    let studio = Studio::open(ROOM, options.scaled((80, 60), (200, 150)), options)?;
-    let spp = options.scaled(16, 64);
+    let studio = Studio::open(ROOM, options.scaled((80, 60), (160, 120)), options)?;
+    let spp = options.scaled(16, 32);
     let mut pictures = Vec::new();
     let held = Sampling::new(SamplerKind::Sobol, 1);
     let nothing = Sampling { sampler: held.sampler.holding(DomainSet::all_but(&[])), ..held };

@@ -20,8 +20,8 @@ fn lobe(kind: SamplerKind, spp: u64) -> Sampling {
 pub fn run(options: &Options) -> Result<Found> {
     // What a reflected ray meets is lit directly: longer paths would add noise of other domains.
     let integrator = Settings::Path(PathSettings { max_depth: Some(3), ..PathSettings::default() });
-    let studio = Studio::open(ROOM, options.scaled((36, 27), (120, 90)), options)?;
-    let pairs = options.scaled(3, 4);
+    let studio = Studio::open(ROOM, options.scaled((36, 27), (100, 75)), options)?;
+    let pairs = options.scaled(3, 2);
     let mut table = Table::new([
         ("sampler", Align::Left),
         ("1 sample", Align::Right),
@@ -38,7 +38,7 @@ pub fn run(options: &Options) -> Result<Found> {
     }
     let shoot = |spp, take| studio.shoot(&integrator, lobe(SamplerKind::Independent, spp), take);
     let (one, many) = (shoot(1, 0)?, shoot(256, 0)?);
-    let truth = studio.shoot(&integrator, lobe(SamplerKind::Sobol, options.scaled(256, 1024)), 99)?;
+    let truth = studio.shoot(&integrator, lobe(SamplerKind::Sobol, options.scaled(256, 512)), 99)?;
     let images = vec![
         ("1 sample".to_owned(), &one.image),
         ("256 samples".to_owned(), &many.image),

@@ -97,7 +97,7 @@ struct Row {
 }
 
 fn measure(way: Way, height: f64, options: &Options) -> Result<Row> {
-    let side = options.scaled(24, 96);
+    let side = options.scaled(24, 64);
     let files = [("square.obj", SQUARE)];
     let studio = Studio::open_with(&way.scene(height), &files, (side, side), options)?;
     let exact = exact(height);
@@ -187,7 +187,7 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
 
 /// A path-traced picture with and without sampling the lamp, at equal samples.
 fn pictures(options: &Options) -> Result<Evidence> {
-    let studio = Studio::open(BALLS, options.scaled((48, 36), (160, 120)), options)?;
+    let studio = Studio::open(BALLS, options.scaled((48, 36), (120, 90)), options)?;
     let tree = |emitter_samples| {
         let tree =
             DistributionSettings { max_depth: 4, emitter_samples, bsdf_samples: 1, hide_emitters: false };

@@ -27,8 +27,8 @@ pub fn ratio(a: Measured, b: Measured) -> Measured {
 /// Measures both, and shows them.
 pub fn run(options: &Options) -> Result<Found> {
     let integrator = Settings::Path(PathSettings { max_depth: Some(5), ..PathSettings::default() });
-    let studio = Studio::open(BALLS, options.scaled((48, 36), (160, 120)), options)?;
-    let pairs = options.scaled(3, 4);
+    let studio = Studio::open(BALLS, options.scaled((48, 36), (120, 90)), options)?;
+    let pairs = 3;
     let mut table = Table::new([
         ("sampler", Align::Left),
         ("10 paths", Align::Right),
@@ -46,8 +46,7 @@ pub fn run(options: &Options) -> Result<Found> {
     let [few, many] =
         PATHS.map(|spp| studio.shoot(&integrator, Sampling::new(SamplerKind::Independent, spp), 0));
     let (few, many) = (few?, many?);
-    let truth =
-        studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, options.scaled(256, 1024)), 99)?;
+    let truth = studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, options.scaled(256, 512)), 99)?;
     let images = vec![
         ("10 paths per pixel".to_owned(), &few.image),
         ("100 paths per pixel".to_owned(), &many.image),

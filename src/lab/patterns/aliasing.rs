@@ -79,7 +79,7 @@ fn measure(i: usize, options: &Options) -> Row {
             let points = pattern.points(side, stream);
             [edge.estimate(&points) - edge.coverage(), discrepancy(&points)]
         };
-        let values: Vec<[f64; 2]> = (0..4 * options.runs).into_par_iter().map(one).collect();
+        let values: Vec<[f64; 2]> = (0..2 * options.runs).into_par_iter().map(one).collect();
         let [errors, discrepancies] = [0, 1].map(|j| values.iter().map(|v| v[j]).collect::<Vec<f64>>());
         (Measured::rms(&errors), Measured::mean(&discrepancies).value)
     };

@@ -33,9 +33,9 @@ fn correlation(image: &Image, truth: &Image) -> f64 {
 /// Renders with each sampler, and looks for structure in the error.
 pub fn run(options: &Options) -> Result<Found> {
     let integrator = Settings::Path(PathSettings { max_depth: Some(4), ..PathSettings::default() });
-    let studio = Studio::open(BALLS, options.scaled((64, 48), (160, 120)), options)?;
+    let studio = Studio::open(BALLS, options.scaled((64, 48), (120, 90)), options)?;
     let truth =
-        studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, options.scaled(256, 1024)), 99)?.image;
+        studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, options.scaled(256, 512)), 99)?.image;
     let mut table = Table::new([
         ("sampler", Align::Left),
         ("RMS error", Align::Right),
