@@ -42,6 +42,7 @@
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
 //! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
 //! - `[Cook 1986]` Stochastic sampling in computer graphics. ACM Transactions on Graphics 5(1).
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
 //! - `[Duff 2017]` Building an orthonormal basis, revisited. JCGT 6(1).
@@ -62,15 +63,20 @@
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
+//! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
+//! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.
 //! - `[Vegdahl 2021]` Owen scrambling based dithered blue-noise sampling; Building a better LK hash.
 //! - `[Wächter and Binder 2019]` A fast and robust method for avoiding self-intersection. Ray Tracing Gems.
 //! - `[Walter 2007]` Microfacet models for refraction through rough surfaces. EGSR.
+//! - `[Warnock 1972]` Computational investigations of low-discrepancy point sets. Applications of Number Theory to
+//!   Numerical Analysis.
 //! - `[Wellons 2018]` Prospecting for hash functions.
+//! - `[Whitted 1980]` An improved illumination model for shaded display. CACM 23(6).
 //! - `[Woop 2013]` Woop, Benthin, Wald: Watertight ray/triangle intersection. JCGT 2(1).
 #![deny(unsafe_code)]
 
@@ -89,6 +95,7 @@ pub mod film;
 pub mod ids;
 pub mod image;
 pub mod integrator;
+pub mod lab;
 pub mod loader;
 pub mod material;
 pub mod math;

@@ -15,7 +15,7 @@ const ROWS: [&[&str]; 12] = [
     &["render"],
     &["loader", "report"],
     &["session"],
-    &["bench"],
+    &["bench", "lab"],
     &["cli", "main"],
 ];
 

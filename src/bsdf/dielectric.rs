@@ -17,6 +17,16 @@ pub struct Dielectric {
 }
 
 impl Dielectric {
+    /// Index of the far side over that of wo's side.
+    fn eta_from(&self, wo: Vec3) -> f32 {
+        if wo.z > 0.0 { self.eta } else { 1.0 / self.eta }
+    }
+
+    /// The probability with which [`sample`](Self::sample) reflects.
+    pub(super) fn reflectance(&self, wo: Vec3) -> f32 {
+        fresnel::dielectric(wo.z.abs(), self.eta_from(wo)).reflectance
+    }
+
     /// Reflects with the Fresnel probability, else refracts.
     ///
     /// Refracted radiance is scaled by the squared ratio of the indices, because the solid angle changes.
@@ -26,8 +36,7 @@ impl Dielectric {
         if wo.z == 0.0 {
             return None;
         }
-        // Index of the far side over that of wo's side.
-        let eta = if wo.z > 0.0 { self.eta } else { 1.0 / self.eta };
+        let eta = self.eta_from(wo);
         let r = fresnel::dielectric(wo.z.abs(), eta);
         if u_lobe < r.reflectance {
             return Some(BsdfSample {

@@ -50,7 +50,7 @@ impl Plastic {
     }
 
     /// The probability with which the coating is sampled, where it reflects the share `r`.
-    fn specular_probability(&self, r: f32) -> f32 {
+    pub(super) fn specular_probability(&self, r: f32) -> f32 {
         specular_probability(self.diffuse_reflectance, self.specular_reflectance, r)
     }
 

@@ -18,7 +18,7 @@ pub struct ThinDielectric {
 impl ThinDielectric {
     /// The share that is mirrored after any number of reflections inside: `R + T²R + T²R³ + … = 2R/(1 + R)`.
     /// [pbrt, 9.5.1]
-    fn reflectance(&self, cos: f32) -> f32 {
+    pub(super) fn reflectance(&self, cos: f32) -> f32 {
         let r = fresnel::dielectric(cos, self.eta).reflectance;
         2.0 * r / (1.0 + r)
     }

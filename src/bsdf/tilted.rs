@@ -24,7 +24,7 @@ fn tan2(w: Vec3) -> f32 {
 impl Tilted<'_> {
     /// The share of the light from `wi` that is left near the terminator: Smith's shadowing of a GGX surface as rough
     /// as the normal leans. [Estevez 2019, Eq. 3 and 4]
-    fn shadowing(&self, wi: Vec3) -> f32 {
+    pub(super) fn shadowing(&self, wi: Vec3) -> f32 {
         if !self.soften {
             return 1.0;
         }

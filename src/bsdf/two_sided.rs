@@ -10,7 +10,7 @@ pub struct TwoSided<'a> {
     pub sides: [&'a Bsdf<'a>; 2],
 }
 
-fn mirrored(w: Vec3) -> Vec3 {
+pub(super) fn mirrored(w: Vec3) -> Vec3 {
     Vec3::new(w.x, w.y, -w.z)
 }
 

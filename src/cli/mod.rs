@@ -5,6 +5,7 @@ pub mod cpu;
 pub mod diff;
 pub mod info;
 pub mod info_image;
+pub mod lab;
 pub mod progress;
 pub mod render;
 pub mod shell;
@@ -36,6 +37,7 @@ enum Command {
     Diff(diff::DiffArgs),
     Bench(Box<bench::BenchArgs>),
     Info(info::InfoArgs),
+    Lab(lab::LabArgs),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
 }
@@ -56,6 +58,7 @@ pub fn main() -> ExitCode {
         Command::Diff(args) => diff::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Lab(args) => lab::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),
     };

@@ -1,7 +1,7 @@
 //! Emitting surfaces.
 
 use super::spherical_rectangle::{Rectangle, RectangleX16};
-use super::{Emission, EmitterSample, LightRay, Target};
+use super::{Emission, EmitterSample, LightRay, Target, centre};
 use crate::accel::{Hit, Instance, NO_INSTANCE};
 use crate::color::Rgb;
 use crate::math::ray::{end_error, offset_origin, plane_error};
@@ -16,19 +16,19 @@ use std::sync::Arc;
 
 /// A shape whose front emits, with the same radiance in every direction.
 pub struct AreaEmitter {
-    surface: Surface,
-    emission: Emission,
+    pub(super) surface: Surface,
+    pub(super) emission: Emission,
     area: f64,
     /// The shape, for texture coordinates, where there is a texture.
     shape: Option<WorldShape>,
     /// Over a rectangle's texture coordinates: where to sample a texture's light.
     light: Option<Distribution2D>,
     /// Where it is over time, if the shape is not in the world but in coordinates that move.
-    motion: Option<Instance>,
+    pub(super) motion: Option<Instance>,
 }
 
 /// How its points are sampled.
-enum Surface {
+pub(super) enum Surface {
     /// Uniformly in the solid angle.
     Rectangle(RectangleSurface),
     /// Uniformly in the solid angle from outside, in the area from inside.
@@ -38,7 +38,12 @@ enum Surface {
     /// Uniformly in the area.
     Cylinder { p0: Vec3, axis: Vec3, side: [Vec3; 2], inward: bool },
     /// A triangle by its area (times the light of a texture on it), then uniformly in the triangle.
-    Mesh { mesh: Arc<TriangleMesh>, triangles: Distribution1D },
+    Mesh {
+        mesh: Arc<TriangleMesh>,
+        triangles: Distribution1D,
+        /// Its centre of mass, if it lies in a plane.
+        centre: Option<Vec3>,
+    },
 }
 
 /// What sampling a rectangle needs.
@@ -68,18 +73,18 @@ pub struct SurfacePlace {
 }
 
 /// A sampled point on an emitting surface.
-struct SurfacePoint {
-    p: Vec3,
+pub(super) struct SurfacePoint {
+    pub p: Vec3,
     /// Bound on the distance of `p` from the surface.
-    error: f32,
+    pub error: f32,
     /// Unit normal of the front.
-    n: Vec3,
-    pdf: Density,
+    pub n: Vec3,
+    pub pdf: Density,
     place: Place,
 }
 
 /// Where a sampled point is on its surface.
-enum Place {
+pub(super) enum Place {
     /// At a triangle's or surface's coordinates.
     Hit(Hit),
     /// At texture coordinates.
@@ -88,7 +93,7 @@ enum Place {
 
 /// A density of points on a surface.
 #[derive(Clone, Copy)]
-enum Density {
+pub(super) enum Density {
     PerSolidAngle(f32),
     PerArea(f32),
 }
@@ -207,7 +212,7 @@ impl AreaEmitter {
     }
 
     /// A point in the world at a time, and the radiance there.
-    fn sample_at(&self, from: Option<Vec3>, u: Vec2, time: f32) -> Option<(SurfacePoint, Rgb)> {
+    pub(super) fn sample_at(&self, from: Option<Vec3>, u: Vec2, time: f32) -> Option<(SurfacePoint, Rgb)> {
         let Some(motion) = &self.motion else {
             let point = self.sample_point(from, u)?;
             let radiance = self.radiance_at(&point);
@@ -339,7 +344,7 @@ impl AreaEmitter {
                     place: Place::Hit(hit_at(0, u.x, u.y)),
                 }
             }
-            Surface::Mesh { mesh, triangles } => {
+            Surface::Mesh { mesh, triangles, .. } => {
                 let choice = triangles.sample(u.x)?;
                 let b = warp::square_to_triangle(Vec2::new(choice.u, u.y));
                 let [p0, p1, p2] = mesh.triangle(choice.index);
@@ -370,11 +375,12 @@ fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(Surface, f64)> {
         .collect();
     let triangles = Distribution1D::new(&areas);
     let area = areas.iter().filter(|a| a.is_finite()).sum();
-    (!triangles.is_empty()).then(|| (Surface::Mesh { mesh: mesh.clone(), triangles }, area))
+    let centre = centre::of_plane(mesh, &areas);
+    (!triangles.is_empty()).then(|| (Surface::Mesh { mesh: mesh.clone(), triangles, centre }, area))
 }
 
 /// The unit normal of a triangle, on the side of its vertex normals where it has them.
-fn front_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
+pub(super) fn front_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
     let [a, b, c] = mesh.triangle(i);
     let n = (b - a).cross(c - a).normalize_or_zero();
     let against = !mesh.normals.is_empty() && {

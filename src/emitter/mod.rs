@@ -3,6 +3,7 @@
 //! A scene describes an [`Emitter`]; the compiled scene holds [`Light`]s, which can be sampled.
 
 pub mod area;
+mod centre;
 pub mod directional;
 pub mod emission;
 pub mod environment;

@@ -7,18 +7,23 @@ pub mod aov;
 pub mod block;
 pub mod depth;
 pub mod direct;
+pub mod distribution;
 pub mod emission;
 pub mod lighting;
 pub mod path;
 pub mod ptracer;
 pub mod settings;
+mod tree;
+pub mod whitted;
 pub mod worker;
 
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
+pub use distribution::DistributionIntegrator;
 pub use path::PathIntegrator;
 pub use ptracer::{Ptracer, Splat};
 pub use settings::Settings;
+pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 
 use crate::accel::Coherence;
@@ -109,6 +114,8 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
     match settings {
         Settings::Path(path) => Box::new(PathIntegrator::new(*path)),
         Settings::Direct(direct) => Box::new(DirectIntegrator::new(*direct)),
+        Settings::Whitted(whitted) => Box::new(WhittedIntegrator::new(*whitted)),
+        Settings::Distribution(distribution) => Box::new(DistributionIntegrator::new(*distribution)),
         Settings::Depth => Box::new(DepthIntegrator),
         Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
         Settings::Aov { image: Some(image), .. } => create(image),

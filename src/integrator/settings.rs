@@ -71,6 +71,56 @@ impl Default for DirectSettings {
     }
 }
 
+/// Hard shadows, mirrors and glass. [Whitted 1980]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WhittedSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light (ray casting). At most
+    /// [`MAX_DEPTH`](Self::MAX_DEPTH).
+    pub max_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl WhittedSettings {
+    /// The longest path there may be: glass doubles the rays at every level.
+    pub const MAX_DEPTH: u32 = 20;
+}
+
+impl Default for WhittedSettings {
+    fn default() -> Self {
+        WhittedSettings { max_depth: 8, hide_emitters: false }
+    }
+}
+
+/// Distribution ray tracing. [Cook 1984]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DistributionSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light.
+    pub max_depth: u32,
+    /// Samples of the emitters at each surface.
+    pub emitter_samples: u32,
+    /// Rays into the BSDF at each surface, at least 1; Dirac deltas get one each.
+    pub bsdf_samples: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl DistributionSettings {
+    /// The most rays that a camera ray may have at the last level of its tree.
+    pub const MAX_RAYS: u64 = 1 << 20;
+
+    /// The most rays that a camera ray has at the last level of its tree, but for Dirac deltas.
+    pub fn rays_at_last_level(&self) -> u64 {
+        u64::from(self.bsdf_samples).saturating_pow(self.max_depth.saturating_sub(1))
+    }
+}
+
+impl Default for DistributionSettings {
+    fn default() -> Self {
+        DistributionSettings { max_depth: 4, emitter_samples: 4, bsdf_samples: 4, hide_emitters: false }
+    }
+}
+
 /// Light tracing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PtracerSettings {
@@ -95,6 +145,10 @@ pub enum Settings {
     Path(PathSettings),
     /// Direct illumination.
     Direct(DirectSettings),
+    /// Hard shadows, mirrors and glass.
+    Whitted(WhittedSettings),
+    /// Distribution ray tracing.
+    Distribution(DistributionSettings),
     /// Distance to the first surface.
     Depth,
     /// Light tracing.
@@ -120,6 +174,8 @@ impl Settings {
         match self {
             Settings::Path(_) => "path",
             Settings::Direct(_) => "direct",
+            Settings::Whitted(_) => "whitted",
+            Settings::Distribution(_) => "distribution",
             Settings::Depth => "depth",
             Settings::Ptracer(_) => "ptracer",
             Settings::Aov { .. } => "aov",

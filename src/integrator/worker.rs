@@ -135,6 +135,18 @@ impl PathWave {
         }
     }
 
+    /// Adds a path whose last ray goes into a Dirac delta.
+    pub fn push(&mut self, ray: Ray, key: SampleKey, slot: u32, beta: Rgb, eta: f32) {
+        self.rays.push(ray);
+        self.keys.push(key);
+        self.slots.push(slot);
+        for (channel, value) in self.beta.iter_mut().zip(beta.to_array()) {
+            channel.push(value);
+        }
+        self.pdf.push(f32::INFINITY);
+        self.eta.push(eta);
+    }
+
     /// Becomes a copy of another wave.
     pub fn copy_from(&mut self, other: &PathWave) {
         self.rays.clone_from(&other.rays);

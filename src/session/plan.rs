@@ -2,7 +2,9 @@
 
 use super::Session;
 use crate::error::{Error, Result};
-use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings, PtracerSettings};
+use crate::integrator::settings::{
+    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+};
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -65,7 +67,7 @@ impl Session {
 }
 
 /// The integrator that the user names, else that of the scene. What both have of the lengths of paths and of hidden
-/// emitters stays as the scene has it.
+/// emitters stays as the scene has it; trees of rays, whose cost is exponential, are no deeper than their default.
 fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
     let default = PathSettings::default();
     let kept = match &of_scene {
@@ -74,6 +76,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
+        Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+        | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
+            PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
+        }
         Settings::Depth | Settings::Aov { .. } => default,
     };
     let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
@@ -83,12 +89,23 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
+        Some("whitted") => {
+            let default = WhittedSettings::default();
+            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
+            Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+        }
+        Some("distribution") => {
+            let default = DistributionSettings::default();
+            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
+            Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
+        }
         Some("depth") => Settings::Depth,
         // Its layers are those of --aov: see `layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
+                 distribution, depth and aov"
             )));
         }
     })

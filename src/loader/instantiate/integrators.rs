@@ -3,13 +3,16 @@
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
-use crate::integrator::settings::{Aov, DirectSettings, Layer, PathSettings, PtracerSettings};
+use crate::integrator::settings::{
+    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+};
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
 
-const SUPPORTED: [&str; 6] = ["aov", "depth", "direct", "moment", "path", "ptracer"];
+const SUPPORTED: [&str; 8] =
+    ["aov", "depth", "direct", "distribution", "moment", "path", "ptracer", "whitted"];
 const MITSUBA: [&str; 11] = [
     "batch",
     "direct_projective",
@@ -49,6 +52,8 @@ impl Builder<'_> {
         let settings = match props.object.plugin.as_str() {
             "path" => Settings::Path(path(&props)?),
             "direct" => Settings::Direct(direct(&props)?),
+            "whitted" => Settings::Whitted(whitted(&props)?),
+            "distribution" => Settings::Distribution(distribution(&props)?),
             "depth" => Settings::Depth,
             "ptracer" => {
                 let PathSettings { max_depth, rr_depth, hide_emitters } = path(&props)?;
@@ -118,6 +123,36 @@ fn direct(props: &Props) -> Result<DirectSettings> {
     match settings.emitter_samples + settings.bsdf_samples {
         0 => Err(props.object.error("expected at least one emitter or bsdf sample")),
         _ => Ok(settings),
+    }
+}
+
+fn whitted(props: &Props) -> Result<WhittedSettings> {
+    let default = WhittedSettings::default();
+    let max_depth = props.integer("max_depth", 1..=i64::from(WhittedSettings::MAX_DEPTH))?;
+    Ok(WhittedSettings {
+        max_depth: max_depth.map_or(default.max_depth, |d| d as u32),
+        hide_emitters: props.boolean("hide_emitters", default.hide_emitters)?,
+    })
+}
+
+fn distribution(props: &Props) -> Result<DistributionSettings> {
+    let default = DistributionSettings::default();
+    let number =
+        |name, range, or| props.integer(name, range).map(|n: Option<i64>| n.map_or(or, |n| n as u32));
+    let settings = DistributionSettings {
+        max_depth: number("max_depth", 1..=i64::from(u32::MAX), default.max_depth)?,
+        emitter_samples: number("emitter_samples", 0..=MAX_SAMPLES, default.emitter_samples)?,
+        bsdf_samples: number("bsdf_samples", 1..=MAX_SAMPLES, default.bsdf_samples)?,
+        hide_emitters: props.boolean("hide_emitters", default.hide_emitters)?,
+    };
+    match settings.rays_at_last_level() {
+        0..=DistributionSettings::MAX_RAYS => Ok(settings),
+        _ => Err(props.object.error(format!(
+            "bsdf_samples {} at max_depth {} are more than {} rays for each camera ray: expected fewer of either",
+            settings.bsdf_samples,
+            settings.max_depth,
+            DistributionSettings::MAX_RAYS
+        ))),
     }
 }
 

@@ -1,0 +1,117 @@
+//! `buffon lab`: experiments, as text and as a page.
+
+use super::print;
+use crate::accel::AccelKind;
+use crate::error::{Error, Result};
+use crate::lab::{Experiment, Options, Outcome};
+use crate::report::{Html, Page};
+use crate::session::default_threads;
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Measure what lectures on Monte Carlo ray tracing claim.
+///
+/// Every experiment states claims, measures them with an interval, and says which held. The text goes to standard output;
+/// with -o there is a page with plots and pictures, too. Everything but times is decided by the seed.
+#[derive(Clone, Debug, Args)]
+pub struct LabArgs {
+    /// The experiments: one-dimension, domains, patterns, light-sampling, glossy, paths, history [default: all]
+    #[arg(value_name = "EXPERIMENT")]
+    pub experiments: Vec<Experiment>,
+    /// List the experiments
+    #[arg(long)]
+    pub list: bool,
+    /// Write a page, DIR/index.html
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Small pictures and few samples: seconds instead of minutes, wider intervals
+    #[arg(long)]
+    pub quick: bool,
+    /// Independent repetitions of estimates without a picture [default: 1000, with --quick 100]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
+    pub runs: Option<u32>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads; they change the speed, never the numbers [default: all cores]
+    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub threads: Option<u32>,
+    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
+    #[arg(long, value_name = "NAME")]
+    pub accel: Option<AccelKind>,
+    /// Say nothing on standard error but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// Runs experiments.
+///
+/// # Errors
+/// If a folder or file cannot be written, or threads cannot be started.
+pub fn run(args: &LabArgs) -> Result<u8> {
+    if args.list {
+        let line = |e: Experiment| format!("{:<16}{}\n", e.name(), e.title());
+        return print(&Experiment::ALL.map(line).concat());
+    }
+    // Before minutes of work.
+    if let Some(folder) = &args.output {
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Error::output(format!("{}: cannot be created: {e}", folder.display())))?;
+        crate::image::check_replaceable(&folder.join("index.html"))?;
+    }
+    let options = Options {
+        seed: args.seed,
+        runs: args.runs.unwrap_or_else(|| Options::default_runs(args.quick)),
+        quick: args.quick,
+        threads: args.threads.map_or_else(default_threads, |n| n as usize),
+        accel: args.accel.unwrap_or_default(),
+    };
+    let chosen = if args.experiments.is_empty() { &Experiment::ALL[..] } else { &args.experiments };
+    let mut outcomes = Vec::new();
+    for (i, experiment) in chosen.iter().enumerate() {
+        let started = Instant::now();
+        let outcome = experiment.run(&options)?;
+        if !args.quiet {
+            eprintln!("buffon: {experiment} took {:.1} s", started.elapsed().as_secs_f64());
+        }
+        print(&format!("{}{}", if i > 0 { "\n" } else { "" }, outcome.text()))?;
+        outcomes.push(outcome);
+    }
+    print(&format!("\n{}\n", summary(&outcomes)))?;
+    if let Some(folder) = &args.output {
+        let file = folder.join("index.html");
+        page(&outcomes, &options).write(&file)?;
+        say_where(args, &file);
+    }
+    Ok(0)
+}
+
+fn say_where(args: &LabArgs, file: &Path) {
+    if !args.quiet {
+        eprintln!("buffon: {}", file.display());
+    }
+}
+
+/// How many claims held.
+fn summary(outcomes: &[Outcome]) -> String {
+    let findings = || outcomes.iter().flat_map(|outcome| &outcome.findings);
+    let (held, all) = (findings().filter(|finding| finding.held).count(), findings().count());
+    format!("{held} of {all} claims held")
+}
+
+fn page(outcomes: &[Outcome], options: &Options) -> Page {
+    let mut page = Page::new("Buffon lab");
+    page.lead(&Html::paragraph(
+        "What lectures on Monte Carlo ray tracing claim, measured. Intervals hold with 95 % confidence; a claim about a number \
+         holds if the number is within three standard errors, or as it says.",
+    ));
+    page.lead(&Html::paragraph(&format!("{}.", summary(outcomes))));
+    for outcome in outcomes {
+        page.section(outcome.title, outcome.html());
+    }
+    page.fact("seed", options.seed.to_string());
+    page.fact("runs", options.runs.to_string());
+    page.circumstances();
+    page
+}

@@ -1,0 +1,116 @@
+//! Ray tracing after Whitted: hard shadows, mirrors and glass. [Whitted 1980]
+//!
+//! At each surface one shadow ray goes to the middle of each emitter, and one ray into each Dirac delta of the BSDF:
+//! both the reflection and the refraction of glass, weighted by their shares, so that rays form a binary tree. Nothing
+//! is drawn at random but the position in the pixel, on the lens and in time.
+//!
+//! This is biased by design, and no number of samples makes up for it. Missing are: penumbrae, because every emitter
+//! is a point ([`Light::sample_centre`](crate::emitter::Light::sample_centre)); light between diffuse or glossy surfaces;
+//! reflections in glossy surfaces but the highlights of emitters' middles; light that reaches a surface through glass
+//! or by a mirror (caustics); and the environment, except where it is seen directly, in mirrors or through glass.
+
+use super::block::Block;
+use super::lighting::TechniqueCounts;
+use super::settings::WhittedSettings;
+use super::tree::Tree;
+use super::worker::PathWave;
+use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
+use crate::emitter::{Light, Target};
+use crate::math::Ray;
+use crate::math::lanes::bits;
+use crate::scene::Scene;
+use bumpalo::Bump;
+
+/// Direct light from points, mirrors and glass.
+pub struct WhittedIntegrator {
+    settings: WhittedSettings,
+}
+
+impl WhittedIntegrator {
+    /// The integrator with its settings.
+    pub fn new(settings: WhittedSettings) -> Self {
+        WhittedIntegrator { settings }
+    }
+
+    /// Follows the wave in the worker's hand, which has `depth` scattering events behind it, and all that comes of it.
+    fn follow(&self, tree: &Tree<'_>, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
+        let arena = Bump::new();
+        let blocks = tree.hit_surfaces(&arena, depth, worker, out);
+        let parents = std::mem::take(&mut worker.paths);
+        if tree.samples_lights(depth) {
+            for light in &tree.scene.lights {
+                self.light(tree.scene, light, &blocks, &parents, worker);
+                worker.trace_shadows(tree.scene, tree.coherence(depth), |slot, value| {
+                    out[slot].value += value;
+                });
+            }
+        }
+        if tree.goes_on(depth) {
+            for child in tree.specular_children(&blocks, &parents, |block| block.active) {
+                worker.paths = child;
+                self.follow(tree, depth + 1, worker, out);
+            }
+        }
+    }
+
+    /// Queues a shadow ray from each point with a finite lobe to the middle of the light.
+    fn light(
+        &self,
+        scene: &Scene,
+        light: &Light,
+        blocks: &[Block<'_>],
+        parents: &PathWave,
+        worker: &mut Worker,
+    ) {
+        for block in blocks {
+            for i in bits(block.finite) {
+                let at = block.at.lane(i);
+                let Some(sample) = light.sample_centre(at.p, at.time) else { continue };
+                let wi = at.frame.to_local(sample.wi);
+                let f = block.bsdfs[i].eval(block.wo.lane(i), wi).f;
+                let parent = block.first + i;
+                let value = parents.beta(parent) * f * sample.radiance * wi.z.abs();
+                if value.is_black() {
+                    continue;
+                }
+                let ray = match sample.target {
+                    Target::Point(p) => scene.shadow_ray_to(&at, p, sample.wi),
+                    Target::Infinity => scene.spawn_ray(&at, sample.wi, at.time),
+                };
+                worker.shadows.push_one(Ray { time: at.time, ..ray }, parents.slots[parent], value);
+            }
+        }
+    }
+}
+
+impl Integrator for WhittedIntegrator {
+    fn name(&self) -> &'static str {
+        "whitted"
+    }
+
+    fn shows_environment(&self) -> bool {
+        !self.settings.hide_emitters
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        out.fill(Radiance::NONE);
+        worker.paths.begin(wave.rays, wave.keys);
+        let tree = Tree {
+            scene,
+            query,
+            coherence: wave.coherence,
+            max_depth: self.settings.max_depth,
+            hide_emitters: self.settings.hide_emitters,
+            // All rays go into Dirac deltas, which no other technique finds.
+            counts: TechniqueCounts::ONE_EACH,
+        };
+        self.follow(&tree, 0, worker, out);
+    }
+}

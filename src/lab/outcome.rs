@@ -1,0 +1,169 @@
+//! What an experiment finds, as text for a terminal and as a section of a page.
+
+use crate::estimate::convergence::PowerLaw;
+use crate::lab::moments::Measured;
+use crate::report::{Html, Picture, Plot, Table, gallery};
+
+/// A claim and what became of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finding {
+    /// The claim, in one sentence.
+    pub claim: String,
+    /// The measured number with its interval.
+    pub measured: String,
+    /// Whether the claim held.
+    pub held: bool,
+}
+
+impl Finding {
+    /// A finding.
+    pub fn new(claim: impl Into<String>, measured: impl Into<String>, held: bool) -> Self {
+        Finding { claim: claim.into(), measured: measured.into(), held }
+    }
+}
+
+/// A piece of evidence.
+#[derive(Clone, Debug)]
+pub enum Evidence {
+    /// Sentences.
+    Text(String),
+    /// A table with its title.
+    Table(String, Table),
+    /// A plot: on the page only.
+    Plot(Plot),
+    /// Small pictures with their title: on the page only.
+    Pictures(String, Vec<Picture>),
+    /// Images beside each other: on the page only.
+    Viewer(Html),
+}
+
+impl Evidence {
+    fn html(&self) -> Html {
+        match self {
+            Evidence::Text(sentences) => Html::paragraph(sentences),
+            Evidence::Table(title, table) => titled(title, &table.html()),
+            Evidence::Plot(plot) => plot.html(),
+            Evidence::Pictures(title, pictures) => titled(title, &gallery(pictures)),
+            Evidence::Viewer(viewer) => viewer.clone(),
+        }
+    }
+}
+
+/// Mark-up under a heading.
+fn titled(title: &str, content: &Html) -> Html {
+    let mut html = Html::element("h3", "", &Html::text(title));
+    html.push(content);
+    html
+}
+
+/// What an experiment found.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The experiment's name on the command line.
+    pub name: &'static str,
+    /// Its title.
+    pub title: &'static str,
+    /// The claims.
+    pub findings: Vec<Finding>,
+    /// What they stand on.
+    pub evidence: Vec<Evidence>,
+}
+
+impl Outcome {
+    /// The text for a terminal.
+    pub fn text(&self) -> String {
+        let mut text = format!("{}: {}\n", self.name, self.title);
+        for Finding { claim, measured, held } in &self.findings {
+            text.push_str(&format!("  {} {claim}\n           {measured}\n", mark(*held)));
+        }
+        for evidence in &self.evidence {
+            match evidence {
+                Evidence::Text(sentences) => text.push_str(&format!("\n  {sentences}\n")),
+                Evidence::Table(title, table) => {
+                    text.push_str(&format!("\n  {title}\n"));
+                    table.text().lines().for_each(|line| text.push_str(&format!("    {line}\n")));
+                }
+                Evidence::Plot(_) | Evidence::Pictures(..) | Evidence::Viewer(_) => {}
+            }
+        }
+        text
+    }
+
+    /// The section of a page.
+    pub fn html(&self) -> Html {
+        let mut html = Html::default();
+        let mut list = Html::default();
+        for Finding { claim, measured, held } in &self.findings {
+            let mut item = Html::element("b", "", &Html::text(mark(*held).trim_end()));
+            item.push(&Html::text(&format!("{claim} ")));
+            item.push(&Html::element("em", "", &Html::text(measured)));
+            list.push(&Html::element("li", "", &item));
+        }
+        html.push(&Html::element("ul", "findings", &list));
+        // Plots that follow each other stand beside each other where there is room.
+        let is_plot = |evidence: &Evidence| matches!(evidence, Evidence::Plot(_));
+        for group in self.evidence.chunk_by(|a, b| is_plot(a) && is_plot(b)) {
+            let mut content = Html::default();
+            group.iter().for_each(|evidence| content.push(&evidence.html()));
+            html.push(&match is_plot(&group[0]) {
+                true => Html::element("div", "figures", &content),
+                false => content,
+            });
+        }
+        html
+    }
+}
+
+/// The word before a claim, of one width.
+fn mark(held: bool) -> &'static str {
+    if held { "held:   " } else { "refuted:" }
+}
+
+/// `-0.501 [-0.503, -0.499]`; a dash where there is no law.
+pub fn slope(law: Option<PowerLaw>) -> String {
+    law.map_or_else(
+        || "–".to_owned(),
+        |law| format!("{:.3} [{:.3}, {:.3}]", law.exponent, law.interval[0], law.interval[1]),
+    )
+}
+
+/// `1.778 ± 0.004`: the half width of the 95 % interval.
+pub fn plus_minus(measured: Measured) -> String {
+    let half = 1.96 * measured.error;
+    // Two significant digits of the interval.
+    let digits = if half > 0.0 && half.is_finite() {
+        (1.0 - half.log10().floor()).clamp(0.0, 9.0) as usize
+    } else {
+        4
+    };
+    format!("{:.digits$} ± {half:.digits$}", measured.value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_have_two_digits() {
+        assert_eq!(plus_minus(Measured { value: 1.77777, error: 0.01 }), "1.778 ± 0.020");
+        assert_eq!(plus_minus(Measured { value: 1235.6, error: 20.0 }), "1236 ± 39");
+        assert_eq!(plus_minus(Measured { value: 0.5, error: 0.0 }), "0.5000 ± 0.0000");
+        assert_eq!(slope(None), "–");
+    }
+
+    #[test]
+    fn text_and_page_tell_what_held() {
+        let outcome = Outcome {
+            name: "x",
+            title: "an experiment",
+            findings: vec![Finding::new("Up is up.", "1 ± 0", true), Finding::new("Down < up.", "2", false)],
+            evidence: vec![Evidence::Text("Because.".into())],
+        };
+        assert_eq!(
+            outcome.text(),
+            "x: an experiment\n  held:    Up is up.\n           1 ± 0\n  refuted: Down < up.\n           2\n\n  Because.\n"
+        );
+        assert!(outcome.html().as_str().contains("<b>refuted:</b>"));
+        assert!(outcome.html().as_str().contains("Down &lt; up."));
+    }
+}

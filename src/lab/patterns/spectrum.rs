@@ -1,0 +1,116 @@
+//! The spectra of patterns: where aliases come from.
+
+use super::points::Pattern;
+use crate::error::Result;
+use crate::image::Image;
+use crate::lab::outcome::{Evidence, Finding};
+use crate::lab::random::Stream;
+use crate::lab::studio::picture;
+use crate::lab::{Found, Options};
+use crate::report::{Axis, Line, Plot, Point, Series};
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// 64 points.
+const SIDE: u32 = 8;
+/// Frequencies from −this to this, in cycles over the square.
+const HIGHEST: i32 = 32;
+/// Below this frequency the energy of a pattern becomes aliases of low frequency: half of that of the grid.
+const LOW: f64 = 0.5 * SIDE as f64;
+
+/// The mean over many patterns of |Σ exp(−2πi f·p)|²/n, for all frequencies row by row; 1 for independent points.
+fn periodogram(pattern: Pattern, part: u32, options: &Options) -> Vec<f64> {
+    let width = (2 * HIGHEST + 1) as usize;
+    let sets: Vec<Vec<[f64; 2]>> = (0..options.runs / 5)
+        .map(|run| pattern.points(SIDE, &mut Stream::new(options.seed, part, run)))
+        .collect();
+    let power = |points: &[[f64; 2]], f: [f64; 2]| {
+        let (mut re, mut im) = (0.0, 0.0);
+        for p in points {
+            let (sin, cos) = (TAU * (f[0] * p[0] + f[1] * p[1])).sin_cos();
+            (re, im) = (re + cos, im + sin);
+        }
+        (re * re + im * im) / points.len() as f64
+    };
+    (0..width * width)
+        .into_par_iter()
+        .map(|i| {
+            let f = [i % width, i / width].map(|k| f64::from(k as i32 - HIGHEST));
+            sets.iter().map(|points| power(points, f)).sum::<f64>() / sets.len() as f64
+        })
+        .collect()
+}
+
+/// Means over rings of frequencies, from 1 to the highest; the frequency 0 is the number of points and left out.
+fn radial(power: &[f64]) -> Vec<f64> {
+    let width = (2 * HIGHEST + 1) as usize;
+    let mut rings = vec![(0.0, 0.0); HIGHEST as usize + 1];
+    for (i, p) in power.iter().enumerate() {
+        let [x, y] = [i % width, i / width].map(|k| f64::from(k as i32 - HIGHEST));
+        let ring = x.hypot(y).round() as usize;
+        if (1..rings.len()).contains(&ring) {
+            rings[ring] = (rings[ring].0 + p, rings[ring].1 + 1.0);
+        }
+    }
+    rings[1..].iter().map(|(sum, n)| sum / n).collect()
+}
+
+/// The power as a grey picture: 1 is half grey. Each frequency is a square of pixels.
+fn shown(power: &[f64]) -> Image {
+    let (width, zoom) = ((2 * HIGHEST + 1) as usize, 4);
+    let mut image = Image::new(width * zoom, width * zoom, &["R", "G", "B"]);
+    for y in 0..width * zoom {
+        for x in 0..width * zoom {
+            let p = power[(y / zoom) * width + x / zoom];
+            image.pixel_mut(x, y).fill((0.2 * p).min(1.0) as f32);
+        }
+    }
+    image
+}
+
+/// A pattern as a plot of its points.
+fn points_of(pattern: Pattern, style: usize, seed: u64) -> Plot {
+    let points = pattern.points(SIDE, &mut Stream::new(seed, 750, 0));
+    let points = points.into_iter().map(|[x, y]| Point::new(x, y)).collect();
+    Plot {
+        title: format!("64 {} points", pattern.name()),
+        x: Axis::linear("x"),
+        y: Axis::linear("y"),
+        series: vec![Series { name: pattern.name().into(), points, style, line: Line::None }],
+    }
+}
+
+/// The spectra of the patterns, and what they mean for aliases.
+pub fn run(options: &Options) -> Result<Found> {
+    let (mut pictures, mut series, mut low, mut evidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (i, pattern) in Pattern::ALL.into_iter().enumerate() {
+        let power = periodogram(pattern, 700 + i as u32, options);
+        pictures.push(picture(&shown(&power), 0.0, pattern.name(), "frequency 0 in the middle")?);
+        evidence.push(Evidence::Plot(points_of(pattern, i, options.seed)));
+        if pattern == Pattern::Regular {
+            continue;
+        }
+        let rings = radial(&power);
+        let lowest = rings.iter().take(LOW as usize);
+        low.push(lowest.sum::<f64>() / LOW);
+        let points = rings.iter().zip(1..).map(|(p, f)| Point::new(f64::from(f), *p)).collect();
+        series.push(Series { name: pattern.name().into(), points, style: i, line: Line::Solid });
+    }
+    evidence.push(Evidence::Pictures("Mean spectra of 64 points".into(), pictures));
+    evidence.push(Evidence::Plot(Plot {
+        title: "Power by frequency: 1 is white noise".into(),
+        x: Axis::linear("cycles over the square"),
+        y: Axis::linear("power"),
+        series,
+    }));
+    let finding = Finding::new(
+        "Jittered and Poisson-disk-like samples turn aliases into noise of high frequency: they have little power at low ones.",
+        format!(
+            "mean power up to {LOW} cycles, over that of white noise: random {:.2}, jittered {:.2}, Poisson-disk-like {:.2} \
+             (held if random within 0.2 of 1, the others below 0.5)",
+            low[0], low[1], low[2]
+        ),
+        (low[0] - 1.0).abs() < 0.2 && low[1] < 0.5 && low[2] < 0.5,
+    );
+    Ok((vec![finding], evidence))
+}

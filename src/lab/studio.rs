@@ -1,0 +1,178 @@
+//! Rendering for experiments: built-in scenes, pictures, and their noise.
+
+use super::Options;
+use super::moments::Measured;
+use crate::error::{Error, Result};
+use crate::estimate::metrics;
+use crate::image::Image;
+use crate::integrator::{Counters, Settings};
+use crate::render::{JobSettings, Progress, Rendered, StopRules};
+use crate::report::{Picture, Viewer, exposure_of, thumbnail};
+use crate::sampling::{Sampler, SamplerKind};
+use crate::session::{Plan, SceneChoices, SceneFile, Session};
+
+/// Every effect that a pixel is an integral over.
+pub const ROOM: &str = include_str!("scenes/room.xml");
+/// Mirror, glass and rough metal in a diffuse room.
+pub const BALLS: &str = include_str!("scenes/balls.xml");
+
+/// A scene that is ready to be rendered at one size.
+pub struct Studio {
+    session: Session,
+    seed: u64,
+}
+
+/// A picture, and what it took.
+pub struct Shot {
+    /// The picture.
+    pub image: Image,
+    /// Rays and paths.
+    pub counters: Counters,
+    /// Wall time of sampling.
+    pub seconds: f64,
+    /// Root mean square error that the two halves of the samples let expect.
+    pub noise: f64,
+}
+
+/// How a picture is sampled.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampling {
+    /// The sampler.
+    pub sampler: Sampler,
+    /// Samples per pixel.
+    pub spp: u64,
+}
+
+impl Sampling {
+    /// A sampler for that many samples per pixel.
+    pub fn new(kind: SamplerKind, spp: u64) -> Self {
+        Sampling { sampler: Sampler::new(kind, Some(spp)), spp }
+    }
+}
+
+impl Studio {
+    /// A built-in scene at a size.
+    ///
+    /// # Errors
+    /// If a temporary file cannot be written, or the scene is at fault.
+    pub fn open(xml: &str, size: (u32, u32), options: &Options) -> Result<Studio> {
+        Studio::open_with(xml, &[], size, options)
+    }
+
+    /// As [`open`](Self::open), with files that the scene refers to.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn open_with(
+        xml: &str,
+        files: &[(&str, &str)],
+        size: (u32, u32),
+        options: &Options,
+    ) -> Result<Studio> {
+        let cannot = |e: std::io::Error| Error::output(format!("cannot write a temporary scene: {e}"));
+        let folder = tempfile::tempdir().map_err(cannot)?;
+        let path = folder.path().join("scene.xml");
+        for (name, text) in files.iter().chain([&("scene.xml", xml)]) {
+            std::fs::write(folder.path().join(name), text).map_err(cannot)?;
+        }
+        let choices = SceneChoices { size: Some(size), ..SceneChoices::default() };
+        let file = SceneFile::load(&path, &choices)?;
+        Ok(Studio { session: file.compile(options.accel, options.threads)?, seed: options.seed })
+    }
+
+    /// Renders one picture. Different `take`s are independent.
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn shoot(&self, integrator: &Settings, sampling: Sampling, take: u64) -> Result<Shot> {
+        let job = JobSettings {
+            sampler: sampling.sampler,
+            seed: self.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(take),
+            threads: self.session.threads,
+            stop: StopRules { samples: Some(sampling.spp), ..StopRules::default() },
+            layers: Vec::new(),
+        };
+        let plan = Plan { integrator: integrator.clone(), job, adaptive: false };
+        let rendered = self.session.render(&plan, &Progress::new())?;
+        Ok(Shot {
+            image: self.session.image(&plan, &rendered),
+            counters: rendered.counters,
+            seconds: rendered.elapsed.as_secs_f64(),
+            noise: expected_noise(&rendered),
+        })
+    }
+
+    /// The root mean square error of an unbiased picture, without a reference: half the mean square of the difference of two
+    /// independent takes is the variance. `pairs` of takes give the interval.
+    ///
+    /// # Errors
+    /// As [`shoot`](Self::shoot).
+    pub fn noise(&self, integrator: &Settings, sampling: Sampling, pairs: u64) -> Result<Measured> {
+        let mut squares = Vec::new();
+        for pair in 0..pairs {
+            let [a, b] = [2 * pair, 2 * pair + 1].map(|take| self.shoot(integrator, sampling, take));
+            squares.push(0.5 * metrics::mse(&a?.image.data, &b?.image.data));
+        }
+        let Measured { value, error } = Measured::mean(&squares);
+        Ok(Measured { value: value.sqrt(), error: 0.5 * error / value.sqrt().max(f64::MIN_POSITIVE) })
+    }
+}
+
+/// The root of the mean variance of the pixels' colours.
+fn expected_noise(rendered: &Rendered) -> f64 {
+    let variances: Vec<f64> = rendered
+        .tiles
+        .iter()
+        .flat_map(|tile| (0..tile.pixel_count()).flat_map(move |i| (0..3).map(move |c| tile.estimate(i, c))))
+        .map(|estimate| estimate.variance.unwrap_or(f64::NAN))
+        .collect();
+    Measured::mean(&variances).value.sqrt()
+}
+
+/// Width of small pictures on the page, in pixels.
+const WIDTH: usize = 320;
+
+/// A small picture with its caption. All pictures of a row need the same `exposure`.
+///
+/// # Errors
+/// If the image has no pixel.
+pub fn picture(
+    image: &Image,
+    exposure: f32,
+    title: impl Into<String>,
+    note: impl Into<String>,
+) -> Result<Picture> {
+    Ok(Picture { images: vec![thumbnail(image, WIDTH, exposure)?], title: title.into(), note: note.into() })
+}
+
+/// A viewer of images, the last of which is the reference.
+///
+/// # Errors
+/// If sizes differ or there is no image.
+pub fn viewer(title: &str, images: Vec<(String, &Image)>) -> Result<crate::report::Html> {
+    let reference = images.len().checked_sub(1);
+    let exposure = images.last().map_or(0.0, |(_, image)| exposure_of(image));
+    Viewer { title: title.into(), images, reference, left: 0, right: reference.unwrap_or(0), exposure }.html()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::AccelKind;
+    use crate::integrator::settings::PathSettings;
+
+    /// The noise of 4 samples is twice that of 16, and repeats itself.
+    #[test]
+    fn noise_is_measured_without_a_reference() {
+        let options = Options { seed: 1, runs: 10, quick: true, threads: 2, accel: AccelKind::default() };
+        for scene in [ROOM, BALLS] {
+            let studio = Studio::open(scene, (24, 18), &options).expect("the scene is well-formed");
+            let path = Settings::Path(PathSettings { max_depth: Some(3), ..PathSettings::default() });
+            let noise = |spp| studio.noise(&path, Sampling::new(SamplerKind::Independent, spp), 4);
+            let [few, many] = [4, 16].map(|spp| noise(spp).expect("threads start"));
+            let ratio = few.value / many.value;
+            assert!((1.6..2.5).contains(&ratio), "{ratio}");
+            assert_eq!(noise(4).expect("threads start"), few);
+        }
+    }
+}

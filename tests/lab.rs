@@ -1,0 +1,58 @@
+//! The laboratory through the command line.
+
+use crate::support::cli::Folder;
+
+/// Every experiment at its smallest: text, and a page with plots and pictures.
+#[test]
+fn every_experiment_runs_and_the_page_is_written() {
+    let folder = Folder::new();
+    let run = folder.run("lab --quick --runs 20 -o page");
+    assert_eq!(run.code, 0, "{run:?}");
+    let page = String::from_utf8(folder.read("page/index.html")).expect("UTF-8");
+    let listed = folder.run("lab --list");
+    assert_eq!((listed.code, listed.stdout.lines().count()), (0, 7), "{listed:?}");
+    for line in listed.stdout.lines() {
+        let (name, title) = line.split_once(' ').expect("a name and a title");
+        let title = title.trim();
+        assert!(run.stdout.contains(&format!("{name}: {title}\n")), "{name}: {}", run.stdout);
+        assert!(page.contains(&format!("<h2>{title}</h2>")), "{name}");
+    }
+    assert!(run.stdout.trim_end().ends_with("claims held"), "{}", run.stdout);
+    assert!(page.matches("<svg").count() > 15 && page.matches("<img").count() > 20);
+    for outside in ["http://", "https://"] {
+        assert!(!page.contains(outside));
+    }
+    assert_eq!(folder.files(), ["page", "s.xml"]);
+}
+
+/// The seed decides everything but times: not the threads, and not the other experiments.
+#[test]
+fn a_seed_decides_the_numbers() {
+    let folder = Folder::new();
+    let text = |arguments: &str| {
+        let run = folder.run(&format!("lab one-dimension glossy --quick --runs 10 -q {arguments}"));
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{run:?}");
+        run.stdout
+    };
+    let first = text("--seed 5 -t 1");
+    assert_eq!(first, text("--seed 5 -t 2"));
+    assert_ne!(first, text("--seed 6"));
+    let alone = folder.run("lab glossy --quick --runs 10 -q --seed 5").stdout;
+    let section = alone.split("\n\n").next().expect("a section");
+    assert!(first.contains(section), "{alone}");
+}
+
+#[test]
+fn mistakes_are_refused_before_the_work() {
+    let folder = Folder::new();
+    folder.write("file", b"");
+    for (arguments, code, sentence) in [
+        ("lab glosy", 2, "there is no experiment \"glosy\"; there are one-dimension, domains, patterns,"),
+        ("lab --runs 1", 2, "1 is not in 10..=1000000"),
+        ("lab -o file", 4, "buffon: file: cannot be created: "),
+    ] {
+        let run = folder.run(arguments);
+        assert_eq!((run.code, run.stdout.as_str()), (code, ""), "{arguments}: {run:?}");
+        assert!(run.stderr.contains(sentence), "{arguments}: {run:?}");
+    }
+}
