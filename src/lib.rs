@@ -86,6 +86,7 @@ pub mod loader;
 pub mod material;
 pub mod math;
 pub mod render;
+pub mod report;
 pub mod sampling;
 pub mod scene;
 pub mod sensor;

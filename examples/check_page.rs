@@ -1,0 +1,346 @@
+//! Opens a page of Buffon in headless Chromium and checks what a reader would: that plots are there, that the viewer's slider,
+//! zoom and exposure change pixels, that names are shown, and that nothing is logged as an error. Saves screenshots.
+//!
+//! `cargo run --example check_page -- PAGE.html DIR`; `CHROMIUM` names another browser. The browser is driven through the
+//! Chrome DevTools Protocol over a pipe, with real mouse events.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitCode, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+type Result<T> = std::result::Result<T, String>;
+
+/// How long the browser may take for an answer.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A browser with one page.
+struct Browser {
+    process: Child,
+    to: ChildStdin,
+    messages: Receiver<Value>,
+    session: Option<String>,
+    next: u64,
+    /// Everything that the page logged as an error.
+    errors: Vec<String>,
+    /// Its profile, which goes with it.
+    _profile: tempfile::TempDir,
+}
+
+impl Browser {
+    /// Starts the browser.
+    fn start() -> Result<Self> {
+        let profile = tempfile::tempdir().map_err(|e| format!("no folder for the browser's profile: {e}"))?;
+        let browser = std::env::var("CHROMIUM").unwrap_or_else(|_| "chromium".into());
+        // The protocol is spoken over descriptors 3 and 4.
+        let mut process = Command::new("sh")
+            .args(["-c", "exec \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1", "sh", &browser])
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--remote-debugging-pipe",
+                "--disable-gpu",
+                "--no-first-run",
+            ])
+            .args(["--disable-dev-shm-usage", "--hide-scrollbars", "--force-color-profile=srgb"])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg("about:blank")
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|e| format!("cannot start {browser}: {e}"))?;
+        let to = process.stdin.take().ok_or("no pipe to the browser")?;
+        let from = process.stdout.take().ok_or("no pipe from the browser")?;
+        let (sender, messages) = channel();
+        std::thread::spawn(move || {
+            for message in BufReader::new(from).split(0).map_while(std::io::Result::ok) {
+                if serde_json::from_slice(&message).map(|m| sender.send(m)).is_err() {
+                    break;
+                }
+            }
+        });
+        let mut browser =
+            Browser { process, to, messages, session: None, next: 0, errors: Vec::new(), _profile: profile };
+        let target = browser.call("Target.createTarget", json!({ "url": "about:blank" }))?;
+        let attach = json!({ "targetId": target["targetId"], "flatten": true });
+        let session = browser.call("Target.attachToTarget", attach)?;
+        browser.session = session["sessionId"].as_str().map(str::to_owned);
+        for domain in ["Page", "Runtime", "Log", "Network"] {
+            browser.call(&format!("{domain}.enable"), json!({}))?;
+        }
+        Ok(browser)
+    }
+
+    /// Calls a method and waits for its result.
+    fn call(&mut self, method: &str, parameters: Value) -> Result<Value> {
+        self.next += 1;
+        let mut message = json!({ "id": self.next, "method": method, "params": parameters });
+        if let Some(session) = &self.session {
+            message["sessionId"] = json!(session);
+        }
+        let sent = write!(self.to, "{message}\0").and_then(|()| self.to.flush());
+        sent.map_err(|e| format!("{method}: the browser does not listen: {e}"))?;
+        let until = Instant::now() + PATIENCE;
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let message = self.messages.recv_timeout(left).map_err(|e| match e {
+                RecvTimeoutError::Timeout => format!("{method}: no answer in {} s", PATIENCE.as_secs()),
+                RecvTimeoutError::Disconnected => format!("{method}: the browser has ended"),
+            })?;
+            self.listen(&message);
+            if message["id"] == self.next {
+                return match &message["error"] {
+                    Value::Null => Ok(message["result"].clone()),
+                    error => Err(format!("{method}: {error}")),
+                };
+            }
+        }
+    }
+
+    /// Keeps what the page reports as an error, and any request to somewhere else.
+    fn listen(&mut self, message: &Value) {
+        let parameters = &message["params"];
+        let error = match message["method"].as_str() {
+            Some("Runtime.exceptionThrown") => Some(parameters["exceptionDetails"].to_string()),
+            Some("Runtime.consoleAPICalled") if parameters["type"] != "log" => Some(parameters.to_string()),
+            Some("Log.entryAdded") if parameters["entry"]["level"] == "error" => {
+                Some(parameters["entry"].to_string())
+            }
+            Some("Network.requestWillBeSent") => {
+                let url = parameters["request"]["url"].as_str().unwrap_or_default();
+                let own = ["file:", "data:", "about:"].iter().any(|scheme| url.starts_with(scheme));
+                (!own).then(|| format!("a request to {url}"))
+            }
+            _ => None,
+        };
+        self.errors.extend(error);
+    }
+
+    /// The value of an expression in the page; promises are awaited.
+    fn evaluate(&mut self, expression: &str) -> Result<Value> {
+        let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let answer = self.call("Runtime.evaluate", parameters)?;
+        match answer.get("exceptionDetails") {
+            Some(details) => Err(format!("{expression}: {details}")),
+            None => Ok(answer["result"]["value"].clone()),
+        }
+    }
+
+    fn wait_for(&mut self, what: &str, expression: &str) -> Result<()> {
+        let until = Instant::now() + PATIENCE;
+        while self.evaluate(expression)? != Value::Bool(true) {
+            if Instant::now() > until {
+                return Err(format!("{what}: it did not happen in {} s", PATIENCE.as_secs()));
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        Ok(())
+    }
+
+    /// Opens a page in a window of a size, in light or dark.
+    fn open(&mut self, page: &str, [width, height]: [u32; 2], theme: &str, phone: bool) -> Result<()> {
+        let scale = if phone { 2 } else { 1 };
+        let metrics =
+            json!({ "width": width, "height": height, "deviceScaleFactor": scale, "mobile": phone });
+        self.call("Emulation.setDeviceMetricsOverride", metrics)?;
+        let feature = json!({ "features": [{ "name": "prefers-color-scheme", "value": theme }] });
+        self.call("Emulation.setEmulatedMedia", feature)?;
+        self.call("Page.navigate", json!({ "url": page }))?;
+        let ready = "document.readyState === 'complete' && \
+                     [...document.querySelectorAll('.viewer')].every((v) => v.dataset.ready === 'true')";
+        self.wait_for("the page is ready", ready)
+    }
+
+    /// Saves the whole page as a picture.
+    fn screenshot(&mut self, path: &Path) -> Result<()> {
+        let parameters = json!({ "format": "png", "captureBeyondViewport": true });
+        let answer = self.call("Page.captureScreenshot", parameters)?;
+        let bytes = STANDARD
+            .decode(answer["data"].as_str().unwrap_or_default())
+            .map_err(|e| format!("the screenshot is no Base64: {e}"))?;
+        std::fs::write(path, bytes).map_err(|e| format!("{}: {e}", path.display()))?;
+        println!("wrote {}", path.display());
+        Ok(())
+    }
+
+    /// The window as large as the page, so that a screenshot shows all of it.
+    fn grow(&mut self, width: u32, phone: bool) -> Result<()> {
+        let height = self.evaluate("Math.min(document.documentElement.scrollHeight, 16000)")?;
+        let scale = if phone { 2 } else { 1 };
+        let metrics =
+            json!({ "width": width, "height": height, "deviceScaleFactor": scale, "mobile": phone });
+        self.call("Emulation.setDeviceMetricsOverride", metrics)?;
+        self.evaluate("new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r)))").map(drop)
+    }
+
+    fn mouse(&mut self, kind: &str, [x, y]: [f64; 2]) -> Result<()> {
+        let buttons = u32::from(kind != "mouseReleased");
+        let parameters =
+            json!({ "type": kind, "x": x, "y": y, "button": "left", "buttons": buttons, "clickCount": 1 });
+        self.call("Input.dispatchMouseEvent", parameters).map(drop)
+    }
+
+    fn click(&mut self, selector: &str) -> Result<()> {
+        let at = self.centre(selector)?;
+        self.mouse("mousePressed", at)?;
+        self.mouse("mouseReleased", at)
+    }
+
+    /// The centre of an element in the window.
+    fn centre(&mut self, selector: &str) -> Result<[f64; 2]> {
+        let expression = format!(
+            "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'center', behavior: 'instant' }}); \
+             const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; }})()"
+        );
+        let at = self.evaluate(&expression)?;
+        match (at[0].as_f64(), at[1].as_f64()) {
+            (Some(x), Some(y)) => Ok([x, y]),
+            _ => Err(format!("{selector}: expected an element, found {at}")),
+        }
+    }
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// A hash of the first viewer's pixels and how many colours they have.
+const PIXELS: &str = "(() => { const c = document.querySelector('.viewer canvas'); \
+    const d = new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer); \
+    let h = 0; const colours = new Set(); for (const v of d) { h = (Math.imul(h, 31) + v) | 0; colours.add(v); } \
+    return [h, colours.size]; })()";
+
+fn expect(holds: bool, what: &str) -> Result<()> {
+    if holds {
+        println!("ok: {what}");
+        return Ok(());
+    }
+    Err(format!("expected that {what}"))
+}
+
+/// What must be on every page.
+fn check_content(browser: &mut Browser) -> Result<()> {
+    let count = |browser: &mut Browser, selector: &str| {
+        browser
+            .evaluate(&format!("document.querySelectorAll('{selector}').length"))
+            .map(|v| v.as_u64().unwrap_or(0))
+    };
+    let (plots, markers) = (count(browser, ".plot > svg")?, count(browser, ".plot > svg .marker")?);
+    expect(plots >= 1 && markers >= 2, &format!("plots are there ({plots} with {markers} markers)"))?;
+    let tables = count(browser, "table tbody tr")?;
+    expect(tables >= 1, &format!("tables have rows ({tables})"))?;
+    let broken = browser.evaluate("[...document.images].filter((i) => !i.naturalWidth).length")?;
+    expect(broken == 0, "every picture is shown")?;
+    let wide = browser.evaluate("document.documentElement.scrollWidth > innerWidth")?;
+    expect(wide == false, "nothing is wider than the window")
+}
+
+/// Moves the slider, zooms, pans and exposes, and sees that pixels change.
+fn check_viewer(browser: &mut Browser) -> Result<()> {
+    let mut seen = browser.evaluate(PIXELS)?;
+    expect(seen[1].as_u64().unwrap_or(0) > 8, "the viewer shows a picture")?;
+    let mut changes = |browser: &mut Browser, what: &str| {
+        browser.evaluate("new Promise((r) => setTimeout(r, 150))")?;
+        let now = browser.evaluate(PIXELS)?;
+        let changed = now != seen;
+        seen = now;
+        expect(changed, what)
+    };
+    let [x, y] = browser.centre(".viewer .divider")?;
+    browser.mouse("mousePressed", [x, y])?;
+    browser.mouse("mouseMoved", [x - 40.0, y])?;
+    browser.mouse("mouseMoved", [x - 90.0, y])?;
+    browser.mouse("mouseReleased", [x - 90.0, y])?;
+    let value =
+        browser.evaluate("Number(document.querySelector('.divider').getAttribute('aria-valuenow'))")?;
+    expect(value.as_f64().is_some_and(|v| v < 50.0), "the slider moves with the mouse")?;
+    changes(browser, "the slider changes pixels")?;
+    let told = browser.evaluate(
+        "(() => { const c = document.querySelector('.viewer canvas'), b = c.getBoundingClientRect(); \
+         c.dispatchEvent(new PointerEvent('pointermove', { clientX: b.x + b.width / 2 + 5, clientY: b.y + b.height / 2 })); \
+         return new Promise((r) => setTimeout(() => r(document.querySelector('.readout').textContent), 150)); })()",
+    )?;
+    let told = told.as_str().unwrap_or_default().to_owned();
+    expect(told.starts_with("pixel ") && told.contains("right"), &format!("values are told (\"{told}\")"))?;
+    for _ in 0..3 {
+        browser.click(".viewer .in")?;
+    }
+    changes(browser, "zoom changes pixels")?;
+    let [x, y] = browser.centre(".viewer canvas")?;
+    browser.mouse("mousePressed", [x + 60.0, y])?;
+    browser.mouse("mouseMoved", [x + 30.0, y + 20.0])?;
+    browser.mouse("mouseMoved", [x, y + 40.0])?;
+    browser.mouse("mouseReleased", [x, y + 40.0])?;
+    changes(browser, "panning changes pixels")?;
+    browser.click(".viewer .fit")?;
+    changes(browser, "fitting changes pixels")?;
+    browser.evaluate(
+        "(() => { const e = document.querySelector('.viewer .exposure'); e.value = Number(e.value) + 2; \
+         e.dispatchEvent(new Event('input')); })()",
+    )?;
+    changes(browser, "exposure changes pixels")?;
+    let errors = browser.evaluate(
+        "(() => { const p = document.querySelector('.viewer .pick-right'); \
+         const e = [...p.options].find((o) => o.value.startsWith('e')); if (!e) return false; \
+         p.value = e.value; p.dispatchEvent(new Event('change')); return true; })()",
+    )?;
+    if errors == true {
+        changes(browser, "the error map changes pixels")?;
+        let legend = browser.evaluate("!document.querySelector('.viewer .heat').hidden")?;
+        expect(legend == true, "the error map has a legend")?;
+    }
+    Ok(())
+}
+
+fn check(page: &Path, folder: &Path) -> Result<()> {
+    let path = page.canonicalize().map_err(|e| format!("{}: {e}", page.display()))?;
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    // Letters that mean something in an address are few in the names of temporary folders.
+    let address = format!(
+        "file://{}",
+        path.display().to_string().replace('%', "%25").replace('#', "%23").replace('?', "%3F")
+    );
+    let mut browser = Browser::start()?;
+    for (name, size, theme, phone) in [
+        ("desktop-light", [1280, 900], "light", false),
+        ("desktop-dark", [1280, 900], "dark", false),
+        ("phone-light", [390, 844], "light", true),
+        ("phone-dark", [390, 844], "dark", true),
+    ] {
+        println!("{name}:");
+        browser.open(&address, size, theme, phone)?;
+        check_content(&mut browser)?;
+        browser.grow(size[0], phone)?;
+        browser.screenshot(&folder.join(format!("{name}.png")))?;
+        let viewers = browser.evaluate("document.querySelectorAll('.viewer').length")?;
+        if !phone && viewers != 0 {
+            browser.open(&address, size, theme, phone)?;
+            check_viewer(&mut browser)?;
+            browser.screenshot(&folder.join(format!("{name}-viewer.png")))?;
+        }
+    }
+    expect(browser.errors.is_empty(), &format!("nothing is logged as an error {:?}", browser.errors))
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
+    let [page, folder] = arguments.as_slice() else {
+        eprintln!("usage: check_page PAGE.html DIR");
+        return ExitCode::from(2);
+    };
+    match check(page, folder) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("check_page: {}: {error}", page.display());
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! Under which circumstances figures were measured.
+
+use std::fs;
+
+/// What a SIMD feature of the processor is called, the widest first.
+#[cfg(target_arch = "x86_64")]
+const WIDTHS: [(&str, fn() -> bool); 3] = [
+    ("AVX-512", || std::arch::is_x86_feature_detected!("avx512f")),
+    ("AVX2", || std::arch::is_x86_feature_detected!("avx2")),
+    ("SSE4.2", || std::arch::is_x86_feature_detected!("sse4.2")),
+];
+#[cfg(not(target_arch = "x86_64"))]
+const WIDTHS: [(&str, fn() -> bool); 0] = [];
+
+/// The widest SIMD that the processor has, of those that a renderer gains from; "baseline" if it has none of them.
+pub fn simd() -> &'static str {
+    WIDTHS.iter().find(|(_, present)| present()).map_or("baseline", |(name, _)| name)
+}
+
+/// The processor's name, as the system tells it.
+pub fn processor() -> String {
+    let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = told.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':'));
+    name.map_or_else(|| std::env::consts::ARCH.into(), |(_, name)| name.trim().into())
+}
+
+/// The date and time, in UTC, to the second: 2026-11-21T10:20:30Z.
+pub fn date() -> String {
+    let now = jiff::Timestamp::now();
+    now.round(jiff::Unit::Second).unwrap_or(now).to_string()
+}
+
+/// The command line, quoted so that a shell takes it back.
+pub fn command_line() -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
+    let quoted = |word: String| {
+        if !word.is_empty() && word.chars().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
+    };
+    std::env::args_os().map(|w| quoted(w.to_string_lossy().into_owned())).collect::<Vec<_>>().join(" ")
+}
+
+/// Names and values: processor, system, Buffon's version, command line, date.
+pub fn facts() -> Vec<(&'static str, String)> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let release = fs::read_to_string("/etc/os-release").unwrap_or_default();
+    let system = release.lines().find_map(|l| l.strip_prefix("PRETTY_NAME=")).map(|n| n.trim_matches('"'));
+    vec![
+        ("Processor", format!("{}, {threads} hardware threads, {}", processor(), simd())),
+        ("System", format!("{}, {}", system.unwrap_or(std::env::consts::OS), std::env::consts::ARCH)),
+        ("Buffon", env!("BUFFON_VERSION").to_string()),
+        ("Command", command_line()),
+        ("Date", date()),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fact_is_told() {
+        for (name, value) in facts() {
+            assert!(!name.is_empty() && !value.is_empty(), "{name}: {value}");
+        }
+        assert!(date().ends_with('Z') && date().len() == 20, "{}", date());
+    }
+}

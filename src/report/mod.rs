@@ -1,0 +1,29 @@
+//! Reports: tables for a terminal, and one HTML page that needs nothing besides itself.
+//!
+//! This is presentation alone: it knows images and numbers, not where they come from.
+//!
+//! - [`Page`] puts [`Html`] into sections; style and script are in the file, light and dark follow the reader's system.
+//! - [`Table`] is text for a terminal and mark-up for a page.
+//! - [`Plot`] and [`Bars`] are SVG.
+//! - [`Viewer`] shows images beside each other; [`thumbnail`] and [`error_thumbnail`] make small ones, [`gallery`] shows them.
+
+mod bars;
+mod gallery;
+mod html;
+pub mod machine;
+mod page;
+mod pixels;
+mod plot;
+mod scale;
+mod table;
+mod viewer;
+
+pub use bars::{Bar, Bars};
+pub use gallery::{Picture, gallery};
+pub use html::{Html, escape};
+pub use page::Page;
+pub use pixels::{HEAT_DECADES, HEAT_MAX, error_thumbnail, thumbnail};
+pub use plot::{Axis, Line, Plot, Point, Series};
+pub use scale::{Scale, number};
+pub use table::{Align, Table};
+pub use viewer::{Viewer, exposure_of};

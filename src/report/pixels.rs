@@ -1,0 +1,142 @@
+//! Images in a page: small ones to look at as PNG, and the pixels themselves as packed halves.
+
+use crate::error::{Error, Result};
+use crate::estimate::metrics::relative_by_pixel;
+use crate::image::{HeatScale, Image, heat, to_srgb};
+use ::image::ImageEncoder;
+use ::image::codecs::png::PngEncoder;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use half::f16;
+use std::io::Write;
+
+/// The relative squared error that has the last colour of the heat maps.
+pub const HEAT_MAX: f64 = 1.0;
+/// How many powers of ten the heat maps span.
+pub const HEAT_DECADES: f64 = 5.0;
+
+/// The picture's values as a script can unpack them, in Base64: the deflated planes of red, green and blue as halves, of
+/// each plane all the low bytes before all the high ones, which deflates best. A half has 11 significant bits; what is beyond
+/// its range is infinite.
+pub(super) fn packed(image: &Image) -> Result<String> {
+    let mut planes = Vec::with_capacity(6 * image.width * image.height);
+    let colours = colours(image);
+    for channel in 0..3 {
+        let bytes = || colours.chunks_exact(3).map(|rgb| f16::from_f32(rgb[channel]).to_le_bytes());
+        planes.extend(bytes().map(|[low, _]| low));
+        planes.extend(bytes().map(|[_, high]| high));
+    }
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+    let deflated = encoder.write_all(&planes).and_then(|()| encoder.finish());
+    let deflated = deflated.map_err(|e| Error::internal(format!("cannot pack an image: {e}")))?;
+    Ok(STANDARD.encode(deflated))
+}
+
+/// Red, green and blue of each pixel.
+pub(super) fn colours(image: &Image) -> Vec<f32> {
+    let rgb = image.rgb_channels();
+    let pixels = image.data.chunks_exact(image.channels.len().max(1));
+    pixels.flat_map(|pixel| rgb.map_or([0.0; 3], |c| c.map(|c| pixel[c]))).collect()
+}
+
+/// The image scaled by 2^exposure and reduced to a width of at most `width` pixels, as the address of a PNG.
+///
+/// # Errors
+/// If there is no pixel.
+pub fn thumbnail(image: &Image, width: usize, exposure: f32) -> Result<String> {
+    let small = reduced(image, width);
+    png(&small, exposure)
+}
+
+/// The relative squared error of each pixel in false colours, reduced as a [`thumbnail`]: a colour is that of the mean error.
+///
+/// # Errors
+/// If there is no pixel.
+///
+/// # Panics
+/// If the sizes differ.
+pub fn error_thumbnail(image: &Image, reference: &Image, width: usize) -> Result<String> {
+    let mut errors = Image::new(image.width, image.height, &["Y"]);
+    let by_pixel = relative_by_pixel(&colours(image), &colours(reference), 3);
+    errors.data = by_pixel.into_iter().map(|e| e as f32).collect();
+    let scale = HeatScale::Log { max: HEAT_MAX, decades: HEAT_DECADES };
+    png(&heat(&reduced(&errors, width), scale), 0.0)
+}
+
+/// The picture at a width of at most `width`: means over boxes of pixels, the last of a row or column smaller.
+fn reduced(image: &Image, width: usize) -> Image {
+    let step = image.width.div_ceil(width.max(1)).max(1);
+    let (columns, rows) = (image.width.div_ceil(step), image.height.div_ceil(step));
+    let mut small = Image::new(columns, rows, &["R", "G", "B"]);
+    let colours = colours(image);
+    for y in 0..rows {
+        for x in 0..columns {
+            let (mut sum, mut n) = ([0.0f64; 3], 0.0);
+            for v in y * step..((y + 1) * step).min(image.height) {
+                for u in x * step..((x + 1) * step).min(image.width) {
+                    let at = 3 * (v * image.width + u);
+                    (0..3).for_each(|c| sum[c] += f64::from(colours[at + c]));
+                    n += 1.0;
+                }
+            }
+            small.pixel_mut(x, y).copy_from_slice(&sum.map(|s| (s / n) as f32));
+        }
+    }
+    small
+}
+
+/// The address of a PNG in sRGB that is held by the address itself.
+fn png(image: &Image, exposure: f32) -> Result<String> {
+    let scale = f64::from(exposure).exp2();
+    let encode = |v: f32| (to_srgb(f64::from(v) * scale).clamp(0.0, 1.0) * 255.0).round() as u8;
+    let codes: Vec<u8> = colours(image).into_iter().map(encode).collect();
+    let mut bytes = Vec::new();
+    let size = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    PngEncoder::new(&mut bytes)
+        .write_image(&codes, size(image.width), size(image.height), ::image::ExtendedColorType::Rgb8)
+        .map_err(|e| Error::internal(format!("cannot encode a PNG: {e}")))?;
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(bytes)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Read;
+
+    fn ramp(width: usize, height: usize) -> Image {
+        let mut image = Image::new(width, height, &["R", "G", "B", "Z"]);
+        image.data.iter_mut().enumerate().for_each(|(i, v)| *v = i as f32 * 0.125);
+        image
+    }
+
+    #[test]
+    fn packed_pixels_unpack_to_the_halves() {
+        let image = ramp(5, 3);
+        let deflated = STANDARD.decode(packed(&image).expect("packs")).expect("Base64");
+        let mut planes = Vec::new();
+        flate2::read::ZlibDecoder::new(&deflated[..]).read_to_end(&mut planes).expect("deflated");
+        let n = 15;
+        assert_eq!(planes.len(), 6 * n);
+        for (i, pixel) in image.data.chunks_exact(4).enumerate() {
+            for c in 0..3 {
+                let half = f16::from_le_bytes([planes[2 * c * n + i], planes[(2 * c + 1) * n + i]]);
+                assert_eq!(half.to_f32(), pixel[c]);
+            }
+        }
+    }
+
+    #[test]
+    fn thumbnails_keep_the_mean_and_fit_the_width() {
+        let image = ramp(10, 7);
+        let small = reduced(&image, 4);
+        assert_eq!((small.width, small.height), (4, 3));
+        assert_eq!(
+            small.rgb(0, 0)[0],
+            (0..3).flat_map(|y| (0..3).map(move |x| (y * 10 + x) as f32 * 0.5)).sum::<f32>() / 9.0
+        );
+        assert_eq!(reduced(&image, 100).rgb(9, 6), image.rgb(9, 6));
+        assert!(thumbnail(&image, 4, 0.0).expect("a PNG").starts_with("data:image/png;base64,iVBOR"));
+        assert!(error_thumbnail(&image, &image, 4).is_ok());
+        assert!(thumbnail(&Image::new(0, 0, &["R"]), 4, 0.0).is_err());
+    }
+}
