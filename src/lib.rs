@@ -85,6 +85,7 @@ pub mod integrator;
 pub mod loader;
 pub mod material;
 pub mod math;
+pub mod regress;
 pub mod render;
 pub mod report;
 pub mod sampling;

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The rows; a module may use those of every row above.
-const ROWS: [&[&str]; 11] = [
+const ROWS: [&[&str]; 12] = [
     &["math", "error", "ids"],
     &["color", "sampling", "estimate", "image", "embree"],
     &["accel", "texture"],
@@ -15,6 +15,7 @@ const ROWS: [&[&str]; 11] = [
     &["render"],
     &["loader", "report"],
     &["session"],
+    &["bench", "regress", "lab"],
     &["cli", "main"],
 ];
 

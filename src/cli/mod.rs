@@ -5,6 +5,7 @@ pub mod diff;
 pub mod info;
 pub mod info_image;
 pub mod progress;
+pub mod regress;
 pub mod render;
 pub mod shell;
 pub mod stats;
@@ -33,6 +34,7 @@ const VERSION: &str = env!("BUFFON_VERSION");
 enum Command {
     Render(Box<render::RenderArgs>),
     Diff(diff::DiffArgs),
+    Regress(Box<regress::RegressArgs>),
     Info(info::InfoArgs),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
@@ -52,6 +54,7 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Regress(args) => regress::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),

@@ -190,7 +190,7 @@ fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
 }
 
 /// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit.
-fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
+pub(super) fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
     let caught = Arc::new(AtomicI32::new(0));
     let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM])
         .map_err(|e| Error::internal(format!("cannot listen for signals: {e}")))?;
