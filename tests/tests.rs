@@ -28,6 +28,7 @@ mod own_scenes;
 mod parity;
 mod parity_instances;
 mod plugins;
+mod regress;
 mod scattering;
 mod scattering_extremes;
 mod scattering_principled;

@@ -30,9 +30,11 @@ const FAILED: u8 = 1;
 /// whose root is not <scene> are left out, and so are folders named refs. Of several sensors the first is rendered, in
 /// linear RGB.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Exit codes: 0 all passed (or were written), 1 something failed, has no reference or cannot be \
+#[command(
+    after_help = "Exit codes: 0 all passed (or were written), 1 something failed, has no reference or cannot be \
     rendered, 2 usage, 3 no such folder or no scene in it, 4 an output cannot be written, 128 + n stopped by signal n \
-    (after the summary of what was done).")]
+    (after the summary of what was done)."
+)]
 pub struct RegressArgs {
     /// The folder of scenes
     #[arg(value_name = "DIR")]
@@ -164,7 +166,12 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
         image::replace(path, junit(&report)?.as_bytes())?;
     }
     if let Some(folder) = &args.output {
-        write_page(&folder.join("index.html"), &format!("buffon regress {}", args.folder.display()), &summary, &report)?;
+        write_page(
+            &folder.join("index.html"),
+            &format!("buffon regress {}", args.folder.display()),
+            &summary,
+            &report,
+        )?;
     }
     match signal.load(Ordering::Relaxed) {
         0 => Ok(if report.is_good() { 0 } else { FAILED }),

@@ -83,6 +83,9 @@ pub struct ZTestOptions<'a> {
     /// variance is expected to be so many times that of the second, and where it seems to be less, the expected
     /// one counts. An image that has missed what is rarely found does not know its variance.
     pub sample_ratio: Option<f64>,
+    /// How many pixels share each piece of noise: 1 if pixels are independent. Variances of sums are so many times
+    /// those of independent pixels, at most.
+    pub shared_by: f64,
 }
 
 /// Tests whether two images estimate the same picture. Variances are taken from the layer `variance` of
@@ -101,7 +104,7 @@ pub fn z_test(
     variance_of_b: Option<&Image>,
     significance: f64,
 ) -> Result<ZTest, NotComparable> {
-    z_test_with(a, b, &ZTestOptions { variance_of_b, significance, sample_ratio: None })
+    z_test_with(a, b, &ZTestOptions { variance_of_b, significance, sample_ratio: None, shared_by: 1.0 })
 }
 
 /// [`z_test`] with all options.
@@ -112,7 +115,7 @@ pub fn z_test(
 /// # Panics
 /// If the significance is not between 0 and 1.
 pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<ZTest, NotComparable> {
-    let ZTestOptions { variance_of_b, significance, sample_ratio } = *options;
+    let ZTestOptions { variance_of_b, significance, sample_ratio, shared_by } = *options;
     assert!(significance > 0.0 && significance < 1.0, "a significance of {significance}");
     for other in std::iter::once(b).chain(variance_of_b) {
         if (a.width, a.height) != (other.width, other.height) {
@@ -141,7 +144,7 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
         }
     }
     let rounding = [Rounding::of(&x), Rounding::of(&r)];
-    Ok(summarise(x, &Pair { r: &r, variances: &variances, rounding, sample_ratio }, significance))
+    Ok(summarise(x, &Pair { r: &r, variances: &variances, rounding, sample_ratio, shared_by }, significance))
 }
 
 /// The variance layer of the picture's channels.
@@ -170,7 +173,11 @@ fn quantile(probability: f64, freedom: f64) -> f64 {
     for _ in 0..200 {
         // The geometric mean, once both are positive: quantiles of few degrees of freedom are far out.
         let middle = if low > 0.0 { f64::sqrt(low * high) } else { high * 1e-3 };
-        if tail(middle, freedom) > probability { low = middle } else { high = middle }
+        if tail(middle, freedom) > probability {
+            low = middle
+        } else {
+            high = middle
+        }
         if high < 1e-3 || high - low < 1e-9 * high {
             break;
         }
@@ -185,6 +192,7 @@ struct Pair<'a> {
     variances: &'a [Option<Image>; 2],
     rounding: [Rounding; 2],
     sample_ratio: Option<f64>,
+    shared_by: f64,
 }
 
 /// Sums over the pixels of a block, in one channel.
@@ -209,7 +217,9 @@ impl Block {
         let (a, b) = (x.data[i], pair.r.data[i]);
         let difference = f64::from(a) - f64::from(b);
         let rounding = pair.rounding[0].bound(a) + pair.rounding[1].bound(b);
-        let [of_a, of_b] = pair.variances.each_ref().map(|v| v.as_ref().map_or(0.0, |v| f64::from(v.data[i])));
+        let variances = pair.variances.each_ref();
+        let [of_a, of_b] =
+            variances.map(|v| v.as_ref().map_or(0.0, |v| pair.shared_by * f64::from(v.data[i])));
         let expected = pair.sample_ratio.map_or(0.0, |ratio| of_b * (1.0 + ratio));
         self.difference += difference;
         self.reference += f64::from(b);
@@ -267,8 +277,7 @@ impl Block {
         /// The normal distribution is below this with a probability of 0.95.
         const POWER: f64 = 1.644_853_627;
         let (variance, _) = self.variance();
-        let far_out =
-            if variance > 0.0 { quantile(significance, self.freedom()) + POWER } else { 0.0 };
+        let far_out = if variance > 0.0 { quantile(significance, self.freedom()) + POWER } else { 0.0 };
         (far_out * variance.sqrt() + self.rounding) / self.reference.abs()
     }
 }

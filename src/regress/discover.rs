@@ -1,6 +1,6 @@
 //! Which files of a folder are scenes.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, counted};
 use roxmltree::{Document, ParsingOptions};
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -70,7 +70,10 @@ pub fn discover(folder: &Path, filter: Option<&str>) -> Result<Found> {
     }
     if found.scenes.is_empty() {
         let message = match filter {
-            Some(filter) if others > 0 => format!("none of its {others} scenes has a name with \"{filter}\""),
+            Some(filter) if others > 0 => format!(
+                "none of its {} has a name with \"{filter}\"",
+                counted(others as u64, "scene", "scenes")
+            ),
             _ => format!("expected scenes (.{}) in it, found none", EXTENSIONS.join(", .")),
         };
         return Err(Error::scene(message).in_file(folder));
@@ -220,7 +223,7 @@ mod tests {
         let dir = folder(&[("mesh.ply", ""), ("one.xml", "<scene><sensor/></scene>")]);
         let at = dir.path().display();
         let says = |path: &Path, filter| discover(path, filter).unwrap_err().to_string();
-        let expected = format!("{at}: none of its 1 scenes has a name with \"two\"");
+        let expected = format!("{at}: none of its 1 scene has a name with \"two\"");
         assert_eq!(says(dir.path(), Some("two")), expected);
         fs::remove_file(dir.path().join("one.xml")).unwrap();
         let expected = format!("{at}: expected scenes (.xml, .gltf, .glb) in it, found none");

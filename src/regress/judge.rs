@@ -15,6 +15,8 @@ pub struct Rules {
     pub significance: f64,
     /// The largest relMSE where the reference has no variance.
     pub fail: f64,
+    /// How many pixels share each piece of noise; 1 if pixels are independent.
+    pub shared_by: f64,
 }
 
 /// What was found.
@@ -93,6 +95,7 @@ fn by_variance(
         variance_of_b: reference.variance.as_ref(),
         significance: 0.5 * rules.significance,
         sample_ratio: reference.samples_per_pixel().map(|n| n as f64 / samples_per_pixel as f64),
+        shared_by: rules.shared_by,
     };
     let test = z_test_with(image, &reference.image, &options)?;
     let mut faults = Vec::new();
@@ -108,7 +111,11 @@ fn by_variance(
     }
     if let Some((channel, share)) = test.bias_at.as_ref().filter(|_| !test.is_unbiased()) {
         let p = probability(test.bias_probability);
-        faults.push(format!("the mean of {channel} is {:+.2} % off (p {p}), {:.1} deviations", 100.0 * share, test.bias));
+        faults.push(format!(
+            "the mean of {channel} is {:+.2} % off (p {p}), {:.1} deviations",
+            100.0 * share,
+            test.bias
+        ));
     }
     let [blocks, bias] = [test.block_probability, test.bias_probability].map(probability);
     let gain = if test.gain.is_finite() {
@@ -174,8 +181,13 @@ fn layer_faults(image: &Image, stored: &Image) -> Vec<String> {
         let magnitude: f64 = r.iter().map(|r| f64::from(r.abs())).sum();
         // Equal layers are equal, be they black.
         let share = if x == r { 0.0 } else { difference.abs() / magnitude };
-        (share.is_nan() || share > LAYER_TOLERANCE)
-            .then(|| format!("the layer {channel} is {:.2} % off, of at most {}", 100.0 * share, percent(LAYER_TOLERANCE)))
+        (share.is_nan() || share > LAYER_TOLERANCE).then(|| {
+            format!(
+                "the layer {channel} is {:.2} % off, of at most {}",
+                100.0 * share,
+                percent(LAYER_TOLERANCE)
+            )
+        })
     };
     layers.filter_map(off).collect()
 }
@@ -185,7 +197,7 @@ mod tests {
     use super::*;
     use crate::image::Value;
 
-    const RULES: Rules = Rules { significance: 0.001, fail: 1e-3 };
+    const RULES: Rules = Rules { significance: 0.001, fail: 1e-3, shared_by: 1.0 };
 
     fn reference(image: Image) -> Reference {
         Reference { image, variance: None }
@@ -215,7 +227,11 @@ mod tests {
         let mut spot = a.clone();
         spot.pixel_mut(9, 6)[1] += 4.0;
         assert!(says(&spot, &r).starts_with("1 of 192 blocks rejected (p "), "{}", says(&spot, &r));
-        assert!(says(&spot, &r).ends_with("|z| up to 10.0 at pixel (8, 4), channel G"), "{}", says(&spot, &r));
+        assert!(
+            says(&spot, &r).ends_with("|z| up to 10.0 at pixel (8, 4), channel G"),
+            "{}",
+            says(&spot, &r)
+        );
         let mut bad = a.clone();
         bad.pixel_mut(3, 2)[1] = f32::NAN;
         let nan = "the render holds 1 NaN and 0 infinite values, the first at pixel (3, 2), channel G";

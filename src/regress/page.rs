@@ -64,7 +64,10 @@ impl Shown {
     /// The heat map, and what it shows.
     fn heat(&self) -> (&'static str, Option<Image>) {
         if let Some(scores) = &self.scores {
-            return ("|z| of blocks, 0 to 5; cyan: no number", Some(heat(scores, HeatScale::Linear { max: Z_MAX })));
+            return (
+                "|z| of blocks, 0 to 5; cyan: no number",
+                Some(heat(scores, HeatScale::Linear { max: Z_MAX })),
+            );
         }
         let [a, b] = &self.images;
         let map = error_map(a, b, ErrorKind::RelativeSquared).ok().map(|map| {
@@ -94,7 +97,13 @@ pub fn write_page(path: &Path, title: &str, summary: &str, report: &Report) -> R
 
 /// All rows, what failed first.
 fn table(rows: &[Row]) -> Table {
-    let columns = [("", Align::Left), ("scene", Align::Left), ("spp", Align::Right), ("seconds", Align::Right), ("", Align::Left)];
+    let columns = [
+        ("", Align::Left),
+        ("scene", Align::Left),
+        ("spp", Align::Right),
+        ("seconds", Align::Right),
+        ("", Align::Left),
+    ];
     let mut table = Table::new(columns);
     let (good, bad): (Vec<&Row>, Vec<&Row>) = rows.iter().partition(|row| row.status == Status::Pass);
     for row in bad.into_iter().chain(good) {
