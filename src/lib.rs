@@ -58,7 +58,9 @@
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
+//! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin 2(6).
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
+//! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.
 //! - `[Vegdahl 2021]` Owen scrambling based dithered blue-noise sampling; Building a better LK hash.
