@@ -109,7 +109,9 @@ fn the_four_faults_are_found() {
             line
         };
         let brighter = says(&scene(material, 1.005, ""));
-        assert!(brighter.contains(" is +0."), "{brighter}");
+        // Of the glass it is seen in the sky, which has no noise.
+        let bias = brighter.contains(" of R is +0.");
+        assert!(bias || (material == GLASS && brighter.contains(" blocks rejected (p ")), "{brighter}");
         let shift = format!("<float name='principal_point_offset_x' value='{}'/>", 1.0 / 32.0);
         let shifted = says(&scene(material, 1.0, &shift));
         assert!(shifted.contains(" blocks rejected (p "), "{shifted}");
@@ -119,7 +121,7 @@ fn the_four_faults_are_found() {
                 .replace("value=\"20\"", "value=\"0\""),
         );
         assert!(dark.contains(" blocks rejected (p ") && dark.contains(" is -"), "{dark}");
-        let lost = says(&right.replace("value=\"20\"", "value=\"3e38\""));
+        let lost = says(&right.replace("value=\"0.5\"", "value=\"3.4e38\""));
         assert!(lost.contains(" invalid samples dropped, the first is sample "), "{lost}");
         let reference = format!("refs/{}.exr", name.trim_end_matches(".xml"));
         change(&folder, &reference, SampleFormat::Float, |image| image.pixel_mut(5, 7)[1] = f32::NAN);

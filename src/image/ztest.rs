@@ -195,6 +195,9 @@ struct Pair<'a> {
     shared_by: f64,
 }
 
+/// Rounding of fewer deviations than this decides nothing, and is not taken off.
+const NEGLIGIBLE: f64 = 1e-5;
+
 /// Sums over the pixels of a block, in one channel.
 #[derive(Clone, Copy, Default)]
 struct Block {
@@ -243,8 +246,9 @@ impl Block {
     fn z(&self) -> f64 {
         let (variance, _) = self.variance();
         if variance > 0.0 && !self.difference.is_nan() {
-            let excess = (self.difference.abs() - self.rounding).max(0.0);
-            excess.copysign(self.difference) / variance.sqrt()
+            let deviation = variance.sqrt();
+            let rounding = if self.rounding > NEGLIGIBLE * deviation { self.rounding } else { 0.0 };
+            (self.difference.abs() - rounding).max(0.0).copysign(self.difference) / deviation
         } else if self.difference.is_nan() {
             self.difference
         } else if self.differs {

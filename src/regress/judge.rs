@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(says(&a, &r), "");
         let mut bright = a.clone();
         bright.data.chunks_exact_mut(6).for_each(|p| p[0] += 0.05);
-        assert_eq!(says(&bright, &r), "the mean of R is +5.00 % off (p 0e0), 16.0 deviations");
+        assert_eq!(says(&bright, &r), "the mean of R is +5.00 % off (p 2e-55), 16.0 deviations");
         let mut spot = a.clone();
         spot.pixel_mut(9, 6)[1] += 4.0;
         assert!(says(&spot, &r).starts_with("1 of 192 blocks rejected (p "), "{}", says(&spot, &r));
@@ -248,7 +248,7 @@ mod tests {
         let (a, r) = pair();
         let plain = r.image.select(&["R", "G", "B"]).unwrap();
         let judged = judge(&a, 16, &reference(plain.clone()), &RULES);
-        let (relmse, threshold) = ("1.9e-2", "1e-3");
+        let (relmse, threshold) = ("2.3e-2", "1e-3");
         assert!(judged.figures.starts_with(&format!("relMSE {relmse} of {threshold}")), "{}", judged.figures);
         assert_eq!(judged.faults.len(), 1);
         assert!(judge(&plain, 16, &reference(plain.clone()), &RULES).faults.is_empty());
