@@ -66,7 +66,9 @@
 //! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
+//! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin 2(6).
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
+//! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
 //! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.
@@ -99,6 +101,7 @@ pub mod lab;
 pub mod loader;
 pub mod material;
 pub mod math;
+pub mod regress;
 pub mod render;
 pub mod report;
 pub mod sampling;

@@ -15,7 +15,7 @@ const ROWS: [&[&str]; 12] = [
     &["render"],
     &["loader", "report"],
     &["session"],
-    &["bench", "lab"],
+    &["bench", "regress", "lab"],
     &["cli", "main"],
 ];
 

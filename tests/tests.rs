@@ -32,6 +32,7 @@ mod parity;
 mod parity_instances;
 mod plugins;
 mod ray_trees;
+mod regress;
 mod samplers;
 mod samplers_rendered;
 mod scattering;

@@ -43,7 +43,8 @@ pub struct DiffArgs {
     /// Test whether both images may be estimates of the same picture, by the variance layers of either: in blocks
     /// of 4x4 pixels, whose variances are taken to be estimates from two halves (significance 0.01 over all
     /// blocks; 99.75 % of the blocks must pass), and for a bias of the whole. The pixels of a block must be
-    /// independent, as Buffon's are
+    /// independent, as Buffon's are (but for light paths under filters wider than a pixel). What rounding may have done
+    /// to the values is not held against them
     #[arg(long)]
     pub z: bool,
     /// With --z, an image that holds the variances of B

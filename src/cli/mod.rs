@@ -7,6 +7,7 @@ pub mod info;
 pub mod info_image;
 pub mod lab;
 pub mod progress;
+pub mod regress;
 pub mod render;
 pub mod shell;
 pub mod stats;
@@ -36,6 +37,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Diff(diff::DiffArgs),
     Bench(Box<bench::BenchArgs>),
+    Regress(Box<regress::RegressArgs>),
     Info(info::InfoArgs),
     Lab(lab::LabArgs),
     Completions(shell::CompletionsArgs),
@@ -57,6 +59,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Bench(args) => bench::run(&args),
+        Command::Regress(args) => regress::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Lab(args) => lab::run(&args),
         Command::Completions(args) => shell::completions(&args),

@@ -19,6 +19,7 @@ mod pfm;
 mod pure;
 mod read;
 mod replace;
+mod rounding;
 mod srgb;
 mod texture;
 mod write;
@@ -37,7 +38,7 @@ pub use replace::{check_replaceable, replace};
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};
 pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
-pub use ztest::{ZTest, z_test};
+pub use ztest::{ZTest, ZTestOptions, z_test, z_test_with};
 
 /// An image in memory.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,6 +2,7 @@
 
 use super::Image;
 use super::compare::{Location, NotComparable, VARIANCE, layer_channels, location};
+use super::rounding::Rounding;
 use statrs::function::beta::beta_reg;
 
 /// The outcome of a z-test of the picture, in blocks of [`ZTest::SIDE`]² pixels and each channel by itself.
@@ -12,12 +13,22 @@ use statrs::function::beta::beta_reg;
 /// of such estimates three times too large]. A block is accepted if a Student's t of ν degrees of freedom is as far
 /// out with a probability of at least α′, where α′ = 1 − (1 − α)^(1/n) [Šidák 1967] makes α the probability that any
 /// of the n blocks of a right pair is rejected.
+///
+/// What rounding may have done to the stored values (half a step of the format for each, as large as the sum of a
+/// block's can be) is taken off |Σ(a − b)|: the rounding of a smooth picture is no noise. Images whose values are
+/// halves throughout are taken as rounded to halves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZTest {
     /// α: the significance of the whole test.
     pub significance: f64,
+    /// How many blocks there are, over all channels.
+    pub blocks: usize,
+    /// How many of them are rejected.
+    pub rejected: usize,
     /// The share of blocks that are accepted.
     pub accepted: f64,
+    /// The probability that in a right pair any block is as far out as the worst one; 0 if a block is no number.
+    pub block_probability: f64,
     /// Mean of z where there is a variance: about 0, ± 1/√n, if neither image is biased.
     pub mean: f64,
     /// Root mean square of z where there is a variance: a little over 1 if the variances are right.
@@ -27,6 +38,11 @@ pub struct ZTest {
     pub bias: f64,
     /// The least probability of a channel's bias in a right pair.
     pub bias_probability: f64,
+    /// The channel of the least probability, and Σ(a − b) / Σb there; `None` without any variance.
+    pub bias_at: Option<(String, f64)>,
+    /// The least relative difference of the means that is found in some channel with a probability of 0.95, at these
+    /// variances; infinite if the reference is black.
+    pub gain: f64,
     /// The largest |z|; infinite where values differ without any variance.
     pub max: f64,
     /// The first pixel of its block, and the channel.
@@ -46,9 +62,30 @@ impl ZTest {
 
     /// Whether enough blocks are accepted, and no channel is biased at the test's significance.
     pub fn passes(&self) -> bool {
-        let each = share(self.significance, self.scores.channels.len());
-        self.accepted >= Self::ENOUGH && self.bias_probability >= each
+        self.accepted >= Self::ENOUGH && self.is_unbiased()
     }
+
+    /// Whether no channel is biased at the test's significance.
+    pub fn is_unbiased(&self) -> bool {
+        self.bias_probability >= share(self.significance, self.scores.channels.len())
+    }
+}
+
+/// What a z-test is told besides the images.
+#[derive(Clone, Copy, Debug)]
+pub struct ZTestOptions<'a> {
+    /// An image whose channels `R`, `G`, `B` or `Y` (or whose layer `variance`) are the variances of the second
+    /// image; without it, those of the image's own layer `variance`.
+    pub variance_of_b: Option<&'a Image>,
+    /// The significance of the blocks together, and of the channels' biases together.
+    pub significance: f64,
+    /// Samples of the second image over those of the first, if both are estimates by one method: the first image's
+    /// variance is expected to be so many times that of the second, and where it seems to be less, the expected
+    /// one counts. An image that has missed what is rarely found does not know its variance.
+    pub sample_ratio: Option<f64>,
+    /// How many pixels share each piece of noise: 1 if pixels are independent. Variances of sums are so many times
+    /// those of independent pixels, at most.
+    pub shared_by: f64,
 }
 
 /// Tests whether two images estimate the same picture. Variances are taken from the layer `variance` of
@@ -67,6 +104,18 @@ pub fn z_test(
     variance_of_b: Option<&Image>,
     significance: f64,
 ) -> Result<ZTest, NotComparable> {
+    z_test_with(a, b, &ZTestOptions { variance_of_b, significance, sample_ratio: None, shared_by: 1.0 })
+}
+
+/// [`z_test`] with all options.
+///
+/// # Errors
+/// As [`z_test`].
+///
+/// # Panics
+/// If the significance is not between 0 and 1.
+pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<ZTest, NotComparable> {
+    let ZTestOptions { variance_of_b, significance, sample_ratio, shared_by } = *options;
     assert!(significance > 0.0 && significance < 1.0, "a significance of {significance}");
     for other in std::iter::once(b).chain(variance_of_b) {
         if (a.width, a.height) != (other.width, other.height) {
@@ -77,7 +126,7 @@ pub fn z_test(
     let differ = || NotComparable::Channels(a.channels.clone(), b.channels.clone());
     let x = a.select(&names).filter(|_| !names.is_empty()).ok_or_else(differ)?;
     let r = b.select(&names).ok_or_else(differ)?;
-    let given = match variance_of_b {
+    let of_b = match variance_of_b {
         Some(image) => Some(
             variance_of(image, &names)
                 .or_else(|| image.select(&names))
@@ -85,16 +134,17 @@ pub fn z_test(
         ),
         None => variance_of(b, &names),
     };
-    let variances: Vec<Image> = variance_of(a, &names).into_iter().chain(given).collect();
-    if variances.is_empty() {
+    let variances = [variance_of(a, &names), of_b];
+    if variances.iter().all(Option::is_none) {
         return Err(NotComparable::NoVariance(names.iter().map(|c| format!("{VARIANCE}.{c}")).collect()));
     }
-    for image in &variances {
+    for image in variances.iter().flatten() {
         if let Some(index) = image.data.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
             return Err(NotComparable::BadVariance(location(image, index)));
         }
     }
-    Ok(summarise(x, &r, &variances, significance))
+    let rounding = [Rounding::of(&x), Rounding::of(&r)];
+    Ok(summarise(x, &Pair { r: &r, variances: &variances, rounding, sample_ratio, shared_by }, significance))
 }
 
 /// The variance layer of the picture's channels.
@@ -107,81 +157,163 @@ fn share(significance: f64, n: usize) -> f64 {
     -((-significance).ln_1p() / n as f64).exp_m1()
 }
 
+/// The probability that the least of `n` independent probabilities is as small as `p`. [Šidák 1967]
+fn of_all(p: f64, n: usize) -> f64 {
+    -(n as f64 * (-p).ln_1p()).exp_m1()
+}
+
+/// The probability that a Student's t of so many degrees of freedom is beyond ±t.
+fn tail(t: f64, freedom: f64) -> f64 {
+    beta_reg(0.5 * freedom, 0.5, freedom / (freedom + t * t))
+}
+
+/// The t of a given [`tail`], by bisection.
+fn quantile(probability: f64, freedom: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1e18);
+    for _ in 0..200 {
+        // The geometric mean, once both are positive: quantiles of few degrees of freedom are far out.
+        let middle = if low > 0.0 { f64::sqrt(low * high) } else { high * 1e-3 };
+        if tail(middle, freedom) > probability {
+            low = middle
+        } else {
+            high = middle
+        }
+        if high < 1e-3 || high - low < 1e-9 * high {
+            break;
+        }
+    }
+    high
+}
+
+/// What the first image is held against.
+struct Pair<'a> {
+    r: &'a Image,
+    /// Of the first image, and of the second.
+    variances: &'a [Option<Image>; 2],
+    rounding: [Rounding; 2],
+    sample_ratio: Option<f64>,
+    shared_by: f64,
+}
+
+/// Rounding of fewer deviations than this decides nothing, and is not taken off.
+const NEGLIGIBLE: f64 = 1e-5;
+
 /// Sums over the pixels of a block, in one channel.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct Block {
     difference: f64,
-    /// Whether any two values differ (or are no numbers), though their differences may add up to nothing.
+    reference: f64,
+    /// What rounding may make of the difference, at most.
+    rounding: f64,
+    /// Whether any two values differ by more than that (or are no numbers), though differences may add up to nothing.
     differs: bool,
     variance: f64,
     variance_squared: f64,
+    /// The same from what is expected of the first image's variance.
+    expected: f64,
+    expected_squared: f64,
 }
 
 impl Block {
-    fn add(&mut self, difference: f64, variance: f64) {
+    /// Adds the value with index `i`; `x` is the first image.
+    fn add(&mut self, x: &Image, pair: &Pair<'_>, i: usize) {
+        let (a, b) = (x.data[i], pair.r.data[i]);
+        let difference = f64::from(a) - f64::from(b);
+        let rounding = pair.rounding[0].bound(a) + pair.rounding[1].bound(b);
+        let variances = pair.variances.each_ref();
+        let [of_a, of_b] =
+            variances.map(|v| v.as_ref().map_or(0.0, |v| pair.shared_by * f64::from(v.data[i])));
+        let expected = pair.sample_ratio.map_or(0.0, |ratio| of_b * (1.0 + ratio));
         self.difference += difference;
-        self.differs |= difference != 0.0;
-        self.variance += variance;
-        self.variance_squared += variance * variance;
+        self.reference += f64::from(b);
+        self.rounding += rounding;
+        self.differs |= difference.abs() > rounding;
+        self.variance += of_a + of_b;
+        self.variance_squared += (of_a + of_b).powi(2);
+        self.expected += expected;
+        self.expected_squared += expected * expected;
+    }
+
+    /// The sum of the variances and that of their squares, of the larger estimate.
+    fn variance(&self) -> (f64, f64) {
+        if self.variance >= self.expected {
+            (self.variance, self.variance_squared)
+        } else {
+            (self.expected, self.expected_squared)
+        }
     }
 
     fn z(&self) -> f64 {
-        if self.variance > 0.0 {
-            self.difference / self.variance.sqrt()
-        } else if self.difference.is_nan() || !self.differs {
+        let (variance, _) = self.variance();
+        if variance > 0.0 && !self.difference.is_nan() {
+            let deviation = variance.sqrt();
+            let rounding = if self.rounding > NEGLIGIBLE * deviation { self.rounding } else { 0.0 };
+            (self.difference.abs() - rounding).max(0.0).copysign(self.difference) / deviation
+        } else if self.difference.is_nan() {
             self.difference
-        } else {
+        } else if self.differs {
             f64::INFINITY
+        } else {
+            0.0
         }
+    }
+
+    /// The degrees of freedom of the variance.
+    fn freedom(&self) -> f64 {
+        // A variance whose square is less than the least number is as good as any.
+        let (variance, squared) = self.variance();
+        let ratio = variance * variance / squared;
+        if ratio.is_finite() { (3.0 * ratio - 2.0).max(1.0) } else { 1.0 }
     }
 
     /// The probability that a right pair is as far out; NaN where z is.
     fn probability(&self) -> f64 {
         let t = self.z();
-        if self.variance == 0.0 || !t.is_finite() {
+        if self.variance().0 == 0.0 || !t.is_finite() {
             return if t.is_nan() { f64::NAN } else { f64::from(u8::from(t == 0.0)) };
         }
-        // A variance whose square is less than the least number is as good as any.
-        let ratio = self.variance * self.variance / self.variance_squared;
-        let freedom = if ratio.is_finite() { (3.0 * ratio - 2.0).max(1.0) } else { 1.0 };
-        beta_reg(0.5 * freedom, 0.5, freedom / (freedom + t * t))
+        tail(t, self.freedom())
+    }
+
+    /// The least share of the reference's sum by which the other one is off if it is found at a significance, with a
+    /// probability of 0.95.
+    fn gain(&self, significance: f64) -> f64 {
+        /// The normal distribution is below this with a probability of 0.95.
+        const POWER: f64 = 1.644_853_627;
+        let (variance, _) = self.variance();
+        let far_out = if variance > 0.0 { quantile(significance, self.freedom()) + POWER } else { 0.0 };
+        (far_out * variance.sqrt() + self.rounding) / self.reference.abs()
     }
 }
 
 /// Scores all blocks. `x` becomes the image of the scores.
-fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) -> ZTest {
+fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
     let channels = x.channels.len();
     let (columns, rows) = (x.width.div_ceil(ZTest::SIDE), x.height.div_ceil(ZTest::SIDE));
     let n = columns * rows * channels;
     let each = share(significance, n);
     let (mut accepted, mut without_variance) = (0usize, 0usize);
-    let mut whole: Vec<Block> = (0..channels).map(|_| Block::default()).collect();
-    let (mut sum, mut squares) = (0.0, 0.0);
+    let mut whole = vec![Block::default(); channels];
+    let (mut sum, mut squares, mut least) = (0.0, 0.0, 1f64);
     let (mut max, mut max_index) = (0.0, 0);
     for corner in 0..columns * rows {
-        let (x0, y0) = (corner % columns * ZTest::SIDE, corner / columns * ZTest::SIDE);
-        let (x1, y1) = ((x0 + ZTest::SIDE).min(x.width), (y0 + ZTest::SIDE).min(x.height));
         for (channel, whole) in whole.iter_mut().enumerate() {
-            let indices = (y0..y1)
-                .flat_map(|y| (x0..x1).map(move |x| (x, y)))
-                .map(|(px, py)| (py * x.width + px) * channels + channel);
-            let indices: Vec<usize> = indices.collect();
+            let indices = indices_of(&x, corner, channel);
             let mut block = Block::default();
             for &i in &indices {
-                let variance = variances.iter().map(|v| f64::from(v.data[i])).sum();
-                let difference = f64::from(x.data[i]) - f64::from(r.data[i]);
-                block.add(difference, variance);
-                whole.add(difference, variance);
+                block.add(&x, pair, i);
+                whole.add(&x, pair, i);
             }
-            let z = block.z();
-            if block.variance > 0.0 {
+            let (z, probability) = (block.z(), block.probability());
+            if block.variance().0 > 0.0 {
                 sum += z;
                 squares += z * z;
             } else {
                 without_variance += 1;
             }
             // A NaN is never accepted.
-            accepted += usize::from(block.probability() >= each);
+            accepted += usize::from(probability >= each);
+            least = if probability.is_nan() { 0.0 } else { least.min(probability) };
             if z.abs() > max {
                 (max, max_index) = (z.abs(), indices[0]);
             }
@@ -189,20 +321,55 @@ fn summarise(mut x: Image, r: &Image, variances: &[Image], significance: f64) ->
         }
     }
     let with_variance = (n - without_variance) as f64;
-    // Differences without any variance are for the blocks to judge.
-    whole.retain(|channel| channel.variance > 0.0);
+    let gain = whole.iter().map(|c| c.gain(share(significance, channels))).fold(f64::INFINITY, f64::min);
+    let Bias { z, probability, at } = bias(&whole, &x.channels);
     ZTest {
         significance,
+        blocks: n,
+        rejected: n - accepted,
         accepted: accepted as f64 / n as f64,
+        block_probability: of_all(least, n),
         mean: sum / with_variance,
         rms: (squares / with_variance).sqrt(),
-        bias: whole.iter().map(|channel| channel.z().abs()).fold(0.0, f64::max),
-        bias_probability: whole.iter().map(Block::probability).fold(1.0, f64::min),
+        bias: z,
+        bias_probability: probability,
+        bias_at: at,
+        gain,
         max,
         max_at: location(&x, max_index),
         without_variance,
         scores: x,
     }
+}
+
+/// The indices of a channel's values in a block; blocks are counted row by row.
+fn indices_of(image: &Image, block: usize, channel: usize) -> Vec<usize> {
+    let columns = image.width.div_ceil(ZTest::SIDE);
+    let (x0, y0) = (block % columns * ZTest::SIDE, block / columns * ZTest::SIDE);
+    let (x1, y1) = ((x0 + ZTest::SIDE).min(image.width), (y0 + ZTest::SIDE).min(image.height));
+    let pixels = (y0..y1).flat_map(|y| (x0..x1).map(move |x| y * image.width + x));
+    pixels.map(|pixel| pixel * image.channels.len() + channel).collect()
+}
+
+/// What the channels' sums say.
+struct Bias {
+    z: f64,
+    probability: f64,
+    at: Option<(String, f64)>,
+}
+
+/// The bias of the channels that have a variance: differences without any are for the blocks to judge.
+fn bias(whole: &[Block], channels: &[String]) -> Bias {
+    let mut found = Bias { z: 0.0, probability: 1.0, at: None };
+    for (block, channel) in whole.iter().zip(channels).filter(|(block, _)| block.variance().0 > 0.0) {
+        let probability = block.probability();
+        found.z = found.z.max(block.z().abs());
+        if found.at.is_none() || probability < found.probability {
+            found.probability = probability.min(found.probability);
+            found.at = Some((channel.clone(), block.difference / block.reference));
+        }
+    }
+    found
 }
 
 #[cfg(test)]

@@ -1,0 +1,255 @@
+//! `buffon regress`: the scenes of a folder against their references.
+
+use super::render::listen;
+use super::values;
+use crate::accel::AccelKind;
+use crate::error::{Error, Result, counted};
+use crate::image;
+use crate::loader::LoadOptions;
+use crate::regress::{self, Found, Options, Report, Row, Status, Update, discover, junit, write_page};
+use crate::render::Progress;
+use crate::sampling::SamplerKind;
+use crate::session::{Choices, default_threads};
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// The exit code when a scene fails, has no reference or cannot be rendered.
+const FAILED: u8 = 1;
+
+/// Render the scenes of a folder and test them against stored references.
+///
+/// A reference is a render of many samples with its variances: refs/NAME.exr beside the scene, with the layer `variance`,
+/// or with the variances in refs/NAME_var.exr. --update writes it. A test asks whether render and reference can be estimates of
+/// the same picture: every block of 4x4 pixels by Student's t, and the mean of each channel, so that another seed passes
+/// and a change of the picture does not. A reference without variances is compared by relMSE (--fail), and layers by
+/// their means (2 %). NaN, other sizes or channels, and dropped samples always fail.
+///
+/// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor, or
+/// whose root is not <scene> are left out, and so are folders named refs. Of several sensors the first is rendered, in
+/// linear RGB.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Exit codes: 0 all passed (or were written), 1 something failed, has no reference or cannot be \
+    rendered, 2 usage, 3 no such folder or no scene in it, 4 an output cannot be written, 128 + n stopped by signal n \
+    (after the summary of what was done)."
+)]
+pub struct RegressArgs {
+    /// The folder of scenes
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Write references: those that are missing, those that are missing or fail, or all; each is replaced whole
+    #[arg(long, value_name = "WHICH", value_enum, num_args = 0..=1, require_equals = true,
+        default_missing_value = "failed", conflicts_with = "cross_accel")]
+    pub update: Option<Which>,
+    /// Samples per pixel of references [default: 16 times those of a test, and up to 64 times until their noise
+    /// leaves room for --gain]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..), requires = "update")]
+    pub update_spp: Option<u64>,
+    /// Samples per pixel of tests [default: what the scene asks for, and up to 16 times as many until --gain is found]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
+    pub spp: Option<u64>,
+    /// The relative change of brightness to be found with a probability of 0.95; what is found is printed for each scene
+    #[arg(long, value_name = "SHARE", default_value_t = 0.005, value_parser = values::positive)]
+    pub gain: f64,
+    /// The probability that any scene fails though all are right
+    #[arg(long, value_name = "ALPHA", default_value_t = 0.001, value_parser = probability)]
+    pub significance: f64,
+    /// The largest relMSE that passes where a reference has no variance
+    #[arg(long, value_name = "RELMSE", default_value_t = 1e-3, value_parser = values::positive)]
+    pub fail: f64,
+    /// Compare the traversals instead of references: each scene is rendered by Embree and by obvhs with the same random
+    /// numbers, and the pictures may differ by rounding (relMSE 1e-3, means 0.1 %, half the noise; no block by more
+    /// than its noise)
+    #[arg(long, conflicts_with = "accel")]
+    pub cross_accel: bool,
+    /// Only scenes whose path from DIR contains this
+    #[arg(long, value_name = "PATTERN")]
+    pub filter: Option<String>,
+    /// Write the results as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// A folder for what failed: the images, their heat maps, and index.html, a page to compare them
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+    /// Give a default of the scenes another value
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
+    pub define: Vec<(String, String)>,
+    /// The integrator: path, direct, ptracer, depth or aov [default: the scene's]
+    #[arg(long, value_name = "NAME")]
+    pub integrator: Option<String>,
+    /// The sampler: independent, stratified or sobol [default: the scene's]
+    #[arg(long, value_name = "NAME")]
+    pub sampler: Option<SamplerKind>,
+    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
+    #[arg(long, value_name = "NAME")]
+    pub accel: Option<AccelKind>,
+    /// Seed of the tests; references have one of their own
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads; they change the speed, never the pixels [default: all cores]
+    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub threads: Option<u32>,
+    /// Folders to look for the scenes' files in, besides their own; several are separated by ';'
+    #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
+    pub search_path: Vec<PathBuf>,
+    /// Treat warnings as errors
+    #[arg(long)]
+    pub strict: bool,
+    /// Print only what is wrong, and the summary
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// Which references to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Which {
+    /// Those that are missing
+    Missing,
+    /// Those that are missing, and those of scenes that fail
+    Failed,
+    /// All, without a test
+    All,
+}
+
+impl From<Which> for Update {
+    fn from(which: Which) -> Self {
+        match which {
+            Which::Missing => Update::Missing,
+            Which::Failed => Update::Failed,
+            Which::All => Update::All,
+        }
+    }
+}
+
+/// Parses a number between 0 and 1.
+fn probability(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v < 1.0 => Ok(v),
+        _ => Err("expected a number between 0 and 1".into()),
+    }
+}
+
+/// Runs the tests and prints a line for each scene.
+///
+/// # Errors
+/// If the command line is at fault, the folder holds no scene, or an output cannot be written.
+pub fn run(args: &RegressArgs) -> Result<u8> {
+    if let Some(path) = &args.junit {
+        image::check_replaceable(path)?;
+    }
+    if let Some(folder) = &args.output {
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Error::output(format!("the folder cannot be made: {e}")).in_file(folder))?;
+    }
+    let found = discover(&args.folder, args.filter.as_deref())?;
+    let options = options(args);
+    image::set_threads(options.threads);
+    let progress = Arc::new(Progress::new());
+    let signal = listen(&progress)?;
+    announce(args, &found)?;
+    let width = found.scenes.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
+    let mut printed = Ok(0);
+    let report = regress::run(&found.scenes, &options, &progress, |row| {
+        if !args.quiet {
+            row.warnings.iter().for_each(|w| eprintln!("buffon: warning: {w}"));
+        }
+        if printed.is_ok() && !(args.quiet && row.status.is_good()) {
+            printed = super::print(&line(row, width));
+        }
+    })?;
+    printed?;
+    let summary = summary(args, &report);
+    super::print(&format!("{summary}\n"))?;
+    if let Some(path) = &args.junit {
+        image::replace(path, junit(&report)?.as_bytes())?;
+    }
+    if let Some(folder) = &args.output {
+        write_page(
+            &folder.join("index.html"),
+            &format!("buffon regress {}", args.folder.display()),
+            &summary,
+            &report,
+        )?;
+    }
+    match signal.load(Ordering::Relaxed) {
+        0 => Ok(if report.is_good() { 0 } else { FAILED }),
+        signal => Ok(u8::try_from(128 + signal).unwrap_or(FAILED)),
+    }
+}
+
+/// What the command line says of the run.
+fn options(args: &RegressArgs) -> Options {
+    Options {
+        load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+        accel: args.accel.unwrap_or_default(),
+        threads: args.threads.map_or_else(default_threads, |n| n as usize),
+        choices: Choices {
+            integrator: args.integrator.clone(),
+            sampler: args.sampler,
+            seed: args.seed,
+            ..Choices::default()
+        },
+        samples: args.spp,
+        gain: args.gain,
+        significance: args.significance,
+        fail: args.fail,
+        strict: args.strict,
+        update: args.update.map(Update::from),
+        update_samples: args.update_spp,
+        output: args.output.clone(),
+        cross_accel: args.cross_accel,
+    }
+}
+
+/// Says which files are left out.
+fn announce(args: &RegressArgs, found: &Found) -> Result<()> {
+    if args.quiet {
+        return Ok(());
+    }
+    for (name, why) in &found.skipped {
+        super::print(&format!("skip   {name}: {why}\n"))?;
+    }
+    Ok(())
+}
+
+/// The line of a scene.
+fn line(row: &Row, width: usize) -> String {
+    let samples = match row.samples_per_pixel {
+        0 => String::new(),
+        n => format!("{n} spp"),
+    };
+    // A message may have several lines, with the place of a fault.
+    let message = row.message.replace('\n', "\n       ");
+    format!(
+        "{:<5}  {:<width$}  {samples:>10}  {:>6.2} s  {message}\n",
+        row.status.word(),
+        row.name,
+        row.elapsed.as_secs_f64()
+    )
+}
+
+/// How many scenes there are of each kind, and how they were tested.
+fn summary(args: &RegressArgs, report: &Report) -> String {
+    let word = |status| match status {
+        Status::Pass => "passed",
+        Status::Wrote => "written",
+        Status::Fail => "failed",
+        Status::New => "without a reference",
+        Status::Error => "with an error",
+        Status::NotRun => "not run",
+    };
+    let counts = Status::ALL.into_iter().map(|status| (report.count(status), status));
+    let counts: Vec<String> =
+        counts.filter(|(n, _)| *n > 0).map(|(n, status)| format!("{n} {}", word(status))).collect();
+    let scenes = counted(report.rows.len() as u64, "scene", "scenes");
+    format!(
+        "{scenes}: {} in {:.1} s (seed {}, significance {} over all, {:.1e} for each scene)",
+        counts.join(", "),
+        report.elapsed.as_secs_f64(),
+        args.seed,
+        args.significance,
+        report.significance_each
+    )
+}

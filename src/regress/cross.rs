@@ -1,0 +1,134 @@
+//! Two traversals, one picture.
+
+use super::runner::{Outcome, Picture, Runner};
+use super::{FoundScene, Status, page};
+use crate::accel::AccelKind;
+use crate::error::{Error, Result};
+use crate::image::{Image, NotComparable, compare, z_test};
+
+/// Traversals round differently: values that are off by this, relative to the larger one, are equal.
+const ROUNDING: f32 = 1e-5;
+/// The largest relMSE between the pictures and between the layers.
+const RELMSE: f64 = 1e-3;
+/// How far the ratio of the means may be from 1.
+const MEAN: f64 = 1e-3;
+/// The largest root mean square of z, which is 1 between pictures of other random numbers.
+const RMS: f64 = 0.5;
+
+/// Renders a scene on both traversals with the same random numbers, and compares.
+pub(super) fn test(runner: &Runner<'_>, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Outcome> {
+    let file = runner.load(scene, warnings)?;
+    let mut pictures = Vec::new();
+    let mut holes = false;
+    for &kind in AccelKind::ALL {
+        let session = file.clone().compile(kind, runner.options.threads)?;
+        holes |= session.scene.needs.holes;
+        let plan = runner.plan(&session, runner.samples(&session), runner.options.choices.seed)?;
+        let Some(picture) = runner.render(&session, &plan)? else {
+            return Ok(Outcome::new(Status::NotRun, "interrupted"));
+        };
+        pictures.push(picture);
+    }
+    let [a, b] =
+        <[Picture; 2]>::try_from(pictures).map_err(|_| Error::internal("expected two traversals"))?;
+    let dropped = [&a, &b].into_iter().find_map(|p| p.dropped.clone());
+    let samples_per_pixel = a.samples_per_pixel;
+    let (faults, figures) = differences(&a.image, &b.image, runner.rules.significance, holes)
+        .map_err(|e| Error::internal(e.to_string()))?;
+    let faults: Vec<String> = faults.into_iter().chain(dropped).collect();
+    if faults.is_empty() {
+        return Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Pass, figures) });
+    }
+    let names = [AccelKind::ALL[0], AccelKind::ALL[AccelKind::ALL.len() - 1]].map(|kind| kind.to_string());
+    let shown = Some(page::Shown { names, images: [a.image, b.image], scores: None });
+    Ok(Outcome { samples_per_pixel, shown, ..Outcome::new(Status::Fail, faults.join("; ")) })
+}
+
+/// What differs by more than it may, and the figures that decided.
+///
+/// Whether a ray passes a hole is decided by a hash of the ray, so that rounding makes other decisions: pictures of
+/// scenes with holes are held to their noise alone.
+fn differences(
+    a: &Image,
+    b: &Image,
+    significance: f64,
+    holes: bool,
+) -> Result<(Vec<String>, String), NotComparable> {
+    let comparison = compare(a, b)?;
+    let test = z_test(&rounded(a, b), b, None, significance)?;
+    let picture = &comparison.layers[0];
+    let off = (picture.mean_ratio - 1.0).abs();
+    let rms = if test.without_variance == test.blocks { 0.0 } else { test.rms };
+    let mut faults = Vec::new();
+    if comparison.has_invalid() {
+        faults.push(format!("NaN or infinite values: {}; {}", comparison.invalid_a, comparison.invalid_b));
+    }
+    if test.rejected > 0 {
+        faults.push(format!(
+            "{} of {} blocks differ by more than their noise, the worst at {}",
+            test.rejected, test.blocks, test.max_at
+        ));
+    }
+    if rms > RMS {
+        faults.push(format!("the pictures differ by {rms:.2} of their noise, of at most {RMS}"));
+    }
+    if !test.is_unbiased() {
+        faults.push(format!("the means differ by {:.1} deviations of their noise", test.bias));
+    }
+    if !holes && picture.max > 0.0 && (off.is_nan() || off > MEAN) {
+        faults.push(format!("the means differ by {:.3} %, of at most {} %", 100.0 * off, 100.0 * MEAN));
+    }
+    let judged = if holes { &[] } else { &comparison.layers[..] };
+    for layer in judged.iter().filter(|l| l.relmse.is_nan() || l.relmse > RELMSE) {
+        let name = if layer.layer.is_empty() { "the picture" } else { &layer.layer };
+        faults.push(format!(
+            "relMSE {:.1e} of at most {RELMSE:.0e} in {name}, largest difference {:.1e} at {}",
+            layer.relmse, layer.max, layer.max_at
+        ));
+    }
+    let figures = format!(
+        "relMSE {:.1e}, largest difference {:.1e}, {rms:.3} of the noise",
+        picture.relmse, picture.max
+    );
+    Ok((faults, figures))
+}
+
+/// The first image with the values of the second where only rounding lies between them.
+fn rounded(a: &Image, b: &Image) -> Image {
+    let mut rounded = a.clone();
+    for (x, r) in rounded.data.iter_mut().zip(&b.data) {
+        if (*x - *r).abs() <= ROUNDING * x.abs().max(r.abs()) {
+            *x = *r;
+        }
+    }
+    rounded
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat() -> Image {
+        let mut image = Image::new(16, 16, &["R", "G", "B", "variance.R", "variance.G", "variance.B"]);
+        image.data.chunks_exact_mut(6).for_each(|p| p.copy_from_slice(&[0.5, 0.5, 0.5, 0.01, 0.01, 0.01]));
+        image
+    }
+
+    #[test]
+    fn rounding_is_no_difference_and_a_hole_is_one() {
+        let a = flat();
+        let mut b = flat();
+        b.data.iter_mut().for_each(|v| *v *= 1.000_001);
+        assert!(differences(&b, &a, 0.001, false).unwrap().0.is_empty());
+        for x in 4..8 {
+            (4..8).for_each(|y| b.pixel_mut(x, y)[0] = 0.0);
+        }
+        let faults = differences(&b, &a, 0.001, false).unwrap().0;
+        let worst = "1 of 48 blocks differ by more than their noise, the worst at pixel (4, 4), channel R";
+        assert_eq!(faults[0], worst);
+        assert!(
+            faults.iter().any(|f| f.starts_with("relMSE 2.0e-2 of at most 1e-3 in the picture")),
+            "{faults:?}"
+        );
+    }
+}

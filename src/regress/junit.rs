@@ -1,0 +1,104 @@
+//! JUnit XML, which systems of continuous integration read.
+
+use super::{Report, Row, Status};
+use crate::error::{Error, Result};
+use quick_junit::{NonSuccessKind, TestCase, TestCaseStatus, TestSuite};
+use std::collections::BTreeMap;
+
+/// The report as JUnit XML: a test suite for each folder, a test case for each scene. What fails, and what has no
+/// reference, is a failure; what cannot be rendered an error; what was not run is skipped.
+///
+/// # Errors
+/// Of kind [`Internal`](crate::error::Kind::Internal), if it cannot be written.
+pub fn junit(report: &Report) -> Result<String> {
+    let mut xml = quick_junit::Report::new("buffon regress");
+    xml.set_time(report.elapsed);
+    let mut folders: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
+    for row in &report.rows {
+        folders.entry(folder_of(row)).or_default().push(row);
+    }
+    for (folder, rows) in folders {
+        let mut suite = TestSuite::new(folder);
+        suite.set_time(rows.iter().map(|row| row.elapsed).sum());
+        suite.add_test_cases(rows.iter().map(|row| case(row, folder)));
+        xml.add_test_suite(suite);
+    }
+    xml.to_string().map_err(|e| Error::internal(format!("cannot write JUnit XML: {e}")))
+}
+
+/// The folder of a scene; "." for that of the run.
+fn folder_of(row: &Row) -> &str {
+    row.name.rsplit_once('/').map_or(".", |(folder, _)| folder)
+}
+
+fn case(row: &Row, folder: &str) -> TestCase {
+    let failure = |kind, what: &str| {
+        let mut status = TestCaseStatus::non_success(kind);
+        status.set_message(row.message.as_str()).set_type(what);
+        status
+    };
+    let status = match row.status {
+        Status::Pass | Status::Wrote => TestCaseStatus::success(),
+        Status::Fail => failure(NonSuccessKind::Failure, "different"),
+        Status::New => failure(NonSuccessKind::Failure, "no reference"),
+        Status::Error => failure(NonSuccessKind::Error, "error"),
+        Status::NotRun => TestCaseStatus::skipped(),
+    };
+    let name = row.name.rsplit_once('/').map_or(row.name.as_str(), |(_, name)| name);
+    let mut case = TestCase::new(name, status);
+    case.set_classname(folder).set_time(row.elapsed);
+    if row.status.is_good() {
+        case.set_system_out(row.message.as_str());
+    }
+    case
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roxmltree::{Document, Node};
+    use std::time::Duration;
+
+    #[test]
+    fn every_scene_is_a_test_case_with_its_time_and_what_is_wrong() {
+        let row = |name: &str, status, message: &str| Row {
+            name: name.into(),
+            status,
+            message: message.into(),
+            samples_per_pixel: 64,
+            elapsed: Duration::from_millis(1500),
+            warnings: Vec::new(),
+            shown: None,
+        };
+        let rows = vec![
+            row("a.xml", Status::Pass, "p 0.5"),
+            row("b/c.xml", Status::Fail, "<R> & \"G\" \u{1} off"),
+            row("b/d.xml", Status::New, "no reference"),
+            row("b/e.xml", Status::Error, "line one\nline two"),
+            row("b/f.xml", Status::NotRun, "interrupted"),
+        ];
+        let report = Report { rows, significance_each: 1e-4, elapsed: Duration::from_secs(6) };
+        let text = junit(&report).unwrap();
+        let document = Document::parse(&text).expect("well-formed");
+        let root = document.root_element();
+        let counts = |node: Node<'_, '_>| {
+            ["tests", "failures", "errors"].map(|a| node.attribute(a).unwrap_or_default().to_owned())
+        };
+        assert_eq!((root.tag_name().name(), counts(root)), ("testsuites", ["5", "2", "1"].map(String::from)));
+        let suites: Vec<_> = root.children().filter(|n| n.has_tag_name("testsuite")).collect();
+        let names: Vec<_> = suites.iter().filter_map(|s| s.attribute("name")).collect();
+        assert_eq!(names, [".", "b"]);
+        assert_eq!(counts(suites[1]), ["4", "2", "1"].map(String::from));
+        let cases: Vec<_> = document.descendants().filter(|n| n.has_tag_name("testcase")).collect();
+        assert!(cases.iter().all(|c| c.attribute("time") == Some("1.500")), "{text}");
+        assert_eq!((cases[1].attribute("classname"), cases[1].attribute("name")), (Some("b"), Some("c.xml")));
+        let inside: Vec<_> = cases
+            .iter()
+            .map(|c| c.children().find(|n| n.is_element()).map(|n| n.tag_name().name()))
+            .collect();
+        let expected = ["system-out", "failure", "failure", "error", "skipped"].map(Some);
+        assert_eq!(inside, expected);
+        let message = cases[1].children().find_map(|n| n.attribute("message"));
+        assert_eq!(message, Some("<R> & \"G\"  off"));
+    }
+}

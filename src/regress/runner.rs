@@ -1,0 +1,324 @@
+//! One scene: loaded, rendered, held against its reference, or its reference written.
+
+use super::judge::{Judgement, Rules, judge};
+use super::reference::{Reference, reference_path, variance_path, write_reference};
+use super::{FoundScene, Options, REFERENCE_SEED, Row, Status, Update, cross, page};
+use crate::error::{Error, Kind, Result, counted};
+use crate::film::{Filter, FilterSampler, PixelFormat};
+use crate::image::{Image, ZTestOptions, z_test_with};
+use crate::integrator::{self, settings::Aov};
+use crate::math::Vec2;
+use crate::render::{Progress, Rendered, StopRules};
+use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session};
+use std::time::Instant;
+
+/// Samples per pixel where the scene says nothing.
+const DEFAULT_SPP: u64 = 64;
+/// How many times the scene's samples a test may take to find the gain, and a reference.
+const MOST: [u64; 2] = [16, 64];
+/// How many times the samples of a test a reference has, at least.
+const REFERENCE_SAMPLES: u64 = 16;
+
+/// A run's settings.
+pub(super) struct Runner<'a> {
+    pub options: &'a Options,
+    pub rules: Rules,
+    pub progress: &'a Progress,
+}
+
+/// A render to be judged.
+pub(super) struct Picture {
+    pub image: Image,
+    pub samples_per_pixel: u64,
+    /// What is said of samples that were dropped, if any were.
+    pub dropped: Option<String>,
+}
+
+/// How a test ended.
+pub(super) struct Outcome {
+    pub status: Status,
+    pub message: String,
+    pub samples_per_pixel: u64,
+    pub shown: Option<page::Shown>,
+}
+
+impl Outcome {
+    pub fn new(status: Status, message: impl Into<String>) -> Self {
+        Outcome { status, message: message.into(), samples_per_pixel: 0, shown: None }
+    }
+
+    fn interrupted() -> Self {
+        Outcome::new(Status::NotRun, "interrupted")
+    }
+}
+
+impl<'a> Runner<'a> {
+    pub fn new(options: &'a Options, significance: f64, progress: &'a Progress) -> Self {
+        Runner { options, rules: Rules { significance, fail: options.fail, shared_by: 1.0 }, progress }
+    }
+
+    /// Tests a scene.
+    pub fn row(&self, scene: &FoundScene) -> Row {
+        let started = Instant::now();
+        let mut warnings = Vec::new();
+        let outcome = if self.progress.is_interrupted() {
+            Ok(Outcome::interrupted())
+        } else if self.options.cross_accel {
+            cross::test(self, scene, &mut warnings)
+        } else {
+            self.test(scene, &mut warnings)
+        };
+        let mut outcome = outcome.unwrap_or_else(|error| Outcome::new(Status::Error, error.to_string()));
+        let mut shown = None;
+        if let (Some(pictures), Some(folder)) = (&outcome.shown, &self.options.output) {
+            match pictures.write(folder, &scene.name, &outcome.message) {
+                Ok(html) => shown = Some(html),
+                Err(error) => {
+                    outcome.status = Status::Error;
+                    outcome.message = format!("{}; {error}", outcome.message);
+                }
+            }
+        }
+        Row {
+            name: scene.name.clone(),
+            status: outcome.status,
+            message: outcome.message,
+            samples_per_pixel: outcome.samples_per_pixel,
+            elapsed: started.elapsed(),
+            warnings,
+            shown,
+        }
+    }
+
+    fn test(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Outcome> {
+        let update = self.options.update;
+        let reference = match Reference::read(&scene.path) {
+            Err(_) if update == Some(Update::All) => None,
+            read => read?,
+        };
+        let session = self.open(scene, warnings)?;
+        let Some(reference) = reference.filter(|_| update != Some(Update::All)) else {
+            return if update.is_some() {
+                self.write(scene, &session, "")
+            } else {
+                let path = reference_path(&scene.path);
+                Ok(Outcome::new(Status::New, format!("no {}; --update writes it", path.display())))
+            };
+        };
+        let Some(picture) = self.sample(&session, &reference)? else { return Ok(Outcome::interrupted()) };
+        let rules = self.rules_of(&session)?;
+        let mut judgement = judge(&picture.image, picture.samples_per_pixel, &reference, &rules);
+        judgement.faults.extend(picture.dropped.clone());
+        if judgement.faults.is_empty() {
+            let samples_per_pixel = picture.samples_per_pixel;
+            return Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Pass, judgement.figures) });
+        }
+        let message = judgement.faults.join("; ");
+        if update == Some(Update::Failed) {
+            return self.write(scene, &session, &format!("; it was: {message}"));
+        }
+        let samples_per_pixel = picture.samples_per_pixel;
+        let shown = Some(shown(picture.image, reference.image, judgement));
+        Ok(Outcome { samples_per_pixel, shown, ..Outcome::new(Status::Fail, message) })
+    }
+
+    /// Loads and compiles a scene on the traversal that is asked for.
+    fn open(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Session> {
+        let mut session = self.load(scene, warnings)?.compile(self.options.accel, self.options.threads)?;
+        self.warn(&mut session.warnings, warnings)?;
+        Ok(session)
+    }
+
+    /// Loads a scene. Its film is one of linear RGB, with alpha if it has that.
+    pub fn load(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<SceneFile> {
+        let choices = SceneChoices { load: self.options.load.clone(), ..SceneChoices::default() };
+        let mut file = SceneFile::load(&scene.path, &choices)?;
+        self.warn(&mut file.warnings, warnings)?;
+        let film = &mut file.description.sensors[file.sensor].film;
+        film.pixel_format = if film.pixel_format.has_alpha() { PixelFormat::Rgba } else { PixelFormat::Rgb };
+        Ok(file)
+    }
+
+    /// Passes warnings on, or fails with them if they are errors.
+    fn warn(&self, new: &mut Vec<Error>, warnings: &mut Vec<Error>) -> Result<()> {
+        if self.options.strict && !new.is_empty() {
+            let first = new.remove(0);
+            return Err(Error { kind: Kind::Strict, ..first }.with_others(std::mem::take(new)));
+        }
+        warnings.append(new);
+        Ok(())
+    }
+
+    /// Samples per pixel of a test, before any are added.
+    pub fn samples(&self, session: &Session) -> u64 {
+        // Each half needs one.
+        self.options.samples.or(session.defaults.samples_per_pixel).unwrap_or(DEFAULT_SPP).max(2)
+    }
+
+    /// How a scene is rendered.
+    pub fn plan(&self, session: &Session, samples: u64, seed: u64) -> Result<Plan> {
+        let stop = StopRules { samples: Some(samples), ..StopRules::default() };
+        let aov = vec!["variance".to_owned()];
+        let mut plan = session.plan(&Choices { stop, aov, seed, ..self.options.choices.clone() })?;
+        // A reference has other counts.
+        plan.job.layers.retain(|layer| layer.aov != Aov::Samples);
+        Ok(plan)
+    }
+
+    /// What decides about a scene. Light paths are splatted to all pixels under the filter, whose noise is shared then; the
+    /// samples of the camera belong to one pixel each.
+    fn rules_of(&self, session: &Session) -> Result<Rules> {
+        let plan = self.plan(session, self.samples(session), self.options.choices.seed)?;
+        let splats = integrator::create(&plan.integrator).light_tracer().is_some();
+        let shared_by = if splats { pixels_of_a_splat(session.camera().film.filter) } else { 1.0 };
+        Ok(Rules { shared_by, ..self.rules })
+    }
+
+    /// Renders; `None` if it was interrupted.
+    pub fn render(&self, session: &Session, plan: &Plan) -> Result<Option<Picture>> {
+        let rendered = session.render(plan, self.progress)?;
+        if self.progress.is_interrupted() {
+            return Ok(None);
+        }
+        let image = session.image(plan, &rendered);
+        let samples_per_pixel = rendered.samples_per_pixel;
+        Ok(Some(Picture { image, samples_per_pixel, dropped: dropped(&rendered) }))
+    }
+
+    /// Renders a scene with as many samples as its test needs.
+    fn sample(&self, session: &Session, reference: &Reference) -> Result<Option<Picture>> {
+        // No number of samples makes up for the noise of the reference.
+        let rules = self.rules_of(session)?;
+        let limit = self.options.gain.max(1.5 * gain_of_reference(reference, &rules));
+        let gain = |picture: &Picture| {
+            judge(&picture.image, picture.samples_per_pixel, reference, &rules).gain.unwrap_or(0.0)
+        };
+        let seed = self.options.choices.seed;
+        let first = self.samples(session);
+        let most = if self.options.samples.is_some() { first } else { first.saturating_mul(MOST[0]) };
+        self.render_until(session, seed, [first, most], limit, gain)
+    }
+
+    /// Renders with twice the samples, or as many times more as it takes, until the gain is at most `limit` or the samples
+    /// the most there may be. Only the last render counts: looking at several would give chance as many chances.
+    fn render_until(
+        &self,
+        session: &Session,
+        seed: u64,
+        [first, most]: [u64; 2],
+        limit: f64,
+        gain: impl Fn(&Picture) -> f64,
+    ) -> Result<Option<Picture>> {
+        let mut samples = first;
+        loop {
+            let plan = self.plan(session, samples, seed)?;
+            let Some(picture) = self.render(session, &plan)? else { return Ok(None) };
+            let gain = gain(&picture);
+            if samples >= most || gain <= limit || !gain.is_finite() {
+                return Ok(Some(picture));
+            }
+            // Variances fall at least as one over the samples.
+            let doublings = (2.0 * (gain / limit).log2()).ceil().clamp(1.0, 20.0) as u32;
+            samples = samples.saturating_mul(1 << doublings).min(most);
+        }
+    }
+
+    /// Renders and writes the reference of a scene.
+    fn write(&self, scene: &FoundScene, session: &Session, why: &str) -> Result<Outcome> {
+        let first = self.samples(session).saturating_mul(REFERENCE_SAMPLES);
+        let [first, most] = match self.options.update_samples {
+            Some(samples) => [samples; 2],
+            None => [first, self.samples(session).saturating_mul(MOST[1])],
+        };
+        let rules = self.rules_of(session)?;
+        let gain = |picture: &Picture| {
+            let reference = Reference { image: picture.image.clone(), variance: None };
+            gain_of_reference(&reference, &rules)
+        };
+        let limit = 0.5 * self.options.gain;
+        let Some(picture) = self.render_until(session, REFERENCE_SEED, [first, most], limit, gain)? else {
+            return Ok(Outcome::interrupted());
+        };
+        if let Some(dropped) = picture.dropped {
+            return Err(Error::scene(format!("the reference was not written: {dropped}")));
+        }
+        let path = write_reference(&scene.path, &picture.image)?;
+        let stale = variance_path(&scene.path);
+        let stale = if stale.exists() {
+            format!("; {} is not used any more", stale.display())
+        } else {
+            String::new()
+        };
+        let message = format!("{}{stale}{why}", path.display());
+        let samples_per_pixel = picture.samples_per_pixel;
+        Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Wrote, message) })
+    }
+}
+
+/// Over how many pixels a splat is spread, in effect: (Σw)² / Σw² of its weights, the mean over its places in a pixel.
+fn pixels_of_a_splat(filter: Filter) -> f64 {
+    const PLACES: u32 = 16;
+    let filter = FilterSampler::new(filter);
+    let reach = filter.radius().ceil() as i32 + 1;
+    let (mut sums, mut squares) = (0.0, 0.0);
+    for place in 0..PLACES * PLACES {
+        let at = |i: u32| (i as f32 + 0.5) / PLACES as f32 - 0.5;
+        let (x, y) = (at(place % PLACES), at(place / PLACES));
+        let pixels = (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (i as f32, j as f32)));
+        let weights = pixels.map(|(i, j)| f64::from(filter.eval(Vec2::new(x - i, y - j))));
+        let (sum, square) = weights.fold((0.0, 0.0), |(s, q), w| (s + w, q + w * w));
+        sums += sum * sum;
+        squares += square;
+    }
+    if squares > 0.0 { (sums / squares).max(1.0) } else { 1.0 }
+}
+
+/// The gain that a test without any noise would find; 0 if nothing is known about the noise.
+fn gain_of_reference(reference: &Reference, rules: &Rules) -> f64 {
+    let variance_of_b = reference.variance.as_ref();
+    let options = ZTestOptions {
+        variance_of_b,
+        significance: 0.5 * rules.significance,
+        sample_ratio: None,
+        shared_by: rules.shared_by,
+    };
+    let gain = z_test_with(&reference.image, &reference.image, &options).map_or(0.0, |test| test.gain);
+    // The variances of both count, and these are the same twice unless they are in a file of their own.
+    if variance_of_b.is_some() { gain } else { gain / f64::sqrt(2.0) }
+}
+
+/// What is said of samples that were dropped.
+fn dropped(rendered: &Rendered) -> Option<String> {
+    let count = counted(rendered.invalid_count, "invalid sample", "invalid samples");
+    (rendered.invalid_count > 0).then(|| match rendered.invalid.first() {
+        Some(s) => format!(
+            "{count} dropped, the first is sample {} of pixel ({}, {}): {:?}",
+            s.sample, s.x, s.y, s.value
+        ),
+        None => format!("{count} dropped"),
+    })
+}
+
+/// What there is to look at of a test that failed.
+fn shown(image: Image, reference: Image, judgement: Judgement) -> page::Shown {
+    page::Shown {
+        names: ["render".into(), "reference".into()],
+        images: [image, reference],
+        scores: judgement.scores,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_splat_is_spread_over_the_pixels_under_the_filter() {
+        assert_eq!(pixels_of_a_splat(Filter::Box { radius: 0.5 }), 1.0);
+        // Four pixels alike, wherever it is.
+        assert!((pixels_of_a_splat(Filter::Box { radius: 1.0 }) - 4.0).abs() < 1e-9);
+        // 4πσ² of a Gaussian.
+        let gaussian = pixels_of_a_splat(Filter::Gaussian { stddev: 0.5 });
+        assert!((gaussian - std::f64::consts::PI).abs() < 0.1, "{gaussian}");
+    }
+}
