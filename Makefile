@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test lint bench scenes clean
+.PHONY: help deps demo test test-page lint bench scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -19,7 +19,7 @@ export RUSTFLAGS := $(RUSTFLAGS) --cfg buffon_baseline
 endif
 
 help: ## say what there is to make (this)
-	@sed -n 's/^\([a-z]*\):.* ## /  make \1\t/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.* ## /  make \1\t/p' Makefile | expand -t 16
 
 deps: ## install what the build needs and lacks
 	@.ci/deps
@@ -40,6 +40,14 @@ test: lint ## everything that must hold, with both feature sets
 	cargo test --locked $(RUST_ALONE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
+
+# A tiny bench, for the page's sake; its figures mean nothing. The screenshots stay in out/page.
+test-page: deps ## open a page of `buffon bench` in headless Chromium, and check that it works
+	@.ci/deps chromium
+	@mkdir -p out/page
+	XDG_CACHE_HOME=$(CURDIR)/out/cache cargo run --locked --quiet -- bench scenes/cornell-box/cornell-box.xml --size 64x64 \
+	    --integrators path,direct --budgets 2,4,8 --runs 2 --reference-time 5s -o out/page
+	cargo run --locked --quiet --example check_page -- out/page/index.html out/page
 
 lint: deps ## check formatting, and what clippy has to say
 	cargo fmt --all --check

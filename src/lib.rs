@@ -71,6 +71,7 @@
 #![deny(unsafe_code)]
 
 pub mod accel;
+pub mod bench;
 pub mod bsdf;
 pub mod cli;
 pub mod color;

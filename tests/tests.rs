@@ -1,5 +1,6 @@
 //! The integration tests, in one binary.
 
+mod bench;
 mod cameras;
 mod cli;
 mod closed_form;

@@ -1,5 +1,6 @@
 //! The command line: one file per subcommand.
 
+pub mod bench;
 pub mod cpu;
 pub mod diff;
 pub mod info;
@@ -35,6 +36,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Diff(diff::DiffArgs),
     Regress(Box<regress::RegressArgs>),
+    Bench(Box<bench::BenchArgs>),
     Info(info::InfoArgs),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
@@ -55,6 +57,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Regress(args) => regress::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),

@@ -1,3 +1,4 @@
 //! The statistics that everything reports.
 
+pub mod convergence;
 pub mod metrics;

@@ -114,6 +114,13 @@ impl Image {
         self.rgb_channels().map_or([0.0; 3], |c| c.map(|c| pixel[c]))
     }
 
+    /// Red, green and blue of every pixel, interleaved; black if the image has no picture.
+    pub fn colours(&self) -> Vec<f32> {
+        let rgb = self.rgb_channels();
+        let pixels = self.data.chunks_exact(self.channels.len().max(1));
+        pixels.flat_map(|pixel| rgb.map_or([0.0; 3], |c| c.map(|c| pixel[c]))).collect()
+    }
+
     /// An image of some of the channels, in the order asked for, with the same metadata; `None` if one is
     /// missing.
     pub fn select(&self, names: &[impl AsRef<str>]) -> Option<Image> {
@@ -196,6 +203,7 @@ mod tests {
         let image = ramp(&["Z", "B", "G", "R"]);
         assert_eq!(image.pixel(2, 1), [12.0, 112.0, 212.0, 312.0]);
         assert_eq!(image.rgb(2, 1), [312.0, 212.0, 112.0]);
+        assert_eq!(image.colours()[15..], [312.0, 212.0, 112.0]);
         assert_eq!(image.channel("G"), Some(2));
         assert_eq!(ramp(&["Y"]).rgb(1, 0), [1.0; 3]);
         assert_eq!(ramp(&["depth"]).rgb(1, 0), [1.0; 3]);

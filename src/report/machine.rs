@@ -2,15 +2,18 @@
 
 use std::fs;
 
-/// What a SIMD feature of the processor is called, the widest first.
+/// Whether the processor has a SIMD feature, after the feature's name.
+type Width = (&'static str, fn() -> bool);
+
+/// The features, the widest first.
 #[cfg(target_arch = "x86_64")]
-const WIDTHS: [(&str, fn() -> bool); 3] = [
+const WIDTHS: [Width; 3] = [
     ("AVX-512", || std::arch::is_x86_feature_detected!("avx512f")),
     ("AVX2", || std::arch::is_x86_feature_detected!("avx2")),
     ("SSE4.2", || std::arch::is_x86_feature_detected!("sse4.2")),
 ];
 #[cfg(not(target_arch = "x86_64"))]
-const WIDTHS: [(&str, fn() -> bool); 0] = [];
+const WIDTHS: [Width; 0] = [];
 
 /// The widest SIMD that the processor has, of those that a renderer gains from; "baseline" if it has none of them.
 pub fn simd() -> &'static str {

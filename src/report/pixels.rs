@@ -20,7 +20,7 @@ pub const HEAT_DECADES: f64 = 5.0;
 /// its range is infinite.
 pub(super) fn packed(image: &Image) -> Result<String> {
     let mut planes = Vec::with_capacity(6 * image.width * image.height);
-    let colours = colours(image);
+    let colours = image.colours();
     for channel in 0..3 {
         let bytes = || colours.chunks_exact(3).map(|rgb| f16::from_f32(rgb[channel]).to_le_bytes());
         planes.extend(bytes().map(|[low, _]| low));
@@ -30,13 +30,6 @@ pub(super) fn packed(image: &Image) -> Result<String> {
     let deflated = encoder.write_all(&planes).and_then(|()| encoder.finish());
     let deflated = deflated.map_err(|e| Error::internal(format!("cannot pack an image: {e}")))?;
     Ok(STANDARD.encode(deflated))
-}
-
-/// Red, green and blue of each pixel.
-pub(super) fn colours(image: &Image) -> Vec<f32> {
-    let rgb = image.rgb_channels();
-    let pixels = image.data.chunks_exact(image.channels.len().max(1));
-    pixels.flat_map(|pixel| rgb.map_or([0.0; 3], |c| c.map(|c| pixel[c]))).collect()
 }
 
 /// The image scaled by 2^exposure and reduced to a width of at most `width` pixels, as the address of a PNG.
@@ -57,7 +50,7 @@ pub fn thumbnail(image: &Image, width: usize, exposure: f32) -> Result<String> {
 /// If the sizes differ.
 pub fn error_thumbnail(image: &Image, reference: &Image, width: usize) -> Result<String> {
     let mut errors = Image::new(image.width, image.height, &["Y"]);
-    let by_pixel = relative_by_pixel(&colours(image), &colours(reference), 3);
+    let by_pixel = relative_by_pixel(&image.colours(), &reference.colours(), 3);
     errors.data = by_pixel.into_iter().map(|e| e as f32).collect();
     let scale = HeatScale::Log { max: HEAT_MAX, decades: HEAT_DECADES };
     png(&heat(&reduced(&errors, width), scale), 0.0)
@@ -68,7 +61,7 @@ fn reduced(image: &Image, width: usize) -> Image {
     let step = image.width.div_ceil(width.max(1)).max(1);
     let (columns, rows) = (image.width.div_ceil(step), image.height.div_ceil(step));
     let mut small = Image::new(columns, rows, &["R", "G", "B"]);
-    let colours = colours(image);
+    let colours = image.colours();
     for y in 0..rows {
         for x in 0..columns {
             let (mut sum, mut n) = ([0.0f64; 3], 0.0);
@@ -89,7 +82,7 @@ fn reduced(image: &Image, width: usize) -> Image {
 fn png(image: &Image, exposure: f32) -> Result<String> {
     let scale = f64::from(exposure).exp2();
     let encode = |v: f32| (to_srgb(f64::from(v) * scale).clamp(0.0, 1.0) * 255.0).round() as u8;
-    let codes: Vec<u8> = colours(image).into_iter().map(encode).collect();
+    let codes: Vec<u8> = image.colours().into_iter().map(encode).collect();
     let mut bytes = Vec::new();
     let size = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     PngEncoder::new(&mut bytes)

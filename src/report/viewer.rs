@@ -4,7 +4,7 @@
 //! them, the small pictures remain.
 
 use super::html::{Html, add, escape};
-use super::pixels::{HEAT_DECADES, HEAT_MAX, colours, packed, thumbnail};
+use super::pixels::{HEAT_DECADES, HEAT_MAX, packed, thumbnail};
 use crate::error::{Error, Result};
 use crate::image::{HeatScale, Image, heat, to_srgb};
 
@@ -103,17 +103,17 @@ impl Viewer<'_> {
 }
 
 /// An exposure in steps of a half at which most of an image is neither black nor white: its 80th percentile of luminance
-/// becomes 0.7. 0 for an image that is black, or bright enough as it is.
+/// becomes 0.4. 0 for an image that is black, or bright enough as it is.
 pub fn exposure_of(image: &Image) -> f32 {
-    let colours = colours(image);
+    let colours = image.colours();
     let mut luminances: Vec<f32> =
         colours.chunks_exact(3).map(|c| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]).collect();
     luminances.sort_unstable_by(f32::total_cmp);
     let Some(&bright) = luminances.get(luminances.len() * 4 / 5) else { return 0.0 };
-    if !(bright.is_finite() && bright > 0.0) || (0.25..=1.5).contains(&bright) {
+    if !(bright.is_finite() && bright > 0.0) || (0.1..=1.5).contains(&bright) {
         return 0.0;
     }
-    ((0.7 / bright).log2() * 2.0).round().clamp(-20.0, 20.0) / 2.0
+    ((0.4 / bright).log2() * 2.0).round().clamp(-20.0, 20.0) / 2.0
 }
 
 /// The colours of the heat maps with the errors that they mean.
@@ -183,7 +183,7 @@ mod tests {
     fn exposure_brings_most_pixels_into_sight() {
         let mut image = Image::new(10, 1, &["Y"]);
         assert_eq!(exposure_of(&image), 0.0);
-        for (value, exposure) in [(0.5, 0.0), (0.02, 5.0), (100.0, -7.0)] {
+        for (value, exposure) in [(0.5, 0.0), (0.02, 4.5), (100.0, -8.0)] {
             image.data.fill(value);
             assert_eq!(exposure_of(&image), exposure, "{value}");
         }

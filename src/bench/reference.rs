@@ -1,0 +1,225 @@
+//! What images are compared with: given, kept beside the scene, or rendered once and cached.
+
+use super::measure::{Candidate, picture};
+use super::{Budget, Options, cache};
+use crate::error::{Error, Result};
+use crate::estimate::metrics::relative_squared;
+use crate::image::{self, Image, Value, WriteOptions};
+use crate::integrator::Settings;
+use crate::render::{Progress, StopRules};
+use crate::sampling::SamplerKind;
+use crate::session::{Choices, Session};
+use std::path::Path;
+use std::time::Duration;
+
+/// A picture that stands for the truth.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// The picture: red, green, blue.
+    pub image: Image,
+    /// Where it is from, in words.
+    pub origin: String,
+    /// Its own relMSE, which every measured one holds besides the image's; `None` if nothing tells it.
+    pub floor: Option<f64>,
+}
+
+/// How many times the samples or the time of the largest budget a rendered reference gets.
+const EFFORT: u32 = 32;
+/// A cached reference counts as one of the time asked for from this share of it: renders stop before their limit.
+const NEARLY: f64 = 0.8;
+/// Distance of the reference's seed from that of the measured images.
+const OTHER_SEED: u64 = 0x5851_f42d_4c95_7f2d;
+
+/// Finds the reference, or renders and keeps it.
+pub(super) fn find(
+    session: &Session,
+    options: &Options,
+    key: String,
+    candidates: &[Candidate<'_>],
+    progress: &Progress,
+    tell: &dyn Fn(&str),
+) -> Result<Reference> {
+    if let Some(path) = &options.reference {
+        let reference = read(path)?;
+        return match misfit(&reference.image, session) {
+            Some(why) => Err(Error::usage(why).in_file(path).about("--reference")),
+            None => Ok(reference),
+        };
+    }
+    if let Some(reference) = beside_the_scene(session, options, tell) {
+        return Ok(reference);
+    }
+    let plan = Wanted::new(options);
+    let cached = cache::file(&session.path, &key);
+    if let Some(path) = cached.as_deref().filter(|path| path.exists()) {
+        // What cannot be read is rendered again.
+        if let Some(reference) =
+            read(path).ok().filter(|r| plan.is_met_by(&r.image) && misfit(&r.image, session).is_none())
+        {
+            tell(&format!("{}: the reference is {}", session.path.display(), path.display()));
+            return Ok(reference);
+        }
+    }
+    let reference = render(session, options, &plan, candidates, progress, tell)?;
+    if let Some(path) = cached.filter(|_| !progress.is_interrupted()) {
+        let folder = path.parent().unwrap_or(Path::new("."));
+        let kept = std::fs::create_dir_all(folder)
+            .map_err(|e| Error::output(format!("cannot be made: {e}")).in_file(folder))
+            .and_then(|()| image::write(&path, &reference.image, &WriteOptions::default()));
+        if let Err(error) = kept {
+            tell(&format!("warning: the reference is not kept: {error}"));
+        }
+    }
+    Ok(reference)
+}
+
+/// What a rendered reference gets.
+struct Wanted {
+    stop: StopRules,
+}
+
+impl Wanted {
+    fn new(options: &Options) -> Self {
+        let mut stop = StopRules { time: Some(options.reference_time), ..StopRules::default() };
+        let samples =
+            options.budgets.iter().filter_map(|b| if let Budget::Samples(n) = b { Some(*n) } else { None });
+        let times =
+            options.budgets.iter().filter_map(|b| if let Budget::Time(t) = b { Some(*t) } else { None });
+        match (samples.max(), times.max()) {
+            (Some(n), None) => stop.samples = Some(n.saturating_mul(u64::from(EFFORT))),
+            (None, Some(t)) => stop.time = Some(t.saturating_mul(EFFORT).min(options.reference_time)),
+            // No more is known of both together than that they take less than the time.
+            _ => {}
+        }
+        Wanted { stop }
+    }
+
+    /// Whether an image was made with no less effort.
+    fn is_met_by(&self, image: &Image) -> bool {
+        let samples = match image.metadata.get("samplesPerPixel") {
+            Some(Value::Int(n)) => u64::try_from(*n).unwrap_or(0),
+            _ => 0,
+        };
+        let seconds = match image.metadata.get("renderTimeSeconds") {
+            Some(Value::Float(s)) => f64::from(*s),
+            _ => 0.0,
+        };
+        let time = self.stop.time.unwrap_or(Duration::MAX).as_secs_f64();
+        self.stop.samples.is_some_and(|n| samples >= n) || seconds >= NEARLY * time
+    }
+}
+
+fn render(
+    session: &Session,
+    options: &Options,
+    wanted: &Wanted,
+    candidates: &[Candidate<'_>],
+    progress: &Progress,
+    tell: &dyn Fn(&str),
+) -> Result<Reference> {
+    // What all are to estimate: direct light, if nothing else is measured.
+    let direct = candidates.iter().all(|c| matches!(c.integrator(), Some(Settings::Direct(_))));
+    let integrator = if direct { "direct" } else { "path" };
+    let choices = Choices {
+        integrator: Some(integrator.into()),
+        sampler: Some(SamplerKind::default()),
+        stop: wanted.stop,
+        seed: options.seed.wrapping_add(OTHER_SEED),
+        aov: Vec::new(),
+    };
+    let samples = wanted.stop.samples.map_or_else(String::new, |n| format!("{n} samples per pixel, "));
+    let seconds = wanted.stop.time.unwrap_or_default().as_secs_f64();
+    tell(&format!(
+        "{}: rendering a reference by {integrator}: {samples}{seconds} s at most (--reference-time)",
+        session.path.display()
+    ));
+    let plan = session.plan(&choices)?;
+    let rendered = session.render(&plan, progress)?;
+    let image = picture(&session.image(&plan, &rendered));
+    let origin = format!(
+        "rendered by {integrator} with {}, {} samples per pixel in {:.1} s",
+        SamplerKind::default(),
+        rendered.samples_per_pixel,
+        rendered.elapsed.as_secs_f64()
+    );
+    tell(&format!(
+        "{}: the reference has {} samples per pixel, its relMSE is about {}",
+        session.path.display(),
+        rendered.samples_per_pixel,
+        rendered.relmse.map_or_else(|| "unknown".into(), |e| format!("{e:.1e}"))
+    ));
+    Ok(Reference { image, origin, floor: rendered.relmse })
+}
+
+/// `refs/<stem>.exr` beside the scene, if it is of the picture that is measured.
+fn beside_the_scene(session: &Session, options: &Options, tell: &dyn Fn(&str)) -> Option<Reference> {
+    let stem = session.path.file_stem()?.to_string_lossy();
+    let path = session.path.parent()?.join("refs").join(format!("{stem}.exr"));
+    if !path.exists() {
+        return None;
+    }
+    let choices = &options.choices;
+    let reason = if !choices.load.defines.is_empty() || choices.sensor != 0 {
+        Err("it is of the scene as its file has it".to_string())
+    } else {
+        read(&path).map_err(|e| e.to_string()).and_then(|r| match misfit(&r.image, session) {
+            Some(why) => Err(why),
+            None => Ok(r),
+        })
+    };
+    reason.map_err(|why| tell(&format!("note: {} is no reference here: {why}", path.display()))).ok()
+}
+
+/// Why an image cannot be compared with those of the session, if so.
+fn misfit(image: &Image, session: &Session) -> Option<String> {
+    let rect = session.camera().film.rect();
+    let (width, height) = (rect.width as usize, rect.height as usize);
+    let (w, h) = (image.width, image.height);
+    let unlike = (w, h) != (width, height);
+    unlike.then(|| format!("expected {width}x{height} pixels as the scene has, found {w}x{h}"))
+}
+
+/// Reads a reference with what is known about its error.
+fn read(path: &Path) -> Result<Reference> {
+    let whole = image::read(path)?;
+    let invalid = image::invalid(&whole);
+    if invalid.any() {
+        return Err(Error::output(format!("expected numbers, found {invalid}")).in_file(path));
+    }
+    let Some(rgb) = whole.rgb_channels() else {
+        let found = whole.channels.join(", ");
+        return Err(Error::output(format!("expected the channels R, G, B or Y, found {found}")).in_file(path));
+    };
+    let names = rgb.map(|c| whole.channels[c].clone());
+    let image = picture(&whole);
+    let floor = match whole.metadata.get("buffon:relmse") {
+        Some(Value::Float(relmse)) => Some(f64::from(*relmse)),
+        _ => variances(&whole, &names, path).map(|v| mean_relative(&v, &image.data)),
+    };
+    let told = |name| whole.metadata.get(name);
+    let made = match (told("samplesPerPixel"), told("buffon:integrator")) {
+        (Some(Value::Int(n)), Some(Value::Text(integrator))) => {
+            format!(", {n} samples per pixel by {integrator}")
+        }
+        _ => String::new(),
+    };
+    Ok(Reference { image, origin: format!("{}{made}", path.display()), floor })
+}
+
+/// The variances of a picture's channels: its layers `variance.*`, else the channels of `<stem>_var.exr`.
+fn variances(whole: &Image, names: &[String; 3], path: &Path) -> Option<Vec<f32>> {
+    if let Some(layer) = whole.select(&names.each_ref().map(|n| format!("variance.{n}"))) {
+        return Some(layer.data);
+    }
+    let stem = path.file_stem()?.to_string_lossy();
+    let beside = image::read(&path.with_file_name(format!("{stem}_var.exr"))).ok()?;
+    let fits =
+        (beside.width, beside.height) == (whole.width, whole.height) && beside.rgb_channels().is_some();
+    fits.then(|| beside.colours())
+}
+
+/// The expected relative squared error of values with these variances.
+fn mean_relative(variances: &[f32], values: &[f32]) -> f64 {
+    let error = |(v, r): (&f32, &f32)| relative_squared(f64::from(r + v.max(0.0).sqrt()), f64::from(*r));
+    variances.iter().zip(values).map(error).sum::<f64>() / values.len() as f64
+}

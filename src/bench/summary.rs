@@ -1,0 +1,123 @@
+//! Medians over runs, and how fast the error falls.
+
+use super::{Measurement, Reference, Row};
+use crate::estimate::convergence::PowerLaw;
+
+/// relMSE against seconds as a power law.
+pub type Slope = PowerLaw;
+
+/// A measured error of less than this many times the reference's own is marked, and not fitted.
+pub(super) const CLEAR_OF_FLOOR: f64 = 10.0;
+
+/// Medians of the runs of one combination with one budget.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Median {
+    /// Wall time of sampling.
+    pub seconds: f64,
+    /// Samples per pixel.
+    pub samples_per_pixel: f64,
+    /// Against the reference.
+    pub relmse: f64,
+    /// The least and the greatest of the runs.
+    pub relmse_range: [f64; 2],
+    /// Without the worst pixels.
+    pub trimmed_relmse: f64,
+    /// Mean squared error.
+    pub mse: f64,
+    /// Millions of rays per second of wall time.
+    pub mrays_per_second: f64,
+    /// 1 / (relMSE · seconds), of the medians.
+    pub efficiency: f64,
+}
+
+impl Median {
+    /// The medians; `None` without a run.
+    pub fn of(runs: &[Measurement]) -> Option<Median> {
+        let of = |value: &dyn Fn(&Measurement) -> f64| median(runs.iter().map(value).collect());
+        let relmse = of(&|m| m.relmse)?;
+        let seconds = of(&|m| m.seconds)?;
+        let fold = |start: f64, pick: fn(f64, f64) -> f64| runs.iter().map(|m| m.relmse).fold(start, pick);
+        Some(Median {
+            seconds,
+            samples_per_pixel: of(&|m| m.samples_per_pixel as f64)?,
+            relmse,
+            relmse_range: [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)],
+            trimmed_relmse: of(&|m| m.trimmed_relmse)?,
+            mse: of(&|m| m.mse)?,
+            mrays_per_second: of(&|m| m.rays_per_second() * 1e-6)?,
+            efficiency: 1.0 / (relmse * seconds),
+        })
+    }
+
+    /// Whether the reference's own error is too near to this one.
+    pub fn is_near_floor(&self, reference: &Reference) -> bool {
+        reference.floor.is_some_and(|floor| self.relmse < CLEAR_OF_FLOOR * floor)
+    }
+}
+
+impl Row {
+    /// By budget: the medians, where there is any run.
+    pub fn medians(&self) -> Vec<Option<Median>> {
+        self.cells.iter().map(|runs| Median::of(runs)).collect()
+    }
+
+    /// The law that relMSE follows over all runs that are clear of the reference's error; `None` of too few.
+    pub fn slope(&self, reference: &Reference) -> Option<Slope> {
+        let limit = reference.floor.map_or(0.0, |floor| CLEAR_OF_FLOOR * floor);
+        let runs = self.cells.iter().flatten().filter(|m| m.relmse >= limit);
+        PowerLaw::fit(runs.map(|m| (m.seconds, m.relmse)))
+    }
+
+    /// Millions of rays per second and thread inside the traversal, over all runs: for nearest hits, for occlusion.
+    /// NaN where there was no such ray.
+    pub fn mrays_per_thread_second(&self) -> [f64; 2] {
+        std::array::from_fn(|i| {
+            let runs = || self.cells.iter().flatten();
+            let seconds = runs().map(|m| m.thread_seconds[i]).sum::<f64>();
+            runs().map(|m| m.rays[i] as f64).sum::<f64>() * 1e-6 / seconds
+        })
+    }
+}
+
+/// The middle one, or the mean of the two in the middle; `None` of none.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    match n {
+        0 => None,
+        _ if n % 2 == 1 => Some(values[n / 2]),
+        _ => Some(f64::midpoint(values[n / 2 - 1], values[n / 2])),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_are_in_the_middle() {
+        assert_eq!(median(vec![]), None);
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), Some(2.5));
+    }
+
+    #[test]
+    fn a_median_is_of_each_figure_by_itself() {
+        let run = |seconds, relmse| Measurement {
+            seed: 0,
+            seconds,
+            samples_per_pixel: 16,
+            relmse,
+            trimmed_relmse: relmse / 2.0,
+            mse: 1.0,
+            relmse_estimate: None,
+            rays: [1_000_000, 3_000_000],
+            thread_seconds: [0.5, 1.0],
+            invalid_samples: 0,
+        };
+        let m = Median::of(&[run(1.0, 0.3), run(2.0, 0.1), run(4.0, 0.2)]).expect("three runs");
+        assert_eq!((m.seconds, m.relmse, m.relmse_range), (2.0, 0.2, [0.1, 0.3]));
+        assert_eq!((m.efficiency, m.mrays_per_second), (2.5, 2.0));
+        assert_eq!(Median::of(&[]), None);
+    }
+}

@@ -1,0 +1,80 @@
+//! The figures as tables.
+
+use super::{Report, Row, SceneReport};
+use crate::report::{Align, Table};
+
+/// All tables as text for a terminal.
+pub fn text(report: &Report) -> String {
+    let mut text = String::new();
+    for scene in &report.scenes {
+        let [width, height] = scene.size;
+        text.push_str(&format!("{} ({width}x{height}): {}\n", scene.name(), reference(scene)));
+        text.push_str(&figures(report, scene).text());
+        text.push('\n');
+    }
+    if report.scenes.iter().any(any_near_floor) {
+        text.push_str(NEAR_FLOOR);
+        text.push('\n');
+    }
+    text
+}
+
+/// What a star means.
+pub(super) const NEAR_FLOOR: &str =
+    "* less than ten times the reference's own relMSE: too near to it to be told apart, and not in the slope";
+
+/// What the scene is compared with, and how good that is.
+pub(super) fn reference(scene: &SceneReport) -> String {
+    let floor = scene.reference.floor.map_or_else(|| "unknown".into(), |f| format!("about {f:.1e}"));
+    format!("the reference is {}; its own relMSE is {floor}", scene.reference.origin)
+}
+
+/// Whether an error is too near to the reference's own.
+pub(super) fn any_near_floor(scene: &SceneReport) -> bool {
+    let medians = scene.rows.iter().flat_map(Row::medians).flatten();
+    medians.into_iter().any(|m| m.is_near_floor(&scene.reference))
+}
+
+/// The figures of a scene: a line for each combination and budget.
+pub(super) fn figures(report: &Report, scene: &SceneReport) -> Table {
+    let left = ["integrator", "sampler", "accel", "budget"].map(|t| (t, Align::Left));
+    let right = ["spp", "seconds", "relMSE", "trimmed", "MSE", "efficiency", "Mray/s", "slope (95 %)"];
+    let mut table = Table::new(left.into_iter().chain(right.map(|t| (t, Align::Right))));
+    for row in &scene.rows {
+        let c = &row.combination;
+        let names = [c.integrator.clone(), c.sampler.to_string(), c.accel.to_string()];
+        if let Some(reason) = &row.failure {
+            table.remark(names, reason);
+            continue;
+        }
+        for (budget, median) in report.options.budgets.iter().zip(row.medians()) {
+            let names = names.iter().cloned().chain([budget.to_string()]);
+            let Some(m) = median else {
+                table.remark(names, "interrupted before it was measured");
+                continue;
+            };
+            let star = if m.is_near_floor(&scene.reference) { "*" } else { "" };
+            let last = report.options.budgets.last() == Some(budget);
+            let slope = if last { slope(row, scene) } else { String::new() };
+            table.row(names.chain([
+                format!("{}", m.samples_per_pixel),
+                format!("{:.3}", m.seconds),
+                format!("{:.3e}{star}", m.relmse),
+                format!("{:.3e}", m.trimmed_relmse),
+                format!("{:.3e}", m.mse),
+                format!("{:.1}", m.efficiency),
+                format!("{:.2}", m.mrays_per_second),
+                slope,
+            ]));
+        }
+    }
+    table
+}
+
+/// The slope with its interval: "−1.02 [−1.10, −0.94]".
+pub(super) fn slope(row: &Row, scene: &SceneReport) -> String {
+    row.slope(&scene.reference).map_or_else(
+        || "–".into(),
+        |law| format!("{:.2} [{:.2}, {:.2}]", law.exponent, law.interval[0], law.interval[1]),
+    )
+}

@@ -1,0 +1,154 @@
+//! `buffon bench`: speed against error.
+
+use super::render::listen;
+use super::values;
+use crate::accel::AccelKind;
+use crate::bench::{self, Budget, Options};
+use crate::error::{Error, Result};
+use crate::image;
+use crate::loader::LoadOptions;
+use crate::render::Progress;
+use crate::sampling::SamplerKind;
+use crate::session::{SceneChoices, default_threads};
+use clap::Args;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// Measure speed against error.
+///
+/// Renders every scene with every combination of integrator, sampler, ray traversal and budget, several times and taking
+/// turns, and compares each image with a reference. Prints a table, and writes index.html (one page that needs nothing
+/// else: plots, pictures, a side-by-side viewer), bench.csv (a line for each render) and bench.json to a folder.
+///
+/// The reference is that of --reference, else refs/NAME.exr beside the scene, else rendered by the path integrator with 32 times
+/// the largest budget and kept in $XDG_CACHE_HOME/buffon or ~/.cache/buffon. Its own error stands beside the figures.
+#[derive(Clone, Debug, Args)]
+pub struct BenchArgs {
+    /// The scene files
+    #[arg(required = true)]
+    pub scenes: Vec<PathBuf>,
+    /// Integrators, separated by commas [default: the scene's]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub integrators: Vec<String>,
+    /// Samplers, separated by commas [default: the scene's]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub samplers: Vec<SamplerKind>,
+    /// Ray traversals, separated by commas [default: all of this build]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub accels: Vec<AccelKind>,
+    /// What each render may take: times (1s,2s,4s) or samples per pixel (16,64,256)
+    #[arg(long, value_name = "LIST", default_value = "1s,2s,4s")]
+    pub budgets: String,
+    /// The image to compare with, of the one scene
+    #[arg(long, value_name = "FILE")]
+    pub reference: Option<PathBuf>,
+    /// The longest that rendering a reference may take, for each scene
+    #[arg(long, value_name = "TIME", default_value = "2m", value_parser = values::duration)]
+    pub reference_time: Duration,
+    /// The folder for page, CSV and JSON
+    #[arg(short, long, value_name = "DIR", default_value = "bench")]
+    pub output: PathBuf,
+    /// How often each render is made, every time with another seed
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub runs: u32,
+    /// Give a default of the scenes another value
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
+    pub define: Vec<(String, String)>,
+    /// Size of the images, instead of the scene's
+    #[arg(long, value_name = "WxH", value_parser = values::size)]
+    pub size: Option<(u32, u32)>,
+    /// Seed of the first run
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads [default: all cores]
+    #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub threads: Option<u32>,
+    /// Which sensor of the scenes, from 0
+    #[arg(short, long, value_name = "N", default_value_t = 0)]
+    pub sensor: usize,
+    /// Folders to look for the scenes' files in, besides their own; several are separated by ';'
+    #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
+    pub search_path: Vec<PathBuf>,
+    /// Say nothing but the table and errors
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// Measures, prints the table and writes the files.
+///
+/// # Errors
+/// If the command line, a scene, the reference or the output is at fault.
+pub fn run(args: &BenchArgs) -> Result<u8> {
+    let options = options(args)?;
+    let files = ["index.html", "bench.csv", "bench.json"].map(|name| args.output.join(name));
+    make_folder(&args.output)?;
+    files.iter().try_for_each(|file| image::check_replaceable(file))?;
+    image::set_threads(options.threads);
+    let progress = Arc::new(Progress::new());
+    let signal = listen(&progress)?;
+    let tell = |line: &str| {
+        if !args.quiet {
+            eprintln!("buffon: {line}");
+        }
+    };
+    let report = bench::run(options, &progress, &tell)?;
+    super::print(&bench::text(&report))?;
+    if !report.scenes.is_empty() {
+        let [page, csv, json] = &files;
+        bench::page(&report)?.write(page)?;
+        image::replace(csv, &bench::csv(&report)?)?;
+        image::replace(json, format!("{:#}\n", bench::json(&report)).as_bytes())?;
+        tell(&format!("wrote {}", page.display()));
+    }
+    match signal.load(Ordering::Relaxed) {
+        0 => Ok(0),
+        signal => Ok(u8::try_from(128 + signal).unwrap_or(1)),
+    }
+}
+
+fn options(args: &BenchArgs) -> Result<Options> {
+    let budgets = Budget::list(&args.budgets).map_err(|e| Error::usage(e).about("--budgets"))?;
+    let mut accels = if args.accels.is_empty() { AccelKind::ALL.to_vec() } else { args.accels.clone() };
+    let (mut integrators, mut samplers) = (args.integrators.clone(), args.samplers.clone());
+    accels = each_once(accels);
+    integrators = each_once(integrators);
+    samplers = each_once(samplers);
+    Ok(Options {
+        scenes: args.scenes.clone(),
+        choices: SceneChoices {
+            load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+            sensor: args.sensor,
+            size: args.size,
+            crop: None,
+        },
+        integrators,
+        samplers,
+        accels,
+        budgets,
+        runs: args.runs,
+        seed: args.seed,
+        threads: args.threads.map_or_else(default_threads, |n| n as usize),
+        reference: args.reference.clone(),
+        reference_time: args.reference_time,
+    })
+}
+
+/// A list without what is there already.
+fn each_once<T: PartialEq>(list: Vec<T>) -> Vec<T> {
+    let mut once = Vec::with_capacity(list.len());
+    for item in list {
+        if !once.contains(&item) {
+            once.push(item);
+        }
+    }
+    once
+}
+
+fn make_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder).map_err(|e| {
+        let reason = std::io::Error::from(e.kind());
+        Error::output(format!("cannot be made: {reason}")).in_file(folder)
+    })
+}
