@@ -121,8 +121,6 @@ fn the_four_faults_are_found() {
                 .replace("value=\"20\"", "value=\"0\""),
         );
         assert!(dark.contains(" blocks rejected (p ") && dark.contains(" is -"), "{dark}");
-        let lost = says(&right.replace("value=\"0.5\"", "value=\"3.4e38\""));
-        assert!(lost.contains(" invalid samples dropped, the first is sample "), "{lost}");
         let reference = format!("refs/{}.exr", name.trim_end_matches(".xml"));
         change(&folder, &reference, SampleFormat::Float, |image| image.pixel_mut(5, 7)[1] = f32::NAN);
         let nan = says(&right);

@@ -41,11 +41,16 @@ pub fn page(report: &Report) -> Result<Page> {
     Ok(page)
 }
 
-/// The most efficient combination of a scene, at its last budget.
+/// Integrators that leave light out: at small budgets their error is small for what it costs, and then it stays.
+const INCOMPLETE: [&str; 2] = ["direct", "whitted"];
+
+/// The most efficient combination of a scene at its last budget, of those that leave no light out if there are any.
 fn winner(scene: &SceneReport) -> Option<String> {
     let last = |row: &Row| row.medians().last().copied().flatten();
-    let mut rows: Vec<(f64, &Row)> =
-        scene.rows.iter().filter_map(|row| Some((last(row)?.efficiency, row))).collect();
+    let complete = |row: &Row| !INCOMPLETE.contains(&row.combination.integrator.as_str());
+    let some_complete = scene.rows.iter().any(|row| row.failure.is_none() && complete(row));
+    let compared = scene.rows.iter().filter(|row| complete(row) || !some_complete);
+    let mut rows: Vec<(f64, &Row)> = compared.filter_map(|row| Some((last(row)?.efficiency, row))).collect();
     rows.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (best, first) = rows.first()?;
     let lead = rows.get(1).map_or_else(String::new, |(second, row)| {

@@ -10,8 +10,7 @@ const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 /// What the page may load: nothing but what it holds. A browser reports any attempt as an error.
-const POLICY: &str =
-    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
+const POLICY: &str = include_str!("policy.txt");
 
 /// A page.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -50,12 +49,12 @@ impl Page {
 
     /// The page.
     pub fn html(&self) -> String {
-        let title = escape(&self.title);
+        let (title, policy) = (escape(&self.title), POLICY.trim_end());
         let mut text = format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta name=\"color-scheme\" content=\"light dark\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
+             <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
              <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n\
              <header>\n<h1>{title}</h1>\n{}",
             self.lead.as_str()
