@@ -189,4 +189,11 @@ fn adaptive_sampling_works_with_every_rule_and_is_refused_where_it_cannot() {
     let expected =
         "--adaptive: ptracer traces its paths from the lights, and cannot decide which pixels they reach";
     assert!(run.stderr.contains(expected), "{}", run.stderr);
+    for sampler in ["zsobol", "fixed"] {
+        let run = folder.run(&format!("render s.xml --adaptive --sampler {sampler}"));
+        assert_eq!(run.code, 2);
+        let expected =
+            format!("--adaptive: the sampler {sampler} makes a pixel's samples depend on its neighbours'");
+        assert!(run.stderr.contains(&expected), "{}", run.stderr);
+    }
 }

@@ -55,6 +55,12 @@ impl Session {
         let sampler = Sampler::new(kind, stop.samples);
         let layers = choose_layers(&choices.aov, &integrator)?;
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
+        if choices.adaptive && !kind.has_independent_pixels() {
+            return Err(Error::usage(format!(
+                "--adaptive: the sampler {kind} makes a pixel's samples depend on its neighbours', which decide how many \
+                 it gets: the picture would be biased"
+            )));
+        }
         let created = integrator::create(&integrator);
         if choices.adaptive && created.light_tracer().is_some() {
             return Err(Error::usage(format!(

@@ -50,6 +50,11 @@ impl SamplerKind {
         }
     }
 
+    /// Whether the samples of a pixel say nothing of those of other pixels.
+    pub fn has_independent_pixels(self) -> bool {
+        !matches!(self, SamplerKind::Zsobol | SamplerKind::Fixed)
+    }
+
     /// What to know about this sampler at that many samples per pixel (`None` where no rule says how many), if it would do
     /// better with another number.
     pub fn advice(self, samples_per_pixel: Option<u64>) -> Option<String> {
