@@ -119,6 +119,11 @@ fn mark(held: bool) -> &'static str {
     if held { "held:   " } else { "refuted:" }
 }
 
+/// Whether the exponent of a law may be `expected`: within a tolerance, or within its interval.
+pub fn may_be(law: PowerLaw, expected: f64, tolerance: f64) -> bool {
+    (law.exponent - expected).abs() <= tolerance || (law.interval[0]..=law.interval[1]).contains(&expected)
+}
+
 /// `-0.501 [-0.503, -0.499]`; a dash where there is no law.
 pub fn slope(law: Option<PowerLaw>) -> String {
     law.map_or_else(

@@ -35,13 +35,14 @@ pub fn run(options: &Options) -> Result<Found> {
         ("100 paths", Align::Right),
         ("ratio", Align::Right),
     ]);
-    let mut ratios = Vec::new();
+    let (mut ratios, mut hundred) = (Vec::new(), Vec::new());
     for sampler in [SamplerKind::Independent, SamplerKind::Sobol] {
         let [few, many] = PATHS.map(|spp| studio.noise(&integrator, Sampling::new(sampler, spp), pairs));
         let (few, many) = (few?, many?);
         let ratio = ratio(few, many);
         table.row([sampler.to_string(), plus_minus(few), plus_minus(many), plus_minus(ratio)]);
         ratios.push(ratio);
+        hundred.push(many);
     }
     let [few, many] =
         PATHS.map(|spp| studio.shoot(&integrator, Sampling::new(SamplerKind::Independent, spp), 0));
@@ -63,9 +64,9 @@ pub fn run(options: &Options) -> Result<Found> {
             about(ratios[0], expected),
         ),
         Finding::new(
-            "Stratified samples (Sobol) gain more from the same hundred paths.",
-            format!("ratio of RMS errors {}", plus_minus(ratios[1])),
-            ratios[1].value > ratios[0].value,
+            "Stratified samples (Sobol) make more of the same hundred paths than independent ones.",
+            format!("RMS errors {} and {}", plus_minus(hundred[1]), plus_minus(hundred[0])),
+            hundred[1].value < hundred[0].value,
         ),
     ];
     let evidence = vec![
