@@ -83,7 +83,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
 #[test]
 fn options_that_cannot_be_read_are_usage_errors() {
     let folder = Folder::new();
-    let accels = if cfg!(feature = "embree") { "`embree` or `obvhs`" } else { "`obvhs`" };
+    let accels = if cfg!(feature = "embree") { "`auto` or `embree` or `obvhs`" } else { "`auto` or `obvhs`" };
     let accel_sentence = format!("invalid value 'bvh' for '--accel <NAME>': expected {accels}, found `bvh`");
     for (arguments, sentence) in [
         ("render s.xml --bogus", "unexpected argument '--bogus' found"),

@@ -167,7 +167,7 @@ fn direct_light_is_the_same_by_every_technique() {
         let paths = render(&scene, &path(Some(2)), sampler, 1024, 4);
         for (emitter_samples, bsdf_samples) in techniques {
             let settings = DirectSettings { emitter_samples, bsdf_samples, hide_emitters: false };
-            let rendered = render(&scene, &Settings::Direct(settings), sampler, 1024, 5);
+            let rendered = render(&scene, &Settings::Direct(settings), sampler, 2048, 5);
             group.expect_same(&format!("{settings:?}, {sampler}, {accel}"), &rendered, &paths);
         }
     }

@@ -192,11 +192,17 @@ pub fn build(kind: AccelKind, assembly: impl Into<Assembly>, threads: usize, rob
     let mut assembly = assembly.into();
     let checked = assembly.check()?;
     let dropped = checked.dropped;
-    let accel = build_checked(kind, assembly, &checked, threads, robust)?;
+    let list = if kind == AccelKind::Auto { list::List::new(&assembly, &checked) } else { None };
+    let accel: Box<dyn Accel> = match (list, kind) {
+        (Some(list), _) => Box::new(list),
+        (None, AccelKind::Auto) => tree(AccelKind::ALL[0], assembly, &checked, threads, robust)?,
+        (None, kind) => tree(kind, assembly, &checked, threads, robust)?,
+    };
     Ok(Built { accel, dropped })
 }
 
-fn build_checked(
+/// Embree's, or that of the pure-Rust BVH for any other kind.
+fn tree(
     kind: AccelKind,
     assembly: Assembly,
     checked: &assembly::Checked,
@@ -204,13 +210,12 @@ fn build_checked(
     robust: bool,
 ) -> Result<Box<dyn Accel>> {
     Ok(match kind {
-        AccelKind::Auto => match list::List::new(&assembly, checked) {
-            Some(list) => Box::new(list),
-            None => build_checked(AccelKind::ALL[0], assembly, checked, threads, robust)?,
-        },
         #[cfg(feature = "embree")]
         AccelKind::Embree => Box::new(embree::EmbreeAccel::new(assembly, checked, threads, robust)?),
-        AccelKind::Obvhs => Box::new(bvh::Bvh::new(assembly, checked, threads)?),
+        _ => {
+            let _ = robust;
+            Box::new(bvh::Bvh::new(assembly, checked, threads)?)
+        }
     })
 }
 
