@@ -27,7 +27,7 @@ const FAILED: u8 = 1;
 /// their means (2 %). NaN, other sizes or channels, and dropped samples always fail.
 ///
 /// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor, or
-/// whose root is not <scene> are left out, and so are folders named refs. Of several sensors the first is rendered, in
+/// whose root is not `scene` are left out, and so are folders named refs. Of several sensors the first is rendered, in
 /// linear RGB.
 #[derive(Clone, Debug, Args)]
 #[command(
