@@ -27,7 +27,7 @@ use crate::film::PixelFormat;
 use crate::image::Image;
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
-use crate::session::{Choices, SceneChoices, SceneFile};
+use crate::session::{Choices, SceneChoices, SceneFile, Session};
 use measure::Candidate;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -182,12 +182,17 @@ fn bench_scene(
     file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
     file.notes.iter().for_each(|note| tell(&format!("note: {note}")));
     let key = cache::key(&mut file);
-    let sessions: Vec<_> = options
+    let mut sessions: Vec<_> = options
         .accels
         .iter()
         .map(|&accel| (accel, file.clone().compile(accel, options.threads).map_err(|e| e.to_string())))
         .collect();
     drop(file);
+    // Where `auto` is one of the trees, which stand beside it, it says nothing new.
+    let is_tree = |s: &Session| s.scene.accel.name() != "list";
+    if sessions.iter().any(|(accel, _)| *accel != AccelKind::Auto) {
+        sessions.retain(|(accel, s)| *accel != AccelKind::Auto || !s.as_ref().is_ok_and(is_tree));
+    }
     let mut candidates = Vec::new();
     for integrator in some_or_default(&options.integrators) {
         for sampler in some_or_default(&options.samplers) {
