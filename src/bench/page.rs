@@ -107,7 +107,7 @@ fn styled(scene: &SceneReport) -> Vec<(usize, &Row)> {
 
 /// relMSE against seconds.
 fn convergence(report: &Report, scene: &SceneReport) -> Plot {
-    let first_accel = report.options.accels.first();
+    let accels = &report.options.accels;
     let mut series = Vec::new();
     for (style, row) in styled(scene) {
         let mut points: Vec<Point> = row
@@ -124,7 +124,8 @@ fn convergence(report: &Report, scene: &SceneReport) -> Plot {
             })
             .collect();
         points.sort_by(|a, b| a.x.total_cmp(&b.x));
-        let line = if first_accel == Some(&row.combination.accel) { Line::Solid } else { Line::Dashed };
+        let place = accels.iter().position(|accel| *accel == row.combination.accel);
+        let line = [Line::Solid, Line::Dashed, Line::Dotted][place.unwrap_or(0).min(2)];
         series.push(Series { name: label(&row.combination), points, style, line });
     }
     // The law of independent samples, through the first point of all.

@@ -52,6 +52,8 @@ pub enum Line {
     Solid,
     /// A dashed line.
     Dashed,
+    /// A dotted line.
+    Dotted,
     /// Not at all.
     None,
     /// A thin line without markers: a law to compare with. Its points do not widen the axes.
@@ -256,6 +258,7 @@ fn class(series: &Series) -> String {
     let line = match series.line {
         Line::Solid | Line::None => "",
         Line::Dashed => " dashed",
+        Line::Dotted => " dotted",
         Line::Guide => return "guide".into(),
     };
     format!("s{}{line}", series.style % COLOURS)
