@@ -9,6 +9,7 @@ pub mod depth;
 pub mod direct;
 pub mod distribution;
 pub mod emission;
+pub mod irrcache;
 pub mod lighting;
 pub mod path;
 pub mod preparation;
@@ -21,6 +22,7 @@ pub mod worker;
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
+pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
 pub use preparation::{Fact, Preparation};
 pub use ptracer::{Ptracer, Splat};
@@ -143,6 +145,7 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
         Settings::Distribution(distribution) => Box::new(DistributionIntegrator::new(*distribution)),
         Settings::Depth => Box::new(DepthIntegrator),
         Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
+        Settings::Irrcache(irrcache) => Box::new(IrradianceCache::new(irrcache)),
         Settings::Aov { image: Some(image), .. } => create(image),
         Settings::Aov { image: None, .. } => Box::new(aov::NoImage),
     }
