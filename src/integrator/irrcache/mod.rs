@@ -25,34 +25,23 @@ pub mod weight;
 use super::settings::{IrrcacheSettings, PathSettings, Settings};
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create};
 use crate::error::Result;
-use crate::math::Bounds;
+use crate::math::{Bounds, Vec3};
 use crate::scene::Scene;
 use interpolation::Interpolation;
+use overture::Level;
 use record::Record;
+use shading::CachedPath;
 
 /// Interpolates the indirect light of diffuse surfaces.
 pub struct IrradianceCache {
     settings: IrrcacheSettings,
-    /// What the lengths of paths may be, and which emitters are seen.
-    path: PathSettings,
-    /// Traces what records gather; its paths begin one surface later than the camera's.
+    /// Traces what coarse records gather; its paths begin two surfaces later than the camera's.
     child: Box<dyn Integrator>,
-    /// A cache for each half of the samples.
-    caches: [Cache; 2],
+    /// Renders with the fine caches.
+    fine: CachedPath,
+    /// The records of the fine caches.
+    records: [Vec<Record>; 2],
     facts: Vec<Fact>,
-}
-
-/// The records of one half.
-struct Cache {
-    records: Vec<Record>,
-    interpolation: Interpolation,
-}
-
-impl Cache {
-    fn new(records: Vec<Record>, bounds: Bounds, scale: f32) -> Self {
-        let interpolation = Interpolation::new(&records, bounds, scale);
-        Cache { records, interpolation }
-    }
 }
 
 impl IrradianceCache {
@@ -63,26 +52,34 @@ impl IrradianceCache {
             _ => PathSettings::default(),
         };
         let gathered = match settings.child.as_ref() {
-            Settings::Path(path) => Settings::Path(PathSettings {
-                max_depth: path.max_depth.map(|depth| depth.saturating_sub(1)),
-                hide_emitters: false,
-                ..*path
-            }),
+            Settings::Path(path) => Settings::Path(from_surface(path, 2)),
             other => other.clone(),
         };
-        let nowhere = Bounds { min: crate::math::Vec3::ZERO, max: crate::math::Vec3::ONE };
+        let fine = CachedPath { caches: empty(), path, only_cached: settings.indirect_only };
         IrradianceCache {
             settings: settings.clone(),
-            path,
             child: create(&gathered),
-            caches: [(); 2].map(|()| Cache::new(Vec::new(), nowhere, 1.0)),
+            fine,
+            records: Default::default(),
             facts: Vec::new(),
         }
     }
 
     /// The records of each half.
     pub fn records(&self) -> [&[Record]; 2] {
-        [&self.caches[0].records, &self.caches[1].records]
+        [&self.records[0], &self.records[1]]
+    }
+
+    /// The cache that the gathering rays of the fine one look light up in.
+    fn coarse(&self, preparation: &Preparation<'_>) -> (CachedPath, usize) {
+        let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
+        let records = [0, 1]
+            .map(|half| overture::run(preparation, &settings, self.child.as_ref(), half, Level::Coarse));
+        let count = records.iter().map(Vec::len).sum();
+        let bounds = preparation.scene.bounds;
+        let caches = records.map(|records| Interpolation::new(&records, bounds, 1.0));
+        let path = from_surface(&self.fine.path, 1);
+        (CachedPath { caches, path, only_cached: false }, count)
     }
 }
 
@@ -92,22 +89,24 @@ impl Integrator for IrradianceCache {
     }
 
     fn shows_environment(&self) -> bool {
-        !self.path.hide_emitters
+        !self.fine.path.hide_emitters
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         self.child.prepare(preparation)?;
         let bounds = preparation.scene.bounds;
-        let records = [0, 1].map(|half| match self.settings.overture {
-            true => overture::run(preparation, &self.settings, self.child.as_ref(), half),
+        let (coarse, coarse_count) = self.coarse(preparation);
+        self.records = [0, 1].map(|half| match self.settings.overture {
+            true => overture::run(preparation, &self.settings, &coarse, half, Level::Fine),
             false => Vec::new(),
         });
         let scale = 1.0 / self.settings.quality_adjustment;
-        self.caches = records.map(|records| Cache::new(records, bounds, scale));
-        let count = self.caches.iter().map(|cache| cache.records.len()).sum::<usize>();
-        let bytes = self.caches.iter().map(|cache| cache.interpolation.memory_bytes()).sum::<usize>();
+        self.fine.caches = [0, 1].map(|half: usize| Interpolation::new(&self.records[half], bounds, scale));
+        let count = self.records.iter().map(Vec::len).sum::<usize>();
+        let bytes = self.fine.caches.iter().map(Interpolation::memory_bytes).sum::<usize>();
         self.facts = vec![
             Fact { name: "irradiance_records", value: count as f64 },
+            Fact { name: "irradiance_records_coarse", value: coarse_count as f64 },
             Fact { name: "irradiance_cache_bytes", value: bytes as f64 },
         ];
         self.facts.extend(self.child.facts());
@@ -126,6 +125,20 @@ impl Integrator for IrradianceCache {
         worker: &mut Worker,
         out: &mut [Radiance],
     ) {
-        shading::li(self, scene, wave, query, worker, out);
+        self.fine.li(scene, wave, query, worker, out);
     }
+}
+
+/// Quality of the coarse caches, as a share of that of the fine ones: what they miss is averaged over hemispheres.
+const COARSE: f32 = 0.5;
+
+/// The settings of paths that begin so many surfaces later than the camera's.
+fn from_surface(path: &PathSettings, surfaces: u32) -> PathSettings {
+    let max_depth = path.max_depth.map(|depth| depth.saturating_sub(surfaces));
+    PathSettings { max_depth, hide_emitters: false, ..*path }
+}
+
+fn empty() -> [Interpolation; 2] {
+    let nowhere = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+    [(); 2].map(|()| Interpolation::new(&[], nowhere, 1.0))
 }

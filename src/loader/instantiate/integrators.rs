@@ -4,7 +4,8 @@ use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
+    WhittedSettings,
 };
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
