@@ -18,7 +18,7 @@ const WAVE: usize = 2048;
 /// The share of the mean distance of surfaces that a record counts for at quality 1.
 const TOLERANCE: f32 = 0.25;
 /// Bounds of a record's radius in pixels. [Tabellion and Lamorlette 2004]
-const PIXELS: [f32; 2] = [1.5, 40.0];
+const PIXELS: [f32; 2] = [4.0, 40.0];
 /// The same for coarse records.
 const COARSE_PIXELS: [f32; 2] = [8.0, 80.0];
 

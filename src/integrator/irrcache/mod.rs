@@ -55,7 +55,7 @@ impl IrradianceCache {
             Settings::Path(path) => Settings::Path(from_surface(path, 2)),
             other => other.clone(),
         };
-        let fine = CachedPath { caches: empty(), path, only_cached: settings.indirect_only };
+        let fine = CachedPath { caches: empty(), path, only_cached: settings.indirect_only, far_only: false };
         IrradianceCache {
             settings: settings.clone(),
             child: create(&gathered),
@@ -79,7 +79,7 @@ impl IrradianceCache {
         let bounds = preparation.scene.bounds;
         let caches = records.map(|records| Interpolation::new(&records, bounds, 1.0));
         let path = from_surface(&self.fine.path, 1);
-        (CachedPath { caches, path, only_cached: false }, count)
+        (CachedPath { caches, path, only_cached: false, far_only: true }, count)
     }
 }
 

@@ -28,11 +28,28 @@ pub struct CachedPath {
     pub path: PathSettings,
     /// Whether only what the caches serve is shown.
     pub only_cached: bool,
+    /// Whether surfaces nearer to the rays' origins than their records are spread are not served.
+    pub far_only: bool,
+}
+
+impl CachedPath {
+    /// The cached irradiance of lane `i`.
+    #[inline]
+    fn irradiance(&self, block: &Block<'_>, i: usize, half: usize, n: Vec3, facing: Vec3) -> Option<Rgb> {
+        let (cache, p) = (&self.caches[half], block.at.p.lane(i));
+        match self.far_only {
+            true => {
+                let distance = block.at.hit[i].t * block.rays.d.lane(i).length();
+                cache.irradiance_from(distance, p, n, facing)
+            }
+            false => cache.irradiance(p, n, facing),
+        }
+    }
 }
 
 /// What every path of a bounce has in common.
 struct Bounce<'a> {
-    caches: &'a [Interpolation; 2],
+    cached: &'a CachedPath,
     scene: &'a Scene,
     /// Scattering events so far.
     depth: u32,
@@ -66,7 +83,7 @@ impl Integrator for CachedPath {
         out: &mut [Radiance],
     ) {
         out.fill(Radiance::NONE);
-        let CachedPath { caches, path, only_cached } = self;
+        let CachedPath { path, only_cached, .. } = self;
         let allows = |edges: u32| path.max_depth.is_none_or(|max| edges <= max);
         let wants = |edges: u32| query.wants(edges) && !only_cached;
         let spread = scene.lights.iter().all(|light| light.is_sampled_by_solid_angle());
@@ -83,7 +100,7 @@ impl Integrator for CachedPath {
                 first_hits(scene, path.hide_emitters, worker, out);
             }
             let bounce = Bounce {
-                caches,
+                cached: self,
                 scene,
                 depth,
                 next_event: scene.needs.emitter_sampling && allows(depth + 2) && wants(depth + 2),
@@ -221,7 +238,7 @@ impl Bounce<'_> {
             }
             let n = block.at.frame.n.lane(i);
             let half = paths.keys[block.first + i].half();
-            let known = self.caches[half].irradiance(block.at.p.lane(i), n, n);
+            let known = self.cached.irradiance(block, i, half, n, n);
             if let Some(irradiance) = known {
                 out[slot].value += paths.beta(block.first + i) * factor * irradiance;
                 served |= 1 << i;
@@ -333,7 +350,7 @@ impl Bounce<'_> {
             let n = frame.n * 1f32.copysign(wo.z);
             let facing = frame.to_world(diffuse.receiving_normal(wo));
             let half = paths.keys[block.first + i].half();
-            let known = self.caches[half].irradiance(block.at.p.lane(i), n, facing);
+            let known = self.cached.irradiance(block, i, half, n, facing);
             let Some(irradiance) = known else { return traced };
             let slot = paths.slots[block.first + i] as usize;
             let value = paths.beta(block.first + i) * diffuse.radiance_per_irradiance(wo) * irradiance;
