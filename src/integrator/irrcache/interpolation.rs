@@ -109,6 +109,18 @@ impl Interpolation {
         (weights > 0.0).then(|| mean(light, weights))
     }
 
+    /// The mean radius of the records that reach the point, by their weights; zero where none does.
+    pub fn radius(&self, p: Vec3, n: Vec3) -> f32 {
+        let Sum { weights, radii, .. } = self.sum(p, n, n);
+        if weights > 0.0 { radii / weights } else { 0.0 }
+    }
+
+    /// The distance of the nearest record among those that may reach the point; infinite where there is none.
+    pub fn nearest(&self, p: Vec3) -> f32 {
+        let distance = |i: &u32| (self.changes[*i as usize].p - p).length();
+        self.tree.near(p).iter().map(distance).fold(f32::INFINITY, f32::min)
+    }
+
     #[inline(always)]
     fn sum(&self, p: Vec3, n: Vec3, facing: Vec3) -> Sum {
         let [first, end] = self.leaves[self.tree.leaf(p)];

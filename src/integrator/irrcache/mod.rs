@@ -12,6 +12,7 @@
 //! Each half of the image's samples has a cache of its own, so that the halves' difference knows the caches' noise. What
 //! interpolation smooths away, both miss alike: that is the bias, and it is what `quality` is for.
 
+mod file;
 mod gathering;
 pub mod hemisphere;
 pub mod interpolation;
@@ -22,11 +23,15 @@ pub mod record;
 mod shading;
 pub mod weight;
 
-use super::settings::{IrrcacheSettings, PathSettings, Settings};
+use super::settings::{Aov, IrrcacheSettings, PathSettings, Settings};
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create};
-use crate::error::Result;
-use crate::math::{Bounds, Vec3};
+use crate::accel::Hit;
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::math::{Bounds, Ray, Vec2, Vec3};
+use crate::sampling::SampleKey;
 use crate::scene::Scene;
+use file::Kept;
 use interpolation::Interpolation;
 use overture::Level;
 use record::Record;
@@ -41,6 +46,8 @@ pub struct IrradianceCache {
     fine: CachedPath,
     /// The records of the fine caches.
     records: [Vec<Record>; 2],
+    /// Size of a pixel where camera rays begin, and how much it grows per unit of length.
+    pixel: [f32; 2],
     facts: Vec<Fact>,
 }
 
@@ -61,6 +68,7 @@ impl IrradianceCache {
             child: create(&gathered),
             fine,
             records: Default::default(),
+            pixel: [0.0; 2],
             facts: Vec::new(),
         }
     }
@@ -70,16 +78,61 @@ impl IrradianceCache {
         [&self.records[0], &self.records[1]]
     }
 
-    /// The cache that the gathering rays of the fine one look light up in.
-    fn coarse(&self, preparation: &Preparation<'_>) -> (CachedPath, usize) {
-        let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
-        let records = [0, 1]
-            .map(|half| overture::run(preparation, &settings, self.child.as_ref(), half, Level::Coarse));
-        let count = records.iter().map(Vec::len).sum();
+    /// Draws a dot over the image wherever the rays meet a record's place.
+    fn draw_records(&self, scene: &Scene, wave: Wave<'_>, worker: &mut Worker, out: &mut [Radiance]) {
+        worker.intersect(scene, wave.rays, wave.coherence);
+        for (i, hit) in worker.hits.iter().enumerate() {
+            let Some(hit) = hit else { continue };
+            let ray = &wave.rays[i];
+            let at = scene.interaction(ray, hit);
+            let dot = DOT * (self.pixel[0] + self.pixel[1] * hit.t * ray.d.length());
+            let half = wave.keys[i].half();
+            if self.fine.caches[half].nearest(at.p) <= dot {
+                out[i].value = DOT_COLOUR;
+            }
+        }
+    }
+
+    /// What records depend on, but for the scene.
+    fn origin(&self) -> u64 {
+        let IrrcacheSettings { resolution, quality, gradients, clamp_neighbor, clamp_screen, child, .. } =
+            &self.settings;
+        let text = format!("{resolution} {quality} {gradients} {clamp_neighbor} {clamp_screen} {child:?}");
+        file::checksum(text.as_bytes())
+    }
+
+    /// What the file has, or nothing yet.
+    fn kept(&self, preparation: &Preparation<'_>) -> Result<Kept> {
+        match &preparation.cache {
+            Some(file) if file.path.exists() => file::load_for(&file.path, file.scene, self.origin()),
+            Some(file) => Ok(Kept { scene: file.scene, settings: self.origin(), ..Kept::default() }),
+            None if self.settings.overture => Ok(Kept::default()),
+            None => Err(Error::scene(
+                "irrcache: without an overture the records must come from a file: expected --cache FILE",
+            )),
+        }
+    }
+
+    /// Adds the records that the view needs, the coarse ones first: the hemispheres of the fine ones look light up in them.
+    fn extend(&self, kept: &mut Kept, preparation: &Preparation<'_>) {
         let bounds = preparation.scene.bounds;
-        let caches = records.map(|records| Interpolation::new(&records, bounds, 1.0));
+        let [fine_a, fine_b, coarse_a, coarse_b] = std::mem::take(&mut kept.records);
+        let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
+        let mut half = 0;
+        let coarse = [coarse_a, coarse_b].map(|records| {
+            half += 1;
+            overture::run(preparation, &settings, self.child.as_ref(), half - 1, Level::Coarse, records)
+        });
+        let caches = [0, 1].map(|half: usize| Interpolation::new(&coarse[half], bounds, 1.0));
         let path = from_surface(&self.fine.path, 1);
-        (CachedPath { caches, path, only_cached: false, far_only: true }, count)
+        let traced = CachedPath { caches, path, only_cached: false, far_only: true };
+        let mut half = 0;
+        let [fine_a, fine_b] = [fine_a, fine_b].map(|records| {
+            half += 1;
+            overture::run(preparation, &self.settings, &traced, half - 1, Level::Fine, records)
+        });
+        let [coarse_a, coarse_b] = coarse;
+        kept.records = [fine_a, fine_b, coarse_a, coarse_b];
     }
 }
 
@@ -94,12 +147,23 @@ impl Integrator for IrradianceCache {
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         self.child.prepare(preparation)?;
+        let (camera, film) = (preparation.camera, preparation.camera.film);
+        let centre = Vec2::new(film.width as f32, film.height as f32) * 0.5;
+        let [a, b] = [centre, centre + Vec2::X].map(|p| camera.ray(p, Vec2::splat(0.5), 0.0));
+        self.pixel = [(b.o - a.o).length(), (b.d - a.d).length()];
+        let mut kept = self.kept(preparation)?;
+        let view = preparation.cache.as_ref().map_or(0, |file| file.view);
+        if self.settings.overture && !kept.views.contains(&view) {
+            self.extend(&mut kept, preparation);
+            kept.views.push(view);
+            if let Some(file) = preparation.cache.as_ref().filter(|_| !(preparation.interrupted)()) {
+                file::save(&file.path, &kept)?;
+            }
+        }
+        let [fine_a, fine_b, coarse_a, coarse_b] = kept.records;
+        self.records = [fine_a, fine_b];
+        let coarse_count = coarse_a.len() + coarse_b.len();
         let bounds = preparation.scene.bounds;
-        let (coarse, coarse_count) = self.coarse(preparation);
-        self.records = [0, 1].map(|half| match self.settings.overture {
-            true => overture::run(preparation, &self.settings, &coarse, half, Level::Fine),
-            false => Vec::new(),
-        });
         let scale = 1.0 / self.settings.quality_adjustment;
         self.fine.caches = [0, 1].map(|half: usize| Interpolation::new(&self.records[half], bounds, scale));
         let count = self.records.iter().map(Vec::len).sum::<usize>();
@@ -117,6 +181,28 @@ impl Integrator for IrradianceCache {
         self.facts.clone()
     }
 
+    fn keeps_caches(&self) -> bool {
+        true
+    }
+
+    fn layer(
+        &self,
+        layer: Aov,
+        scene: &Scene,
+        ray: &Ray,
+        key: SampleKey,
+        hit: Option<&Hit>,
+        out: &mut [f32],
+    ) {
+        match (layer, hit) {
+            (Aov::RecordRadius, Some(hit)) => {
+                let at = scene.interaction(ray, hit);
+                out[0] = self.fine.caches[key.half()].radius(at.p, at.frame.n);
+            }
+            _ => layer.evaluate(scene, ray, hit, out),
+        }
+    }
+
     fn li(
         &self,
         scene: &Scene,
@@ -126,9 +212,16 @@ impl Integrator for IrradianceCache {
         out: &mut [Radiance],
     ) {
         self.fine.li(scene, wave, query, worker, out);
+        if self.settings.debug {
+            self.draw_records(scene, wave, worker, out);
+        }
     }
 }
 
+/// Radius of a record's dot in pixels.
+const DOT: f32 = 1.0;
+/// Colour of a record's dot: the customary yellow.
+const DOT_COLOUR: Rgb = Rgb::new(1.0, 0.9, 0.0);
 /// Quality of the coarse caches, as a share of that of the fine ones: what they miss is averaged over hemispheres.
 const COARSE: f32 = 0.5;
 

@@ -37,13 +37,14 @@ impl Level {
     }
 }
 
-/// Fills a cache for one half of the samples, and returns its records.
+/// Adds what the view needs to the known records of a cache for one half of the samples, and returns all.
 pub fn run(
     preparation: &Preparation<'_>,
     settings: &IrrcacheSettings,
     child: &dyn Integrator,
     half: usize,
     level: Level,
+    known: Vec<Record>,
 ) -> Vec<Record> {
     let Preparation { scene, pool, seed, sampler, .. } = *preparation;
     let seed =
@@ -54,8 +55,8 @@ pub fn run(
         preparation,
         gathering,
         workers,
-        records: Vec::new(),
-        tree: Octree::new(scene.bounds, 1.0),
+        tree: Octree::of(&known, scene.bounds, 1.0),
+        records: known,
         clamp: settings.clamp_neighbor,
     };
     pool.install(|| {
