@@ -3,24 +3,24 @@
 use super::hemisphere::{Hemisphere, Strata};
 use super::overture::Level;
 use super::places::Place;
-use super::record::{Record, Spacing, Tolerance};
+use super::record::{Record, Spacing};
 use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::integrator::settings::IrrcacheSettings;
 use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
-use crate::math::{Frame, Ray};
+use crate::math::{Frame, Ray, Vec3};
 use crate::sampling::SampleKey;
 use crate::sampling::hash::combine;
 use crate::scene::Scene;
 
 /// About how many rays make a wave.
 const WAVE: usize = 2048;
-/// What bounds a record's radius at quality 1.
-const TOLERANCE: Tolerance = Tolerance { distance: 0.25, change: 0.06 };
+/// Tolerance of the radii at quality 1. [`Spacing`]
+const TOLERANCE: f32 = 0.8;
 /// Bounds of a record's radius in pixels. [Tabellion and Lamorlette 2004]
 const PIXELS: [f32; 2] = [4.0, 40.0];
 /// The same for coarse records.
-const COARSE_PIXELS: [f32; 2] = [4.0, 80.0];
+const COARSE_PIXELS: [f32; 2] = [8.0, 80.0];
 
 /// All light but what is emitted towards the point and caustics.
 const GATHERED: RadianceQuery =
@@ -49,11 +49,13 @@ impl Gathering<'_> {
     pub fn records(&self, places: &[Place], first: usize, worker: &mut Worker) -> Vec<Record> {
         let strata = Strata::new(self.settings.resolution);
         let mut rays: Vec<Ray> = Vec::with_capacity(places.len() * strata.cells());
+        let mut directions: Vec<Vec3> = Vec::with_capacity(rays.capacity());
         let mut keys: Vec<SampleKey> = Vec::with_capacity(rays.capacity());
         for (i, place) in places.iter().enumerate() {
             let scramble = combine(self.seed, (first + i) as u32);
             let frame = Frame::from_normal(place.n);
-            rays.extend(strata.directions(scramble).map(|d| place.ray(&frame, d)));
+            directions.extend(strata.directions(scramble));
+            rays.extend(directions[rays.len()..].iter().map(|d| place.ray(&frame, *d)));
             let key = |index| SampleKey { scramble, index }.in_half(self.half as u32);
             keys.extend((0..strata.cells() as u32).map(key));
         }
@@ -61,23 +63,24 @@ impl Gathering<'_> {
         let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Incoherent };
         self.child.li(self.scene, wave, GATHERED, worker, &mut found);
         worker.counters.paths += rays.len() as u64;
-        let cells = found.chunks_exact(strata.cells());
-        places.iter().zip(cells).map(|(place, found)| self.record(strata, place, found)).collect()
+        let cells = directions.chunks_exact(strata.cells()).zip(found.chunks_exact(strata.cells()));
+        let record = |(place, (directions, found))| self.record(strata, place, directions, found);
+        places.iter().zip(cells).map(record).collect()
     }
 
-    fn record(&self, strata: Strata, place: &Place, found: &[Radiance]) -> Record {
+    fn record(&self, strata: Strata, place: &Place, directions: &[Vec3], found: &[Radiance]) -> Record {
         let valid = |r: &Radiance| if r.value.is_valid() { r.value } else { Rgb::BLACK };
         let radiance: Vec<Rgb> = found.iter().map(valid).collect();
         let distance: Vec<f32> = found.iter().map(|r| r.distance).collect();
         let frame = Frame::from_normal(place.n);
-        let hemisphere = Hemisphere { strata, frame, radiance: &radiance, distance: &distance };
-        let tolerance = TOLERANCE.scaled(1.0 / self.settings.quality);
-        let size = self.scene.bounds.max - self.scene.bounds.min;
+        let hemisphere = Hemisphere { strata, frame, directions, radiance: &radiance, distance: &distance };
+        let pixel = place.pixel;
         let pixels = if self.level == Level::Coarse { COARSE_PIXELS } else { PIXELS };
-        let spacing = match self.settings.clamp_screen {
-            true => Spacing { min: pixels[0] * place.pixel, max: pixels[1] * place.pixel },
-            false => Spacing { min: 0.0, max: size.length() },
+        let [min, max] = match self.settings.clamp_screen {
+            true => pixels.map(|size| size * pixel),
+            false => [0.0, (self.scene.bounds.max - self.scene.bounds.min).length()],
         };
-        Record::new(place.p, &hemisphere, tolerance, self.settings.gradients, spacing)
+        let spacing = Spacing { tolerance: TOLERANCE / self.settings.quality, pixel, min, max };
+        Record::new(place.p, &hemisphere, self.settings.gradients, spacing)
     }
 }

@@ -80,6 +80,8 @@ pub struct Hemisphere<'a> {
     pub strata: Strata,
     /// The surface's frame.
     pub frame: Frame,
+    /// Direction in each cell, in that frame.
+    pub directions: &'a [Vec3],
     /// Radiance from each cell.
     pub radiance: &'a [Rgb],
     /// Distance of what is seen in each cell, infinite where there is nothing.
@@ -183,9 +185,10 @@ mod tests {
     fn hemisphere<T>(view: View, o: Vec3, n: Vec3, scramble: u32, f: impl FnOnce(&Hemisphere<'_>) -> T) -> T {
         let strata = Strata::new(64);
         let frame = Frame::from_normal(n);
-        let seen = strata.directions(scramble).map(|d| view(o, frame.to_world(d)));
+        let directions: Vec<Vec3> = strata.directions(scramble).collect();
+        let seen = directions.iter().map(|d| view(o, frame.to_world(*d)));
         let (radiance, distance): (Vec<_>, Vec<_>) = seen.map(|(l, t)| (Rgb::splat(l), t)).unzip();
-        f(&Hemisphere { strata, frame, radiance: &radiance, distance: &distance })
+        f(&Hemisphere { strata, frame, directions: &directions, radiance: &radiance, distance: &distance })
     }
 
     /// The mean over many scrambles.

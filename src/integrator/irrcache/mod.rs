@@ -1,4 +1,4 @@
-//! The irradiance cache. [Ward 1988; Ward and Heckbert 1992; Křivánek 2005]
+//! The irradiance cache. [Ward 1988; Ward and Heckbert 1992; Křivánek 2005; Schwarzhaupt et al. 2012]
 //!
 //! Indirect light on diffuse surfaces changes slowly. It is gathered at few places by whole hemispheres of another integrator's
 //! rays, and interpolated everywhere else; direct light, caustics and what glossy surfaces reflect are sampled as ever. A
@@ -15,6 +15,7 @@
 mod file;
 mod gathering;
 pub mod hemisphere;
+pub mod hessian;
 pub mod interpolation;
 pub mod octree;
 mod overture;
@@ -223,7 +224,7 @@ const DOT: f32 = 1.0;
 /// Colour of a record's dot: the customary yellow.
 const DOT_COLOUR: Rgb = Rgb::new(1.0, 0.9, 0.0);
 /// Quality of the coarse caches, as a share of that of the fine ones: what they miss is averaged over hemispheres.
-const COARSE: f32 = 0.7;
+const COARSE: f32 = 0.5;
 
 /// The settings of paths that begin so many surfaces later than the camera's.
 fn from_surface(path: &PathSettings, surfaces: u32) -> PathSettings {

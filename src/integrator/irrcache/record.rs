@@ -1,6 +1,7 @@
 //! What the cache holds: irradiance at a point, how it changes around it, and how far that is to be believed.
 
 use super::hemisphere::{Gradient, Hemisphere};
+use super::hessian::Hessian;
 use crate::color::Rgb;
 use crate::math::Vec3;
 
@@ -21,46 +22,42 @@ pub struct Record {
     pub radius: f32,
 }
 
-/// The least and the greatest radius that a record may have, from the size of a pixel where it is.
+/// How far records may be apart, by the size of a pixel where they are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spacing {
-    /// Least.
+    /// The radius where the irradiance's relative second derivative is 1 per square of a pixel, in pixels.
+    pub tolerance: f32,
+    /// Size of a pixel.
+    pub pixel: f32,
+    /// Least radius.
     pub min: f32,
-    /// Greatest.
+    /// Greatest radius.
     pub max: f32,
 }
 
-/// What bounds the radius of a record: the smaller of both.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerance {
-    /// As a share of the harmonic mean distance of what is seen.
-    pub distance: f32,
-    /// By the change of the irradiance over the radius, as a share of the irradiance.
-    pub change: f32,
-}
-
-impl Tolerance {
-    /// A multiple of both.
-    pub fn scaled(self, factor: f32) -> Self {
-        Tolerance { distance: self.distance * factor, change: self.change * factor }
+impl Spacing {
+    /// The radius of a record with the irradiance `e` that bends by `hessian`, before it is bounded.
+    ///
+    /// Within the radius R a pixel's relative error is about |λ|R²/E. Its square over all pixels, for a given number of
+    /// records, is least where R = c (p E/|λ|)^⅓ with pixels of size p; minimising the error itself instead makes it the fourth root
+    /// of [Jarosz 2012, 4.1].
+    fn radius(&self, e: f32, hessian: &Hessian) -> f32 {
+        let curvature = hessian.curvature();
+        if curvature > 0.0 {
+            let cube = f64::from(self.pixel) * f64::from(e) / curvature;
+            (f64::from(self.tolerance) * cube.cbrt()) as f32
+        } else {
+            f32::INFINITY
+        }
     }
 }
 
 impl Record {
     /// The record of a hemisphere that was seen from the point `p`.
-    pub fn new(
-        p: Vec3,
-        hemisphere: &Hemisphere<'_>,
-        tolerance: Tolerance,
-        gradients: bool,
-        spacing: Spacing,
-    ) -> Self {
+    pub fn new(p: Vec3, hemisphere: &Hemisphere<'_>, gradients: bool, spacing: Spacing) -> Self {
         let irradiance = hemisphere.irradiance();
         let translation = hemisphere.translation_gradient();
-        // Where the irradiance changes much, its change changes, too. [Křivánek 2005, 4.3]
-        let slope = translation.luminance().length();
-        let reach = if slope > 0.0 { irradiance.luminance() / slope } else { f32::INFINITY };
-        let radius = (tolerance.distance * hemisphere.harmonic_mean_distance()).min(tolerance.change * reach);
+        let radius = spacing.radius(irradiance.luminance(), &Hessian::of(hemisphere));
         // A radius that is raised takes the irradiance where the gradient does not hold: the change over it stays what it was.
         // [Křivánek 2006, 4.2]
         let raised = (radius / spacing.min).min(1.0);
