@@ -11,6 +11,7 @@ pub mod distribution;
 pub mod emission;
 pub mod lighting;
 pub mod path;
+pub mod photon;
 pub mod ptracer;
 pub mod settings;
 mod tree;
