@@ -197,26 +197,27 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
     out
 }
 
-/// Emitted, direct and indirect light make up all light, path by path.
+/// Emitted, direct, indirect light and caustics make up all light, path by path.
 #[test]
 fn the_parts_of_a_query_sum_to_the_whole() {
-    let none = RadianceQuery { emitted: false, direct: false, indirect: false };
+    let none = RadianceQuery { emitted: false, direct: false, indirect: false, caustic: false };
     let parts = [
         RadianceQuery { emitted: true, ..none },
         RadianceQuery { direct: true, ..none },
         RadianceQuery { indirect: true, ..none },
+        RadianceQuery { caustic: true, ..none },
     ];
     for &accel in AccelKind::CHOICES {
         let scene = everything(accel);
         for (settings, filled) in
-            [(path(None), 3), (path(Some(2)), 2), (Settings::Direct(DirectSettings::default()), 2)]
+            [(path(None), 4), (path(Some(2)), 3), (Settings::Direct(DirectSettings::default()), 2)]
         {
             let whole = asked(&scene, &settings, RadianceQuery::ALL);
             let parts = parts.map(|query| asked(&scene, &settings, query));
             let brightness = |part: &Vec<Radiance>| part.iter().map(|r| r.value.luminance()).sum::<f32>();
             assert_eq!(parts.iter().filter(|part| brightness(part) > 0.0).count(), filled, "{settings:?}");
             for (i, whole) in whole.iter().enumerate() {
-                let sum = parts[0][i].value + parts[1][i].value + parts[2][i].value;
+                let sum = parts.iter().fold(Rgb::BLACK, |sum, part| sum + part[i].value);
                 for c in 0..3 {
                     let (sum, whole) = (sum[c], whole.value[c]);
                     assert!(

@@ -40,7 +40,7 @@ impl Measurement {
         let counters = &rendered.counters;
         Measurement {
             seed,
-            seconds: rendered.elapsed.as_secs_f64(),
+            seconds: (rendered.prepared + rendered.elapsed).as_secs_f64(),
             samples_per_pixel: rendered.samples_per_pixel,
             relmse: metrics::relmse(x, r),
             trimmed_relmse: metrics::trimmed_relmse(x, r, 3),

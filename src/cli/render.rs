@@ -127,6 +127,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     let samples = session.camera().film.component_format.into();
     let report = image::write(&target, &image, &WriteOptions { samples, ..WriteOptions::default() })?;
     seconds.write = written.elapsed().as_secs_f64();
+    seconds.prepare = rendered.prepared.as_secs_f64();
     seconds.render = rendered.elapsed.as_secs_f64();
     seconds.total = started.elapsed().as_secs_f64();
     if let Some(path) = &args.stats {

@@ -12,6 +12,7 @@ pub mod emission;
 pub mod lighting;
 pub mod path;
 pub mod photon;
+pub mod preparation;
 pub mod ptracer;
 pub mod settings;
 mod tree;
@@ -22,6 +23,7 @@ pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
 pub use path::PathIntegrator;
+pub use preparation::{Fact, Preparation};
 pub use ptracer::{Ptracer, Splat};
 pub use settings::Settings;
 pub use whitted::WhittedIntegrator;
@@ -29,6 +31,7 @@ pub use worker::{Counters, Worker};
 
 use crate::accel::Coherence;
 use crate::color::Rgb;
+use crate::error::Result;
 use crate::math::Ray;
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
@@ -53,11 +56,15 @@ pub struct RadianceQuery {
     pub direct: bool,
     /// Light scattered more than once.
     pub indirect: bool,
+    /// Light that comes from the emitter to the ray's origin by specular lobes only, one or more: it is neither direct
+    /// nor indirect here. Integrators that cannot tell it from the rest take it as they take the rest.
+    pub caustic: bool,
 }
 
 impl RadianceQuery {
     /// All light.
-    pub const ALL: RadianceQuery = RadianceQuery { emitted: true, direct: true, indirect: true };
+    pub const ALL: RadianceQuery =
+        RadianceQuery { emitted: true, direct: true, indirect: true, caustic: true };
 
     /// Whether light of a path with that many edges is wanted.
     #[inline]
@@ -67,6 +74,11 @@ impl RadianceQuery {
             2 => self.direct,
             _ => self.indirect,
         }
+    }
+
+    /// Whether caustics have to be told from other light.
+    pub fn separates_caustics(&self) -> bool {
+        self.caustic != self.direct || self.caustic != self.indirect
     }
 }
 
@@ -92,6 +104,19 @@ pub trait Integrator: Send + Sync {
     /// Whether rays that meet nothing show the environment; its alpha is 1 then.
     fn shows_environment(&self) -> bool {
         false
+    }
+
+    /// Computes what does not depend on the camera's samples: caches, maps. Once, before the first wave.
+    ///
+    /// # Errors
+    /// If a file that it is to read or write cannot be, or if the scene cannot be prepared for.
+    fn prepare(&mut self, _preparation: &Preparation<'_>) -> Result<()> {
+        Ok(())
+    }
+
+    /// What there is to say about what was prepared.
+    fn facts(&self) -> Vec<Fact> {
+        Vec::new()
     }
 
     /// What traces light paths besides, if anything does.

@@ -11,7 +11,7 @@ use super::worker::{Continuation, Numbers, ShadowQueue, draw_1d, draw_2d, inters
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
 use crate::accel::Coherence;
 use crate::bsdf;
-use crate::math::lanes::{LANES, f32x16, load};
+use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 
@@ -29,6 +29,8 @@ struct Bounce<'a> {
     next_event: bool,
     /// Whether light found by the rays of this bounce is wanted.
     add_emission: bool,
+    /// Whether it is wanted of rays that have met specular lobes only, where that is told apart.
+    add_caustics: Option<bool>,
     /// Whether roulette is played at this bounce.
     roulette: bool,
 }
@@ -89,6 +91,8 @@ impl Integrator for PathIntegrator {
     ) {
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);
+        worker.specular_only.clear();
+        worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
         let mut depth = 0;
         while !worker.paths.rays.is_empty() && self.allows(depth + 1) {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
@@ -101,10 +105,11 @@ impl Integrator for PathIntegrator {
                 depth,
                 next_event: scene.needs.emitter_sampling && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
+                add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: depth + 1 >= self.settings.rr_depth,
             };
             bounce.drop_missed(worker, out);
-            let scatter = self.allows(depth + 2) && (query.direct || query.indirect);
+            let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
             if scatter {
                 self.draw(&bounce, worker.sampler, &worker.paths.keys, &mut worker.numbers);
             }
@@ -132,11 +137,26 @@ pub(super) fn first_hits(scene: &Scene, hide_emitters: bool, worker: &mut Worker
 }
 
 impl Bounce<'_> {
+    /// Whether the light found by path `i` is wanted.
+    #[inline(always)]
+    fn adds(&self, specular_only: &[bool], slot: u32) -> bool {
+        match self.add_caustics {
+            Some(caustics) if specular_only[slot as usize] => caustics,
+            _ => self.add_emission,
+        }
+    }
+
+    /// Whether light found by any path may be wanted.
+    #[inline(always)]
+    fn may_add(&self) -> bool {
+        self.add_emission || self.add_caustics == Some(true)
+    }
+
     /// Takes the paths that hit nothing out of the wave, with the light that they found there.
     fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { paths, hits, .. } = worker;
+        let Worker { paths, hits, specular_only, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
-            if self.add_emission && self.scene.needs.environment {
+            if self.scene.needs.environment && self.adds(specular_only, paths.slots[i]) {
                 let d = paths.rays[i].d;
                 let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
@@ -146,14 +166,17 @@ impl Bounce<'_> {
 
     /// Shades every path of the wave, block by block, and moves the survivors to the front.
     fn shade(&self, scatter: bool, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { hits, shadows, paths, numbers, arena, .. } = worker;
+        let Worker { hits, shadows, paths, numbers, arena, specular_only, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
             let block = Block::new(self.scene, arena, &paths.rays, hits, first);
-            if self.add_emission {
+            if self.may_add() {
                 for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
-                    out[paths.slots[first + i] as usize].value += paths.beta(first + i) * le;
+                    let slot = paths.slots[first + i];
+                    if self.adds(specular_only, slot) {
+                        out[slot as usize].value += paths.beta(first + i) * le;
+                    }
                 }
             }
             if scatter {
@@ -162,6 +185,12 @@ impl Bounce<'_> {
                     self.light(&block, &beta, &paths.slots[first..], numbers, shadows);
                 }
                 let (next, survivors) = self.scatter(&block, beta, load(&paths.eta, first), numbers);
+                if !specular_only.is_empty() {
+                    for i in bits(survivors) {
+                        let only = &mut specular_only[paths.slots[first + i] as usize];
+                        *only &= next.pdf.as_array()[i].is_infinite();
+                    }
+                }
                 alive = paths.compact(first, alive, &next, survivors);
             }
         }

@@ -79,6 +79,8 @@ pub struct Worker {
     pub paths: PathWave,
     /// Random numbers of the wave in hand.
     pub numbers: Numbers,
+    /// By entry of the output: whether the path has met specular lobes only. Empty where nothing asks.
+    pub specular_only: Vec<bool>,
     /// Where BSDFs that are not the same everywhere live while they are used.
     pub arena: Bump,
 }
@@ -239,6 +241,7 @@ impl Worker {
             shadows: ShadowQueue::default(),
             paths: PathWave::default(),
             numbers: Numbers::default(),
+            specular_only: Vec::new(),
             arena: Bump::new(),
         }
     }

@@ -97,7 +97,7 @@ impl Studio {
         Ok(Shot {
             image: self.session.image(&plan, &rendered),
             counters: rendered.counters,
-            seconds: rendered.elapsed.as_secs_f64(),
+            seconds: (rendered.prepared + rendered.elapsed).as_secs_f64(),
             noise: expected_noise(&rendered),
         })
     }

@@ -4,10 +4,10 @@ use super::passes::Passes;
 use super::progress::Progress;
 use super::stop::{StopReason, StopRules};
 use super::tracing::InvalidSample;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::film::{FilterSampler, PixelRect, Tile};
 use crate::integrator::settings::{Aov, Layer};
-use crate::integrator::{Counters, Integrator};
+use crate::integrator::{Counters, Fact, Integrator};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use crate::sensor::Camera;
@@ -69,6 +69,10 @@ pub struct Rendered {
     pub relmse: Option<f64>,
     /// Lower and upper end of what holds the relMSE of this very image in 95 of 100 renders.
     pub relmse_interval: Option<[f64; 2]>,
+    /// Wall time of what the integrator computed before.
+    pub prepared: Duration,
+    /// What there is to say about it.
+    pub facts: Vec<Fact>,
     /// Wall time of sampling.
     pub elapsed: Duration,
     /// Counts of all threads.
@@ -88,6 +92,17 @@ pub struct SampleCounts {
     pub most: u64,
     /// The mean over the pixels.
     pub mean: f64,
+}
+
+/// Threads to render with.
+///
+/// # Errors
+/// If they cannot be started.
+pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|e| Error::internal(format!("cannot start {threads} threads: {e}")))
 }
 
 impl SampleCounts {
@@ -142,6 +157,11 @@ impl<'a> Job<'a> {
     /// # Errors
     /// If the threads cannot be started.
     pub fn run(&self) -> Result<Rendered> {
-        Ok(Passes::new(self)?.run())
+        Ok(self.run_with(thread_pool(self.settings.threads)?))
+    }
+
+    /// As [`run`](Self::run), with threads that are there already.
+    pub fn run_with(&self, pool: rayon::ThreadPool) -> Rendered {
+        Passes::new(self, pool).run()
     }
 }

@@ -9,6 +9,6 @@ mod splats;
 pub mod stop;
 pub mod tracing;
 
-pub use job::{Job, JobSettings, Rendered, SampleCounts};
+pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
 pub use progress::Progress;
 pub use stop::{StopReason, StopRules};

@@ -5,7 +5,6 @@ use super::job::{Job, Rendered, SampleCounts};
 use super::splats;
 use super::stop::StopReason;
 use super::tracing::CameraWorker;
-use crate::error::{Error, Result};
 use crate::estimate::replicates::{ErrorEstimate, ErrorSums};
 use crate::film::{PixelRect, Tile};
 use crate::integrator::{Counters, Worker};
@@ -36,20 +35,15 @@ pub(super) struct Passes<'j, 'a> {
 }
 
 impl<'j, 'a> Passes<'j, 'a> {
-    /// Starts the threads and the clock.
-    pub fn new(job: &'j Job<'a>) -> Result<Self> {
-        let threads = job.settings.threads;
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .map_err(|e| Error::internal(format!("cannot start {threads} threads: {e}")))?;
+    /// Starts the clock.
+    pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
         let layers = job.sampled_layers().map(|aov| aov.channels().len()).sum::<usize>();
         let channels = 3 + usize::from(job.alpha) + layers;
         let rect = job.camera.film.rect();
         let workers = (0..pool.current_num_threads())
             .map(|_| Mutex::new(CameraWorker::new(Worker::new(job.settings.sampler))))
             .collect();
-        Ok(Passes {
+        Passes {
             job,
             pool,
             tiles: tiles_of(rect).map(|rect| Tile::new(rect, channels)).collect(),
@@ -61,7 +55,7 @@ impl<'j, 'a> Passes<'j, 'a> {
             error: None,
             estimating: Duration::ZERO,
             invalid_splats: 0,
-        })
+        }
     }
 
     /// Takes passes until a rule says why to stop.
@@ -144,6 +138,8 @@ impl<'j, 'a> Passes<'j, 'a> {
             stop_reason,
             relmse: self.error.map(|e| e.relmse),
             relmse_interval: self.error.map(|e| e.interval),
+            prepared: Duration::ZERO,
+            facts: Vec::new(),
             elapsed,
             counters: Counters::default(),
             invalid: Vec::new(),

@@ -12,9 +12,9 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{Image, Metadata, Value};
-use crate::integrator::{self, Settings};
+use crate::integrator::{self, Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
-use crate::render::{Job, Progress, Rendered, output};
+use crate::render::{self, Job, Progress, Rendered, output};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile};
@@ -156,10 +156,25 @@ impl Session {
     /// # Errors
     /// If the threads cannot be started.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
-        let integrator = integrator::create(&plan.integrator);
-        Job::new(&self.scene, integrator.as_ref(), self.camera(), plan.job.clone(), progress)
+        let mut integrator = integrator::create(&plan.integrator);
+        let started = Instant::now();
+        let pool = render::thread_pool(self.threads)?;
+        integrator.prepare(&Preparation {
+            scene: &self.scene,
+            camera: self.camera(),
+            sampler: plan.job.sampler,
+            seed: plan.job.seed,
+            pool: &pool,
+            interrupted: &|| progress.is_interrupted(),
+            cache: None,
+        })?;
+        let prepared = started.elapsed();
+        let mut settings = plan.job.clone();
+        settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
+        let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)
             .with_adaptive(plan.adaptive)
-            .run()
+            .run_with(pool);
+        Ok(Rendered { prepared, facts: integrator.facts(), ..rendered })
     }
 
     /// The image of a render, with layers and metadata.
@@ -168,7 +183,7 @@ impl Session {
         let mut metadata = Metadata::new()
             .with("Software", Value::Text(format!("Buffon {}", env!("CARGO_PKG_VERSION"))))
             .with("samplesPerPixel", Value::Int(samples))
-            .with("renderTimeSeconds", Value::Float(rendered.elapsed.as_secs_f32()))
+            .with("renderTimeSeconds", Value::Float((rendered.prepared + rendered.elapsed).as_secs_f32()))
             .with("buffon:seed", Value::Text(plan.job.seed.to_string()))
             .with("buffon:integrator", Value::Text(plan.integrator.name().into()))
             .with("buffon:stop", Value::Text(rendered.stop_reason.to_string()));

@@ -1,5 +1,6 @@
 //! The photon map. [Jensen 1996; Jensen 2001]
 
+pub mod kdtree;
 pub mod map;
 #[allow(clippy::module_inception)]
 pub mod photon;
