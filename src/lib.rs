@@ -42,6 +42,7 @@
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
 //! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[Cigolle 2014]` Cigolle et al.: A survey of efficient representations for independent unit vectors. JCGT 3(2).
 //! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
 //! - `[Cook 1986]` Stochastic sampling in computer graphics. ACM Transactions on Graphics 5(1).
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
@@ -58,6 +59,8 @@
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
+//! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
+//! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Lagarde 2013]` Memo on Fresnel equations.

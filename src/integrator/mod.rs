@@ -13,6 +13,7 @@ mod light_path;
 pub mod lighting;
 pub mod path;
 pub mod preparation;
+pub mod photon;
 pub mod ptracer;
 pub mod settings;
 mod tree;
