@@ -9,22 +9,25 @@ use crate::math::{Ray, RayX16, Vec2, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SurfaceInteraction};
 
-/// Begins a light path for each key: rays into `worker.paths`, and the power of each, W, by the slot of its path. A key
-/// whose emitter sends nothing begins no path.
+/// Begins a light path for each key: rays into `worker.paths`, with the key's place as their slot, and the power of each, W,
+/// by slot. A key whose emitter sends nothing begins no path.
 pub(super) fn emit(scene: &Scene, keys: &[SampleKey], worker: &mut Worker) -> Vec<Rgb> {
     let mut numbers = EmissionNumbers::default();
     numbers.draw(scene, keys, worker);
-    let (mut rays, mut alive, mut powers) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut rays, mut alive, mut slots) = (Vec::new(), Vec::new(), Vec::new());
+    let mut powers = vec![Rgb::BLACK; keys.len()];
     for (i, key) in keys.iter().enumerate() {
         let [point, direction] = numbers.pairs(i);
         let light = scene.sample_light_ray(numbers.choice[i], point, direction, numbers.time(i));
         if let Some(light) = light.filter(|light| !light.power.is_black()) {
             rays.push(light.ray);
             alive.push(*key);
-            powers.push(light.power);
+            slots.push(i as u32);
+            powers[i] = light.power;
         }
     }
     worker.paths.begin(&rays, &alive);
+    worker.paths.slots = slots;
     powers
 }
 
