@@ -9,6 +9,7 @@ pub mod depth;
 pub mod direct;
 pub mod distribution;
 pub mod emission;
+mod light_path;
 pub mod lighting;
 pub mod path;
 pub mod photon;

@@ -68,8 +68,8 @@ fn build_node(entries: &mut [Entry], leaves: &mut [Leaf], between: &mut [Split])
     let (left_between, rest) = between.split_at_mut(left - 1);
     let (root, right_between) = rest.split_at_mut(1);
     root[0] = Split { at, axis: axis as u32 };
-    let on_the_left = || build_node(left_entries, left_leaves, left_between);
-    let on_the_right = || build_node(right_entries, right_leaves, right_between);
+    let mut on_the_left = || build_node(left_entries, left_leaves, left_between);
+    let mut on_the_right = || build_node(right_entries, right_leaves, right_between);
     if parallel {
         rayon::join(on_the_left, on_the_right);
     } else {

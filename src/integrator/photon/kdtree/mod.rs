@@ -25,6 +25,7 @@ use crate::math::{Vec3, Vec3x16, f32x16};
 const LEAF: usize = LANES;
 
 /// A balanced kd-tree; what belongs to a point is found by its slot.
+#[derive(Clone, Debug, PartialEq)]
 pub struct KdTree {
     /// The inner nodes from place 1; as many places as there are leaves.
     splits: Vec<Split>,
@@ -126,8 +127,7 @@ impl KdTree {
                 let near = 2 * node + usize::from(beyond > 0.0);
                 let mut offset = at.offset;
                 offset[axis as usize] = beyond;
-                let distance_squared =
-                    offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
+                let distance_squared = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
                 stack[height] = Pending { node: near as u32 ^ 1, distance_squared, offset };
                 height += usize::from(distance_squared < bound);
                 node = near;
