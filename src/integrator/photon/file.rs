@@ -7,7 +7,7 @@
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result, counted};
-use crate::image::replace::replace;
+use crate::image::replace;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
@@ -135,7 +135,9 @@ pub fn read_contents(path: &Path) -> Result<Contents> {
 /// Whether a file begins as one of photon maps does.
 pub fn is_photon_file(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
-    path.is_file() && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == MAGIC
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
+        && start == MAGIC
 }
 
 fn bad(path: &Path, what: impl Into<String>) -> Error {
@@ -159,8 +161,7 @@ impl<'a> Reader<'a> {
             return Err(bad(path, "is not a file"));
         }
         let contents = Contents { origin: Origin { scene: 0, settings: 0 }, maps: Vec::new() };
-        let mut reader =
-            Reader { path, file: BufReader::new(file), checksum: Checksum::default(), contents };
+        let mut reader = Reader { path, file: BufReader::new(file), checksum: Checksum::default(), contents };
         reader.header(metadata.len())?;
         Ok(reader)
     }
@@ -184,9 +185,9 @@ impl<'a> Reader<'a> {
             self.contents.maps.push(entry);
         }
         let photons = self.contents.maps.iter().try_fold(0u64, |sum, map| sum.checked_add(map.photons));
-        let expected = photons
-            .and_then(|n| n.checked_mul(Photon::BYTES as u64))
-            .and_then(|bytes| bytes.checked_add(HEADER_BYTES + ENTRY_BYTES * u64::from(count) + CHECKSUM_BYTES));
+        let expected = photons.and_then(|n| n.checked_mul(Photon::BYTES as u64)).and_then(|bytes| {
+            bytes.checked_add(HEADER_BYTES + ENTRY_BYTES * u64::from(count) + CHECKSUM_BYTES)
+        });
         match expected {
             Some(expected) if expected == length => Ok(()),
             Some(expected) => {

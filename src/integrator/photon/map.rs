@@ -15,6 +15,9 @@ pub struct PhotonMap {
 }
 
 impl PhotonMap {
+    /// Bytes in memory for each photon: its coordinates and its share of the tree, and what it brings.
+    pub const BYTES_PER_PHOTON: f64 = 24.5;
+
     /// The map of the photons that `emitted` light paths have left. Photons that [`Photon::new`] could not have made
     /// are dropped and counted.
     ///

@@ -66,14 +66,18 @@ impl Photon {
 
     /// Its bits, for a file.
     pub(super) fn to_words(self) -> [u32; 6] {
-        let Photon { position: [x, y, z], arrival: Arrival { power: PackedRgb([low, high]), wi, normal } } = self;
+        let Photon { position: [x, y, z], arrival: Arrival { power: PackedRgb([low, high]), wi, normal } } =
+            self;
         [x.to_bits(), y.to_bits(), z.to_bits(), low, high, u32::from(wi) | u32::from(normal) << 16]
     }
 
     /// What has these bits; it need not be valid.
     pub(super) fn from_words([x, y, z, low, high, directions]: [u32; 6]) -> Self {
-        let arrival =
-            Arrival { power: PackedRgb([low, high]), wi: directions as u16, normal: (directions >> 16) as u16 };
+        let arrival = Arrival {
+            power: PackedRgb([low, high]),
+            wi: directions as u16,
+            normal: (directions >> 16) as u16,
+        };
         Photon { position: [x, y, z].map(f32::from_bits), arrival }
     }
 
