@@ -9,6 +9,7 @@ pub mod depth;
 pub mod direct;
 pub mod distribution;
 pub mod emission;
+pub mod irrcache;
 mod light_path;
 pub mod lighting;
 pub mod path;
@@ -23,6 +24,7 @@ pub mod worker;
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
+pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
 pub use preparation::{Fact, Preparation};
 pub use ptracer::{Ptracer, Splat};
@@ -145,6 +147,7 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
         Settings::Distribution(distribution) => Box::new(DistributionIntegrator::new(*distribution)),
         Settings::Depth => Box::new(DepthIntegrator),
         Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
+        Settings::Irrcache(irrcache) => Box::new(IrradianceCache::new(irrcache)),
         Settings::Aov { image: Some(image), .. } => create(image),
         Settings::Aov { image: None, .. } => Box::new(aov::NoImage),
     }

@@ -138,6 +138,48 @@ impl Default for PtracerSettings {
     }
 }
 
+/// Irradiance caching around another integrator. [Ward 1988]
+#[derive(Clone, Debug, PartialEq)]
+pub struct IrrcacheSettings {
+    /// Rings of elevation of a record's hemisphere, at least 2; there are π times as many sectors of azimuth.
+    pub resolution: u32,
+    /// Accuracy, positive: radii of records fall as its reciprocal, so their number rises as its square.
+    pub quality: f32,
+    /// Whether records change between their places by their gradients.
+    pub gradients: bool,
+    /// Whether a record reaches no farther than a neighbour of it would have it. [Křivánek 2006]
+    pub clamp_neighbor: bool,
+    /// Whether distances between records are bounded in pixels, from below and from above.
+    pub clamp_screen: bool,
+    /// Whether the image is searched for places that need records. Without, only a cache file brings any.
+    pub overture: bool,
+    /// Factor on the quality when the cache is read, in (0, 1]: less averages over more records.
+    pub quality_adjustment: f32,
+    /// Whether only what the cache serves is shown.
+    pub indirect_only: bool,
+    /// Whether the places of records are drawn over the image.
+    pub debug: bool,
+    /// Traces the light that records gather.
+    pub child: Box<Settings>,
+}
+
+impl Default for IrrcacheSettings {
+    fn default() -> Self {
+        IrrcacheSettings {
+            resolution: 9,
+            quality: 1.0,
+            gradients: true,
+            clamp_neighbor: true,
+            clamp_screen: true,
+            overture: true,
+            quality_adjustment: 0.5,
+            indirect_only: false,
+            debug: false,
+            child: Box::default(),
+        }
+    }
+}
+
 /// An integrator and its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Settings {
@@ -153,6 +195,8 @@ pub enum Settings {
     Depth,
     /// Light tracing.
     Ptracer(PtracerSettings),
+    /// Irradiance caching.
+    Irrcache(IrrcacheSettings),
     /// Layers of surface features, beside the image of another integrator if there is one.
     Aov {
         /// The layers in file order.
@@ -178,6 +222,7 @@ impl Settings {
             Settings::Distribution(_) => "distribution",
             Settings::Depth => "depth",
             Settings::Ptracer(_) => "ptracer",
+            Settings::Irrcache(_) => "irrcache",
             Settings::Aov { .. } => "aov",
         }
     }

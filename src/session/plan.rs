@@ -3,7 +3,8 @@
 use super::Session;
 use crate::error::{Error, Result};
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
+    WhittedSettings,
 };
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
@@ -86,6 +87,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
             PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
         }
+        Settings::Irrcache(irrcache) => match irrcache.child.as_ref() {
+            Settings::Path(path) => *path,
+            _ => default,
+        },
         Settings::Depth | Settings::Aov { .. } => default,
     };
     let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
@@ -105,6 +110,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
             let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
             Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
         }
+        Some("irrcache") => Settings::Irrcache(IrrcacheSettings {
+            child: Box::new(Settings::Path(kept)),
+            ..Default::default()
+        }),
         Some("depth") => Settings::Depth,
         // Its layers are those of --aov: see `layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },

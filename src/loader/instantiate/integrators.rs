@@ -4,15 +4,15 @@ use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
 };
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
 
-const SUPPORTED: [&str; 8] =
-    ["aov", "depth", "direct", "distribution", "moment", "path", "ptracer", "whitted"];
+const SUPPORTED: [&str; 9] =
+    ["aov", "depth", "direct", "distribution", "irrcache", "moment", "path", "ptracer", "whitted"];
 const MITSUBA: [&str; 11] = [
     "batch",
     "direct_projective",
@@ -59,6 +59,7 @@ impl Builder<'_> {
                 let PathSettings { max_depth, rr_depth, hide_emitters } = path(&props)?;
                 Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters })
             }
+            "irrcache" => Settings::Irrcache(self.irrcache(&props)?),
             "moment" => {
                 let image = self.only_integrator(&props)?;
                 let layers = vec![Layer { name: "variance".to_owned(), aov: Aov::Variance }];
@@ -82,7 +83,42 @@ impl Builder<'_> {
     }
 }
 
+/// What can trace the light that an irradiance cache gathers.
+const GATHERERS: [&str; 1] = ["path"];
+
 impl Builder<'_> {
+    fn irrcache(&mut self, props: &Props) -> Result<IrrcacheSettings> {
+        let default = IrrcacheSettings::default();
+        let child = match props.child("integrator")? {
+            Some(inner) => Box::new(self.integrator(inner)?),
+            None => default.child,
+        };
+        if !GATHERERS.contains(&child.name()) {
+            return Err(props.object.error(format!(
+                "expected an integrator inside it that follows light through any number of bounces ({}), found {}",
+                GATHERERS.join(", "),
+                quoted(child.name())
+            )));
+        }
+        let quality_adjustment = props.positive("quality_adjustment", default.quality_adjustment)?;
+        if quality_adjustment > 1.0 {
+            return Err(props.refusal("quality_adjustment", "expected at most 1"));
+        }
+        let resolution = props.integer("resolution", 2..=256)?;
+        Ok(IrrcacheSettings {
+            resolution: resolution.map_or(default.resolution, |n| n as u32),
+            quality: props.positive("quality", default.quality)?,
+            gradients: props.boolean("gradients", default.gradients)?,
+            clamp_neighbor: props.boolean("clamp_neighbor", default.clamp_neighbor)?,
+            clamp_screen: props.boolean("clamp_screen", default.clamp_screen)?,
+            overture: props.boolean("overture", default.overture)?,
+            quality_adjustment,
+            indirect_only: props.boolean("indirect_only", default.indirect_only)?,
+            debug: props.boolean("debug", default.debug)?,
+            child,
+        })
+    }
+
     /// The integrator inside another.
     fn only_integrator(&mut self, props: &Props) -> Result<Settings> {
         match props.child("integrator")? {
