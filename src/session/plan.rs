@@ -3,7 +3,8 @@
 use super::Session;
 use crate::error::{Error, Result};
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, SppmSettings,
+    WhittedSettings,
 };
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
@@ -68,6 +69,12 @@ impl Session {
                 created.name()
             )));
         }
+        if choices.adaptive && created.progressive().is_some() {
+            return Err(Error::usage(format!(
+                "--adaptive: {} traces photons for all pixels at once, and cannot take samples of some pixels alone",
+                created.name()
+            )));
+        }
         Ok(Plan { integrator, job, adaptive: choices.adaptive })
     }
 }
@@ -79,6 +86,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
     let kept = match &of_scene {
         Settings::Path(path) => *path,
         Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
+            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
+        }
+        Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
@@ -94,6 +104,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) if name == of_scene.name() => of_scene,
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
+        Some("sppm") => {
+            Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, ..SppmSettings::default() })
+        }
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
         Some("whitted") => {
             let default = WhittedSettings::default();
@@ -110,8 +123,8 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
-                 distribution, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, sppm, \
+                 whitted, distribution, depth and aov"
             )));
         }
     })

@@ -31,7 +31,12 @@ impl PathSequence {
     /// The key of the `i`-th path.
     pub fn key(&self, i: u64) -> SampleKey {
         // No camera path has these pixels.
-        SampleKey::new(self.seed, u32::MAX, u32::MAX - self.stream, 2 * (self.first + i) + u64::from(self.half))
+        SampleKey::new(
+            self.seed,
+            u32::MAX,
+            u32::MAX - self.stream,
+            2 * (self.first + i) + u64::from(self.half),
+        )
     }
 }
 

@@ -130,7 +130,14 @@ impl Bounce<'_> {
                 let vertex = Vertex::new(&block, i);
                 let beta = paths.beta(j);
                 if block.finite >> i & 1 == 1 && self.leaves(specular_only[slot]) {
-                    out.extend(self.deposit(&block, i, &vertex, powers[slot] * beta, slot, specular_only[slot]));
+                    out.extend(self.deposit(
+                        &block,
+                        i,
+                        &vertex,
+                        powers[slot] * beta,
+                        slot,
+                        specular_only[slot],
+                    ));
                 }
                 // Where only caustics are wanted, light is lost that is none any more.
                 if !self.go_on || !(self.paths.indirect || specular_only[slot]) {
