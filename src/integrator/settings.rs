@@ -151,6 +151,8 @@ pub struct SppmSettings {
     pub photon_count: u32,
     /// Radius of the first pass in scene units; 0 takes three widths of a pixel.
     pub initial_radius: f32,
+    /// Whether a pilot learns where light paths should begin so that their photons are seen.
+    pub guided: bool,
     /// How slowly radii shrink, in (0, 1]: 1 keeps them, and keeps the blur.
     pub alpha: f32,
 }
@@ -163,6 +165,7 @@ impl Default for SppmSettings {
             hide_emitters: false,
             photon_count: 0,
             initial_radius: 0.0,
+            guided: true,
             alpha: 0.7,
         }
     }

@@ -16,8 +16,11 @@
 mod camera_path;
 mod gather;
 mod radius;
+mod view;
 
-use super::photon::{Caster, GridPhoton, PathSequence, PhotonGrid, PhotonPaths, Until};
+use super::photon::{
+    Caster, Deposit, EmissionGuide, GridPhoton, PathSequence, PhotonGrid, PhotonPaths, Until,
+};
 use super::progressive::{Begun, Progressive, SamplePass};
 use super::settings::SppmSettings;
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
@@ -26,12 +29,14 @@ use crate::scene::Scene;
 use camera_path::CameraPaths;
 use gather::Gather;
 use std::sync::{Arc, PoisonError, RwLock};
+use view::View;
 
 /// The integrator. Its passes need [`Progressive::begin_sample`].
 pub struct Sppm {
     settings: SppmSettings,
     /// The radius of the first pass, in scene units.
     first_radius: f32,
+    guide: Option<EmissionGuide>,
     pass: RwLock<Arc<Pass>>,
 }
 
@@ -45,7 +50,7 @@ struct Pass {
 impl Sppm {
     /// The integrator with its settings.
     pub fn new(settings: SppmSettings) -> Self {
-        Sppm { settings, first_radius: settings.initial_radius, pass: RwLock::default() }
+        Sppm { settings, first_radius: settings.initial_radius, guide: None, pass: RwLock::default() }
     }
 
     /// The longest path of a photon that a camera path can be added to.
@@ -82,8 +87,15 @@ impl Integrator for Sppm {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        let view = View::of(preparation);
         if self.settings.initial_radius == 0.0 {
-            self.first_radius = radius::automatic(preparation);
+            self.first_radius = view.radius(preparation.scene);
+        }
+        if self.settings.guided {
+            let Preparation { scene, sampler, seed, pool, interrupted, .. } = *preparation;
+            let caster = Caster { scene, sampler, guide: None, pool, interrupted };
+            let seen = |deposit: &Deposit| view.contains(deposit.p);
+            self.guide = EmissionGuide::learn(&caster, &self.photon_paths(), seed, seen);
         }
         Ok(())
     }
@@ -91,6 +103,7 @@ impl Integrator for Sppm {
     fn facts(&self) -> Vec<Fact> {
         let pass = self.pass();
         vec![
+            Fact { name: "guided", value: f64::from(u8::from(self.guide.is_some())) },
             Fact { name: "first_radius", value: self.first_radius.into() },
             Fact { name: "last_radius", value: pass.grid.radius().into() },
             Fact { name: "light_paths_of_a_pass", value: pass.emitted as f64 },
@@ -124,9 +137,9 @@ impl Progressive for Sppm {
         let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
         let paths = self.paths_of_a_pass(pass);
         let sequence = PathSequence { seed, stream: 0, half, first: index * paths };
-        let caster = Caster { scene, sampler, pool, interrupted };
+        let caster = Caster { scene, sampler, guide: self.guide.as_ref(), pool, interrupted };
         let until = Until { paths, kept: None };
-        let cast = caster.cast(&self.photon_paths(), sequence, until, |d| Some(GridPhoton::new(d)));
+        let cast = caster.cast(&self.photon_paths(), sequence, until, |d, _| Some(GridPhoton::new(d)));
         let radius = radius::of_pass(self.first_radius, self.settings.alpha, index);
         let grid = pool.install(|| PhotonGrid::new(&cast.kept, radius));
         let pass = Pass { grid, emitted: cast.emitted };

@@ -153,6 +153,7 @@ fn sppm(props: &Props) -> Result<SppmSettings> {
             "expected a radius of at least 1e-18 and at most 1e18, or 0 for three widths of a pixel",
             |r| r == 0.0 || (1e-18..=1e18).contains(&r),
         )?,
+        guided: props.boolean("guided", default.guided)?,
         alpha: number("alpha", default.alpha, "expected a number above 0 and at most 1", |a| {
             a > 0.0 && a <= 1.0
         })?,
