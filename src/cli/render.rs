@@ -43,7 +43,7 @@ pub struct RenderArgs {
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, whitted, distribution, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, sppm, whitted, distribution, depth or aov [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]

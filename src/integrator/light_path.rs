@@ -1,6 +1,7 @@
 //! Light paths: how they begin at emitters and scatter forward. Light tracing and photon tracing share it.
 
 use super::block::Block;
+use super::photon::EmissionGuide;
 use super::worker::{Continuation, PathWave, Worker, draw_1d, draw_2d};
 use crate::bsdf::{Bsdf, Lobe};
 use crate::color::Rgb;
@@ -11,14 +12,22 @@ use crate::scene::{Scene, SurfaceInteraction};
 
 /// Begins a light path for each key: rays into `worker.paths`, with the key's place as their slot, and the power of each, W,
 /// by slot. A key whose emitter sends nothing begins no path.
-pub(super) fn emit(scene: &Scene, keys: &[SampleKey], worker: &mut Worker) -> Vec<Rgb> {
+pub(super) fn emit(
+    scene: &Scene,
+    keys: &[SampleKey],
+    guide: Option<&EmissionGuide>,
+    worker: &mut Worker,
+) -> Vec<Rgb> {
     let mut numbers = EmissionNumbers::default();
     numbers.draw(scene, keys, worker);
     let (mut rays, mut alive, mut slots) = (Vec::new(), Vec::new(), Vec::new());
     let mut powers = vec![Rgb::BLACK; keys.len()];
     for (i, key) in keys.iter().enumerate() {
-        let [point, direction] = numbers.pairs(i);
-        let light = scene.sample_light_ray(numbers.choice[i], point, direction, numbers.time(i));
+        let (choice, pairs, time) = (numbers.choice[i], numbers.pairs(i), numbers.time(i));
+        let light = match guide {
+            Some(guide) => guide.sample_light_ray(scene, choice, pairs, time),
+            None => scene.sample_light_ray(choice, pairs[0], pairs[1], time),
+        };
         if let Some(light) = light.filter(|light| !light.power.is_black()) {
             rays.push(light.ray);
             alive.push(*key);

@@ -63,7 +63,7 @@ impl Ptracer {
         if !self.allows(2) {
             return;
         }
-        let powers = light_path::emit(scene, keys, worker);
+        let powers = light_path::emit(scene, keys, None, worker);
         let mut films = Vec::new();
         let mut depth = 0;
         while !worker.paths.rays.is_empty() && self.allows(depth + 2) {

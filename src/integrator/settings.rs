@@ -180,6 +180,39 @@ impl Default for IrrcacheSettings {
     }
 }
 
+/// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SppmSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    pub max_depth: Option<u32>,
+    /// Depth from which Russian roulette may end a path, of the camera or of light.
+    pub rr_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+    /// Light paths of each pass, one pass for each sample of the pixels; 0 takes one for each pixel of the full image.
+    pub photon_count: u32,
+    /// Radius of the first pass in scene units; 0 takes three widths of a pixel.
+    pub initial_radius: f32,
+    /// Whether a pilot learns where light paths should begin so that their photons are seen.
+    pub guided: bool,
+    /// How slowly radii shrink, in (0, 1]: 1 keeps them, and keeps the blur.
+    pub alpha: f32,
+}
+
+impl Default for SppmSettings {
+    fn default() -> Self {
+        SppmSettings {
+            max_depth: None,
+            rr_depth: 5,
+            hide_emitters: false,
+            photon_count: 0,
+            initial_radius: 0.0,
+            guided: true,
+            alpha: 0.7,
+        }
+    }
+}
+
 /// An integrator and its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Settings {
@@ -197,6 +230,8 @@ pub enum Settings {
     Ptracer(PtracerSettings),
     /// Irradiance caching.
     Irrcache(IrrcacheSettings),
+    /// Stochastic progressive photon mapping.
+    Sppm(SppmSettings),
     /// Layers of surface features, beside the image of another integrator if there is one.
     Aov {
         /// The layers in file order.
@@ -223,6 +258,7 @@ impl Settings {
             Settings::Depth => "depth",
             Settings::Ptracer(_) => "ptracer",
             Settings::Irrcache(_) => "irrcache",
+            Settings::Sppm(_) => "sppm",
             Settings::Aov { .. } => "aov",
         }
     }

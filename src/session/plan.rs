@@ -4,7 +4,7 @@ use super::Session;
 use crate::error::{Error, Result};
 use crate::integrator::settings::{
     Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
-    WhittedSettings,
+    SppmSettings, WhittedSettings,
 };
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
@@ -69,6 +69,12 @@ impl Session {
                 created.name()
             )));
         }
+        if choices.adaptive && created.progressive().is_some() {
+            return Err(Error::usage(format!(
+                "--adaptive: {} traces photons for all pixels at once, and cannot take samples of some pixels alone",
+                created.name()
+            )));
+        }
         Ok(Plan { integrator, job, adaptive: choices.adaptive })
     }
 }
@@ -80,6 +86,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
     let kept = match &of_scene {
         Settings::Path(path) => *path,
         Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
+            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
+        }
+        Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
@@ -99,6 +108,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) if name == of_scene.name() => of_scene,
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
+        Some("sppm") => {
+            Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, ..SppmSettings::default() })
+        }
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
         Some("whitted") => {
             let default = WhittedSettings::default();
@@ -119,8 +131,8 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
-                 distribution, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, sppm, \
+                 whitted, distribution, depth and aov"
             )));
         }
     })

@@ -124,7 +124,8 @@ impl Hemisphere<'_> {
         for k in 0..sectors {
             let mut sum = Rgb::BLACK;
             for j in 0..rings {
-                sum += self.at(j, k).0 * (tangents((j + 1) as f32 / rings as f32) - tangents(j as f32 / rings as f32));
+                sum += self.at(j, k).0
+                    * (tangents((j + 1) as f32 / rings as f32) - tangents(j as f32 / rings as f32));
             }
             gradient.add(self.tangent(k as f32 + 0.5 + 0.25 * sectors as f32), sum);
         }
@@ -232,12 +233,18 @@ mod tests {
 
     #[test]
     fn a_uniform_sky_gives_pi_and_no_gradients() {
-        hemisphere(|_, _| (1.0, f32::INFINITY), Vec3::ZERO, Vec3::Y, 3, |h| {
-            assert!((h.irradiance().r - PI).abs() < 1e-5);
-            let largest = |g: Gradient| g.along.iter().fold(0f32, |m, v| m.max(v.r.abs()));
-            assert_eq!(largest(h.translation_gradient()), 0.0);
-            assert!(largest(h.rotation_gradient()) < 1e-4);
-            assert_eq!(h.harmonic_mean_distance(), f32::INFINITY);
-        });
+        hemisphere(
+            |_, _| (1.0, f32::INFINITY),
+            Vec3::ZERO,
+            Vec3::Y,
+            3,
+            |h| {
+                assert!((h.irradiance().r - PI).abs() < 1e-5);
+                let largest = |g: Gradient| g.along.iter().fold(0f32, |m, v| m.max(v.r.abs()));
+                assert_eq!(largest(h.translation_gradient()), 0.0);
+                assert!(largest(h.rotation_gradient()) < 1e-4);
+                assert_eq!(h.harmonic_mean_distance(), f32::INFINITY);
+            },
+        );
     }
 }

@@ -1,5 +1,6 @@
 //! Many light paths on many threads, and what they leave in an order that does not depend on threads.
 
+use super::EmissionGuide;
 use super::tracing::{Deposit, PhotonPaths};
 use crate::integrator::Counters;
 use crate::integrator::preparation::Workers;
@@ -68,6 +69,8 @@ pub struct Caster<'a> {
     pub scene: &'a Scene,
     /// The sampler.
     pub sampler: Sampler,
+    /// Where paths should begin; in proportion to the emitters' light without.
+    pub guide: Option<&'a EmissionGuide>,
     /// The threads to work with.
     pub pool: &'a rayon::ThreadPool,
     /// Whether to stop early, with what there is.
@@ -75,14 +78,15 @@ pub struct Caster<'a> {
 }
 
 impl Caster<'_> {
-    /// Traces the paths of a sequence until there are enough of them, and keeps what `keep` makes of their deposits. Ends
+    /// Traces the paths of a sequence until there are enough of them, and keeps what `keep` makes of their
+    /// deposits and the indices of their paths, from 0. Ends
     /// early where a million paths leave nothing, and says by `emitted` how many it took.
     pub fn cast<T: Send>(
         &self,
         paths: &PhotonPaths,
         sequence: PathSequence,
         until: Until,
-        keep: impl Fn(&Deposit) -> Option<T> + Sync,
+        keep: impl Fn(&Deposit, u64) -> Option<T> + Sync,
     ) -> Cast<T> {
         let workers = Workers::new(self.pool, self.sampler);
         let mut cast = Cast { kept: Vec::new(), emitted: 0, invalid: 0, counters: Counters::default() };
@@ -100,10 +104,11 @@ impl Caster<'_> {
                 let trace = |batch: &std::ops::Range<u64>| {
                     let keys: Vec<SampleKey> = batch.clone().map(|i| sequence.key(i)).collect();
                     let mut deposits = Vec::new();
-                    workers.with(|worker| paths.trace(self.scene, &keys, worker, &mut deposits));
+                    workers.with(|worker| paths.trace(self.scene, &keys, self.guide, worker, &mut deposits));
                     let all = deposits.len();
                     deposits.retain(|d| d.p.is_finite() && d.shading_power().is_valid());
-                    (deposits.iter().filter_map(&keep).collect(), (all - deposits.len()) as u64)
+                    let kept = deposits.iter().filter_map(|d| keep(d, batch.start + u64::from(d.path)));
+                    (kept.collect(), (all - deposits.len()) as u64)
                 };
                 batches.par_iter().map(trace).collect()
             });

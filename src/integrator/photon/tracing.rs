@@ -1,5 +1,6 @@
 //! Photon tracing: light paths from every emitter, and what they leave on the surfaces that they meet. [Jensen 2001]
 
+use super::EmissionGuide;
 use crate::accel::Coherence;
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
@@ -64,12 +65,19 @@ impl PhotonPaths {
         self.max_edges.is_none_or(|max| edges <= max)
     }
 
-    /// Traces a path for each key and adds what it leaves, in an order that depends on nothing else.
-    pub fn trace(&self, scene: &Scene, keys: &[SampleKey], worker: &mut Worker, out: &mut Vec<Deposit>) {
+    /// Traces a path for each key, begun as the guide says if there is one, and adds what it leaves, in an order that depends on nothing else.
+    pub fn trace(
+        &self,
+        scene: &Scene,
+        keys: &[SampleKey],
+        guide: Option<&EmissionGuide>,
+        worker: &mut Worker,
+        out: &mut Vec<Deposit>,
+    ) {
         if !self.allows(1) {
             return;
         }
-        let powers = light_path::emit(scene, keys, worker);
+        let powers = light_path::emit(scene, keys, guide, worker);
         worker.specular_only.clear();
         worker.specular_only.resize(keys.len(), true);
         let mut edges = 1;

@@ -4,15 +4,16 @@ use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
+    SppmSettings, WhittedSettings,
 };
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
 
-const SUPPORTED: [&str; 9] =
-    ["aov", "depth", "direct", "distribution", "irrcache", "moment", "path", "ptracer", "whitted"];
+const SUPPORTED: [&str; 10] =
+    ["aov", "depth", "direct", "distribution", "irrcache", "moment", "path", "ptracer", "sppm", "whitted"];
 const MITSUBA: [&str; 11] = [
     "batch",
     "direct_projective",
@@ -41,6 +42,8 @@ const UNSUPPORTED_AOVS: [&str; 5] = ["dp_du", "dp_dv", "duv_dx", "duv_dy", "boun
 const PAIRS: &str = "expected name:kind pairs such as dd.y:depth";
 /// Most samples of a kind at a shading point.
 const MAX_SAMPLES: i64 = 65_536;
+/// Most light paths of a pass of photons.
+const MAX_PHOTONS: i64 = 100_000_000;
 
 impl Builder<'_> {
     /// The settings of an integrator.
@@ -60,6 +63,10 @@ impl Builder<'_> {
                 Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters })
             }
             "irrcache" => Settings::Irrcache(self.irrcache(&props)?),
+            "sppm" => {
+                self.ignore(&props, &["granularity", "max_passes"], "the render job decides");
+                Settings::Sppm(sppm(&props)?)
+            }
             "moment" => {
                 let image = self.only_integrator(&props)?;
                 let layers = vec![Layer { name: "variance".to_owned(), aov: Aov::Variance }];
@@ -160,6 +167,33 @@ fn direct(props: &Props) -> Result<DirectSettings> {
         0 => Err(props.object.error("expected at least one emitter or bsdf sample")),
         _ => Ok(settings),
     }
+}
+
+fn sppm(props: &Props) -> Result<SppmSettings> {
+    let default = SppmSettings::default();
+    let PathSettings { max_depth, rr_depth, hide_emitters } = path(props)?;
+    let photon_count = props.integer("photon_count", 0..=MAX_PHOTONS)?;
+    let number = |name, or, expected: &str, allowed: fn(f64) -> bool| match props.float(name)? {
+        None => Ok(or),
+        Some(value) if allowed(value) => Ok(value as f32),
+        Some(_) => Err(props.refusal(name, expected)),
+    };
+    Ok(SppmSettings {
+        max_depth,
+        rr_depth,
+        hide_emitters,
+        photon_count: photon_count.map_or(default.photon_count, |n| n as u32),
+        initial_radius: number(
+            "initial_radius",
+            default.initial_radius,
+            "expected a radius of at least 1e-18 and at most 1e18, or 0 for three widths of a pixel",
+            |r| r == 0.0 || (1e-18..=1e18).contains(&r),
+        )?,
+        guided: props.boolean("guided", default.guided)?,
+        alpha: number("alpha", default.alpha, "expected a number above 0 and at most 1", |a| {
+            a > 0.0 && a <= 1.0
+        })?,
+    })
 }
 
 fn whitted(props: &Props) -> Result<WhittedSettings> {
