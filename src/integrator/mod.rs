@@ -28,6 +28,7 @@ pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
 pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
+pub use photon::Photonmapper;
 pub use preparation::{Fact, Preparation};
 pub use progressive::{Begun, Progressive, SamplePass};
 pub use ptracer::{Ptracer, Splat};
@@ -157,6 +158,7 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
         Settings::Depth => Box::new(DepthIntegrator),
         Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
         Settings::Irrcache(irrcache) => Box::new(IrradianceCache::new(irrcache)),
+        Settings::Photonmapper(mapper) => Box::new(Photonmapper::new(*mapper)),
         Settings::Sppm(sppm) => Box::new(Sppm::new(*sppm)),
         Settings::Aov { image: Some(image), .. } => create(image),
         Settings::Aov { image: None, .. } => Box::new(aov::NoImage),

@@ -3,8 +3,8 @@
 use super::Session;
 use crate::error::{Error, Result};
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
-    SppmSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonmapperSettings,
+    PtracerSettings, SppmSettings, WhittedSettings,
 };
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
@@ -88,7 +88,8 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
-        Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
+        Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. })
+        | Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
@@ -108,6 +109,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) if name == of_scene.name() => of_scene,
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
+        Some("photonmapper") => {
+            let default = PhotonmapperSettings::default();
+            Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, ..default })
+        }
         Some("sppm") => {
             Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, ..SppmSettings::default() })
         }
@@ -131,7 +136,7 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, sppm, \
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, photonmapper, sppm, irrcache, \
                  whitted, distribution, depth and aov"
             )));
         }

@@ -191,12 +191,12 @@ fn irradiance_from_beforehand_is_that_of_a_photon_nearby() {
     let (mut front, mut back) = (Vec::new(), Vec::new());
     for i in 0..200 {
         let p = Vec3::new(0.15 + 0.7 * random.next(), 0.15 + 0.7 * random.next(), 0.0);
-        let value = |n: Vec3| f64::from(irradiances.irradiance(Place { p, n }, 0.1).unwrap().r);
+        let value = |n: Vec3| f64::from(irradiances.nearest(Place { p, n }).unwrap().value.r);
         front.push(value(Vec3::Z));
         back.push(value(Vec3::NEG_Z));
         let nowhere = Place { p: p + Vec3::Z * (1.0 + i as f32), n: Vec3::Z };
-        assert_eq!(irradiances.irradiance(nowhere, 0.1), None);
-        assert_eq!(irradiances.irradiance(Place { p, n: Vec3::NEG_X }, 0.1), None);
+        assert_eq!(irradiances.nearest(nowhere), None);
+        assert_eq!(irradiances.nearest(Place { p, n: Vec3::NEG_X }), None);
     }
     let ((front, e), (back, f)) = (mean(&front), mean(&back));
     assert!((front - 2.0).abs() < 0.05 && (back - 6.0).abs() < 0.15, "{front} ± {e}, {back} ± {f}");

@@ -132,6 +132,14 @@ pub fn read_contents(path: &Path) -> Result<Contents> {
     Ok(reader.contents)
 }
 
+/// Hash of a text, for [`Origin`].
+pub fn hash(text: &str) -> u64 {
+    let mut checksum = Checksum::default();
+    // Padded, for the sum takes whole words.
+    text.bytes().for_each(|byte| checksum.add(&[byte, 0, 0, 0]));
+    checksum.0
+}
+
 /// Whether a file begins as one of photon maps does.
 pub fn is_photon_file(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
@@ -378,7 +386,7 @@ mod tests {
         let most = u64::MAX.to_le_bytes();
         assert_eq!(with(40, &most), "says that it has more photons than a file can hold");
         let many = (1u64 << 40).to_le_bytes();
-        assert_eq!(with(40, &many), "has 24328 bytes, expected 26388279067016 for its photons");
+        assert_eq!(with(40, &many), "has 24328 bytes, expected 26388279066952 for its photons");
         assert_eq!(refused(&good[..good.len() - 1]), "has 24327 bytes, expected 24328 for its photons");
         let damaged = "is damaged: its checksum is not that of its bytes";
         for at in [16, 24, 48, 80, 100, good.len() - 100, good.len() - 1] {

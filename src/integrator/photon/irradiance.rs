@@ -15,6 +15,16 @@ pub struct IrradianceMap {
     tree: KdTree,
     /// By slot of the tree.
     values: Vec<Value>,
+    lookup_radius: f32,
+}
+
+/// Irradiance that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// W·m⁻².
+    pub value: Rgb,
+    /// The radius of the disc that it was estimated over, scene units.
+    pub radius: f32,
 }
 
 /// Irradiance on the side of a normal.
@@ -22,6 +32,8 @@ pub struct IrradianceMap {
 struct Value {
     irradiance: PackedRgb,
     normal: u16,
+    /// The radius of the disc, over the lookup radius.
+    share: half::f16,
 }
 
 /// Points that one task computes irradiance at.
@@ -48,24 +60,32 @@ impl IrradianceMap {
             if let Some(boundary) = boundary {
                 boundary.correct(places, estimator.kernel, &mut estimates);
             }
-            estimates.into_iter().map(|estimate| PackedRgb::new(estimate.value)).collect::<Vec<_>>()
+            estimates
         };
-        let values: Vec<PackedRgb> = places.par_chunks(TASK).flat_map_iter(estimate).collect();
+        let values: Vec<Irradiance> = places.par_chunks(TASK).flat_map_iter(estimate).collect();
         let Built { tree, order } = KdTree::build(places.len(), |i| places[i].p);
         let value = |&i: &u32| {
             let i = i as usize;
-            Value { irradiance: values[i], normal: encode_octahedral(places[i].n) }
+            Value {
+                irradiance: PackedRgb::new(values[i].value),
+                normal: encode_octahedral(places[i].n),
+                share: half::f16::from_f32(values[i].radius / estimator.lookup_radius),
+            }
         };
-        IrradianceMap { values: order.iter().map(value).collect(), tree }
+        let lookup_radius = estimator.lookup_radius;
+        IrradianceMap { values: order.iter().map(value).collect(), tree, lookup_radius }
     }
 
-    /// Irradiance at the nearest point of the place's surface, W·m⁻²; `None` where there is none within `radius`.
+    /// Irradiance at the nearest point of the place's surface, and the disc that it was estimated over; `None` where there
+    /// is none within the lookup radius.
     #[inline]
-    pub fn irradiance(&self, at: Place, radius: f32) -> Option<Rgb> {
+    pub fn nearest(&self, at: Place) -> Option<Known> {
         let metric = Disc { normal: at.n, flatness: FLATNESS };
         let belongs = |slot: usize| signed_squared_cosine(self.values[slot].normal, at.n) > COMPATIBLE;
-        let nearest = self.tree.nearest_one(at.p, radius * radius, metric, belongs)?;
-        Some(self.values[nearest.slot()].irradiance.get())
+        let bound = self.lookup_radius * self.lookup_radius;
+        let nearest = self.tree.nearest_one(at.p, bound, metric, belongs)?;
+        let value = &self.values[nearest.slot()];
+        Some(Known { value: value.irradiance.get(), radius: value.share.to_f32() * self.lookup_radius })
     }
 
     /// How many points there are.

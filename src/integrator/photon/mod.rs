@@ -12,6 +12,7 @@ pub mod irradiance;
 pub mod kdtree;
 pub mod kernel;
 pub mod map;
+pub mod mapper;
 #[allow(clippy::module_inception)]
 pub mod photon;
 pub mod tracing;
@@ -23,5 +24,6 @@ pub use guide::EmissionGuide;
 pub use irradiance::IrradianceMap;
 pub use kernel::Kernel;
 pub use map::PhotonMap;
+pub use mapper::Photonmapper;
 pub use photon::Photon;
 pub use tracing::{Deposit, PhotonPaths};

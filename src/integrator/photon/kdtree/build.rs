@@ -1,7 +1,7 @@
 //! Building a balanced kd-tree.
 
 use super::{KdTree, LEAF, Leaf, Split};
-use crate::math::{Bounds, Vec3};
+use crate::math::Vec3;
 use rayon::prelude::*;
 
 /// Subtrees of fewer points are built by one thread.
@@ -107,20 +107,26 @@ fn leaves_on_the_left(leaves: usize) -> usize {
 
 /// Sorts as the coordinate does, then by index.
 #[inline(always)]
-fn sort_key(entry: &Entry, axis: usize) -> (u32, u32) {
+fn sort_key(entry: &Entry, axis: usize) -> u64 {
     let bits = entry.p[axis].to_bits();
     let negative = (bits as i32 >> 31) as u32;
-    (bits ^ (negative | 1 << 31), entry.index)
+    u64::from(bits ^ (negative | 1 << 31)) << 32 | u64::from(entry.index)
 }
 
 /// The axis along which the points reach farthest.
 fn widest_axis(entries: &[Entry]) -> usize {
-    let bounds = Bounds::of(entries.iter().map(|e| Vec3::from_array(e.p)));
+    let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for Entry { p, .. } in entries {
+        for c in 0..3 {
+            min[c] = if p[c] < min[c] { p[c] } else { min[c] };
+            max[c] = if p[c] > max[c] { p[c] } else { max[c] };
+        }
+    }
     // Halves, for differences of finite numbers may be infinite.
-    let extent = bounds.max * 0.5 - bounds.min * 0.5;
-    match extent {
-        e if e.x >= e.y && e.x >= e.z => 0,
-        e if e.y >= e.z => 1,
+    let [x, y, z]: [f32; 3] = std::array::from_fn(|c| max[c] * 0.5 - min[c] * 0.5);
+    match () {
+        _ if x >= y && x >= z => 0,
+        _ if y >= z => 1,
         _ => 2,
     }
 }
