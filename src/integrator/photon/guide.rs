@@ -18,6 +18,8 @@ use crate::scene::Scene;
 const CELLS: usize = 64;
 /// Light paths of the pilot.
 const PILOT: u64 = 1 << 17;
+/// Paths whose numbers are drawn together.
+const CHUNK: usize = 2048;
 /// The stream of its numbers; photons have the stream 0.
 const STREAM: u32 = 1;
 /// The share of the paths that begin as they would without a guide, for each of emitter, position and direction.
@@ -27,9 +29,11 @@ const UNGUIDED: f64 = 0.25;
 #[derive(Clone, Debug)]
 pub struct EmissionGuide {
     choice: Distribution1D,
-    /// Over the positions and the directions of each emitter that has brought anything.
-    lights: Vec<Option<[Distribution2D; 2]>>,
+    lights: Vec<Beginnings>,
 }
+
+/// Densities over the positions and the directions of an emitter; uniform where there is none.
+type Beginnings = [Option<Distribution2D>; 2];
 
 /// What the pilot has found in the cells of a unit square.
 struct Square {
@@ -37,7 +41,26 @@ struct Square {
     counts: Vec<u32>,
 }
 
+/// A path of the pilot that has brought something: from where on its emitter, in which direction, and how much, W.
+struct Success {
+    pairs: [Vec2; 2],
+    value: f64,
+}
+
+/// What the pilot has found out about an emitter.
+struct Found {
+    squares: [Square; 2],
+    successes: Vec<Success>,
+    paths: u64,
+}
+
 impl EmissionGuide {
+    /// The guide that begins paths in proportion to the emitters' light.
+    pub fn uniform(scene: &Scene) -> Self {
+        let lights = scene.lights.iter().map(|_| [None, None]).collect();
+        EmissionGuide { choice: scene.light_choice.clone(), lights }
+    }
+
     /// Learns which beginnings bring power to deposits that are wanted. `None` where none did.
     pub fn learn(
         caster: &Caster<'_>,
@@ -45,38 +68,36 @@ impl EmissionGuide {
         seed: u64,
         wanted: impl Fn(&Deposit) -> bool + Sync,
     ) -> Option<Self> {
-        let unguided = Caster { guide: None, ..*caster };
+        let scene = caster.scene;
+        let uniform = EmissionGuide::uniform(scene);
+        let pilot = Caster { guide: Some(&uniform), ..*caster };
         let sequence = PathSequence { seed, stream: STREAM, half: 0, first: 0 };
         let until = Until { paths: PILOT, kept: None };
         let power = |d: &Deposit, path: u64| wanted(d).then(|| (path, d.shading_power().max_component()));
-        let cast = unguided.cast(paths, sequence, until, power);
+        let cast = pilot.cast(paths, sequence, until, power);
         let mut brought = vec![0.0f32; cast.emitted as usize];
         for (path, power) in cast.kept {
             brought[path as usize] += power;
         }
-        let scene = caster.scene;
-        let mut lights: Vec<[Square; 2]> =
-            scene.lights.iter().map(|_| [Square::new(), Square::new()]).collect();
+        let mut found: Vec<Found> = scene.lights.iter().map(|_| Found::nothing()).collect();
         let mut worker = Worker::new(caster.sampler);
         let mut numbers = EmissionNumbers::default();
-        for (chunk, brought) in brought.chunks(2048).enumerate() {
-            let first = chunk as u64 * 2048;
+        for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
+            let first = (chunk * CHUNK) as u64;
             let keys: Vec<SampleKey> = (0..brought.len() as u64).map(|i| sequence.key(first + i)).collect();
             numbers.draw(scene, &keys, &mut worker);
             for (i, brought) in brought.iter().enumerate() {
-                let Some(choice) = scene.light_choice.sample(numbers.choice[i]) else { continue };
-                // What the emitter has brought were it the only one.
-                let value = f64::from(brought * choice.pmf);
-                for (square, u) in lights[choice.index].iter_mut().zip(numbers.pairs(i)) {
-                    square.add(u, value);
+                if let Some(choice) = scene.light_choice.sample(numbers.choice[i]) {
+                    // What the path has brought were its emitter the only one.
+                    found[choice.index].add(numbers.pairs(i), f64::from(brought * choice.pmf));
                 }
             }
         }
-        Self::of(scene, &lights)
+        Self::of(scene, &found)
     }
 
-    fn of(scene: &Scene, lights: &[[Square; 2]]) -> Option<Self> {
-        let brought: Vec<f64> = lights.iter().map(|[_, directions]| directions.mean()).collect();
+    fn of(scene: &Scene, found: &[Found]) -> Option<Self> {
+        let (lights, brought): (Vec<_>, Vec<_>) = found.iter().map(Found::best).unzip();
         let total: f64 = brought.iter().sum();
         if !(total > 0.0 && total.is_finite()) {
             return None;
@@ -85,10 +106,7 @@ impl EmissionGuide {
             UNGUIDED * f64::from(scene.light_choice.pmf(i)) + (1.0 - UNGUIDED) * brought / total
         };
         let choice = Distribution1D::new(&brought.iter().enumerate().map(mix).collect::<Vec<_>>());
-        let guide = |(squares, brought): (&[Square; 2], &f64)| {
-            (*brought > 0.0).then(|| squares.each_ref().map(Square::distribution))
-        };
-        Some(EmissionGuide { choice, lights: lights.iter().zip(&brought).map(guide).collect() })
+        Some(EmissionGuide { choice, lights })
     }
 
     /// As [`Scene::sample_light_ray`], by the guide's density.
@@ -101,15 +119,57 @@ impl EmissionGuide {
     ) -> Option<LightRay> {
         let choice = self.choice.sample(u_choice)?;
         let mut density = choice.pmf;
-        if let Some([points, directions]) = &self.lights[choice.index] {
-            for (u, distribution) in [(&mut point, points), (&mut direction, directions)] {
+        let [points, directions] = &self.lights[choice.index];
+        for (u, distribution) in [(&mut point, points), (&mut direction, directions)] {
+            if let Some(distribution) = distribution {
                 let (warped, pdf) = distribution.sample(*u)?;
                 *u = warped.min(Vec2::splat(1f32.next_down()));
                 density *= pdf;
             }
         }
-        let light = scene.lights[choice.index].sample_ray(point, direction, time)?;
+        let light = scene.lights[choice.index].sample_ray_by_direction(point, direction, time)?;
         Some(LightRay { power: light.power / density, ..light })
+    }
+}
+
+impl Found {
+    fn nothing() -> Self {
+        Found { squares: [Square::new(), Square::new()], successes: Vec::new(), paths: 0 }
+    }
+
+    fn add(&mut self, pairs: [Vec2; 2], value: f64) {
+        for (square, u) in self.squares.iter_mut().zip(pairs) {
+            square.add(u, value);
+        }
+        if value > 0.0 {
+            self.successes.push(Success { pairs, value });
+        }
+        self.paths += 1;
+    }
+
+    /// The densities that would have made the second moment of the pilot's paths least, and its root then. Positions and
+    /// directions are taken for independent; where they are not, one density or none may be better than both.
+    fn best(&self) -> (Beginnings, f64) {
+        let learned = self.squares.each_ref().map(Square::distribution);
+        let moment = |[points, directions]: &Beginnings| {
+            let density = |distribution: &Option<Distribution2D>, u: Vec2| match distribution {
+                Some(distribution) => f64::from(distribution.pdf(u)),
+                None => 1.0,
+            };
+            let squares = self.successes.iter().map(|success| {
+                let [point, direction] = success.pairs;
+                success.value * success.value / (density(points, point) * density(directions, direction))
+            });
+            squares.sum::<f64>() / self.paths.max(1) as f64
+        };
+        let pick = |i: usize, yes: bool| if yes { learned[i].clone() } else { None };
+        let choices = [(false, false), (false, true), (true, false), (true, true)];
+        let all = choices.map(|(point, direction)| [pick(0, point), pick(1, direction)]);
+        let least = all.into_iter().map(|beginnings| (moment(&beginnings), beginnings));
+        match least.min_by(|(a, _), (b, _)| a.total_cmp(b)) {
+            Some((moment, beginnings)) => (beginnings, moment.sqrt()),
+            None => ([None, None], 0.0),
+        }
     }
 }
 
@@ -133,9 +193,10 @@ impl Square {
         self.deviations().sum::<f64>() / (CELLS * CELLS) as f64
     }
 
-    fn distribution(&self) -> Distribution2D {
+    /// `None` where nothing was found.
+    fn distribution(&self) -> Option<Distribution2D> {
         let mean = self.mean();
         let weights: Vec<f64> = self.deviations().map(|v| UNGUIDED * mean + (1.0 - UNGUIDED) * v).collect();
-        Distribution2D::new(CELLS, CELLS, &weights)
+        (mean > 0.0).then(|| Distribution2D::new(CELLS, CELLS, &weights))
     }
 }

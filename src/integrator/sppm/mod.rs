@@ -140,7 +140,11 @@ impl Progressive for Sppm {
         let caster = Caster { scene, sampler, guide: self.guide.as_ref(), pool, interrupted };
         let until = Until { paths, kept: None };
         let cast = caster.cast(&self.photon_paths(), sequence, until, |d, _| Some(GridPhoton::new(d)));
-        let radius = radius::of_pass(self.first_radius, self.settings.alpha, index);
+        let first = match self.first_radius {
+            0.0 => View::of(pass.preparation).radius(scene),
+            radius => radius,
+        };
+        let radius = radius::of_pass(first, self.settings.alpha, index);
         let grid = pool.install(|| PhotonGrid::new(&cast.kept, radius));
         let pass = Pass { grid, emitted: cast.emitted };
         *self.pass.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(pass);
