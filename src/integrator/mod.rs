@@ -37,7 +37,8 @@ pub use sppm::Sppm;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 
-use crate::accel::Coherence;
+use self::settings::Aov;
+use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::math::Ray;
@@ -120,6 +121,25 @@ pub trait Integrator: Send + Sync {
     /// If a file that it is to read or write cannot be, or if the scene cannot be prepared for.
     fn prepare(&mut self, _preparation: &Preparation<'_>) -> Result<()> {
         Ok(())
+    }
+
+    /// Whether what it prepares can be kept in a file.
+    fn keeps_caches(&self) -> bool {
+        false
+    }
+
+    /// The value of an image layer at the hit of a camera ray, which belongs to a sample of the given key.
+    fn layer(
+        &self,
+        layer: Aov,
+        scene: &Scene,
+        ray: &Ray,
+        key: SampleKey,
+        hit: Option<&Hit>,
+        out: &mut [f32],
+    ) {
+        let _ = key;
+        layer.evaluate(scene, ray, hit, out);
     }
 
     /// What there is to say about what was prepared.

@@ -28,6 +28,8 @@ pub enum Aov {
     StandardError,
     /// Number of samples of the pixel.
     Samples,
+    /// Radius of the irradiance records that reach the surface, by their weights.
+    RecordRadius,
 }
 
 /// An image layer: its name in the file and what it holds.

@@ -2,6 +2,7 @@
 
 use super::Session;
 use crate::error::{Error, Result};
+use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
     Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonmapperSettings,
     PtracerSettings, SppmSettings, WhittedSettings,
@@ -25,6 +26,8 @@ pub struct Choices {
     pub aov: Vec<String>,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
+    /// A file for what the integrator computes beforehand.
+    pub cache: Option<CacheFile>,
 }
 
 /// An integrator's settings and a job's.
@@ -36,6 +39,8 @@ pub struct Plan {
     pub job: JobSettings,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
+    /// A file for what the integrator computes beforehand.
+    pub cache: Option<CacheFile>,
 }
 
 /// Samples per pixel where neither the scene nor the user says anything.
@@ -75,7 +80,14 @@ impl Session {
                 created.name()
             )));
         }
-        Ok(Plan { integrator, job, adaptive: choices.adaptive })
+        if choices.cache.is_some() && !created.keeps_caches() {
+            return Err(Error::usage(format!(
+                "--cache: {} computes nothing beforehand that a file could keep",
+                created.name()
+            )));
+        }
+        let cache = choices.cache.clone();
+        Ok(Plan { integrator, job, adaptive: choices.adaptive, cache })
     }
 }
 
@@ -136,8 +148,8 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, photonmapper, sppm, irrcache, \
-                 whitted, distribution, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, photonmapper, sppm, \
+                 whitted, distribution, irrcache, depth and aov"
             )));
         }
     })
@@ -147,6 +159,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
 fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
     let mut layers = match settings {
         Settings::Aov { layers, .. } => layers.clone(),
+        Settings::Irrcache(IrrcacheSettings { debug: true, .. }) => {
+            vec![Layer { name: "record_radius".into(), aov: Aov::RecordRadius }]
+        }
         _ => Vec::new(),
     };
     if layers.is_empty() && names.is_empty() && matches!(settings, Settings::Aov { .. }) {
@@ -159,6 +174,16 @@ fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
         let aov = Aov::by_name(name).ok_or_else(|| {
             Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
         })?;
+        let cached = match settings {
+            Settings::Aov { image: Some(image), .. } => image.as_ref(),
+            other => other,
+        };
+        if aov == Aov::RecordRadius && !matches!(cached, Settings::Irrcache(_)) {
+            return Err(Error::usage(format!(
+                "--aov record_radius: {} has no records; irrcache has",
+                settings.name()
+            )));
+        }
         // `moment` brings its variance along.
         if layers.iter().any(|l| l.name == *name && l.aov == aov) && !names[..i].contains(name) {
             continue;

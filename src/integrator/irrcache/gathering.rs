@@ -1,6 +1,7 @@
 //! Computing records: hemispheres of rays, several records to a wave.
 
 use super::hemisphere::{Hemisphere, Strata};
+use super::overture::Level;
 use super::places::Place;
 use super::record::{Record, Spacing};
 use crate::accel::Coherence;
@@ -17,7 +18,9 @@ const WAVE: usize = 2048;
 /// The share of the mean distance of surfaces that a record counts for at quality 1.
 const TOLERANCE: f32 = 0.25;
 /// Bounds of a record's radius in pixels. [Tabellion and Lamorlette 2004]
-const PIXELS: [f32; 2] = [1.5, 40.0];
+const PIXELS: [f32; 2] = [4.0, 40.0];
+/// The same for coarse records.
+const COARSE_PIXELS: [f32; 2] = [8.0, 80.0];
 
 /// All light but what is emitted towards the point and caustics.
 const GATHERED: RadianceQuery =
@@ -30,6 +33,8 @@ pub struct Gathering<'a> {
     pub settings: &'a IrrcacheSettings,
     /// Hash of what tells this cache's numbers from all others.
     pub seed: u32,
+    /// What the records are for.
+    pub level: Level,
     /// Which half of the samples the records serve.
     pub half: usize,
 }
@@ -68,8 +73,9 @@ impl Gathering<'_> {
         let hemisphere = Hemisphere { strata, frame, radiance: &radiance, distance: &distance };
         let tolerance = TOLERANCE / self.settings.quality;
         let size = self.scene.bounds.max - self.scene.bounds.min;
+        let pixels = if self.level == Level::Coarse { COARSE_PIXELS } else { PIXELS };
         let spacing = match self.settings.clamp_screen {
-            true => Spacing { min: PIXELS[0] * place.pixel, max: PIXELS[1] * place.pixel },
+            true => Spacing { min: pixels[0] * place.pixel, max: pixels[1] * place.pixel },
             false => Spacing { min: 0.0, max: size.length() },
         };
         Record::new(place.p, &hemisphere, tolerance, self.settings.gradients, spacing)

@@ -31,6 +31,7 @@ struct Change {
     turn: [Vec4; 3],
     slope: [Vec4; 3],
     p: Vec3,
+    radius: f32,
 }
 
 impl Change {
@@ -42,6 +43,7 @@ impl Change {
             turn: record.rotation.along.map(wide),
             slope: record.translation.along.map(wide),
             p: record.p,
+            radius: record.radius,
         }
     }
 
@@ -56,6 +58,20 @@ impl Change {
             + self.turn[1] * turn.y
             + self.turn[2] * turn.z
     }
+}
+
+/// Weighted sums over the records that reach a point.
+struct Sum {
+    light: Vec4,
+    weights: f32,
+    radii: f32,
+}
+
+/// What gradients make negative is black.
+#[inline(always)]
+fn mean(light: Vec4, weights: f32) -> Rgb {
+    let e = (light / weights).max(Vec4::ZERO);
+    Rgb::new(e.x, e.y, e.z)
 }
 
 impl Interpolation {
@@ -77,26 +93,50 @@ impl Interpolation {
         Interpolation { tree, leaves, blocks, changes: records.iter().map(Change::new).collect() }
     }
 
+    /// As [`irradiance`](Self::irradiance), but also `None` where the records are spread wider than `distance`: from so near, what
+    /// they smooth away would be seen.
+    #[inline]
+    pub fn irradiance_from(&self, distance: f32, p: Vec3, n: Vec3, facing: Vec3) -> Option<Rgb> {
+        let Sum { light, weights, radii } = self.sum(p, n, facing);
+        (weights > 0.0 && radii <= distance * weights).then(|| mean(light, weights))
+    }
+
     /// Irradiance at the point `p` of a surface whose normal is `n`, for a receiver with the normal `facing` (which differs under
     /// a bump map); `None` where no record reaches. What gradients make negative is black.
     #[inline]
     pub fn irradiance(&self, p: Vec3, n: Vec3, facing: Vec3) -> Option<Rgb> {
+        let Sum { light, weights, .. } = self.sum(p, n, facing);
+        (weights > 0.0).then(|| mean(light, weights))
+    }
+
+    /// The mean radius of the records that reach the point, by their weights; zero where none does.
+    pub fn radius(&self, p: Vec3, n: Vec3) -> f32 {
+        let Sum { weights, radii, .. } = self.sum(p, n, n);
+        if weights > 0.0 { radii / weights } else { 0.0 }
+    }
+
+    /// The distance of the nearest record among those that may reach the point; infinite where there is none.
+    pub fn nearest(&self, p: Vec3) -> f32 {
+        let distance = |i: &u32| (self.changes[*i as usize].p - p).length();
+        self.tree.near(p).iter().map(distance).fold(f32::INFINITY, f32::min)
+    }
+
+    #[inline(always)]
+    fn sum(&self, p: Vec3, n: Vec3, facing: Vec3) -> Sum {
         let [first, end] = self.leaves[self.tree.leaf(p)];
         let (wide_p, wide_n) = (Vec3x16::splat(p), Vec3x16::splat(n));
-        let mut sum = Vec4::ZERO;
-        let mut weights = 0.0;
+        let mut sum = Sum { light: Vec4::ZERO, weights: 0.0, radii: 0.0 };
         for block in &self.blocks[first as usize..end as usize] {
             let w = block.places.weights(wide_p, wide_n);
             let w_of = w.as_array();
             for i in bits(w.simd_gt(f32x16::ZERO).to_bitmask()) {
-                sum += self.changes[block.records[i] as usize].at(p, facing) * w_of[i];
-                weights += w_of[i];
+                let change = &self.changes[block.records[i] as usize];
+                sum.light += change.at(p, facing) * w_of[i];
+                sum.weights += w_of[i];
+                sum.radii += change.radius * w_of[i];
             }
         }
-        (weights > 0.0).then(|| {
-            let e = (sum / weights).max(Vec4::ZERO);
-            Rgb::new(e.x, e.y, e.z)
-        })
+        sum
     }
 
     /// Bytes of all that is there to be read.

@@ -8,39 +8,59 @@ use super::weight::weight;
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::IrrcacheSettings;
 use crate::integrator::{Integrator, Preparation};
-use crate::math::Vec2;
-use crate::sampling::SampleKey;
+use crate::math::{Frame, Vec2};
 use crate::sampling::hash::{combine, pcg3d, to_unit};
+use crate::sampling::{SampleKey, warp};
 use rayon::prelude::*;
 
-/// Distance in pixels between the places that are looked at, pass after pass.
-const STRIDES: [u32; 6] = [32, 16, 8, 4, 2, 1];
 /// Places that are looked up in the cache before what is missing is computed.
 const BATCH: usize = 2048;
 /// Camera rays of a task.
 const CHUNK: usize = 256;
 
-/// Fills a cache for one half of the samples, and returns its records.
+/// What records are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// What the camera sees.
+    Fine,
+    /// What is seen from there.
+    Coarse,
+}
+
+impl Level {
+    /// Distance in pixels between the places that are looked at, pass after pass.
+    fn strides(self) -> &'static [u32] {
+        match self {
+            Level::Fine => &[32, 16, 8, 4, 2, 1],
+            Level::Coarse => &[32, 16, 8, 6],
+        }
+    }
+}
+
+/// Adds what the view needs to the known records of a cache for one half of the samples, and returns all.
 pub fn run(
     preparation: &Preparation<'_>,
     settings: &IrrcacheSettings,
     child: &dyn Integrator,
     half: usize,
+    level: Level,
+    known: Vec<Record>,
 ) -> Vec<Record> {
     let Preparation { scene, pool, seed, sampler, .. } = *preparation;
-    let seed = combine(combine(combine(seed as u32, (seed >> 32) as u32), half as u32), 0x6972_7263);
-    let gathering = Gathering { scene, child, settings, seed, half };
+    let seed =
+        combine(combine(combine(seed as u32, (seed >> 32) as u32), half as u32), 0x6972_7263 + level as u32);
+    let gathering = Gathering { scene, child, settings, seed, half, level };
     let workers = Workers::new(pool, sampler);
     let mut overture = Overture {
         preparation,
         gathering,
         workers,
-        records: Vec::new(),
-        tree: Octree::new(scene.bounds, 1.0),
+        tree: Octree::of(&known, scene.bounds, 1.0),
+        records: known,
         clamp: settings.clamp_neighbor,
     };
     pool.install(|| {
-        for (pass, stride) in STRIDES.into_iter().enumerate() {
+        for (pass, &stride) in level.strides().iter().enumerate() {
             let points = overture.points(pass as u32, stride);
             for batch in points.chunks(BATCH) {
                 if (preparation.interrupted)() {
@@ -124,7 +144,26 @@ impl Overture<'_> {
         let mut found = Vec::new();
         let deep = scene.needs.delta_lobes || scene.needs.lobe_choice || scene.needs.varying_materials;
         self.workers.with(|worker| places::find(scene, sights.collect(), deep, worker, &mut found));
+        if self.gathering.level == Level::Coarse {
+            found = self.seen_from(found, deep);
+        }
         found.retain(|place| !self.reached(place));
+        found
+    }
+
+    /// One place that is seen from each of the places, in a direction drawn by its cosine.
+    fn seen_from(&self, places: Vec<Place>, deep: bool) -> Vec<Place> {
+        let sights = places.iter().enumerate().map(|(i, place)| {
+            let [a, b, scramble] =
+                pcg3d(place.p.x.to_bits() ^ place.p.y.to_bits(), place.p.z.to_bits(), i as u32);
+            let d = warp::square_to_cosine_hemisphere(Vec2::new(to_unit(a), to_unit(b)));
+            let ray = place.ray(&Frame::from_normal(place.n), d);
+            let key = SampleKey { scramble, index: 0 }.in_half(self.gathering.half as u32);
+            Sight { ray, key, size: place.pixel, growth: place.growth }
+        });
+        let mut found = Vec::new();
+        let scene = self.preparation.scene;
+        self.workers.with(|worker| places::find(scene, sights.collect(), deep, worker, &mut found));
         found
     }
 

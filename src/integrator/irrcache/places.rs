@@ -27,6 +27,8 @@ pub struct Place {
     pub time: f32,
     /// Size of a pixel there, seen from the camera along the path, in the world's units.
     pub pixel: f32,
+    /// How much the pixel grows per unit of length.
+    pub growth: f32,
 }
 
 impl Place {
@@ -85,7 +87,15 @@ pub fn find(scene: &Scene, mut sights: Vec<Sight>, deep: bool, worker: &mut Work
                     // A pixel that is seen at an angle covers more of the surface.
                     let pixel = size / wo.z.abs().max(0.1).sqrt();
                     let (n, ng) = (at.frame.n * side, at.ng * toward);
-                    found.push(Place { p: at.p, error: at.error, ng, n, time: at.time, pixel });
+                    found.push(Place {
+                        p: at.p,
+                        error: at.error,
+                        ng,
+                        n,
+                        time: at.time,
+                        pixel,
+                        growth: sight.growth,
+                    });
                 }
                 let Some(rest) = rest.filter(|_| deep) else { continue };
                 let u = [0, 1].map(|k| numbers.bsdf_direction[k][first + i]);

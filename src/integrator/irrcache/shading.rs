@@ -4,24 +4,52 @@
 //! where they are spread over the solid angle; where they are not, or where there may be caustics, one more ray looks for
 //! emitters, directly (weighted against the emitter sample) and by way of specular lobes.
 
-use super::IrradianceCache;
+use super::interpolation::Interpolation;
 use crate::accel::Coherence;
 use crate::bsdf::{self, BsdfEval, Lobe, SpecularLobe, Split};
 use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
+use crate::integrator::settings::PathSettings;
 use crate::integrator::worker::{Continuation, Numbers, PathWave, ShadowQueue, draw_1d, draw_2d, intersect};
-use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
+use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::math::{Ray, RayX16, Vec2, Vec3};
 use crate::sampling::mis::power_heuristic;
 use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 
+/// An integrator that looks indirect light up.
+pub struct CachedPath {
+    /// The caches of both halves of the samples.
+    pub caches: [Interpolation; 2],
+    /// How long paths may be, and which emitters are seen.
+    pub path: PathSettings,
+    /// Whether only what the caches serve is shown.
+    pub only_cached: bool,
+    /// Whether surfaces nearer to the rays' origins than their records are spread are not served.
+    pub far_only: bool,
+}
+
+impl CachedPath {
+    /// The cached irradiance of lane `i`.
+    #[inline]
+    fn irradiance(&self, block: &Block<'_>, i: usize, half: usize, n: Vec3, facing: Vec3) -> Option<Rgb> {
+        let (cache, p) = (&self.caches[half], block.at.p.lane(i));
+        match self.far_only {
+            true => {
+                let distance = block.at.hit[i].t * block.rays.d.lane(i).length();
+                cache.irradiance_from(distance, p, n, facing)
+            }
+            false => cache.irradiance(p, n, facing),
+        }
+    }
+}
+
 /// What every path of a bounce has in common.
 struct Bounce<'a> {
-    cache: &'a IrradianceCache,
+    cached: &'a CachedPath,
     scene: &'a Scene,
     /// Scattering events so far.
     depth: u32,
@@ -29,6 +57,8 @@ struct Bounce<'a> {
     next_event: bool,
     /// Whether light found by the rays of this bounce is wanted.
     add_emission: bool,
+    /// Whether it is wanted of rays that have met specular lobes only, where that is told apart.
+    add_caustics: Option<bool>,
     /// Whether the cache's light is wanted at this bounce.
     add_cached: bool,
     /// Whether diffuse surfaces send a ray to look for emitters.
@@ -39,47 +69,55 @@ struct Bounce<'a> {
     roulette: bool,
 }
 
-/// Estimates the radiance along the rays of a wave.
-pub fn li(
-    cache: &IrradianceCache,
-    scene: &Scene,
-    wave: Wave<'_>,
-    query: RadianceQuery,
-    worker: &mut Worker,
-    out: &mut [Radiance],
-) {
-    out.fill(Radiance::NONE);
-    let path = &cache.path;
-    let allows = |edges: u32| path.max_depth.is_none_or(|max| edges <= max);
-    let only_cached = cache.settings.indirect_only;
-    let wants = |edges: u32| query.wants(edges) && !only_cached;
-    let spread = scene.lights.iter().all(|light| light.is_sampled_by_solid_angle());
-    worker.paths.begin(wave.rays, wave.keys);
-    worker.probing.clear();
-    worker.probing.resize(out.len(), false);
-    let mut depth = 0;
-    while !worker.paths.rays.is_empty() && allows(depth + 1) {
-        let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
-        intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
-        if depth == 0 {
-            first_hits(scene, path.hide_emitters, worker, out);
+impl Integrator for CachedPath {
+    fn name(&self) -> &'static str {
+        "irrcache"
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        out.fill(Radiance::NONE);
+        let CachedPath { path, only_cached, .. } = self;
+        let allows = |edges: u32| path.max_depth.is_none_or(|max| edges <= max);
+        let wants = |edges: u32| query.wants(edges) && !only_cached;
+        let spread = scene.lights.iter().all(|light| light.is_sampled_by_solid_angle());
+        worker.paths.begin(wave.rays, wave.keys);
+        worker.probing.clear();
+        worker.probing.resize(out.len(), false);
+        worker.specular_only.clear();
+        worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
+        let mut depth = 0;
+        while !worker.paths.rays.is_empty() && allows(depth + 1) {
+            let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
+            intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
+            if depth == 0 {
+                first_hits(scene, path.hide_emitters, worker, out);
+            }
+            let bounce = Bounce {
+                cached: self,
+                scene,
+                depth,
+                next_event: scene.needs.emitter_sampling && allows(depth + 2) && wants(depth + 2),
+                add_emission: wants(depth + 1) && !(depth == 0 && path.hide_emitters),
+                add_caustics: (depth > 0 && query.separates_caustics())
+                    .then_some(query.caustic && !only_cached),
+                add_cached: allows(depth + 3) && query.indirect,
+                probes: (scene.needs.delta_lobes && query.indirect || !spread) && !only_cached,
+                scatter: allows(depth + 2),
+                roulette: depth + 1 >= path.rr_depth,
+            };
+            bounce.drop_missed(worker, out);
+            bounce.draw(worker.sampler, &worker.paths.keys, &mut worker.numbers);
+            bounce.shade(worker, out);
+            worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
+            depth += 1;
         }
-        let bounce = Bounce {
-            cache,
-            scene,
-            depth,
-            next_event: scene.needs.emitter_sampling && allows(depth + 2) && wants(depth + 2),
-            add_emission: wants(depth + 1) && !(depth == 0 && path.hide_emitters),
-            add_cached: allows(depth + 3) && query.indirect,
-            probes: (scene.needs.delta_lobes && query.caustic || !spread) && !only_cached,
-            scatter: allows(depth + 2),
-            roulette: depth + 1 >= path.rr_depth,
-        };
-        bounce.drop_missed(worker, out);
-        bounce.draw(worker.sampler, &worker.paths.keys, &mut worker.numbers);
-        bounce.shade(worker, out);
-        worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
-        depth += 1;
     }
 }
 
@@ -100,6 +138,15 @@ struct Lane<'a> {
 }
 
 impl Bounce<'_> {
+    /// Whether the light found by a path is wanted.
+    #[inline(always)]
+    fn adds(&self, specular_only: &[bool], slot: u32) -> bool {
+        match self.add_caustics {
+            Some(caustics) if specular_only[slot as usize] => caustics,
+            _ => self.add_emission,
+        }
+    }
+
     fn draw(&self, sampler: Sampler, keys: &[SampleKey], numbers: &mut Numbers) {
         let Bounce { depth, scene, .. } = *self;
         if self.next_event {
@@ -121,9 +168,9 @@ impl Bounce<'_> {
     }
 
     fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { paths, hits, .. } = worker;
+        let Worker { paths, hits, specular_only, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
-            if self.add_emission && self.scene.needs.environment {
+            if self.scene.needs.environment && self.adds(specular_only, paths.slots[i]) {
                 let d = paths.rays[i].d;
                 let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
@@ -133,14 +180,17 @@ impl Bounce<'_> {
 
     /// Shades every path of the wave, and moves those that go on to the front.
     fn shade(&self, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { hits, shadows, paths, numbers, arena, probing, .. } = worker;
+        let Worker { hits, shadows, paths, numbers, arena, probing, specular_only, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
             let block = Block::new(self.scene, arena, &paths.rays, hits, first);
-            if self.add_emission {
+            if self.add_emission || self.add_caustics == Some(true) {
                 for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
-                    out[paths.slots[first + i] as usize].value += paths.beta(first + i) * le;
+                    let slot = paths.slots[first + i];
+                    if self.adds(specular_only, slot) {
+                        out[slot as usize].value += paths.beta(first + i) * le;
+                    }
                 }
             }
             if !self.scatter {
@@ -154,6 +204,12 @@ impl Bounce<'_> {
             if others != 0 {
                 let (next, survivors) =
                     self.others(&block, others, paths, numbers, probing, shadows, out, arena);
+                if !specular_only.is_empty() {
+                    for i in bits(survivors) {
+                        let only = &mut specular_only[paths.slots[first + i] as usize];
+                        *only &= next.pdf.as_array()[i].is_infinite();
+                    }
+                }
                 alive = paths.compact(first, alive, &next, survivors);
             }
         }
@@ -182,7 +238,7 @@ impl Bounce<'_> {
             }
             let n = block.at.frame.n.lane(i);
             let half = paths.keys[block.first + i].half();
-            let known = self.cache.caches[half].interpolation.irradiance(block.at.p.lane(i), n, n);
+            let known = self.cached.irradiance(block, i, half, n, n);
             if let Some(irradiance) = known {
                 out[slot].value += paths.beta(block.first + i) * factor * irradiance;
                 served |= 1 << i;
@@ -294,7 +350,7 @@ impl Bounce<'_> {
             let n = frame.n * 1f32.copysign(wo.z);
             let facing = frame.to_world(diffuse.receiving_normal(wo));
             let half = paths.keys[block.first + i].half();
-            let known = self.cache.caches[half].interpolation.irradiance(block.at.p.lane(i), n, facing);
+            let known = self.cached.irradiance(block, i, half, n, facing);
             let Some(irradiance) = known else { return traced };
             let slot = paths.slots[block.first + i] as usize;
             let value = paths.beta(block.first + i) * diffuse.radiance_per_irradiance(wo) * irradiance;

@@ -149,7 +149,7 @@ pub fn is_photon_file(path: &Path) -> bool {
 }
 
 fn bad(path: &Path, what: impl Into<String>) -> Error {
-    Error::scene(what).about("photon map").in_file(path)
+    Error::output(what).about("photon map").in_file(path)
 }
 
 /// A file whose header has been read, and whose length is what the header says.

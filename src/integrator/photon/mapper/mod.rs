@@ -72,6 +72,10 @@ impl Integrator for Photonmapper {
         self.facts.clone()
     }
 
+    fn keeps_caches(&self) -> bool {
+        true
+    }
+
     fn li(
         &self,
         scene: &Scene,
