@@ -38,10 +38,14 @@
 //!
 //! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of
 //!   pixels. ACM Transactions on Graphics 39(6).
+//! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.
+//! - `[Bentley 1975]` Multidimensional binary search trees used for associative searching. CACM 18(9).
 //! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
 //! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[Christensen 1999]` Faster photon map global illumination. JGT 4(3).
+//! - `[Cigolle 2014]` Cigolle et al.: A survey of efficient representations for independent unit vectors. JCGT 3(2).
 //! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
 //! - `[Cook 1986]` Stochastic sampling in computer graphics. ACM Transactions on Graphics 5(1).
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
@@ -58,6 +62,8 @@
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
+//! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
+//! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
@@ -69,6 +75,7 @@
 //! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin 2(6).
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
+//! - `[Silverman 1986]` Density estimation for statistics and data analysis. Chapman and Hall.
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
 //! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.

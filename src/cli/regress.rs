@@ -76,7 +76,7 @@ pub struct RegressArgs {
     /// Give a default of the scenes another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, sppm, depth or aov [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified or sobol [default: the scene's]

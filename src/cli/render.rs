@@ -44,7 +44,8 @@ pub struct RenderArgs {
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, whitted, distribution, irrcache, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, depth or aov
+    /// [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]
@@ -61,7 +62,7 @@ pub struct RenderArgs {
     /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
-    /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache)
+    /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache, photonmapper)
     #[arg(long, value_name = "FILE")]
     pub cache: Option<PathBuf>,
     /// Size of the full image, instead of the scene's (a crop of the scene is dropped)

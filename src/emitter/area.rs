@@ -276,6 +276,25 @@ impl AreaEmitter {
         Some(LightRay { ray: Ray { o, t_max: f32::INFINITY, d, time }, power })
     }
 
+    /// As [`sample_ray`](Self::sample_ray), of the same density; but where the shape is a sphere that neither moves nor has
+    /// a texture, the world direction depends on `u_direction` alone: it is uniform over all directions, and `u_point`
+    /// is a point of the disk that the sphere shows there.
+    pub fn sample_ray_by_direction(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
+        let (Surface::Sphere { center, radius, inward: false }, Some(radiance), None) =
+            (&self.surface, self.emission.constant(), &self.motion)
+        else {
+            return self.sample_ray(u_point, u_direction, time);
+        };
+        let d = warp::square_to_sphere(u_direction);
+        let disk = warp::square_to_disk(u_point);
+        let height = (1.0 - disk.length_squared()).max(0.0).sqrt();
+        let n = Frame::from_normal(d).to_world(disk.extend(height)).normalize();
+        let error = plane_error((center.abs() + Vec3::splat(*radius)) * gamma(8), n);
+        let o = offset_origin(*center + n * *radius, error, n, n);
+        let ray = Ray { o, t_max: f32::INFINITY, d, time };
+        Some(LightRay { ray, power: radiance * (PI / self.uniform()) })
+    }
+
     /// Density per unit area of a point that is uniform in the area.
     fn uniform(&self) -> f32 {
         (1.0 / self.area) as f32

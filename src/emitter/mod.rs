@@ -173,6 +173,15 @@ impl Light {
         }
     }
 
+    /// As [`sample_ray`](Self::sample_ray), of the same density, but with directions in the world that depend on
+    /// `u_direction` as little on `u_point` as the emitter allows.
+    pub fn sample_ray_by_direction(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
+        match self {
+            Light::Area(area) => area.sample_ray_by_direction(u_point, u_direction, time),
+            _ => self.sample_ray(u_point, u_direction, time),
+        }
+    }
+
     /// About the emitted power, W; of distant light that which enters the scene's bounding sphere. Not black for
     /// whatever may shine.
     pub fn power(&self) -> Rgb {

@@ -10,11 +10,15 @@ pub mod direct;
 pub mod distribution;
 pub mod emission;
 pub mod irrcache;
+mod light_path;
 pub mod lighting;
 pub mod path;
+pub mod photon;
 pub mod preparation;
+pub mod progressive;
 pub mod ptracer;
 pub mod settings;
+pub mod sppm;
 mod tree;
 pub mod whitted;
 pub mod worker;
@@ -24,9 +28,12 @@ pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
 pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
+pub use photon::Photonmapper;
 pub use preparation::{Fact, Preparation};
+pub use progressive::{Begun, Progressive, SamplePass};
 pub use ptracer::{Ptracer, Splat};
 pub use settings::Settings;
+pub use sppm::Sppm;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 
@@ -145,6 +152,11 @@ pub trait Integrator: Send + Sync {
         None
     }
 
+    /// What has to be computed before every sample of the pixels, if anything has.
+    fn progressive(&self) -> Option<&dyn Progressive> {
+        None
+    }
+
     /// Estimates the radiance along each ray of `wave` into `out`, which has as many entries.
     fn li(
         &self,
@@ -166,6 +178,8 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
         Settings::Depth => Box::new(DepthIntegrator),
         Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
         Settings::Irrcache(irrcache) => Box::new(IrradianceCache::new(irrcache)),
+        Settings::Photonmapper(mapper) => Box::new(Photonmapper::new(*mapper)),
+        Settings::Sppm(sppm) => Box::new(Sppm::new(*sppm)),
         Settings::Aov { image: Some(image), .. } => create(image),
         Settings::Aov { image: None, .. } => Box::new(aov::NoImage),
     }

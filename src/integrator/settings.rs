@@ -1,5 +1,7 @@
 //! What a scene file or the command line says about an integrator.
 
+use super::photon::Kernel;
+
 /// A feature of the first surface that a camera ray meets, written as an image layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Aov {
@@ -182,6 +184,102 @@ impl Default for IrrcacheSettings {
     }
 }
 
+/// Photon maps and final gathering. [Jensen 2001]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotonmapperSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    pub max_depth: Option<u32>,
+    /// Depth from which Russian roulette may end a path, of the camera or of light.
+    pub rr_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+    /// Samples of the emitters at the first surface that is not specular, at least 1.
+    pub direct_samples: u32,
+    /// Rays into the BSDF there if it has glossy lobes only, at least 1.
+    pub glossy_samples: u32,
+    /// Rays into the BSDF there if it has a diffuse part, at least 1: the final gather.
+    pub gather_samples: u32,
+    /// Photons of each global map.
+    pub global_photons: u32,
+    /// Photons of each caustic map.
+    pub caustic_photons: u32,
+    /// How far photons of the global map are searched for, over the radius of the scene; positive.
+    pub global_lookup_radius: f32,
+    /// How far those of the caustic map are.
+    pub caustic_lookup_radius: f32,
+    /// How many photons are searched for, at least 2.
+    pub lookup_size: u32,
+    /// How photons count by their distance.
+    pub kernel: Kernel,
+    /// What is shown instead of the picture.
+    pub debug: PhotonDebug,
+}
+
+/// What a photon mapper shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PhotonDebug {
+    /// The picture.
+    #[default]
+    None,
+    /// The photons of the global map as points of their colours.
+    Photons,
+    /// The radiance that these make of the first surface, without direct sampling or final gathering.
+    Radiance,
+}
+
+impl Default for PhotonmapperSettings {
+    fn default() -> Self {
+        PhotonmapperSettings {
+            max_depth: None,
+            rr_depth: 5,
+            hide_emitters: false,
+            direct_samples: 1,
+            glossy_samples: 1,
+            gather_samples: 4,
+            global_photons: 250_000,
+            caustic_photons: 250_000,
+            global_lookup_radius: 0.05,
+            caustic_lookup_radius: 0.0125,
+            lookup_size: 120,
+            kernel: Kernel::Epanechnikov,
+            debug: PhotonDebug::None,
+        }
+    }
+}
+
+/// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SppmSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    pub max_depth: Option<u32>,
+    /// Depth from which Russian roulette may end a path, of the camera or of light.
+    pub rr_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+    /// Light paths of each pass, one pass for each sample of the pixels; 0 takes one for each pixel of the full image.
+    pub photon_count: u32,
+    /// Radius of the first pass in scene units; 0 takes three widths of a pixel.
+    pub initial_radius: f32,
+    /// Whether a pilot learns where light paths should begin so that their photons are seen.
+    pub guided: bool,
+    /// How slowly radii shrink, in (0, 1]: 1 keeps them, and keeps the blur.
+    pub alpha: f32,
+}
+
+impl Default for SppmSettings {
+    fn default() -> Self {
+        SppmSettings {
+            max_depth: None,
+            rr_depth: 5,
+            hide_emitters: false,
+            photon_count: 0,
+            initial_radius: 0.0,
+            guided: true,
+            alpha: 0.7,
+        }
+    }
+}
+
 /// An integrator and its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Settings {
@@ -199,6 +297,10 @@ pub enum Settings {
     Ptracer(PtracerSettings),
     /// Irradiance caching.
     Irrcache(IrrcacheSettings),
+    /// Photon maps and final gathering.
+    Photonmapper(PhotonmapperSettings),
+    /// Stochastic progressive photon mapping.
+    Sppm(SppmSettings),
     /// Layers of surface features, beside the image of another integrator if there is one.
     Aov {
         /// The layers in file order.
@@ -225,6 +327,8 @@ impl Settings {
             Settings::Depth => "depth",
             Settings::Ptracer(_) => "ptracer",
             Settings::Irrcache(_) => "irrcache",
+            Settings::Photonmapper(_) => "photonmapper",
+            Settings::Sppm(_) => "sppm",
             Settings::Aov { .. } => "aov",
         }
     }

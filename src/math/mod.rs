@@ -4,6 +4,7 @@ pub mod bounds;
 pub mod frame;
 pub mod lanes;
 pub mod motion;
+pub mod octahedral;
 pub mod ray;
 pub mod robust;
 

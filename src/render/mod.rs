@@ -5,6 +5,7 @@ pub mod job;
 pub mod output;
 mod passes;
 pub mod progress;
+mod progressive;
 mod splats;
 pub mod stop;
 pub mod tracing;

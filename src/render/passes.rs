@@ -2,9 +2,9 @@
 
 use super::adaptive::{self, Allocation};
 use super::job::{Job, Rendered, SampleCounts};
-use super::splats;
 use super::stop::StopReason;
 use super::tracing::CameraWorker;
+use super::{progressive, splats};
 use crate::estimate::replicates::{ErrorEstimate, ErrorSums};
 use crate::film::{PixelRect, Tile};
 use crate::integrator::{Counters, Worker};
@@ -31,7 +31,9 @@ pub(super) struct Passes<'j, 'a> {
     allocation: Option<Allocation>,
     error: Option<ErrorEstimate>,
     estimating: Duration,
-    invalid_splats: u64,
+    invalid_light: u64,
+    /// Counts beside those of the workers.
+    counters: Counters,
 }
 
 impl<'j, 'a> Passes<'j, 'a> {
@@ -54,7 +56,8 @@ impl<'j, 'a> Passes<'j, 'a> {
             allocation: None,
             error: None,
             estimating: Duration::ZERO,
-            invalid_splats: 0,
+            invalid_light: 0,
+            counters: Counters::default(),
         }
     }
 
@@ -98,6 +101,12 @@ impl<'j, 'a> Passes<'j, 'a> {
             allocation.advance(samples.end);
         }
         let allocation = self.allocation.as_ref();
+        if let Some(progressive) = job.integrator.progressive() {
+            let begun = progressive::render(job, progressive, pool, workers, tiles, samples);
+            self.counters.merge(&begun.counters);
+            self.invalid_light += begun.invalid;
+            return;
+        }
         pool.install(|| {
             tiles.par_iter_mut().for_each(|tile| {
                 let thread = rayon::current_thread_index().unwrap_or(0);
@@ -109,7 +118,7 @@ impl<'j, 'a> Passes<'j, 'a> {
             });
         });
         if let Some(ptracer) = job.integrator.light_tracer() {
-            self.invalid_splats += pool.install(|| splats::trace(job, ptracer, workers, tiles, samples));
+            self.invalid_light += pool.install(|| splats::trace(job, ptracer, workers, tiles, samples));
         }
     }
 
@@ -141,9 +150,9 @@ impl<'j, 'a> Passes<'j, 'a> {
             prepared: Duration::ZERO,
             facts: Vec::new(),
             elapsed,
-            counters: Counters::default(),
+            counters: self.counters,
             invalid: Vec::new(),
-            invalid_count: self.invalid_splats,
+            invalid_count: self.invalid_light,
         };
         for worker in self.workers {
             let worker = worker.into_inner().unwrap_or_else(PoisonError::into_inner);

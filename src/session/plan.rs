@@ -4,8 +4,8 @@ use super::Session;
 use crate::error::{Error, Result};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
-    WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonmapperSettings,
+    PtracerSettings, SppmSettings, WhittedSettings,
 };
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
@@ -74,6 +74,12 @@ impl Session {
                 created.name()
             )));
         }
+        if choices.adaptive && created.progressive().is_some() {
+            return Err(Error::usage(format!(
+                "--adaptive: {} traces photons for all pixels at once, and cannot take samples of some pixels alone",
+                created.name()
+            )));
+        }
         if choices.cache.is_some() && !created.keeps_caches() {
             return Err(Error::usage(format!(
                 "--cache: {} computes nothing beforehand that a file could keep",
@@ -94,6 +100,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
+        Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. })
+        | Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
+            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
+        }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
         Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
         | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
@@ -111,6 +121,13 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) if name == of_scene.name() => of_scene,
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
+        Some("photonmapper") => {
+            let default = PhotonmapperSettings::default();
+            Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, ..default })
+        }
+        Some("sppm") => {
+            Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, ..SppmSettings::default() })
+        }
         Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
         Some("whitted") => {
             let default = WhittedSettings::default();
@@ -131,8 +148,8 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, whitted, \
-                 distribution, irrcache, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, photonmapper, sppm, \
+                 whitted, distribution, irrcache, depth and aov"
             )));
         }
     })

@@ -147,7 +147,8 @@ impl Integrator for IrradianceCache {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        self.child.prepare(preparation)?;
+        // The file is for the records.
+        self.child.prepare(&Preparation { cache: None, ..*preparation })?;
         let (camera, film) = (preparation.camera, preparation.camera.film);
         let centre = Vec2::new(film.width as f32, film.height as f32) * 0.5;
         let [a, b] = [centre, centre + Vec2::X].map(|p| camera.ray(p, Vec2::splat(0.5), 0.0));

@@ -3,17 +3,29 @@
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
+use crate::integrator::photon::Kernel;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PtracerSettings,
-    WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonDebug,
+    PhotonmapperSettings, PtracerSettings, SppmSettings, WhittedSettings,
 };
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
 
-const SUPPORTED: [&str; 9] =
-    ["aov", "depth", "direct", "distribution", "irrcache", "moment", "path", "ptracer", "whitted"];
+const SUPPORTED: [&str; 11] = [
+    "aov",
+    "depth",
+    "direct",
+    "distribution",
+    "irrcache",
+    "moment",
+    "path",
+    "photonmapper",
+    "ptracer",
+    "sppm",
+    "whitted",
+];
 const MITSUBA: [&str; 11] = [
     "batch",
     "direct_projective",
@@ -42,6 +54,8 @@ const UNSUPPORTED_AOVS: [&str; 5] = ["dp_du", "dp_dv", "duv_dx", "duv_dy", "boun
 const PAIRS: &str = "expected name:kind pairs such as dd.y:depth";
 /// Most samples of a kind at a shading point.
 const MAX_SAMPLES: i64 = 65_536;
+/// Most light paths of a pass of photons.
+const MAX_PHOTONS: i64 = 100_000_000;
 
 impl Builder<'_> {
     /// The settings of an integrator.
@@ -61,6 +75,15 @@ impl Builder<'_> {
                 Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters })
             }
             "irrcache" => Settings::Irrcache(self.irrcache(&props)?),
+            "photonmapper" => {
+                self.ignore(&props, &["granularity"], "the render job decides");
+                self.ignore(&props, &["volume_photons", "volume_lookup_radius"], "there are no media");
+                Settings::Photonmapper(photonmapper(&props)?)
+            }
+            "sppm" => {
+                self.ignore(&props, &["granularity", "max_passes"], "the render job decides");
+                Settings::Sppm(sppm(&props)?)
+            }
             "moment" => {
                 let image = self.only_integrator(&props)?;
                 let layers = vec![Layer { name: "variance".to_owned(), aov: Aov::Variance }];
@@ -85,7 +108,7 @@ impl Builder<'_> {
 }
 
 /// What can trace the light that an irradiance cache gathers.
-const GATHERERS: [&str; 1] = ["path"];
+const GATHERERS: [&str; 2] = ["path", "photonmapper"];
 
 impl Builder<'_> {
     fn irrcache(&mut self, props: &Props) -> Result<IrrcacheSettings> {
@@ -161,6 +184,62 @@ fn direct(props: &Props) -> Result<DirectSettings> {
         0 => Err(props.object.error("expected at least one emitter or bsdf sample")),
         _ => Ok(settings),
     }
+}
+
+fn photonmapper(props: &Props) -> Result<PhotonmapperSettings> {
+    let default = PhotonmapperSettings::default();
+    let PathSettings { max_depth, rr_depth, hide_emitters } = path(props)?;
+    let number =
+        |name, range, or| props.integer(name, range).map(|n: Option<i64>| n.map_or(or, |n| n as u32));
+    let radius = |name, or| match props.positive(name, or)? {
+        radius if (1e-6..=1e6).contains(&radius) => Ok(radius),
+        _ => Err(props.refusal(name, "expected a part of the scene's radius, from 1e-6 to 1e6")),
+    };
+    let kernels = Kernel::ALL.map(|kernel| (kernel.name(), kernel));
+    let shows =
+        [("none", PhotonDebug::None), ("photons", PhotonDebug::Photons), ("radiance", PhotonDebug::Radiance)];
+    Ok(PhotonmapperSettings {
+        max_depth,
+        rr_depth,
+        hide_emitters,
+        direct_samples: number("direct_samples", 1..=MAX_SAMPLES, default.direct_samples)?,
+        glossy_samples: number("glossy_samples", 1..=MAX_SAMPLES, default.glossy_samples)?,
+        gather_samples: number("gather_samples", 1..=MAX_SAMPLES, default.gather_samples)?,
+        global_photons: number("global_photons", 0..=MAX_PHOTONS, default.global_photons)?,
+        caustic_photons: number("caustic_photons", 0..=MAX_PHOTONS, default.caustic_photons)?,
+        global_lookup_radius: radius("global_lookup_radius", default.global_lookup_radius)?,
+        caustic_lookup_radius: radius("caustic_lookup_radius", default.caustic_lookup_radius)?,
+        lookup_size: number("lookup_size", 2..=MAX_SAMPLES, default.lookup_size)?,
+        kernel: props.choice("kernel", &kernels, default.kernel)?,
+        debug: props.choice("debug", &shows, default.debug)?,
+    })
+}
+
+fn sppm(props: &Props) -> Result<SppmSettings> {
+    let default = SppmSettings::default();
+    let PathSettings { max_depth, rr_depth, hide_emitters } = path(props)?;
+    let photon_count = props.integer("photon_count", 0..=MAX_PHOTONS)?;
+    let number = |name, or, expected: &str, allowed: fn(f64) -> bool| match props.float(name)? {
+        None => Ok(or),
+        Some(value) if allowed(value) => Ok(value as f32),
+        Some(_) => Err(props.refusal(name, expected)),
+    };
+    Ok(SppmSettings {
+        max_depth,
+        rr_depth,
+        hide_emitters,
+        photon_count: photon_count.map_or(default.photon_count, |n| n as u32),
+        initial_radius: number(
+            "initial_radius",
+            default.initial_radius,
+            "expected a radius of at least 1e-18 and at most 1e18, or 0 for three widths of a pixel",
+            |r| r == 0.0 || (1e-18..=1e18).contains(&r),
+        )?,
+        guided: props.boolean("guided", default.guided)?,
+        alpha: number("alpha", default.alpha, "expected a number above 0 and at most 1", |a| {
+            a > 0.0 && a <= 1.0
+        })?,
+    })
 }
 
 fn whitted(props: &Props) -> Result<WhittedSettings> {

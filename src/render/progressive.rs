@@ -1,0 +1,47 @@
+//! Samples that need something computed before them, one after the other.
+
+use super::job::Job;
+use super::tracing::CameraWorker;
+use crate::film::Tile;
+use crate::integrator::{Begun, Preparation, Progressive, SamplePass};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+/// Takes the given samples of every pixel, unless the render is interrupted. Returns what it took to
+/// prepare the samples.
+pub fn render(
+    job: &Job<'_>,
+    progressive: &dyn Progressive,
+    pool: &rayon::ThreadPool,
+    workers: &[Mutex<CameraWorker>],
+    tiles: &mut [Tile],
+    samples: Range<u64>,
+) -> Begun {
+    let preparation = Preparation {
+        scene: job.scene,
+        camera: job.camera,
+        sampler: job.settings.sampler,
+        seed: job.settings.seed,
+        pool,
+        interrupted: &|| job.progress.is_interrupted(),
+        cache: None,
+    };
+    let mut sum = Begun::default();
+    for sample in samples {
+        if job.progress.is_interrupted() {
+            break;
+        }
+        let begun = progressive.begin_sample(&SamplePass { preparation: &preparation, sample });
+        sum.counters.merge(&begun.counters);
+        sum.invalid += begun.invalid;
+        pool.install(|| {
+            tiles.par_iter_mut().for_each(|tile| {
+                let thread = rayon::current_thread_index().unwrap_or(0);
+                let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
+                worker.render_tile(job, tile, sample..sample + 1);
+            });
+        });
+    }
+    sum
+}

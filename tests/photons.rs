@@ -1,0 +1,260 @@
+//! Photon tracing against closed forms.
+
+use crate::support::scenes::{add, camera, compiled, diffuse, sphere};
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::ids::MaterialId;
+use buffon::integrator::photon::{
+    Cast, Caster, Deposit, EmissionGuide, GridPhoton, PathSequence, PhotonGrid, PhotonPaths, Until,
+};
+use buffon::material::{Interface, Material};
+use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
+use buffon::render::thread_pool;
+use buffon::sampling::{Sampler, SamplerKind};
+use buffon::scene::{Description, Scene};
+use buffon::shape::Shape;
+use std::f64::consts::PI;
+
+const PATHS: PhotonPaths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
+const SEQUENCE: PathSequence = PathSequence { seed: 1, stream: 0, half: 0, first: 0 };
+
+/// Calls `f` with what casts light paths in the scene.
+fn with_caster<T>(
+    scene: &Scene,
+    threads: usize,
+    sampler: SamplerKind,
+    f: impl FnOnce(&Caster<'_>) -> T,
+) -> T {
+    let pool = thread_pool(threads).expect("the threads start");
+    f(&Caster {
+        scene,
+        sampler: Sampler::new(sampler, None),
+        guide: None,
+        pool: &pool,
+        interrupted: &|| false,
+    })
+}
+
+/// All deposits of so many paths.
+fn deposits(scene: &Scene, paths: &PhotonPaths, count: u64) -> Cast<Deposit> {
+    with_caster(scene, 2, SamplerKind::Sobol, |caster| {
+        caster.cast(paths, SEQUENCE, Until { paths: count, kept: None }, |d, _| Some(*d))
+    })
+}
+
+/// The power of the deposits that are counted, W.
+fn power(cast: &Cast<Deposit>, counted: impl Fn(&Deposit) -> bool) -> f64 {
+    let powers = cast.kept.iter().filter(|d| counted(d)).map(|d| f64::from(d.power.g));
+    powers.sum::<f64>() / cast.emitted as f64
+}
+
+fn assert_near(what: &str, value: f64, exact: f64, tolerance: f64) {
+    assert!((value / exact - 1.0).abs() < tolerance, "{what}: {value}, not {exact}");
+}
+
+/// A floor of 8 by 8 at height 0 that looks up.
+fn floor(material: Material) -> Description {
+    let mut scene = Description::default();
+    let up = DAffine3::from_quat(DQuat::from_rotation_x(-PI / 2.0)) * DAffine3::from_scale(DVec3::splat(4.0));
+    add(&mut scene, Shape::Rectangle, up, material);
+    scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
+    scene
+}
+
+fn glass(int_ior: f32) -> Material {
+    let interface = Interface { int_ior, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
+    Material::Dielectric(interface, Rgb::WHITE.into())
+}
+
+/// Irradiance at the origin from the density of photons around it.
+fn density(cast: &Cast<Deposit>, radius: f32) -> f64 {
+    let photons: Vec<GridPhoton> = cast.kept.iter().map(GridPhoton::new).collect();
+    let mut sum = 0.0;
+    PhotonGrid::new(&photons, radius).within(Vec3::ZERO, |photon, squared| {
+        sum += f64::from(photon.power.g * (1.0 - squared / (radius * radius)));
+    });
+    2.0 * sum / (PI * f64::from(radius * radius) * cast.emitted as f64)
+}
+
+/// A point and a sphere light up a disk and its centre as they must.
+#[test]
+fn points_and_spheres_light_a_plane() {
+    let (height, reach, radius, radiance) = (1.5f64, 1.0f64, 0.4f32, 5.0f32);
+    for is_sphere in [false, true] {
+        let mut scene = floor(diffuse(0.5));
+        // A sphere sends what a point in its middle would, as long as all of it is above the horizon.
+        let intensity = f64::from(radiance * radius * radius) * PI;
+        let position = DVec3::Y * height;
+        if is_sphere {
+            let id = add(&mut scene, sphere(radius), DAffine3::from_translation(position), diffuse(0.0));
+            scene.shapes[id].emission = Some(Rgb::splat(radiance).into());
+        } else {
+            let intensity = Rgb::splat(intensity as f32);
+            scene.emitters.push(Emitter::Point { position: position.as_vec3(), intensity });
+        }
+        let scene = compiled(scene, AccelKind::default());
+        let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 20);
+        let near = |d: &Deposit| d.p.y == 0.0 && f64::from(d.p.length()) < reach;
+        let cone = 2.0 * PI * (1.0 - height / height.hypot(reach));
+        assert_near("flux", power(&cast, near), intensity * cone, 2e-3);
+        let centre = intensity / (height * height);
+        // Within 0.1 the irradiance falls by less than 0.4 %.
+        assert_near("irradiance", density(&cast, 0.1), centre, 1e-2);
+    }
+}
+
+/// A rectangle lights up the one opposite. [Siegel and Howell 1992, appendix C]
+#[test]
+fn a_rectangle_lights_a_plane() {
+    let (height, side, radiance) = (1.25f64, 1.0f64, 3.0f32);
+    let mut scene = floor(diffuse(0.5));
+    let down = DAffine3::from_translation(DVec3::Y * height)
+        * DAffine3::from_quat(DQuat::from_rotation_x(PI / 2.0))
+        * DAffine3::from_scale(DVec3::splat(side / 2.0));
+    let id = add(&mut scene, Shape::Rectangle, down, diffuse(0.0));
+    scene.shapes[id].emission = Some(Rgb::splat(radiance).into());
+    let scene = compiled(scene, AccelKind::default());
+    let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 20);
+    let emitted = f64::from(radiance) * PI * side * side;
+    assert_near("emitted", power(&cast, |_| true), emitted, 0.1);
+    let opposite = |d: &Deposit| f64::from(d.p.x.abs().max(d.p.z.abs())) < side / 2.0;
+    let x = side / height;
+    let s = (1.0 + x * x).sqrt();
+    let form_factor = 2.0 / (PI * x * x)
+        * (0.5 * ((1.0 + x * x).powi(2) / (1.0 + 2.0 * x * x)).ln() + 2.0 * x * s * (x / s).atan()
+            - 2.0 * x * x.atan());
+    assert_near("flux", power(&cast, opposite), emitted * form_factor, 2e-3);
+    let a = 0.5 * side / height;
+    let t = (1.0 + a * a).sqrt();
+    let corner = 1.0 / (2.0 * PI) * 2.0 * a / t * (a / t).atan();
+    assert_near("irradiance", density(&cast, 0.08), 4.0 * corner * PI * f64::from(radiance), 1e-2);
+}
+
+/// In a closed box all light lands, and again after every bounce, less what is absorbed; with or without a guide.
+#[test]
+fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
+    let albedo = 0.6;
+    let mut scene = Description::default();
+    let walls = add(&mut scene, Shape::Cube, DAffine3::IDENTITY, diffuse(albedo));
+    scene.materials.push(Material::TwoSided([MaterialId(0); 2]));
+    scene.shapes[walls].material = MaterialId(1);
+    scene.emitters.push(Emitter::Point { position: Vec3::new(0.3, -0.2, 0.1), intensity: Rgb::splat(0.25) });
+    scene.sensors.push(camera(DVec3::ZERO, DVec3::X, 90.0, 8));
+    let scene = compiled(scene, AccelKind::default());
+    let (emitted, albedo) = (PI, f64::from(albedo));
+    for guided in [false, true] {
+        let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
+            let wanted = |d: &Deposit| d.p.x > 0.9;
+            let guide =
+                guided.then(|| EmissionGuide::learn(caster, &PATHS, 1, wanted).expect("light is there"));
+            let caster = Caster { guide: guide.as_ref(), ..*caster };
+            caster.cast(&PATHS, SEQUENCE, Until { paths: 1 << 19, kept: None }, |d, _| Some(*d))
+        });
+        assert_eq!(cast.invalid, 0);
+        for edges in 1..=8 {
+            let expected = emitted * albedo.powi(edges - 1);
+            let stored = power(&cast, |d| d.edges == edges as u32);
+            assert_near(&format!("{edges} edges, guided {guided}"), stored, expected, 5e-3);
+        }
+        assert_near("all", power(&cast, |_| true), emitted / (1.0 - albedo), 3e-3);
+        // After roulette, those that live are as strong as they began.
+        if !guided {
+            let power = (4.0 * PI * 0.25) as f32;
+            let late = cast.kept.iter().filter(|d| d.edges > 5);
+            assert!(late.into_iter().all(|d| (d.power.g / power - 1.0).abs() < 0.06));
+        }
+    }
+}
+
+/// Parallel light through a slab of glass: `(1 − R)/(1 + R)` of it comes out below.
+#[test]
+fn a_slab_of_glass_passes_what_fresnel_says() {
+    let eta = 1.5;
+    for angle in [0.0, 0.7, 1.2] {
+        let mut scene = floor(diffuse(0.5));
+        let slab =
+            DAffine3::from_translation(DVec3::Y * 0.4) * DAffine3::from_scale(DVec3::new(6.0, 0.02, 6.0));
+        add(&mut scene, Shape::Cube, slab, glass(eta as f32));
+        let direction = Vec3::new((angle as f32).sin(), -(angle as f32).cos(), 0.0);
+        scene.emitters.push(Emitter::Directional { direction, irradiance: Rgb::splat(2.0) });
+        let scene = compiled(scene, AccelKind::default());
+        let caustics = PhotonPaths { direct: false, indirect: false, rr_depth: 100, ..PATHS };
+        let cast = deposits(&scene, &caustics, 1 << 21);
+        let (cos, sin) = (f64::cos(angle), f64::sin(angle));
+        let inside = (1.0 - (sin / eta).powi(2)).sqrt();
+        let s = ((cos - eta * inside) / (cos + eta * inside)).powi(2);
+        let p = ((eta * cos - inside) / (eta * cos + inside)).powi(2);
+        let r = 0.5 * (s + p);
+        let region = |d: &Deposit| d.p.x.abs().max(d.p.z.abs()) < 3.0 && d.p.y == 0.0 && d.caustic;
+        let expected = 36.0 * 2.0 * cos * (1.0 - r) / (1.0 + r);
+        assert_near(&format!("angle {angle}"), power(&cast, region), expected, 5e-3);
+    }
+}
+
+/// A guide sends many more photons through a small glass ball, and no more light.
+#[test]
+fn a_guide_finds_glass_and_changes_no_power() {
+    let mut scene = floor(diffuse(0.5));
+    let at = DAffine3::from_translation(DVec3::new(0.5, 1.0, 0.0));
+    add(&mut scene, sphere(0.2), at, glass(1.5));
+    let lamp = DAffine3::from_translation(DVec3::new(0.0, 2.5, 0.3));
+    let id = add(&mut scene, sphere(0.1), lamp, diffuse(0.0));
+    scene.shapes[id].emission = Some(Rgb::splat(10.0).into());
+    scene.emitters.push(Emitter::Constant { radiance: Rgb::splat(0.05) });
+    let scene = compiled(scene, AccelKind::default());
+    let caustics = PhotonPaths { direct: false, indirect: false, ..PATHS };
+    let unguided = deposits(&scene, &caustics, 1 << 20);
+    let guided = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
+        let guide = EmissionGuide::learn(caster, &caustics, 1, |_| true).expect("light is there");
+        let caster = Caster { guide: Some(&guide), ..*caster };
+        caster.cast(&caustics, SEQUENCE, Until { paths: 1 << 19, kept: None }, |d, _| Some(*d))
+    });
+    let share = |cast: &Cast<Deposit>| cast.kept.len() as f64 / cast.emitted as f64;
+    assert!(share(&guided) > 10.0 * share(&unguided), "{} {}", share(&guided), share(&unguided));
+    assert_near("power", power(&guided, |_| true), power(&unguided, |_| true), 0.02);
+}
+
+/// Deposits are the same for any number of threads, and those of a sequence's parts are those of the whole.
+#[test]
+fn deposits_do_not_depend_on_threads() {
+    let mut scene = floor(diffuse(0.7));
+    scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 1.0, 0.0), intensity: Rgb::WHITE });
+    let scene = compiled(scene, AccelKind::default());
+    for sampler in [SamplerKind::Sobol, SamplerKind::Independent] {
+        let cast = |threads: usize, sequence: PathSequence, until: Until| {
+            with_caster(&scene, threads, sampler, |caster| {
+                caster.cast(&PATHS, sequence, until, |d, path| Some((*d, path)))
+            })
+        };
+        let all = Until { paths: 40_000, kept: None };
+        let once = cast(1, SEQUENCE, all);
+        for threads in [2, 5] {
+            assert!(cast(threads, SEQUENCE, all).kept == once.kept);
+        }
+        assert_eq!(once.emitted, 40_000);
+        let rest = cast(2, PathSequence { first: 20_480, ..SEQUENCE }, Until { paths: 19_520, kept: None });
+        let later: Vec<Deposit> =
+            once.kept.iter().filter(|(_, path)| *path >= 20_480).map(|(d, _)| *d).collect();
+        let rest: Vec<Deposit> = rest.kept.iter().map(|(d, _)| *d).collect();
+        assert!(rest == later);
+        // Enough is enough, and at the same place.
+        let some = Until { paths: u64::MAX, kept: Some(5000) };
+        let (one, five) = (cast(1, SEQUENCE, some), cast(5, SEQUENCE, some));
+        assert!(one.kept == five.kept && one.emitted == five.emitted);
+        assert!((5000..5000 + 2 * 2048).contains(&one.kept.len()), "{}", one.kept.len());
+    }
+}
+
+/// Where no photon lands, tracing ends.
+#[test]
+fn tracing_ends_where_nothing_lands() {
+    let mut scene = floor(Material::Null);
+    scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 1.0, 0.0), intensity: Rgb::WHITE });
+    let scene = compiled(scene, AccelKind::default());
+    let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
+        assert!(EmissionGuide::learn(caster, &PATHS, 1, |_| true).is_none());
+        caster.cast(&PATHS, SEQUENCE, Until { paths: u64::MAX, kept: Some(1000) }, |d, _| Some(*d))
+    });
+    assert!(cast.kept.is_empty() && (1 << 20..1 << 22).contains(&cast.emitted), "{}", cast.emitted);
+}

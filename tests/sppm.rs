@@ -1,0 +1,152 @@
+//! Progressive photon mapping against path tracing and light tracing, and what it promises.
+
+use crate::support::cli::{Folder, SCENE};
+use std::path::Path;
+
+/// The scene of Buffon's own with every kind of light that paths of either end find, and its texture.
+fn lights() -> Folder {
+    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/light-tracing");
+    let read = |name: &str| std::fs::read(from.join(name)).expect("the scene is there");
+    let folder = Folder::with(&String::from_utf8(read("lights.xml")).expect("a scene is text"));
+    folder.write("radiance.png", &read("radiance.png"));
+    folder
+}
+
+/// A scene in which a path tracer finds all light: a large lamp, a mirror, polished metal, coated plastic.
+const ROOM: &str = r#"<scene version="3.0.0">
+  <integrator type="path"><integer name="max_depth" value="7"/></integrator>
+  <sensor type="perspective">
+    <float name="fov" value="60"/>
+    <transform name="to_world"><lookat origin="0,1.2,3.4" target="0,0.7,0" up="0,1,0"/></transform>
+    <film type="hdrfilm">
+      <integer name="width" value="24"/><integer name="height" value="18"/>
+      <string name="component_format" value="float32"/><rfilter type="box"/>
+    </film>
+  </sensor>
+  <shape type="cube">
+    <transform name="to_world"><scale x="2" y="1.5" z="4"/><translate y="1.5"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.6,0.5"/></bsdf></bsdf>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="90"/><scale value="0.9"/><translate y="2.9"/></transform>
+    <emitter type="area"><rgb name="radiance" value="4"/></emitter>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate y="1" angle="35"/><translate x="-0.9" y="1" z="-0.8"/></transform>
+    <bsdf type="twosided"><bsdf type="conductor"/></bsdf>
+  </shape>
+  <shape type="sphere">
+    <point name="center" value="0.3,0.4,0.4"/><float name="radius" value="0.4"/>
+    <bsdf type="roughconductor"><float name="alpha" value="0.1"/></bsdf>
+  </shape>
+  <shape type="sphere">
+    <point name="center" value="1.1,0.4,0"/><float name="radius" value="0.4"/>
+    <bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1,0.3,0.6"/></bsdf>
+  </shape>
+</scene>
+"#;
+
+fn agree(folder: &Folder, one: &str, other: &str) {
+    let run = folder.run(&format!("diff {one} {other} --z"));
+    assert_eq!(run.code, 0, "{one} and {other}: {}{}", run.stdout, run.stderr);
+}
+
+/// Paths from either end and photons estimate one picture.
+#[test]
+fn three_integrators_agree_on_every_kind_of_light() {
+    let folder = lights();
+    let common = "s.xml -q --size 32x24 --aov variance";
+    folder.render(&format!("{common} --integrator path --seed 1 --spp 1024 -o path.exr"));
+    folder.render(&format!("{common} --integrator ptracer --seed 2 --spp 1024 -o light.exr"));
+    folder.render(&format!("{common} --integrator sppm --seed 3 --spp 256 -o sppm.exr"));
+    agree(&folder, "path.exr", "sppm.exr");
+    agree(&folder, "light.exr", "sppm.exr");
+}
+
+/// Mirrors, glossy and coated surfaces: every part of the light is counted once. Also with short paths, where photons
+/// and camera paths share the edges.
+#[test]
+fn no_light_is_counted_twice_or_lost() {
+    for depth in [3, 4, 7] {
+        let folder = Folder::with(&ROOM.replace("value=\"7\"", &format!("value=\"{depth}\"")));
+        folder.render("s.xml -q --aov variance --seed 1 --spp 1024 -o path.exr");
+        folder.render("s.xml -q --aov variance --integrator sppm --seed 2 --spp 384 -o sppm.exr");
+        agree(&folder, "path.exr", "sppm.exr");
+    }
+}
+
+/// Where paths are guided to depends on the view, and the picture does not.
+#[test]
+fn guided_and_unguided_paths_make_one_picture() {
+    let scene = ROOM.replace("type=\"path\">", "type=\"sppm\"><boolean name=\"guided\" value=\"$guided\"/>");
+    let folder = Folder::with(&scene);
+    for (guided, seed) in [("true", 1), ("false", 2)] {
+        folder.render(&format!(
+            "s.xml -q --aov variance -D guided={guided} --seed {seed} --spp 256 -o {guided}.exr"
+        ));
+    }
+    agree(&folder, "true.exr", "false.exr");
+    assert_ne!(folder.read("true.exr"), folder.read("false.exr"));
+}
+
+/// Values do not depend on threads, crops or how many samples are taken at once.
+#[test]
+fn pixels_do_not_depend_on_threads_or_crops() {
+    let folder = Folder::new();
+    let picture = |name: &str, options: &str| {
+        folder.render(&format!("s.xml -q --integrator sppm --spp 7 -o {name}.exr {options}"));
+        buffon::image::read(&folder.path(&format!("{name}.exr"))).expect("an image")
+    };
+    let once = picture("1", "-t 1");
+    assert!(once.data.iter().any(|v| *v > 0.0));
+    for threads in [2, 5] {
+        assert!(picture("again", &format!("-t {threads}")).data == once.data, "{threads} threads");
+    }
+    let crop = picture("crop", "--crop 7,5,20,19");
+    assert!(crop.data == once.crop(7, 5, 20, 19).expect("the crop is inside").data);
+    assert!(picture("seed", "--seed 1").data != once.data);
+}
+
+/// A point light through glass: a caustic that no path tracer sees.
+#[test]
+fn caustics_of_point_lights_are_there() {
+    let scene = SCENE.replace("type=\"path\"", "type=\"$integrator\"");
+    let folder = Folder::with(&scene);
+    let mean = |integrator: &str| {
+        let file = format!("{integrator}.exr");
+        folder.render(&format!("s.xml -q -D integrator={integrator} --spp 64 -o {file}"));
+        let image = buffon::image::read(&folder.path(&file)).expect("an image");
+        image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
+    };
+    let (path, sppm) = (mean("path"), mean("sppm"));
+    assert!(sppm > 1.001 * path, "{sppm} {path}");
+}
+
+/// What cannot be is refused where it stands.
+#[test]
+fn mistakes_are_named() {
+    let folder = Folder::new();
+    let with = |text: &str| {
+        let scene = SCENE.replace(
+            "<integrator type=\"path\"><integer name=\"max_depth\" value=\"6\"/></integrator>",
+            &format!("<integrator type=\"sppm\">{text}</integrator>"),
+        );
+        assert_ne!(scene, SCENE);
+        folder.write("s.xml", scene.as_bytes());
+        folder.run("render s.xml -q --spp 2 -o o.exr")
+    };
+    for (text, part) in [
+        ("<float name=\"alpha\" value=\"0\"/>", "expected a number above 0 and at most 1, found 0"),
+        ("<float name=\"alpha\" value=\"1.5\"/>", "expected a number above 0 and at most 1, found 1.5"),
+        ("<float name=\"initial_radius\" value=\"-1\"/>", "or 0 for three widths of a pixel, found -1"),
+        ("<integer name=\"photon_count\" value=\"-5\"/>", "photon_count"),
+    ] {
+        let run = with(text);
+        assert!(run.code == 3 && run.stderr.contains(part), "{text}: {} {}", run.code, run.stderr);
+    }
+    let run =
+        with("<integer name=\"granularity\" value=\"100\"/><integer name=\"photon_count\" value=\"1000\"/>");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    let run = folder.run("render s.xml -q --spp 2 --adaptive -o o.exr");
+    assert!(run.code == 2 && run.stderr.contains("--adaptive: sppm traces photons"), "{}", run.stderr);
+}
