@@ -61,6 +61,7 @@
 //! - `[Heitz 2018]` Sampling the GGX distribution of visible normals. JCGT 7(4).
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
+//! - `[Jarosz et al. 2012]` Theory, analysis and applications of 2D global illumination. TOG 31(5).
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
 //! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
@@ -68,11 +69,14 @@
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
+//! - `[Lambert 1760]` Photometria.
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
 //! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
 //! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin 2(6).
+//! - `[Schwarzhaupt et al. 2012]` Schwarzhaupt, Jensen, Jarosz: Practical Hessian-based error control for irradiance caching.
+//!   TOG 31(6).
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
 //! - `[Silverman 1986]` Density estimation for statistics and data analysis. Chapman and Hall.

@@ -15,8 +15,10 @@ use crate::scene::Scene;
 
 /// About how many rays make a wave.
 const WAVE: usize = 2048;
-/// Tolerance of the radii at quality 1. [`Spacing`]
+/// Tolerance of the radii at quality 1, see [`Spacing`].
 const TOLERANCE: f32 = 0.8;
+/// The share of the mean distance of surfaces that bounds them.
+const DISTANCE: f32 = 0.25;
 /// Bounds of a record's radius in pixels. [Tabellion and Lamorlette 2004]
 const PIXELS: [f32; 2] = [4.0, 40.0];
 /// The same for coarse records.
@@ -80,7 +82,9 @@ impl Gathering<'_> {
             true => pixels.map(|size| size * pixel),
             false => [0.0, (self.scene.bounds.max - self.scene.bounds.min).length()],
         };
-        let spacing = Spacing { tolerance: TOLERANCE / self.settings.quality, pixel, min, max };
+        let per_quality = 1.0 / self.settings.quality;
+        let spacing =
+            Spacing { tolerance: TOLERANCE * per_quality, distance: DISTANCE * per_quality, pixel, min, max };
         Record::new(place.p, &hemisphere, self.settings.gradients, spacing)
     }
 }

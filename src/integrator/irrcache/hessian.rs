@@ -2,7 +2,7 @@
 //!
 //! What the hemisphere's rays have found are the vertices of a mesh: neighbouring cells are joined, the lowest ring stands on the
 //! surface's horizon, the highest is closed by a cap. A triangle has the radiance of its farthest vertex, so that nearer surfaces move in
-//! front of it. [Schwarzhaupt et al. 2012, 4] The mesh's irradiance at a point x is a sum over its edges, each with the
+//! front of it. [Schwarzhaupt et al. 2012] The mesh's irradiance at a point x is a sum over its edges, each with the
 //! difference of the radiances on both sides: E(x) = ½ Σ ΔL θ·n·(r₀ × r₁)/|r₀ × r₁|, where r₀ and r₁ lead from x to the edge's ends
 //! and θ is the angle between them [Lambert 1760], and is differentiated as such.
 
@@ -123,7 +123,8 @@ impl Mesh {
     }
 }
 
-/// For an edge whose ends have the dot product `d` and a cross product of the squared length `s`: the first and the second derivative of arctan(√s / d)/√s by `s`.
+/// For an edge whose ends have the dot product `d` and a cross product of the squared length `s`: the first and the
+/// second derivative of arctan(√s / d)/√s by `s`.
 fn angle(s: f64, d: f64) -> [f64; 2] {
     let t = s / (d * d);
     if d > 0.0 && t < 0.05 {

@@ -22,11 +22,13 @@ pub struct Record {
     pub radius: f32,
 }
 
-/// How far records may be apart, by the size of a pixel where they are.
+/// What decides about the radius of a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spacing {
-    /// The radius where the irradiance's relative second derivative is 1 per square of a pixel, in pixels.
+    /// The radius in pixels where the relative second derivatives of the irradiance add up to 1 per square of a pixel.
     pub tolerance: f32,
+    /// The most that it may be of the harmonic mean distance of what is seen: rays may have missed what is as near.
+    pub distance: f32,
     /// Size of a pixel.
     pub pixel: f32,
     /// Least radius.
@@ -36,11 +38,11 @@ pub struct Spacing {
 }
 
 impl Spacing {
-    /// The radius of a record with the irradiance `e` that bends by `hessian`, before it is bounded.
+    /// The radius of a record with the irradiance `e` that bends by `hessian`, before other bounds than the Hessian's.
     ///
-    /// Within the radius R a pixel's relative error is about |λ|R²/E. Its square over all pixels, for a given number of
-    /// records, is least where R = c (p E/|λ|)^⅓ with pixels of size p; minimising the error itself instead makes it the fourth root
-    /// of [Jarosz 2012, 4.1].
+    /// Within the radius R, the relative error is about |λ|R²/E. The sum of its square over all pixels is, for a given number of
+    /// records, least where R = c (p E/|λ|)^⅓ with pixels of size p. (The sum of the error itself over the surfaces would be where it is
+    /// the fourth root of E/|λ|. [Jarosz et al. 2012])
     fn radius(&self, e: f32, hessian: &Hessian) -> f32 {
         let curvature = hessian.curvature();
         if curvature > 0.0 {
@@ -57,7 +59,8 @@ impl Record {
     pub fn new(p: Vec3, hemisphere: &Hemisphere<'_>, gradients: bool, spacing: Spacing) -> Self {
         let irradiance = hemisphere.irradiance();
         let translation = hemisphere.translation_gradient();
-        let radius = spacing.radius(irradiance.luminance(), &Hessian::of(hemisphere));
+        let bent = spacing.radius(irradiance.luminance(), &Hessian::of(hemisphere));
+        let radius = bent.min(spacing.distance * hemisphere.harmonic_mean_distance());
         // A radius that is raised takes the irradiance where the gradient does not hold: the change over it stays what it was.
         // [Křivánek 2006, 4.2]
         let raised = (radius / spacing.min).min(1.0);
