@@ -22,7 +22,7 @@ const DISTANCE: f32 = 0.25;
 /// Bounds of a record's radius in pixels. [Tabellion and Lamorlette 2004]
 const PIXELS: [f32; 2] = [4.0, 40.0];
 /// The same for coarse records.
-const COARSE_PIXELS: [f32; 2] = [8.0, 80.0];
+const COARSE_PIXELS: [f32; 2] = [4.0, 80.0];
 
 /// All light but what is emitted towards the point and caustics.
 const GATHERED: RadianceQuery =
