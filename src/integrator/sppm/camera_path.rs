@@ -3,6 +3,7 @@
 use super::gather::{Gather, Wanted};
 use crate::accel::Coherence;
 use crate::bsdf::{self, Bsdf};
+use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
@@ -162,6 +163,7 @@ impl CameraPaths<'_> {
             let roulette = (edges >= self.settings.rr_depth).then(|| load(&numbers.roulette, first));
             let (next, survivors) =
                 self.scatter(&block, going, beta, load(&paths.eta, first), u_lobe, u, roulette);
+            let survivors = self.not_in_vain(&block, &next, survivors);
             for i in bits(survivors) {
                 let state = &mut states[paths.slots[first + i] as usize];
                 *state = match next.pdf.as_array()[i].is_infinite() {
@@ -175,10 +177,19 @@ impl CameraPaths<'_> {
         paths.truncate(alive);
     }
 
+    /// The lanes of `survivors` that may find light: where photons have brought the rest, only rays that can hit emitters.
+    fn not_in_vain(&self, block: &Block<'_>, next: &Continuation, survivors: u32) -> u32 {
+        if self.scene.needs.hit_emitters || self.scene.needs.environment {
+            return survivors;
+        }
+        let vain = |i: &usize| next.pdf.as_array()[*i].is_finite() && gathers(block.bsdfs[*i]);
+        bits(survivors).filter(vain).fold(survivors, |lanes, i| lanes & !(1 << i))
+    }
+
     /// What photons bring to a point.
-    fn gathered(&self, edges: u32, block: &Block<'_>, i: usize) -> crate::color::Rgb {
+    fn gathered(&self, edges: u32, block: &Block<'_>, i: usize) -> Rgb {
         if !self.query.indirect {
-            return crate::color::Rgb::BLACK;
+            return Rgb::BLACK;
         }
         let max_edges = self.settings.max_depth.map_or(u32::MAX, |max| max - edges);
         let max_edges = if max_edges >= GridPhoton::MOST_EDGES { u32::MAX } else { max_edges };
