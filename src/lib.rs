@@ -38,10 +38,13 @@
 //!
 //! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of
 //!   pixels. ACM Transactions on Graphics 39(6).
+//! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.
+//! - `[Bentley 1975]` Multidimensional binary search trees used for associative searching. CACM 18(9).
 //! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
 //! - `[Burley 2015]` Extending the Disney BRDF to a BSDF with integrated subsurface scattering. SIGGRAPH course notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
+//! - `[Christensen 1999]` Faster photon map global illumination. JGT 4(3).
 //! - `[Cigolle 2014]` Cigolle et al.: A survey of efficient representations for independent unit vectors. JCGT 3(2).
 //! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
 //! - `[Cook 1986]` Stochastic sampling in computer graphics. ACM Transactions on Graphics 5(1).
@@ -74,6 +77,7 @@
 //! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin 2(6).
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
+//! - `[Silverman 1986]` Density estimation for statistics and data analysis. Chapman and Hall.
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
 //! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.

@@ -1,37 +1,16 @@
 //! Where rendered references are kept, and by which name.
 
-use crate::session::SceneFile;
-use std::fmt::{self, Write};
-use std::hash::{DefaultHasher, Hasher};
+use crate::session::{SceneFile, hash};
 use std::path::{Path, PathBuf};
-
-/// Hashes what is written to it.
-struct HashWriter(DefaultHasher);
-
-impl Write for HashWriter {
-    fn write_str(&mut self, text: &str) -> fmt::Result {
-        self.0.write(text.as_bytes());
-        Ok(())
-    }
-}
 
 /// What a picture depends on: the scene as its file, the files that this refers to, and the user's choices make it, how the file
 /// wants it rendered, and Buffon's version. Where things stand in the file does not count.
 pub(super) fn key(file: &mut SceneFile) -> String {
-    let description = &mut file.description;
-    let mut shapes: Vec<_> =
-        description.shapes.iter_mut().chain(description.groups.iter_mut().flatten()).collect();
-    let places: Vec<_> = shapes.iter_mut().map(|shape| shape.place.take()).collect();
-    let instances: Vec<_> = description.instances.iter_mut().map(|instance| instance.place.take()).collect();
-    let mut writer = HashWriter(DefaultHasher::new());
-    let (integrator, version) = (&file.defaults.integrator, env!("BUFFON_VERSION"));
-    // Nothing can fail: neither the writer nor the derived formats do.
-    let _ = write!(writer, "{:?} {} {integrator:?} {version}", file.description, file.sensor);
-    let description = &mut file.description;
-    let shapes = description.shapes.iter_mut().chain(description.groups.iter_mut().flatten());
-    shapes.zip(places).for_each(|(shape, place)| shape.place = place);
-    description.instances.iter_mut().zip(instances).for_each(|(instance, place)| instance.place = place);
-    format!("{:016x}", writer.0.finish())
+    let (integrator, version, sensor) = (&file.defaults.integrator, env!("BUFFON_VERSION"), file.sensor);
+    let hash = hash::without_places(&mut file.description, |description| {
+        hash::of(format_args!("{description:?} {sensor} {integrator:?} {version}"))
+    });
+    format!("{hash:016x}")
 }
 
 /// The file of a reference: `$XDG_CACHE_HOME/buffon` or `~/.cache/buffon`; `None` where there is neither.

@@ -45,7 +45,7 @@ impl Plastic {
     }
 
     /// The base's albedo seen through a coating that lets everything pass from outside.
-    fn base(&self) -> Rgb {
+    pub(super) fn base(&self) -> Rgb {
         base(self.diffuse_reflectance, self.fdr_int, self.eta, self.nonlinear)
     }
 

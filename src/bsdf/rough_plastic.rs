@@ -29,7 +29,7 @@ pub struct RoughPlastic<'a> {
 }
 
 impl RoughPlastic<'_> {
-    fn base(&self) -> Rgb {
+    pub(super) fn base(&self) -> Rgb {
         plastic::base(self.diffuse_reflectance, self.transmittance.internal(), self.eta, self.nonlinear)
     }
 

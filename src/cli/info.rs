@@ -1,9 +1,10 @@
-//! `buffon info`: what a scene or an image holds, what it needs, and what it will cost.
+//! `buffon info`: what a scene, an image or a file of photon maps holds, what it needs, and what it will cost.
 
 use super::{info_image, print};
 use crate::accel::AccelKind;
 use crate::error::{Result, counted};
 use crate::image;
+use crate::integrator::photon;
 use crate::loader::{self, LoadOptions};
 use crate::scene::{CompileOptions, Scene, compile};
 use crate::session::default_threads;
@@ -16,7 +17,7 @@ use std::path::PathBuf;
 /// Tell what a scene or an image holds, what it needs and what it will cost.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
-    /// A scene (.xml, .gltf, .glb, .obj, .ply) or an image (.exr, .png, .jpg, .hdr, .pfm)
+    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm) or a file of photon maps
     pub file: PathBuf,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
@@ -34,9 +35,28 @@ pub fn run(args: &InfoArgs) -> Result<u8> {
     let extension = args.file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if loader::EXTENSIONS.contains(&extension.as_str()) {
         print(&describe_scene(args)?)
+    } else if photon::file::is_photon_file(&args.file) {
+        print(&describe_photons(&photon::file::read_contents(&args.file)?))
     } else {
         print(&info_image::describe(&image::read(&args.file)?))
     }
+}
+
+/// What a file of photon maps says; its checksum has been found right.
+fn describe_photons(contents: &photon::file::Contents) -> String {
+    let mut text = String::new();
+    for (what, hash) in [("scene", contents.origin.scene), ("settings", contents.origin.settings)] {
+        let _ = writeln!(text, "{what:<12} {hash:016x}");
+    }
+    for map in &contents.maps {
+        let half = ["A", "B"][map.label.half as usize];
+        let photons = counted(map.photons, "photon", "photons");
+        let paths = counted(map.emitted, "light path", "light paths");
+        let mib = map.photons as f64 * photon::PhotonMap::BYTES_PER_PHOTON / (1024.0 * 1024.0);
+        let name = map.label.light.name();
+        let _ = writeln!(text, "{name:<12} {photons} of {paths} for half {half}, {mib:.1} MiB in use");
+    }
+    text
 }
 
 fn describe_scene(args: &InfoArgs) -> Result<String> {

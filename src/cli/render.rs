@@ -7,6 +7,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
+use crate::integrator::preparation::CacheFile;
 use crate::loader::LoadOptions;
 use crate::render::{Progress, Rendered, StopReason, StopRules};
 use crate::sampling::SamplerKind;
@@ -43,7 +44,8 @@ pub struct RenderArgs {
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, sppm, whitted, distribution, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, depth or aov
+    /// [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]
@@ -60,6 +62,9 @@ pub struct RenderArgs {
     /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
+    /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache, photonmapper)
+    #[arg(long, value_name = "FILE")]
+    pub cache: Option<PathBuf>,
     /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     pub size: Option<(u32, u32)>,
@@ -78,7 +83,7 @@ pub struct RenderArgs {
     /// Folders to look for the scene's files in, besides its own; several are separated by ';'
     #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
     pub search_path: Vec<PathBuf>,
-    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error, samples
+    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error, samples, record_radius
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub aov: Vec<String>,
     /// Write an account of the render as JSON ("-" is standard output)
@@ -113,8 +118,8 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
         image::check_replaceable(path)?;
     }
-    let (session, mut seconds) = open(args)?;
-    let plan = session.plan(&choices(args))?;
+    let (session, cache, mut seconds) = open(args)?;
+    let plan = session.plan(&choices(args, cache))?;
     let advice = plan.job.sampler.kind().advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         eprintln!("buffon: note: {advice}");
@@ -158,7 +163,7 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
 }
 
 /// Loads and compiles the scene, saying what there is to say about it.
-fn open(args: &RenderArgs) -> Result<(Session, Seconds)> {
+fn open(args: &RenderArgs) -> Result<(Session, Option<CacheFile>, Seconds)> {
     let choices = SceneChoices {
         load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
         sensor: args.sensor,
@@ -171,16 +176,17 @@ fn open(args: &RenderArgs) -> Result<(Session, Seconds)> {
     if !args.quiet {
         file.notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
+    let cache = args.cache.clone().map(|path| file.cache(path));
     let threads = args.threads.map_or_else(default_threads, |n| n as usize);
     image::set_threads(threads);
     let mut session = file.compile(args.accel.unwrap_or_default(), threads)?;
     warn(args, std::mem::take(&mut session.warnings))?;
     let build = session.report.build_seconds;
-    Ok((session, Seconds { load, build, ..Seconds::default() }))
+    Ok((session, cache, Seconds { load, build, ..Seconds::default() }))
 }
 
 /// What the command line says of the render.
-fn choices(args: &RenderArgs) -> Choices {
+fn choices(args: &RenderArgs, cache: Option<CacheFile>) -> Choices {
     Choices {
         integrator: args.integrator.clone(),
         sampler: args.sampler,
@@ -188,6 +194,7 @@ fn choices(args: &RenderArgs) -> Choices {
         seed: args.seed,
         aov: args.aov.clone(),
         adaptive: args.adaptive,
+        cache,
     }
 }
 

@@ -99,6 +99,15 @@ pub(super) enum Density {
 }
 
 impl AreaEmitter {
+    /// Whether its points are drawn by the solid angle that they are seen under.
+    pub fn is_sampled_by_solid_angle(&self) -> bool {
+        match self.surface {
+            Surface::Rectangle(_) => true,
+            Surface::Sphere { inward, .. } => !inward,
+            Surface::Disk { .. } | Surface::Cylinder { .. } | Surface::Mesh { .. } => false,
+        }
+    }
+
     /// The emitter on `shape`; `None` where the shape has no area. With `motion`, the shape is in coordinates that move.
     pub fn new(shape: &WorldShape, emission: Emission, motion: Option<Instance>) -> Option<Self> {
         let (surface, area) = match shape {

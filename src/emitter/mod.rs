@@ -195,6 +195,15 @@ impl Light {
         }
     }
 
+    /// Whether samples of it are spread evenly over what is seen of it, so that no other technique is needed beside.
+    pub fn is_sampled_by_solid_angle(&self) -> bool {
+        match self {
+            Light::Area(area) => area.is_sampled_by_solid_angle(),
+            Light::Environment(_) => false,
+            Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_) => true,
+        }
+    }
+
     /// The name of its kind in the scene language.
     pub fn kind(&self) -> &'static str {
         match self {

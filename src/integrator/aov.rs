@@ -41,6 +41,7 @@ impl Aov {
             Aov::Depth => &["T"],
             Aov::PrimitiveIndex | Aov::ShapeIndex => &["I"],
             Aov::Samples => &["N"],
+            Aov::RecordRadius => &["R"],
         }
     }
 
@@ -58,12 +59,13 @@ impl Aov {
             "variance" => Aov::Variance,
             "standard_error" => Aov::StandardError,
             "samples" => Aov::Samples,
+            "record_radius" => Aov::RecordRadius,
             _ => return None,
         })
     }
 
     /// The names that [`by_name`](Self::by_name) knows, one for each layer.
-    pub const NAMES: [&'static str; 11] = [
+    pub const NAMES: [&'static str; 12] = [
         "albedo",
         "N",
         "geo_normal",
@@ -75,6 +77,7 @@ impl Aov {
         "variance",
         "standard_error",
         "samples",
+        "record_radius",
     ];
 
     /// Whether it is averaged over the samples of a pixel (else it comes from the film itself).
@@ -108,7 +111,7 @@ impl Aov {
             Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),
             Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
             Aov::ShapeIndex => out[0] = hit.geometry as f32,
-            Aov::Variance | Aov::StandardError | Aov::Samples => {}
+            Aov::Variance | Aov::StandardError | Aov::Samples | Aov::RecordRadius => {}
         }
     }
 }

@@ -9,6 +9,7 @@ pub mod depth;
 pub mod direct;
 pub mod distribution;
 pub mod emission;
+pub mod irrcache;
 mod light_path;
 pub mod lighting;
 pub mod path;
@@ -25,7 +26,9 @@ pub mod worker;
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
+pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
+pub use photon::Photonmapper;
 pub use preparation::{Fact, Preparation};
 pub use progressive::{Begun, Progressive, SamplePass};
 pub use ptracer::{Ptracer, Splat};
@@ -34,7 +37,8 @@ pub use sppm::Sppm;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 
-use crate::accel::Coherence;
+use self::settings::Aov;
+use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::math::Ray;
@@ -119,6 +123,25 @@ pub trait Integrator: Send + Sync {
         Ok(())
     }
 
+    /// Whether what it prepares can be kept in a file.
+    fn keeps_caches(&self) -> bool {
+        false
+    }
+
+    /// The value of an image layer at the hit of a camera ray, which belongs to a sample of the given key.
+    fn layer(
+        &self,
+        layer: Aov,
+        scene: &Scene,
+        ray: &Ray,
+        key: SampleKey,
+        hit: Option<&Hit>,
+        out: &mut [f32],
+    ) {
+        let _ = key;
+        layer.evaluate(scene, ray, hit, out);
+    }
+
     /// What there is to say about what was prepared.
     fn facts(&self) -> Vec<Fact> {
         Vec::new()
@@ -154,6 +177,8 @@ pub fn create(settings: &Settings) -> Box<dyn Integrator> {
         Settings::Distribution(distribution) => Box::new(DistributionIntegrator::new(*distribution)),
         Settings::Depth => Box::new(DepthIntegrator),
         Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
+        Settings::Irrcache(irrcache) => Box::new(IrradianceCache::new(irrcache)),
+        Settings::Photonmapper(mapper) => Box::new(Photonmapper::new(*mapper)),
         Settings::Sppm(sppm) => Box::new(Sppm::new(*sppm)),
         Settings::Aov { image: Some(image), .. } => create(image),
         Settings::Aov { image: None, .. } => Box::new(aov::NoImage),

@@ -32,6 +32,8 @@ pub struct CacheFile {
     pub path: PathBuf,
     /// Hash of the scene that it belongs to, without sensors.
     pub scene: u64,
+    /// Hash of the sensor and its film.
+    pub view: u64,
 }
 
 /// A number that a preparation has to say: how many records, how many seconds.

@@ -1,5 +1,7 @@
 //! What a scene file or the command line says about an integrator.
 
+use super::photon::Kernel;
+
 /// A feature of the first surface that a camera ray meets, written as an image layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Aov {
@@ -26,6 +28,8 @@ pub enum Aov {
     StandardError,
     /// Number of samples of the pixel.
     Samples,
+    /// Radius of the irradiance records that reach the surface, by their weights.
+    RecordRadius,
 }
 
 /// An image layer: its name in the file and what it holds.
@@ -138,6 +142,111 @@ impl Default for PtracerSettings {
     }
 }
 
+/// Irradiance caching around another integrator. [Ward 1988]
+#[derive(Clone, Debug, PartialEq)]
+pub struct IrrcacheSettings {
+    /// Rings of elevation of a record's hemisphere, at least 2; there are π times as many sectors of azimuth.
+    pub resolution: u32,
+    /// Accuracy, positive: radii of records fall as its reciprocal, so their number rises as its square.
+    pub quality: f32,
+    /// Whether records change between their places by their gradients.
+    pub gradients: bool,
+    /// Whether a record reaches no farther than a neighbour of it would have it. [Křivánek 2006]
+    pub clamp_neighbor: bool,
+    /// Whether distances between records are bounded in pixels, from below and from above.
+    pub clamp_screen: bool,
+    /// Whether the image is searched for places that need records. Without, only a cache file brings any.
+    pub overture: bool,
+    /// Factor on the quality when the cache is read, in (0, 1]: less averages over more records.
+    pub quality_adjustment: f32,
+    /// Whether only what the cache serves is shown.
+    pub indirect_only: bool,
+    /// Whether the places of records are drawn over the image.
+    pub debug: bool,
+    /// Traces the light that records gather.
+    pub child: Box<Settings>,
+}
+
+impl Default for IrrcacheSettings {
+    fn default() -> Self {
+        IrrcacheSettings {
+            resolution: 9,
+            quality: 1.0,
+            gradients: true,
+            clamp_neighbor: true,
+            clamp_screen: true,
+            overture: true,
+            quality_adjustment: 0.5,
+            indirect_only: false,
+            debug: false,
+            child: Box::default(),
+        }
+    }
+}
+
+/// Photon maps and final gathering. [Jensen 2001]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotonmapperSettings {
+    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    pub max_depth: Option<u32>,
+    /// Depth from which Russian roulette may end a path, of the camera or of light.
+    pub rr_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+    /// Samples of the emitters at the first surface that is not specular, at least 1.
+    pub direct_samples: u32,
+    /// Rays into the BSDF there if it has glossy lobes only, at least 1.
+    pub glossy_samples: u32,
+    /// Rays into the BSDF there if it has a diffuse part, at least 1: the final gather.
+    pub gather_samples: u32,
+    /// Photons of each global map.
+    pub global_photons: u32,
+    /// Photons of each caustic map.
+    pub caustic_photons: u32,
+    /// How far photons of the global map are searched for, over the radius of the scene; positive.
+    pub global_lookup_radius: f32,
+    /// How far those of the caustic map are.
+    pub caustic_lookup_radius: f32,
+    /// How many photons are searched for, at least 2.
+    pub lookup_size: u32,
+    /// How photons count by their distance.
+    pub kernel: Kernel,
+    /// What is shown instead of the picture.
+    pub debug: PhotonDebug,
+}
+
+/// What a photon mapper shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PhotonDebug {
+    /// The picture.
+    #[default]
+    None,
+    /// The photons of the global map as points of their colours.
+    Photons,
+    /// The radiance that these make of the first surface, without direct sampling or final gathering.
+    Radiance,
+}
+
+impl Default for PhotonmapperSettings {
+    fn default() -> Self {
+        PhotonmapperSettings {
+            max_depth: None,
+            rr_depth: 5,
+            hide_emitters: false,
+            direct_samples: 1,
+            glossy_samples: 1,
+            gather_samples: 4,
+            global_photons: 250_000,
+            caustic_photons: 250_000,
+            global_lookup_radius: 0.05,
+            caustic_lookup_radius: 0.0125,
+            lookup_size: 120,
+            kernel: Kernel::Epanechnikov,
+            debug: PhotonDebug::None,
+        }
+    }
+}
+
 /// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SppmSettings {
@@ -186,6 +295,10 @@ pub enum Settings {
     Depth,
     /// Light tracing.
     Ptracer(PtracerSettings),
+    /// Irradiance caching.
+    Irrcache(IrrcacheSettings),
+    /// Photon maps and final gathering.
+    Photonmapper(PhotonmapperSettings),
     /// Stochastic progressive photon mapping.
     Sppm(SppmSettings),
     /// Layers of surface features, beside the image of another integrator if there is one.
@@ -213,6 +326,8 @@ impl Settings {
             Settings::Distribution(_) => "distribution",
             Settings::Depth => "depth",
             Settings::Ptracer(_) => "ptracer",
+            Settings::Irrcache(_) => "irrcache",
+            Settings::Photonmapper(_) => "photonmapper",
             Settings::Sppm(_) => "sppm",
             Settings::Aov { .. } => "aov",
         }

@@ -81,6 +81,8 @@ pub struct Worker {
     pub numbers: Numbers,
     /// By entry of the output: whether the path has met specular lobes only. Empty where nothing asks.
     pub specular_only: Vec<bool>,
+    /// By entry of the output: whether the path looks for emitters only. For integrators that send such paths.
+    pub probing: Vec<bool>,
     /// Where BSDFs that are not the same everywhere live while they are used.
     pub arena: Bump,
 }
@@ -242,6 +244,7 @@ impl Worker {
             paths: PathWave::default(),
             numbers: Numbers::default(),
             specular_only: Vec::new(),
+            probing: Vec::new(),
             arena: Bump::new(),
         }
     }

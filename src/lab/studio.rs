@@ -92,7 +92,7 @@ impl Studio {
             stop: StopRules { samples: Some(sampling.spp), ..StopRules::default() },
             layers: Vec::new(),
         };
-        let plan = Plan { integrator: integrator.clone(), job, adaptive: false };
+        let plan = Plan { integrator: integrator.clone(), job, adaptive: false, cache: None };
         let rendered = self.session.render(&plan, &Progress::new())?;
         Ok(Shot {
             image: self.session.image(&plan, &rendered),

@@ -28,12 +28,27 @@ pub fn encode_octahedral(v: Vec3) -> u16 {
 /// The unit vector of a code word.
 #[inline]
 pub fn decode_octahedral(code: u16) -> Vec3 {
+    point(code).normalize()
+}
+
+/// The squared cosine between a code word's vector and the unit vector `v`, negative where the cosine is:
+/// above c² where the cosine is above c > 0. It takes no root.
+#[inline]
+pub fn signed_squared_cosine(code: u16, v: Vec3) -> f32 {
+    let p = point(code);
+    let dot = p.dot(v);
+    dot * dot.abs() / p.length_squared()
+}
+
+/// A point of the octahedron.
+#[inline]
+fn point(code: u16) -> Vec3 {
     let coordinate = |bits: u16| (f32::from(bits & 255) - MOST) * (1.0 / MOST);
     let (x, y) = (coordinate(code >> 8), coordinate(code));
     let z = 1.0 - x.abs() - y.abs();
     let fold = (-z).max(0.0);
     let toward_zero = |a: f32| if a < 0.0 { a + fold } else { a - fold };
-    Vec3::new(toward_zero(x), toward_zero(y), z).normalize()
+    Vec3::new(toward_zero(x), toward_zero(y), z)
 }
 
 /// Radians: no unit vector is further from its code word.
@@ -54,6 +69,9 @@ mod tests {
         for (a, b) in (0..255u16).flat_map(|a| (0..255u16).map(move |b| (a, b))) {
             let v = decode_octahedral(a << 8 | b);
             assert!((decode_octahedral(encode_octahedral(v)) - v).length() < 1e-6, "{v}");
+            let cosine = v.dot(Vec3::new(2.0, -1.0, 2.0) / 3.0);
+            let squared = signed_squared_cosine(a << 8 | b, Vec3::new(2.0, -1.0, 2.0) / 3.0);
+            assert!((squared - cosine * cosine.abs()).abs() < 1e-6, "{v}");
         }
     }
 

@@ -206,7 +206,8 @@ impl CameraWorker {
             let start = self.values.len();
             self.values.resize(start + layer.channels().len(), 0.0);
             let hit = self.worker.hits[j].as_ref();
-            layer.evaluate(job.scene, &self.rays[j], hit, &mut self.values[start..]);
+            let (ray, key) = (&self.rays[j], self.keys[j]);
+            job.integrator.layer(layer, job.scene, ray, key, hit, &mut self.values[start..]);
         }
     }
 

@@ -304,6 +304,7 @@ fn find_needs(
         environment: environment.is_some(),
         finite_lobes,
         specular_lobes: used.iter().any(|m| m.specular),
+        delta_lobes: used.iter().any(|m| m.deltas),
         lobe_choice: used.iter().any(|m| m.lobe_choice),
         tangents: used.iter().any(|m| m.tangents),
         varying_materials: used.iter().any(|m| m.constant.is_none()),

@@ -33,6 +33,8 @@ pub struct SceneMaterial {
     pub holes: bool,
     /// Whether every lobe is a Dirac delta.
     pub specular: bool,
+    /// Whether some of its lobes are Dirac deltas.
+    pub deltas: bool,
     /// Whether sampling chooses among lobes.
     pub lobe_choice: bool,
 }
@@ -124,6 +126,7 @@ impl Materials {
                 tangents: is(outer, has_tangents),
                 holes: is(outer, has_holes),
                 specular: !is(outer, is_finite),
+                deltas: is(outer, has_deltas),
                 lobe_choice: is(outer, chooses_lobe),
             });
         }
@@ -472,6 +475,17 @@ fn has_holes(material: &Material) -> bool {
         Material::Mask { opacity, .. } => opacity.constant().is_none_or(|o| o < 1.0),
         _ => false,
     }
+}
+
+/// Whether it has lobes that are Dirac deltas, by itself.
+fn has_deltas(material: &Material) -> bool {
+    matches!(
+        material,
+        Material::Conductor(_)
+            | Material::Dielectric(..)
+            | Material::ThinDielectric(..)
+            | Material::Plastic(..)
+    )
 }
 
 /// Whether it has lobes of finite density.

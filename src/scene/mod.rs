@@ -16,7 +16,9 @@ pub use needs::Needs;
 use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
-use crate::emitter::{self, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, SurfacePlace};
+use crate::emitter::{
+    self, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, SurfacePlace, Target,
+};
 use crate::ids::{EmitterId, MaterialId};
 use crate::math::lanes::{bits, mask_from_bits};
 use crate::math::ray::{offset_origin, offset_origin_x16};
@@ -324,6 +326,14 @@ impl Scene {
             t_max: sample.at_infinity.select(f32x16::splat(f32::INFINITY), f32x16::ONE),
             d: Vec3x16::select(sample.at_infinity, sample.wi, sample.target - o),
             time,
+        }
+    }
+
+    /// The shadow ray from a surface point to a sampled emitter.
+    pub fn shadow_ray(&self, at: &SurfaceInteraction, sample: &EmitterSample) -> Ray {
+        match sample.target {
+            Target::Point(target) => self.shadow_ray_to(at, target, sample.wi),
+            Target::Infinity => self.spawn_ray(at, sample.wi, at.time),
         }
     }
 

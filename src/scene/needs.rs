@@ -15,6 +15,8 @@ pub struct Needs {
     pub finite_lobes: bool,
     /// Some material scatters into Dirac deltas only.
     pub specular_lobes: bool,
+    /// Some material has a Dirac delta among its lobes: there may be caustics.
+    pub delta_lobes: bool,
     /// Some material chooses among lobes.
     pub lobe_choice: bool,
     /// Some material depends on the tangents of the surface.
@@ -31,13 +33,14 @@ pub struct Needs {
 
 impl Needs {
     /// The features with their names, in a fixed order.
-    pub fn list(&self) -> [(&'static str, bool); 11] {
+    pub fn list(&self) -> [(&'static str, bool); 12] {
         [
             ("emitter_sampling", self.emitter_sampling),
             ("hit_emitters", self.hit_emitters),
             ("environment", self.environment),
             ("finite_lobes", self.finite_lobes),
             ("specular_lobes", self.specular_lobes),
+            ("delta_lobes", self.delta_lobes),
             ("lobe_choice", self.lobe_choice),
             ("tangents", self.tangents),
             ("varying_materials", self.varying_materials),

@@ -4,6 +4,7 @@
 //! about it say; compiled for a traversal it is a [`Session`], which makes any number of [`Plan`]s (an integrator, a
 //! sampler, stop rules) into renders.
 
+pub mod hash;
 mod plan;
 
 pub use plan::{Choices, Plan};
@@ -12,6 +13,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{Image, Metadata, Value};
+use crate::integrator::preparation::CacheFile;
 use crate::integrator::{self, Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::render::{self, Job, Progress, Rendered, output};
@@ -90,6 +92,12 @@ impl SceneFile {
         Ok(SceneFile { path, description, sensor: choices.sensor, defaults, warnings, notes, load_seconds })
     }
 
+    /// A file for what integrators compute beforehand, which belongs to this scene and, in part, to the view of it.
+    pub fn cache(&mut self, path: PathBuf) -> CacheFile {
+        let view = hash::of(format_args!("{:?}", self.description.sensors[self.sensor]));
+        CacheFile { path, scene: hash::scene(&mut self.description), view }
+    }
+
     /// Compiles the scene for a traversal, with so many threads.
     ///
     /// # Errors
@@ -166,7 +174,7 @@ impl Session {
             seed: plan.job.seed,
             pool: &pool,
             interrupted: &|| progress.is_interrupted(),
-            cache: None,
+            cache: plan.cache.clone(),
         })?;
         let prepared = started.elapsed();
         let mut settings = plan.job.clone();

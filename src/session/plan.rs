@@ -2,9 +2,10 @@
 
 use super::Session;
 use crate::error::{Error, Result};
+use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, SppmSettings,
-    WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonmapperSettings,
+    PtracerSettings, SppmSettings, WhittedSettings,
 };
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
@@ -25,6 +26,8 @@ pub struct Choices {
     pub aov: Vec<String>,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
+    /// A file for what the integrator computes beforehand.
+    pub cache: Option<CacheFile>,
 }
 
 /// An integrator's settings and a job's.
@@ -36,6 +39,8 @@ pub struct Plan {
     pub job: JobSettings,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
+    /// A file for what the integrator computes beforehand.
+    pub cache: Option<CacheFile>,
 }
 
 /// Samples per pixel where neither the scene nor the user says anything.
@@ -75,7 +80,14 @@ impl Session {
                 created.name()
             )));
         }
-        Ok(Plan { integrator, job, adaptive: choices.adaptive })
+        if choices.cache.is_some() && !created.keeps_caches() {
+            return Err(Error::usage(format!(
+                "--cache: {} computes nothing beforehand that a file could keep",
+                created.name()
+            )));
+        }
+        let cache = choices.cache.clone();
+        Ok(Plan { integrator, job, adaptive: choices.adaptive, cache })
     }
 }
 
@@ -88,7 +100,8 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
-        Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
+        Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. })
+        | Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
             PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
         }
         Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
@@ -96,6 +109,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
             PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
         }
+        Settings::Irrcache(irrcache) => match irrcache.child.as_ref() {
+            Settings::Path(path) => *path,
+            _ => default,
+        },
         Settings::Depth | Settings::Aov { .. } => default,
     };
     let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
@@ -104,6 +121,10 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) if name == of_scene.name() => of_scene,
         Some("path") => Settings::Path(kept),
         Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
+        Some("photonmapper") => {
+            let default = PhotonmapperSettings::default();
+            Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, ..default })
+        }
         Some("sppm") => {
             Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, ..SppmSettings::default() })
         }
@@ -118,13 +139,17 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
             let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
             Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
         }
+        Some("irrcache") => Settings::Irrcache(IrrcacheSettings {
+            child: Box::new(Settings::Path(kept)),
+            ..Default::default()
+        }),
         Some("depth") => Settings::Depth,
         // Its layers are those of --aov: see `layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
         Some(other) => {
             return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, sppm, \
-                 whitted, distribution, depth and aov"
+                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, photonmapper, sppm, \
+                 whitted, distribution, irrcache, depth and aov"
             )));
         }
     })
@@ -134,6 +159,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
 fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
     let mut layers = match settings {
         Settings::Aov { layers, .. } => layers.clone(),
+        Settings::Irrcache(IrrcacheSettings { debug: true, .. }) => {
+            vec![Layer { name: "record_radius".into(), aov: Aov::RecordRadius }]
+        }
         _ => Vec::new(),
     };
     if layers.is_empty() && names.is_empty() && matches!(settings, Settings::Aov { .. }) {
@@ -146,6 +174,16 @@ fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
         let aov = Aov::by_name(name).ok_or_else(|| {
             Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
         })?;
+        let cached = match settings {
+            Settings::Aov { image: Some(image), .. } => image.as_ref(),
+            other => other,
+        };
+        if aov == Aov::RecordRadius && !matches!(cached, Settings::Irrcache(_)) {
+            return Err(Error::usage(format!(
+                "--aov record_radius: {} has no records; irrcache has",
+                settings.name()
+            )));
+        }
         // `moment` brings its variance along.
         if layers.iter().any(|l| l.name == *name && l.aov == aov) && !names[..i].contains(name) {
             continue;

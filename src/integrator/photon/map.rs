@@ -1,39 +1,71 @@
 //! Photons on surfaces, and how many light paths brought them.
 
 use super::Photon;
+use super::kdtree::{Built, KdTree};
+use super::photon::Arrival;
+use crate::color::Rgb;
 
-/// The photons that so many light paths have left on surfaces.
+/// The photons that so many light paths have left on surfaces: 24.5 bytes each, in the order of a kd-tree.
 pub struct PhotonMap {
-    photons: Vec<Photon>,
+    tree: KdTree,
+    /// By slot of the tree.
+    arrivals: Vec<Arrival>,
     emitted: u64,
     dropped: u64,
 }
 
 impl PhotonMap {
+    /// Bytes in memory for each photon: its coordinates and its share of the tree, and what it brings.
+    pub const BYTES_PER_PHOTON: f64 = 24.5;
+
     /// The map of the photons that `emitted` light paths have left. Photons that [`Photon::new`] could not have made
     /// are dropped and counted.
     ///
     /// The map does not depend on the number of threads, but on the order of the photons where they tie.
+    ///
+    /// # Panics
+    /// If there are more than [`KdTree::MOST`] photons.
     pub fn new(mut photons: Vec<Photon>, emitted: u64) -> Self {
         let all = photons.len();
         photons.retain(Photon::is_valid);
         let dropped = (all - photons.len()) as u64;
-        PhotonMap { photons, emitted, dropped }
+        let Built { tree, order } = KdTree::build(photons.len(), |i| photons[i].position());
+        let arrivals = order.iter().map(|&i| photons[i as usize].arrival()).collect();
+        PhotonMap { tree, arrivals, emitted, dropped }
     }
 
-    /// The photons, in the map's order.
+    /// The photons, in the map's order: neighbours in it are neighbours in space.
     pub fn photons(&self) -> impl ExactSizeIterator<Item = Photon> + '_ {
-        self.photons.iter().copied()
+        (0..self.len()).map(|slot| self.photon(slot))
+    }
+
+    /// The photon in a slot of the tree.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    #[inline]
+    pub fn photon(&self, slot: usize) -> Photon {
+        Photon::from_parts(self.tree.point(slot), self.arrivals[slot])
+    }
+
+    /// The tree of the photons' positions.
+    pub fn tree(&self) -> &KdTree {
+        &self.tree
+    }
+
+    #[inline]
+    pub(super) fn arrival(&self, slot: usize) -> Arrival {
+        self.arrivals[slot]
     }
 
     /// How many photons there are.
     pub fn len(&self) -> usize {
-        self.photons.len()
+        self.arrivals.len()
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.photons.is_empty()
+        self.arrivals.is_empty()
     }
 
     /// How many light paths were begun to get them: a photon's share of the light is its power over this.
@@ -44,5 +76,20 @@ impl PhotonMap {
     /// How many photons were dropped because they were none.
     pub fn dropped(&self) -> u64 {
         self.dropped
+    }
+
+    /// What all photons together bring, W.
+    pub fn power(&self) -> Rgb {
+        let sum = self.arrivals.iter().fold([0.0; 3], |sum: [f64; 3], arrival| {
+            let power = arrival.power().to_array();
+            std::array::from_fn(|c| sum[c] + f64::from(power[c]))
+        });
+        let paths = self.emitted.max(1) as f64;
+        Rgb::from(sum.map(|channel| (channel / paths) as f32))
+    }
+
+    /// Bytes on the heap.
+    pub fn memory_bytes(&self) -> usize {
+        self.tree.memory_bytes() + size_of_val(&self.arrivals[..])
     }
 }

@@ -1,16 +1,29 @@
 //! The photon map. [Jensen 1996; Jensen 2001]
 
+pub mod boundary;
 pub mod cast;
+pub mod density;
+#[cfg(test)]
+mod density_tests;
+pub mod file;
 pub mod grid;
 pub mod guide;
+pub mod irradiance;
+pub mod kdtree;
+pub mod kernel;
 pub mod map;
+pub mod mapper;
 #[allow(clippy::module_inception)]
 pub mod photon;
 pub mod tracing;
 
 pub use cast::{Cast, Caster, PathSequence, Until};
+pub use density::{DensityEstimator, Irradiance, Place, Sides};
 pub use grid::{GridPhoton, PhotonGrid};
 pub use guide::EmissionGuide;
+pub use irradiance::IrradianceMap;
+pub use kernel::Kernel;
 pub use map::PhotonMap;
+pub use mapper::Photonmapper;
 pub use photon::Photon;
 pub use tracing::{Deposit, PhotonPaths};

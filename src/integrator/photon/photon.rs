@@ -2,7 +2,7 @@
 
 use crate::color::Rgb;
 use crate::math::Vec3;
-use crate::math::octahedral::{decode_octahedral, encode_octahedral};
+use crate::math::octahedral::{decode_octahedral, encode_octahedral, signed_squared_cosine};
 use bytemuck::{Pod, Zeroable};
 
 /// Light that has landed on a surface, in 24 bytes: the position in full, the power with 18 bits a channel and one
@@ -14,15 +14,29 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 pub struct Photon {
     position: [f32; 3],
-    power: [u32; 2],
+    arrival: Arrival,
+}
+
+/// What a photon brings to its place.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Arrival {
+    power: PackedRgb,
     wi: u16,
     normal: u16,
 }
+
+/// Three channels of 18 bits and an exponent.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct PackedRgb([u32; 2]);
 
 /// Bits of a channel of the power.
 const MANTISSA: i32 = 18;
 /// The least exponent of a power. What is below 2^(−100 − 18 − 1) W is black.
 const LEAST_EXPONENT: i32 = -100;
+/// That of the greatest `f32`.
+const GREATEST_EXPONENT: i32 = 128;
 
 impl Photon {
     /// Bytes of a photon.
@@ -40,9 +54,36 @@ impl Photon {
             return None;
         }
         let normal = if wi.dot(normal) < 0.0 { -normal } else { normal };
-        let power = encode_power(power)?;
+        let power = PackedRgb::new(power);
         let (wi, normal) = (encode_octahedral(wi), encode_octahedral(normal));
-        Some(Photon { position: position.to_array(), power, wi, normal })
+        let arrival = Arrival { power, wi, normal };
+        (!power.is_black()).then_some(Photon { position: position.to_array(), arrival })
+    }
+
+    pub(super) fn from_parts(position: Vec3, arrival: Arrival) -> Photon {
+        Photon { position: position.to_array(), arrival }
+    }
+
+    /// Its bits, for a file.
+    pub(super) fn to_words(self) -> [u32; 6] {
+        let Photon { position: [x, y, z], arrival: Arrival { power: PackedRgb([low, high]), wi, normal } } =
+            self;
+        [x.to_bits(), y.to_bits(), z.to_bits(), low, high, u32::from(wi) | u32::from(normal) << 16]
+    }
+
+    /// What has these bits; it need not be valid.
+    pub(super) fn from_words([x, y, z, low, high, directions]: [u32; 6]) -> Self {
+        let arrival = Arrival {
+            power: PackedRgb([low, high]),
+            wi: directions as u16,
+            normal: (directions >> 16) as u16,
+        };
+        Photon { position: [x, y, z].map(f32::from_bits), arrival }
+    }
+
+    #[inline]
+    pub(super) fn arrival(&self) -> Arrival {
+        self.arrival
     }
 
     /// Where it landed.
@@ -54,68 +95,104 @@ impl Photon {
     /// Its power in W, if its light path is the only one.
     #[inline]
     pub fn power(&self) -> Rgb {
-        decode_power(self.power)
+        self.arrival.power()
     }
 
     /// Where the light came from: a unit vector, away from the surface.
     #[inline]
     pub fn wi(&self) -> Vec3 {
-        decode_octahedral(self.wi)
+        self.arrival.wi()
     }
 
     /// The geometric normal on the side that the light came from: a unit vector.
     #[inline]
     pub fn normal(&self) -> Vec3 {
-        decode_octahedral(self.normal)
+        self.arrival.normal()
     }
 
     /// Whether it is one that [`Photon::new`] may have made.
     pub(super) fn is_valid(&self) -> bool {
-        let directions = [self.wi, self.normal].into_iter();
-        self.position().is_finite()
-            && self.power != [0; 2]
-            && self.power[1] >> 30 == 0
-            && self.power().is_valid()
-            && directions.flat_map(|code| [code & 255, code >> 8]).all(|coordinate| coordinate < 255)
+        let Arrival { power, wi, normal } = self.arrival;
+        let coordinates = [wi & 255, wi >> 8, normal & 255, normal >> 8];
+        self.position().is_finite() && power.is_valid() && coordinates.iter().all(|&c| c < 255)
     }
 }
 
-/// Three mantissas and an exponent. `None` if all mantissas are zero.
-///
-/// Rounded to nearest: the error of a channel is at most 2^−18 of the strongest one.
-fn encode_power(power: Rgb) -> Option<[u32; 2]> {
-    let strongest = power.max_component();
-    let bits = |exponent: i32| {
-        let scale = 2f64.powi(MANTISSA - exponent);
-        power.to_array().map(|channel| (f64::from(channel) * scale).round() as u64)
-    };
-    // The exponent for which the strongest is in [1/2, 1) of its power of two.
-    let mut exponent = ((strongest.to_bits() >> 23) as i32 - 126).max(LEAST_EXPONENT);
-    let mut mantissas = bits(exponent);
-    if mantissas.iter().any(|m| m >> MANTISSA != 0) {
-        exponent = (exponent + 1).min(128);
-        mantissas = bits(exponent).map(|m| m.min((1 << MANTISSA) - 1));
+impl Arrival {
+    /// The power in W, if the light path is the only one.
+    #[inline]
+    pub fn power(self) -> Rgb {
+        self.power.get()
     }
-    let [r, g, b] = mantissas;
-    if r | g | b == 0 {
-        return None;
+
+    /// Where the light came from.
+    #[inline]
+    pub fn wi(self) -> Vec3 {
+        decode_octahedral(self.wi)
     }
-    let word =
-        ((exponent - LEAST_EXPONENT) as u64) << (3 * MANTISSA) | r << (2 * MANTISSA) | g << MANTISSA | b;
-    Some([word as u32, (word >> 32) as u32])
+
+    /// The geometric normal on that side.
+    #[inline]
+    pub fn normal(self) -> Vec3 {
+        decode_octahedral(self.normal)
+    }
+
+    /// The cosine of that normal to a unit vector, with its sign, squared.
+    #[inline]
+    pub fn signed_squared_cosine(self, n: Vec3) -> f32 {
+        signed_squared_cosine(self.normal, n)
+    }
 }
 
-#[inline]
-fn decode_power([low, high]: [u32; 2]) -> Rgb {
-    let word = u64::from(low) | u64::from(high) << 32;
-    let exponent = (word >> (3 * MANTISSA)) as i32 + LEAST_EXPONENT;
-    let scale = f32::from_bits(((exponent - MANTISSA + 127) as u32) << 23);
-    let channel = |shift: i32| (word >> shift) as u32 & ((1 << MANTISSA) - 1);
-    Rgb::new(
-        channel(2 * MANTISSA) as f32 * scale,
-        channel(MANTISSA) as f32 * scale,
-        channel(0) as f32 * scale,
-    )
+impl PackedRgb {
+    pub const BLACK: PackedRgb = PackedRgb([0; 2]);
+
+    /// Rounded to nearest: the error of a channel is at most 2^−18 of the strongest one. Channels must be finite and not
+    /// negative.
+    pub fn new(rgb: Rgb) -> Self {
+        let bits = |exponent: i32| {
+            let scale = 2f64.powi(MANTISSA - exponent);
+            rgb.to_array().map(|channel| (f64::from(channel) * scale).round() as u64)
+        };
+        // The exponent for which the strongest is in [1/2, 1) of its power of two.
+        let mut exponent = ((rgb.max_component().to_bits() >> 23) as i32 - 126).max(LEAST_EXPONENT);
+        let mut mantissas = bits(exponent);
+        if mantissas.iter().any(|m| m >> MANTISSA != 0) {
+            exponent = (exponent + 1).min(GREATEST_EXPONENT);
+            mantissas = bits(exponent).map(|m| m.min((1 << MANTISSA) - 1));
+        }
+        let [r, g, b] = mantissas;
+        if r | g | b == 0 {
+            return PackedRgb::BLACK;
+        }
+        let word =
+            ((exponent - LEAST_EXPONENT) as u64) << (3 * MANTISSA) | r << (2 * MANTISSA) | g << MANTISSA | b;
+        PackedRgb([word as u32, (word >> 32) as u32])
+    }
+
+    /// The channels.
+    #[inline]
+    pub fn get(self) -> Rgb {
+        let word = self.word();
+        let exponent = (word >> (3 * MANTISSA)) as i32 + LEAST_EXPONENT;
+        let scale = f32::from_bits(((exponent - MANTISSA + 127) as u32) << 23);
+        let channel = |shift: i32| ((word >> shift) as u32 & ((1 << MANTISSA) - 1)) as f32 * scale;
+        Rgb::new(channel(2 * MANTISSA), channel(MANTISSA), channel(0))
+    }
+
+    fn word(self) -> u64 {
+        let PackedRgb([low, high]) = self;
+        u64::from(low) | u64::from(high) << 32
+    }
+
+    fn is_black(self) -> bool {
+        self == PackedRgb::BLACK
+    }
+
+    /// Whether it is not black and within the range of exponents.
+    fn is_valid(self) -> bool {
+        !self.is_black() && self.word() >> (3 * MANTISSA) <= (GREATEST_EXPONENT - LEAST_EXPONENT) as u64
+    }
 }
 
 #[cfg(test)]

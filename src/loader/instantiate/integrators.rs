@@ -3,17 +3,29 @@
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::integrator::Settings;
+use crate::integrator::photon::Kernel;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, Layer, PathSettings, PtracerSettings, SppmSettings,
-    WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonDebug,
+    PhotonmapperSettings, PtracerSettings, SppmSettings, WhittedSettings,
 };
 use crate::loader::graph::ObjectId;
 use crate::loader::names;
 use crate::loader::props::Props;
 use crate::loader::values::quoted;
 
-const SUPPORTED: [&str; 9] =
-    ["aov", "depth", "direct", "distribution", "moment", "path", "ptracer", "sppm", "whitted"];
+const SUPPORTED: [&str; 11] = [
+    "aov",
+    "depth",
+    "direct",
+    "distribution",
+    "irrcache",
+    "moment",
+    "path",
+    "photonmapper",
+    "ptracer",
+    "sppm",
+    "whitted",
+];
 const MITSUBA: [&str; 11] = [
     "batch",
     "direct_projective",
@@ -62,6 +74,12 @@ impl Builder<'_> {
                 let PathSettings { max_depth, rr_depth, hide_emitters } = path(&props)?;
                 Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters })
             }
+            "irrcache" => Settings::Irrcache(self.irrcache(&props)?),
+            "photonmapper" => {
+                self.ignore(&props, &["granularity"], "the render job decides");
+                self.ignore(&props, &["volume_photons", "volume_lookup_radius"], "there are no media");
+                Settings::Photonmapper(photonmapper(&props)?)
+            }
             "sppm" => {
                 self.ignore(&props, &["granularity", "max_passes"], "the render job decides");
                 Settings::Sppm(sppm(&props)?)
@@ -89,7 +107,42 @@ impl Builder<'_> {
     }
 }
 
+/// What can trace the light that an irradiance cache gathers.
+const GATHERERS: [&str; 2] = ["path", "photonmapper"];
+
 impl Builder<'_> {
+    fn irrcache(&mut self, props: &Props) -> Result<IrrcacheSettings> {
+        let default = IrrcacheSettings::default();
+        let child = match props.child("integrator")? {
+            Some(inner) => Box::new(self.integrator(inner)?),
+            None => default.child,
+        };
+        if !GATHERERS.contains(&child.name()) {
+            return Err(props.object.error(format!(
+                "expected an integrator inside it that follows light through any number of bounces ({}), found {}",
+                GATHERERS.join(", "),
+                quoted(child.name())
+            )));
+        }
+        let quality_adjustment = props.positive("quality_adjustment", default.quality_adjustment)?;
+        if quality_adjustment > 1.0 {
+            return Err(props.refusal("quality_adjustment", "expected at most 1"));
+        }
+        let resolution = props.integer("resolution", 2..=256)?;
+        Ok(IrrcacheSettings {
+            resolution: resolution.map_or(default.resolution, |n| n as u32),
+            quality: props.positive("quality", default.quality)?,
+            gradients: props.boolean("gradients", default.gradients)?,
+            clamp_neighbor: props.boolean("clamp_neighbor", default.clamp_neighbor)?,
+            clamp_screen: props.boolean("clamp_screen", default.clamp_screen)?,
+            overture: props.boolean("overture", default.overture)?,
+            quality_adjustment,
+            indirect_only: props.boolean("indirect_only", default.indirect_only)?,
+            debug: props.boolean("debug", default.debug)?,
+            child,
+        })
+    }
+
     /// The integrator inside another.
     fn only_integrator(&mut self, props: &Props) -> Result<Settings> {
         match props.child("integrator")? {
@@ -131,6 +184,35 @@ fn direct(props: &Props) -> Result<DirectSettings> {
         0 => Err(props.object.error("expected at least one emitter or bsdf sample")),
         _ => Ok(settings),
     }
+}
+
+fn photonmapper(props: &Props) -> Result<PhotonmapperSettings> {
+    let default = PhotonmapperSettings::default();
+    let PathSettings { max_depth, rr_depth, hide_emitters } = path(props)?;
+    let number =
+        |name, range, or| props.integer(name, range).map(|n: Option<i64>| n.map_or(or, |n| n as u32));
+    let radius = |name, or| match props.positive(name, or)? {
+        radius if (1e-6..=1e6).contains(&radius) => Ok(radius),
+        _ => Err(props.refusal(name, "expected a part of the scene's radius, from 1e-6 to 1e6")),
+    };
+    let kernels = Kernel::ALL.map(|kernel| (kernel.name(), kernel));
+    let shows =
+        [("none", PhotonDebug::None), ("photons", PhotonDebug::Photons), ("radiance", PhotonDebug::Radiance)];
+    Ok(PhotonmapperSettings {
+        max_depth,
+        rr_depth,
+        hide_emitters,
+        direct_samples: number("direct_samples", 1..=MAX_SAMPLES, default.direct_samples)?,
+        glossy_samples: number("glossy_samples", 1..=MAX_SAMPLES, default.glossy_samples)?,
+        gather_samples: number("gather_samples", 1..=MAX_SAMPLES, default.gather_samples)?,
+        global_photons: number("global_photons", 0..=MAX_PHOTONS, default.global_photons)?,
+        caustic_photons: number("caustic_photons", 0..=MAX_PHOTONS, default.caustic_photons)?,
+        global_lookup_radius: radius("global_lookup_radius", default.global_lookup_radius)?,
+        caustic_lookup_radius: radius("caustic_lookup_radius", default.caustic_lookup_radius)?,
+        lookup_size: number("lookup_size", 2..=MAX_SAMPLES, default.lookup_size)?,
+        kernel: props.choice("kernel", &kernels, default.kernel)?,
+        debug: props.choice("debug", &shows, default.debug)?,
+    })
 }
 
 fn sppm(props: &Props) -> Result<SppmSettings> {

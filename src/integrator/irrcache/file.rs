@@ -1,0 +1,238 @@
+//! Irradiance caches in a file.
+//!
+//! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and of the
+//! settings that records depend on (u64 each). Then how many views the records serve (u32) and the hash of each (u64), how many
+//! records there are in each of the four caches (fine A, fine B, coarse A, coarse B; u64 each), the records, 28 numbers (f32) each, and
+//! a checksum (u64) of everything before it.
+
+use super::hemisphere::Gradient;
+use super::record::Record;
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::image::replace;
+use crate::math::Vec3;
+use std::path::Path;
+
+const MAGIC: &[u8; 8] = b"BUFFONIC";
+const VERSION: u32 = 1;
+/// Numbers of a record.
+const NUMBERS: usize = 28;
+
+/// What a file holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// Hash of the scene, without sensors.
+    pub scene: u64,
+    /// Hash of the settings that records depend on.
+    pub settings: u64,
+    /// Hashes of the views that the records were made for.
+    pub views: Vec<u64>,
+    /// The fine records of both halves, and the coarse ones.
+    pub records: [Vec<Record>; 4],
+}
+
+/// Writes caches to a file, whole or not at all.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn save(path: &Path, kept: &Kept) -> Result<()> {
+    let count: usize = kept.records.iter().map(Vec::len).sum();
+    let mut bytes = Vec::with_capacity(count * NUMBERS * 4 + 128);
+    bytes.extend(MAGIC);
+    bytes.extend(VERSION.to_le_bytes());
+    bytes.extend(kept.scene.to_le_bytes());
+    bytes.extend(kept.settings.to_le_bytes());
+    bytes.extend((kept.views.len() as u32).to_le_bytes());
+    kept.views.iter().for_each(|view| bytes.extend(view.to_le_bytes()));
+    kept.records.iter().for_each(|records| bytes.extend((records.len() as u64).to_le_bytes()));
+    for record in kept.records.iter().flatten() {
+        numbers(record).iter().for_each(|number| bytes.extend(number.to_le_bytes()));
+    }
+    bytes.extend(checksum(&bytes).to_le_bytes());
+    replace(path, &bytes)
+}
+
+/// Reads the caches of a file.
+///
+/// # Errors
+/// If the file cannot be read, holds something else, or is damaged.
+pub fn load(path: &Path) -> Result<Kept> {
+    let bytes = std::fs::read(path).map_err(|e| refuse(path, &format!("cannot be read: {e}")))?;
+    let Some(rest) = bytes.strip_prefix(MAGIC) else {
+        return Err(refuse(
+            path,
+            "is no file of irradiance records; another name, or its removal, would help",
+        ));
+    };
+    let damaged = || refuse(path, "is damaged; remove it, and it will be made anew");
+    let (body, sum) = bytes.split_last_chunk::<8>().ok_or_else(damaged)?;
+    let mut reader = Reader(rest);
+    let version = reader.u32().ok_or_else(damaged)?;
+    if version != VERSION {
+        return Err(refuse(
+            path,
+            &format!("has version {version}, expected {VERSION}; remove it, and it will be made anew"),
+        ));
+    }
+    if checksum(body) != u64::from_le_bytes(*sum) {
+        return Err(damaged());
+    }
+    reader.kept().ok_or_else(damaged)
+}
+
+fn refuse(path: &Path, what: &str) -> Error {
+    Error::output(format!("--cache {}: it {what}", path.display()))
+}
+
+/// Reads caches that must be those of a scene and of settings.
+///
+/// # Errors
+/// As for [`load`], and if they belong to anything else.
+pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<Kept> {
+    let kept = load(path)?;
+    let stale =
+        |what| Err(refuse(path, &format!("holds records of {what}; remove it, or name another file")));
+    if kept.scene != scene {
+        return stale("another scene");
+    }
+    if kept.settings != settings {
+        return stale("other settings of the integrator");
+    }
+    Ok(kept)
+}
+
+/// [Fowler, Noll and Vo 1991, FNV-1a], over words where there are whole ones.
+pub fn checksum(bytes: &[u8]) -> u64 {
+    let (words, rest) = bytes.as_chunks::<8>();
+    let words = words.iter().map(|word| u64::from_le_bytes(*word));
+    let all = words.chain(rest.iter().map(|byte| u64::from(*byte)));
+    all.fold(0xcbf2_9ce4_8422_2325, |sum, word| {
+        let sum = (sum ^ word).wrapping_mul(0x0000_0100_0000_01b3);
+        sum ^ (sum >> 32)
+    })
+}
+
+fn numbers(record: &Record) -> [f32; NUMBERS] {
+    let gradient = |g: &Gradient| g.along.map(Rgb::to_array);
+    let mut all = record.p.to_array().into_iter().chain(record.n.to_array());
+    let mut light = record.irradiance.to_array().into_iter().chain([record.radius]);
+    let mut changes =
+        [gradient(&record.rotation), gradient(&record.translation)].into_iter().flatten().flatten();
+    std::array::from_fn(|_| {
+        all.next().or_else(|| light.next()).or_else(|| changes.next()).unwrap_or_default()
+    })
+}
+
+/// `None` for what no record can be.
+fn record(n: &[f32; NUMBERS]) -> Option<Record> {
+    let vector = |i: usize| Vec3::new(n[i], n[i + 1], n[i + 2]);
+    let colour = |i: usize| Rgb::new(n[i], n[i + 1], n[i + 2]);
+    let gradient = |i: usize| Gradient { along: [colour(i), colour(i + 3), colour(i + 6)] };
+    let sound = n.iter().all(|number| number.is_finite()) && n[9] > 0.0;
+    sound.then(|| Record {
+        p: vector(0),
+        n: vector(3),
+        irradiance: colour(6),
+        radius: n[9],
+        rotation: gradient(10),
+        translation: gradient(19),
+    })
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (first, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*first)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    /// What follows the version; nothing is allocated that the file has no bytes for.
+    fn kept(&mut self) -> Option<Kept> {
+        let mut kept = Kept { scene: self.u64()?, settings: self.u64()?, ..Kept::default() };
+        for _ in 0..self.u32()? {
+            kept.views.push(self.u64()?);
+        }
+        let mut counts = [0; 4];
+        for count in &mut counts {
+            *count = self.u64()?;
+        }
+        for (records, count) in kept.records.iter_mut().zip(counts) {
+            for _ in 0..count {
+                let bytes = self.array::<{ NUMBERS * 4 }>()?;
+                let words = bytes.as_chunks::<4>().0;
+                records.push(record(&std::array::from_fn(|i| f32::from_le_bytes(words[i])))?);
+            }
+        }
+        (self.0.len() == 8).then_some(kept)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kept() -> Kept {
+        let record = |i: u32| {
+            let along = |k: u32| [0, 1, 2].map(|c| Rgb::splat((i + k + c) as f32));
+            Record {
+                p: Vec3::new(i as f32, 1.0, 2.0),
+                n: Vec3::Z,
+                irradiance: Rgb::new(0.1, 0.2, 0.3),
+                radius: 0.5 + i as f32,
+                rotation: Gradient { along: along(7) },
+                translation: Gradient { along: along(70) },
+            }
+        };
+        let records = [3, 0, 5, 1].map(|n| (0..n).map(record).collect());
+        Kept { scene: 1, settings: 2, views: vec![10, 11], records }
+    }
+
+    #[test]
+    fn what_is_kept_is_what_comes_back() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("cache");
+        save(&path, &kept()).expect("written");
+        assert_eq!(load_for(&path, 1, 2), Ok(kept()));
+    }
+
+    #[test]
+    fn stale_foreign_and_damaged_files_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("cache");
+        save(&path, &kept()).expect("written");
+        let said = |scene, settings| load_for(&path, scene, settings).expect_err("refused").message;
+        assert!(said(7, 2).contains("another scene"));
+        assert!(said(1, 7).contains("other settings"));
+        let whole = std::fs::read(&path).expect("bytes");
+        for (i, what) in
+            [(0, "is no file of irradiance"), (8, "has version"), (20, "is damaged"), (200, "is damaged")]
+        {
+            let mut bytes = whole.clone();
+            bytes[i] ^= 0x40;
+            std::fs::write(&path, &bytes).expect("written");
+            let message = said(1, 2);
+            assert!(message.contains(what), "{message}");
+        }
+        for length in [0, 7, 8, 11, 40, whole.len() - 1] {
+            std::fs::write(&path, &whole[..length]).expect("written");
+            load(&path).expect_err("refused");
+        }
+        // A count that the file has no bytes for, with the right checksum.
+        let mut bytes = whole[..whole.len() - 8].to_vec();
+        bytes[48 + 7] = 0xff;
+        let sum = checksum(&bytes);
+        bytes.extend(sum.to_le_bytes());
+        std::fs::write(&path, &bytes).expect("written");
+        load(&path).expect_err("refused");
+    }
+}

@@ -1,0 +1,193 @@
+//! Which records reach a point: an octree over plain arrays. [Ward 1988]
+//!
+//! A record is listed in every leaf that the flat body in which it has weight may touch, so that a point has one leaf to look at.
+
+use super::record::Record;
+use super::weight::THICKNESS;
+use crate::math::{Bounds, Vec3};
+
+/// A leaf with more records than this is divided, unless they all cover it anyway.
+const FULL: usize = 16;
+/// The most levels: where f32 has no more bits to tell places apart.
+const MAX_DEPTH: u32 = 20;
+/// The bit of a node that is a leaf.
+const LEAF: u32 = 1 << 31;
+
+/// An octree of records, which are known by their index in an array.
+#[derive(Clone, Debug)]
+pub struct Octree {
+    center: Vec3,
+    half: f32,
+    /// By node: the first of its eight children, or with [`LEAF`] the leaf that it is.
+    nodes: Vec<u32>,
+    leaves: Vec<Vec<u32>>,
+    /// The factor on all radii.
+    scale: f32,
+}
+
+/// A cube of the tree.
+#[derive(Clone, Copy)]
+struct Cube {
+    center: Vec3,
+    half: f32,
+}
+
+impl Cube {
+    fn child(self, i: usize) -> Cube {
+        let half = 0.5 * self.half;
+        let sign = |bit: usize| if i >> bit & 1 == 1 { half } else { -half };
+        Cube { center: self.center + Vec3::new(sign(0), sign(1), sign(2)), half }
+    }
+
+    /// Which child holds `p`.
+    #[inline(always)]
+    fn octant(self, p: Vec3) -> usize {
+        let above = p.cmpge(self.center);
+        above.bitmask() as usize
+    }
+
+    /// Whether the flat body of a record may touch the cube.
+    fn touches(self, record: &Record, scale: f32) -> bool {
+        let radius = record.radius * scale;
+        let to = record.p - self.center;
+        let outside = (to.abs() - Vec3::splat(self.half)).max(Vec3::ZERO);
+        // The cube's extent along the normal.
+        let extent = self.half * record.n.abs().element_sum();
+        outside.length_squared() <= radius * radius && to.dot(record.n).abs() <= extent + THICKNESS * radius
+    }
+}
+
+impl Octree {
+    /// An empty tree over everything within the bounds; radii count `scale` times.
+    pub fn new(bounds: Bounds, scale: f32) -> Self {
+        let half = (0.5 * (bounds.max - bounds.min).max_element()).max(f32::MIN_POSITIVE);
+        Octree { center: bounds.center(), half, nodes: vec![LEAF], leaves: vec![Vec::new()], scale }
+    }
+
+    /// The tree of all records.
+    pub fn of(records: &[Record], bounds: Bounds, scale: f32) -> Self {
+        let mut tree = Octree::new(bounds, scale);
+        (0..records.len()).for_each(|i| tree.insert(i as u32, records));
+        tree
+    }
+
+    /// Lists record `i` of `records` wherever it reaches.
+    pub fn insert(&mut self, i: u32, records: &[Record]) {
+        self.insert_into(0, Cube { center: self.center, half: self.half }, 0, i, records);
+    }
+
+    fn insert_into(&mut self, node: usize, cube: Cube, depth: u32, i: u32, records: &[Record]) {
+        if !cube.touches(&records[i as usize], self.scale) && depth > 0 {
+            return;
+        }
+        if self.nodes[node] & LEAF == 0 {
+            let first = self.nodes[node] as usize;
+            for k in 0..8 {
+                self.insert_into(first + k, cube.child(k), depth + 1, i, records);
+            }
+            return;
+        }
+        let leaf = (self.nodes[node] & !LEAF) as usize;
+        self.leaves[leaf].push(i);
+        let list = &self.leaves[leaf];
+        // Dividing helps where some record is smaller than the cube.
+        let least = list.iter().map(|&i| records[i as usize].radius).fold(f32::INFINITY, f32::min);
+        if list.len() <= FULL || depth >= MAX_DEPTH || least * self.scale > 2.0 * cube.half {
+            return;
+        }
+        let list = std::mem::take(&mut self.leaves[leaf]);
+        let first = self.nodes.len();
+        self.nodes[node] = first as u32;
+        for k in 0..8 {
+            let child = cube.child(k);
+            let of_child: Vec<u32> =
+                list.iter().copied().filter(|&i| child.touches(&records[i as usize], self.scale)).collect();
+            // The divided leaf's place is used again.
+            let place = if k == 0 { leaf } else { self.leaves.len() };
+            if k > 0 {
+                self.leaves.push(Vec::new());
+            }
+            self.leaves[place] = of_child;
+            self.nodes.push(LEAF | place as u32);
+        }
+    }
+
+    /// The leaf that holds `p`.
+    #[inline]
+    pub fn leaf(&self, p: Vec3) -> usize {
+        let mut cube = Cube { center: self.center, half: self.half };
+        let mut node = self.nodes[0];
+        while node & LEAF == 0 {
+            let octant = cube.octant(p);
+            node = self.nodes[node as usize + octant];
+            cube = cube.child(octant);
+        }
+        (node & !LEAF) as usize
+    }
+
+    /// The records that may reach `p`.
+    pub fn near(&self, p: Vec3) -> &[u32] {
+        &self.leaves[self.leaf(p)]
+    }
+
+    /// The lists of all leaves.
+    pub fn leaves(&self) -> &[Vec<u32>] {
+        &self.leaves
+    }
+
+    /// Bytes of nodes and lists.
+    pub fn memory_bytes(&self) -> usize {
+        let lists: usize = self.leaves.iter().map(|l| l.capacity() * 4 + size_of::<Vec<u32>>()).sum();
+        self.nodes.capacity() * 4 + lists
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrator::irrcache::weight::weight;
+    use crate::sampling::hash::{pcg3d, to_unit};
+
+    fn random(i: u32, k: u32) -> Vec3 {
+        Vec3::from_array(pcg3d(i, k, 1).map(to_unit))
+    }
+
+    /// No record with weight at a point is missing in the point's leaf, also at the corners of the bounds and after a
+    /// record has shrunk.
+    #[test]
+    fn the_leaf_of_a_point_lists_every_record_that_reaches_it() {
+        let mut records: Vec<Record> = (0..2000)
+            .map(|i| Record {
+                p: random(i, 0),
+                n: (random(i, 1) - Vec3::splat(0.5)).normalize(),
+                radius: 0.3 * to_unit(pcg3d(i, 2, 2)[0]).powi(3) + 1e-4,
+                ..Record::default()
+            })
+            .collect();
+        let bounds = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+        for scale in [1.0, 2.0] {
+            let tree = Octree::of(&records, bounds, scale);
+            let corners = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32));
+            let mut found = 0;
+            for p in (0..2000).map(|i| random(i, 7)).chain(corners).chain(records.iter().map(|r| r.p)) {
+                let listed = tree.near(p);
+                for (i, record) in records.iter().enumerate() {
+                    if weight(record, scale, p, record.n) > 0.0 {
+                        assert!(listed.contains(&(i as u32)), "record {i} is not listed at {p}");
+                        found += 1;
+                    }
+                }
+            }
+            assert!(found > 10_000, "{found}");
+            records.iter_mut().for_each(|r| r.radius *= 0.5);
+        }
+    }
+
+    #[test]
+    fn records_at_one_point_do_not_divide_for_ever() {
+        let records = vec![Record { p: Vec3::ONE, n: Vec3::Z, radius: 1e-9, ..Record::default() }; 100];
+        let tree = Octree::of(&records, Bounds { min: Vec3::ZERO, max: Vec3::ONE }, 1.0);
+        assert_eq!(tree.near(Vec3::ONE).len(), 100);
+        assert!(tree.memory_bytes() < 1 << 16);
+    }
+}

@@ -1,0 +1,404 @@
+//! Photon maps in a file.
+//!
+//! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), how many maps there are (u32), and the
+//! hashes of the scene and of all else that the photons depend on (u64 each). For each map follow what light it
+//! holds (u32), its half (u32), how many photons there are and how many light paths brought them (u64 each); then the
+//! photons of all maps, 24 bytes each; then a checksum (u64) of everything before it.
+
+use super::{Photon, PhotonMap};
+use crate::error::{Error, Result, counted};
+use crate::image::replace;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+const MAGIC: [u8; 8] = *b"BUFFONPM";
+const VERSION: u32 = 1;
+const HEADER_BYTES: u64 = 32;
+const ENTRY_BYTES: u64 = 24;
+const CHECKSUM_BYTES: u64 = 8;
+/// More maps no render has.
+const MOST_MAPS: u32 = 16;
+/// Photons that are read at once.
+const CHUNK: usize = 4096;
+
+/// What the photons of a file depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// Hash of the scene, without sensors.
+    pub scene: u64,
+    /// Hash of everything else: settings, seed, sampler.
+    pub settings: u64,
+}
+
+/// Which light a map holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Light {
+    /// All light but what comes from the emitters directly.
+    Global,
+    /// Light that Dirac deltas alone have scattered.
+    Caustic,
+}
+
+impl Light {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Light::Global => "global",
+            Light::Caustic => "caustic",
+        }
+    }
+}
+
+/// Which map of a file it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Label {
+    /// Which light it holds.
+    pub light: Light,
+    /// For which half of the samples: 0 or 1.
+    pub half: u32,
+}
+
+/// What a file says of a map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// Which map it is.
+    pub label: Label,
+    /// How many photons there are.
+    pub photons: u64,
+    /// How many light paths brought them.
+    pub emitted: u64,
+}
+
+/// What a file says of itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Contents {
+    /// What the photons depend on.
+    pub origin: Origin,
+    /// The maps.
+    pub maps: Vec<Entry>,
+}
+
+/// Writes maps to a file, whole or not at all.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result<()> {
+    let photons: usize = maps.iter().map(|(_, map)| map.len()).sum();
+    let mut bytes = Vec::with_capacity(photons * Photon::BYTES + 256);
+    bytes.extend(MAGIC);
+    bytes.extend(VERSION.to_le_bytes());
+    bytes.extend((maps.len() as u32).to_le_bytes());
+    bytes.extend(origin.scene.to_le_bytes());
+    bytes.extend(origin.settings.to_le_bytes());
+    for (label, map) in maps {
+        bytes.extend((label.light as u32).to_le_bytes());
+        bytes.extend(label.half.to_le_bytes());
+        bytes.extend((map.len() as u64).to_le_bytes());
+        bytes.extend(map.emitted().to_le_bytes());
+    }
+    for photon in maps.iter().flat_map(|(_, map)| map.photons()) {
+        bytes.extend(photon.to_words().into_iter().flat_map(u32::to_le_bytes));
+    }
+    let mut checksum = Checksum::default();
+    checksum.add(&bytes);
+    bytes.extend(checksum.0.to_le_bytes());
+    replace(path, &bytes)
+}
+
+/// Reads the maps of a file, which must be those of `origin`.
+///
+/// # Errors
+/// If the file cannot be read, is not a file of photon maps, is damaged, or belongs to another scene or other settings.
+pub fn load(path: &Path, origin: Origin) -> Result<Vec<(Label, PhotonMap)>> {
+    let mut reader = Reader::open(path)?;
+    if reader.contents.origin.scene != origin.scene {
+        return Err(bad(path, "it holds photons of another scene; remove it, or name another file"));
+    }
+    if reader.contents.origin.settings != origin.settings {
+        let what = "it holds photons of other settings (integrator, sampler or seed); remove it, or name another file";
+        return Err(bad(path, what));
+    }
+    reader.photons()
+}
+
+/// Reads what a file says of itself, and whether the rest of it is whole.
+///
+/// # Errors
+/// As those of [`load`], but for the origin.
+pub fn read_contents(path: &Path) -> Result<Contents> {
+    let mut reader = Reader::open(path)?;
+    reader.photons()?;
+    Ok(reader.contents)
+}
+
+/// Hash of a text, for [`Origin`].
+pub fn hash(text: &str) -> u64 {
+    let mut checksum = Checksum::default();
+    // Padded, for the sum takes whole words.
+    text.bytes().for_each(|byte| checksum.add(&[byte, 0, 0, 0]));
+    checksum.0
+}
+
+/// Whether a file begins as one of photon maps does.
+pub fn is_photon_file(path: &Path) -> bool {
+    let mut start = [0; MAGIC.len()];
+    path.is_file()
+        && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
+        && start == MAGIC
+}
+
+fn bad(path: &Path, what: impl Into<String>) -> Error {
+    Error::output(what).about("photon map").in_file(path)
+}
+
+/// A file whose header has been read, and whose length is what the header says.
+struct Reader<'a> {
+    path: &'a Path,
+    file: BufReader<File>,
+    checksum: Checksum,
+    contents: Contents,
+}
+
+impl<'a> Reader<'a> {
+    fn open(path: &'a Path) -> Result<Self> {
+        let cannot = |e: io::Error| bad(path, format!("cannot be read: {e}"));
+        let file = File::open(path).map_err(cannot)?;
+        let metadata = file.metadata().map_err(cannot)?;
+        if !metadata.is_file() {
+            return Err(bad(path, "is not a file"));
+        }
+        let contents = Contents { origin: Origin { scene: 0, settings: 0 }, maps: Vec::new() };
+        let mut reader = Reader { path, file: BufReader::new(file), checksum: Checksum::default(), contents };
+        reader.header(metadata.len())?;
+        Ok(reader)
+    }
+
+    /// Reads all but the photons; nothing is allocated for what the file has no room for.
+    fn header(&mut self, length: u64) -> Result<()> {
+        let magic: [u8; 8] = self.bytes()?;
+        if magic != MAGIC {
+            return Err(bad(self.path, "is not a file of photon maps"));
+        }
+        let [version, count] = [self.u32()?, self.u32()?];
+        if version != VERSION {
+            return Err(bad(self.path, format!("has version {version}, expected {VERSION}")));
+        }
+        if count > MOST_MAPS {
+            return Err(bad(self.path, format!("has {count} maps, expected at most {MOST_MAPS}")));
+        }
+        self.contents.origin = Origin { scene: self.u64()?, settings: self.u64()? };
+        for _ in 0..count {
+            let entry = self.entry()?;
+            self.contents.maps.push(entry);
+        }
+        let photons = self.contents.maps.iter().try_fold(0u64, |sum, map| sum.checked_add(map.photons));
+        let expected = photons.and_then(|n| n.checked_mul(Photon::BYTES as u64)).and_then(|bytes| {
+            bytes.checked_add(HEADER_BYTES + ENTRY_BYTES * u64::from(count) + CHECKSUM_BYTES)
+        });
+        match expected {
+            Some(expected) if expected == length => Ok(()),
+            Some(expected) => {
+                let is = counted(length, "byte", "bytes");
+                Err(bad(self.path, format!("has {is}, expected {expected} for its photons")))
+            }
+            None => Err(bad(self.path, "says that it has more photons than a file can hold")),
+        }
+    }
+
+    fn entry(&mut self) -> Result<Entry> {
+        let (light, half) = (self.u32()?, self.u32()?);
+        let light = match light {
+            0 => Light::Global,
+            1 => Light::Caustic,
+            other => return Err(bad(self.path, format!("has a map of unknown light {other}"))),
+        };
+        if half > 1 {
+            return Err(bad(self.path, format!("has a map for half {half}, expected 0 or 1")));
+        }
+        Ok(Entry { label: Label { light, half }, photons: self.u64()?, emitted: self.u64()? })
+    }
+
+    fn photons(&mut self) -> Result<Vec<(Label, PhotonMap)>> {
+        let mut maps = Vec::new();
+        for entry in self.contents.maps.clone() {
+            let mut left = entry.photons as usize;
+            let mut photons = Vec::with_capacity(left);
+            let mut chunk = [0; CHUNK * Photon::BYTES];
+            while left > 0 {
+                let now = left.min(CHUNK);
+                let bytes = &mut chunk[..now * Photon::BYTES];
+                self.fill(bytes)?;
+                photons.extend(bytes.as_chunks::<{ Photon::BYTES }>().0.iter().map(photon));
+                left -= now;
+            }
+            maps.push((entry, photons));
+        }
+        let sum = self.checksum.0;
+        if self.u64()? != sum {
+            return Err(bad(self.path, "is damaged: its checksum is not that of its bytes"));
+        }
+        maps.into_iter().map(|(entry, photons)| self.map(entry, photons)).collect()
+    }
+
+    fn map(&self, entry: Entry, photons: Vec<Photon>) -> Result<(Label, PhotonMap)> {
+        let map = PhotonMap::new(photons, entry.emitted);
+        if map.dropped() > 0 || (entry.emitted == 0 && !map.is_empty()) {
+            return Err(bad(self.path, "holds photons that no light path has left"));
+        }
+        Ok((entry.label, map))
+    }
+
+    fn fill(&mut self, bytes: &mut [u8]) -> Result<()> {
+        self.file.read_exact(bytes).map_err(|e| match e.kind() {
+            io::ErrorKind::UnexpectedEof => bad(self.path, "ends before its header does"),
+            _ => bad(self.path, format!("cannot be read: {e}")),
+        })?;
+        self.checksum.add(bytes);
+        Ok(())
+    }
+
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut bytes = [0; N];
+        self.fill(&mut bytes)?;
+        Ok(bytes)
+    }
+
+    fn u32(&mut self) -> Result<u32> {
+        Ok(u32::from_le_bytes(self.bytes()?))
+    }
+
+    fn u64(&mut self) -> Result<u64> {
+        Ok(u64::from_le_bytes(self.bytes()?))
+    }
+}
+
+fn photon(bytes: &[u8; Photon::BYTES]) -> Photon {
+    let (words, _) = bytes.as_chunks::<4>();
+    Photon::from_words(std::array::from_fn(|i| u32::from_le_bytes(words[i])))
+}
+
+/// A sum that any change of a byte changes.
+#[derive(Default)]
+struct Checksum(u64);
+
+impl Checksum {
+    /// Adds bytes, four at a time.
+    fn add(&mut self, bytes: &[u8]) {
+        for word in bytes.as_chunks::<4>().0 {
+            let mixed = (self.0 ^ u64::from(u32::from_le_bytes(*word))).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            self.0 = (mixed ^ (mixed >> 32)).wrapping_add(1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::color::Rgb;
+    use crate::math::Vec3;
+    use crate::sampling::hash::{combine, to_unit};
+    use std::fs;
+
+    const ORIGIN: Origin = Origin { scene: 0x1234_5678_9abc_def0, settings: 7 };
+
+    fn map(n: u32, seed: u32) -> PhotonMap {
+        let unit = |i: u32, c: u32| to_unit(combine(combine(seed, i), c));
+        let photon = |i: u32| {
+            let p = Vec3::new(unit(i, 0), unit(i, 1), (i % 5) as f32);
+            let wi = Vec3::new(0.6, 0.0, 0.8);
+            Photon::new(p, Rgb::new(unit(i, 2), unit(i, 3), 1.0), wi, Vec3::Z).unwrap()
+        };
+        PhotonMap::new((0..n).map(photon).collect(), u64::from(n) + 3)
+    }
+
+    fn label(light: Light, half: u32) -> Label {
+        Label { light, half }
+    }
+
+    /// A folder with a file of two maps.
+    fn saved() -> (tempfile::TempDir, std::path::PathBuf, [PhotonMap; 2]) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("photons.bpm");
+        let maps = [map(1000, 1), map(10, 2)];
+        let labels = [label(Light::Global, 0), label(Light::Caustic, 1)];
+        save(&path, ORIGIN, &[(labels[0], &maps[0]), (labels[1], &maps[1])]).unwrap();
+        (folder, path, maps)
+    }
+
+    #[test]
+    fn maps_come_back_as_they_were() {
+        let (_folder, path, maps) = saved();
+        assert!(is_photon_file(&path) && !is_photon_file(path.parent().unwrap()));
+        let loaded = load(&path, ORIGIN).unwrap();
+        assert_eq!([loaded[0].0, loaded[1].0], [label(Light::Global, 0), label(Light::Caustic, 1)]);
+        for (map, (_, loaded)) in maps.iter().zip(&loaded) {
+            assert!(map.photons().eq(loaded.photons()), "in the same order, too");
+            assert_eq!((map.emitted(), map.tree()), (loaded.emitted(), loaded.tree()));
+        }
+        let contents = read_contents(&path).unwrap();
+        assert_eq!((contents.origin, contents.maps[1].photons, contents.maps[1].emitted), (ORIGIN, 10, 13));
+    }
+
+    #[test]
+    fn a_file_of_another_scene_or_other_settings_is_refused() {
+        let (_folder, path, _) = saved();
+        let refused = |origin| load(&path, origin).err().unwrap().to_string();
+        assert_eq!(
+            refused(Origin { scene: 1, ..ORIGIN }),
+            format!(
+                "{}: photon map: it holds photons of another scene; remove it, or name another file",
+                path.display()
+            )
+        );
+        assert_eq!(
+            refused(Origin { settings: 8, ..ORIGIN }),
+            format!(
+                "{}: photon map: it holds photons of other settings (integrator, sampler or seed); remove it, or \
+                 name another file",
+                path.display()
+            )
+        );
+    }
+
+    #[test]
+    fn hostile_files_are_refused_before_anything_is_allocated() {
+        let (folder, path, _) = saved();
+        let good = fs::read(&path).unwrap();
+        let refused = |bytes: &[u8]| {
+            let path = folder.path().join("bad.bpm");
+            fs::write(&path, bytes).unwrap();
+            let error = read_contents(&path).err().unwrap().to_string();
+            error.split_once("photon map: ").unwrap().1.to_string()
+        };
+        let with = |at: usize, new: &[u8]| {
+            let mut bytes = good.clone();
+            bytes[at..at + new.len()].copy_from_slice(new);
+            refused(&bytes)
+        };
+        assert_eq!(refused(b""), "ends before its header does");
+        assert_eq!(refused(&good[..40]), "ends before its header does");
+        assert_eq!(with(0, b"PNG"), "is not a file of photon maps");
+        assert_eq!(with(8, &[2]), "has version 2, expected 1");
+        assert_eq!(with(12, &[255; 4]), "has 4294967295 maps, expected at most 16");
+        assert_eq!(with(32, &[9]), "has a map of unknown light 9");
+        assert_eq!(with(36, &[2]), "has a map for half 2, expected 0 or 1");
+        let most = u64::MAX.to_le_bytes();
+        assert_eq!(with(40, &most), "says that it has more photons than a file can hold");
+        let many = (1u64 << 40).to_le_bytes();
+        assert_eq!(with(40, &many), "has 24328 bytes, expected 26388279066952 for its photons");
+        assert_eq!(refused(&good[..good.len() - 1]), "has 24327 bytes, expected 24328 for its photons");
+        let damaged = "is damaged: its checksum is not that of its bytes";
+        for at in [16, 24, 48, 80, 100, good.len() - 100, good.len() - 1] {
+            assert_eq!(with(at, &[good[at] ^ 1]), damaged);
+        }
+        // NaN for a position, under a checksum that is right.
+        let mut bytes = good[..good.len() - 8].to_vec();
+        bytes[80..84].copy_from_slice(&f32::NAN.to_le_bytes());
+        let mut checksum = Checksum::default();
+        checksum.add(&bytes);
+        bytes.extend(checksum.0.to_le_bytes());
+        assert_eq!(refused(&bytes), "holds photons that no light path has left");
+        assert!(load(folder.path(), ORIGIN).is_err());
+    }
+}

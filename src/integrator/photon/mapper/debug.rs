@@ -1,0 +1,69 @@
+//! The photons themselves, instead of what is gathered from them.
+
+use super::Photonmapper;
+use crate::color::Rgb;
+use crate::integrator::block::Block;
+use crate::integrator::photon::density::FLATNESS;
+use crate::integrator::photon::kdtree::{Disc, Nearest};
+use crate::integrator::photon::{PhotonMap, Place, Sides};
+use crate::integrator::settings::PhotonDebug;
+use crate::integrator::{Radiance, Wave, Worker};
+use crate::math::lanes::{LANES, bits};
+use crate::scene::Scene;
+
+/// What the global map shows at the first surface along each ray.
+pub fn li(
+    mapper: &Photonmapper,
+    scene: &Scene,
+    show: PhotonDebug,
+    wave: Wave<'_>,
+    worker: &mut Worker,
+    out: &mut [Radiance],
+) {
+    out.fill(Radiance::NONE);
+    worker.paths.begin(wave.rays, wave.keys);
+    worker.intersect(scene, wave.rays, wave.coherence);
+    let Worker { paths, hits, arena, .. } = worker;
+    for (out, hit) in out.iter_mut().zip(&*hits) {
+        out.distance = hit.map_or(f32::INFINITY, |hit| hit.t);
+    }
+    paths.keep_hits(hits, |_, _| {});
+    let mut buffer = Nearest::default();
+    for first in (0..hits.len()).step_by(LANES) {
+        arena.reset();
+        let block = Block::new(scene, arena, &paths.rays, hits, first);
+        for i in bits(block.finite) {
+            let slot = paths.slots[first + i] as usize;
+            let maps = &mapper.maps[wave.keys[slot].half()];
+            let Some(map) = &maps.global else { continue };
+            let at = place(&block, i);
+            out[slot].value = match show {
+                PhotonDebug::Photons => nearest_photon(map, at, maps.point),
+                _ => {
+                    let (wo, frame) = (block.wo.lane(i), block.at.frame.lane(i));
+                    mapper.global.reflected(map, at, Sides::Both, &mut buffer, |wi| {
+                        block.bsdfs[i].eval(wo, frame.to_local(wi)).f
+                    })
+                }
+            };
+        }
+    }
+}
+
+/// The place of a lane, on the side that the ray came from.
+pub(super) fn place(block: &Block<'_>, i: usize) -> Place {
+    let (n, d) = (block.at.ng.lane(i), block.rays.d.lane(i));
+    Place { p: block.at.p.lane(i), n: if n.dot(d) > 0.0 { -n } else { n } }
+}
+
+/// The colour of the photon that is nearest, if one is near.
+fn nearest_photon(map: &PhotonMap, at: Place, radius: f32) -> Rgb {
+    let metric = Disc { normal: at.n, flatness: FLATNESS };
+    match map.tree().nearest_one(at.p, radius * radius, metric, |_| true) {
+        Some(nearest) => {
+            let power = map.photon(nearest.slot()).power();
+            power / power.max_component()
+        }
+        None => Rgb::BLACK,
+    }
+}

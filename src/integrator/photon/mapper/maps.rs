@@ -1,0 +1,206 @@
+//! Casting photons into maps, or reading them from a file.
+
+use crate::bsdf::Split;
+use crate::error::Result;
+use crate::integrator::photon::boundary::Boundary;
+use crate::integrator::photon::file::{self, Label, Light, Origin};
+use crate::integrator::photon::{
+    Caster, DensityEstimator, EmissionGuide, IrradianceMap, PathSequence, Photon, PhotonMap, PhotonPaths,
+    Until,
+};
+use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
+use crate::integrator::{Counters, Fact, Preparation};
+use crate::math::Vec3;
+use crate::scene::Scene;
+use bumpalo::Bump;
+
+/// One of so many photons gets its irradiance computed. [Christensen 1999]
+const IRRADIANCE_EVERY: usize = 4;
+/// The streams of the light paths' numbers, by what is cast.
+const STREAMS: [u32; 2] = [0, 2];
+
+/// What a half of the samples knows of light. What the scene does not need is not there.
+#[derive(Default)]
+pub struct Maps {
+    /// Light that Dirac deltas alone have brought.
+    pub caustic: Option<PhotonMap>,
+    /// Irradiance by all light.
+    pub irradiance: Option<IrradianceMap>,
+    /// All photons, where they are to be shown.
+    pub global: Option<PhotonMap>,
+    /// The width of what points show photons as, scene units.
+    pub point: f32,
+}
+
+/// Which maps a scene needs.
+struct Plan {
+    global: Option<PhotonPaths>,
+    caustic: Option<PhotonPaths>,
+}
+
+impl Plan {
+    fn new(scene: &Scene, settings: &PhotonmapperSettings) -> Self {
+        let allows = |edges: u32| settings.max_depth.is_none_or(|max| max >= edges);
+        let photons = |before: u32, direct: bool| PhotonPaths {
+            max_edges: settings.max_depth.map(|max| max - before),
+            rr_depth: settings.rr_depth,
+            direct,
+            indirect: direct,
+        };
+        let show = settings.debug != PhotonDebug::None;
+        let (lit, depth) = (!scene.lights.is_empty(), allows(3));
+        Plan {
+            // The edges to the gathering surface and of its ray are the camera's; where photons are shown, the first is.
+            global: (lit && depth && has_diffuse_parts(scene))
+                .then(|| photons(if show { 1 } else { 2 }, true)),
+            caustic: (lit && depth && !show && scene.needs.delta_lobes && scene.needs.finite_lobes)
+                .then(|| photons(1, false)),
+        }
+    }
+}
+
+/// Whether some surface may have a diffuse part. Those that are not the same everywhere may.
+fn has_diffuse_parts(scene: &Scene) -> bool {
+    let arena = Bump::new();
+    scene.shapes.iter().any(|shape| match &scene.materials.get(shape.material).constant {
+        None => true,
+        Some(bsdf) => [Vec3::Z, -Vec3::Z].into_iter().any(|wo| {
+            let Split { diffuse, .. } = bsdf.split(wo, &arena);
+            diffuse.is_some()
+        }),
+    })
+}
+
+/// Both halves' maps, and what there is to say of them.
+pub fn prepare(
+    preparation: &Preparation<'_>,
+    settings: &PhotonmapperSettings,
+    estimator: &DensityEstimator,
+) -> Result<([Maps; 2], Vec<Fact>)> {
+    let scene = preparation.scene;
+    let plan = Plan::new(scene, settings);
+    let mut counters = Counters::default();
+    let photons = load_or_cast(preparation, settings, &plan, &mut counters)?;
+    let mut maps = [Maps::default(), Maps::default()];
+    let mut sums = Sums::default();
+    for (label, map) in photons {
+        let half = &mut maps[label.half as usize];
+        sums.add(label, &map);
+        match label.light {
+            Light::Caustic => half.caustic = Some(map),
+            Light::Global if settings.debug != PhotonDebug::None => half.global = Some(map),
+            Light::Global => {
+                let boundary = Boundary::new(scene);
+                let irradiance = preparation
+                    .pool
+                    .install(|| IrradianceMap::new(&map, estimator, IRRADIANCE_EVERY, Some(&boundary)));
+                counters.merge(&boundary.counters());
+                sums.points += irradiance.len() as f64;
+                sums.bytes += irradiance.memory_bytes() as f64 - map.memory_bytes() as f64;
+                half.irradiance = Some(irradiance);
+            }
+        }
+    }
+    for half in &mut maps {
+        half.point = POINT * scene.bounds.radius();
+    }
+    Ok((maps, sums.facts(&counters)))
+}
+
+/// Of the scene's radius: how large photons are shown as points.
+const POINT: f32 = 2e-3;
+
+/// What the facts say, of both halves together.
+#[derive(Default)]
+struct Sums {
+    photons: [f64; 2],
+    emitted: [f64; 2],
+    points: f64,
+    bytes: f64,
+}
+
+impl Sums {
+    fn add(&mut self, label: Label, map: &PhotonMap) {
+        self.photons[label.light as usize] += map.len() as f64;
+        self.emitted[label.light as usize] += map.emitted() as f64;
+        self.bytes += map.memory_bytes() as f64;
+    }
+
+    fn facts(&self, counters: &Counters) -> Vec<Fact> {
+        [
+            ("global_photons", self.photons[0]),
+            ("global_light_paths", self.emitted[0]),
+            ("irradiance_points", self.points),
+            ("caustic_photons", self.photons[1]),
+            ("caustic_light_paths", self.emitted[1]),
+            ("photon_map_bytes", self.bytes),
+            ("preparation_rays", counters.closest_rays as f64),
+        ]
+        .map(|(name, value)| Fact { name, value })
+        .to_vec()
+    }
+}
+
+fn load_or_cast(
+    preparation: &Preparation<'_>,
+    settings: &PhotonmapperSettings,
+    plan: &Plan,
+    counters: &mut Counters,
+) -> Result<Vec<(Label, PhotonMap)>> {
+    let Some(cache) = &preparation.cache else {
+        return Ok(cast(preparation, settings, plan, counters));
+    };
+    let origin = Origin { scene: cache.scene, settings: dependence(preparation, settings) };
+    if cache.path.exists() {
+        return file::load(&cache.path, origin);
+    }
+    let photons = cast(preparation, settings, plan, counters);
+    if !(preparation.interrupted)() {
+        let maps: Vec<_> = photons.iter().map(|(label, map)| (*label, map)).collect();
+        file::save(&cache.path, origin, &maps)?;
+    }
+    Ok(photons)
+}
+
+/// Hash of what the photons depend on besides the scene.
+fn dependence(preparation: &Preparation<'_>, settings: &PhotonmapperSettings) -> u64 {
+    let PhotonmapperSettings { max_depth, rr_depth, global_photons, caustic_photons, debug, .. } = settings;
+    let Preparation { sampler, seed, .. } = preparation;
+    file::hash(&format!(
+        "{max_depth:?} {rr_depth} {global_photons} {caustic_photons} {debug:?} {sampler:?} {seed}"
+    ))
+}
+
+fn cast(
+    preparation: &Preparation<'_>,
+    settings: &PhotonmapperSettings,
+    plan: &Plan,
+    counters: &mut Counters,
+) -> Vec<(Label, PhotonMap)> {
+    let Preparation { scene, sampler, seed, pool, interrupted, .. } = *preparation;
+    let mut maps = Vec::new();
+    for (light, paths, count) in [
+        (Light::Global, plan.global, settings.global_photons),
+        (Light::Caustic, plan.caustic, settings.caustic_photons),
+    ] {
+        let Some(paths) = paths.filter(|_| count > 0) else { continue };
+        let plain = Caster { scene, sampler, guide: None, pool, interrupted };
+        // What makes caustics is often small, as seen from the emitters.
+        let guide = match light {
+            Light::Global => None,
+            Light::Caustic => EmissionGuide::learn(&plain, &paths, seed, |_| true),
+        };
+        let caster = Caster { guide: guide.as_ref(), ..plain };
+        for half in 0..2 {
+            let sequence = PathSequence { seed, stream: STREAMS[light as usize], half, first: 0 };
+            let until = Until { paths: u64::MAX, kept: Some(u64::from(count)) };
+            let cast = caster.cast(&paths, sequence, until, |deposit, _| {
+                Photon::new(deposit.p, deposit.shading_power(), deposit.wi, deposit.ng)
+            });
+            counters.merge(&cast.counters);
+            let map = pool.install(|| PhotonMap::new(cast.kept, cast.emitted));
+            maps.push((Label { light, half }, map));
+        }
+    }
+    maps
+}
