@@ -30,6 +30,7 @@ mod mistakes;
 mod own_scenes;
 mod parity;
 mod parity_instances;
+mod photon_maps;
 mod photons;
 mod plugins;
 mod ray_trees;

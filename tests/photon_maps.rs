@@ -1,0 +1,231 @@
+//! Photon maps, and the integrator that gathers from them.
+
+use crate::support::cli::{Folder, SCENE};
+use crate::support::scenes::{add, camera, compiled, diffuse};
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::image::{Image, read};
+use buffon::integrator::photon::boundary::Boundary;
+use buffon::integrator::photon::{
+    Caster, DensityEstimator, IrradianceMap, Kernel, PathSequence, Photon, PhotonMap, PhotonPaths, Place,
+    Until, kdtree::Nearest,
+};
+use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
+use buffon::render::thread_pool;
+use buffon::sampling::{Sampler, SamplerKind};
+use buffon::scene::{Description, Scene};
+use buffon::shape::Shape;
+use std::f64::consts::PI;
+
+/// A floor from -1 to 1 under a point light of intensity 1 at a height.
+fn lit_floor(height: f32) -> Scene {
+    let mut scene = Description::default();
+    let up = DAffine3::from_quat(DQuat::from_rotation_x(-PI / 2.0));
+    add(&mut scene, Shape::Rectangle, up, diffuse(0.5));
+    scene.emitters.push(Emitter::Point { position: Vec3::Y * height, intensity: Rgb::WHITE });
+    scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
+    compiled(scene, AccelKind::default())
+}
+
+fn map(scene: &Scene, count: u64, threads: usize) -> PhotonMap {
+    let pool = thread_pool(threads).expect("the threads start");
+    let sampler = Sampler::new(SamplerKind::Sobol, None);
+    let caster = Caster { scene, sampler, guide: None, pool: &pool, interrupted: &|| false };
+    let paths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
+    let sequence = PathSequence { seed: 1, stream: 0, half: 0, first: 0 };
+    let cast = caster.cast(&paths, sequence, Until { paths: u64::MAX, kept: Some(count) }, |d, _| {
+        Photon::new(d.p, d.shading_power(), d.wi, d.ng)
+    });
+    pool.install(|| PhotonMap::new(cast.kept, cast.emitted))
+}
+
+const UP: fn(f32) -> Place = |x| Place { p: Vec3::new(x, 0.0, 0.0), n: Vec3::Y };
+
+#[test]
+fn the_map_alone_knows_the_irradiance_below_a_point_light() {
+    let height = 2.0f32;
+    let scene = lit_floor(height);
+    let photons = map(&scene, 400_000, 2);
+    assert_eq!(photons.dropped(), 0);
+    for kernel in Kernel::ALL {
+        let estimator = DensityEstimator { kernel, lookup_size: 4000, lookup_radius: 0.2 };
+        for x in [0.0, 0.3, 0.6] {
+            let value = estimator.irradiance(&photons, UP(x), &mut Nearest::default()).value.g;
+            let expected = height / (height * height + x * x).powf(1.5);
+            assert!((value / expected - 1.0).abs() < 0.01, "{kernel} at {x}: {value}, not {expected}");
+        }
+    }
+    let one = map(&scene, 20_000, 1);
+    assert!(one.photons().eq(map(&scene, 20_000, 5).photons()), "threads change nothing");
+}
+
+/// At an edge the surface fills half of a disc, at a corner a quarter.
+#[test]
+fn irradiance_from_beforehand_is_right_up_to_the_edges() {
+    let scene = lit_floor(6.0);
+    let photons = map(&scene, 200_000, 2);
+    let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 400, lookup_radius: 0.2 };
+    let boundary = Boundary::new(&scene);
+    let [plain, corrected] =
+        [None, Some(&boundary)].map(|boundary| IrradianceMap::new(&photons, &estimator, 4, boundary));
+    let mean = |map: &IrradianceMap, place: &dyn Fn(f32) -> Vec3| {
+        let ratio = |t: f32| {
+            let p = place(t);
+            let expected = 6.0 / (36.0 + p.length_squared()).powf(1.5);
+            map.nearest(Place { p, n: Vec3::Y }).expect("there are points").value.g / expected
+        };
+        (0..40).map(|i| f64::from(ratio(i as f32 / 40.0 - 0.5))).sum::<f64>() / 40.0
+    };
+    let inside: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 0.3 * t);
+    let edge: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 1.0);
+    let corner: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(1.0 - 0.01 * t.abs(), 0.0, 1.0);
+    for (place, low, high) in [(inside, 0.97, 1.03), (edge, 0.45, 0.6), (corner, 0.2, 0.4)] {
+        let ratio = mean(&plain, place);
+        assert!(low < ratio && ratio < high, "uncorrected: {ratio}");
+        let ratio = mean(&corrected, place);
+        assert!((ratio - 1.0).abs() < 0.1, "corrected: {ratio}");
+    }
+}
+
+/// A room with a lamp, a mirror, glass, polished metal and coated plastic.
+const ROOM: &str = r#"<scene version="3.0.0">
+  <default name="integrator" value="path"/>
+  <integrator type="$integrator"><integer name="max_depth" value="12"/></integrator>
+  <sensor type="perspective">
+    <float name="fov" value="60"/>
+    <transform name="to_world"><lookat origin="0,1.2,3.4" target="0,0.7,0" up="0,1,0"/></transform>
+    <film type="hdrfilm">
+      <integer name="width" value="24"/><integer name="height" value="18"/>
+      <string name="component_format" value="float32"/><rfilter type="box"/>
+    </film>
+  </sensor>
+  <shape type="cube">
+    <transform name="to_world"><scale x="2" y="1.5" z="4"/><translate y="1.5"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.7,0.6,0.5"/></bsdf></bsdf>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="90"/><scale value="0.9"/><translate y="2.9"/></transform>
+    <emitter type="area"><rgb name="radiance" value="4"/></emitter>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate y="1" angle="35"/><translate x="-0.9" y="1" z="-0.8"/></transform>
+    <bsdf type="twosided"><bsdf type="conductor"/></bsdf>
+  </shape>
+  <shape type="sphere">
+    <point name="center" value="0.3,0.4,0.4"/><float name="radius" value="0.4"/>
+    <bsdf type="$ball"/>
+  </shape>
+  <shape type="sphere">
+    <point name="center" value="1.1,0.4,0"/><float name="radius" value="0.4"/>
+    <bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1,0.3,0.6"/></bsdf>
+  </shape>
+</scene>
+"#;
+
+fn picture(folder: &Folder, name: &str, arguments: &str) -> Image {
+    folder.render(&format!("s.xml -q -o {name}.exr {arguments}"));
+    read(&folder.path(&format!("{name}.exr"))).expect("an image")
+}
+
+fn mean(image: &Image) -> f64 {
+    image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
+}
+
+/// The bias is small: in the mean of the picture, and in the means of blocks of six by six pixels.
+#[test]
+fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
+    let folder = Folder::with(ROOM);
+    for ball in ["diffuse", "roughconductor", "dielectric"] {
+        let path = picture(&folder, "path", &format!("-D ball={ball} --seed 1 --spp 1024"));
+        let options = format!("-D ball={ball} -D integrator=photonmapper --seed 2 --spp 128");
+        let mapped = picture(&folder, "mapped", &options);
+        let (one, other) = (mean(&path), mean(&mapped));
+        assert!((other / one - 1.0).abs() < 0.02, "{ball}: {other}, not {one}");
+        for block in 0..12 {
+            let (x, y) = (block % 4 * 6, block / 4 * 6);
+            let [one, other] = [&path, &mapped].map(|image| mean(&image.crop(x, y, 6, 6).expect("a part")));
+            assert!((other / one - 1.0).abs() < 0.08, "{ball}, block {block}: {other}, not {one}");
+        }
+    }
+}
+
+/// Also as what gathers the light of an irradiance cache's records.
+#[test]
+fn an_irradiance_cache_can_gather_from_photons() {
+    let cached = ROOM.replace(
+        "<integrator type=\"$integrator\"><integer name=\"max_depth\" value=\"12\"/></integrator>",
+        "<integrator type=\"irrcache\"><integrator type=\"photonmapper\"/></integrator>",
+    );
+    let (folder, plain) = (Folder::with(&cached), Folder::with(ROOM));
+    let cached = mean(&picture(&folder, "cached", "-D ball=diffuse --spp 64"));
+    let path = mean(&picture(&plain, "path", "-D ball=diffuse --spp 512"));
+    assert!((cached / path - 1.0).abs() < 0.04, "{cached}, not {path}");
+}
+
+#[test]
+fn pixels_do_not_depend_on_threads_or_crops() {
+    let folder = Folder::new();
+    let picture = |name: &str, options: &str| {
+        let small = "-D spp=4 --integrator photonmapper";
+        picture(&folder, name, &format!("{small} {options}"))
+    };
+    let once = picture("1", "-t 1");
+    assert!(once.data.iter().any(|v| *v > 0.0));
+    for threads in [2, 5] {
+        assert!(picture("again", &format!("-t {threads}")).data == once.data, "{threads} threads");
+    }
+    let crop = picture("crop", "--crop 7,5,20,19");
+    assert!(crop.data == once.crop(7, 5, 20, 19).expect("the crop is inside").data);
+    assert!(picture("seed", "--seed 1").data != once.data);
+}
+
+#[test]
+fn maps_are_kept_in_files_that_know_where_they_belong() {
+    let folder = Folder::with(&SCENE.replace("type=\"path\"", "type=\"photonmapper\""));
+    let plain = picture(&folder, "plain", "--spp 4");
+    assert!(picture(&folder, "written", "--spp 4 --cache photons.bpm").data == plain.data);
+    assert!(picture(&folder, "read", "--spp 4 --cache photons.bpm").data == plain.data);
+    let info = folder.run("info photons.bpm");
+    assert_eq!(info.code, 0, "{}", info.stderr);
+    let lines: Vec<&str> = info.stdout.lines().map(|line| line.split(' ').next().unwrap_or("")).collect();
+    assert_eq!(lines, ["scene", "settings", "global", "global", "caustic", "caustic"], "{}", info.stdout);
+    let other = folder.run("render s.xml -q --seed 1 -o x.exr --cache photons.bpm");
+    assert_eq!(
+        (other.code, other.stderr.trim_end()),
+        (
+            4,
+            "buffon: photons.bpm: photon map: it holds photons of other settings (integrator, sampler or seed); \
+             remove it, or name another file"
+        )
+    );
+    folder.write(
+        "s.xml",
+        SCENE.replace("type=\"path\"", "type=\"photonmapper\"").replace("0.7,0.5,0", "0.7,0.6,0").as_bytes(),
+    );
+    let other = folder.run("render s.xml -q -o x.exr --cache photons.bpm");
+    assert_eq!(
+        other.stderr.trim_end(),
+        "buffon: photons.bpm: photon map: it holds photons of another scene; remove it, or name another file"
+    );
+}
+
+/// What a scene does not need is not there.
+#[test]
+fn maps_are_made_where_they_are_needed() {
+    let photons = |scene: &str, arguments: &str| {
+        let folder = Folder::with(scene);
+        let options = "--integrator photonmapper --spp 1 --size 8x8 --stats s.json -o x.exr";
+        folder.render(&format!("s.xml -q {arguments} {options}"));
+        let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+        ["global_photons", "caustic_photons"]
+            .map(|name| stats["prepared"][name].as_f64().expect("a number") > 0.0)
+    };
+    assert_eq!(photons(ROOM, "-D ball=dielectric"), [true, true]);
+    let matt = ROOM.replace("\"conductor\"", "\"diffuse\"").replace("\"plastic\"", "\"roughplastic\"");
+    assert_eq!(photons(&matt, "-D ball=diffuse"), [true, false]);
+    let polished =
+        matt.replace("type=\"diffuse\"", "type=\"roughconductor\"").replace("roughplastic", "roughconductor");
+    assert_eq!(photons(&polished, "-D ball=dielectric"), [false, true]);
+    assert_eq!(photons(&ROOM.replace("value=\"12\"", "value=\"2\""), "-D ball=dielectric"), [false, false]);
+}
