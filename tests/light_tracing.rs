@@ -25,6 +25,23 @@ fn light_paths_and_camera_paths_agree() {
     }
 }
 
+/// Paths from either end agree on every kind of emitter, and on the caustics of those that have a size.
+#[test]
+fn light_paths_and_camera_paths_agree_on_every_kind_of_emitter() {
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let text = std::fs::read_to_string(scenes.join("photon/emitters.xml")).expect("the scene is there");
+    let folder = Folder::with(&text.replace("../plugins/textures/", "").replace("../plugins/meshes/", ""));
+    for asset in ["textures/sky.exr", "textures/colours.png", "meshes/ball.obj"] {
+        let (_, name) = asset.split_once('/').expect("a folder and a name");
+        folder.write(name, &std::fs::read(scenes.join("plugins").join(asset)).expect("the asset is there"));
+    }
+    let common = "s.xml -q --size 52x28 --aov variance --spp 512";
+    folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
+    folder.render(&format!("{common} --integrator ptracer --seed 2 -o light.exr"));
+    let run = folder.run("diff path.exr light.exr --z");
+    assert_eq!(run.code, 0, "{}{}", run.stdout, run.stderr);
+}
+
 /// Splats are added in one order, whatever threads trace them, and a crop has the very pixels of the whole.
 #[test]
 fn splats_do_not_depend_on_threads_or_crops() {

@@ -1,4 +1,5 @@
-//! The scenes that come with Buffon: each loads without a warning and renders without an invalid sample.
+//! The scenes that come with Buffon: each loads without a warning and renders without an invalid sample, seen by
+//! each of its cameras.
 
 use assert_cmd::Command;
 use std::path::{Path, PathBuf};
@@ -27,11 +28,16 @@ fn every_scene_renders_under_strict() {
         if scene.ends_with("terrain.xml") && !scene.with_file_name("terrain.ply").exists() {
             continue;
         }
-        Command::new(env!("CARGO_BIN_EXE_buffon"))
-            .args(["render", "--strict", "--size", "24x16", "--spp", "4", "--threads", "2", "-o"])
-            .arg(folder.path().join("out.exr"))
-            .arg(&scene)
-            .assert()
-            .success();
+        let text = std::fs::read_to_string(&scene).expect("a scene is text");
+        for sensor in 0..text.matches("<sensor ").count().max(1) {
+            Command::new(env!("CARGO_BIN_EXE_buffon"))
+                .args(["render", "--strict", "--size", "24x16", "--spp", "4", "--threads", "2", "-s"])
+                .arg(sensor.to_string())
+                .arg("-o")
+                .arg(folder.path().join("out.exr"))
+                .arg(&scene)
+                .assert()
+                .success();
+        }
     }
 }

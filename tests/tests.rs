@@ -16,6 +16,7 @@ mod gltf;
 mod gltf_errors;
 mod holes;
 mod image_io;
+mod irradiance_cache;
 mod lab;
 mod layering;
 mod light_tracing;

@@ -176,7 +176,7 @@ impl Default for IrrcacheSettings {
             clamp_neighbor: true,
             clamp_screen: true,
             overture: true,
-            quality_adjustment: 0.5,
+            quality_adjustment: 0.7,
             indirect_only: false,
             debug: false,
             child: Box::default(),

@@ -5,10 +5,10 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::film::{ComponentFormat, FilmSettings, Filter, PixelFormat};
 use buffon::ids::MaterialId;
-use buffon::integrator::{self, Settings};
+use buffon::integrator::{self, Preparation, Settings};
 use buffon::material::Material;
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
-use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
+use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules, thread_pool};
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::description::{Description, PlacedShape};
 use buffon::scene::{CompileOptions, Scene, compile};
@@ -82,17 +82,28 @@ pub fn compiled(description: Description, accel: AccelKind) -> Scene {
 
 /// Renders the scene's first sensor.
 pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64, seed: u64) -> Rendered {
-    let integrator = integrator::create(settings);
+    let mut integrator = integrator::create(settings);
     let progress = Progress::new();
+    let sampler = Sampler::new(sampler, Some(spp));
+    let pool = thread_pool(2).expect("the threads start");
+    let preparation = Preparation {
+        scene,
+        camera: &scene.sensors[0],
+        sampler,
+        seed,
+        pool: &pool,
+        interrupted: &|| false,
+        cache: None,
+    };
+    integrator.prepare(&preparation).expect("nothing is read or written");
     let job = JobSettings {
-        sampler: Sampler::new(sampler, Some(spp)),
+        sampler,
         seed,
         threads: 2,
         stop: StopRules { samples: Some(spp), ..StopRules::default() },
         layers: Vec::new(),
     };
-    let rendered = Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress).run();
-    rendered.expect("the threads start")
+    Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress).run_with(pool)
 }
 
 /// Mean over the image of each channel, and an estimate of its standard error from the halves.

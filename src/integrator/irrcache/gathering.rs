@@ -3,7 +3,7 @@
 use super::hemisphere::{Hemisphere, Strata};
 use super::overture::Level;
 use super::places::Place;
-use super::record::{Record, Spacing};
+use super::record::{Record, Spacing, Tolerance};
 use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::integrator::settings::IrrcacheSettings;
@@ -15,12 +15,12 @@ use crate::scene::Scene;
 
 /// About how many rays make a wave.
 const WAVE: usize = 2048;
-/// The share of the mean distance of surfaces that a record counts for at quality 1.
-const TOLERANCE: f32 = 0.25;
+/// What bounds a record's radius at quality 1.
+const TOLERANCE: Tolerance = Tolerance { distance: 0.25, change: 0.06 };
 /// Bounds of a record's radius in pixels. [Tabellion and Lamorlette 2004]
 const PIXELS: [f32; 2] = [4.0, 40.0];
 /// The same for coarse records.
-const COARSE_PIXELS: [f32; 2] = [8.0, 80.0];
+const COARSE_PIXELS: [f32; 2] = [4.0, 80.0];
 
 /// All light but what is emitted towards the point and caustics.
 const GATHERED: RadianceQuery =
@@ -71,7 +71,7 @@ impl Gathering<'_> {
         let distance: Vec<f32> = found.iter().map(|r| r.distance).collect();
         let frame = Frame::from_normal(place.n);
         let hemisphere = Hemisphere { strata, frame, radiance: &radiance, distance: &distance };
-        let tolerance = TOLERANCE / self.settings.quality;
+        let tolerance = TOLERANCE.scaled(1.0 / self.settings.quality);
         let size = self.scene.bounds.max - self.scene.bounds.min;
         let pixels = if self.level == Level::Coarse { COARSE_PIXELS } else { PIXELS };
         let spacing = match self.settings.clamp_screen {

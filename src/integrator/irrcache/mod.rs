@@ -224,7 +224,7 @@ const DOT: f32 = 1.0;
 /// Colour of a record's dot: the customary yellow.
 const DOT_COLOUR: Rgb = Rgb::new(1.0, 0.9, 0.0);
 /// Quality of the coarse caches, as a share of that of the fine ones: what they miss is averaged over hemispheres.
-const COARSE: f32 = 0.5;
+const COARSE: f32 = 0.7;
 
 /// The settings of paths that begin so many surfaces later than the camera's.
 fn from_surface(path: &PathSettings, surfaces: u32) -> PathSettings {

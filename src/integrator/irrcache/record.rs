@@ -30,23 +30,37 @@ pub struct Spacing {
     pub max: f32,
 }
 
+/// What bounds the radius of a record: the smaller of both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerance {
+    /// As a share of the harmonic mean distance of what is seen.
+    pub distance: f32,
+    /// By the change of the irradiance over the radius, as a share of the irradiance.
+    pub change: f32,
+}
+
+impl Tolerance {
+    /// A multiple of both.
+    pub fn scaled(self, factor: f32) -> Self {
+        Tolerance { distance: self.distance * factor, change: self.change * factor }
+    }
+}
+
 impl Record {
-    /// The record of a hemisphere that was seen from the point `p`. `tolerance` is the share of the mean distance of surfaces
-    /// that it counts for.
+    /// The record of a hemisphere that was seen from the point `p`.
     pub fn new(
         p: Vec3,
         hemisphere: &Hemisphere<'_>,
-        tolerance: f32,
+        tolerance: Tolerance,
         gradients: bool,
         spacing: Spacing,
     ) -> Self {
         let irradiance = hemisphere.irradiance();
         let translation = hemisphere.translation_gradient();
-        // Where the gradient alone would bring the irradiance to zero within the radius, the radius is too large.
-        // [Křivánek 2005, 4.3]
+        // Where the irradiance changes much, its change changes, too. [Křivánek 2005, 4.3]
         let slope = translation.luminance().length();
         let reach = if slope > 0.0 { irradiance.luminance() / slope } else { f32::INFINITY };
-        let radius = tolerance * hemisphere.harmonic_mean_distance().min(reach);
+        let radius = (tolerance.distance * hemisphere.harmonic_mean_distance()).min(tolerance.change * reach);
         // A radius that is raised takes the irradiance where the gradient does not hold: the change over it stays what it was.
         // [Křivánek 2006, 4.2]
         let raised = (radius / spacing.min).min(1.0);
