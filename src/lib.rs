@@ -56,6 +56,7 @@
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
 //! - `[Halton 1960]` On the efficiency of certain quasi-random sequences of points in evaluating multi-dimensional integrals.
 //!   Numerische Mathematik 2.
+//! - `[Hachisuka and Jensen 2009]` Stochastic progressive photon mapping. SIGGRAPH Asia.
 //! - `[Heitz 2014]` Understanding the masking-shadowing function in microfacet-based BRDFs. JCGT 3(2).
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals. EGSR.
 //! - `[Heitz 2018]` Sampling the GGX distribution of visible normals. JCGT 7(4).
@@ -66,6 +67,7 @@
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
+//! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics 30(3).
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.

@@ -95,7 +95,7 @@ fn points_and_spheres_light_a_plane() {
         }
         let scene = compiled(scene, AccelKind::default());
         let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 20);
-        let near = |d: &Deposit| d.p.y == 0.0 && f64::from(d.p.length()) < reach;
+        let near = |d: &Deposit| d.p.y.abs() < 1e-5 && f64::from(d.p.length()) < reach;
         let cone = 2.0 * PI * (1.0 - height / height.hypot(reach));
         assert_near("flux", power(&cast, near), intensity * cone, 2e-3);
         let centre = intensity / (height * height);
@@ -155,7 +155,9 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
         for edges in 1..=8 {
             let expected = emitted * albedo.powi(edges - 1);
             let stored = power(&cast, |d| d.edges == edges as u32);
-            assert_near(&format!("{edges} edges, guided {guided}"), stored, expected, 5e-3);
+            // Few live to be scattered often.
+            let tolerance = if edges <= 3 { 5e-3 } else { 2.5e-2 };
+            assert_near(&format!("{edges} edges, guided {guided}"), stored, expected, tolerance);
         }
         assert_near("all", power(&cast, |_| true), emitted / (1.0 - albedo), 3e-3);
         // After roulette, those that live are as strong as they began.
@@ -186,7 +188,7 @@ fn a_slab_of_glass_passes_what_fresnel_says() {
         let s = ((cos - eta * inside) / (cos + eta * inside)).powi(2);
         let p = ((eta * cos - inside) / (eta * cos + inside)).powi(2);
         let r = 0.5 * (s + p);
-        let region = |d: &Deposit| d.p.x.abs().max(d.p.z.abs()) < 3.0 && d.p.y == 0.0 && d.caustic;
+        let region = |d: &Deposit| d.p.x.abs().max(d.p.z.abs()) < 3.0 && d.p.y.abs() < 1e-5 && d.caustic;
         let expected = 36.0 * 2.0 * cos * (1.0 - r) / (1.0 + r);
         assert_near(&format!("angle {angle}"), power(&cast, region), expected, 5e-3);
     }

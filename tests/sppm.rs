@@ -3,13 +3,9 @@
 use crate::support::cli::{Folder, SCENE};
 use std::path::Path;
 
-/// The scene of Buffon's own with every kind of light that paths of either end find, and its texture.
-fn lights() -> Folder {
-    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/light-tracing");
-    let read = |name: &str| std::fs::read(from.join(name)).expect("the scene is there");
-    let folder = Folder::with(&String::from_utf8(read("lights.xml")).expect("a scene is text"));
-    folder.write("radiance.png", &read("radiance.png"));
-    folder
+/// A scene of Buffon's own.
+fn own_scene(topic: &str, name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(topic).join(name).display().to_string()
 }
 
 /// A scene in which a path tracer finds all light: a large lamp, a mirror, polished metal, coated plastic.
@@ -54,13 +50,17 @@ fn agree(folder: &Folder, one: &str, other: &str) {
 /// Paths from either end and photons estimate one picture.
 #[test]
 fn three_integrators_agree_on_every_kind_of_light() {
-    let folder = lights();
-    let common = "s.xml -q --size 32x24 --aov variance";
-    folder.render(&format!("{common} --integrator path --seed 1 --spp 1024 -o path.exr"));
-    folder.render(&format!("{common} --integrator ptracer --seed 2 --spp 1024 -o light.exr"));
-    folder.render(&format!("{common} --integrator sppm --seed 3 --spp 256 -o sppm.exr"));
-    agree(&folder, "path.exr", "sppm.exr");
-    agree(&folder, "light.exr", "sppm.exr");
+    let folder = Folder::new();
+    for (scene, size) in
+        [(own_scene("photon", "emitters.xml"), "52x28"), (own_scene("light-tracing", "lights.xml"), "32x24")]
+    {
+        let common = format!("{scene} -q --size {size} --aov variance");
+        folder.render(&format!("{common} --integrator path --seed 1 --spp 1024 -o path.exr"));
+        folder.render(&format!("{common} --integrator ptracer --seed 2 --spp 1024 -o light.exr"));
+        folder.render(&format!("{common} --integrator sppm --seed 3 --spp 256 -o sppm.exr"));
+        agree(&folder, "path.exr", "sppm.exr");
+        agree(&folder, "light.exr", "sppm.exr");
+    }
 }
 
 /// Mirrors, glossy and coated surfaces: every part of the light is counted once. Also with short paths, where photons

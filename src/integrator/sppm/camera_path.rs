@@ -3,12 +3,13 @@
 use super::gather::{Gather, Wanted};
 use crate::accel::Coherence;
 use crate::bsdf::{self, Bsdf};
+use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::GridPhoton;
 use crate::integrator::settings::SppmSettings;
-use crate::integrator::worker::{Continuation, draw_1d, draw_2d, intersect};
+use crate::integrator::worker::{Continuation, Numbers, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::sampling::Dimension;
@@ -148,20 +149,16 @@ impl CameraPaths<'_> {
                 let value = self.gathered(edges, &block, i);
                 out[paths.slots[first + i] as usize].value += paths.beta(first + i) * value;
             }
-            let beta = [0, 1, 2].map(|c| load(&paths.beta[c], first));
             if self.next_event(edges) && going & block.finite != 0 {
                 let u_choice = load(&numbers.emitter_choice, first);
                 let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], first));
                 let counts = TechniqueCounts::ONE_EACH;
                 let sampled = lighting::sample_emitters(self.scene, &block, u_choice, u_point, counts);
-                let value = std::array::from_fn(|c| beta[c] * sampled.value[c]);
+                let value = std::array::from_fn(|c| load(&paths.beta[c], first) * sampled.value[c]);
                 shadows.push(&sampled.rays, &paths.slots[first..], &value, sampled.lanes & going);
             }
-            let u_lobe = load(&numbers.bsdf_lobe, first);
-            let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], first));
-            let roulette = (edges >= self.settings.rr_depth).then(|| load(&numbers.roulette, first));
-            let (next, survivors) =
-                self.scatter(&block, going, beta, load(&paths.eta, first), u_lobe, u, roulette);
+            let (next, survivors) = self.scatter(edges, &block, going, paths, numbers);
+            let survivors = self.not_in_vain(&block, &next, survivors);
             for i in bits(survivors) {
                 let state = &mut states[paths.slots[first + i] as usize];
                 *state = match next.pdf.as_array()[i].is_infinite() {
@@ -175,10 +172,19 @@ impl CameraPaths<'_> {
         paths.truncate(alive);
     }
 
+    /// The lanes of `survivors` that may find light: where photons have brought the rest, only rays that can hit emitters.
+    fn not_in_vain(&self, block: &Block<'_>, next: &Continuation, survivors: u32) -> u32 {
+        if self.scene.needs.hit_emitters || self.scene.needs.environment {
+            return survivors;
+        }
+        let vain = |i: &usize| next.pdf.as_array()[*i].is_finite() && gathers(block.bsdfs[*i]);
+        bits(survivors).filter(vain).fold(survivors, |lanes, i| lanes & !(1 << i))
+    }
+
     /// What photons bring to a point.
-    fn gathered(&self, edges: u32, block: &Block<'_>, i: usize) -> crate::color::Rgb {
+    fn gathered(&self, edges: u32, block: &Block<'_>, i: usize) -> Rgb {
         if !self.query.indirect {
-            return crate::color::Rgb::BLACK;
+            return Rgb::BLACK;
         }
         let max_edges = self.settings.max_depth.map_or(u32::MAX, |max| max - edges);
         let max_edges = if max_edges >= GridPhoton::MOST_EDGES { u32::MAX } else { max_edges };
@@ -190,23 +196,24 @@ impl CameraPaths<'_> {
     #[inline(always)]
     fn scatter(
         &self,
+        edges: u32,
         block: &Block<'_>,
         going: u32,
-        beta: [f32x16; 3],
-        eta: f32x16,
-        u_lobe: f32x16,
-        u: [f32x16; 2],
-        roulette: Option<f32x16>,
+        paths: &PathWave,
+        numbers: &Numbers,
     ) -> (Continuation, u32) {
+        let first = block.first;
+        let u_lobe = load(&numbers.bsdf_lobe, first);
+        let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], first));
         let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, going);
-        let mut beta: [f32x16; 3] = std::array::from_fn(|c| beta[c] * sample.weight[c]);
-        let eta = eta * sample.eta;
+        let mut beta: [f32x16; 3] = std::array::from_fn(|c| load(&paths.beta[c], first) * sample.weight[c]);
+        let eta = load(&paths.eta, first) * sample.eta;
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
-        if let Some(u) = roulette {
+        if edges >= self.settings.rr_depth {
             // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
             let survival = (strongest * eta * eta).fast_min(f32x16::splat(0.95));
-            alive &= u.simd_lt(survival);
+            alive &= load(&numbers.roulette, first).simd_lt(survival);
             let per_survival = f32x16::ONE / survival;
             beta = beta.map(|channel| channel * per_survival);
         }
