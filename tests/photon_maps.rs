@@ -80,11 +80,13 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     let inside: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 0.3 * t);
     let edge: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 1.0);
     let corner: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(1.0 - 0.01 * t.abs(), 0.0, 1.0);
-    for (place, low, high) in [(inside, 0.97, 1.03), (edge, 0.45, 0.6), (corner, 0.2, 0.4)] {
+    // The corner is that of very few points, each of which knows its share from 32 rays.
+    let cases = [(inside, 0.97, 1.03, 0.03), (edge, 0.45, 0.6, 0.1), (corner, 0.2, 0.4, 0.3)];
+    for (place, low, high, tolerance) in cases {
         let ratio = mean(&plain, place);
         assert!(low < ratio && ratio < high, "uncorrected: {ratio}");
         let ratio = mean(&corrected, place);
-        assert!((ratio - 1.0).abs() < 0.1, "corrected: {ratio}");
+        assert!((ratio - 1.0).abs() < tolerance, "corrected: {ratio}");
     }
 }
 

@@ -15,7 +15,7 @@ use crate::scene::Scene;
 use std::sync::{Mutex, PoisonError};
 
 /// Rays for a disc.
-const RAYS: usize = 16;
+const RAYS: usize = 32;
 
 /// Corrects irradiance at the boundaries of surfaces.
 pub struct Boundary<'a> {

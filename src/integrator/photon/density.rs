@@ -2,8 +2,8 @@
 //!
 //! The nearest k photons are searched for among those that belong to the surface: their normal is within 60 degrees
 //! of the point's, on the side that is asked for, and distances along the normal count three times. So light does not
-//! leak around corners or through thin walls, and from a parallel surface only where that is nearer than a third of
-//! the radius. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
+//! leak around corners or to the other side of a thin wall, and from a parallel surface only where that is nearer than a third of
+//! the radius. It does leak along a surface that goes on behind a wall which stands on it. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
 //! estimate is then unbiased for every kernel, and where fewer than k lie within the lookup radius, too. (The squared radius
 //! around k photons of a Poisson process has the mean of its reciprocal with k − 1, not with k.)
 //!

@@ -326,14 +326,7 @@ impl<'a> Paths<'a> {
         parents: &PathWave,
         worker: &mut Worker,
     ) -> Vec<Leg> {
-        let mut keys = parents.keys.clone();
-        for Shaded { block, branching } in shaded {
-            for i in bits(block.active) {
-                let (_, rays) = self.counts(branching[i]);
-                let key = &mut keys[block.first + i];
-                *key = if rays == 1 { *key } else { split(*key, rays, s) };
-            }
-        }
+        let keys = self.branch_keys(s, shaded, parents);
         let Worker { sampler, numbers, paths, .. } = worker;
         draw_1d(*sampler, Dimension::bsdf_lobe(edges - 1), &keys, &mut numbers.bsdf_lobe);
         draw_2d(*sampler, Dimension::bsdf_direction(edges - 1), &keys, &mut numbers.bsdf_direction);
@@ -379,6 +372,19 @@ impl<'a> Paths<'a> {
         }
         paths.truncate(alive);
         onward
+    }
+
+    /// The keys of the `s`-th rays.
+    fn branch_keys(&self, s: u32, shaded: &[Shaded<'_>], parents: &PathWave) -> Vec<SampleKey> {
+        let mut keys = parents.keys.clone();
+        for Shaded { block, branching } in shaded {
+            for i in bits(block.active) {
+                let (_, rays) = self.counts(branching[i]);
+                let key = &mut keys[block.first + i];
+                *key = if rays == 1 { *key } else { split(*key, rays, s) };
+            }
+        }
+        keys
     }
 
     /// The counts of emitter samples and rays in each lane; no rays where there is no `s`-th.
