@@ -3,11 +3,13 @@
 use crate::support::cli::{Folder, SCENE};
 use std::path::Path;
 
-/// A scene of Buffon's own with the files beside it, whose integrator is `$which`; as `sppm` it has radii so small that
+/// A scene of Buffon's own with the files beside it, to be rendered as `s.xml`; as `sppm.xml` it has radii so small that
 /// their blur is lost in the noise of a small picture.
 fn own_scene(topic: &str, name: &str) -> Folder {
-    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(topic);
+    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+    let from = scenes.join(topic);
     let text = std::fs::read_to_string(from.join(name)).expect("the scene is there");
+    let text = text.replace("\"../", &format!("\"{}/", scenes.display()));
     let folder = Folder::with(&text);
     folder.write("sppm.xml", with_photons(&text).as_bytes());
     for entry in std::fs::read_dir(&from).expect("a folder").flatten().filter(|e| e.path().is_file()) {
