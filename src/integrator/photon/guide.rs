@@ -80,12 +80,12 @@ impl EmissionGuide {
             brought[path as usize] += power;
         }
         let mut found: Vec<Found> = scene.lights.iter().map(|_| Found::nothing()).collect();
-        let mut worker = Worker::new(caster.sampler);
+        let worker = Worker::new(caster.sampler);
         let mut numbers = EmissionNumbers::default();
         for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
             let first = (chunk * CHUNK) as u64;
             let keys: Vec<SampleKey> = (0..brought.len() as u64).map(|i| sequence.key(first + i)).collect();
-            numbers.draw(scene, &keys, &mut worker);
+            numbers.draw(scene, &keys, &worker);
             for (i, brought) in brought.iter().enumerate() {
                 if let Some(choice) = scene.light_choice.sample(numbers.choice[i]) {
                     // What the path has brought were its emitter the only one.
