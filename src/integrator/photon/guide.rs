@@ -85,7 +85,7 @@ impl EmissionGuide {
         for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
             let first = (chunk * CHUNK) as u64;
             let keys: Vec<SampleKey> = (0..brought.len() as u64).map(|i| sequence.key(first + i)).collect();
-            numbers.draw(scene, &keys, &mut worker);
+            numbers.draw(scene, &keys, &worker);
             for (i, brought) in brought.iter().enumerate() {
                 if let Some(choice) = scene.light_choice.sample(numbers.choice[i]) {
                     // What the path has brought were its emitter the only one.

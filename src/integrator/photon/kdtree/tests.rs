@@ -36,7 +36,7 @@ fn distances_squared(metric: impl Metric, center: Vec3, points: &[Vec3]) -> Vec<
 fn check(points: &[Vec3], center: Vec3, k: usize, bound: f32, metric: impl Metric, every: usize) {
     let Built { tree, order } = KdTree::build(points.len(), |i| points[i]);
     let all = distances_squared(metric, center, points);
-    let accepted = |index: usize| index % every == 0;
+    let accepted = |index: usize| index.is_multiple_of(every);
     let mut expected: Vec<f32> =
         (0..points.len()).filter(|&i| accepted(i) && all[i] < bound).map(|i| all[i]).collect();
     expected.sort_by(f32::total_cmp);

@@ -354,7 +354,7 @@ impl<'a> Paths<'a> {
                 // What a path brings does not decide, for where it branches all of its parts bring little.
                 let survival = (strongest * sample.eta * sample.eta).fast_min(f32x16::splat(0.95));
                 valid &= load(&numbers.roulette, block.first).simd_lt(survival);
-                share = share / survival;
+                share /= survival;
             }
             let beta =
                 std::array::from_fn(|c| load(&parents.beta[c], block.first) * sample.weight[c] * share);
