@@ -80,7 +80,7 @@ impl EmissionGuide {
             brought[path as usize] += power;
         }
         let mut found: Vec<Found> = scene.lights.iter().map(|_| Found::nothing()).collect();
-        let mut worker = Worker::new(caster.sampler);
+        let worker = Worker::new(caster.sampler);
         let mut numbers = EmissionNumbers::default();
         for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
             let first = (chunk * CHUNK) as u64;
