@@ -115,7 +115,7 @@ fn a_rectangle_lights_a_plane() {
     let id = add(&mut scene, Shape::Rectangle, down, diffuse(0.0));
     scene.shapes[id].emission = Some(Rgb::splat(radiance).into());
     let scene = compiled(scene, AccelKind::default());
-    let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 20);
+    let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 21);
     let emitted = f64::from(radiance) * PI * side * side;
     let opposite = |d: &Deposit| f64::from(d.p.x.abs().max(d.p.z.abs())) < side / 2.0;
     let x = side / height;
@@ -127,7 +127,8 @@ fn a_rectangle_lights_a_plane() {
     let a = 0.5 * side / height;
     let t = (1.0 + a * a).sqrt();
     let corner = 1.0 / (2.0 * PI) * 2.0 * a / t * (a / t).atan();
-    assert_near("irradiance", density(&cast, 0.08), 4.0 * corner * PI * f64::from(radiance), 1e-2);
+    // 20,000 photons: three standard deviations are 2.3 %; within the radius the irradiance falls by 0.6 % on average.
+    assert_near("irradiance", density(&cast, 0.14), 4.0 * corner * PI * f64::from(radiance), 3e-2);
 }
 
 /// In a closed box all light lands, and again after every bounce, less what is absorbed; with or without a guide.
