@@ -119,19 +119,19 @@ impl IrradianceCache {
         let bounds = preparation.scene.bounds;
         let [fine_a, fine_b, coarse_a, coarse_b] = std::mem::take(&mut kept.records);
         let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
-        let mut half = 0;
-        let coarse = [coarse_a, coarse_b].map(|records| {
-            half += 1;
-            overture::run(preparation, &settings, self.child.as_ref(), half - 1, Level::Coarse, records)
-        });
+        // Both halves at once: where one has little to compute in parallel, the other has some more.
+        let both =
+            |settings: &IrrcacheSettings, child: &dyn Integrator, level: Level, known: [Vec<Record>; 2]| {
+                let [a, b] = known;
+                let run = |half, known| overture::run(preparation, settings, child, half, level, known);
+                let (a, b) = preparation.pool.install(|| rayon::join(|| run(0, a), || run(1, b)));
+                [a, b]
+            };
+        let coarse = both(&settings, self.child.as_ref(), Level::Coarse, [coarse_a, coarse_b]);
         let caches = [0, 1].map(|half: usize| Interpolation::new(&coarse[half], bounds, 1.0));
         let path = from_surface(&self.fine.path, 1);
         let traced = CachedPath { caches, path, only_cached: false, far_only: true };
-        let mut half = 0;
-        let [fine_a, fine_b] = [fine_a, fine_b].map(|records| {
-            half += 1;
-            overture::run(preparation, &self.settings, &traced, half - 1, Level::Fine, records)
-        });
+        let [fine_a, fine_b] = both(&self.settings, &traced, Level::Fine, [fine_a, fine_b]);
         let [coarse_a, coarse_b] = coarse;
         kept.records = [fine_a, fine_b, coarse_a, coarse_b];
     }

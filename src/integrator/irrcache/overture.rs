@@ -31,7 +31,7 @@ impl Level {
     /// Distance in pixels between the places that are looked at, pass after pass.
     fn strides(self) -> &'static [u32] {
         match self {
-            Level::Fine => &[32, 16, 8, 4, 2, 1],
+            Level::Fine => &[32, 16, 8, 4, 2],
             Level::Coarse => &[32, 16, 8, 6],
         }
     }
@@ -119,7 +119,9 @@ impl Overture<'_> {
         let this = &*self;
         let missing: Vec<Vec<Place>> = batch.par_chunks(CHUNK).map(|points| this.missing(points)).collect();
         let missing: Vec<Place> = missing.into_iter().flatten().collect();
-        let per_wave = this.gathering.records_per_wave();
+        // No thread is to wait for a wave that another one could have shared.
+        let shared = missing.len().div_ceil(2 * rayon::current_num_threads());
+        let per_wave = this.gathering.records_per_wave().min(shared).max(1);
         let first = this.records.len();
         let computed: Vec<Vec<Record>> = missing
             .par_chunks(per_wave)
