@@ -38,6 +38,7 @@
 //!
 //! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of
 //!   pixels. ACM Transactions on Graphics 39(6).
+//! - `[Arvo 1986]` Backward ray tracing. SIGGRAPH course notes.
 //! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.
 //! - `[Bentley 1975]` Multidimensional binary search trees used for associative searching. CACM 18(9).
 //! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
@@ -69,6 +70,9 @@
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics 30(3).
+//! - `[Křivánek 2005]` Radiance caching for global illumination computation on glossy surfaces. PhD thesis, Rennes.
+//! - `[Křivánek 2006]` Křivánek, Bouatouch, Pattanaik, Žára: Making radiance and irradiance caching practical: adaptive caching and
+//!   neighbor clamping. EGSR.
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Lambert 1760]` Photometria.
@@ -82,12 +86,15 @@
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
 //! - `[Silverman 1986]` Density estimation for statistics and data analysis. Chapman and Hall.
+//! - `[Tabellion and Lamorlette 2004]` An approximate global illumination system for computer generated films. SIGGRAPH.
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
 //! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.
 //! - `[Vegdahl 2021]` Owen scrambling based dithered blue-noise sampling; Building a better LK hash.
 //! - `[Wächter and Binder 2019]` A fast and robust method for avoiding self-intersection. Ray Tracing Gems.
 //! - `[Walter 2007]` Microfacet models for refraction through rough surfaces. EGSR.
+//! - `[Ward 1988]` Ward, Rubinstein, Clear: A ray tracing solution for diffuse interreflection. SIGGRAPH.
+//! - `[Ward and Heckbert 1992]` Irradiance gradients. Eurographics Workshop on Rendering.
 //! - `[Warnock 1972]` Computational investigations of low-discrepancy point sets. Applications of Number Theory to
 //!   Numerical Analysis.
 //! - `[Wellons 2018]` Prospecting for hash functions.

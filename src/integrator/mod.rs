@@ -123,6 +123,11 @@ pub trait Integrator: Send + Sync {
         Ok(())
     }
 
+    /// Whether there is anything that it prepares.
+    fn prepares(&self) -> bool {
+        self.keeps_caches()
+    }
+
     /// Whether what it prepares can be kept in a file.
     fn keeps_caches(&self) -> bool {
         false

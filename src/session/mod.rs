@@ -22,7 +22,7 @@ use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile};
 use crate::sensor::{Camera, SensorSettings};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What the user says of the scene itself.
 #[derive(Clone, Debug, Default)]
@@ -165,8 +165,8 @@ impl Session {
     /// If the threads cannot be started.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
         let mut integrator = integrator::create(&plan.integrator);
-        let started = Instant::now();
         let pool = render::thread_pool(self.threads)?;
+        let started = Instant::now();
         integrator.prepare(&Preparation {
             scene: &self.scene,
             camera: self.camera(),
@@ -176,7 +176,8 @@ impl Session {
             interrupted: &|| progress.is_interrupted(),
             cache: plan.cache.clone(),
         })?;
-        let prepared = started.elapsed();
+        // What has nothing to prepare takes no time, not the nanoseconds of saying so.
+        let prepared = if integrator.prepares() { started.elapsed() } else { Duration::ZERO };
         let mut settings = plan.job.clone();
         settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
         let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)

@@ -101,7 +101,7 @@ pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<Kept> {
     Ok(kept)
 }
 
-/// [Fowler, Noll and Vo 1991, FNV-1a], over words where there are whole ones.
+/// The hash FNV-1a, over words where there are whole ones.
 pub fn checksum(bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
     let words = words.iter().map(|word| u64::from_le_bytes(*word));

@@ -221,7 +221,8 @@ mod tests {
                     assert_eq!(found, expected, "{shape} {centre} {size} {radius}");
                     total += found.len();
                 }
-                assert!(total > 0 || shape < 2, "{shape} {centre} {size} {radius}");
+                // Queries lie farther apart than points, and coincide with some only where all are one.
+                assert!(total > 0 || shape < 3, "{shape} {centre} {size} {radius}");
             }
         }
     }

@@ -86,6 +86,10 @@ impl Integrator for Sppm {
         !self.settings.hide_emitters
     }
 
+    fn prepares(&self) -> bool {
+        true
+    }
+
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         let view = View::of(preparation);
         if self.settings.initial_radius == 0.0 {
