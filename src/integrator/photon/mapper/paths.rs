@@ -13,8 +13,8 @@ use crate::integrator::photon::Sides;
 use crate::integrator::photon::kdtree::Nearest;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
-use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
-use crate::math::Vec3;
+use crate::integrator::{Counters, Radiance, RadianceQuery, Wave, Worker};
+use crate::math::{Ray, Vec3};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
@@ -22,6 +22,9 @@ use bumpalo::Bump;
 
 /// A direction that is drawn with a density above this, sr⁻¹, shows what it meets: photons are not looked up there.
 const SHARP: f32 = 4.0;
+
+/// How far a ray to where irradiance is known goes, of the way: what it ends at is not in its way.
+const SHORT: f32 = 0.996;
 
 /// What lies between the camera and a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -137,7 +140,7 @@ impl<'a> Paths<'a> {
         let parents = std::mem::take(&mut worker.paths);
         let shaded: Vec<Shaded<'_>> = blocks
             .into_iter()
-            .map(|block| self.look_up(edges, block, &legs, &parents, &arena, out))
+            .map(|block| self.look_up(edges, block, &legs, &parents, &arena, &mut worker.counters, out))
             .collect();
         if self.query.indirect {
             for shaded in &shaded {
@@ -210,6 +213,7 @@ impl<'a> Paths<'a> {
         legs: &[Leg],
         paths: &PathWave,
         arena: &'b Bump,
+        counters: &mut Counters,
         out: &mut [Radiance],
     ) -> Shaded<'b> {
         let mut branching = [Branching::Single; LANES];
@@ -222,7 +226,8 @@ impl<'a> Paths<'a> {
             let Split { diffuse, rest } = block.bsdfs[i].split(wo, arena);
             match diffuse {
                 Some(diffuse) if leg.gathers => {
-                    let Some(light) = self.known(&block, i, diffuse, paths.slots[j], edges) else { continue };
+                    let known = self.known(&block, i, diffuse, paths.slots[j], edges, counters);
+                    let Some(light) = known else { continue };
                     out[paths.slots[j] as usize].value += paths.beta(j) * light;
                     match rest {
                         Some(rest) => block.bsdfs[i] = rest,
@@ -240,19 +245,38 @@ impl<'a> Paths<'a> {
     }
 
     /// The light that a diffuse part is known to send along the ray; `None` where the path should go on, because it has met
-    /// a surface within the width of a disc of photons.
-    fn known(&self, block: &Block<'_>, i: usize, diffuse: &Bsdf<'_>, slot: u32, edges: u32) -> Option<Rgb> {
+    /// a surface within the width of a disc of photons, or one whose light is not known, or is known only beyond a wall.
+    fn known(
+        &self,
+        block: &Block<'_>,
+        i: usize,
+        diffuse: &Bsdf<'_>,
+        slot: u32,
+        edges: u32,
+        counters: &mut Counters,
+    ) -> Option<Rgb> {
         let factor = diffuse.radiance_per_irradiance(block.wo.lane(i));
         let irradiance = self.maps(slot).irradiance.as_ref();
         if factor.is_black() || irradiance.is_none() || !self.allows(edges + 1) {
             return Some(Rgb::BLACK);
         }
-        let found = irradiance?.nearest(place(block, i));
-        let near = found.is_some_and(|found| {
-            let ray = block.rays.d.lane(i).length() * block.at.hit[i].t;
-            ray < found.radius
-        });
-        (!near).then(|| found.map_or(Rgb::BLACK, |found| factor * found.value))
+        let at = place(block, i);
+        let found = irradiance?.nearest(at)?;
+        let d = block.rays.d.lane(i);
+        let length = d.length();
+        if length * block.at.hit[i].t < found.radius {
+            return None;
+        }
+        let seen = found.free || {
+            // From a point of the ray, which is seen from the place.
+            let o = at.p - d * (at.p.distance(found.at.p) / length).min(block.at.hit[i].t);
+            let (d, time) = (found.at.p - o, block.rays.time.as_array()[i]);
+            d.dot(found.at.n) < 0.0 && {
+                counters.occlusion_rays += 1;
+                !self.scene.accel.occluded(&Ray { o, d, t_max: SHORT, time })
+            }
+        };
+        seen.then(|| factor * found.value)
     }
 
     /// Adds the density of caustic photons at the points of a block.
