@@ -91,7 +91,8 @@ impl<'a> Boundary<'a> {
             if tally.filled == RAYS && !tally.hidden {
                 return Disc::Free;
             }
-            let apex = if tally.hidden { Apex::Low } else { Apex::High };
+            let low = tally.hidden;
+            let apex = if low { Apex::Low } else { Apex::High };
             tracer.rays.clear();
             tracer.aim(at, estimate.radius, apex, estimator.kernel, slot as u32, MORE_RAYS);
             tracer.trace();
@@ -100,7 +101,7 @@ impl<'a> Boundary<'a> {
             if tally.hidden || share < LEAST_SHARE {
                 return Disc::Unknown;
             }
-            if tally.blocked > 0 {
+            if tally.blocked > 0 || low {
                 estimate.value = tracer.seen(map, estimator, (slot, at), apex.above(at, estimate.radius), buffer);
             }
             estimate.value = estimate.value / share;

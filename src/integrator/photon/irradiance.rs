@@ -42,7 +42,7 @@ struct Value {
 }
 
 /// How far below a disc a place may be, over the distance from its middle: as far as surfaces that bend go.
-const BELOW: f32 = 0.1;
+const BELOW: f32 = 0.03;
 /// Points that one task computes irradiance at.
 const TASK: usize = 256;
 
