@@ -6,6 +6,7 @@ pub mod diff;
 pub mod info;
 pub mod info_image;
 pub mod lab;
+mod photon_notes;
 pub mod progress;
 pub mod regress;
 pub mod render;

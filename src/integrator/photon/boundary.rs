@@ -3,9 +3,9 @@
 //! Density estimation takes a disc for full and all of its photons for those of one room. At the edge of a surface half of the disc
 //! is empty, so that the estimate is half of what it should be; behind a wall that stands on the surface lies light of another room.
 //! Rays from a point above the disc's middle to points all over it say how much of it is there and seen, whatever light
-//! falls on it, so that the border of a shadow is not taken for the border of a surface. Where something stands in
-//! their way, photons count only if they, too, are seen from there: what stands on the surface and is higher
-//! than a third of the disc's radius keeps light apart.
+//! falls on it, so that the border of a shadow is not taken for the border of a surface. Where some of them do not find
+//! it, photons count only if they, too, are seen from there: what stands on the surface and is higher than a third of
+//! the disc's radius keeps light apart.
 
 use super::PhotonMap;
 use super::density::{COMPATIBLE, DensityEstimator, FLATNESS, Irradiance, Place, Sides};
@@ -46,13 +46,11 @@ pub enum Disc {
 }
 
 /// What rays to a disc have found.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Tally {
     /// How many have met the surface.
     filled: usize,
-    /// How many have met something else.
-    blocked: usize,
-    /// Whether the one to the middle has not met it there.
+    /// Whether the one to the middle has not met it.
     hidden: bool,
 }
 
@@ -91,8 +89,7 @@ impl<'a> Boundary<'a> {
             if tally.filled == RAYS && !tally.hidden {
                 return Disc::Free;
             }
-            let low = tally.hidden;
-            let apex = if low { Apex::Low } else { Apex::High };
+            let apex = if tally.hidden { Apex::Low } else { Apex::High };
             tracer.rays.clear();
             tracer.aim(at, estimate.radius, apex, estimator.kernel, slot as u32, MORE_RAYS);
             tracer.trace();
@@ -101,10 +98,8 @@ impl<'a> Boundary<'a> {
             if tally.hidden || share < LEAST_SHARE {
                 return Disc::Unknown;
             }
-            if tally.blocked > 0 || low {
-                estimate.value = tracer.seen(map, estimator, (slot, at), apex.above(at, estimate.radius), buffer);
-            }
-            estimate.value = estimate.value / share;
+            let apex = apex.above(at, estimate.radius);
+            estimate.value = tracer.seen(map, estimator, (slot, at), apex, buffer) / share;
             Disc::Obstructed
         });
         let discs = discs.collect();
@@ -187,17 +182,10 @@ impl<'a> Tracer<'a> {
     }
 
     fn tally(&self, at: &Place, first: usize, count: usize) -> Tally {
-        let mut tally = Tally::default();
-        for i in first..first + count {
-            match self.meets(at, i) {
-                Some(true) => tally.filled += 1,
-                Some(false) => tally.blocked += 1,
-                None => {}
-            }
-        }
+        let meets = |i: usize| self.meets(at, i) == Some(true);
         // What is met on the way down is another surface, though it may be parallel.
-        tally.hidden = self.hits[first].is_none_or(|hit| hit.t < NEARLY) || self.meets(at, first) != Some(true);
-        tally
+        let hidden = !meets(first) || self.hits[first].is_none_or(|hit| hit.t < NEARLY);
+        Tally { filled: (first..first + count).filter(|&i| meets(i)).count(), hidden }
     }
 
     /// Whether a ray has met the surface that the place belongs to; `None` where it has met nothing.

@@ -3,14 +3,14 @@
 //! The nearest k photons are searched for among those that belong to the surface: their normal is within 60 degrees
 //! of the point's, on the side that is asked for, and distances along the normal count three times. So light does not
 //! leak around corners or to the other side of a thin wall, and from a parallel surface only where that is nearer than a third of
-//! the radius. It does leak along a surface that goes on behind a wall which stands on it. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
+//! the radius. It does leak along a surface that goes on behind a wall which stands on it, but for where [`boundary`](super::boundary) looks. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
 //! estimate is then unbiased for every kernel, and where fewer than k lie within the lookup radius, too. (The squared radius
 //! around k photons of a Poisson process has the mean of its reciprocal with k − 1, not with k.)
 //!
 //! What is biased:
 //! - Light is blurred over the disc: by its curvature, where it is smooth, by half of the step at the border of a shadow.
 //! - Where the surface ends within the disc, what lies beyond counts as dark: an edge is too dark by half, a corner
-//!   by three quarters. [`boundary`](super::boundary) corrects this where irradiance is computed beforehand.
+//!   by three quarters. [`boundary`](super::boundary) corrects this, too, where irradiance is computed beforehand.
 //! - On a sphere of radius R the estimate is low by 2 (r / R)², as the ellipsoid's section with it is larger or smaller
 //!   than the disc of the radius r: by half a percent at r = R / 20.
 //! - Photons at the same point have no density; k of them count as none.
@@ -109,10 +109,17 @@ impl DensityEstimator {
         mut f: impl FnMut(Vec3) -> Rgb,
     ) -> Rgb {
         let mut value = Rgb::BLACK;
-        self.gather(map, at, sides, |_| true, buffer, |slot, weight| {
-            let arrival = map.arrival(slot);
-            value += f(arrival.wi()) * arrival.power() * weight;
-        });
+        self.gather(
+            map,
+            at,
+            sides,
+            |_| true,
+            buffer,
+            |slot, weight| {
+                let arrival = map.arrival(slot);
+                value += f(arrival.wi()) * arrival.power() * weight;
+            },
+        );
         value
     }
 

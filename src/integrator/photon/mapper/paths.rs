@@ -13,9 +13,9 @@ use crate::integrator::photon::Sides;
 use crate::integrator::photon::kdtree::Nearest;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
-use crate::integrator::{Counters, Radiance, RadianceQuery, Wave, Worker};
-use crate::math::{Ray, Vec3};
+use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
+use crate::math::{Ray, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use bumpalo::Bump;
@@ -65,6 +65,8 @@ struct Shaded<'a> {
     /// Lanes that are done are not active; of those that photons were looked up at only the rest of the BSDF is left.
     block: Block<'a>,
     branching: [Branching; LANES],
+    /// Rays that were traced to where irradiance is known.
+    sights: u64,
 }
 
 impl Shaded<'_> {
@@ -140,8 +142,9 @@ impl<'a> Paths<'a> {
         let parents = std::mem::take(&mut worker.paths);
         let shaded: Vec<Shaded<'_>> = blocks
             .into_iter()
-            .map(|block| self.look_up(edges, block, &legs, &parents, &arena, &mut worker.counters, out))
+            .map(|block| self.look_up(edges, block, &legs, &parents, &arena, out))
             .collect();
+        worker.counters.occlusion_rays += shaded.iter().map(|s| s.sights).sum::<u64>();
         if self.query.indirect {
             for shaded in &shaded {
                 self.add_caustics(&shaded.block, &parents, &mut buffer, out);
@@ -213,9 +216,9 @@ impl<'a> Paths<'a> {
         legs: &[Leg],
         paths: &PathWave,
         arena: &'b Bump,
-        counters: &mut Counters,
         out: &mut [Radiance],
     ) -> Shaded<'b> {
+        let mut sights = 0;
         let mut branching = [Branching::Single; LANES];
         for i in bits(block.active) {
             let (j, wo) = (block.first + i, block.wo.lane(i));
@@ -226,7 +229,7 @@ impl<'a> Paths<'a> {
             let Split { diffuse, rest } = block.bsdfs[i].split(wo, arena);
             match diffuse {
                 Some(diffuse) if leg.gathers => {
-                    let known = self.known(&block, i, diffuse, paths.slots[j], edges, counters);
+                    let known = self.known(&block, i, diffuse, paths.slots[j], edges, &mut sights);
                     let Some(light) = known else { continue };
                     out[paths.slots[j] as usize].value += paths.beta(j) * light;
                     match rest {
@@ -241,7 +244,7 @@ impl<'a> Paths<'a> {
         }
         let finite = bits(block.active).filter(|&i| !block.bsdfs[i].is_specular());
         block.finite = finite.fold(0, |set, i| set | 1 << i);
-        Shaded { block, branching }
+        Shaded { block, branching, sights }
     }
 
     /// The light that a diffuse part is known to send along the ray; `None` where the path should go on, because it has met
@@ -253,7 +256,7 @@ impl<'a> Paths<'a> {
         diffuse: &Bsdf<'_>,
         slot: u32,
         edges: u32,
-        counters: &mut Counters,
+        sights: &mut u64,
     ) -> Option<Rgb> {
         let factor = diffuse.radiance_per_irradiance(block.wo.lane(i));
         let irradiance = self.maps(slot).irradiance.as_ref();
@@ -272,7 +275,7 @@ impl<'a> Paths<'a> {
             let o = at.p - d * (at.p.distance(found.at.p) / length).min(block.at.hit[i].t);
             let (d, time) = (found.at.p - o, block.rays.time.as_array()[i]);
             d.dot(found.at.n) < 0.0 && {
-                counters.occlusion_rays += 1;
+                *sights += 1;
                 !self.scene.accel.occluded(&Ray { o, d, t_max: SHORT, time })
             }
         };
