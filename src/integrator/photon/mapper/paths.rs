@@ -364,7 +364,7 @@ impl<'a> Paths<'a> {
         paths.copy_from(parents);
         paths.keys.copy_from_slice(&keys);
         let (mut alive, mut onward) = (0, Vec::new());
-        for Shaded { block, branching } in shaded {
+        for Shaded { block, branching, .. } in shaded {
             let (samples, rays) = self.lane_counts(branching, block.active, s);
             let lanes = rays.simd_gt(f32x16::ZERO).to_bitmask() & block.active;
             if lanes == 0 {
@@ -404,7 +404,7 @@ impl<'a> Paths<'a> {
     /// The keys of the `s`-th rays.
     fn branch_keys(&self, s: u32, shaded: &[Shaded<'_>], parents: &PathWave) -> Vec<SampleKey> {
         let mut keys = parents.keys.clone();
-        for Shaded { block, branching } in shaded {
+        for Shaded { block, branching, .. } in shaded {
             for i in bits(block.active) {
                 let (_, rays) = self.counts(branching[i]);
                 let key = &mut keys[block.first + i];
