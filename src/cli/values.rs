@@ -1,6 +1,7 @@
 //! Values of options: durations, sizes, rectangles, definitions.
 
 use crate::film::PixelRect;
+use std::ops::Range;
 use std::time::Duration;
 
 /// Parses `90`, `90s`, `1.5m` or `2h`.
@@ -46,6 +47,14 @@ pub fn rect(text: &str) -> Result<PixelRect, String> {
     }
 }
 
+/// Parses `A..B`, from A up to but not including B.
+pub fn range(text: &str) -> Result<Range<u64>, String> {
+    let parsed = text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
+    parsed.filter(|range: &Range<u64>| !range.is_empty()).ok_or_else(|| {
+        "expected A..B, two whole numbers of which the first is less: 0..64 are the first 64 samples".into()
+    })
+}
+
 /// Parses a positive number.
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -66,6 +75,14 @@ mod tests {
         assert_eq!(duration("2h"), Ok(Duration::from_secs(7200)));
         for bad in ["", "s", "-1", "0", "nan", "inf", "1d", "1mm", "1e30h"] {
             assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn ranges_hold_something() {
+        assert_eq!(range("64..128"), Ok(64..128));
+        for bad in ["", "..", "5", "4..4", "5..4", "-1..4", "0..=4", "1...4"] {
+            assert!(range(bad).is_err(), "{bad}");
         }
     }
 

@@ -34,7 +34,7 @@ pub use metadata::{Metadata, Value};
 pub use read::{
     read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_with, read_with,
 };
-pub use replace::{check_replaceable, replace};
+pub use replace::{check_replaceable, replace, replace_with};
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};
 pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
