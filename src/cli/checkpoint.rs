@@ -22,12 +22,19 @@ impl Checkpointing {
     ///
     /// # Errors
     /// If the file is there and not to be gone on from, is one of another render, or cannot be written.
-    pub fn open(args: &RenderArgs, session: &Session, plan: &Plan, origin: Option<Origin>) -> Result<Option<Self>> {
+    pub fn open(
+        args: &RenderArgs,
+        session: &Session,
+        plan: &Plan,
+        origin: Option<Origin>,
+    ) -> Result<Option<Self>> {
         let Some((path, origin)) = args.checkpoint.clone().zip(origin) else { return Ok(None) };
         image::check_replaceable(&path)?;
         let identity = Identity::of(session, plan, origin);
         let begin = match (path.exists(), args.resume) {
-            (true, true) => Some(file::load(&path)?.resume(&path, &identity, plan.first, plan.job.stop.samples)?),
+            (true, true) => {
+                Some(file::load(&path)?.resume(&path, &identity, plan.first, plan.job.stop.samples)?)
+            }
             (true, false) => {
                 return Err(Error::usage(format!(
                     "--checkpoint {}: it is there already; --resume goes on from it, or remove it",

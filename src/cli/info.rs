@@ -134,7 +134,8 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
 /// Bytes of meshes, accelerator and film in MiB.
 fn memory(scene: &Scene, sensors: &[crate::sensor::SensorSettings]) -> String {
     let mib = |bytes: usize| bytes as f64 / (1024.0 * 1024.0);
-    let pixel = |film: &FilmSettings| Tile::bytes_per_pixel(3 + usize::from(film.pixel_format.has_alpha())) as u64;
+    let pixel =
+        |film: &FilmSettings| Tile::bytes_per_pixel(3 + usize::from(film.pixel_format.has_alpha())) as u64;
     let film = sensors.iter().map(|s| s.film.rect().area() * pixel(&s.film)).max().unwrap_or(0);
     format!(
         "meshes {:.1} MiB, acceleration structure {:.1} MiB, film {:.1} MiB",

@@ -223,7 +223,8 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<Origin>, Seconds)> {
 
 /// What the command line says of the render.
 fn choices(args: &RenderArgs, origin: Option<Origin>) -> Choices {
-    let cache = |(path, Origin { scene, view }): (&PathBuf, Origin)| CacheFile { path: path.clone(), scene, view };
+    let cache =
+        |(path, Origin { scene, view }): (&PathBuf, Origin)| CacheFile { path: path.clone(), scene, view };
     Choices {
         integrator: args.integrator.clone(),
         sampler: args.sampler,

@@ -49,7 +49,8 @@ pub fn rect(text: &str) -> Result<PixelRect, String> {
 
 /// Parses `A..B`, from A up to but not including B.
 pub fn range(text: &str) -> Result<Range<u64>, String> {
-    let parsed = text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
+    let parsed =
+        text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
     parsed.filter(|range: &Range<u64>| !range.is_empty()).ok_or_else(|| {
         "expected A..B, two whole numbers of which the first is less: 0..64 are the first 64 samples".into()
     })

@@ -32,7 +32,12 @@ impl Tile {
     /// An empty tile with so many channels.
     pub fn new(rect: PixelRect, channels: usize) -> Self {
         let pixels = rect.width as usize * rect.height as usize;
-        Tile { rect, channels, sums: vec![Sum::default(); pixels * 2 * channels], counts: vec![0; pixels * 2] }
+        Tile {
+            rect,
+            channels,
+            sums: vec![Sum::default(); pixels * 2 * channels],
+            counts: vec![0; pixels * 2],
+        }
     }
 
     /// Pixels of the tile.
@@ -71,7 +76,12 @@ impl Tile {
     /// # Panics
     /// If it is another place, or if it has other channels.
     pub fn merge(&mut self, other: &Tile) {
-        assert!((self.rect, self.channels) == (other.rect, other.channels), "{:?}, {:?}", self.rect, other.rect);
+        assert!(
+            (self.rect, self.channels) == (other.rect, other.channels),
+            "{:?}, {:?}",
+            self.rect,
+            other.rect
+        );
         self.sums.iter_mut().zip(&other.sums).for_each(|(sum, other)| sum.merge(*other));
         self.counts.iter_mut().zip(&other.counts).for_each(|(count, other)| *count += other);
     }

@@ -52,9 +52,10 @@ struct Kept {
 impl<'j, 'a> Passes<'j, 'a> {
     /// Starts the clock.
     pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
-        let now = job.begin.clone().unwrap_or_else(|| {
-            State::new(job.camera.film.rect(), job.channels(), job.first)
-        });
+        let now = job
+            .begin
+            .clone()
+            .unwrap_or_else(|| State::new(job.camera.film.rect(), job.channels(), job.first));
         let workers = (0..pool.current_num_threads())
             .map(|_| Mutex::new(CameraWorker::new(Worker::new(job.settings.sampler))))
             .collect();
@@ -175,8 +176,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         let spent = self.estimating.as_secs_f64();
         let pass_is_whole = end >= self.now.pass_end;
         if pass_is_whole
-            && (self.stop.error.is_some()
-                || spent <= ESTIMATES_SHARE * self.started.elapsed().as_secs_f64())
+            && (self.stop.error.is_some() || spent <= ESTIMATES_SHARE * self.started.elapsed().as_secs_f64())
         {
             self.estimate();
         }

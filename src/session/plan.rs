@@ -108,10 +108,15 @@ fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Resu
     let Range { start, end } = *range;
     let refuse = |why: String| Err(Error::usage(format!("--sample-range {start}..{end}: {why}")));
     if choices.adaptive {
-        return refuse("--adaptive decides from the first samples of a pixel where to take more, and needs them all".into());
+        return refuse(
+            "--adaptive decides from the first samples of a pixel where to take more, and needs them all"
+                .into(),
+        );
     }
     if stop.error.is_some() || stop.time.is_some() {
-        return refuse("a range says how many samples there are; --time and --target-error say otherwise".into());
+        return refuse(
+            "a range says how many samples there are; --time and --target-error say otherwise".into(),
+        );
     }
     let total = stop.samples.unwrap_or(0);
     if end > total {

@@ -76,7 +76,8 @@ struct Invalid {
 /// If the file cannot be written.
 pub fn save(path: &Path, label: &Label, state: &State) -> Result<()> {
     let header = Header::of(label, state);
-    let header = serde_json::to_vec(&header).map_err(|e| Error::internal(format!("a checkpoint's header: {e}")))?;
+    let header =
+        serde_json::to_vec(&header).map_err(|e| Error::internal(format!("a checkpoint's header: {e}")))?;
     replace_with(path, |file| {
         let mut file = Checked { file, checksum: crc32fast::Hasher::new() };
         file.write_all(&MAGIC)?;

@@ -23,13 +23,17 @@ pub fn merge(parts: Vec<(PathBuf, Checkpoint)>) -> Result<Checkpoint> {
     for (path, part) in parts {
         comparable(&first_path, &sum, &path, &part)?;
         for range in &part.label.samples {
-            if let Some((other, file)) = held.iter().find(|(r, _)| r.start < range.end && range.start < r.end) {
-                return Err(refuse(&path, &format!(
-                    "holds the samples {}, of which {} has {}",
-                    list(std::slice::from_ref(range)),
-                    file.display(),
-                    list(std::slice::from_ref(other))
-                )));
+            if let Some((other, file)) = held.iter().find(|(r, _)| r.start < range.end && range.start < r.end)
+            {
+                return Err(refuse(
+                    &path,
+                    &format!(
+                        "holds the samples {}, of which {} has {}",
+                        list(std::slice::from_ref(range)),
+                        file.display(),
+                        list(std::slice::from_ref(other))
+                    ),
+                ));
             }
         }
         held.extend(part.label.samples.iter().map(|range| (range.clone(), path.clone())));
@@ -51,9 +55,14 @@ fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpo
         return Err(refuse(path, &format!("holds {difference} as in {}", first_path.display())));
     }
     if part.label.identity.adaptive.is_some() {
-        return Err(refuse(path, "is of a render with --adaptive, whose parts are not independent of each other"));
+        return Err(refuse(
+            path,
+            "is of a render with --adaptive, whose parts are not independent of each other",
+        ));
     }
-    if part.label.picture.rect != first.label.picture.rect || part.label.picture.layers != first.label.picture.layers {
+    if part.label.picture.rect != first.label.picture.rect
+        || part.label.picture.layers != first.label.picture.layers
+    {
         return Err(refuse(path, &format!("is of another image than {}", first_path.display())));
     }
     Ok(())
@@ -111,7 +120,11 @@ impl Checkpoint {
         let taken: u64 = self.label.samples.iter().map(|range| range.end - range.start).sum();
         let whole = self.label.target.is_some() && self.missing().is_empty();
         Ok(Rendered {
-            samples_per_pixel: if self.state.allocation.is_some() { rendered.samples_per_pixel } else { taken },
+            samples_per_pixel: if self.state.allocation.is_some() {
+                rendered.samples_per_pixel
+            } else {
+                taken
+            },
             stop_reason: if whole { StopReason::Samples } else { StopReason::Interrupted },
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),

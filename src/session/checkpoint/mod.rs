@@ -54,7 +54,9 @@ impl Checkpoint {
         match self.label.samples.as_slice() {
             [] => {}
             [only] if *only == expected => {}
-            ranges => return refuse(format!("holds the samples {}, expected them from {first} on", list(ranges))),
+            ranges => {
+                return refuse(format!("holds the samples {}, expected them from {first} on", list(ranges)));
+            }
         }
         if end.is_some_and(|end| self.state.next > end) {
             let (has, end) = (self.state.next, end.unwrap_or_default());
