@@ -130,6 +130,11 @@ impl Tile {
         sums
     }
 
+    /// Bytes of the sums of so many pixels.
+    pub fn memory_bytes_of(pixels: u64, channels: usize) -> u64 {
+        pixels.saturating_mul(2 * (size_of::<f64>() * channels + size_of::<u64>()) as u64)
+    }
+
     /// Bytes of its sums.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.sums.as_slice()) + size_of_val(self.counts.as_slice())
@@ -142,6 +147,12 @@ mod tests {
 
     fn pixel() -> Tile {
         Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3)
+    }
+
+    #[test]
+    fn a_tile_takes_what_was_planned() {
+        let tile = Tile::new(PixelRect { x: 3, y: 4, width: 16, height: 5 }, 7);
+        assert_eq!(tile.memory_bytes() as u64, Tile::memory_bytes_of(80, 7));
     }
 
     #[test]
