@@ -69,7 +69,7 @@ pub(super) fn admit(
         // Read whole, and as long as its values.
         (Format::Pfm, Purpose::Image) => length.saturating_mul(2),
         (Format::Pfm, Purpose::Texture) => length.saturating_mul(3),
-        (Format::OpenExr, _) => decoded.saturating_add(floats.saturating_mul(2)),
+        (Format::OpenExr, Purpose::Texture) => decoded.saturating_add(floats.saturating_mul(3)),
         (_, Purpose::Image) => decoded.saturating_add(floats.saturating_mul(2)),
         (_, Purpose::Texture) => decoded.saturating_mul(2),
     };
@@ -234,26 +234,23 @@ fn exr_part(start: &[u8], mut at: usize) -> Option<(Claim, usize)> {
             }
             b"channels" => {
                 let mut entry = value;
-                while let Some((name, kind)) = text(entry).filter(|(name, _)| !name.is_empty() && entry < at)
-                {
-                    let _ = name;
+                while let Some((_, kind)) = text(entry).filter(|(name, _)| !name.is_empty() && entry < at) {
                     claim.channels += 1;
                     claim.pixel += if little(start, kind)? == 1 { 2 } else { 4 };
                     entry = kind + 16;
                 }
             }
             b"compression" => compression = *start.get(value)?,
-            b"tiles" => tile = Some([value, value + 4].map(|at| big_or_one(start, at))),
+            b"tiles" => {
+                tile = Some(
+                    [value, value + 4].map(|at| little(start, at).map_or(1, |n| n.max(1).unsigned_abs())),
+                )
+            }
             _ => {}
         }
     }
     claim.least = exr_least(&claim, compression, tile);
     Some((claim, at))
-}
-
-/// A side of a tile.
-fn big_or_one(start: &[u8], at: usize) -> u64 {
-    little(start, at).map_or(1, |side| side.max(1).unsigned_abs())
 }
 
 /// Bytes of a part at least: a place in the table and a head for every chunk, and what compression cannot bring the pixels below.
@@ -278,4 +275,76 @@ fn exr_least(claim: &Claim, compression: u8, tile: Option<[u64; 2]>) -> u64 {
         _ => 0,
     };
     chunks.saturating_add(data)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Compression, Image, WriteOptions, write};
+    use crate::memory::Limit;
+
+    fn size(claim: Option<Claim>) -> Option<[u64; 4]> {
+        claim.map(|c| [c.width, c.height, c.channels, c.pixel])
+    }
+
+    #[test]
+    fn what_buffon_writes_is_understood_and_never_too_short() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = Image::new(300, 200, &["R", "G", "B", "N.X"]);
+        for compression in
+            [Compression::None, Compression::Rle, Compression::Zips, Compression::Zip, Compression::Piz]
+        {
+            let path = folder.path().join("a.exr");
+            write(&path, &image, &WriteOptions { compression, ..WriteOptions::default() }).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            let claim = claim(Format::OpenExr, &bytes);
+            assert_eq!(size(claim), Some([300, 200, 4, 16]), "{compression:?}");
+            assert!(claim.unwrap().least <= bytes.len() as u64, "{compression:?}: {claim:?}");
+        }
+        for (name, format, pixel) in [("a.png", Format::Png, 4), ("a.jpg", Format::Jpeg, 3)] {
+            let path = folder.path().join(name);
+            write(&path, &image, &WriteOptions::default()).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            let claim = claim(format, &bytes);
+            assert_eq!(size(claim).map(|[w, h, _, pixel]| [w, h, pixel]), Some([300, 200, pixel]), "{name}");
+            assert!(claim.unwrap().least <= bytes.len() as u64, "{name}: {claim:?}");
+        }
+    }
+
+    #[test]
+    fn other_headers_are_understood() {
+        let hdr = |text: &str| size(claim(Format::Hdr, text.as_bytes()));
+        assert_eq!(hdr("#?RADIANCE\nA=1\n\n-Y 480 +X 640\nxyz"), Some([640, 480, 3, 12]));
+        assert_eq!(hdr("#?RADIANCE\n\n+X 640 -Y 480\n"), Some([640, 480, 3, 12]));
+        assert_eq!(hdr("#?RADIANCE\n\n-Y 480\n"), None);
+        let mut bmp = [0; 54];
+        (bmp[14], bmp[18], bmp[28]) = (40, 7, 24);
+        bmp[22..26].copy_from_slice(&(-3i32).to_le_bytes());
+        assert_eq!(claim(Format::Bmp, &bmp).map(|c| [c.width, c.height, c.least]), Some([7, 3, 63]));
+        bmp[30] = 1;
+        assert_eq!(claim(Format::Bmp, &bmp).map(|c| c.least), Some(0));
+        let mut tga = [0; 18];
+        (tga[2], tga[12], tga[14], tga[16]) = (2, 5, 4, 32);
+        assert_eq!(claim(Format::Tga, &tga).map(|c| [c.width, c.height, c.least]), Some([5, 4, 80]));
+        for format in [Format::OpenExr, Format::Png, Format::Jpeg, Format::Bmp, Format::Tga, Format::Hdr] {
+            assert_eq!(claim(format, &[0xff; 12]), None, "{}", format.name());
+            assert_eq!(claim(format, &[]), None, "{}", format.name());
+        }
+    }
+
+    #[test]
+    fn boasting_is_damage_only_where_it_would_do_harm() {
+        let header = |side: i32| {
+            let mut bmp = [0; 54];
+            (bmp[14], bmp[28]) = (40, 24);
+            bmp[18..22].copy_from_slice(&side.to_le_bytes());
+            bmp[22..26].copy_from_slice(&side.to_le_bytes());
+            bmp
+        };
+        let memory = Budget::open(Limit::None);
+        let admitted = |side| admit(Format::Bmp, &header(side), 54, Purpose::Texture, &memory);
+        assert!(admitted(1000).is_ok());
+        let Err(Denied::Damaged(why)) = admitted(10_000) else { panic!("10000x10000 pixels in 54 bytes") };
+        assert_eq!(why, "expected at least 300000000 bytes for 10000x10000 pixels, found 54 bytes");
+    }
 }

@@ -16,9 +16,9 @@ pub fn available(root: &Path) -> Option<(u64, Source)> {
     [machine, groups, space].into_iter().flatten().min_by_key(|(left, _)| *left)
 }
 
-/// Bytes of the process that are in memory.
+/// Bytes of the process that are in memory, without pages of files (its code and that of libraries), which can be dropped.
 pub fn resident(root: &Path) -> Option<u64> {
-    field(&root.join("proc/self/status"), "VmRSS:")
+    field(&root.join("proc/self/status"), "RssAnon:")
 }
 
 /// The number of kibibytes behind a name, in bytes.
@@ -107,7 +107,10 @@ mod tests {
 
     #[test]
     fn without_control_groups_the_machine_counts() {
-        let root = system(&[MACHINE, ("proc/self/status", "VmSize:\t  900 kB\nVmRSS:\t  12 kB\n")]);
+        let root = system(&[
+            MACHINE,
+            ("proc/self/status", "VmSize:\t  900 kB\nVmRSS:\t  99 kB\nRssAnon:\t  12 kB\n"),
+        ]);
         assert_eq!(available(root.path()), Some((3000 << 10, Source::Machine)));
         assert_eq!(resident(root.path()), Some(12 << 10));
         assert_eq!(available(system(&[]).path()), None);

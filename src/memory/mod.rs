@@ -90,7 +90,7 @@ impl Default for Budget {
 }
 
 impl Budget {
-    /// A budget in which the program itself, as far as it is resident, is planned already.
+    /// A budget in which is planned already what the program has taken so far.
     pub fn open(limit: Limit) -> Self {
         let root = Path::new("/");
         let resident = available::resident(root).unwrap_or(0);

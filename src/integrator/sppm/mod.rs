@@ -25,6 +25,7 @@ use super::progressive::{Begun, Progressive, SamplePass};
 use super::settings::SppmSettings;
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::error::{Error, Result, counted};
+use crate::memory::Reservation;
 use crate::scene::Scene;
 use camera_path::CameraPaths;
 use gather::Gather;
@@ -43,6 +44,8 @@ pub struct Sppm {
     first_radius: f32,
     guide: Option<EmissionGuide>,
     pass: RwLock<Arc<Pass>>,
+    /// Of a pass's photons.
+    reserved: Option<Reservation>,
 }
 
 /// The photons of one sample of the pixels.
@@ -55,7 +58,13 @@ struct Pass {
 impl Sppm {
     /// The integrator with its settings.
     pub fn new(settings: SppmSettings) -> Self {
-        Sppm { settings, first_radius: settings.initial_radius, guide: None, pass: RwLock::default() }
+        Sppm {
+            settings,
+            first_radius: settings.initial_radius,
+            guide: None,
+            pass: RwLock::default(),
+            reserved: None,
+        }
     }
 
     /// The longest path of a photon that a camera path can be added to.
@@ -68,11 +77,11 @@ impl Sppm {
         }
     }
 
-    /// Plans the photons of a pass.
-    fn reserve(&self, preparation: &Preparation<'_>) -> Result<()> {
+    /// Reserves what the photons of a pass take.
+    fn reserve(&self, preparation: &Preparation<'_>) -> Result<Reservation> {
         let paths = self.paths_of_a_pass(preparation);
         let needed = paths.saturating_mul(PHOTONS_PER_PATH * BYTES_PER_PHOTON);
-        preparation.memory.charge(needed).map_err(|refusal| {
+        preparation.memory.reserve(needed).map_err(|refusal| {
             let what = format!("the photons of {}", counted(paths, "light path", "light paths"));
             Error::scene(refusal.sentence(&what, "set photon_count to fewer")).about("sppm")
         })
@@ -106,7 +115,7 @@ impl Integrator for Sppm {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        self.reserve(preparation)?;
+        self.reserved = Some(self.reserve(preparation)?);
         let view = View::of(preparation);
         if self.settings.initial_radius == 0.0 {
             self.first_radius = view.radius(preparation.scene);

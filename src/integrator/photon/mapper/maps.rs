@@ -31,6 +31,8 @@ pub struct Maps {
     pub global: Option<PhotonMap>,
     /// The width of what points show photons as, scene units.
     pub point: f32,
+    /// Of both halves' maps, in the first.
+    reserved: Option<Reservation>,
 }
 
 /// Which maps a scene needs.
@@ -80,7 +82,7 @@ pub fn prepare(
 ) -> Result<([Maps; 2], Vec<Fact>)> {
     let scene = preparation.scene;
     let plan = Plan::new(scene, settings);
-    let planned = reserve(preparation, settings, &plan)?;
+    let mut reserved = reserve(preparation, settings, &plan)?;
     let mut counters = Counters::default();
     let photons = load_or_cast(preparation, settings, &plan, &mut counters)?;
     let mut maps = [Maps::default(), Maps::default()];
@@ -106,7 +108,8 @@ pub fn prepare(
     for half in &mut maps {
         half.point = POINT * scene.bounds.radius();
     }
-    planned.keep(sums.bytes as u64);
+    reserved.settle(sums.bytes as u64);
+    maps[0].reserved = Some(reserved);
     Ok((maps, sums.facts(&counters)))
 }
 
