@@ -1,4 +1,4 @@
-//! `buffon info`: what a scene, an image or a file of photon maps holds, what it needs, and what it will cost.
+//! `buffon info`: what a scene, an image, a file of photon maps or a checkpoint holds, what it needs, and what it will cost.
 
 use super::{info_image, print};
 use crate::accel::AccelKind;
@@ -8,6 +8,7 @@ use crate::integrator::photon;
 use crate::loader::{self, LoadOptions};
 use crate::memory::{Amount, Budget, Limit};
 use crate::scene::{CompileOptions, Scene, compile_within};
+use crate::session::checkpoint::{self, Checkpoint, Label};
 use crate::session::{RenderMemory, default_threads};
 use crate::shape::WorldShape;
 use clap::Args;
@@ -18,7 +19,7 @@ use std::path::PathBuf;
 /// Tell what a scene or an image holds, what it needs and what it will cost.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
-    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm) or a file of photon maps
+    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a checkpoint
     pub file: PathBuf,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
@@ -41,6 +42,8 @@ pub fn run(args: &InfoArgs) -> Result<u8> {
         print(&describe_scene(args)?)
     } else if photon::file::is_photon_file(&args.file) {
         print(&describe_photons(&photon::file::read_contents(&args.file)?))
+    } else if checkpoint::file::is_checkpoint(&args.file) {
+        print(&describe_checkpoint(&checkpoint::file::load(&args.file)?))
     } else {
         print(&info_image::describe(&image::read(&args.file)?))
     }
@@ -61,6 +64,25 @@ fn describe_photons(contents: &photon::file::Contents) -> String {
         let _ = writeln!(text, "{name:<12} {photons} of {paths} for half {half}, {mib:.1} MiB in use");
     }
     text
+}
+
+/// What a checkpoint holds.
+fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
+    let Label { identity, picture, samples, target } = &checkpoint.label;
+    let rect = picture.rect;
+    let of = target.map_or_else(String::new, |n| format!(" of {}", counted(n, "sample", "samples")));
+    let seconds = checkpoint.state.elapsed.as_secs_f64();
+    let lines = [
+        ("made by", format!("Buffon {}", identity.version)),
+        ("scene", format!("{:016x}, view {:016x}", identity.scene, identity.view)),
+        ("integrator", format!("{}, settings {:016x}", identity.integrator, identity.settings)),
+        ("sampler", format!("{}, seed {}", identity.sampler, identity.seed)),
+        ("traversal", identity.accel.clone()),
+        ("image", format!("{}x{} at ({}, {})", rect.width, rect.height, rect.x, rect.y)),
+        ("samples", format!("{}{of} per pixel", checkpoint::list(samples))),
+        ("time", format!("{seconds:.2} s of sampling")),
+    ];
+    lines.iter().map(|(name, value)| format!("{name:<12} {value}\n")).collect()
 }
 
 fn describe_scene(args: &InfoArgs) -> Result<String> {

@@ -2,6 +2,7 @@
 
 use crate::film::PixelRect;
 use crate::memory::Limit;
+use std::ops::Range;
 use std::time::Duration;
 
 /// Parses `90`, `90s`, `1.5m` or `2h`.
@@ -61,6 +62,15 @@ pub fn rect(text: &str) -> Result<PixelRect, String> {
     }
 }
 
+/// Parses `A..B`, from A up to but not including B.
+pub fn range(text: &str) -> Result<Range<u64>, String> {
+    let parsed =
+        text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
+    parsed.filter(|range: &Range<u64>| !range.is_empty()).ok_or_else(|| {
+        "expected A..B, two whole numbers of which the first is less: 0..64 are the first 64 samples".into()
+    })
+}
+
 /// Parses a positive number.
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -93,6 +103,14 @@ mod tests {
         }
         for bad in ["", "G", "0", "-1M", "nan", "4X", "inf", "1e9T"] {
             assert!(memory(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn ranges_hold_something() {
+        assert_eq!(range("64..128"), Ok(64..128));
+        for bad in ["", "..", "5", "4..4", "5..4", "-1..4", "0..=4", "1...4"] {
+            assert!(range(bad).is_err(), "{bad}");
         }
     }
 

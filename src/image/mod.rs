@@ -36,7 +36,7 @@ pub use read::{
     read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_bytes_within,
     read_texture_with, read_texture_within, read_with,
 };
-pub use replace::{check_replaceable, replace};
+pub use replace::{check_replaceable, replace, replace_with};
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};
 pub use write::{

@@ -4,22 +4,25 @@
 //! about it say; compiled for a traversal it is a [`Session`], which makes any number of [`Plan`]s (an integrator, a
 //! sampler, stop rules) into renders.
 
+pub mod checkpoint;
 pub mod hash;
 mod memory;
+mod picture;
 mod plan;
 
+pub use hash::Origin;
 pub use memory::RenderMemory;
+pub use picture::Picture;
 pub use plan::{Choices, Plan};
 
 use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
-use crate::image::{Image, Metadata, Value};
-use crate::integrator::preparation::CacheFile;
+use crate::image::Image;
 use crate::integrator::{self, Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
-use crate::render::{self, Job, Progress, Rendered, output};
+use crate::render::{self, Job, Keeper, Progress, Rendered, State};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile_within};
@@ -113,10 +116,10 @@ impl SceneFile {
         })
     }
 
-    /// A file for what integrators compute beforehand, which belongs to this scene and, in part, to the view of it.
-    pub fn cache(&mut self, path: PathBuf) -> CacheFile {
+    /// What renders of it belong to.
+    pub fn origin(&mut self) -> Origin {
         let view = hash::of(format_args!("{:?}", self.description.sensors[self.sensor]));
-        CacheFile { path, scene: hash::scene(&mut self.description), view }
+        Origin { scene: hash::scene(&mut self.description), view }
     }
 
     /// Compiles the scene for a traversal, with so many threads.
@@ -189,6 +192,21 @@ impl Session {
     /// # Errors
     /// If the threads cannot be started, the integrator cannot prepare, or there is too little memory.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
+        self.render_on(plan, progress, None, None)
+    }
+
+    /// As [`render`](Self::render), going on from the state of an earlier render, if there is one, and with somebody who
+    /// keeps the states of this one.
+    ///
+    /// # Errors
+    /// As those of [`render`](Self::render).
+    pub fn render_on(
+        &self,
+        plan: &Plan,
+        progress: &Progress,
+        begin: Option<State>,
+        keeper: Option<Keeper<'_>>,
+    ) -> Result<Rendered> {
         let _reserved = self.reserve(plan)?;
         let mut integrator = integrator::create(&plan.integrator);
         let pool = render::thread_pool(self.threads)?;
@@ -209,31 +227,16 @@ impl Session {
         settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
         let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)
             .with_adaptive(plan.adaptive)
+            .with_first(plan.first)
+            .with_begin(begin)
+            .with_keeper(keeper)
             .run_with(pool);
         Ok(Rendered { prepared, facts: integrator.facts(), ..rendered })
     }
 
     /// The image of a render, with layers and metadata.
     pub fn image(&self, plan: &Plan, rendered: &Rendered) -> Image {
-        let samples = i32::try_from(rendered.samples_per_pixel).unwrap_or(i32::MAX);
-        let mut metadata = Metadata::new()
-            .with("Software", Value::Text(format!("Buffon {}", env!("CARGO_PKG_VERSION"))))
-            .with("samplesPerPixel", Value::Int(samples))
-            .with("renderTimeSeconds", Value::Float((rendered.prepared + rendered.elapsed).as_secs_f32()))
-            .with("buffon:seed", Value::Text(plan.job.seed.to_string()))
-            .with("buffon:integrator", Value::Text(plan.integrator.name().into()))
-            .with("buffon:stop", Value::Text(rendered.stop_reason.to_string()));
-        if let Some(relmse) = rendered.relmse {
-            metadata.set("buffon:relmse", Value::Float(relmse as f32));
-        }
-        if let Some([low, high]) = rendered.relmse_interval {
-            metadata.set("buffon:relmse_low", Value::Float(low as f32));
-            metadata.set("buffon:relmse_high", Value::Float(high as f32));
-        }
-        for (name, value) in output::camera_metadata(self.camera()) {
-            metadata.set(name, value);
-        }
-        output::to_image(rendered, self.camera().film.pixel_format, metadata)
+        self.picture(plan).image(rendered)
     }
 }
 
