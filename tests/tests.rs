@@ -26,6 +26,7 @@ mod loader_errors;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;
+mod memory;
 mod mesh_robustness;
 mod meshes;
 mod mistakes;

@@ -10,6 +10,7 @@ use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
 use crate::loader::LoadOptions;
+use crate::memory::Limit;
 use crate::render::{Keeper, Progress, Rendered, State, StopReason, StopRules};
 use crate::sampling::SamplerKind;
 use crate::session::{Choices, Origin, Plan, SceneChoices, SceneFile, Session, default_threads};
@@ -94,6 +95,9 @@ pub struct RenderArgs {
     /// Threads; they change the speed, never the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
+    pub memory_limit: Option<Limit>,
     /// Which sensor of the scene, from 0
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub sensor: usize,
@@ -137,6 +141,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     let (session, origin, mut seconds) = open(args)?;
     let plan = session.plan(&choices(args, origin))?;
+    session.check_output(&plan, &target)?;
     let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
     let advice = plan.job.sampler.kind().advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
@@ -200,7 +205,11 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
 /// Loads and compiles the scene, saying what there is to say about it.
 fn open(args: &RenderArgs) -> Result<(Session, Option<Origin>, Seconds)> {
     let choices = SceneChoices {
-        load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+        load: LoadOptions {
+            defines: args.define.clone(),
+            search_paths: args.search_path.clone(),
+            memory: args.memory_limit.unwrap_or_default(),
+        },
         sensor: args.sensor,
         size: args.size,
         crop: args.crop,

@@ -1,6 +1,7 @@
 //! Values of options: durations, sizes, rectangles, definitions.
 
 use crate::film::PixelRect;
+use crate::memory::Limit;
 use std::ops::Range;
 use std::time::Duration;
 
@@ -23,6 +24,20 @@ pub fn definition(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((name, value)) if !name.is_empty() => Ok((name.to_string(), value.to_string())),
         _ => Err("expected name=value".into()),
+    }
+}
+
+/// Parses a number of bytes: `4G`, `512M`, `1.5GiB`, `65536`; units are powers of 1024.
+pub fn memory(text: &str) -> Result<Limit, String> {
+    let upper = text.to_ascii_uppercase();
+    let number = upper.trim_end_matches("IB").trim_end_matches('B');
+    let (number, factor) = match number.strip_suffix(['K', 'M', 'G', 'T']) {
+        Some(rest) => (rest, 1u64 << (10 * (1 + "KMGT".find(&number[rest.len()..]).unwrap_or(0)))),
+        None => (number, 1),
+    };
+    match number.trim_end().parse::<f64>() {
+        Ok(n) if n > 0.0 && n * (factor as f64) < 1e18 => Ok(Limit::Bytes((n * factor as f64) as u64)),
+        _ => Err("expected an amount of memory such as 4G, 512M or 1.5G".into()),
     }
 }
 
@@ -76,6 +91,18 @@ mod tests {
         assert_eq!(duration("2h"), Ok(Duration::from_secs(7200)));
         for bad in ["", "s", "-1", "0", "nan", "inf", "1d", "1mm", "1e30h"] {
             assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn amounts_of_memory_have_units() {
+        for (text, bytes) in
+            [("65536", 65536), ("4G", 4 << 30), ("1.5GiB", 3 << 29), ("512MB", 512 << 20), ("2k", 2048)]
+        {
+            assert_eq!(memory(text), Ok(Limit::Bytes(bytes)), "{text}");
+        }
+        for bad in ["", "G", "0", "-1M", "nan", "4X", "inf", "1e9T"] {
+            assert!(memory(bad).is_err(), "{bad}");
         }
     }
 

@@ -196,6 +196,12 @@ mod tests {
     }
 
     #[test]
+    fn a_tile_takes_what_was_planned() {
+        let tile = Tile::new(PixelRect { x: 3, y: 4, width: 16, height: 5 }, 7);
+        assert_eq!(tile.memory_bytes(), 80 * Tile::bytes_per_pixel(7));
+    }
+
+    #[test]
     fn two_to_the_24_samples_do_not_stall() {
         let mut tile = pixel();
         for i in 0..(1usize << 24) + 1000 {

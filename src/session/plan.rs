@@ -57,7 +57,8 @@ impl Session {
     /// The settings of a render.
     ///
     /// # Errors
-    /// If there is no such integrator or layer, a layer is there twice, or the integrator cannot sample adaptively.
+    /// If there is no such integrator or layer, a layer is there twice, the integrator cannot sample adaptively, or there is too
+    /// little memory for the image.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
         let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
@@ -99,7 +100,9 @@ impl Session {
             )));
         }
         let cache = choices.cache.clone();
-        Ok(Plan { integrator, job, adaptive: choices.adaptive, cache, first, target })
+        let plan = Plan { integrator, job, adaptive: choices.adaptive, cache, first, target };
+        drop(self.reserve(&plan)?);
+        Ok(plan)
     }
 }
 
