@@ -8,6 +8,7 @@ pub mod info;
 pub mod info_image;
 pub mod lab;
 pub mod merge;
+mod photon_notes;
 pub mod progress;
 pub mod regress;
 pub mod render;

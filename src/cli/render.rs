@@ -1,6 +1,7 @@
 //! `buffon render`: a scene in, an image out.
 
 use super::checkpoint::Checkpointing;
+use super::photon_notes::photon_notes;
 use super::progress::{ProgressKind, Watcher};
 use super::stats::{Account, Seconds};
 use super::values;
@@ -172,6 +173,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     if !args.quiet {
         eprintln!("{}", summary(&target, &rendered));
+        photon_notes(&rendered.facts).iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     warn_of_values(args, &target, &rendered, report.clamped_half)?;
     rendered.kept.map(|()| code)

@@ -1,26 +1,57 @@
-//! Which share of a disc around a surface point the surface fills.
+//! Which share of a disc around a surface point the surface fills, as far as it is seen from there.
 //!
-//! Density estimation takes a disc for full. At the edge of a surface half of it is empty, so that the estimate is
-//! half of what it should be. Rays that go down to the disc along the normal say how much is there, whatever light
-//! falls on it, so that the border of a shadow is not taken for the border of a surface. What stands on a
-//! surface which goes on below is not seen so: there the estimate stays too dark.
+//! Density estimation takes a disc for full and all of its photons for those of one room. At the edge of a surface half of the disc
+//! is empty, so that the estimate is half of what it should be; behind a wall that stands on the surface lies light of another room.
+//! Rays from a point above the disc's middle to points all over it say how much of it is there and seen, whatever light
+//! falls on it, so that the border of a shadow is not taken for the border of a surface. Where some of them do not find
+//! it, photons count only if they, too, are seen from there: what stands on the surface and is higher than a third of
+//! the disc's radius keeps light apart.
 
-use super::density::{COMPATIBLE, FLATNESS, Irradiance, Place};
+use super::PhotonMap;
+use super::density::{COMPATIBLE, DensityEstimator, FLATNESS, Irradiance, Place, Sides};
+use super::kdtree::Nearest;
 use super::kernel::Kernel;
 use crate::accel::{Coherence, Hit};
+use crate::color::Rgb;
 use crate::integrator::worker::{Counters, intersect};
-use crate::math::{Frame, Ray, Vec3};
+use crate::math::{Frame, LANES, Ray, RayX16, Vec3};
 use crate::sampling::hash::{mix, to_unit};
 use crate::scene::Scene;
 use std::sync::{Mutex, PoisonError};
 
-/// Rays for a disc.
+/// Rays that find out whether a disc is full and free.
 const RAYS: usize = 32;
+/// Rays for a disc that is not.
+const MORE_RAYS: usize = 64;
+/// Where a ray to the middle of a disc must have come, of its way, to have met the disc's surface.
+const NEARLY: f32 = 0.9;
+/// Where less of a disc is seen, nothing is said about it.
+const LEAST_SHARE: f32 = 1.0 / 16.0;
 
 /// Corrects irradiance at the boundaries of surfaces.
 pub struct Boundary<'a> {
     scene: &'a Scene,
     counters: Mutex<Counters>,
+}
+
+/// What is known of a disc.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Disc {
+    /// All of it is seen from its middle.
+    Free,
+    /// Something stands on it, or it is not full.
+    Obstructed,
+    /// Too little is seen of it to say anything.
+    Unknown,
+}
+
+/// What rays to a disc have found.
+#[derive(Clone, Copy)]
+struct Tally {
+    /// How many have met the surface.
+    filled: usize,
+    /// Whether the one to the middle has not met it.
+    hidden: bool,
 }
 
 impl<'a> Boundary<'a> {
@@ -29,30 +60,51 @@ impl<'a> Boundary<'a> {
         Boundary { scene, counters: Mutex::default() }
     }
 
-    /// Divides each estimate by the share of its disc, weighted by the kernel, that the surface fills; by 1/8 where it is less.
-    pub fn correct(&self, places: &[Place], kernel: Kernel, estimates: &mut [Irradiance]) {
-        let mut rays = Vec::with_capacity(RAYS * places.len());
-        for (i, (at, estimate)) in places.iter().zip(&*estimates).enumerate() {
-            rays.extend((0..RAYS).map(|k| ray_to_disc(at, estimate.radius, kernel, i as u32, k)));
+    /// Divides each estimate by the share of its disc, weighted by the kernel, that the surface fills and that is seen; leaves out
+    /// the photons that are not. Returns what is known of the discs.
+    pub fn correct(
+        &self,
+        map: &PhotonMap,
+        estimator: &DensityEstimator,
+        places: &[(usize, Place)],
+        buffer: &mut Nearest,
+        estimates: &mut [Irradiance],
+    ) -> Vec<Disc> {
+        let mut tracer = Tracer::new(self.scene);
+        // Photons at one point have a disc without extent.
+        let radius = |estimate: &Irradiance| match estimate.radius {
+            0.0 => estimator.lookup_radius,
+            radius => radius,
+        };
+        for (&(slot, at), estimate) in places.iter().zip(&*estimates) {
+            tracer.aim(at, radius(estimate), Apex::High, estimator.kernel, slot as u32, RAYS);
         }
-        let (mut hits, mut counters) = (Vec::new(), Counters::default());
-        intersect(self.scene, &rays, Coherence::Incoherent, &mut hits, &mut counters);
-        for (i, (at, estimate)) in places.iter().zip(estimates).enumerate() {
-            let own = RAYS * i..RAYS * (i + 1);
-            let filled =
-                rays[own.clone()].iter().zip(&hits[own]).filter(|(ray, hit)| self.meets(at, ray, hit));
-            let share = (filled.count() as f32 / RAYS as f32).max(0.125);
-            estimate.value = estimate.value / share;
-        }
-        self.counters.lock().unwrap_or_else(PoisonError::into_inner).merge(&counters);
-    }
-
-    /// Whether a ray has met the surface that the place belongs to.
-    fn meets(&self, at: &Place, ray: &Ray, hit: &Option<Hit>) -> bool {
-        hit.is_some_and(|hit| {
-            let cosine = self.scene.interaction(ray, &hit).ng.dot(at.n);
-            cosine * cosine > COMPATIBLE
-        })
+        tracer.trace();
+        let tallies: Vec<Tally> =
+            places.iter().enumerate().map(|(i, (_, at))| tracer.tally(at, i * RAYS, RAYS)).collect();
+        let discs = places.iter().zip(estimates).zip(tallies).map(|((&(slot, at), estimate), tally)| {
+            if estimate.radius == 0.0 {
+                return Disc::Unknown;
+            }
+            if tally.filled == RAYS && !tally.hidden {
+                return Disc::Free;
+            }
+            let apex = if tally.hidden { Apex::Low } else { Apex::High };
+            tracer.rays.clear();
+            tracer.aim(at, estimate.radius, apex, estimator.kernel, slot as u32, MORE_RAYS);
+            tracer.trace();
+            let tally = tracer.tally(&at, 0, MORE_RAYS);
+            let share = tally.filled as f32 / MORE_RAYS as f32;
+            if tally.hidden || share < LEAST_SHARE {
+                return Disc::Unknown;
+            }
+            let apex = apex.above(at, estimate.radius);
+            estimate.value = tracer.seen(map, estimator, (slot, at), apex, buffer) / share;
+            Disc::Obstructed
+        });
+        let discs = discs.collect();
+        self.counters.lock().unwrap_or_else(PoisonError::into_inner).merge(&tracer.counters);
+        discs
     }
 
     /// The rays that were traced.
@@ -61,14 +113,111 @@ impl<'a> Boundary<'a> {
     }
 }
 
-/// The `k`-th ray along the normal through the flat ellipsoid of a disc; its points are spread as the kernel's weight is.
-fn ray_to_disc(at: &Place, radius: f32, kernel: Kernel, disc: u32, k: usize) -> Ray {
-    let u = (k as f32 + 0.5) / RAYS as f32;
-    // A sunflower's spiral, turned for each disc.
-    let turn = k as f32 * 0.618_034 + to_unit(mix(disc));
-    let (sin, cos) = (std::f32::consts::TAU * turn.fract()).sin_cos();
-    let d = kernel.quantile(u);
-    let height = radius / FLATNESS * (1.0 - d * d).max(0.0).sqrt();
-    let beside = Frame::from_normal(at.n).to_world(Vec3::new(cos, sin, 0.0) * d * radius);
-    Ray { o: at.p + beside + at.n * height, d: -at.n, t_max: 2.0 * height, time: 0.0 }
+/// The point above a disc's middle that looks at it.
+#[derive(Clone, Copy)]
+enum Apex {
+    /// As high as the flat ellipsoid of the disc.
+    High,
+    /// Where something hangs lower than that.
+    Low,
+}
+
+impl Apex {
+    fn above(self, at: Place, radius: f32) -> Vec3 {
+        let share = match self {
+            Apex::High => 1.0,
+            Apex::Low => 0.125,
+        };
+        at.p + at.n * (share * radius / FLATNESS)
+    }
+}
+
+/// Rays, and what they have met.
+struct Tracer<'a> {
+    scene: &'a Scene,
+    rays: Vec<Ray>,
+    hits: Vec<Option<Hit>>,
+    /// Geometric normals where they have met something.
+    normals: Vec<Vec3>,
+    counters: Counters,
+}
+
+impl<'a> Tracer<'a> {
+    fn new(scene: &'a Scene) -> Self {
+        let counters = Counters::default();
+        Tracer { scene, rays: Vec::new(), hits: Vec::new(), normals: Vec::new(), counters }
+    }
+
+    /// Adds rays to the disc, the first to its middle.
+    fn aim(&mut self, at: Place, radius: f32, apex: Apex, kernel: Kernel, disc: u32, count: usize) {
+        let o = apex.above(at, radius);
+        let frame = Frame::from_normal(at.n);
+        let turn = to_unit(mix(disc));
+        self.rays.extend((0..count).map(|k| {
+            // A sunflower's spiral, turned for each disc; its points are spread as the kernel's weight is.
+            let (sin, cos) = (std::f32::consts::TAU * (k as f32 * 0.618_034 + turn).fract()).sin_cos();
+            let d = if k == 0 { 0.0 } else { kernel.quantile((k as f32 + 0.5) / count as f32) };
+            let depth = radius / FLATNESS * (1.0 - d * d).max(0.0).sqrt();
+            let to = at.p + frame.to_world(Vec3::new(cos, sin, 0.0)) * (d * radius);
+            // On to where the ray leaves the ellipsoid below, about.
+            let height = (o - at.p).dot(at.n);
+            Ray { o, d: to - o, t_max: 1.0 + depth / height, time: 0.0 }
+        }));
+    }
+
+    fn trace(&mut self) {
+        let Tracer { scene, rays, hits, normals, counters } = self;
+        intersect(scene, rays, Coherence::Incoherent, hits, counters);
+        normals.clear();
+        for first in (0..rays.len()).step_by(LANES) {
+            let hits = &hits[first..rays.len().min(first + LANES)];
+            let Some(any) = hits.iter().flatten().next() else {
+                normals.extend(hits.iter().map(|_| Vec3::ZERO));
+                continue;
+            };
+            let hit = |i: usize| hits.get(i).copied().flatten().unwrap_or(*any);
+            let at = scene.interactions(&RayX16::load(rays, first), &std::array::from_fn(hit));
+            normals.extend((0..hits.len()).map(|i| at.ng.lane(i)));
+        }
+    }
+
+    fn tally(&self, at: &Place, first: usize, count: usize) -> Tally {
+        let meets = |i: usize| self.meets(at, i) == Some(true);
+        // What is met on the way down is another surface, though it may be parallel.
+        let hidden = !meets(first) || self.hits[first].is_none_or(|hit| hit.t < NEARLY);
+        Tally { filled: (first..first + count).filter(|&i| meets(i)).count(), hidden }
+    }
+
+    /// Whether a ray has met the surface that the place belongs to; `None` where it has met nothing.
+    fn meets(&self, at: &Place, i: usize) -> Option<bool> {
+        self.hits[i]?;
+        let ng = self.normals[i];
+        let cosine = ng.dot(at.n);
+        Some(cosine * cosine > COMPATIBLE && cosine * ng.dot(self.rays[i].d) < 0.0)
+    }
+
+    /// Irradiance by the photons that are seen from a point above.
+    fn seen(
+        &mut self,
+        map: &PhotonMap,
+        estimator: &DensityEstimator,
+        (slot, at): (usize, Place),
+        o: Vec3,
+        buffer: &mut Nearest,
+    ) -> Rgb {
+        self.rays.clear();
+        let mut powers = Vec::with_capacity(estimator.lookup_size);
+        let other = |photon: usize| photon != slot;
+        estimator.gather(map, at, Sides::Front, other, buffer, |slot, weight| {
+            let photon = map.photon(slot);
+            let d = photon.position() - o;
+            if d.dot(photon.normal()) < 0.0 {
+                self.rays.push(Ray { o, d, t_max: 1.0, time: 0.0 });
+                powers.push(photon.power() * weight);
+            }
+        });
+        self.trace();
+        let seen = (0..powers.len()).filter(|&i| self.meets(&at, i) != Some(false));
+        seen.fold(Rgb::BLACK, |sum, i| sum + powers[i])
+    }
 }

@@ -3,14 +3,14 @@
 //! The nearest k photons are searched for among those that belong to the surface: their normal is within 60 degrees
 //! of the point's, on the side that is asked for, and distances along the normal count three times. So light does not
 //! leak around corners or to the other side of a thin wall, and from a parallel surface only where that is nearer than a third of
-//! the radius. It does leak along a surface that goes on behind a wall which stands on it. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
+//! the radius. It does leak along a surface that goes on behind a wall which stands on it, but for where [`boundary`](super::boundary) looks. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
 //! estimate is then unbiased for every kernel, and where fewer than k lie within the lookup radius, too. (The squared radius
 //! around k photons of a Poisson process has the mean of its reciprocal with k − 1, not with k.)
 //!
 //! What is biased:
 //! - Light is blurred over the disc: by its curvature, where it is smooth, by half of the step at the border of a shadow.
 //! - Where the surface ends within the disc, what lies beyond counts as dark: an edge is too dark by half, a corner
-//!   by three quarters. [`boundary`](super::boundary) corrects this where irradiance is computed beforehand.
+//!   by three quarters. [`boundary`](super::boundary) corrects this, too, where irradiance is computed beforehand.
 //! - On a sphere of radius R the estimate is low by 2 (r / R)², as the ellipsoid's section with it is larger or smaller
 //!   than the disc of the radius r: by half a percent at r = R / 20.
 //! - Photons at the same point have no density; k of them count as none.
@@ -18,7 +18,6 @@
 use super::PhotonMap;
 use super::kdtree::{Disc, Nearest};
 use super::kernel::Kernel;
-use super::photon::Arrival;
 use crate::color::Rgb;
 use crate::math::Vec3;
 
@@ -70,9 +69,30 @@ pub struct Irradiance {
 impl DensityEstimator {
     /// Irradiance at a place, for light that arrives at its side.
     pub fn irradiance(&self, map: &PhotonMap, at: Place, buffer: &mut Nearest) -> Irradiance {
+        self.irradiance_by(map, at, |_| true, buffer)
+    }
+
+    /// Irradiance at the place of a photon. It does not count itself: it is there by choice, not by chance.
+    pub fn irradiance_at_photon(
+        &self,
+        map: &PhotonMap,
+        slot: usize,
+        at: Place,
+        buffer: &mut Nearest,
+    ) -> Irradiance {
+        self.irradiance_by(map, at, |other| other != slot, buffer)
+    }
+
+    fn irradiance_by(
+        &self,
+        map: &PhotonMap,
+        at: Place,
+        accept: impl Fn(usize) -> bool,
+        buffer: &mut Nearest,
+    ) -> Irradiance {
         let mut value = Rgb::BLACK;
-        let (photons, radius) = self.gather(map, at, Sides::Front, buffer, |arrival, weight| {
-            value += arrival.power() * weight;
+        let (photons, radius) = self.gather(map, at, Sides::Front, accept, buffer, |slot, weight| {
+            value += map.arrival(slot).power() * weight;
         });
         Irradiance { value, photons, radius }
     }
@@ -89,28 +109,37 @@ impl DensityEstimator {
         mut f: impl FnMut(Vec3) -> Rgb,
     ) -> Rgb {
         let mut value = Rgb::BLACK;
-        self.gather(map, at, sides, buffer, |arrival, weight| {
-            value += f(arrival.wi()) * arrival.power() * weight;
-        });
+        self.gather(
+            map,
+            at,
+            sides,
+            |_| true,
+            buffer,
+            |slot, weight| {
+                let arrival = map.arrival(slot);
+                value += f(arrival.wi()) * arrival.power() * weight;
+            },
+        );
         value
     }
 
-    /// Hands `add` the photons around a place with their weights: power times weight is a part of the density, m⁻².
-    /// Returns how many photons there are, and the disc's radius.
+    /// Hands `add` the slots of the photons around a place, of those that `accept` takes, with their weights: power times
+    /// weight is a part of the density, m⁻². Returns how many photons there are, and the disc's radius.
     #[inline]
-    fn gather(
+    pub(super) fn gather(
         &self,
         map: &PhotonMap,
         at: Place,
         sides: Sides,
+        accept: impl Fn(usize) -> bool,
         buffer: &mut Nearest,
-        mut add: impl FnMut(Arrival, f32),
+        mut add: impl FnMut(usize, f32),
     ) -> (usize, f32) {
         let metric = Disc { normal: at.n, flatness: FLATNESS };
         let bound = self.lookup_radius * self.lookup_radius;
         let belongs = |slot: usize| {
             let cosine = map.arrival(slot).signed_squared_cosine(at.n);
-            cosine > COMPATIBLE || (sides == Sides::Both && cosine < -COMPATIBLE)
+            (cosine > COMPATIBLE || (sides == Sides::Both && cosine < -COMPATIBLE)) && accept(slot)
         };
         let found = map.tree().nearest(at.p, self.lookup_size, bound, metric, belongs, buffer);
         let farthest = found.iter().max().copied();
@@ -123,7 +152,7 @@ impl DensityEstimator {
         let scale = 1.0 / (std::f32::consts::PI * squared * map.emitted() as f32);
         for neighbour in found.iter().filter(|&&n| Some(n) != rim) {
             let weight = self.kernel.weight(neighbour.distance_squared() / squared);
-            add(map.arrival(neighbour.slot()), weight * scale);
+            add(neighbour.slot(), weight * scale);
         }
         (found.len() - usize::from(rim.is_some()), squared.sqrt())
     }

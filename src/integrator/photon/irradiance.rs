@@ -2,12 +2,12 @@
 //! instead of estimating a density at every ray's end. [Christensen 1999]
 
 use super::PhotonMap;
-use super::boundary::Boundary;
+use super::boundary::{self, Boundary};
 use super::density::{COMPATIBLE, DensityEstimator, FLATNESS, Irradiance, Place};
 use super::kdtree::{Built, Disc, KdTree, Nearest};
 use super::photon::PackedRgb;
 use crate::color::Rgb;
-use crate::math::octahedral::{encode_octahedral, signed_squared_cosine};
+use crate::math::octahedral::{decode_octahedral, encode_octahedral, signed_squared_cosine};
 use rayon::prelude::*;
 
 /// Irradiance at points of surfaces: 24.5 bytes each.
@@ -23,8 +23,13 @@ pub struct IrradianceMap {
 pub struct Known {
     /// W·m⁻².
     pub value: Rgb,
-    /// The radius of the disc that it was estimated over, scene units.
+    /// The radius of the disc that it was estimated over, scene units; infinite where it is not to be used, for
+    /// the disc was not seen well enough.
     pub radius: f32,
+    /// Where it was estimated.
+    pub at: Place,
+    /// Whether the whole disc is known to be seen from its middle, and the place that was asked about is not below it.
+    pub free: bool,
 }
 
 /// Irradiance on the side of a normal.
@@ -32,10 +37,12 @@ pub struct Known {
 struct Value {
     irradiance: PackedRgb,
     normal: u16,
-    /// The radius of the disc, over the lookup radius.
+    /// The radius of the disc, over the lookup radius; negative where something stands on the disc.
     share: half::f16,
 }
 
+/// How far below a disc a place may be, over the distance from its middle: as far as surfaces that bend go.
+const BELOW: f32 = 0.03;
 /// Points that one task computes irradiance at.
 const TASK: usize = 256;
 
@@ -48,28 +55,37 @@ impl IrradianceMap {
         every: usize,
         boundary: Option<&Boundary<'_>>,
     ) -> Self {
-        let places: Vec<Place> = (0..map.len())
-            .step_by(every.max(1))
-            .map(|slot| map.photon(slot))
-            .map(|photon| Place { p: photon.position(), n: photon.normal() })
-            .collect();
-        let estimate = |places: &[Place]| {
-            let mut buffer = Nearest::default();
-            let mut estimates: Vec<Irradiance> =
-                places.iter().map(|&at| estimator.irradiance(map, at, &mut buffer)).collect();
-            if let Some(boundary) = boundary {
-                boundary.correct(places, estimator.kernel, &mut estimates);
-            }
-            estimates
+        let place = |slot: usize| {
+            let photon = map.photon(slot);
+            (slot, Place { p: photon.position(), n: photon.normal() })
         };
-        let values: Vec<Irradiance> = places.par_chunks(TASK).flat_map_iter(estimate).collect();
-        let Built { tree, order } = KdTree::build(places.len(), |i| places[i].p);
+        let places: Vec<(usize, Place)> = (0..map.len()).step_by(every.max(1)).map(place).collect();
+        let estimate = |places: &[(usize, Place)]| {
+            let mut buffer = Nearest::default();
+            let mut estimates: Vec<Irradiance> = places
+                .iter()
+                .map(|&(slot, at)| estimator.irradiance_at_photon(map, slot, at, &mut buffer))
+                .collect();
+            let discs = match boundary {
+                Some(boundary) => boundary.correct(map, estimator, places, &mut buffer, &mut estimates),
+                None => vec![boundary::Disc::Free; places.len()],
+            };
+            estimates.into_iter().zip(discs)
+        };
+        let values: Vec<(Irradiance, boundary::Disc)> =
+            places.par_chunks(TASK).flat_map_iter(estimate).collect();
+        let Built { tree, order } = KdTree::build(places.len(), |i| places[i].1.p);
         let value = |&i: &u32| {
-            let i = i as usize;
+            let (estimate, disc) = values[i as usize];
+            let share = estimate.radius / estimator.lookup_radius;
             Value {
-                irradiance: PackedRgb::new(values[i].value),
-                normal: encode_octahedral(places[i].n),
-                share: half::f16::from_f32(values[i].radius / estimator.lookup_radius),
+                irradiance: PackedRgb::new(estimate.value),
+                normal: encode_octahedral(places[i as usize].1.n),
+                share: half::f16::from_f32(match disc {
+                    boundary::Disc::Free => share,
+                    boundary::Disc::Obstructed => -share,
+                    boundary::Disc::Unknown => f32::INFINITY,
+                }),
             }
         };
         let lookup_radius = estimator.lookup_radius;
@@ -85,7 +101,13 @@ impl IrradianceMap {
         let bound = self.lookup_radius * self.lookup_radius;
         let nearest = self.tree.nearest_one(at.p, bound, metric, belongs)?;
         let value = &self.values[nearest.slot()];
-        Some(Known { value: value.irradiance.get(), radius: value.share.to_f32() * self.lookup_radius })
+        let (share, distance) = (value.share.to_f32(), nearest.distance_squared().sqrt());
+        let radius = share.abs() * self.lookup_radius;
+        let found = Place { p: self.tree.point(nearest.slot()), n: decode_octahedral(value.normal) };
+        let free = share.is_sign_positive()
+            && distance < radius
+            && (at.p - found.p).dot(found.n) > -BELOW * distance;
+        Some(Known { value: value.irradiance.get(), radius, at: found, free })
     }
 
     /// How many points there are.

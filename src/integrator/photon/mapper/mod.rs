@@ -6,7 +6,8 @@
 //! A camera path follows mirrors, glass and glossy lobes to the first surface with a diffuse part. Direct light there is
 //! sampled; caustics are the density of the caustic map; all other light is gathered by rays over the hemisphere, each of which
 //! ends where it meets a diffuse part, at the irradiance of the nearest point that knows it. Where it meets none it goes
-//! on. Rays that meet a surface closer than that point's disc is wide go on as a path, too, or corners would show blotches.
+//! on. Rays that meet a surface closer than that point's disc is wide go on as a path, too, or corners would show blotches;
+//! and those that see no such point, for light does not pass walls.
 //!
 //! It is biased: what gathering rays find is blurred over the discs of the global map and ends at `max_depth` counted from there,
 //! so that paths by way of mirrors may be longer by the mirrored edges; caustics are blurred over the discs of the

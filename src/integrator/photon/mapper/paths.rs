@@ -14,14 +14,17 @@ use crate::integrator::photon::kdtree::Nearest;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
-use crate::math::Vec3;
 use crate::math::lanes::{LANES, bits, f32x16, load};
+use crate::math::{Ray, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use bumpalo::Bump;
 
 /// A direction that is drawn with a density above this, sr⁻¹, shows what it meets: photons are not looked up there.
 const SHARP: f32 = 4.0;
+
+/// How far a ray to where irradiance is known goes, of the way: what it ends at is not in its way.
+const SHORT: f32 = 0.996;
 
 /// What lies between the camera and a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,6 +65,8 @@ struct Shaded<'a> {
     /// Lanes that are done are not active; of those that photons were looked up at only the rest of the BSDF is left.
     block: Block<'a>,
     branching: [Branching; LANES],
+    /// Rays that were traced to where irradiance is known.
+    sights: u64,
 }
 
 impl Shaded<'_> {
@@ -139,6 +144,7 @@ impl<'a> Paths<'a> {
             .into_iter()
             .map(|block| self.look_up(edges, block, &legs, &parents, &arena, out))
             .collect();
+        worker.counters.occlusion_rays += shaded.iter().map(|s| s.sights).sum::<u64>();
         if self.query.indirect {
             for shaded in &shaded {
                 self.add_caustics(&shaded.block, &parents, &mut buffer, out);
@@ -212,6 +218,7 @@ impl<'a> Paths<'a> {
         arena: &'b Bump,
         out: &mut [Radiance],
     ) -> Shaded<'b> {
+        let mut sights = 0;
         let mut branching = [Branching::Single; LANES];
         for i in bits(block.active) {
             let (j, wo) = (block.first + i, block.wo.lane(i));
@@ -222,7 +229,8 @@ impl<'a> Paths<'a> {
             let Split { diffuse, rest } = block.bsdfs[i].split(wo, arena);
             match diffuse {
                 Some(diffuse) if leg.gathers => {
-                    let Some(light) = self.known(&block, i, diffuse, paths.slots[j], edges) else { continue };
+                    let known = self.known(&block, i, diffuse, paths.slots[j], edges, &mut sights);
+                    let Some(light) = known else { continue };
                     out[paths.slots[j] as usize].value += paths.beta(j) * light;
                     match rest {
                         Some(rest) => block.bsdfs[i] = rest,
@@ -236,23 +244,42 @@ impl<'a> Paths<'a> {
         }
         let finite = bits(block.active).filter(|&i| !block.bsdfs[i].is_specular());
         block.finite = finite.fold(0, |set, i| set | 1 << i);
-        Shaded { block, branching }
+        Shaded { block, branching, sights }
     }
 
     /// The light that a diffuse part is known to send along the ray; `None` where the path should go on, because it has met
-    /// a surface within the width of a disc of photons.
-    fn known(&self, block: &Block<'_>, i: usize, diffuse: &Bsdf<'_>, slot: u32, edges: u32) -> Option<Rgb> {
+    /// a surface within the width of a disc of photons, or one whose light is not known, or is known only beyond a wall.
+    fn known(
+        &self,
+        block: &Block<'_>,
+        i: usize,
+        diffuse: &Bsdf<'_>,
+        slot: u32,
+        edges: u32,
+        sights: &mut u64,
+    ) -> Option<Rgb> {
         let factor = diffuse.radiance_per_irradiance(block.wo.lane(i));
         let irradiance = self.maps(slot).irradiance.as_ref();
         if factor.is_black() || irradiance.is_none() || !self.allows(edges + 1) {
             return Some(Rgb::BLACK);
         }
-        let found = irradiance?.nearest(place(block, i));
-        let near = found.is_some_and(|found| {
-            let ray = block.rays.d.lane(i).length() * block.at.hit[i].t;
-            ray < found.radius
-        });
-        (!near).then(|| found.map_or(Rgb::BLACK, |found| factor * found.value))
+        let at = place(block, i);
+        let found = irradiance?.nearest(at)?;
+        let d = block.rays.d.lane(i);
+        let length = d.length();
+        if length * block.at.hit[i].t < found.radius {
+            return None;
+        }
+        let seen = found.free || {
+            // From a point of the ray, which is seen from the place.
+            let o = at.p - d * (at.p.distance(found.at.p) / length).min(block.at.hit[i].t);
+            let (d, time) = (found.at.p - o, block.rays.time.as_array()[i]);
+            d.dot(found.at.n) < 0.0 && {
+                *sights += 1;
+                !self.scene.accel.occluded(&Ray { o, d, t_max: SHORT, time })
+            }
+        };
+        seen.then(|| factor * found.value)
     }
 
     /// Adds the density of caustic photons at the points of a block.

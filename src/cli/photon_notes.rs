@@ -1,0 +1,47 @@
+//! What there is to say where light paths have left no photons.
+
+use crate::integrator::Fact;
+
+/// Light paths, the photons that they have left, and what is missing where there are none.
+const MAPS: [[&str; 3]; 3] = [
+    [
+        "global_light_paths",
+        "global_photons",
+        "no photon has landed: the picture lacks all light that surfaces scatter more than once",
+    ],
+    [
+        "caustic_light_paths",
+        "caustic_photons",
+        "no photon has landed by way of mirrors or glass: there are no caustics in the picture",
+    ],
+    [
+        "light_paths_of_a_pass",
+        "photons_of_the_last_pass",
+        "no photon of the last pass has landed after being scattered: it lacks all light but direct light",
+    ],
+];
+
+/// A sentence for each kind of photons of which paths were traced and none has landed.
+pub fn photon_notes(facts: &[Fact]) -> Vec<&'static str> {
+    let fact = |name: &str| facts.iter().find(|fact| fact.name == name).map(|fact| fact.value);
+    let missing = |[paths, photons, _]: &&[&str; 3]| {
+        fact(paths).is_some_and(|paths| paths > 0.0) && fact(photons) == Some(0.0)
+    };
+    MAPS.iter().filter(missing).map(|[.., note]| *note).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn photons_are_missed_where_paths_were_traced_for_them() {
+        let notes = |paths: f64, photons: f64| {
+            let fact = |name, value| Fact { name, value };
+            photon_notes(&[fact("caustic_light_paths", paths), fact("caustic_photons", photons)])
+        };
+        assert!(notes(0.0, 0.0).is_empty() && notes(9.0, 1.0).is_empty() && photon_notes(&[]).is_empty());
+        let missing = notes(9.0, 0.0);
+        assert!(missing.len() == 1 && missing[0].ends_with("there are no caustics in the picture"));
+    }
+}
