@@ -1,15 +1,15 @@
 //! Renders that are stopped and gone on with, or split and merged: the very pixels of a whole one.
 
-use crate::support::cli::{Folder, Run};
+use crate::support::cli::{Folder, Run, SCENE};
 use buffon::session::checkpoint::file;
 
 /// A folder with the sums of samples 0..10, 10..13 and 13..24 of the scene in `a`, `b` and `c`, and the whole render's
-/// picture in `whole.pfm`.
+/// picture in `whole.exr`.
 fn parts(options: &str) -> Folder {
     let folder = Folder::new();
-    folder.render(&format!("s.xml {options} --spp 24 -q -o whole.pfm"));
+    folder.render(&format!("s.xml {options} --spp 24 -q -o whole.exr"));
     for (name, range) in [("a", "0..10"), ("b", "10..13"), ("c", "13..24")] {
-        let part = format!("--sample-range {range} --checkpoint {name} -o {name}.pfm");
+        let part = format!("--sample-range {range} --checkpoint {name} -o {name}.exr");
         folder.render(&format!("s.xml {options} --spp 24 -q {part}"));
     }
     folder
@@ -25,6 +25,7 @@ fn merged_ranges_are_the_whole_render_in_any_order() {
         ["", "--integrator ptracer", "--sampler multijitter -t 3", "--sampler zsobol --crop 5,3,20,9"]
     {
         let folder = parts(options);
+        folder.render(&format!("s.xml {options} --spp 24 -q -o whole.pfm"));
         let whole = folder.read("whole.pfm");
         for order in ["a b c", "c a b", "b c a"] {
             let run = merge(&folder, &format!("{order} -o m.pfm -q"));
@@ -40,9 +41,13 @@ fn merged_ranges_are_the_whole_render_in_any_order() {
 
 #[test]
 fn integrators_with_caches_and_photons_are_merged_alike() {
-    for integrator in ["irrcache", "photonmapper", "sppm"] {
-        let folder = Folder::new();
-        let options = format!("s.xml --integrator {integrator} --spp 8 -q");
+    let few =
+        r#"<integer name="global_photons" value="4000"/><integer name="caustic_photons" value="2000"/>"#;
+    for (integrator, settings) in [("irrcache", ""), ("photonmapper", few), ("sppm", "")] {
+        let path = r#"<integrator type="path"><integer name="max_depth" value="6"/></integrator>"#;
+        let chosen = format!(r#"<integrator type="{integrator}">{settings}</integrator>"#);
+        let folder = Folder::with(&SCENE.replace(path, &chosen));
+        let options = "s.xml --spp 8 -q";
         folder.render(&format!("{options} -o whole.pfm"));
         folder.render(&format!("{options} --sample-range 0..3 --checkpoint a -o a.pfm"));
         folder.render(&format!("{options} --sample-range 3..8 --checkpoint b -o b.pfm"));
@@ -54,7 +59,6 @@ fn integrators_with_caches_and_photons_are_merged_alike() {
 #[test]
 fn an_exr_of_merged_parts_has_the_whole_ones_layers_and_metadata() {
     let folder = parts("--aov albedo,variance,samples");
-    folder.render("s.xml --aov albedo,variance,samples --spp 24 -q -o whole.exr");
     let run = merge(&folder, "a b c -o m.exr");
     assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{run:?}");
     assert!(run.stderr.starts_with("m.exr: samples 0..24, relMSE about "), "{run:?}");
@@ -72,7 +76,7 @@ fn an_exr_of_merged_parts_has_the_whole_ones_layers_and_metadata() {
 fn mixed_and_overlapping_parts_are_refused() {
     let folder = parts("");
     let other = |name: &str, options: &str| {
-        folder.render(&format!("s.xml {options} -q --sample-range 10..13 --checkpoint {name} -o x.pfm"));
+        folder.render(&format!("s.xml {options} -q --sample-range 10..13 --checkpoint {name} -o x.exr"));
     };
     other("seed", "--spp 24 --seed 1");
     other("integrator", "--spp 24 --integrator direct");
@@ -81,7 +85,7 @@ fn mixed_and_overlapping_parts_are_refused() {
     other("view", "--spp 24 --size 41x30");
     other("layers", "--spp 24 --aov Z");
     folder.render("s.xml --spp 24 -q --sample-range 12..14 --checkpoint overlap -o x.pfm");
-    folder.write("s.xml", crate::support::cli::SCENE.replace("0.5,0.4,0.3", "0.5,0.4,0.2").as_bytes());
+    folder.write("s.xml", SCENE.replace("0.5,0.4,0.3", "0.5,0.4,0.2").as_bytes());
     other("scene", "--spp 24");
     folder.write("text", b"no checkpoint at all, but long enough for one");
     for (arguments, sentence) in [

@@ -4,13 +4,25 @@ use crate::support::cli::{Folder, SCENE, program};
 use buffon::sampling::hash::combine;
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Command, ExitStatus, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How often renders are killed.
 const TRIALS: u32 = 100;
 
-/// Runs `buffon render` and sends a signal after so many milliseconds.
-fn killed(folder: &Folder, arguments: &str, signal: &str, after: u64) -> ExitStatus {
+/// How long a render lasts that nobody stops.
+fn duration(folder: &Folder, arguments: &str) -> Duration {
+    let started = Instant::now();
+    folder.render(&format!("s.xml -q {arguments}"));
+    started.elapsed()
+}
+
+/// A number in [0, 1) for a trial of a test.
+fn random(test: u32, trial: u32) -> f64 {
+    f64::from(combine(combine(7, test), trial)) / f64::from(u32::MAX)
+}
+
+/// Runs `buffon render` and sends a signal after some time.
+fn killed(folder: &Folder, arguments: &str, signal: &str, after: Duration) -> ExitStatus {
     let mut child = Command::new(program())
         .args(["render", "s.xml", "-q"])
         .args(arguments.split_whitespace())
@@ -18,7 +30,7 @@ fn killed(folder: &Folder, arguments: &str, signal: &str, after: u64) -> ExitSta
         .stderr(Stdio::null())
         .spawn()
         .expect("the program starts");
-    std::thread::sleep(Duration::from_millis(after));
+    std::thread::sleep(after);
     let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
     child.wait().expect("it ends")
 }
@@ -26,15 +38,15 @@ fn killed(folder: &Folder, arguments: &str, signal: &str, after: u64) -> ExitSta
 #[test]
 fn renders_that_are_killed_at_random_leave_whole_images_or_the_older_ones() {
     let folder = Folder::new();
-    folder.render("s.xml -q --spp 1");
+    let short = duration(&folder, "--spp 2");
     let (mut ended, mut stopped, mut replaced, mut left) = (0, 0, 0, 0);
     for trial in 0..TRIALS {
-        let random = combine(combine(7, trial), 1);
         let (signal, number) = [("-KILL", 9), ("-TERM", 15), ("-INT", 2)][trial as usize % 3];
         let before = folder.read("s.exr");
         // Half of them are short enough to be met while they write.
         let samples = if trial % 2 == 0 { 2 } else { 100_000 };
-        let status = killed(&folder, &format!("--spp {samples}"), signal, u64::from(random % 120));
+        let after = short.mul_f64(1.3 * random(0, trial));
+        let status = killed(&folder, &format!("--spp {samples}"), signal, after);
         let code = status.code();
         match (code, status.signal()) {
             (Some(0), None) => ended += 1,
@@ -63,14 +75,14 @@ fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
         let folder = Folder::new();
         let samples = if integrator == "sppm" { 60 } else { 600 };
         let render = format!("--integrator {integrator} --spp {samples} --sampler sobol");
-        folder.render(&format!("s.xml -q {render} -o whole.pfm"));
+        let whole = duration(&folder, &format!("{render} -o whole.pfm"));
         let resume = format!("{render} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");
         let mut kills = 0;
         // It comes to its end between kills that are ever farther apart.
         for trial in 0.. {
-            let random = combine(combine(11, i as u32), trial);
             let signal = ["-KILL", "-INT"][trial as usize % 2];
-            let status = killed(&folder, &resume, signal, u64::from(60 + random % 60 + 20 * trial));
+            let share = 0.1 + 0.3 * random(1 + i as u32, trial) + 0.02 * f64::from(trial);
+            let status = killed(&folder, &resume, signal, whole.mul_f64(share));
             match (status.code(), status.signal()) {
                 (Some(0), None) => break,
                 (Some(85 | 130), None) | (None, Some(2 | 9)) => kills += 1,
@@ -88,7 +100,8 @@ fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
 fn a_signal_with_a_checkpoint_has_an_exit_code_of_its_own() {
     let folder = Folder::new();
     for signal in ["-INT", "-TERM"] {
-        let status = killed(&folder, "--spp 1000000000 --checkpoint c --resume", signal, 1500);
+        let status =
+            killed(&folder, "--spp 1000000000 --checkpoint c --resume", signal, Duration::from_millis(1500));
         assert_eq!(status.code(), Some(85), "{signal}");
     }
     assert_eq!(folder.files(), ["c", "s.exr", "s.xml"]);
