@@ -52,7 +52,7 @@ fn an_image_that_does_not_fit_is_the_fault_of_who_asks_for_it() {
         "or give a larger --memory-limit",
     );
     // 477 MiB for the render, 137 more for the file.
-    let text = refused(&folder, "render s.xml --size 2000x2000 -t 1 --memory-limit 590M", 4);
+    let text = refused(&folder, "render s.xml -q --size 2000x2000 -t 1 --memory-limit 590M", 4);
     says(
         &text,
         "s.exr: rendering and encoding 2000x2000 pixels would take ",
@@ -247,7 +247,7 @@ fn acceleration_structures_and_photon_maps_are_refused() {
         }
     }
     folder.write("m.ply", &ply);
-    let text = refused(&folder, &format!("render m.ply --size 8x8 --accel obvhs {LIMIT}"), 3);
+    let text = refused(&folder, &format!("render m.ply -q --size 8x8 --accel obvhs {LIMIT}"), 3);
     says(
         &text,
         "building the BVH of 977202 primitives would take ",
@@ -255,7 +255,7 @@ fn acceleration_structures_and_photon_maps_are_refused() {
     );
     #[cfg(feature = "embree")]
     {
-        let text = refused(&folder, &format!("render m.ply --size 8x8 --accel embree {LIMIT}"), 3);
+        let text = refused(&folder, &format!("render m.ply -q --size 8x8 --accel embree {LIMIT}"), 3);
         let start = "Embree: one more part of the acceleration structure would take ";
         says(&text, start, "use fewer triangles, or give a larger --memory-limit");
     }
@@ -264,12 +264,12 @@ fn acceleration_structures_and_photon_maps_are_refused() {
         r#"<integrator type="photonmapper"><integer name="global_photons" value="1000000"/></integrator>"#,
     );
     folder.write("s.xml", lit.as_bytes());
-    let text = refused(&folder, &format!("render s.xml {LIMIT}"), 3);
+    let text = refused(&folder, &format!("render s.xml -q -t 1 {LIMIT}"), 3);
     let end = "are left (--memory-limit): ask for fewer photons, or give a larger --memory-limit";
     says(&text, "photonmapper: maps of 1000000 global and ", end);
     let sppm = lit.replace("\"photonmapper\"", "\"sppm\"").replace("global_photons", "photon_count");
     folder.write("s.xml", sppm.as_bytes());
-    let text = refused(&folder, &format!("render s.xml {LIMIT}"), 3);
+    let text = refused(&folder, &format!("render s.xml -q -t 1 {LIMIT}"), 3);
     says(
         &text,
         "sppm: the photons of 1000000 light paths would take 286.1 MiB",

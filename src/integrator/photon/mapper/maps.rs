@@ -133,7 +133,8 @@ fn reserve(
     let (global, caustic) =
         (count(&plan.global, settings.global_photons), count(&plan.caustic, settings.caustic_photons));
     let irradiance = global * (2 * IRRADIANCE_KEPT + IRRADIANCE_BUILDING);
-    let cast = 2 * KEPT * (global + caustic) + BUILDING * global.max(caustic) + irradiance;
+    // Irradiance is computed when all photons have been cast.
+    let cast = 2 * KEPT * (global + caustic) + (BUILDING * global.max(caustic)).max(irradiance);
     // A file may hold anything until it has been read.
     let file = preparation.cache.as_ref().and_then(|cache| std::fs::metadata(&cache.path).ok());
     let photons = file.map_or(0, |about| about.len() / Photon::BYTES as u64);
