@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-page lint bench scenes clean
+.PHONY: help deps demo test test-page memcheck lint bench scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -48,6 +48,16 @@ test-page: deps ## open a page of `buffon bench` in headless Chromium, and check
 	XDG_CACHE_HOME=$(CURDIR)/out/cache cargo run --locked --quiet -- bench scenes/cornell-box/cornell-box.xml --size 64x64 \
 	    --integrators path,direct --budgets 2,4,8 --runs 2 --reference-time 5s -o out/page
 	cargo run --locked --quiet --example check_page -- out/page/index.html out/page
+
+# The tests of what is unsafe. Valgrind's CPU has no AVX-512, so every library takes its path for AVX2.
+memcheck: deps ## run the tests of the C and C++ interfaces under valgrind
+	@.ci/deps valgrind
+	host=$$(rustc -vV | sed -n 's/^host: //p'); \
+	export CARGO_TARGET_$$(tr a-z- A-Z_ <<<"$$host")_RUNNER="valgrind --quiet --error-exitcode=9 --num-callers=40 \
+	    --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite"; \
+	cargo test --locked -p buffon-embree-sys -p buffon-oiio-sys --lib; \
+	cargo test --locked -p buffon --lib -- --test-threads=1 embree:: image::; \
+	cargo test --locked -p buffon --test tests -- --test-threads=1 embree_ffi:: image_io:: texture_files::
 
 lint: deps ## check formatting, and what clippy has to say
 	cargo fmt --all --check

@@ -121,6 +121,7 @@ pub mod lab;
 pub mod loader;
 pub mod material;
 pub mod math;
+pub mod memory;
 pub mod regress;
 pub mod render;
 pub mod report;

@@ -1,9 +1,10 @@
 //! The safe wrapper of Embree keeps its promises: layouts, padding, panics in callbacks, order of drops.
 
 use buffon::embree::{
-    Candidate, Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16,
+    Candidate, Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Isa, Mask16, RayHit1, RayHits16,
     Rays16, SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
 };
+use buffon::memory::{Budget, Limit};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -12,6 +13,17 @@ const DOWN: [f32; 8] = [0.25, 0.25, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0];
 
 fn device() -> Device {
     Device::new(DeviceOptions::default()).expect("a device")
+}
+
+/// A device for each set of instructions: Embree has code of its own for each, and packets of other widths.
+fn devices() -> impl Iterator<Item = Device> {
+    let options = |isa| DeviceOptions { threads: 2, max_isa: Some(isa) };
+    Isa::ALL.into_iter().map(move |isa| Device::new(options(isa)).expect("a device"))
+}
+
+/// Whether it is the number, but for the reciprocals of different CPUs.
+fn near(found: f32, expected: f32) -> bool {
+    found == expected || (found - expected).abs() < 1e-6 * expected.abs()
 }
 
 /// One triangle in the plane z = 0 and its padding.
@@ -52,52 +64,63 @@ fn trap_scene(device: &Device) -> CommittedScene {
 
 #[test]
 fn single_rays_and_packets_report_the_same_hit() {
-    let scene = triangle_scene(&device());
-    let mut single = RayHit1::new(&DOWN);
-    scene.intersect1(&mut single, Coherence::Incoherent);
-    assert_eq!((single.geometry, single.primitive, single.instance), (7, 0, INVALID_ID));
-    assert_eq!((single.t_far, single.u, single.v), (1.0, 0.25, 0.25));
-    assert!(scene.occluded1(&mut RayHit1::new(&DOWN), Coherence::Coherent));
+    for device in devices() {
+        let scene = triangle_scene(&device);
+        let mut single = RayHit1::new(&DOWN);
+        scene.intersect1(&mut single, Coherence::Incoherent);
+        assert_eq!((single.geometry, single.primitive, single.instance), (7, 0, INVALID_ID));
+        assert!(near(single.t_far, 1.0) && near(single.u, 0.25) && near(single.v, 0.25), "{single:?}");
+        assert!(scene.occluded1(&mut RayHit1::new(&DOWN), Coherence::Coherent));
 
-    let mut packet = RayHits16::default();
-    let mut rays = [DOWN; WIDTH];
-    rays[4][0] = 5.0;
-    packet.rays.load(&rays);
-    assert_eq!(scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Coherent), Mask16::ALL);
-    for i in 0..WIDTH {
-        let expected = if i == 4 { (INVALID_ID, f32::INFINITY) } else { (7, 1.0) };
-        assert_eq!((packet.geometry[i], packet.rays.t_far[i]), expected);
+        let mut packet = RayHits16::default();
+        let mut rays = [DOWN; WIDTH];
+        rays[4][0] = 5.0;
+        packet.rays.load(&rays);
+        assert_eq!(scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Coherent), Mask16::ALL);
+        for i in 0..WIDTH {
+            let (geometry, t) = if i == 4 { (INVALID_ID, f32::INFINITY) } else { (7, 1.0) };
+            assert_eq!(packet.geometry[i], geometry);
+            assert!(near(packet.rays.t_far[i], t), "{}", packet.rays.t_far[i]);
+        }
     }
 }
 
 #[test]
 fn masked_rays_are_left_alone() {
-    let scene = triangle_scene(&device());
-    let mut packet = RayHits16::default();
-    packet.rays.load(&[DOWN; WIDTH]);
-    scene.intersect16(&Mask16::from_fn(|i| i % 2 == 0), &mut packet, Coherence::Incoherent);
-    let hit: Vec<bool> = packet.geometry.iter().map(|&g| g != INVALID_ID).collect();
-    assert_eq!(hit, (0..WIDTH).map(|i| i % 2 == 0).collect::<Vec<_>>());
-    let mut rays = Rays16::default();
-    rays.load(&[DOWN; WIDTH]);
-    scene.occluded16(&Mask16::from_fn(|i| i < 3), &mut rays, Coherence::Incoherent);
-    assert_eq!(rays.t_far.iter().filter(|&&t| t == f32::NEG_INFINITY).count(), 3);
+    for device in devices() {
+        let scene = triangle_scene(&device);
+        let mut packet = RayHits16::default();
+        packet.rays.load(&[DOWN; WIDTH]);
+        scene.intersect16(&Mask16::from_fn(|i| i % 2 == 0), &mut packet, Coherence::Incoherent);
+        let hit: Vec<bool> = packet.geometry.iter().map(|&g| g != INVALID_ID).collect();
+        assert_eq!(hit, (0..WIDTH).map(|i| i % 2 == 0).collect::<Vec<_>>());
+        let mut rays = Rays16::default();
+        rays.load(&[DOWN; WIDTH]);
+        scene.occluded16(&Mask16::from_fn(|i| i < 3), &mut rays, Coherence::Incoherent);
+        assert_eq!(rays.t_far.iter().filter(|&&t| t == f32::NEG_INFINITY).count(), 3);
+    }
 }
 
 #[test]
 fn invalid_rays_do_no_harm_and_hit_nothing() {
-    let scene = triangle_scene(&device());
-    for (k, value) in (0..7).flat_map(|k| [(k, f32::NAN), (k, f32::NEG_INFINITY), (k, -1e30)]) {
-        let mut ray = DOWN;
-        ray[k] = value;
-        let mut single = RayHit1::new(&ray);
-        scene.intersect1(&mut single, Coherence::Incoherent);
-        assert_eq!(single.geometry, INVALID_ID, "{ray:?}");
-        assert!(!scene.occluded1(&mut RayHit1::new(&ray), Coherence::Incoherent));
-        let mut packet = RayHits16::default();
-        packet.rays.load(&[ray; WIDTH]);
-        let traced = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent);
-        assert_eq!((traced, packet.geometry), (Mask16::from_fn(|_| false), [INVALID_ID; WIDTH]), "{ray:?}");
+    for device in devices() {
+        let scene = triangle_scene(&device);
+        for (k, value) in (0..7).flat_map(|k| [(k, f32::NAN), (k, f32::NEG_INFINITY), (k, -1e30)]) {
+            let mut ray = DOWN;
+            ray[k] = value;
+            let mut single = RayHit1::new(&ray);
+            scene.intersect1(&mut single, Coherence::Incoherent);
+            assert_eq!(single.geometry, INVALID_ID, "{ray:?}");
+            assert!(!scene.occluded1(&mut RayHit1::new(&ray), Coherence::Incoherent));
+            let mut packet = RayHits16::default();
+            packet.rays.load(&[ray; WIDTH]);
+            let traced = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent);
+            assert_eq!(
+                (traced, packet.geometry),
+                (Mask16::from_fn(|_| false), [INVALID_ID; WIDTH]),
+                "{ray:?}"
+            );
+        }
     }
 }
 
@@ -281,24 +304,28 @@ fn instance_scene(device: &Device) -> CommittedScene {
 
 #[test]
 fn instances_report_themselves_singly_and_in_packets() {
-    let scene = instance_scene(&device());
-    // Both are hit at their (0.25, 0.25, 0) from one above, in units of the direction in the world.
-    let above = |x: f32| [x + 0.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -0.5, 0.25];
-    let rays: [_; WIDTH] = std::array::from_fn(|i| above([3.0, -3.0, 40.0][i % 3]));
-    let expected = [(7, 20, 2.0, 0.25), (3, 21, 2.0, 0.25), (INVALID_ID, INVALID_ID, f32::INFINITY, 0.0)];
-    let mut packet = RayHits16::default();
-    packet.rays.load(&rays);
-    for coherence in [Coherence::Incoherent, Coherence::Coherent] {
-        packet.clear_hits();
+    for device in devices() {
+        let scene = instance_scene(&device);
+        // Both are hit at their (0.25, 0.25, 0) from one above, in units of the direction in the world.
+        let above = |x: f32| [x + 0.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -0.5, 0.25];
+        let rays: [_; WIDTH] = std::array::from_fn(|i| above([3.0, -3.0, 40.0][i % 3]));
+        let expected = [(7, 20, 2.0, 0.25), (3, 21, 2.0, 0.25), (INVALID_ID, INVALID_ID, f32::INFINITY, 0.0)];
+        let mut packet = RayHits16::default();
         packet.rays.load(&rays);
-        scene.intersect16(&Mask16::ALL, &mut packet, coherence);
-        for (i, ray) in rays.iter().enumerate() {
-            let found = (packet.geometry[i], packet.instance[i], packet.rays.t_far[i], packet.u[i]);
-            assert_eq!(found, expected[i % 3]);
-            let mut single = RayHit1::new(ray);
-            scene.intersect1(&mut single, coherence);
-            assert_eq!((single.geometry, single.instance, single.t_far, single.u), expected[i % 3]);
-            assert_eq!(scene.occluded1(&mut RayHit1::new(ray), coherence), i % 3 != 2);
+        for coherence in [Coherence::Incoherent, Coherence::Coherent] {
+            packet.clear_hits();
+            packet.rays.load(&rays);
+            scene.intersect16(&Mask16::ALL, &mut packet, coherence);
+            for (i, ray) in rays.iter().enumerate() {
+                let (geometry, instance, t, u) = expected[i % 3];
+                assert_eq!((packet.geometry[i], packet.instance[i]), (geometry, instance));
+                assert!(near(packet.rays.t_far[i], t) && near(packet.u[i], u), "{packet:?}");
+                let mut single = RayHit1::new(ray);
+                scene.intersect1(&mut single, coherence);
+                assert_eq!((single.geometry, single.instance), (geometry, instance));
+                assert!(near(single.t_far, t) && near(single.u, u), "{single:?}");
+                assert_eq!(scene.occluded1(&mut RayHit1::new(ray), coherence), i % 3 != 2);
+            }
         }
     }
 }
@@ -346,53 +373,100 @@ struct Even;
 impl TriangleFilter for Even {
     fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool {
         assert!(ray.id != 99, "the filter is shut");
-        assert_eq!((ray.instance, hit.primitive, hit.u, ray.origin), (20, 0, 0.25, [0.25, 0.25, 0.5]));
-        assert_eq!(hit.t, 1.0);
+        assert_eq!((ray.instance, hit.primitive, ray.origin), (20, 0, [0.25, 0.25, 0.5]));
+        assert!(near(hit.u, 0.25) && near(hit.t, 1.0), "{hit:?}");
         ray.id.is_multiple_of(2)
     }
 }
 
 #[test]
 fn a_filter_sees_the_ray_in_its_instance_and_its_panic_goes_on_after_the_query() {
-    let device = device();
-    let mut group = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
-    group.add_triangles(7, vertices(), 3, Arc::new(vec![[0, 1, 2]]), Some(Arc::new(Even))).expect("added");
-    let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
-    builder.add_instance(20, Arc::new(group.commit().expect("built")), &[TWICE]).expect("added");
-    let scene = builder.commit().expect("built");
-    let ray = [3.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0];
-    let single = |id| {
-        let mut single = RayHit1::new(&ray);
-        single.id = id;
-        single
-    };
-    let mut packet = RayHits16::default();
-    packet.rays.load(&[ray; WIDTH]);
-    packet.rays.id = std::array::from_fn(|i| i as u32);
-    let packet_of_rays = packet;
-    for coherence in [Coherence::Incoherent, Coherence::Coherent] {
-        let (mut packet, mut shadows) = (packet_of_rays, packet_of_rays.rays);
-        scene.intersect16(&Mask16::ALL, &mut packet, coherence);
-        scene.occluded16(&Mask16::ALL, &mut shadows, coherence);
-        for i in 0..WIDTH {
-            let accepted = i % 2 == 0;
-            assert_eq!((packet.geometry[i] == 7, packet.instance[i] == 20), (accepted, accepted));
-            assert_eq!(shadows.t_far[i] == f32::NEG_INFINITY, accepted);
-            let mut alone = single(i as u32);
-            scene.intersect1(&mut alone, coherence);
-            assert_eq!(alone.geometry == 7, accepted);
-            assert_eq!(scene.occluded1(&mut single(i as u32), coherence), accepted);
+    for device in devices() {
+        let mut group = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+        group
+            .add_triangles(7, vertices(), 3, Arc::new(vec![[0, 1, 2]]), Some(Arc::new(Even)))
+            .expect("added");
+        let mut builder = SceneBuilder::new(&device, SceneOptions::default()).expect("a scene");
+        builder.add_instance(20, Arc::new(group.commit().expect("built")), &[TWICE]).expect("added");
+        let scene = builder.commit().expect("built");
+        let ray = [3.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0];
+        let single = |id| {
+            let mut single = RayHit1::new(&ray);
+            single.id = id;
+            single
+        };
+        let mut packet = RayHits16::default();
+        packet.rays.load(&[ray; WIDTH]);
+        packet.rays.id = std::array::from_fn(|i| i as u32);
+        let packet_of_rays = packet;
+        for coherence in [Coherence::Incoherent, Coherence::Coherent] {
+            let (mut packet, mut shadows) = (packet_of_rays, packet_of_rays.rays);
+            scene.intersect16(&Mask16::ALL, &mut packet, coherence);
+            scene.occluded16(&Mask16::ALL, &mut shadows, coherence);
+            for i in 0..WIDTH {
+                let accepted = i % 2 == 0;
+                assert_eq!((packet.geometry[i] == 7, packet.instance[i] == 20), (accepted, accepted));
+                assert_eq!(shadows.t_far[i] == f32::NEG_INFINITY, accepted);
+                let mut alone = single(i as u32);
+                scene.intersect1(&mut alone, coherence);
+                assert_eq!(alone.geometry == 7, accepted);
+                assert_eq!(scene.occluded1(&mut single(i as u32), coherence), accepted);
+            }
         }
+        let caught = |f: &mut dyn FnMut()| {
+            let payload = catch_unwind(AssertUnwindSafe(f)).expect_err("the panic arrives");
+            assert_eq!(payload.downcast_ref::<&str>(), Some(&"the filter is shut"));
+        };
+        caught(&mut || scene.intersect1(&mut single(99), Coherence::Incoherent));
+        caught(&mut || _ = scene.occluded1(&mut single(99), Coherence::Incoherent));
+        packet.rays.load(&[ray; WIDTH]);
+        packet.rays.id[11] = 99;
+        let mut shadows = packet.rays;
+        caught(&mut || _ = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent));
+        caught(&mut || _ = scene.occluded16(&Mask16::ALL, &mut shadows, Coherence::Coherent));
     }
-    let caught = |f: &mut dyn FnMut()| {
-        let payload = catch_unwind(AssertUnwindSafe(f)).expect_err("the panic arrives");
-        assert_eq!(payload.downcast_ref::<&str>(), Some(&"the filter is shut"));
-    };
-    caught(&mut || scene.intersect1(&mut single(99), Coherence::Incoherent));
-    caught(&mut || _ = scene.occluded1(&mut single(99), Coherence::Incoherent));
-    packet.rays.load(&[ray; WIDTH]);
-    packet.rays.id[11] = 99;
-    let mut shadows = packet.rays;
-    caught(&mut || _ = scene.intersect16(&Mask16::ALL, &mut packet, Coherence::Incoherent));
-    caught(&mut || _ = scene.occluded16(&Mask16::ALL, &mut shadows, Coherence::Coherent));
+}
+
+/// A grid of `n` by `n` vertices, and triangles between them.
+fn grid_scene(device: &Device, n: u32) -> Result<CommittedScene, buffon::error::Error> {
+    let vertices: Vec<[f32; 3]> = (0..=n * n).map(|i| [(i % n) as f32, (i / n) as f32, 0.0]).collect();
+    let indices: Vec<[u32; 3]> = (0..n * (n - 1) - 1).map(|i| [i, i + 1, i + n]).collect();
+    let mut builder = SceneBuilder::new(device, SceneOptions::default())?;
+    builder.add_triangles(0, Arc::new(vertices), (n * n) as usize, Arc::new(indices), None)?;
+    builder.commit()
+}
+
+/// However late in a build the budget is used up, there is an error and nothing is lost.
+#[test]
+fn a_budget_that_is_too_small_stops_the_build_and_gets_everything_back() {
+    let options = || DeviceOptions { threads: 2, ..DeviceOptions::default() };
+    let (mut refused, mut built) = (0, 0);
+    for kib in [1u64, 100, 200, 400, 800, 1600, 2400, 3200, 4800, 6400, 12_800, 1 << 20] {
+        let budget = Budget::open(Limit::Bytes(0));
+        let budget = Budget::open(Limit::Bytes(budget.planned() + (64 << 10) + (kib << 10)));
+        let before = budget.planned();
+        let device = Device::within(options(), budget.clone()).expect("a device");
+        match grid_scene(&device, 150) {
+            Ok(scene) => {
+                built += 1;
+                let mut ray = RayHit1::new(&[10.25, 10.25, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0]);
+                scene.intersect1(&mut ray, Coherence::Incoherent);
+                assert!(near(ray.t_far, 1.0));
+                assert!(budget.planned() >= before + scene.memory_bytes() as u64);
+            }
+            Err(error) => {
+                refused += 1;
+                assert_eq!(error.kind, buffon::error::Kind::Scene);
+                let text = error.to_string();
+                let start = "Embree: one more part of the acceleration structure would take ";
+                assert!(
+                    text.starts_with(start) && text.contains("(--memory-limit): use fewer triangles"),
+                    "{text}"
+                );
+            }
+        }
+        drop(device);
+        assert_eq!(budget.planned(), before, "{kib} KiB");
+    }
+    assert!(refused >= 4 && built >= 1, "{refused} refused, {built} built");
 }

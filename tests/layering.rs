@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 /// The rows; a module may use those of every row above.
 const ROWS: [&[&str]; 12] = [
-    &["math", "error", "ids"],
+    &["math", "error", "ids", "memory"],
     &["color", "sampling", "estimate", "image", "embree"],
     &["accel", "texture"],
     &["shape", "bsdf", "film"],

@@ -2,6 +2,7 @@
 
 mod bench;
 mod cameras;
+mod checkpoints;
 mod cli;
 mod closed_form;
 mod closed_form_specular;
@@ -25,9 +26,12 @@ mod loader_errors;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;
+mod memory;
 mod mesh_robustness;
 mod meshes;
 mod mistakes;
+#[cfg(unix)]
+mod nothing_lost;
 mod own_scenes;
 mod parity;
 mod parity_instances;

@@ -12,8 +12,9 @@ use super::assembly::{Assembly, Checked, Filtered, Question};
 use super::instance::{Instance, local_ray};
 use super::triangle::ShearedRay;
 use super::{Accel, COORDINATE_LIMIT, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, counted};
 use crate::math::{Bounds, DAffine3, Ray};
+use crate::memory::Budget;
 use build::{ANALYTIC, Entry, INSTANCE, Tree};
 use node::BoxTest;
 
@@ -51,21 +52,31 @@ impl Bvh {
     /// Builds the BVH with `threads` threads (0 for all cores). The assembly must be checked.
     ///
     /// # Errors
-    /// If there are 2^32 primitives or more, or no threads can be started.
-    pub(super) fn new(assembly: Assembly, checked: &Checked, threads: usize) -> Result<Self> {
+    /// If there are 2^32 primitives or more, no threads can be started, or the budget has too little memory left.
+    pub(super) fn new(
+        assembly: Assembly,
+        checked: &Checked,
+        threads: usize,
+        memory: &Budget,
+    ) -> Result<Self> {
         let Assembly { geometry, groups, instances, filter } = assembly;
         let count = geometry.iter().map(Geometry::len).sum::<usize>() + instances.len();
         if u32::try_from(count).is_err() {
             return Err(Error::scene(format!("{count} primitives are more than the BVH can number")));
         }
+        let building = memory.reserve(count as u64 * build::BYTES_PER_PRIMITIVE).map_err(|refusal| {
+            let what = format!("building the BVH of {}", counted(count as u64, "primitive", "primitives"));
+            Error::scene(refusal.sentence(&what, "use fewer triangles"))
+        })?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .map_err(|e| Error::internal(format!("starting the threads that build the BVH: {e}")))?;
         let (world, groups) = pool.install(|| {
-            let groups = groups.iter().map(|members| Tree::new(&geometry, members, &[])).collect();
+            let groups: Vec<Tree> = groups.iter().map(|members| Tree::new(&geometry, members, &[])).collect();
             (Tree::new(&geometry, &checked.world, &checked.instances), groups)
         });
+        building.keep((world.bytes() + groups.iter().map(Tree::bytes).sum::<usize>()) as u64);
         let place = |instance: Instance| Placed {
             group: instance.group,
             inverse: instance.world_inverse(0.0),

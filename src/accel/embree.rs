@@ -8,6 +8,7 @@ use crate::embree::{
 };
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
+use crate::memory::Budget;
 use std::sync::Arc;
 
 /// Embree over an assembly. Vertex and index arrays are shared with it.
@@ -33,8 +34,14 @@ impl EmbreeAccel {
     /// Builds the scenes with `threads` threads (0 for all cores). The assembly must be checked.
     ///
     /// # Errors
-    /// If Embree cannot be started or runs out of memory.
-    pub(super) fn new(assembly: Assembly, checked: &Checked, threads: usize, robust: bool) -> Result<Self> {
+    /// If Embree cannot be started or needs more memory than there is.
+    pub(super) fn new(
+        assembly: Assembly,
+        checked: &Checked,
+        threads: usize,
+        robust: bool,
+        memory: &Budget,
+    ) -> Result<Self> {
         let Assembly { geometry, groups, instances, filter } = assembly;
         let numbered = u32::try_from(geometry.len() + instances.len()).ok().filter(|&n| n < INVALID_ID - 1);
         if numbered.is_none() {
@@ -43,7 +50,7 @@ impl EmbreeAccel {
                 format!("{shapes} shapes and {instances} instances are more than Embree can number");
             return Err(Error::scene(message));
         }
-        let device = Device::new(DeviceOptions { threads })?;
+        let device = Device::within(DeviceOptions { threads, ..DeviceOptions::default() }, memory.clone())?;
         let surfaces_id = geometry.len() as u32;
         let parts = Parts { geometry, filter: filter.map(Arc::new), first_instance: surfaces_id + 1 };
         let mut members = Vec::new();

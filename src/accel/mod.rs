@@ -24,6 +24,7 @@ pub use primitive::{Primitive, PrimitiveHit};
 
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
+use crate::memory::Budget;
 use std::fmt;
 use std::str::FromStr;
 
@@ -179,24 +180,38 @@ pub struct Built {
     pub dropped: usize,
 }
 
-/// Builds an acceleration structure.
+/// Builds an acceleration structure of any size: see [`build_within`].
+///
+/// # Errors
+/// As [`build_within`].
+pub fn build(kind: AccelKind, assembly: impl Into<Assembly>, threads: usize, robust: bool) -> Result<Built> {
+    build_within(kind, assembly, threads, robust, &Budget::unlimited())
+}
+
+/// Builds an acceleration structure, whose memory is charged to the budget.
 ///
 /// `threads` is the number of threads that build, 0 for all cores. `robust` makes Embree watertight along edges;
 /// it is false only to measure what that costs. The pure-Rust BVH is always watertight.
 ///
 /// # Errors
-/// If the back end cannot be started or runs out of memory, or if there are 2^32 primitives or more. If an index of
+/// If the back end cannot be started or needs more memory than the budget has left, or if there are 2^32 primitives or more. If an index of
 /// the assembly is out of range. If an instance's transform, at any time, is not finite, cannot be inverted in `f32`,
 /// scales beyond a factor of 10^9, or leads beyond [`COORDINATE_LIMIT`].
-pub fn build(kind: AccelKind, assembly: impl Into<Assembly>, threads: usize, robust: bool) -> Result<Built> {
+pub fn build_within(
+    kind: AccelKind,
+    assembly: impl Into<Assembly>,
+    threads: usize,
+    robust: bool,
+    memory: &Budget,
+) -> Result<Built> {
     let mut assembly = assembly.into();
     let checked = assembly.check()?;
     let dropped = checked.dropped;
     let list = if kind == AccelKind::Auto { list::List::new(&assembly, &checked) } else { None };
     let accel: Box<dyn Accel> = match (list, kind) {
         (Some(list), _) => Box::new(list),
-        (None, AccelKind::Auto) => tree(AccelKind::ALL[0], assembly, &checked, threads, robust)?,
-        (None, kind) => tree(kind, assembly, &checked, threads, robust)?,
+        (None, AccelKind::Auto) => tree(AccelKind::ALL[0], assembly, &checked, threads, robust, memory)?,
+        (None, kind) => tree(kind, assembly, &checked, threads, robust, memory)?,
     };
     Ok(Built { accel, dropped })
 }
@@ -208,13 +223,14 @@ fn tree(
     checked: &assembly::Checked,
     threads: usize,
     robust: bool,
+    memory: &Budget,
 ) -> Result<Box<dyn Accel>> {
     Ok(match kind {
         #[cfg(feature = "embree")]
-        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(assembly, checked, threads, robust)?),
+        AccelKind::Embree => Box::new(embree::EmbreeAccel::new(assembly, checked, threads, robust, memory)?),
         _ => {
             let _ = robust;
-            Box::new(bvh::Bvh::new(assembly, checked, threads)?)
+            Box::new(bvh::Bvh::new(assembly, checked, threads, memory)?)
         }
     })
 }

@@ -7,6 +7,7 @@ use crate::bench::{self, Budget, Options};
 use crate::error::{Error, Result};
 use crate::image;
 use crate::loader::LoadOptions;
+use crate::memory::Limit;
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
 use crate::session::{SceneChoices, default_threads};
@@ -65,6 +66,9 @@ pub struct BenchArgs {
     /// Threads [default: all cores]
     #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
+    pub memory_limit: Option<Limit>,
     /// Which sensor of the scenes, from 0
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub sensor: usize,
@@ -118,7 +122,11 @@ fn options(args: &BenchArgs) -> Result<Options> {
     Ok(Options {
         scenes: args.scenes.clone(),
         choices: SceneChoices {
-            load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+            load: LoadOptions {
+                defines: args.define.clone(),
+                search_paths: args.search_path.clone(),
+                memory: args.memory_limit.unwrap_or_default(),
+            },
             sensor: args.sensor,
             size: args.size,
             crop: None,

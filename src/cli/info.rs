@@ -1,4 +1,4 @@
-//! `buffon info`: what a scene, an image or a file of photon maps holds, what it needs, and what it will cost.
+//! `buffon info`: what a scene, an image, a file of photon maps or a checkpoint holds, what it needs, and what it will cost.
 
 use super::{info_image, print};
 use crate::accel::AccelKind;
@@ -6,8 +6,10 @@ use crate::error::{Result, counted};
 use crate::image;
 use crate::integrator::photon;
 use crate::loader::{self, LoadOptions};
-use crate::scene::{CompileOptions, Scene, compile};
-use crate::session::default_threads;
+use crate::memory::{Amount, Budget, Limit};
+use crate::scene::{CompileOptions, Scene, compile_within};
+use crate::session::checkpoint::{self, Checkpoint, Label};
+use crate::session::{RenderMemory, default_threads};
 use crate::shape::WorldShape;
 use clap::Args;
 use std::collections::BTreeMap;
@@ -17,7 +19,7 @@ use std::path::PathBuf;
 /// Tell what a scene or an image holds, what it needs and what it will cost.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
-    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm) or a file of photon maps
+    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a checkpoint
     pub file: PathBuf,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
@@ -25,6 +27,9 @@ pub struct InfoArgs {
     /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
+    /// The most memory that the program may take (4G, 512M) [default: what is available]
+    #[arg(long, value_name = "SIZE", value_parser = super::values::memory)]
+    pub memory_limit: Option<Limit>,
 }
 
 /// Prints the account.
@@ -37,6 +42,8 @@ pub fn run(args: &InfoArgs) -> Result<u8> {
         print(&describe_scene(args)?)
     } else if photon::file::is_photon_file(&args.file) {
         print(&describe_photons(&photon::file::read_contents(&args.file)?))
+    } else if checkpoint::file::is_checkpoint(&args.file) {
+        print(&describe_checkpoint(&checkpoint::file::load(&args.file)?))
     } else {
         print(&info_image::describe(&image::read(&args.file)?))
     }
@@ -59,13 +66,36 @@ fn describe_photons(contents: &photon::file::Contents) -> String {
     text
 }
 
+/// What a checkpoint holds.
+fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
+    let Label { identity, picture, samples, target } = &checkpoint.label;
+    let rect = picture.rect;
+    let of = target.map_or_else(String::new, |n| format!(" of {}", counted(n, "sample", "samples")));
+    let seconds = checkpoint.state.elapsed.as_secs_f64();
+    let lines = [
+        ("made by", format!("Buffon {}", identity.version)),
+        ("scene", format!("{:016x}, view {:016x}", identity.scene, identity.view)),
+        ("integrator", format!("{}, settings {:016x}", identity.integrator, identity.settings)),
+        ("sampler", format!("{}, seed {}", identity.sampler, identity.seed)),
+        ("traversal", identity.accel.clone()),
+        ("image", format!("{}x{} at ({}, {})", rect.width, rect.height, rect.x, rect.y)),
+        ("samples", format!("{}{of} per pixel", checkpoint::list(samples))),
+        ("time", format!("{seconds:.2} s of sampling")),
+    ];
+    lines.iter().map(|(name, value)| format!("{name:<12} {value}\n")).collect()
+}
+
 fn describe_scene(args: &InfoArgs) -> Result<String> {
-    let options = LoadOptions { defines: args.define.clone(), search_paths: Vec::new() };
+    let options = LoadOptions {
+        defines: args.define.clone(),
+        search_paths: Vec::new(),
+        memory: args.memory_limit.unwrap_or_default(),
+    };
     let loaded = loader::load(&args.file, &options)?;
     let settings = loaded.description.sensors.clone();
     let compile_options =
         CompileOptions { accel: args.accel.unwrap_or_default(), threads: default_threads(), sensor: 0 };
-    let (scene, report) = compile(loaded.description, compile_options)?;
+    let (scene, report) = compile_within(loaded.description, compile_options, &loaded.memory)?;
     let mut text = String::new();
     let mut line = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<12} {value}");
@@ -91,7 +121,10 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     line("emitters", count(scene.lights.iter().map(|l| l.kind())));
     line("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max));
     line("needs", scene.needs.to_string());
-    line("memory", memory(&scene, &settings));
+    line("memory", memory(&scene, &loaded.memory));
+    for sensor in &settings {
+        line("to render", to_render(&RenderMemory::least(&sensor.film), &loaded.memory));
+    }
     line("build", format!("{:.3} s ({})", report.build_seconds, scene.accel.name()));
     if let Some(spp) = loaded.samples_per_pixel {
         line("samples", format!("{spp} per pixel"));
@@ -108,17 +141,22 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     Ok(text)
 }
 
-/// Bytes of meshes, accelerator and film in MiB.
-fn memory(scene: &Scene, sensors: &[crate::sensor::SensorSettings]) -> String {
-    let mib = |bytes: usize| bytes as f64 / (1024.0 * 1024.0);
-    // Two halves of three channels in f64, and two counts.
-    let film: u64 = sensors.iter().map(|s| s.film.rect().area() * 64).max().unwrap_or(0);
-    format!(
-        "meshes {:.1} MiB, acceleration structure {:.1} MiB, film {:.1} MiB",
-        mib(scene.mesh_bytes()),
-        mib(scene.accel.memory_bytes()),
-        mib(film as usize)
-    )
+/// What the scene takes.
+fn memory(scene: &Scene, memory: &Budget) -> String {
+    let [meshes, accel] = [scene.mesh_bytes(), scene.accel.memory_bytes()].map(|n| Amount(n as u64));
+    let all = Amount(memory.planned());
+    format!("meshes {meshes}, acceleration structure {accel}; {all} with textures and the program itself")
+}
+
+/// What a render of a sensor takes beside that, and what is there.
+fn to_render(needed: &RenderMemory, memory: &Budget) -> String {
+    let [film, image, left] = [needed.film, needed.image, memory.left()].map(Amount);
+    let there = match memory.limit() {
+        None => String::new(),
+        Some(_) if needed.total() > memory.left() => format!("; too much: {left} are left"),
+        Some(limit) => format!("; {left} of {} are left", Amount(limit)),
+    };
+    format!("film {film}, image {image}{there}")
 }
 
 /// "2 cube, 1 sphere" for a list of kinds.

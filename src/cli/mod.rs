@@ -1,11 +1,13 @@
 //! The command line: one file per subcommand.
 
 pub mod bench;
+pub mod checkpoint;
 pub mod cpu;
 pub mod diff;
 pub mod info;
 pub mod info_image;
 pub mod lab;
+pub mod merge;
 mod photon_notes;
 pub mod progress;
 pub mod regress;
@@ -23,7 +25,8 @@ use std::process::ExitCode;
 #[command(name = "buffon", version = VERSION, propagate_version = true, max_term_width = 100)]
 #[command(
     after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 scene or asset, 4 reading or writing \
-    output, 5 invalid samples or warnings under --strict, 128 + n stopped by signal n (what there is was written)."
+    output, 5 invalid samples or warnings under --strict, 85 stopped by a signal with a \
+    checkpoint written, 128 + n stopped by signal n (what there is was written)."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -36,6 +39,7 @@ const VERSION: &str = env!("BUFFON_VERSION");
 #[derive(Debug, Subcommand)]
 enum Command {
     Render(Box<render::RenderArgs>),
+    Merge(merge::MergeArgs),
     Diff(diff::DiffArgs),
     Bench(Box<bench::BenchArgs>),
     Regress(Box<regress::RegressArgs>),
@@ -58,6 +62,7 @@ pub fn main() -> ExitCode {
     };
     let result = match cli.command {
         Command::Render(args) => render::run(&args),
+        Command::Merge(args) => merge::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Regress(args) => regress::run(&args),

@@ -6,6 +6,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::image;
 use crate::loader::LoadOptions;
+use crate::memory::Limit;
 use crate::regress::{self, Found, Options, Report, Row, Status, Update, discover, junit, write_page};
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
@@ -91,6 +92,9 @@ pub struct RegressArgs {
     /// Threads; they change the speed, never the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
+    pub memory_limit: Option<Limit>,
     /// Folders to look for the scenes' files in, besides their own; several are separated by ';'
     #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
     pub search_path: Vec<PathBuf>,
@@ -182,7 +186,11 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
 /// What the command line says of the run.
 fn options(args: &RegressArgs) -> Options {
     Options {
-        load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+        load: LoadOptions {
+            defines: args.define.clone(),
+            search_paths: args.search_path.clone(),
+            memory: args.memory_limit.unwrap_or_default(),
+        },
         accel: args.accel.unwrap_or_default(),
         threads: args.threads.map_or_else(default_threads, |n| n as usize),
         choices: Choices {

@@ -1,5 +1,6 @@
 //! `buffon render`: a scene in, an image out.
 
+use super::checkpoint::Checkpointing;
 use super::photon_notes::photon_notes;
 use super::progress::{ProgressKind, Watcher};
 use super::stats::{Account, Seconds};
@@ -10,10 +11,12 @@ use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
 use crate::loader::LoadOptions;
-use crate::render::{Progress, Rendered, StopReason, StopRules};
+use crate::memory::Limit;
+use crate::render::{Keeper, Progress, Rendered, State, StopReason, StopRules};
 use crate::sampling::SamplerKind;
-use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session, default_threads};
+use crate::session::{Choices, Origin, Plan, SceneChoices, SceneFile, Session, default_threads};
 use clap::Args;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
@@ -66,6 +69,21 @@ pub struct RenderArgs {
     /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache, photonmapper)
     #[arg(long, value_name = "FILE")]
     pub cache: Option<PathBuf>,
+    /// Keep what the render has summed in FILE every now and then, and when it ends or is interrupted; --resume goes on from
+    /// it, and `buffon merge` adds several
+    #[arg(long, value_name = "FILE")]
+    pub checkpoint: Option<PathBuf>,
+    /// How much time of rendering may be lost
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = values::duration, requires = "checkpoint")]
+    pub checkpoint_every: Duration,
+    /// Go on from the checkpoint if it is there: --spp and --time count from the beginning, and the picture is the very one of
+    /// a render that was not interrupted
+    #[arg(long, requires = "checkpoint")]
+    pub resume: bool,
+    /// Take the samples A to B - 1 of each pixel only, of the --spp of the whole render; with --checkpoint, `buffon merge`
+    /// makes the very picture of the whole render of all ranges
+    #[arg(long, value_name = "A..B", value_parser = values::range)]
+    pub sample_range: Option<Range<u64>>,
     /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     pub size: Option<(u32, u32)>,
@@ -78,6 +96,9 @@ pub struct RenderArgs {
     /// Threads; they change the speed, never the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
+    pub memory_limit: Option<Limit>,
     /// Which sensor of the scene, from 0
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub sensor: usize,
@@ -113,21 +134,32 @@ pub struct RenderArgs {
 /// If the command line, the scene or the output is at fault; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
-    let target = args.output.clone().unwrap_or_else(|| args.scene.with_extension("exr"));
+    let target = args.output.clone().unwrap_or_else(|| default_output(args));
     refuse(args, &target)?;
     image::check_output(&target)?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
         image::check_replaceable(path)?;
     }
-    let (session, cache, mut seconds) = open(args)?;
-    let plan = session.plan(&choices(args, cache))?;
+    let (session, origin, mut seconds) = open(args)?;
+    let plan = session.plan(&choices(args, origin))?;
+    session.check_output(&plan, &target)?;
+    let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
     let advice = plan.job.sampler.kind().advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         eprintln!("buffon: note: {advice}");
     }
     let progress = Arc::new(Progress::new());
     let signal = listen(&progress)?;
-    let rendered = sample(args, &session, &plan, &progress)?;
+    let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
+    let code = match signal.load(Ordering::Relaxed) {
+        0 => 0,
+        _ if args.checkpoint.is_some() && rendered.kept.is_ok() => INTERRUPTED_WITH_CHECKPOINT,
+        signal => u8::try_from(128 + signal).unwrap_or(1),
+    };
+    if rendered.stop_reason == StopReason::Interrupted && rendered.counts.most == 0 {
+        eprintln!("buffon: interrupted before the first sample: {} is left as it was", target.display());
+        return rendered.kept.map(|()| code);
+    }
     let written = Instant::now();
     let image = session.image(&plan, &rendered);
     let samples = session.camera().film.component_format.into();
@@ -144,9 +176,17 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         photon_notes(&rendered.facts).iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     warn_of_values(args, &target, &rendered, report.clamped_half)?;
-    match signal.load(Ordering::Relaxed) {
-        0 => Ok(0),
-        signal => Ok(u8::try_from(128 + signal).unwrap_or(1)),
+    rendered.kept.map(|()| code)
+}
+
+/// Exit code of a render that a signal has stopped, and that can be gone on with.
+const INTERRUPTED_WITH_CHECKPOINT: u8 = 85;
+
+/// The scene's name, with the range of samples if there is one: ranges do not overwrite each other's pictures.
+fn default_output(args: &RenderArgs) -> PathBuf {
+    match &args.sample_range {
+        Some(range) => args.scene.with_extension(format!("{}-{}.exr", range.start, range.end)),
+        None => args.scene.with_extension("exr"),
     }
 }
 
@@ -165,9 +205,13 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
 }
 
 /// Loads and compiles the scene, saying what there is to say about it.
-fn open(args: &RenderArgs) -> Result<(Session, Option<CacheFile>, Seconds)> {
+fn open(args: &RenderArgs) -> Result<(Session, Option<Origin>, Seconds)> {
     let choices = SceneChoices {
-        load: LoadOptions { defines: args.define.clone(), search_paths: args.search_path.clone() },
+        load: LoadOptions {
+            defines: args.define.clone(),
+            search_paths: args.search_path.clone(),
+            memory: args.memory_limit.unwrap_or_default(),
+        },
         sensor: args.sensor,
         size: args.size,
         crop: args.crop,
@@ -178,17 +222,20 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<CacheFile>, Seconds)> {
     if !args.quiet {
         file.notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
-    let cache = args.cache.clone().map(|path| file.cache(path));
+    let kept_beyond = args.cache.is_some() || args.checkpoint.is_some();
+    let origin = kept_beyond.then(|| file.origin());
     let threads = args.threads.map_or_else(default_threads, |n| n as usize);
     image::set_threads(threads);
     let mut session = file.compile(args.accel.unwrap_or_default(), threads)?;
     warn(args, std::mem::take(&mut session.warnings))?;
     let build = session.report.build_seconds;
-    Ok((session, cache, Seconds { load, build, ..Seconds::default() }))
+    Ok((session, origin, Seconds { load, build, ..Seconds::default() }))
 }
 
 /// What the command line says of the render.
-fn choices(args: &RenderArgs, cache: Option<CacheFile>) -> Choices {
+fn choices(args: &RenderArgs, origin: Option<Origin>) -> Choices {
+    let cache =
+        |(path, Origin { scene, view }): (&PathBuf, Origin)| CacheFile { path: path.clone(), scene, view };
     Choices {
         integrator: args.integrator.clone(),
         sampler: args.sampler,
@@ -196,7 +243,8 @@ fn choices(args: &RenderArgs, cache: Option<CacheFile>) -> Choices {
         seed: args.seed,
         aov: args.aov.clone(),
         adaptive: args.adaptive,
-        cache,
+        cache: args.cache.as_ref().zip(origin).map(cache),
+        samples: args.sample_range.clone(),
     }
 }
 
@@ -232,11 +280,25 @@ pub(super) fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
     Ok(result)
 }
 
-fn sample(args: &RenderArgs, session: &Session, plan: &Plan, progress: &Arc<Progress>) -> Result<Rendered> {
+fn sample(
+    args: &RenderArgs,
+    session: &Session,
+    plan: &Plan,
+    progress: &Arc<Progress>,
+    checkpoint: Option<Checkpointing>,
+) -> Result<Rendered> {
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
     let pixels = session.camera().film.rect().area();
     let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
-    let rendered = session.render(plan, progress);
+    let rendered = match checkpoint {
+        None => session.render(plan, progress),
+        Some(mut checkpoint) => {
+            let begin = checkpoint.take_state();
+            let keep = |state: &State| checkpoint.save(state);
+            let keeper = Keeper { every: args.checkpoint_every, keep: &keep };
+            session.render_on(plan, progress, begin, Some(keeper))
+        }
+    };
     watcher.finish();
     rendered
 }

@@ -95,6 +95,8 @@ impl Account<'_> {
             "relmse_estimate": rendered.relmse,
             "relmse_interval": rendered.relmse_interval,
             "peak_memory_bytes": peak_memory(),
+            "planned_memory_bytes": session.memory.peak(),
+            "memory_limit_bytes": session.memory.limit(),
             "accel_memory_bytes": scene.accel.memory_bytes(),
             "mesh_memory_bytes": scene.mesh_bytes(),
             "film_memory_bytes": rendered.tiles.iter().map(|t| t.memory_bytes()).sum::<usize>(),

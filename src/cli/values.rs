@@ -1,6 +1,8 @@
 //! Values of options: durations, sizes, rectangles, definitions.
 
 use crate::film::PixelRect;
+use crate::memory::Limit;
+use std::ops::Range;
 use std::time::Duration;
 
 /// Parses `90`, `90s`, `1.5m` or `2h`.
@@ -25,6 +27,20 @@ pub fn definition(text: &str) -> Result<(String, String), String> {
     }
 }
 
+/// Parses a number of bytes: `4G`, `512M`, `1.5GiB`, `65536`; units are powers of 1024.
+pub fn memory(text: &str) -> Result<Limit, String> {
+    let upper = text.to_ascii_uppercase();
+    let number = upper.trim_end_matches("IB").trim_end_matches('B');
+    let (number, factor) = match number.strip_suffix(['K', 'M', 'G', 'T']) {
+        Some(rest) => (rest, 1u64 << (10 * (1 + "KMGT".find(&number[rest.len()..]).unwrap_or(0)))),
+        None => (number, 1),
+    };
+    match number.trim_end().parse::<f64>() {
+        Ok(n) if n > 0.0 && n * (factor as f64) < 1e18 => Ok(Limit::Bytes((n * factor as f64) as u64)),
+        _ => Err("expected an amount of memory such as 4G, 512M or 1.5G".into()),
+    }
+}
+
 /// Parses `WIDTHxHEIGHT`.
 pub fn size(text: &str) -> Result<(u32, u32), String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
@@ -44,6 +60,15 @@ pub fn rect(text: &str) -> Result<PixelRect, String> {
         Some(&[x, y, width, height]) if width > 0 && height > 0 => Ok(PixelRect { x, y, width, height }),
         _ => Err("expected X,Y,WIDTH,HEIGHT in pixels from the top left corner".into()),
     }
+}
+
+/// Parses `A..B`, from A up to but not including B.
+pub fn range(text: &str) -> Result<Range<u64>, String> {
+    let parsed =
+        text.split_once("..").and_then(|(a, b)| Some(a.trim().parse().ok()?..b.trim().parse().ok()?));
+    parsed.filter(|range: &Range<u64>| !range.is_empty()).ok_or_else(|| {
+        "expected A..B, two whole numbers of which the first is less: 0..64 are the first 64 samples".into()
+    })
 }
 
 /// Parses a positive number.
@@ -66,6 +91,26 @@ mod tests {
         assert_eq!(duration("2h"), Ok(Duration::from_secs(7200)));
         for bad in ["", "s", "-1", "0", "nan", "inf", "1d", "1mm", "1e30h"] {
             assert!(duration(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn amounts_of_memory_have_units() {
+        for (text, bytes) in
+            [("65536", 65536), ("4G", 4 << 30), ("1.5GiB", 3 << 29), ("512MB", 512 << 20), ("2k", 2048)]
+        {
+            assert_eq!(memory(text), Ok(Limit::Bytes(bytes)), "{text}");
+        }
+        for bad in ["", "G", "0", "-1M", "nan", "4X", "inf", "1e9T"] {
+            assert!(memory(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn ranges_hold_something() {
+        assert_eq!(range("64..128"), Ok(64..128));
+        for bad in ["", "..", "5", "4..4", "5..4", "-1..4", "0..=4", "1...4"] {
+            assert!(range(bad).is_err(), "{bad}");
         }
     }
 

@@ -1,6 +1,7 @@
 //! The Embree device: options, errors and the count of its memory.
 
 use crate::error::{Error, Result};
+use crate::memory::{Budget, Refusal};
 use buffon_embree_sys as sys;
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::ptr;
@@ -21,6 +22,36 @@ pub fn version() -> &'static str {
 pub struct DeviceOptions {
     /// Threads that build scenes; 0 means all cores. Embree's limit is process-wide: the last device wins.
     pub threads: usize,
+    /// Instructions that Embree does without, though the CPU may have them.
+    pub max_isa: Option<Isa>,
+}
+
+/// Sets of instructions, each with all before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Isa {
+    /// SSE up to 4.2: four lanes.
+    Sse42,
+    /// AVX: eight lanes.
+    Avx,
+    /// AVX2: eight lanes.
+    Avx2,
+    /// AVX-512: sixteen lanes.
+    Avx512,
+}
+
+impl Isa {
+    /// All of them.
+    pub const ALL: [Isa; 4] = [Isa::Sse42, Isa::Avx, Isa::Avx2, Isa::Avx512];
+
+    /// Embree's name.
+    fn name(self) -> &'static str {
+        match self {
+            Isa::Sse42 => "sse4.2",
+            Isa::Avx => "avx",
+            Isa::Avx2 => "avx2",
+            Isa::Avx512 => "avx512",
+        }
+    }
 }
 
 impl DeviceOptions {
@@ -30,10 +61,9 @@ impl DeviceOptions {
             let message = format!("expected at most {MAX_THREADS} threads, found {}", self.threads);
             return Err(Error::usage(message).about("Embree"));
         }
-        let text = match self.threads {
-            0 => String::new(),
-            n => format!("threads={n}"),
-        };
+        let threads = (self.threads > 0).then(|| format!("threads={}", self.threads));
+        let max_isa = self.max_isa.map(|isa| format!("max_isa={}", isa.name()));
+        let text = threads.into_iter().chain(max_isa).collect::<Vec<_>>().join(",");
         Ok(CString::new(text).expect("the configuration has no NUL"))
     }
 }
@@ -42,6 +72,9 @@ impl DeviceOptions {
 struct CallbackState {
     bytes: AtomicIsize,
     messages: Mutex<Vec<String>>,
+    budget: Budget,
+    /// The first allocation that the budget refused.
+    refusal: Mutex<Option<Refusal>>,
 }
 
 /// An Embree device. Scenes made with it keep it alive.
@@ -55,18 +88,26 @@ pub(super) struct DeviceHandle {
     state: Box<CallbackState>,
 }
 
-// SAFETY: Embree's device is thread-safe (reference-counted, internally locked); the callbacks only touch an
-// atomic and a mutex.
+// SAFETY: Embree's device is thread-safe (reference-counted, internally locked); the callbacks only touch atomics and
+// mutexes.
 unsafe impl Send for DeviceHandle {}
 // SAFETY: as above.
 unsafe impl Sync for DeviceHandle {}
 
 impl Device {
-    /// Makes a device.
+    /// Makes a device whose memory has no limit.
+    ///
+    /// # Errors
+    /// As [`within`](Self::within).
+    pub fn new(options: DeviceOptions) -> Result<Self> {
+        Device::within(options, Budget::unlimited())
+    }
+
+    /// Makes a device. What its scenes take is charged to the budget, and building one fails where that refuses.
     ///
     /// # Errors
     /// If the options are out of range, or if Embree cannot run here (its message is passed on).
-    pub fn new(options: DeviceOptions) -> Result<Self> {
+    pub fn within(options: DeviceOptions, budget: Budget) -> Result<Self> {
         let config = options.config()?;
         // SAFETY: `config` is a NUL-terminated string that outlives the call.
         let raw = unsafe { sys::rtcNewDevice(config.as_ptr()) };
@@ -75,7 +116,12 @@ impl Device {
             let code = unsafe { sys::rtcGetDeviceError(ptr::null_mut()) };
             return Err(Error::internal(format!("no device: {}", describe(code))).about("Embree"));
         }
-        let state = Box::new(CallbackState { bytes: AtomicIsize::new(0), messages: Mutex::new(Vec::new()) });
+        let state = Box::new(CallbackState {
+            bytes: AtomicIsize::new(0),
+            messages: Mutex::new(Vec::new()),
+            budget,
+            refusal: Mutex::new(None),
+        });
         let user: *const CallbackState = &*state;
         // SAFETY: `raw` is a live device. `state` is boxed, so its address is stable, and it is dropped by
         // `DeviceHandle` only after the device was released.
@@ -96,9 +142,7 @@ impl Device {
 
     /// Whether packets of 16 rays are traced 16 wide on this machine.
     pub fn has_native_packets16(&self) -> bool {
-        let property = sys::RTCDeviceProperty::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED;
-        // SAFETY: the device is live, the property exists in every Embree 3.
-        unsafe { sys::rtcGetDeviceProperty(self.handle.raw, property) != 0 }
+        self.handle.has_native_packets16()
     }
 
     /// The shared owner of the handle.
@@ -111,6 +155,13 @@ impl DeviceHandle {
     /// The C handle; valid while `self` lives.
     pub(super) fn raw(&self) -> sys::RTCDevice {
         self.raw
+    }
+
+    /// See [`Device::has_native_packets16`].
+    pub(super) fn has_native_packets16(&self) -> bool {
+        let property = sys::RTCDeviceProperty::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED;
+        // SAFETY: the device is live, the property exists in every Embree 3.
+        unsafe { sys::rtcGetDeviceProperty(self.raw, property) != 0 }
     }
 
     /// See [`Device::memory_bytes`].
@@ -127,6 +178,11 @@ impl DeviceHandle {
             return Ok(());
         }
         let detail = messages.drain(..).collect::<Vec<_>>().join("; ");
+        let refusal = self.state.refusal.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(refusal) = refusal.filter(|_| code == sys::RTCError::RTC_ERROR_OUT_OF_MEMORY) {
+            let what = "one more part of the acceleration structure";
+            return Err(Error::scene(refusal.sentence(what, "use fewer triangles")).about("Embree"));
+        }
         let detail = if detail.is_empty() { String::new() } else { format!(" ({detail})") };
         Err(Error::internal(format!("{doing}: {}{detail}", describe(code))).about("Embree"))
     }
@@ -158,20 +214,34 @@ unsafe extern "C" fn on_error(user: *mut c_void, _code: sys::RTCError, text: *co
     if user.is_null() || text.is_null() {
         return;
     }
-    // SAFETY: `user` is the `CallbackState` that `Device::new` registered; it outlives the device.
+    // SAFETY: `user` is the `CallbackState` that `Device::within` registered; it outlives the device.
     let state = unsafe { &*user.cast::<CallbackState>() };
     // SAFETY: Embree passes a NUL-terminated string that lives for the call.
     let text = unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned();
     state.messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
 }
 
-/// Embree's memory monitor: counts, and lets every allocation pass.
-unsafe extern "C" fn on_memory(user: *mut c_void, bytes: isize, _post: bool) -> bool {
-    if !user.is_null() {
-        // SAFETY: `user` is the `CallbackState` that `Device::new` registered; it outlives the device.
-        let state = unsafe { &*user.cast::<CallbackState>() };
-        state.bytes.fetch_add(bytes, Ordering::Relaxed);
+/// Embree's memory monitor: counts what is allocated (`bytes` > 0; `post` if that is done) and freed, and forbids what the
+/// budget refuses.
+unsafe extern "C" fn on_memory(user: *mut c_void, bytes: isize, post: bool) -> bool {
+    if user.is_null() {
+        return true;
     }
+    // SAFETY: `user` is the `CallbackState` that `Device::within` registered; it outlives the device.
+    let state = unsafe { &*user.cast::<CallbackState>() };
+    let amount = bytes.unsigned_abs() as u64;
+    if bytes < 0 {
+        state.budget.refund(amount);
+    } else if let Err(refusal) = state.budget.charge(amount) {
+        state.refusal.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(refusal);
+        if post {
+            // Embree will report that it frees what it has.
+            state.budget.record(amount);
+            state.bytes.fetch_add(bytes, Ordering::Relaxed);
+        }
+        return false;
+    }
+    state.bytes.fetch_add(bytes, Ordering::Relaxed);
     true
 }
 
@@ -181,7 +251,8 @@ mod tests {
 
     #[test]
     fn too_many_threads_are_refused_in_a_sentence() {
-        let error = Device::new(DeviceOptions { threads: 5000 }).err().expect("refused");
+        let error =
+            Device::new(DeviceOptions { threads: 5000, ..DeviceOptions::default() }).err().expect("refused");
         assert_eq!(error.to_string(), "Embree: expected at most 4096 threads, found 5000");
     }
 

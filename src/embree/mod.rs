@@ -22,7 +22,7 @@ mod packet;
 mod scene;
 mod user;
 
-pub use device::{Device, DeviceOptions, version};
+pub use device::{Device, DeviceOptions, Isa, version};
 pub use filter::{Candidate, TriangleFilter};
 pub use packet::{COMPONENT_LIMIT, Mask16, RayHit1, RayHits16, Rays16, WIDTH};
 pub use scene::{Coherence, CommittedScene, SceneBuilder, SceneOptions};

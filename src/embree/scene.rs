@@ -2,7 +2,7 @@
 
 use super::device::{Device, DeviceHandle};
 use super::filter::{FilterState, TriangleFilter, on_filter};
-use super::packet::{COMPONENT_LIMIT, Mask16, RayHit1, RayHits16, Rays16};
+use super::packet::{COMPONENT_LIMIT, Mask16, RayHit1, RayHits16, Rays16, WIDTH};
 use super::user::{QueryContext, UserPrimitives, UserState, on_bounds, on_intersect, on_occluded};
 use crate::error::{Error, Result};
 use buffon_embree_sys as sys;
@@ -258,7 +258,8 @@ impl SceneBuilder {
         // SAFETY: the scene is live, and `self` is owned: no query runs.
         unsafe { sys::rtcCommitScene(self.scene.raw) };
         self.scene.device.check("building the scene")?;
-        Ok(CommittedScene { scene: self.scene, kept: self.kept, ray_limit: self.ray_limit })
+        let sees_masks = self.scene.device.has_native_packets16();
+        Ok(CommittedScene { scene: self.scene, kept: self.kept, ray_limit: self.ray_limit, sees_masks })
     }
 
     fn new_geometry(&self, kind: sys::RTCGeometryType) -> Result<GeometryHandle> {
@@ -292,6 +293,9 @@ pub struct CommittedScene {
     scene: SceneHandle,
     kept: Kept,
     ray_limit: f32,
+    /// Whether Embree looks at the mask of a packet. Where it has no packets of sixteen it does not: it takes them apart, and
+    /// traces every ray whose `t_near` is not above its `t_far`.
+    sees_masks: bool,
 }
 
 impl CommittedScene {
@@ -347,11 +351,15 @@ impl CommittedScene {
     #[inline]
     pub fn intersect16(&self, wanted: &Mask16, rays: &mut RayHits16, coherence: Coherence) -> Mask16 {
         let valid = rays.rays.valid(wanted, self.ray_limit);
+        let held_back = self.hold_back(&valid, &mut rays.rays);
         let mut context = coherence.context();
-        let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
+        let (context_ptr, packet) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `RayHits16` is `RTCRayHit16` in size, alignment and layout, and the mask
         // is aligned alike.
-        unsafe { sys::rtcIntersect16(valid.as_ptr(), self.scene.raw, context_ptr, rays.cast()) };
+        unsafe { sys::rtcIntersect16(valid.as_ptr(), self.scene.raw, context_ptr, packet.cast()) };
+        if let Some(t_near) = held_back {
+            rays.rays.t_near = t_near;
+        }
         context.finish();
         valid
     }
@@ -363,12 +371,32 @@ impl CommittedScene {
         let valid = rays.valid(wanted, self.ray_limit);
         // Embree 3.13.5 does not return from a coherent `rtcOccluded16` that enters an instance.
         let coherence = if self.kept.scenes.is_empty() { coherence } else { Coherence::Incoherent };
+        let held_back = self.hold_back(&valid, rays);
         let mut context = coherence.context();
-        let (context_ptr, rays) = (context.as_mut_ptr(), &raw mut *rays);
+        let (context_ptr, packet) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is
         // aligned alike.
-        unsafe { sys::rtcOccluded16(valid.as_ptr(), self.scene.raw, context_ptr, rays.cast()) };
+        unsafe { sys::rtcOccluded16(valid.as_ptr(), self.scene.raw, context_ptr, packet.cast()) };
+        if let Some(t_near) = held_back {
+            rays.t_near = t_near;
+        }
         context.finish();
         valid
+    }
+
+    /// Makes rays that are not to be traced such as Embree does not trace, mask or no mask; gives the `t_near` that they
+    /// had.
+    #[inline]
+    fn hold_back(&self, valid: &Mask16, rays: &mut Rays16) -> Option<[f32; WIDTH]> {
+        if self.sees_masks || *valid == Mask16::ALL {
+            return None;
+        }
+        let before = rays.t_near;
+        for (i, t_near) in rays.t_near.iter_mut().enumerate() {
+            if !valid.get(i) {
+                *t_near = f32::NAN;
+            }
+        }
+        Some(before)
     }
 }

@@ -43,6 +43,9 @@ pub struct EnvMapSample {
 }
 
 impl EnvMap {
+    /// Bytes that the distribution of directions takes for each texel while it is made: weights, densities and their sums.
+    pub const BYTES_PER_TEXEL: u64 = 12;
+
     /// The map that shows `image` times `scale`, turned by `to_world`. Of `to_world` only the rotation and reflection
     /// count: the map is infinitely far and large.
     ///

@@ -2,18 +2,19 @@
 
 use super::PixelRect;
 use crate::estimate::replicates::{BLOCK, Block, ErrorSums};
+use crate::math::Sum;
 
 /// Sums of the samples of a rectangle of pixels.
 ///
-/// Sample `i` of a pixel belongs to half `i mod 2`. Sums are `f64`: 2^24 samples of `f32` values lose nothing
-/// that an `f32` result could show. Samples are added one by one in order, so that passes do not change a bit.
+/// Sample `i` of a pixel belongs to half `i mod 2`. Sums are compensated ([`Sum`]): neither the order of the samples nor
+/// their division into passes, ranges and parts that are merged changes a bit.
 #[derive(Clone, Debug)]
 pub struct Tile {
     /// Its place in the full image.
     pub rect: PixelRect,
     channels: usize,
     /// By pixel, half and channel.
-    sums: Vec<f64>,
+    sums: Vec<Sum>,
     /// By pixel and half.
     counts: Vec<u64>,
 }
@@ -31,7 +32,12 @@ impl Tile {
     /// An empty tile with so many channels.
     pub fn new(rect: PixelRect, channels: usize) -> Self {
         let pixels = rect.width as usize * rect.height as usize;
-        Tile { rect, channels, sums: vec![0.0; pixels * 2 * channels], counts: vec![0; pixels * 2] }
+        Tile {
+            rect,
+            channels,
+            sums: vec![Sum::default(); pixels * 2 * channels],
+            counts: vec![0; pixels * 2],
+        }
     }
 
     /// Pixels of the tile.
@@ -52,7 +58,7 @@ impl Tile {
         let start = (2 * i + half) * self.channels;
         let sums = &mut self.sums[start..start + self.channels];
         for (sum, v) in sums.iter_mut().zip(values) {
-            *sum += f64::from(*v);
+            sum.add(f64::from(*v));
         }
         self.counts[2 * i + half] += 1;
     }
@@ -61,8 +67,48 @@ impl Tile {
     pub fn splat(&mut self, i: usize, half: usize, values: [f32; 3]) {
         let start = (2 * i + half) * self.channels;
         for (sum, v) in self.sums[start..start + 3].iter_mut().zip(values) {
-            *sum += f64::from(v);
+            sum.add(f64::from(v));
         }
+    }
+
+    /// Adds the samples of another tile of the same place and channels.
+    ///
+    /// # Panics
+    /// If it is another place, or if it has other channels.
+    pub fn merge(&mut self, other: &Tile) {
+        assert!(
+            (self.rect, self.channels) == (other.rect, other.channels),
+            "{:?}, {:?}",
+            self.rect,
+            other.rect
+        );
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, other)| sum.merge(*other));
+        self.counts.iter_mut().zip(&other.counts).for_each(|(count, other)| *count += other);
+    }
+
+    /// Its numbers, for a file: the two parts of every sum and then every count.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let sums = self.sums.iter().flat_map(|sum| sum.parts()).flat_map(f64::to_le_bytes);
+        sums.chain(self.counts.iter().flat_map(|count| count.to_le_bytes())).collect()
+    }
+
+    /// Takes the numbers that [`to_bytes`](Self::to_bytes) gave; false, and nothing changed, if there are not as many as
+    /// this tile has, or if one is not finite.
+    #[must_use]
+    pub fn set_bytes(&mut self, bytes: &[u8]) -> bool {
+        let (words, rest) = bytes.as_chunks::<8>();
+        if !rest.is_empty() || words.len() != 2 * self.sums.len() + self.counts.len() {
+            return false;
+        }
+        let (sums, counts) = words.split_at(2 * self.sums.len());
+        let (sums, _) = sums.as_chunks::<2>();
+        let sums: Vec<Sum> = sums.iter().map(|pair| Sum::from_parts(pair.map(f64::from_le_bytes))).collect();
+        if !sums.iter().all(|sum| sum.parts().iter().all(|part| part.is_finite())) {
+            return false;
+        }
+        self.sums = sums;
+        self.counts = counts.iter().map(|count| u64::from_le_bytes(*count)).collect();
+        true
     }
 
     /// Samples of pixel `i`.
@@ -73,7 +119,7 @@ impl Tile {
     /// Mean and variance of channel `c` of pixel `i`; zero without samples.
     pub fn estimate(&self, i: usize, c: usize) -> Estimate {
         let [n_a, n_b] = [self.counts[2 * i], self.counts[2 * i + 1]];
-        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c]);
+        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c].value());
         let n = n_a + n_b;
         if n == 0 {
             return Estimate { mean: 0.0, variance: None };
@@ -104,7 +150,7 @@ impl Tile {
         if n_a == 0.0 || n_b == 0.0 {
             return [0.0; 2];
         }
-        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c]);
+        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c].value());
         let n = n_a + n_b;
         // √(w (1 − w)) with w = n_a / n.
         [(a + b) / n, (n_a * n_b).sqrt() / n * (a / n_a - b / n_b)]
@@ -130,6 +176,11 @@ impl Tile {
         sums
     }
 
+    /// Bytes of the sums of a pixel with so many channels.
+    pub fn bytes_per_pixel(channels: usize) -> usize {
+        2 * (channels * size_of::<Sum>() + size_of::<u64>())
+    }
+
     /// Bytes of its sums.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.sums.as_slice()) + size_of_val(self.counts.as_slice())
@@ -142,6 +193,12 @@ mod tests {
 
     fn pixel() -> Tile {
         Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3)
+    }
+
+    #[test]
+    fn a_tile_takes_what_was_planned() {
+        let tile = Tile::new(PixelRect { x: 3, y: 4, width: 16, height: 5 }, 7);
+        assert_eq!(tile.memory_bytes(), 80 * Tile::bytes_per_pixel(7));
     }
 
     #[test]

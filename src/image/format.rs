@@ -50,6 +50,12 @@ impl Format {
         })
     }
 
+    /// Whether the crate `image` reads it even where OpenImageIO is built in.
+    #[cfg(feature = "oiio")]
+    fn is_for_rust(self) -> bool {
+        matches!(self, Format::Png | Format::Bmp)
+    }
+
     /// The format's name, for people.
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -141,8 +147,9 @@ pub(super) struct Difference {
 
 /// What a library does for us. An error is the library's reason, without the file's name.
 ///
-/// PNG files are always read by the crate `image`: libpng, which OpenImageIO reads them with, writes what it
-/// finds wrong with a file to the process's stderr by itself.
+/// PNG and BMP files are always read by the crate `image`: libpng, which OpenImageIO reads PNG with, writes what it
+/// finds wrong with a file to the process's stderr by itself; and its own reader of BMP (2.4.7) goes on with numbers that it
+/// has not read where a header is damaged, and allocates by them.
 impl Backend {
     /// All parts of an OpenEXR file.
     pub(super) fn read_exr(self, path: &Path) -> Result<Vec<Part>, String> {
@@ -166,7 +173,7 @@ impl Backend {
     pub(super) fn read_codes(self, path: &Path, format: Format, most: u64) -> Result<Codes, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if format != Format::Png => super::oiio::read_codes(path, format, most),
+            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::read_codes(path, format, most),
             _ => pure::read_codes(path, format, most),
         }
     }
@@ -175,7 +182,7 @@ impl Backend {
     pub(super) fn read_raster(self, path: &Path, format: Format) -> Result<Raster, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if format != Format::Png => super::oiio::read_raster(path, format),
+            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::read_raster(path, format),
             _ => pure::read_raster(path, format),
         }
     }
@@ -184,7 +191,7 @@ impl Backend {
     pub(super) fn decode_codes(self, bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if format != Format::Png => super::oiio::decode_codes(bytes, format, most),
+            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::decode_codes(bytes, format, most),
             _ => pure::decode_codes(bytes, format, most),
         }
     }

@@ -10,6 +10,7 @@
 mod compare;
 mod exr_header;
 mod format;
+mod header;
 mod heat;
 mod metadata;
 #[cfg(feature = "oiio")]
@@ -32,12 +33,15 @@ pub use format::{Backend, backend, set_threads};
 pub use heat::{HeatScale, heat};
 pub use metadata::{Metadata, Value};
 pub use read::{
-    read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_with, read_with,
+    read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_bytes_within,
+    read_texture_with, read_texture_within, read_with,
 };
-pub use replace::{check_replaceable, replace};
+pub use replace::{check_replaceable, replace, replace_with};
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};
-pub use write::{Compression, SampleFormat, WriteOptions, WriteReport, check_output, write, write_with};
+pub use write::{
+    Compression, SampleFormat, WriteOptions, WriteReport, check_output, encoding_bytes, write, write_with,
+};
 pub use ztest::{ZTest, ZTestOptions, z_test, z_test_with};
 
 /// An image in memory.

@@ -1,6 +1,7 @@
 //! Files that appear whole or not at all.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -12,10 +13,18 @@ use crate::error::{Error, Result};
 /// # Errors
 /// If the folder is missing, full or cannot be written to, or if there is a folder of that name.
 pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
+    replace_with(path, |file| file.write_all(bytes))
+}
+
+/// [`replace`] with what `write` writes, piece by piece.
+///
+/// # Errors
+/// As those of [`replace`].
+pub fn replace_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
     let fail = |message: String| failure(path, &message);
-    let (target, part) = begin(path)?;
-    fill(&part, bytes).map_err(|e| fail(reason(e)))?;
-    part.persist(&target).map_err(|e| fail(reason(e.error)))
+    let (target, mut part) = begin(path)?;
+    part.fill(write).map_err(|e| fail(reason(e)))?;
+    part.path.persist(&target).map_err(|e| fail(reason(e.error)))
 }
 
 /// Whether [`replace`] could begin there: a long computation should not fail at its end.
@@ -30,8 +39,9 @@ fn failure(path: &Path, message: &str) -> Error {
     Error::output(format!("cannot be written: {message}")).in_file(path)
 }
 
-/// The file behind symbolic links, and a temporary one beside it.
-fn begin(path: &Path) -> Result<(PathBuf, tempfile::TempPath)> {
+/// The file behind symbolic links, and a temporary one beside it. What writers that were killed have left there of the
+/// same file is removed.
+fn begin(path: &Path) -> Result<(PathBuf, Part)> {
     let fail = |message: String| failure(path, &message);
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if target.is_dir() {
@@ -44,31 +54,85 @@ fn begin(path: &Path) -> Result<(PathBuf, tempfile::TempPath)> {
     if !folder.is_dir() {
         return Err(fail(format!("there is no folder \"{}\"", folder.display())));
     }
-    let part = temporary(&target, &folder).map_err(fail)?;
+    let name = PartName::of(&target);
+    name.remove_abandoned(&folder);
+    let part = Part::new(&name, &folder).map_err(fail)?;
     Ok((target, part))
 }
 
-/// Writes a file and waits until it is on the disk: a rename must not overtake it.
-fn fill(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let mut file = std::fs::OpenOptions::new().write(true).open(path)?;
-    file.write_all(bytes)?;
-    file.sync_all()
+/// How the temporary files of a file are called.
+struct PartName {
+    prefix: String,
+    suffix: String,
 }
 
-/// A new, empty file in the folder, which is removed when dropped.
-fn temporary(target: &Path, folder: &Path) -> Result<tempfile::TempPath, String> {
-    let stem = target.file_stem().unwrap_or_default().to_string_lossy();
-    let extension = target.extension().unwrap_or_default().to_string_lossy();
-    let (prefix, suffix) = (format!("{stem}."), format!(".part.{extension}"));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(&prefix).suffix(&suffix);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Those of an ordinary file; the umask is taken from them.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
+/// Random characters of a temporary name.
+const RANDOM: usize = 6;
+
+impl PartName {
+    fn of(target: &Path) -> Self {
+        let stem = target.file_stem().unwrap_or_default().to_string_lossy();
+        let extension = target.extension().unwrap_or_default().to_string_lossy();
+        PartName { prefix: format!("{stem}."), suffix: format!(".part.{extension}") }
     }
-    Ok(builder.tempfile_in(folder).map_err(reason)?.into_temp_path())
+
+    fn matches(&self, name: &str) -> bool {
+        name.strip_prefix(&self.prefix)
+            .and_then(|rest| rest.strip_suffix(&self.suffix))
+            .is_some_and(|random| random.len() == RANDOM && random.bytes().all(|b| b.is_ascii_alphanumeric()))
+    }
+
+    /// Removes those whose writers have died: they hold no lock any more.
+    fn remove_abandoned(&self, folder: &Path) {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let named = entries.filter(|entry| entry.file_name().to_str().is_some_and(|n| self.matches(n)));
+        for entry in named.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file())) {
+            // It stays if it cannot be removed: nothing depends on it.
+            if let Ok(file) = File::open(entry.path())
+                && file.try_lock().is_ok()
+            {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+/// A temporary file, which is removed when dropped. It is locked while its writer lives.
+struct Part {
+    file: File,
+    path: tempfile::TempPath,
+}
+
+impl Part {
+    /// A new, empty file in the folder.
+    fn new(name: &PartName, folder: &Path) -> Result<Self, String> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(&name.prefix).suffix(&name.suffix).rand_bytes(RANDOM);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // Those of an ordinary file; the umask is taken from them.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        loop {
+            let (file, path) = builder.tempfile_in(folder).map_err(reason)?.into_parts();
+            // File systems without locks go without.
+            let _ = file.lock();
+            // Another writer may have taken it for abandoned before it was locked.
+            if path.exists() {
+                return Ok(Part { file, path });
+            }
+        }
+    }
+
+    /// Writes and waits until all is on the disk: a rename must not overtake it.
+    fn fill(&mut self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+        let mut buffered = BufWriter::new(&self.file);
+        write(&mut buffered)?;
+        buffered.flush()?;
+        drop(buffered);
+        self.file.sync_all()
+    }
 }
 
 /// The reason without the temporary name, which means nothing to anybody.
@@ -90,6 +154,22 @@ mod tests {
             assert_eq!(fs::read_to_string(&path).unwrap(), content);
             assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
         }
+    }
+
+    #[test]
+    fn what_dead_writers_left_is_removed_and_what_living_ones_write_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("image.exr");
+        let (_, living) = begin(&path).unwrap();
+        let others = ["image.abc.part.exr", "image.abcdef.part.png", "image2.abcdef.part.exr", "image.exr"];
+        let abandoned = dir.path().join("image.aBcD01.part.exr");
+        fs::write(&abandoned, "half").unwrap();
+        others.iter().for_each(|name| fs::write(dir.path().join(name), "").unwrap());
+        check_replaceable(&path).unwrap();
+        assert!(!abandoned.exists() && living.path.exists());
+        assert!(others.iter().all(|name| dir.path().join(name).exists()));
+        drop(living);
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), others.len());
     }
 
     /// Runs itself in a process whose files may not be longer than 8 KiB.

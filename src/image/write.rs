@@ -105,6 +105,17 @@ pub fn check_output(path: &Path) -> Result<()> {
     check_replaceable(path)
 }
 
+/// Bytes that [`write()`] takes beside an image of so many pixels and channels, at most: the values in the file's form, the file, and
+/// its copy.
+pub fn encoding_bytes(path: &Path, pixels: u64, channels: u64) -> u64 {
+    let of_pixel = match Format::of_extension(path) {
+        Some(Format::OpenExr) => 12 * channels,
+        Some(Format::Pfm) => 24,
+        _ => 12,
+    };
+    pixels.saturating_mul(of_pixel)
+}
+
 /// [`write()`] with a given library.
 pub fn write_with(
     backend: Backend,

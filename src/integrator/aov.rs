@@ -64,6 +64,12 @@ impl Aov {
         })
     }
 
+    /// Its name, which [`by_name`](Self::by_name) knows.
+    pub fn name(self) -> &'static str {
+        let mut names = Self::NAMES.into_iter();
+        names.find(|name| Self::by_name(name) == Some(self)).unwrap_or_default()
+    }
+
     /// The names that [`by_name`](Self::by_name) knows, one for each layer.
     pub const NAMES: [&'static str; 12] = [
         "albedo",

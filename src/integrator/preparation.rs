@@ -1,6 +1,7 @@
 //! What an integrator may compute before the camera's samples are taken.
 
 use super::{Counters, Worker};
+use crate::memory::Budget;
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use crate::sensor::Camera;
@@ -23,6 +24,8 @@ pub struct Preparation<'a> {
     pub interrupted: &'a (dyn Fn() -> bool + Sync),
     /// Where to read what was computed before, and else to keep it.
     pub cache: Option<CacheFile>,
+    /// What is planned of memory.
+    pub memory: &'a Budget,
 }
 
 /// A file that holds what a preparation has computed.

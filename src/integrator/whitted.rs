@@ -73,11 +73,7 @@ impl WhittedIntegrator {
                 if value.is_black() {
                     continue;
                 }
-                let ray = match sample.target {
-                    Target::Point(p) => scene.shadow_ray_to(&at, p, sample.wi),
-                    Target::Infinity => scene.spawn_ray(&at, sample.wi, at.time),
-                };
-                worker.shadows.push_one(Ray { time: at.time, ..ray }, parents.slots[parent], value);
+                worker.shadows.push_one(scene.shadow_ray(&at, &sample), parents.slots[parent], value);
             }
         }
     }

@@ -7,10 +7,11 @@ use crate::math::{Ray, RayX16, f32x16};
 use crate::sampling::{SampleKey, Sampler};
 use crate::scene::Scene;
 use bumpalo::Bump;
+use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
 /// Counts of one worker; merged at the end.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Counters {
     /// Queries for the nearest hit.
     pub closest_rays: u64,

@@ -92,7 +92,14 @@ impl Studio {
             stop: StopRules { samples: Some(sampling.spp), ..StopRules::default() },
             layers: Vec::new(),
         };
-        let plan = Plan { integrator: integrator.clone(), job, adaptive: false, cache: None };
+        let plan = Plan {
+            integrator: integrator.clone(),
+            target: job.stop.samples,
+            job,
+            adaptive: false,
+            cache: None,
+            first: 0,
+        };
         let rendered = self.session.render(&plan, &Progress::new())?;
         Ok(Shot {
             image: self.session.image(&plan, &rendered),

@@ -22,6 +22,7 @@ mod xml;
 
 use crate::error::{Error, Place, Result};
 use crate::integrator;
+use crate::memory::{Budget, Limit, Reservation};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use std::path::{Path, PathBuf};
@@ -33,6 +34,8 @@ pub struct LoadOptions {
     pub defines: Vec<(String, String)>,
     /// `-a DIR`: folders to look for files in, after the scene's own.
     pub search_paths: Vec<PathBuf>,
+    /// `--memory-limit`: the most memory that the program may take.
+    pub memory: Limit,
 }
 
 /// A loaded scene file.
@@ -50,6 +53,8 @@ pub struct Loaded {
     pub warnings: Vec<Error>,
     /// What the user should know but need not change (a sampler that was mapped).
     pub notes: Vec<String>,
+    /// What is planned of memory: so far the meshes and textures.
+    pub memory: Budget,
 }
 
 /// What the program can load, by the extension of the file.
@@ -62,20 +67,24 @@ pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
 ///
 /// # Errors
 /// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column where there are any: what cannot be read, is
-/// malformed, unknown or out of range. All missing mesh and spectrum files come in one error.
+/// malformed, unknown, out of range, or does not fit into memory. All missing mesh and spectrum files come in one error.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    match extension.as_str() {
-        "xml" => load_xml(path, options),
+    let memory = Budget::open(options.memory);
+    let loaded = match extension.as_str() {
+        "xml" => load_xml(path, options, &memory),
         "gltf" | "glb" => {
-            gltf::load(path, &options.search_paths).map(|loaded| warn_of_defines(loaded, options))
+            gltf::load(path, &options.search_paths, &memory).map(|loaded| warn_of_defines(loaded, options))
         }
-        "obj" | "ply" => instantiate::bare::load(path).map(|loaded| warn_of_defines(loaded, options)),
+        "obj" | "ply" => {
+            instantiate::bare::load(path, &memory).map(|loaded| warn_of_defines(loaded, options))
+        }
         _ => {
             let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
             Err(Error::scene(expected).in_file(path))
         }
-    }
+    }?;
+    Ok(Loaded { memory, ..loaded })
 }
 
 /// Adds a warning for each value that the user gives to a parameter, where files have none.
@@ -88,17 +97,21 @@ fn warn_of_defines(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
 }
 
 /// Loads a scene in Mitsuba's language.
-fn load_xml(path: &Path, options: &LoadOptions) -> Result<Loaded> {
-    let resolved = resolve::resolve(path, options)?;
-    instantiate::instantiate(resolved)
+fn load_xml(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Loaded> {
+    let resolved = resolve::resolve(path, options, memory)?;
+    instantiate::instantiate(resolved, memory)
 }
 
-/// Reads a file.
+/// Reads a file; its bytes are planned for as long as the reservation lives.
 ///
 /// # Errors
-/// When it does not exist or cannot be read, with what the system says.
-fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).map_err(|e| unreadable(path, &e))
+/// When it does not exist or cannot be read, with what the system says, or is larger than the memory that is left.
+fn read_bytes(path: &Path, memory: &Budget) -> Result<(Vec<u8>, Reservation)> {
+    let length = std::fs::metadata(path).map_or(0, |about| about.len());
+    let reserved = memory.reserve(length).map_err(|refusal| {
+        Error::scene(refusal.sentence("reading the file", "use a smaller one")).in_file(path)
+    })?;
+    Ok((std::fs::read(path).map_err(|e| unreadable(path, &e))?, reserved))
 }
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Error {
@@ -117,9 +130,10 @@ fn system_message(error: &std::io::Error) -> String {
 /// Reads a text file.
 ///
 /// # Errors
-/// When it cannot be read or is not UTF-8.
-fn read_text(path: &Path) -> Result<String> {
-    let text = String::from_utf8(read_bytes(path)?).map_err(|e| {
+/// As [`read_bytes`]; when it is not UTF-8.
+fn read_text(path: &Path, memory: &Budget) -> Result<String> {
+    let (bytes, _reserved) = read_bytes(path, memory)?;
+    let text = String::from_utf8(bytes).map_err(|e| {
         let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
         let line = 1 + before.iter().filter(|b| **b == b'\n').count();
         let column = 1 + before.iter().rev().take_while(|b| **b != b'\n').count();

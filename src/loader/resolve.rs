@@ -8,6 +8,7 @@ use super::xml::{self, Attribute, Element};
 use super::{LoadOptions, names, transform, upgrade, values};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, Motion};
+use crate::memory::Budget;
 use std::path::{Path, PathBuf};
 
 /// The version of the scene language that Buffon speaks.
@@ -41,8 +42,9 @@ pub struct Resolved {
 ///
 /// # Errors
 /// Whatever is malformed, unknown or inconsistent, with its place.
-pub fn resolve(path: &Path, options: &LoadOptions) -> Result<Resolved> {
+pub fn resolve(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Resolved> {
     let mut resolver = Resolver {
+        memory,
         parameters: Parameters::new(&options.defines),
         including: Vec::new(),
         files: 0,
@@ -76,7 +78,8 @@ pub fn check_attributes(element: &Element, required: &[&str], optional: &[&str])
     }
 }
 
-struct Resolver {
+struct Resolver<'m> {
+    memory: &'m Budget,
     parameters: Parameters,
     including: Vec<PathBuf>,
     files: usize,
@@ -94,7 +97,7 @@ struct Context {
     old: bool,
 }
 
-impl Resolver {
+impl Resolver<'_> {
     /// Reads a file; its objects go into `parent`, under `name` if it is one object, or it is the scene itself.
     fn file(&mut self, path: &Path, parent: Option<ObjectId>, name: Option<&Attribute>) -> Result<()> {
         let identity = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
@@ -106,7 +109,7 @@ impl Resolver {
                 Error::scene(format!("files are included more than {MAX_INCLUDES} deep")).in_file(path)
             );
         }
-        let mut root = xml::parse(path, super::read_text(path)?, &mut self.out.warnings)?;
+        let mut root = xml::parse(path, super::read_text(path, self.memory)?, &mut self.out.warnings)?;
         self.including.push(identity);
         self.files += 1;
         if self.files > MAX_FILES {

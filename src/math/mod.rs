@@ -7,6 +7,7 @@ pub mod motion;
 pub mod octahedral;
 pub mod ray;
 pub mod robust;
+pub mod sum;
 
 pub use bounds::Bounds;
 pub use frame::{Frame, FrameX16};
@@ -14,3 +15,4 @@ pub use glam::{Affine2, DAffine3, DMat3, DMat4, DQuat, DVec2, DVec3, Mat3, Vec2,
 pub use lanes::{LANES, Vec3x16, f32x16};
 pub use motion::Motion;
 pub use ray::{Ray, RayX16};
+pub use sum::Sum;

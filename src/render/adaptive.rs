@@ -26,6 +26,7 @@ const PER_OCTAVE: f64 = 64.0;
 const LEVELS: usize = 4096;
 
 /// How samples are spread over the pixels.
+#[derive(Clone, Debug)]
 pub struct Allocation {
     rect: PixelRect,
     pilot: u64,
@@ -56,8 +57,7 @@ impl Allocation {
             }
         }
         let levels: Vec<u16> = around(&noise, width, height).into_iter().map(level).collect();
-        let mut histogram = vec![0; LEVELS];
-        levels.iter().for_each(|&level| histogram[usize::from(level)] += 1);
+        let histogram = histogram(&levels);
         Allocation { rect, pilot, levels, histogram, counts: [vec![pilot; LEVELS], vec![pilot; LEVELS]] }
     }
 
@@ -89,6 +89,41 @@ impl Allocation {
         in_steps((wanted as u64).clamp(least, least.max(average.saturating_mul(MOST_TIMES))))
     }
 
+    /// Samples per pixel of its pilot.
+    pub fn pilot(&self) -> u64 {
+        self.pilot
+    }
+
+    /// Its numbers, for a file; see [`from_bytes`](Self::from_bytes).
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let counts = self.counts[1].iter().flat_map(|n| n.to_le_bytes());
+        counts.chain(self.levels.iter().flat_map(|n| n.to_le_bytes())).collect()
+    }
+
+    /// How many bytes [`to_bytes`](Self::to_bytes) gives for so many pixels.
+    pub fn byte_count(pixels: u64) -> u64 {
+        8 * LEVELS as u64 + 2 * pixels
+    }
+
+    /// The allocation for a part of the image, after a pilot of so many samples per pixel, of which these are the numbers;
+    /// `None` if they are not those of any.
+    pub fn from_bytes(bytes: &[u8], rect: PixelRect, pilot: u64) -> Option<Self> {
+        let (counts, levels) = bytes.split_at_checked(8 * LEVELS)?;
+        let (counts, _) = counts.as_chunks::<8>();
+        let (levels, rest) = levels.as_chunks::<2>();
+        let counts: Vec<u64> = counts.iter().map(|n| u64::from_le_bytes(*n)).collect();
+        let levels: Vec<u16> = levels.iter().map(|n| u16::from_le_bytes(*n)).collect();
+        let of_the_part = rest.is_empty() && levels.len() as u64 == rect.area();
+        let known = levels.iter().all(|&level| usize::from(level) < LEVELS);
+        (of_the_part && known).then(|| Allocation {
+            histogram: histogram(&levels),
+            rect,
+            pilot,
+            levels,
+            counts: [counts.clone(), counts],
+        })
+    }
+
     /// The samples of pixel (x, y) of the full image that the pass in hand takes.
     #[inline]
     pub fn samples(&self, (x, y): (u32, u32)) -> std::ops::Range<u64> {
@@ -96,6 +131,13 @@ impl Allocation {
         let level = usize::from(self.levels[i]);
         self.counts[0][level]..self.counts[1][level]
     }
+}
+
+/// How many pixels are of each level.
+fn histogram(levels: &[u16]) -> Vec<u64> {
+    let mut histogram = vec![0; LEVELS];
+    levels.iter().for_each(|&level| histogram[usize::from(level)] += 1);
+    histogram
 }
 
 /// The standard error of a pixel relative to its value.

@@ -2,6 +2,7 @@
 
 use super::passes::Passes;
 use super::progress::Progress;
+use super::state::{Keeper, State};
 use super::stop::{StopReason, StopRules};
 use super::tracing::InvalidSample;
 use crate::error::{Error, Result};
@@ -42,6 +43,12 @@ pub struct Job<'a> {
     pub progress: &'a Progress,
     /// Whether noisier parts of the image get more samples; not for integrators that trace light paths.
     pub adaptive: bool,
+    /// The index of the first sample.
+    pub first: u64,
+    /// What an earlier render has brought.
+    pub begin: Option<State>,
+    /// Who keeps what this one brings, if anybody does.
+    pub keeper: Option<Keeper<'a>>,
     /// Whether alpha is summed.
     pub(super) alpha: bool,
     /// Whether a ray that meets nothing counts as opaque, because it sees the environment.
@@ -81,6 +88,8 @@ pub struct Rendered {
     pub invalid: Vec<InvalidSample>,
     /// How many samples were dropped.
     pub invalid_count: u64,
+    /// Whether the last state could be kept, if it was to be.
+    pub kept: Result<()>,
 }
 
 /// Numbers of valid samples over the pixels of an image.
@@ -116,6 +125,31 @@ impl SampleCounts {
     }
 }
 
+impl Rendered {
+    /// A render that has come to a state: all samples taken, without an error estimate.
+    pub fn new(state: State, rect: PixelRect, layers: Vec<Layer>, alpha: bool) -> Self {
+        let counts = SampleCounts::of(&state.tiles);
+        Rendered {
+            tiles: state.tiles,
+            rect,
+            alpha,
+            layers,
+            samples_per_pixel: counts.mean.round() as u64,
+            counts,
+            stop_reason: StopReason::Samples,
+            relmse: None,
+            relmse_interval: None,
+            prepared: Duration::ZERO,
+            facts: Vec::new(),
+            elapsed: state.elapsed,
+            counters: state.counters,
+            invalid: state.invalid,
+            invalid_count: state.invalid_count,
+            kept: Ok(()),
+        }
+    }
+}
+
 impl<'a> Job<'a> {
     /// A job.
     pub fn new(
@@ -132,6 +166,9 @@ impl<'a> Job<'a> {
             settings,
             progress,
             adaptive: false,
+            first: 0,
+            begin: None,
+            keeper: None,
             alpha: camera.film.pixel_format.has_alpha(),
             opaque_environment: scene.environment.is_some() && integrator.shows_environment(),
             filter: FilterSampler::new(camera.film.filter),
@@ -144,6 +181,36 @@ impl<'a> Job<'a> {
 
     pub(super) fn has_sampled_layers(&self) -> bool {
         self.sampled_layers().next().is_some()
+    }
+
+    /// Channels that are summed: colour, alpha if the film has it, and the layers that are sampled.
+    pub fn channels(&self) -> usize {
+        let layers = self.sampled_layers().map(|aov| aov.channels().len()).sum::<usize>();
+        3 + usize::from(self.alpha) + layers
+    }
+
+    /// Whether a broken pass is of no use: light paths that were not traced would be missing in all pixels, and a state
+    /// that is kept has to be one from which the very samples can be gone on with.
+    pub(super) fn needs_whole_passes(&self) -> bool {
+        self.keeper.is_some() || self.integrator.light_tracer().is_some()
+    }
+
+    /// The same job from another sample on than the first.
+    pub fn with_first(mut self, first: u64) -> Self {
+        self.first = first;
+        self
+    }
+
+    /// The same job, going on from what an earlier one has brought.
+    pub fn with_begin(mut self, begin: Option<State>) -> Self {
+        self.begin = begin;
+        self
+    }
+
+    /// The same job with somebody who keeps its states.
+    pub fn with_keeper(mut self, keeper: Option<Keeper<'a>>) -> Self {
+        self.keeper = keeper;
+        self
     }
 
     /// The same job with adaptive sampling, or without.

@@ -7,9 +7,12 @@ mod passes;
 pub mod progress;
 mod progressive;
 mod splats;
+pub mod state;
 pub mod stop;
 pub mod tracing;
 
+pub use adaptive::Allocation;
 pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
 pub use progress::Progress;
+pub use state::{Keeper, State};
 pub use stop::{StopReason, StopRules};

@@ -3,7 +3,7 @@
 use super::job::Rendered;
 use crate::color::Rgb;
 use crate::film::{ComponentFormat, PixelFormat, Tile};
-use crate::image::{Image, Metadata, SampleFormat, Value};
+use crate::image::{Image, Metadata, SampleFormat};
 use crate::integrator::settings::{Aov, Layer};
 use crate::math::{DMat4, DVec3};
 use crate::sensor::Camera;
@@ -98,11 +98,11 @@ fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered)
     values
 }
 
-/// The camera's matrices for the image's metadata.
+/// The camera's matrices for the image's metadata: `worldToCamera`, and `worldToNDC`.
 ///
-/// `worldToCamera` takes world points to the sensor's coordinates (x left, y up, z along the view);
-/// `worldToNDC` takes them to x and y in [0, 1] from the image's top left to its bottom right corner.
-pub fn camera_metadata(camera: &Camera) -> [(&'static str, Value); 2] {
+/// The first takes world points to the sensor's coordinates (x left, y up, z along the view), the second
+/// to x and y in [0, 1] from the image's top left to its bottom right corner.
+pub fn camera_matrices(camera: &Camera) -> [[f32; 16]; 2] {
     let world_to_camera = DMat4::from(camera.world_to_camera());
     let [right, down, corner] = camera.image_plane();
     // A camera-space direction is a multiple of corner + x·right + y·down: solve for (x, y, 1)·z.
@@ -113,8 +113,5 @@ pub fn camera_metadata(camera: &Camera) -> [(&'static str, Value); 2] {
         plane.z_axis.truncate().extend(0.0).extend(plane.z_axis.z),
         DVec3::Z.extend(0.0),
     );
-    [
-        ("worldToCamera", Value::Matrix(world_to_camera.as_mat4().to_cols_array())),
-        ("worldToNDC", Value::Matrix((project * world_to_camera).as_mat4().to_cols_array())),
-    ]
+    [world_to_camera.as_mat4().to_cols_array(), (project * world_to_camera).as_mat4().to_cols_array()]
 }

@@ -1,14 +1,17 @@
 //! A render under way: passes, one after the other, and what they have brought so far.
 
 use super::adaptive::{self, Allocation};
-use super::job::{Job, Rendered, SampleCounts};
-use super::stop::StopReason;
+use super::job::{Job, Rendered};
+use super::state::{self, Keeper, State};
+use super::stop::{StopReason, StopRules};
 use super::tracing::CameraWorker;
 use super::{progressive, splats};
-use crate::estimate::replicates::{ErrorEstimate, ErrorSums};
-use crate::film::{PixelRect, Tile};
+use crate::error::Result;
+use crate::estimate::replicates::ErrorEstimate;
+use crate::film::PixelRect;
 use crate::integrator::{Counters, Worker};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -16,95 +19,140 @@ use std::time::{Duration, Instant};
 pub(super) const TILE: u32 = 16;
 /// The share of the time that may go into error estimates which nothing but the progress asks for.
 const ESTIMATES_SHARE: f64 = 0.01;
+/// How much work an interruption may cost, where a part of a pass is of no use.
+const LONGEST_PART: Duration = Duration::from_secs(5);
 
 /// What a render has so far.
 pub(super) struct Passes<'j, 'a> {
     job: &'j Job<'a>,
+    stop: StopRules,
     pool: rayon::ThreadPool,
-    tiles: Vec<Tile>,
+    now: State,
+    /// The last whole part of a pass, where a broken one is of no use.
+    whole: Option<State>,
     workers: Vec<Mutex<CameraWorker>>,
     started: Instant,
-    /// Samples per pixel of the passes that are done, on average.
-    done: u64,
+    /// Time of sampling before this render went on.
+    before: Duration,
+    /// Counts before this render went on, and beside those of the workers.
+    counters: Counters,
     /// The pilot of adaptive sampling, if there is to be any.
     pilot: Option<u64>,
-    allocation: Option<Allocation>,
     error: Option<ErrorEstimate>,
     estimating: Duration,
-    invalid_light: u64,
-    /// Counts beside those of the workers.
-    counters: Counters,
+    kept: Option<Kept>,
+}
+
+/// What became of the states that were to be kept.
+struct Kept {
+    last: Instant,
+    outcome: Result<()>,
 }
 
 impl<'j, 'a> Passes<'j, 'a> {
     /// Starts the clock.
     pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
-        let layers = job.sampled_layers().map(|aov| aov.channels().len()).sum::<usize>();
-        let channels = 3 + usize::from(job.alpha) + layers;
-        let rect = job.camera.film.rect();
+        let now = job
+            .begin
+            .clone()
+            .unwrap_or_else(|| State::new(job.camera.film.rect(), job.channels(), job.first));
         let workers = (0..pool.current_num_threads())
             .map(|_| Mutex::new(CameraWorker::new(Worker::new(job.settings.sampler))))
             .collect();
+        let samples = job.settings.stop.samples.map(|end| end.saturating_sub(job.first));
+        let started = Instant::now();
+        job.progress.add_samples((now.next - job.first).saturating_mul(job.camera.film.rect().area()));
         Passes {
             job,
+            stop: StopRules { samples, ..job.settings.stop },
             pool,
-            tiles: tiles_of(rect).map(|rect| Tile::new(rect, channels)).collect(),
+            whole: job.needs_whole_passes().then(|| now.clone()),
             workers,
-            started: Instant::now(),
-            done: 0,
-            pilot: if job.adaptive { adaptive::pilot(job.settings.stop.samples) } else { None },
-            allocation: None,
+            started,
+            before: now.elapsed,
+            counters: now.counters,
+            now,
+            pilot: if job.adaptive { adaptive::pilot(samples) } else { None },
             error: None,
             estimating: Duration::ZERO,
-            invalid_light: 0,
-            counters: Counters::default(),
+            kept: job.keeper.map(|_| Kept { last: started, outcome: Ok(()) }),
         }
     }
 
     /// Takes passes until a rule says why to stop.
     pub fn run(mut self) -> Rendered {
-        let stop = self.job.settings.stop;
+        if self.done() > 0 {
+            self.estimate();
+            self.report();
+        }
         let reason = loop {
             if self.job.progress.is_interrupted() {
                 break StopReason::Interrupted;
             }
-            if let Some(reason) = stop.reached(self.done, self.started.elapsed(), self.error) {
-                break reason;
-            }
-            let mut pass = stop.next_pass(self.done, self.started.elapsed(), self.error);
-            if let Some(pilot) = self.pilot.filter(|_| self.allocation.is_none()) {
-                if self.done < pilot {
-                    pass = pass.min(pilot - self.done);
-                } else {
-                    let rect = self.job.camera.film.rect();
-                    self.allocation = Some(Allocation::new(&self.tiles, rect, pilot));
+            if self.now.next >= self.now.pass_end {
+                if let Some(reason) = self.stop.reached(self.done(), self.elapsed(), self.error) {
+                    break reason;
                 }
+                self.plan_pass();
             }
-            self.pass(pass);
+            let part = self.part();
+            self.take(part.clone());
             if !self.job.progress.is_interrupted() {
-                self.done += pass;
-                let spent = self.estimating.as_secs_f64();
-                if stop.error.is_some() || spent <= ESTIMATES_SHARE * self.started.elapsed().as_secs_f64() {
-                    self.estimate();
-                }
-                self.job.progress.finish_pass(self.done, self.error);
+                self.finish_part(part.end);
             }
         };
         self.finish(reason)
     }
 
-    /// Takes so many samples more per pixel, on average.
-    fn pass(&mut self, pass: u64) {
-        let Passes { job, pool, tiles, workers, done, .. } = self;
-        let samples = *done..*done + pass;
-        if let Some(allocation) = &mut self.allocation {
+    /// Samples per pixel that are taken, on average.
+    fn done(&self) -> u64 {
+        self.now.next - self.job.first
+    }
+
+    fn elapsed(&self) -> Duration {
+        self.before + self.started.elapsed()
+    }
+
+    /// Decides how far the next pass goes, and how adaptive sampling spreads it.
+    fn plan_pass(&mut self) {
+        let done = self.done();
+        let mut pass = self.stop.next_pass(done, self.elapsed(), self.error);
+        if let Some(pilot) = self.pilot.filter(|_| self.now.allocation.is_none()) {
+            if done < pilot {
+                pass = pass.min(pilot - done);
+            } else {
+                let rect = self.job.camera.film.rect();
+                self.now.allocation = Some(Allocation::new(&self.now.tiles, rect, pilot));
+            }
+        }
+        self.now.pass_end = self.now.next + pass;
+    }
+
+    /// The samples that are taken next: the pass in hand, or the part of it that does not last too long.
+    fn part(&self) -> Range<u64> {
+        let State { next, pass_end, .. } = self.now;
+        if self.whole.is_none() || self.now.allocation.is_some() || self.done() == 0 {
+            return next..pass_end;
+        }
+        let longest = self.job.keeper.map_or(LONGEST_PART, |keeper| keeper.every.min(LONGEST_PART));
+        let per_sample = self.elapsed().as_secs_f64().max(1e-9) / self.done() as f64;
+        // An even number, to keep the halves equal.
+        let part = ((longest.as_secs_f64() / per_sample) as u64 & !1).max(2);
+        next..pass_end.min(next.saturating_add(part))
+    }
+
+    /// Takes samples of every pixel; with adaptive sampling so many on average.
+    fn take(&mut self, samples: Range<u64>) {
+        let Passes { job, pool, now, workers, .. } = self;
+        if let Some(allocation) = &mut now.allocation {
             allocation.advance(samples.end);
         }
-        let allocation = self.allocation.as_ref();
+        let State { tiles, allocation, .. } = now;
+        let allocation = allocation.as_ref();
         if let Some(progressive) = job.integrator.progressive() {
             let begun = progressive::render(job, progressive, pool, workers, tiles, samples);
             self.counters.merge(&begun.counters);
-            self.invalid_light += begun.invalid;
+            now.invalid_count += begun.invalid;
             return;
         }
         pool.install(|| {
@@ -118,54 +166,93 @@ impl<'j, 'a> Passes<'j, 'a> {
             });
         });
         if let Some(ptracer) = job.integrator.light_tracer() {
-            self.invalid_light += pool.install(|| splats::trace(job, ptracer, workers, tiles, samples));
+            now.invalid_count += pool.install(|| splats::trace(job, ptracer, workers, tiles, samples));
         }
     }
 
-    /// Estimates the error, summed in the order of the tiles.
+    /// Notes what a part of a pass has brought, and hands it to whoever keeps it.
+    fn finish_part(&mut self, end: u64) {
+        self.now.next = end;
+        let spent = self.estimating.as_secs_f64();
+        let pass_is_whole = end >= self.now.pass_end;
+        if pass_is_whole
+            && (self.stop.error.is_some() || spent <= ESTIMATES_SHARE * self.started.elapsed().as_secs_f64())
+        {
+            self.estimate();
+        }
+        self.report();
+        if self.whole.is_some() {
+            self.collect();
+            self.whole = Some(self.now.clone());
+        }
+        if let (Some(Keeper { every, .. }), Some(kept)) = (self.job.keeper, &self.kept)
+            && kept.last.elapsed() >= every
+        {
+            self.keep();
+        }
+    }
+
+    fn report(&self) {
+        self.job.progress.finish_pass(self.done(), self.error);
+    }
+
+    /// Brings the accounts up to date with those of the workers.
+    fn collect(&mut self) {
+        self.now.elapsed = self.elapsed();
+        self.now.counters = self.counters;
+        for worker in &self.workers {
+            let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
+            self.now.counters.merge(&worker.worker.counters);
+            self.now.invalid_count += std::mem::take(&mut worker.invalid_count);
+            self.now.invalid.append(&mut worker.invalid);
+        }
+        self.now.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
+    }
+
+    /// Hands the last whole part of a pass to whoever keeps it.
+    fn keep(&mut self) {
+        if let (Some(keeper), Some(kept), Some(state)) = (self.job.keeper, &mut self.kept, &self.whole) {
+            kept.outcome = (keeper.keep)(state);
+            kept.last = Instant::now();
+        }
+    }
+
     fn estimate(&mut self) {
         let begun = Instant::now();
-        let tiles = &self.tiles;
-        let parts: Vec<ErrorSums> = self.pool.install(|| tiles.par_iter().map(Tile::error_sums).collect());
-        let mut sums = ErrorSums::default();
-        parts.iter().for_each(|part| sums.merge(part));
-        self.error = if self.tiles.iter().any(Tile::has_replicates) { sums.estimate() } else { None };
+        self.error = state::estimate(&self.now.tiles, &self.pool);
         self.estimating += begun.elapsed();
     }
 
     fn finish(mut self, stop_reason: StopReason) -> Rendered {
-        let elapsed = self.started.elapsed();
-        self.estimate();
-        let counts = SampleCounts::of(&self.tiles);
-        let mut rendered = Rendered {
-            rect: self.job.camera.film.rect(),
-            alpha: self.job.alpha,
-            layers: self.job.settings.layers.clone(),
-            samples_per_pixel: if self.allocation.is_some() { counts.mean.round() as u64 } else { self.done },
-            counts,
-            tiles: self.tiles,
-            stop_reason,
-            relmse: self.error.map(|e| e.relmse),
-            relmse_interval: self.error.map(|e| e.interval),
-            prepared: Duration::ZERO,
-            facts: Vec::new(),
-            elapsed,
-            counters: self.counters,
-            invalid: Vec::new(),
-            invalid_count: self.invalid_light,
-        };
-        for worker in self.workers {
-            let worker = worker.into_inner().unwrap_or_else(PoisonError::into_inner);
-            rendered.counters.merge(&worker.worker.counters);
-            rendered.invalid_count += worker.invalid_count;
-            rendered.invalid.extend(worker.invalid);
+        self.collect();
+        self.keep();
+        // A part of the light paths would be too dark a picture.
+        if stop_reason == StopReason::Interrupted
+            && self.job.integrator.light_tracer().is_some()
+            && let Some(whole) = self.whole.take()
+        {
+            self.now = whole;
         }
-        rendered.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
-        rendered
+        self.estimate();
+        let (done, error) = (self.done(), self.error);
+        let allocated = self.now.allocation.is_some();
+        let kept = self.kept.map_or(Ok(()), |kept| kept.outcome);
+        let rect = self.job.camera.film.rect();
+        let mut rendered = Rendered::new(self.now, rect, self.job.settings.layers.clone(), self.job.alpha);
+        if !allocated {
+            rendered.samples_per_pixel = done;
+        }
+        Rendered {
+            stop_reason,
+            relmse: error.map(|e| e.relmse),
+            relmse_interval: error.map(|e| e.interval),
+            kept,
+            ..rendered
+        }
     }
 }
 
-fn tiles_of(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
+pub(super) fn tiles_of(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
     let (columns, rows) = (rect.width.div_ceil(TILE), rect.height.div_ceil(TILE));
     (0..u64::from(columns) * u64::from(rows)).map(move |i| {
         let (column, row) = ((i % u64::from(columns)) as u32, (i / u64::from(columns)) as u32);

@@ -4,6 +4,7 @@ use super::job::Job;
 use super::tracing::CameraWorker;
 use crate::film::Tile;
 use crate::integrator::{Begun, Preparation, Progressive, SamplePass};
+use crate::memory::Budget;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -18,6 +19,8 @@ pub fn render(
     tiles: &mut [Tile],
     samples: Range<u64>,
 ) -> Begun {
+    // What passes take was planned when the integrator prepared.
+    let memory = Budget::unlimited();
     let preparation = Preparation {
         scene: job.scene,
         camera: job.camera,
@@ -26,6 +29,7 @@ pub fn render(
         pool,
         interrupted: &|| job.progress.is_interrupted(),
         cache: None,
+        memory: &memory,
     };
     let mut sum = Begun::default();
     for sample in samples {

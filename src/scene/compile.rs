@@ -12,6 +12,7 @@ use crate::error::{Error, Place, Result};
 use crate::ids::{EmitterId, ShapeId, TextureId};
 use crate::material::Input;
 use crate::math::{Bounds, DAffine3, Motion, Vec3};
+use crate::memory::Budget;
 use crate::sampling::Distribution1D;
 use crate::sensor::{Camera, SensorSettings};
 use crate::shape::{Shape, WorldShape};
@@ -44,12 +45,24 @@ pub struct CompileReport {
 /// Linear steps depart from a motion by at most this share of the size of what moves.
 const MOTION_TOLERANCE: f64 = 2.5e-4;
 
-/// Compiles a description.
+/// Compiles a description of any size: see [`compile_within`].
+///
+/// # Errors
+/// As [`compile_within`].
+pub fn compile(description: Description, options: CompileOptions) -> Result<(Scene, CompileReport)> {
+    compile_within(description, options, &Budget::unlimited())
+}
+
+/// Compiles a description. The accelerator's memory is charged to the budget.
 ///
 /// # Errors
 /// If a transform is not finite, a sphere is squeezed, a sensor is singular, an index is out of range, or the accelerator
-/// cannot be built.
-pub fn compile(description: Description, options: CompileOptions) -> Result<(Scene, CompileReport)> {
+/// cannot be built, for want of memory among others.
+pub fn compile_within(
+    description: Description,
+    options: CompileOptions,
+    memory: &Budget,
+) -> Result<(Scene, CompileReport)> {
     let mut builder = Builder {
         materials: Arc::new(Materials::new(description.materials, description.textures)?),
         shutter: description.sensors.get(options.sensor).map_or([0.0; 2], |sensor| sensor.shutter),
@@ -69,7 +82,7 @@ pub fn compile(description: Description, options: CompileOptions) -> Result<(Sce
     for placed in description.instances {
         builder.instance(placed)?;
     }
-    builder.finish(&description.emitters, &description.sensors, options)
+    builder.finish(&description.emitters, &description.sensors, options, memory)
 }
 
 /// A scene in the making.
@@ -204,11 +217,12 @@ impl Builder {
         emitters: &[Emitter],
         sensors: &[SensorSettings],
         options: CompileOptions,
+        memory: &Budget,
     ) -> Result<(Scene, CompileReport)> {
         self.filter();
         let (holes, instances) = (self.assembly.filter.is_some(), self.assembly.instances.clone());
         let started = Instant::now();
-        let built = accel::build(options.accel, self.assembly.clone(), options.threads, true)?;
+        let built = accel::build_within(options.accel, self.assembly.clone(), options.threads, true, memory)?;
         self.report.build_seconds = started.elapsed().as_secs_f64();
         self.report.dropped_primitives = built.dropped;
         let bounds = built.accel.bounds();

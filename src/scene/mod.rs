@@ -7,7 +7,7 @@ pub mod interaction;
 pub mod materials;
 pub mod needs;
 
-pub use compile::{CompileOptions, CompileReport, compile};
+pub use compile::{CompileOptions, CompileReport, compile, compile_within};
 pub use description::Description;
 pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
 pub use materials::{Materials, SceneMaterial};

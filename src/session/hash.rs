@@ -44,3 +44,12 @@ pub fn scene(description: &mut Description) -> u64 {
         hash
     })
 }
+
+/// What samples, records and photons belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Origin {
+    /// Hash of the scene, without sensors.
+    pub scene: u64,
+    /// Hash of the sensor with its film.
+    pub view: u64,
+}

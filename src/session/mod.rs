@@ -4,22 +4,28 @@
 //! about it say; compiled for a traversal it is a [`Session`], which makes any number of [`Plan`]s (an integrator, a
 //! sampler, stop rules) into renders.
 
+pub mod checkpoint;
 pub mod hash;
+mod memory;
+mod picture;
 mod plan;
 
+pub use hash::Origin;
+pub use memory::RenderMemory;
+pub use picture::Picture;
 pub use plan::{Choices, Plan};
 
 use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
-use crate::image::{Image, Metadata, Value};
-use crate::integrator::preparation::CacheFile;
+use crate::image::Image;
 use crate::integrator::{self, Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
-use crate::render::{self, Job, Progress, Rendered, output};
+use crate::memory::Budget;
+use crate::render::{self, Job, Keeper, Progress, Rendered, State};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
-use crate::scene::{CompileOptions, CompileReport, Scene, compile};
+use crate::scene::{CompileOptions, CompileReport, Scene, compile_within};
 use crate::sensor::{Camera, SensorSettings};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -54,6 +60,10 @@ pub struct SceneFile {
     pub notes: Vec<String>,
     /// Time to load it.
     pub load_seconds: f64,
+    /// What is planned of memory.
+    pub memory: Budget,
+    /// Whether the user chose the size of the image.
+    pub sized_by_user: bool,
 }
 
 /// How a scene file wants to be rendered.
@@ -71,10 +81,10 @@ impl SceneFile {
     /// Loads a scene file and applies the choices.
     ///
     /// # Errors
-    /// If it cannot be loaded, has no such sensor, or if the crop is no part of the image.
+    /// If it cannot be loaded, has no such sensor, if the crop is no part of the image, or if there is no memory for the image.
     pub fn load(path: &Path, choices: &SceneChoices) -> Result<Self> {
         let started = Instant::now();
-        let Loaded { mut description, integrator, sampler, samples_per_pixel, warnings, notes } =
+        let Loaded { mut description, integrator, sampler, samples_per_pixel, warnings, notes, memory } =
             loader::load(path, &choices.load)?;
         let load_seconds = started.elapsed().as_secs_f64();
         let sensors = description.sensors.len();
@@ -86,16 +96,30 @@ impl SceneFile {
             )));
         };
         adjust(sensor, choices)?;
+        let sized_by_user = choices.size.is_some();
+        // Also asked when everything is known; but a scene need not be built for an image that cannot be.
+        let least = RenderMemory::least(&sensor.film);
+        drop(memory::reserve(path, &sensor.film, sized_by_user, least, &memory)?);
         let samples_per_pixel = samples_per_pixel.map(u64::from);
         let defaults = Defaults { integrator, sampler, samples_per_pixel };
         let path = path.to_owned();
-        Ok(SceneFile { path, description, sensor: choices.sensor, defaults, warnings, notes, load_seconds })
+        Ok(SceneFile {
+            path,
+            description,
+            sensor: choices.sensor,
+            defaults,
+            warnings,
+            notes,
+            load_seconds,
+            memory,
+            sized_by_user,
+        })
     }
 
-    /// A file for what integrators compute beforehand, which belongs to this scene and, in part, to the view of it.
-    pub fn cache(&mut self, path: PathBuf) -> CacheFile {
+    /// What renders of it belong to.
+    pub fn origin(&mut self) -> Origin {
         let view = hash::of(format_args!("{:?}", self.description.sensors[self.sensor]));
-        CacheFile { path, scene: hash::scene(&mut self.description), view }
+        Origin { scene: hash::scene(&mut self.description), view }
     }
 
     /// Compiles the scene for a traversal, with so many threads.
@@ -104,14 +128,14 @@ impl SceneFile {
     /// If the scene cannot be compiled.
     pub fn compile(self, accel: AccelKind, threads: usize) -> Result<Session> {
         let options = CompileOptions { accel, threads, sensor: self.sensor };
-        let (scene, report) = compile(self.description, options)?;
+        let (scene, report) = compile_within(self.description, options, &self.memory)?;
         let mut warnings = report.warnings.clone();
         if report.dropped_primitives > 0 {
             let dropped = counted(report.dropped_primitives as u64, "primitive", "primitives");
             warnings.push(Error::scene(format!("{dropped} left out: not finite, or out of range")));
         }
-        let SceneFile { path, sensor, defaults, .. } = self;
-        Ok(Session { path, scene, report, sensor, defaults, threads, warnings })
+        let SceneFile { path, sensor, defaults, memory, sized_by_user, .. } = self;
+        Ok(Session { path, scene, report, sensor, defaults, threads, warnings, memory, sized_by_user })
     }
 }
 
@@ -151,6 +175,10 @@ pub struct Session {
     pub threads: usize,
     /// What the user should change.
     pub warnings: Vec<Error>,
+    /// What is planned of memory.
+    pub memory: Budget,
+    /// Whether the user chose the size of the image.
+    sized_by_user: bool,
 }
 
 impl Session {
@@ -162,8 +190,24 @@ impl Session {
     /// Renders as planned, until a stop rule fires or the progress is interrupted.
     ///
     /// # Errors
-    /// If the threads cannot be started.
+    /// If the threads cannot be started, the integrator cannot prepare, or there is too little memory.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
+        self.render_on(plan, progress, None, None)
+    }
+
+    /// As [`render`](Self::render), going on from the state of an earlier render, if there is one, and with somebody who
+    /// keeps the states of this one.
+    ///
+    /// # Errors
+    /// As those of [`render`](Self::render).
+    pub fn render_on(
+        &self,
+        plan: &Plan,
+        progress: &Progress,
+        begin: Option<State>,
+        keeper: Option<Keeper<'_>>,
+    ) -> Result<Rendered> {
+        let _reserved = self.reserve(plan)?;
         let mut integrator = integrator::create(&plan.integrator);
         let pool = render::thread_pool(self.threads)?;
         let started = Instant::now();
@@ -175,6 +219,7 @@ impl Session {
             pool: &pool,
             interrupted: &|| progress.is_interrupted(),
             cache: plan.cache.clone(),
+            memory: &self.memory,
         })?;
         // What has nothing to prepare takes no time, not the nanoseconds of saying so.
         let prepared = if integrator.prepares() { started.elapsed() } else { Duration::ZERO };
@@ -182,31 +227,16 @@ impl Session {
         settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
         let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)
             .with_adaptive(plan.adaptive)
+            .with_first(plan.first)
+            .with_begin(begin)
+            .with_keeper(keeper)
             .run_with(pool);
         Ok(Rendered { prepared, facts: integrator.facts(), ..rendered })
     }
 
     /// The image of a render, with layers and metadata.
     pub fn image(&self, plan: &Plan, rendered: &Rendered) -> Image {
-        let samples = i32::try_from(rendered.samples_per_pixel).unwrap_or(i32::MAX);
-        let mut metadata = Metadata::new()
-            .with("Software", Value::Text(format!("Buffon {}", env!("CARGO_PKG_VERSION"))))
-            .with("samplesPerPixel", Value::Int(samples))
-            .with("renderTimeSeconds", Value::Float((rendered.prepared + rendered.elapsed).as_secs_f32()))
-            .with("buffon:seed", Value::Text(plan.job.seed.to_string()))
-            .with("buffon:integrator", Value::Text(plan.integrator.name().into()))
-            .with("buffon:stop", Value::Text(rendered.stop_reason.to_string()));
-        if let Some(relmse) = rendered.relmse {
-            metadata.set("buffon:relmse", Value::Float(relmse as f32));
-        }
-        if let Some([low, high]) = rendered.relmse_interval {
-            metadata.set("buffon:relmse_low", Value::Float(low as f32));
-            metadata.set("buffon:relmse_high", Value::Float(high as f32));
-        }
-        for (name, value) in output::camera_metadata(self.camera()) {
-            metadata.set(name, value);
-        }
-        output::to_image(rendered, self.camera().film.pixel_format, metadata)
+        self.picture(plan).image(rendered)
     }
 }
 

@@ -1,7 +1,7 @@
 //! From what the user chooses, and what the scene file asks for, to the settings of a render.
 
 use super::Session;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
     Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonmapperSettings,
@@ -10,6 +10,7 @@ use crate::integrator::settings::{
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
+use std::ops::Range;
 
 /// How the user wants a scene rendered. What is not chosen is what the scene file asks for, else the default.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +29,8 @@ pub struct Choices {
     pub adaptive: bool,
     /// A file for what the integrator computes beforehand.
     pub cache: Option<CacheFile>,
+    /// The samples of each pixel to take, of those that the stop rules speak of; all without it.
+    pub samples: Option<Range<u64>>,
 }
 
 /// An integrator's settings and a job's.
@@ -41,6 +44,10 @@ pub struct Plan {
     pub adaptive: bool,
     /// A file for what the integrator computes beforehand.
     pub cache: Option<CacheFile>,
+    /// The index of the first sample of each pixel.
+    pub first: u64,
+    /// How many samples per pixel the whole render is to have, of which this may take a part.
+    pub target: Option<u64>,
 }
 
 /// Samples per pixel where neither the scene nor the user says anything.
@@ -50,7 +57,8 @@ impl Session {
     /// The settings of a render.
     ///
     /// # Errors
-    /// If there is no such integrator or layer, a layer is there twice, or the integrator cannot sample adaptively.
+    /// If there is no such integrator or layer, a layer is there twice, the integrator cannot sample adaptively, or there is too
+    /// little memory for the image.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
         let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
@@ -60,6 +68,11 @@ impl Session {
         let kind = choices.sampler.or(self.defaults.sampler).unwrap_or_default();
         let sampler = Sampler::new(kind, stop.samples);
         let layers = choose_layers(&choices.aov, &integrator)?;
+        let target = stop.samples;
+        let first = match &choices.samples {
+            Some(range) => restrict(range, &mut stop, choices)?,
+            None => 0,
+        };
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
         if choices.adaptive && !kind.has_independent_pixels() {
             return Err(Error::usage(format!(
@@ -87,8 +100,34 @@ impl Session {
             )));
         }
         let cache = choices.cache.clone();
-        Ok(Plan { integrator, job, adaptive: choices.adaptive, cache })
+        let plan = Plan { integrator, job, adaptive: choices.adaptive, cache, first, target };
+        drop(self.reserve(&plan)?);
+        Ok(plan)
     }
+}
+
+/// Lets the stop rules end with a range of samples; returns the first of them.
+fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Result<u64> {
+    let Range { start, end } = *range;
+    let refuse = |why: String| Err(Error::usage(format!("--sample-range {start}..{end}: {why}")));
+    if choices.adaptive {
+        return refuse(
+            "--adaptive decides from the first samples of a pixel where to take more, and needs them all"
+                .into(),
+        );
+    }
+    if stop.error.is_some() || stop.time.is_some() {
+        return refuse(
+            "a range says how many samples there are; --time and --target-error say otherwise".into(),
+        );
+    }
+    let total = stop.samples.unwrap_or(0);
+    if end > total {
+        let samples = counted(total, "sample", "samples");
+        return refuse(format!("the whole render has {samples} per pixel; --spp makes it more"));
+    }
+    stop.samples = Some(end);
+    Ok(start)
 }
 
 /// The integrator that the user names, else that of the scene. What both have of the lengths of paths and of hidden

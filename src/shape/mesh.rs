@@ -20,3 +20,13 @@ pub struct Mesh {
     /// Further values of vertices and faces.
     pub attributes: Vec<Attribute>,
 }
+
+impl Mesh {
+    /// Bytes of the arrays.
+    pub fn memory_bytes(&self) -> u64 {
+        let vectors = size_of_val(&self.positions[..]) + size_of_val(&self.normals[..]);
+        let others = size_of_val(&self.uvs[..]) + size_of_val(&self.indices[..]);
+        let attributes: usize = self.attributes.iter().map(|a| size_of_val(&a.values[..])).sum();
+        (vectors + others + attributes) as u64
+    }
+}

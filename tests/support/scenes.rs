@@ -8,6 +8,7 @@ use buffon::ids::MaterialId;
 use buffon::integrator::{self, Preparation, Settings};
 use buffon::material::Material;
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
+use buffon::memory::Budget;
 use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules, thread_pool};
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::description::{Description, PlacedShape};
@@ -94,6 +95,7 @@ pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64
         pool: &pool,
         interrupted: &|| false,
         cache: None,
+        memory: &Budget::unlimited(),
     };
     integrator.prepare(&preparation).expect("nothing is read or written");
     let job = JobSettings {

@@ -13,6 +13,10 @@ pub const ANALYTIC: u32 = u32::MAX;
 /// The mark of a leaf entry that is an instance, whose number stands in the place of the geometry's.
 pub const INSTANCE: u32 = u32::MAX - 1;
 
+/// Bytes that building takes for each primitive, the finished tree included, at its peak: boxes, places and entries here, two
+/// generations of nodes, sorting keys and a binary tree in obvhs. Measured on a million triangles: 280.
+pub const BYTES_PER_PRIMITIVE: u64 = 300;
+
 /// A primitive where the leaves refer to it, so that a leaf reads memory in one place.
 #[derive(Clone, Copy)]
 pub struct Entry {

@@ -105,7 +105,15 @@ impl IrradianceCache {
     /// What the file has, or nothing yet.
     fn kept(&self, preparation: &Preparation<'_>) -> Result<Kept> {
         match &preparation.cache {
-            Some(file) if file.path.exists() => file::load_for(&file.path, file.scene, self.origin()),
+            Some(file) if file.path.exists() => {
+                let length = std::fs::metadata(&file.path).map_or(0, |about| about.len());
+                // Its bytes, and the records that they are.
+                let _reserved = preparation.memory.reserve(length.saturating_mul(3)).map_err(|refusal| {
+                    let message = refusal.sentence("reading its records", "remove it");
+                    Error::output(message).in_file(&file.path)
+                })?;
+                file::load_for(&file.path, file.scene, self.origin())
+            }
             Some(file) => Ok(Kept { scene: file.scene, settings: self.origin(), ..Kept::default() }),
             None if self.settings.overture => Ok(Kept::default()),
             None => Err(Error::scene(

@@ -24,12 +24,18 @@ use super::photon::{
 use super::progressive::{Begun, Progressive, SamplePass};
 use super::settings::SppmSettings;
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
-use crate::error::Result;
+use crate::error::{Error, Result, counted};
+use crate::memory::Reservation;
 use crate::scene::Scene;
 use camera_path::CameraPaths;
 use gather::Gather;
 use std::sync::{Arc, PoisonError, RwLock};
 use view::View;
+
+/// How many photons a light path leaves, as far as memory is planned: that depends on the scene.
+const PHOTONS_PER_PATH: u64 = 2;
+/// Bytes of a photon: as it is cast, as it is sorted, in the grid of this pass and in that of the last.
+const BYTES_PER_PHOTON: u64 = 150;
 
 /// The integrator. Its passes need [`Progressive::begin_sample`].
 pub struct Sppm {
@@ -38,6 +44,8 @@ pub struct Sppm {
     first_radius: f32,
     guide: Option<EmissionGuide>,
     pass: RwLock<Arc<Pass>>,
+    /// Of a pass's photons.
+    reserved: Option<Reservation>,
 }
 
 /// The photons of one sample of the pixels.
@@ -50,7 +58,13 @@ struct Pass {
 impl Sppm {
     /// The integrator with its settings.
     pub fn new(settings: SppmSettings) -> Self {
-        Sppm { settings, first_radius: settings.initial_radius, guide: None, pass: RwLock::default() }
+        Sppm {
+            settings,
+            first_radius: settings.initial_radius,
+            guide: None,
+            pass: RwLock::default(),
+            reserved: None,
+        }
     }
 
     /// The longest path of a photon that a camera path can be added to.
@@ -63,9 +77,19 @@ impl Sppm {
         }
     }
 
+    /// Reserves what the photons of a pass take.
+    fn reserve(&self, preparation: &Preparation<'_>) -> Result<Reservation> {
+        let paths = self.paths_of_a_pass(preparation);
+        let needed = paths.saturating_mul(PHOTONS_PER_PATH * BYTES_PER_PHOTON);
+        preparation.memory.reserve(needed).map_err(|refusal| {
+            let what = format!("the photons of {}", counted(paths, "light path", "light paths"));
+            Error::scene(refusal.sentence(&what, "set photon_count to fewer")).about("sppm")
+        })
+    }
+
     /// Light paths of a pass: as many as are asked for, else one for each pixel of the full image.
-    fn paths_of_a_pass(&self, pass: &SamplePass<'_>) -> u64 {
-        let film = &pass.preparation.camera.film;
+    fn paths_of_a_pass(&self, preparation: &Preparation<'_>) -> u64 {
+        let film = &preparation.camera.film;
         match self.settings.photon_count {
             0 => u64::from(film.width) * u64::from(film.height),
             count => u64::from(count),
@@ -91,6 +115,7 @@ impl Integrator for Sppm {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        self.reserved = Some(self.reserve(preparation)?);
         let view = View::of(preparation);
         if self.settings.initial_radius == 0.0 {
             self.first_radius = view.radius(preparation.scene);
@@ -139,7 +164,7 @@ impl Progressive for Sppm {
         let Preparation { scene, sampler, seed, pool, interrupted, .. } = *pass.preparation;
         // Each half of the samples is an independent sequence of passes.
         let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
-        let paths = self.paths_of_a_pass(pass);
+        let paths = self.paths_of_a_pass(pass.preparation);
         let sequence = PathSequence { seed, stream: 0, half, first: index * paths };
         let caster = Caster { scene, sampler, guide: self.guide.as_ref(), pool, interrupted };
         let until = Until { paths, kept: None };

@@ -62,16 +62,27 @@ impl File {
         read: impl Fn(&[u8]) -> T,
     ) -> Result<Vec<T>> {
         let (count, size) = (accessor.count(), accessor.size());
+        let reserve = || {
+            let bytes = (count as u64).saturating_mul(size_of::<T>() as u64);
+            let thing = format!("accessors[{}]", accessor.index());
+            self.reserve(bytes, &thing, &format!("its {}", counted(count as u64, "element", "elements")))
+        };
+        let _reserved;
         let mut elements: Vec<T> = match accessor.view() {
             Some(view) => {
-                self.slices(accessor, &view, [accessor.offset(), count, size])?.map(&read).collect()
+                let slices = self.slices(accessor, &view, [accessor.offset(), count, size])?;
+                _reserved = reserve()?;
+                slices.map(&read).collect()
             }
             None if count > MOST_ZEROS => {
                 let message =
                     format!("expected at most {MOST_ZEROS} elements without a bufferView, found {count}");
                 return Err(self.fault(accessor, message));
             }
-            None => vec![zero; count],
+            None => {
+                _reserved = reserve()?;
+                vec![zero; count]
+            }
         };
         if let Some(sparse) = accessor.sparse() {
             let (indices, values) = (sparse.indices(), sparse.values());

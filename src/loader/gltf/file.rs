@@ -4,6 +4,7 @@ use super::uri::{self, Target};
 use crate::error::{Error, Place, Result, counted};
 use crate::loader::files::Folders;
 use crate::loader::{read_bytes, values};
+use crate::memory::{Budget, Refusal, Reservation};
 use gltf::Document;
 use gltf::buffer::View;
 use gltf::json::validation::{Error as Fault, Validate};
@@ -34,6 +35,9 @@ pub struct File {
     /// What it says.
     pub document: Document,
     buffers: Vec<Vec<u8>>,
+    memory: Budget,
+    /// Of the buffers.
+    reserved: Vec<Reservation>,
     /// Files that it names and that are not there.
     pub missing: Vec<Error>,
 }
@@ -43,8 +47,13 @@ impl File {
     ///
     /// # Errors
     /// What cannot be read or is malformed; required extensions that are not supported; buffers that are too short.
-    pub fn open(path: &Path, search_paths: &[PathBuf], warnings: &mut Vec<Error>) -> Result<Self> {
-        let bytes = read_bytes(path)?;
+    pub fn open(
+        path: &Path,
+        search_paths: &[PathBuf],
+        memory: &Budget,
+        warnings: &mut Vec<Error>,
+    ) -> Result<Self> {
+        let (bytes, _reserved) = read_bytes(path, memory)?;
         let (json, chunk) = split(&bytes).map_err(|message| Error::scene(message).in_file(path))?;
         let root = parse(path, json)?;
         check(path, &root, warnings)?;
@@ -53,6 +62,8 @@ impl File {
             folders: Folders::new(path, search_paths),
             document: Document::from_json_without_validation(root),
             buffers: Vec::new(),
+            memory: memory.clone(),
+            reserved: Vec::new(),
             missing: Vec::new(),
         };
         file.buffers = file.read_buffers(chunk)?;
@@ -62,6 +73,28 @@ impl File {
     /// An error in this file about a thing in it.
     pub fn error(&self, thing: impl Into<String>, message: impl Into<String>) -> Error {
         Error::scene(message).about(thing).in_file(&self.path)
+    }
+
+    /// Reserves memory for a thing in this file.
+    ///
+    /// # Errors
+    /// If so much is not left.
+    pub fn reserve(&self, bytes: u64, thing: &str, what: &str) -> Result<Reservation> {
+        let refused = |r: Refusal| self.error(thing, r.sentence(what, "use a smaller scene"));
+        self.memory.reserve(bytes).map_err(refused)
+    }
+
+    /// As [`reserve`](Self::reserve), for good.
+    ///
+    /// # Errors
+    /// If so much is not left.
+    pub fn keep(&self, bytes: u64, thing: &str, what: &str) -> Result<()> {
+        self.reserve(bytes, thing, what).map(|reserved| reserved.keep(bytes))
+    }
+
+    /// What is planned of memory.
+    pub fn memory(&self) -> &Budget {
+        &self.memory
     }
 
     /// The file as a place.
@@ -76,7 +109,10 @@ impl File {
             let thing = format!("buffers[{i}]");
             let bytes = match (buffer.uri, chunk) {
                 (Some(uri), _) => self.fetch(&thing, &uri)?,
-                (None, Some(chunk)) if i == 0 => Some(chunk.to_vec()),
+                (None, Some(chunk)) if i == 0 => {
+                    self.reserved.push(self.reserve(chunk.len() as u64, &thing, "copying its bytes")?);
+                    Some(chunk.to_vec())
+                }
                 (None, _) => return Err(self.error(thing, "expected a uri, or a binary chunk in the file")),
             };
             let Some(bytes) = bytes else {
@@ -98,7 +134,11 @@ impl File {
         match uri::read(uri).map_err(|message| self.error(thing, message))? {
             Target::Data(bytes) => Ok(Some(bytes)),
             Target::File(name) => match self.folders.find(&self.path, &name) {
-                Some(path) => read_bytes(&path).map(Some),
+                Some(path) => {
+                    let (bytes, reserved) = read_bytes(&path, &self.memory)?;
+                    self.reserved.push(reserved);
+                    Ok(Some(bytes))
+                }
                 None => {
                     let message = format!("there is no file {}", values::quoted(&name));
                     self.missing.push(self.error(thing, message));

@@ -60,6 +60,7 @@ impl Builder<'_> {
         }
         self.check_lengths(&mesh, thing)?;
         let mut mesh = without_unused(mesh);
+        self.file.keep(mesh.memory_bytes(), thing, "its mesh")?;
         self.check_values(&mut mesh, thing);
         Ok(Some(mesh))
     }

@@ -16,6 +16,7 @@ use super::{Loaded, framing, transform};
 use crate::error::Result;
 use crate::image::{TextureImage, TextureLayers};
 use crate::math::{DAffine3, DMat4, DQuat, DVec3};
+use crate::memory::Budget;
 use crate::scene::description::{Description, PlacedGroup, PlacedShape};
 use crate::shape::Shape;
 use crate::texture::Texture;
@@ -32,10 +33,10 @@ use textures::Plane;
 /// Loads the default scene of a file, or its first.
 ///
 /// # Errors
-/// What cannot be read, is malformed, out of range or required and not supported. All missing files come in one error.
-pub fn load(path: &Path, search_paths: &[PathBuf]) -> Result<Loaded> {
+/// What cannot be read, is malformed, out of range, required and not supported, or does not fit into memory. All missing files come in one error.
+pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Loaded> {
     let mut loaded = Loaded::default();
-    let mut file = File::open(path, search_paths, &mut loaded.warnings)?;
+    let mut file = File::open(path, search_paths, memory, &mut loaded.warnings)?;
     // What the file says stays as it is, while the builder remembers what of it is missing.
     let document = Document::clone(&file.document);
     let mut builder = Builder {
@@ -185,7 +186,9 @@ impl Builder<'_> {
             self.meshes.remove(&mesh.index());
             all.extend(Arc::unwrap_or_clone(shapes).into_iter().map(placed));
         } else {
-            all.extend(shapes.iter().filter(|shape| shape.emission.is_some()).cloned().map(placed));
+            let lit = || shapes.iter().filter(|shape| shape.emission.is_some());
+            self.file.keep(lit().map(mesh_bytes).sum(), &thing, "placing its mesh once more")?;
+            all.extend(lit().cloned().map(placed));
         }
         Ok(())
     }
@@ -234,6 +237,14 @@ impl Builder<'_> {
         let shapes = Arc::new(shapes);
         self.meshes.insert(mesh.index(), shapes.clone());
         Ok(shapes)
+    }
+}
+
+/// Bytes of a shape's mesh.
+fn mesh_bytes(placed: &PlacedShape) -> u64 {
+    match &placed.shape {
+        Shape::Mesh(mesh) => mesh.memory_bytes(),
+        _ => 0,
     }
 }
 

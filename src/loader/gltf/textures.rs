@@ -111,6 +111,9 @@ impl Builder<'_> {
             let layers = self.image(index)?;
             self.images.insert(index, layers);
         }
+        let thing = format!("images[{index}]");
+        let copied = self.images[&index].as_ref().map_or(0, |layers| layers.color.memory_bytes() as u64);
+        self.file.keep(copied, &thing, "a plane of it")?;
         let image = self.images[&index].as_ref().and_then(|layers| match plane {
             Plane::Color => Some(layers.color.clone()),
             Plane::Vector => Some(layers.color.clone().as_linear()),
@@ -128,7 +131,7 @@ impl Builder<'_> {
     /// If it cannot be read.
     fn image(&mut self, index: usize) -> Result<Option<TextureLayers>> {
         let Some(bytes) = self.file.image(index)? else { return Ok(None) };
-        let layers = image::read_texture_bytes(Path::new(""), &bytes);
+        let layers = image::read_texture_bytes_within(Path::new(""), &bytes, self.file.memory());
         layers.map(Some).map_err(|mut error| {
             error.kind = Kind::Scene;
             error.about(format!("images[{index}]")).at(self.file.place())

@@ -7,6 +7,7 @@ use crate::loader::mesh::{self, Format};
 use crate::loader::{Loaded, framing};
 use crate::material::Material;
 use crate::math::DAffine3;
+use crate::memory::Budget;
 use crate::scene::description::{Description, PlacedShape};
 use crate::shape::Shape;
 use std::path::Path;
@@ -15,12 +16,12 @@ use std::path::Path;
 ///
 /// # Errors
 /// As for [`mesh::load`]; a mesh without finite extent.
-pub fn load(path: &Path) -> Result<Loaded> {
+pub fn load(path: &Path, memory: &Budget) -> Result<Loaded> {
     let is_obj = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"));
     let format = if is_obj { Format::Obj } else { Format::Ply };
     let options = mesh::Options { face_normals: false, flip_tex_coords: is_obj };
     let mut loaded = Loaded::default();
-    let mesh = mesh::load(path, format, options, &DAffine3::IDENTITY, &mut loaded.warnings)?;
+    let mesh = mesh::load(path, format, options, &DAffine3::IDENTITY, memory, &mut loaded.warnings)?;
     let used = mesh.indices.iter().flatten().map(|i| mesh.positions[*i as usize].as_dvec3());
     let sensor = framing::camera(used).ok_or_else(|| Error::scene("the mesh has no extent").in_file(path))?;
     let name = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();

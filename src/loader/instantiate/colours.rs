@@ -152,7 +152,7 @@ impl Builder<'_> {
             self.missing.push(property.error(format!("there is no file {}", values::quoted(file))));
             return Ok(None);
         };
-        let text = crate::loader::read_text(&path)?;
+        let text = crate::loader::read_text(&path, self.memory)?;
         let spectrum = values::spectrum_file(&text).map_err(|(line, message)| {
             let shown = line.checked_sub(1).and_then(|i| text.lines().nth(i)).unwrap_or_default().to_owned();
             let place = crate::error::Place {

@@ -10,6 +10,7 @@ use crate::loader::graph::ObjectId;
 use crate::loader::props::Props;
 use crate::material::Input;
 use crate::math::DVec3;
+use crate::memory::Refusal;
 use crate::sensor::camera::half_extents;
 use std::sync::Arc;
 
@@ -79,8 +80,16 @@ impl Builder<'_> {
         self.ignore(props, &["mis_compensation"], "the density is that of the light");
         let Some(path) = self.find_file(props, "filename")? else { return Ok(()) };
         let image = self.image(&path, false)?;
+        let too_large = |refusal: Refusal| {
+            let what = format!("sampling an environment map of {}x{} pixels", image.width(), image.height());
+            props.object.error(refusal.sentence(&what, "use a smaller image"))
+        };
+        let texels = image.width() as u64 * image.height() as u64;
+        let copied = image.memory_bytes() as u64;
+        let reserved = self.memory.reserve(copied + texels * EnvMap::BYTES_PER_TEXEL).map_err(too_large)?;
         let map = EnvMap::new(TextureImage::clone(&image), scale, &to_world);
         let map = map.map_err(|e| props.object.error(e.message))?;
+        reserved.keep(map.memory_bytes() as u64);
         self.add_emitter(Emitter::EnvironmentMap(Arc::new(map)));
         Ok(())
     }

@@ -21,6 +21,7 @@ use crate::error::{Error, Result};
 use crate::ids::{MaterialId, TextureId};
 use crate::image::TextureImage;
 use crate::material::Material;
+use crate::memory::Budget;
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -28,12 +29,14 @@ use std::sync::Arc;
 /// Turns a resolved scene file into a scene.
 ///
 /// # Errors
-/// Unknown plugins, values out of range, what Buffon does not support, missing files (all of them at once).
-pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
+/// Unknown plugins, values out of range, what Buffon does not support, what does not fit into memory, missing files (all of
+/// them at once).
+pub fn instantiate(resolved: Resolved, memory: &Budget) -> Result<Loaded> {
     let loaded = Loaded { warnings: resolved.warnings, notes: resolved.notes, ..Loaded::default() };
     let mut builder = Builder {
         graph: &resolved.graph,
         folders: &resolved.folders,
+        memory,
         loaded,
         materials: HashMap::new(),
         textures: HashMap::new(),
@@ -55,6 +58,7 @@ pub fn instantiate(resolved: Resolved) -> Result<Loaded> {
 struct Builder<'g> {
     graph: &'g Graph,
     folders: &'g Folders,
+    memory: &'g Budget,
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
     textures: HashMap<ObjectId, TextureId>,

@@ -79,7 +79,8 @@ impl Builder<'_> {
             return Ok(image.clone());
         }
         // What an image library finds wrong is the scene's fault here.
-        let image = image::read_texture(path).map_err(|e| Error { kind: Kind::Scene, ..e })?;
+        let image =
+            image::read_texture_within(path, self.memory).map_err(|e| Error { kind: Kind::Scene, ..e })?;
         let image = Arc::new(if raw { image.as_linear() } else { image });
         self.images.insert(key, image.clone());
         Ok(image)

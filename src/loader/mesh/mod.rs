@@ -6,7 +6,8 @@ mod ply;
 mod serialized;
 
 use crate::error::{Error, Result, counted};
-use crate::math::{DAffine3, Vec3};
+use crate::math::{DAffine3, DVec3, Vec3};
+use crate::memory::{Budget, Refusal, Reservation};
 use crate::shape::Mesh;
 use rayon::prelude::*;
 use std::fs::File;
@@ -43,31 +44,17 @@ pub struct Options {
 ///
 /// # Errors
 /// When the file cannot be read or is malformed (with the line, where it is text), when a face refers to a vertex that does
-/// not exist, or when there is no face.
+/// not exist, when there is no face, or when the mesh does not fit into memory.
 pub fn load(
     path: &Path,
     format: Format,
     options: Options,
     to_world: &DAffine3,
+    memory: &Budget,
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh> {
-    let mut face_normals = options.face_normals;
-    let mut mesh = match format {
-        Format::Obj => File::open(path)
-            .map_err(obj::Failure::Io)
-            .and_then(|file| obj::parse(path, file, || std::fs::read(path), obj::Sizes::USUAL, warnings))
-            .map_err(|failure| match failure {
-                obj::Failure::Io(e) => super::unreadable(path, &e),
-                obj::Failure::Mesh(error) => error,
-            })?,
-        Format::Ply => ply::parse(path, &super::read_bytes(path)?, warnings)?,
-        Format::Serialized { shape_index } => {
-            let read = serialized::parse(path, &super::read_bytes(path)?, shape_index)?;
-            // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 obeys it.
-            face_normals |= read.face_normals;
-            read.mesh
-        }
-    };
+    let mut planned = memory.nothing();
+    let (mut mesh, face_normals) = read(path, format, options, &mut planned, warnings)?;
     if mesh.indices.is_empty() {
         return Err(Error::scene("the file has no faces").in_file(path));
     }
@@ -82,9 +69,62 @@ pub fn load(
     }
     match face_normals {
         true => mesh.normals = Vec::new(),
-        false => complete_normals(&mut mesh, to_world, path, warnings),
+        false => {
+            planned.grow(NORMAL_BYTES * mesh.positions.len() as u64).map_err(|r| too_large(path, &r))?;
+            complete_normals(&mut mesh, to_world, path, warnings);
+        }
     }
+    planned.keep(mesh.memory_bytes());
     Ok(mesh)
+}
+
+/// Bytes of a vertex while its normal is computed: the normal, and the sum that it comes from.
+const NORMAL_BYTES: u64 = (size_of::<Vec3>() + size_of::<DVec3>()) as u64;
+
+/// Reads the file; also says whether the mesh is faceted.
+fn read(
+    path: &Path,
+    format: Format,
+    options: Options,
+    planned: &mut Reservation,
+    warnings: &mut Vec<Error>,
+) -> Result<(Mesh, bool)> {
+    let memory = planned.budget().clone();
+    Ok(match format {
+        Format::Obj => {
+            // Only to find the line that is wrong.
+            let whole = || {
+                let length = std::fs::metadata(path)?.len();
+                let refused = |_| std::io::Error::from(std::io::ErrorKind::OutOfMemory);
+                let _reserved = memory.reserve(length).map_err(refused)?;
+                std::fs::read(path)
+            };
+            let parsed = File::open(path)
+                .map_err(obj::Failure::Io)
+                .and_then(|file| obj::parse(path, file, whole, obj::Sizes::USUAL, planned, warnings));
+            let mesh = parsed.map_err(|failure| match failure {
+                obj::Failure::Io(e) => super::unreadable(path, &e),
+                obj::Failure::Mesh(error) => error,
+                obj::Failure::Memory(refusal) => too_large(path, &refusal),
+            })?;
+            (mesh, options.face_normals)
+        }
+        Format::Ply => {
+            let (bytes, _reserved) = super::read_bytes(path, &memory)?;
+            (ply::parse(path, &bytes, planned, warnings)?, options.face_normals)
+        }
+        Format::Serialized { shape_index } => {
+            let (bytes, _reserved) = super::read_bytes(path, &memory)?;
+            let read = serialized::parse(path, &bytes, shape_index, planned)?;
+            // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 obeys it.
+            (read.mesh, options.face_normals || read.face_normals)
+        }
+    })
+}
+
+/// The error for a mesh that does not fit into memory.
+fn too_large(path: &Path, refusal: &Refusal) -> Error {
+    Error::scene(refusal.sentence("its mesh", "use a mesh of fewer triangles")).in_file(path)
 }
 
 /// Normalises the normals, and computes those that are missing or invalid.

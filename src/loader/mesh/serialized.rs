@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result, counted};
 use crate::math::{Vec2, Vec3};
+use crate::memory::Reservation;
 use crate::shape::Mesh;
 use crate::texture::Attribute;
 use flate2::read::ZlibDecoder;
@@ -34,11 +35,11 @@ pub struct Serialized {
 ///
 /// # Errors
 /// See [`load`](super::load); also when there are not so many meshes.
-pub fn parse(path: &Path, bytes: &[u8], shape_index: usize) -> Result<Serialized> {
-    read(bytes, shape_index).map_err(|message| Error::scene(message).in_file(path))
+pub fn parse(path: &Path, bytes: &[u8], shape_index: usize, planned: &mut Reservation) -> Result<Serialized> {
+    read(bytes, shape_index, planned).map_err(|message| Error::scene(message).in_file(path))
 }
 
-fn read(bytes: &[u8], shape_index: usize) -> Result<Serialized, String> {
+fn read(bytes: &[u8], shape_index: usize, planned: &mut Reservation) -> Result<Serialized, String> {
     let version = version(bytes)?;
     let start = match shape_index {
         0 => 0,
@@ -64,6 +65,8 @@ fn read(bytes: &[u8], shape_index: usize) -> Result<Serialized, String> {
             counted(triangles, "triangle", "triangles")
         )));
     }
+    let kept = triangles.saturating_mul(12).saturating_add(4 * numbers * vertices);
+    planned.grow(kept).map_err(|refusal| refusal.sentence("its mesh", "use a mesh of fewer triangles"))?;
     let (n, double) = (count as usize, has(DOUBLE));
     let mut mesh = Mesh { positions: data.vectors::<3, Vec3>(n, double)?, ..Mesh::default() };
     if has(NORMALS) {
@@ -203,6 +206,10 @@ mod tests {
     use flate2::write::ZlibEncoder;
     use std::io::Write;
 
+    fn planned() -> Reservation {
+        crate::memory::Budget::unlimited().nothing()
+    }
+
     const CORNERS: [[f32; 3]; 3] = [[0.0, 0.0, 0.5], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
 
     fn compressed(version: u8, data: &[u8]) -> Vec<u8> {
@@ -254,10 +261,10 @@ mod tests {
             for precision in [0x1000, DOUBLE] {
                 let all = data(version, NORMALS | UVS | COLORS | precision, [2, 0, 1]);
                 let bytes = file(version, &[data(version, precision, [0, 1, 2]), all]);
-                let first = read(&bytes, 0).unwrap();
+                let first = read(&bytes, 0, &mut planned()).unwrap();
                 assert_eq!(first.mesh.positions, CORNERS.map(Vec3::from));
                 assert!(first.mesh.normals.is_empty() && first.mesh.uvs.is_empty() && !first.face_normals);
-                let second = read(&bytes, 1).unwrap().mesh;
+                let second = read(&bytes, 1, &mut planned()).unwrap().mesh;
                 assert_eq!(second.positions, CORNERS.map(Vec3::from));
                 assert_eq!(second.normals[2], Vec3::new(6.0, 7.0, 8.0));
                 assert_eq!(second.uvs[1], Vec2::new(2.0, 3.0));
@@ -266,13 +273,13 @@ mod tests {
                 assert_eq!((color.name.as_str(), color.channels, color.values[8]), ("vertex_color", 3, 8.0));
             }
         }
-        assert!(read(&file(4, &[data(4, FACE_NORMALS, [0, 1, 2])]), 0).unwrap().face_normals);
+        assert!(read(&file(4, &[data(4, FACE_NORMALS, [0, 1, 2])]), 0, &mut planned()).unwrap().face_normals);
     }
 
     #[test]
     fn broken_files_are_refused() {
         let good = file(4, &[data(4, 0, [0, 1, 2]), data(4, 0, [0, 1, 3])]);
-        let message = |bytes: &[u8], i| read(bytes, i).unwrap_err();
+        let message = |bytes: &[u8], i| read(bytes, i, &mut planned()).unwrap_err();
         assert_eq!(message(&good, 1), "face 0: there is no vertex 3; the mesh has 3");
         assert_eq!(
             message(&good, 2),

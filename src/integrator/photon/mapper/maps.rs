@@ -1,7 +1,7 @@
 //! Casting photons into maps, or reading them from a file.
 
 use crate::bsdf::Split;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::integrator::photon::boundary::Boundary;
 use crate::integrator::photon::file::{self, Label, Light, Origin};
 use crate::integrator::photon::{
@@ -11,6 +11,7 @@ use crate::integrator::photon::{
 use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Counters, Fact, Preparation};
 use crate::math::Vec3;
+use crate::memory::Reservation;
 use crate::scene::Scene;
 use bumpalo::Bump;
 
@@ -30,6 +31,8 @@ pub struct Maps {
     pub global: Option<PhotonMap>,
     /// The width of what points show photons as, scene units.
     pub point: f32,
+    /// Of both halves' maps, in the first.
+    reserved: Option<Reservation>,
 }
 
 /// Which maps a scene needs.
@@ -79,6 +82,7 @@ pub fn prepare(
 ) -> Result<([Maps; 2], Vec<Fact>)> {
     let scene = preparation.scene;
     let plan = Plan::new(scene, settings);
+    let mut reserved = reserve(preparation, settings, &plan)?;
     let mut counters = Counters::default();
     let photons = load_or_cast(preparation, settings, &plan, &mut counters)?;
     let mut maps = [Maps::default(), Maps::default()];
@@ -104,7 +108,42 @@ pub fn prepare(
     for half in &mut maps {
         half.point = POINT * scene.bounds.radius();
     }
+    reserved.settle(sums.bytes as u64);
+    maps[0].reserved = Some(reserved);
     Ok((maps, sums.facts(&counters)))
+}
+
+/// Bytes of a photon in a finished map.
+const KEPT: u64 = PhotonMap::BYTES_PER_PHOTON as u64 + 1;
+/// Bytes of a photon while its map is built: the list that it was cast into, which grows by doubling, and what the tree is
+/// sorted in.
+const BUILDING: u64 = 70;
+/// As [`KEPT`], of its share of an irradiance map.
+const IRRADIANCE_KEPT: u64 = 12;
+/// As [`BUILDING`], of its share of an irradiance map.
+const IRRADIANCE_BUILDING: u64 = 25;
+
+/// Reserves what the maps take while they are built.
+fn reserve(
+    preparation: &Preparation<'_>,
+    settings: &PhotonmapperSettings,
+    plan: &Plan,
+) -> Result<Reservation> {
+    let count = |paths: &Option<PhotonPaths>, photons: u32| paths.as_ref().map_or(0, |_| u64::from(photons));
+    let (global, caustic) =
+        (count(&plan.global, settings.global_photons), count(&plan.caustic, settings.caustic_photons));
+    let irradiance = global * (2 * IRRADIANCE_KEPT + IRRADIANCE_BUILDING);
+    // Irradiance is computed when all photons have been cast.
+    let cast = 2 * KEPT * (global + caustic) + (BUILDING * global.max(caustic)).max(irradiance);
+    // A file may hold anything until it has been read.
+    let file = preparation.cache.as_ref().and_then(|cache| std::fs::metadata(&cache.path).ok());
+    let photons = file.map_or(0, |about| about.len() / Photon::BYTES as u64);
+    let needed = cast.max(photons.saturating_mul(KEPT + BUILDING));
+    preparation.memory.reserve(needed).map_err(|refusal| {
+        let what =
+            format!("maps of {global} global and {caustic} caustic photons for each half of the samples");
+        Error::scene(refusal.sentence(&what, "ask for fewer photons")).about("photonmapper")
+    })
 }
 
 /// Of the scene's radius: how large photons are shown as points.

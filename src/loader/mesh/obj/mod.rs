@@ -10,6 +10,7 @@ mod weld;
 
 use crate::error::{Error, Place, Result, counted};
 use crate::math::{Vec2, Vec3};
+use crate::memory::{Refusal, Reservation};
 use crate::shape::Mesh;
 use lines::{Malformed, Piece, Survey};
 use rayon::prelude::*;
@@ -39,6 +40,33 @@ impl Sizes {
 pub enum Failure {
     Io(io::Error),
     Mesh(Error),
+    Memory(Refusal),
+}
+
+/// As [`Failure`], before anybody has looked for what is wrong.
+#[derive(Debug)]
+enum Stop {
+    Io(io::Error),
+    Malformed,
+    Memory(Refusal),
+}
+
+impl From<Malformed> for Stop {
+    fn from(_: Malformed) -> Self {
+        Stop::Malformed
+    }
+}
+
+impl From<Refusal> for Stop {
+    fn from(refusal: Refusal) -> Self {
+        Stop::Memory(refusal)
+    }
+}
+
+impl From<io::Error> for Stop {
+    fn from(error: io::Error) -> Self {
+        Stop::Io(error)
+    }
 }
 
 /// Reads a mesh. Texture coordinates and normals are taken where every corner of every face has them.
@@ -52,17 +80,20 @@ pub fn parse(
     from: impl Read + Send,
     whole: impl FnOnce() -> io::Result<Vec<u8>>,
     sizes: Sizes,
+    planned: &mut Reservation,
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh, Failure> {
     let mut build = Build::default();
-    let read = build.read(from, sizes).map_err(Failure::Io)?;
+    let read = build.read(from, sizes, planned);
     let used = build.used();
-    match read.and_then(|()| build.finish(used)) {
+    match read.and_then(|()| build.finish(used, planned)) {
         Ok((mesh, survey)) => {
             report(&survey, path, warnings);
             Ok(mesh)
         }
-        Err(Malformed) => Err(Failure::Mesh(fault::locate(path, &whole().map_err(Failure::Io)?, used))),
+        Err(Stop::Io(error)) => Err(Failure::Io(error)),
+        Err(Stop::Memory(refusal)) => Err(Failure::Memory(refusal)),
+        Err(Stop::Malformed) => Err(Failure::Mesh(fault::locate(path, &whole().map_err(Failure::Io)?, used))),
     }
 }
 
@@ -79,11 +110,16 @@ struct Build {
 
 impl Build {
     /// Reads all lines. The next block is read and the last one is put together while one is parsed.
-    fn read(&mut self, mut from: impl Read + Send, sizes: Sizes) -> io::Result<Result<(), Malformed>> {
+    fn read(
+        &mut self,
+        mut from: impl Read + Send,
+        sizes: Sizes,
+        planned: &mut Reservation,
+    ) -> Result<(), Stop> {
         let mut text = Vec::new();
         let mut next = Vec::new();
         let mut pieces = Vec::new();
-        let mut more = fill(&mut from, &mut text, sizes.block)?;
+        let mut more = fill(&mut from, &mut text, sizes.block, planned)?;
         loop {
             // Only whole lines; the rest goes before the next block.
             let end =
@@ -94,18 +130,16 @@ impl Build {
             let (parsed, others) = rayon::join(
                 || split(&text[..end], sizes.piece).into_par_iter().map(lines::read).collect::<Vec<_>>(),
                 || {
-                    let more = if more { fill(&mut from, &mut next, sizes.block) } else { Ok(false) };
-                    (last.into_iter().try_for_each(|piece: Piece| self.append(piece)), more)
+                    let more =
+                        if more { fill(&mut from, &mut next, sizes.block, planned) } else { Ok(false) };
+                    (last.into_iter().try_for_each(|piece: Piece| self.append(piece, planned)), more)
                 },
             );
             let (appended, filled) = others;
-            let read = appended.and_then(|()| parsed.into_iter().collect::<Result<_, _>>());
-            pieces = match read {
-                Ok(pieces) => pieces,
-                Err(malformed) => return Ok(Err(malformed)),
-            };
+            appended?;
+            pieces = parsed.into_iter().collect::<Result<_, Malformed>>()?;
             if !more {
-                return Ok(pieces.into_iter().try_for_each(|piece| self.append(piece)));
+                return pieces.into_iter().try_for_each(|piece| self.append(piece, planned));
             }
             more = filled?;
             std::mem::swap(&mut text, &mut next);
@@ -113,7 +147,7 @@ impl Build {
     }
 
     /// Adds what the next lines say.
-    fn append(&mut self, piece: Piece) -> Result<(), Malformed> {
+    fn append(&mut self, piece: Piece, planned: &mut Reservation) -> Result<(), Stop> {
         let before = [self.positions.len(), self.uvs.len(), self.normals.len()];
         self.survey.append(piece.survey);
         self.positions.extend_from_slice(&piece.positions);
@@ -135,7 +169,18 @@ impl Build {
             self.indices.push(triangle);
         }
         // The next piece cannot have more corners than this.
-        if self.weld.len() < MOST_VERTICES { Ok(()) } else { Err(Malformed) }
+        if self.weld.len() >= MOST_VERTICES {
+            return Err(Stop::Malformed);
+        }
+        Ok(planned.grow_to(self.memory_bytes())?)
+    }
+
+    /// Bytes of all arrays so far.
+    fn memory_bytes(&self) -> u64 {
+        let vectors = size_of::<Vec3>() * (self.positions.capacity() + self.normals.capacity());
+        let others =
+            size_of::<Vec2>() * self.uvs.capacity() + size_of::<[u32; 3]>() * self.indices.capacity();
+        (vectors + others + self.weld.memory_bytes()) as u64
     }
 
     /// Whether texture coordinates and normals are of use.
@@ -148,7 +193,10 @@ impl Build {
     }
 
     /// Checks the indices and gathers what they refer to.
-    fn finish(self, used: [bool; 2]) -> Result<(Mesh, Survey), Malformed> {
+    fn finish(self, used: [bool; 2], planned: &mut Reservation) -> Result<(Mesh, Survey), Stop> {
+        let vertex =
+            [true, used[0], used[1]].into_iter().zip([12, 8, 12]).filter_map(|(is, size)| is.then_some(size));
+        planned.grow_to(self.memory_bytes() + self.weld.len() as u64 * vertex.sum::<u64>())?;
         let keys = self.weld.into_keys();
         let positions = gather(&keys, 0, self.positions)?;
         let uvs = if used[0] { gather(&keys, 1, self.uvs)? } else { Vec::new() };
@@ -169,7 +217,12 @@ fn gather<T: Copy + Send + Sync>(keys: &[Key], kind: usize, entries: Vec<T>) -> 
 }
 
 /// Appends the next bytes of a file, at least up to a line end; whether there may be more.
-fn fill(from: &mut impl Read, text: &mut Vec<u8>, block: usize) -> io::Result<bool> {
+fn fill(
+    from: &mut impl Read,
+    text: &mut Vec<u8>,
+    block: usize,
+    planned: &mut Reservation,
+) -> Result<bool, Stop> {
     loop {
         let before = text.len();
         text.reserve(block);
@@ -180,6 +233,8 @@ fn fill(from: &mut impl Read, text: &mut Vec<u8>, block: usize) -> io::Result<bo
         if text[before..].contains(&b'\n') {
             return Ok(true);
         }
+        // A line of any length.
+        planned.grow(2 * block as u64)?;
     }
 }
 
@@ -222,16 +277,18 @@ fn report(survey: &Survey, path: &Path, warnings: &mut Vec<Error>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::memory::Budget;
 
     fn read(text: &str) -> (Result<Mesh>, Vec<String>) {
         let mut warnings = Vec::new();
         let whole = || Ok(text.as_bytes().to_vec());
-        let mesh = parse(Path::new("m.obj"), text.as_bytes(), whole, Sizes::USUAL, &mut warnings).map_err(
-            |e| match e {
+        let planned = &mut Budget::unlimited().nothing();
+        let mesh = parse(Path::new("m.obj"), text.as_bytes(), whole, Sizes::USUAL, planned, &mut warnings)
+            .map_err(|e| match e {
                 Failure::Mesh(error) => error,
                 Failure::Io(error) => panic!("{error}"),
-            },
-        );
+                Failure::Memory(refusal) => panic!("{refusal:?}"),
+            });
         (mesh, warnings.iter().map(Error::to_string).collect())
     }
 
@@ -309,7 +366,9 @@ mod tests {
             let mut warnings = Vec::new();
             let whole = || Ok(text.as_bytes().to_vec());
             let sizes = Sizes { block, piece };
-            let mesh = parse(Path::new("m.obj"), text.as_bytes(), whole, sizes, &mut warnings).unwrap();
+            let planned = &mut Budget::unlimited().nothing();
+            let mesh =
+                parse(Path::new("m.obj"), text.as_bytes(), whole, sizes, planned, &mut warnings).unwrap();
             (mesh, warnings)
         };
         let (mesh, warnings) = cut(1000, 1000);

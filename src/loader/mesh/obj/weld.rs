@@ -7,6 +7,9 @@ pub const NONE: u32 = u32::MAX;
 /// Vertices of one position that are looked through one after the other.
 const LONGEST_CHAIN: usize = 32;
 
+/// Bytes of an entry among the others, with its share of a table that is never full.
+const OTHER: usize = 2 * (size_of::<Key>() + size_of::<u32>() + 1);
+
 /// Indices of position, texture coordinate and normal.
 pub type Key = [u32; 3];
 
@@ -67,6 +70,14 @@ impl Weld {
     /// How many vertices there are.
     pub fn len(&self) -> usize {
         self.keys.len()
+    }
+
+    /// Bytes of the arrays.
+    pub fn memory_bytes(&self) -> usize {
+        let lists = size_of::<Key>() * self.keys.capacity();
+        lists
+            + size_of::<u32>() * (self.older.capacity() + self.newest.capacity())
+            + OTHER * self.others.capacity()
     }
 
     /// The indices of every vertex.

@@ -9,6 +9,7 @@ mod table;
 
 use crate::error::{Error, Place, Result};
 use crate::math::{Vec2, Vec3};
+use crate::memory::{Refusal, Reservation};
 use crate::shape::Mesh;
 use crate::texture::Attribute;
 use attributes::Group;
@@ -25,7 +26,12 @@ type Fault = (u32, String);
 ///
 /// # Errors
 /// See [`load`](super::load).
-pub fn parse(path: &Path, bytes: &[u8], warnings: &mut Vec<Error>) -> Result<Mesh> {
+pub fn parse(
+    path: &Path,
+    bytes: &[u8],
+    planned: &mut Reservation,
+    warnings: &mut Vec<Error>,
+) -> Result<Mesh> {
     let at = |(line, message): Fault| {
         let place = Place { line, column: 1, ..Place::file(path) };
         Error::scene(message).at(place)
@@ -36,8 +42,8 @@ pub fn parse(path: &Path, bytes: &[u8], warnings: &mut Vec<Error>) -> Result<Mes
     let mut mesh = Mesh::default();
     for element in &header.elements {
         let read = match element.name.as_str() {
-            "vertex" => layout.vertices(&mut rest, element, &mut mesh),
-            "face" => layout.faces(&mut rest, element, &mut mesh),
+            "vertex" => layout.vertices(&mut rest, element, planned, &mut mesh),
+            "face" => layout.faces(&mut rest, element, planned, &mut mesh),
             _ => skip(&mut rest, element),
         };
         read.map_err(at)?;
@@ -48,6 +54,16 @@ pub fn parse(path: &Path, bytes: &[u8], warnings: &mut Vec<Error>) -> Result<Mes
         tell("what follows the last element is ignored".to_owned());
     }
     Ok(mesh)
+}
+
+/// What is wrong with a file whose mesh does not fit into memory.
+fn too_large(refusal: Refusal) -> Fault {
+    (0, refusal.sentence("its mesh", "use a mesh of fewer triangles"))
+}
+
+/// Channels of all groups.
+fn channels(groups: &[Group]) -> usize {
+    groups.iter().map(|group| group.columns.len()).sum()
 }
 
 fn malformed(line: u32, message: &str) -> Fault {
@@ -111,8 +127,18 @@ impl Layout {
         Ok((Layout { count, position, normal, uv, vertex_groups, corners, face_groups }, warnings))
     }
 
-    fn vertices<'a>(&self, rest: &mut Rest<'a>, element: &'a Element, mesh: &mut Mesh) -> Result<(), Fault> {
+    fn vertices<'a>(
+        &self,
+        rest: &mut Rest<'a>,
+        element: &'a Element,
+        planned: &mut Reservation,
+        mesh: &mut Mesh,
+    ) -> Result<(), Fault> {
         let groups = &self.vertex_groups;
+        rest.check(element)?;
+        let optional = self.normal.map_or(0, |n| n.len()) + self.uv.map_or(0, |uv| uv.len());
+        let numbers = self.position.len() + optional + channels(groups);
+        planned.grow(element.count.saturating_mul(4 * numbers as u64)).map_err(too_large)?;
         if let Some(table) = Table::take(rest, element)? {
             mesh.positions = table.vectors(self.position);
             mesh.normals = self.normal.map(|columns| table.vectors(columns)).unwrap_or_default();
@@ -120,7 +146,6 @@ impl Layout {
             mesh.attributes.extend(groups.iter().map(|group| table.attribute(group)));
             return Ok(());
         }
-        rest.check(element)?;
         mesh.positions.reserve_exact(self.count);
         mesh.normals.reserve_exact(self.normal.map_or(0, |_| self.count));
         mesh.uvs.reserve_exact(self.uv.map_or(0, |_| self.count));
@@ -136,8 +161,18 @@ impl Layout {
         })
     }
 
-    fn faces<'a>(&self, rest: &mut Rest<'a>, element: &'a Element, mesh: &mut Mesh) -> Result<(), Fault> {
+    fn faces<'a>(
+        &self,
+        rest: &mut Rest<'a>,
+        element: &'a Element,
+        planned: &mut Reservation,
+        mesh: &mut Mesh,
+    ) -> Result<(), Fault> {
         let groups = &self.face_groups;
+        rest.check(element)?;
+        let triangle = 4 * (3 + channels(groups)) as u64;
+        let mut room = element.count;
+        planned.grow(room.saturating_mul(triangle)).map_err(too_large)?;
         if let Some(table) = Table::take_triangles(rest, element, self.corners) {
             mesh.indices = table.triangles(self.corners);
             mesh.attributes.extend(groups.iter().map(|group| table.attribute(group)));
@@ -157,6 +192,13 @@ impl Layout {
         mesh.attributes.extend(groups.iter().map(empty));
         rest.each_row(element, Some(self.corners), |i, row| {
             let before = mesh.indices.len();
+            // Polygons are more triangles than there are faces.
+            let after = (before + row.list.len()) as u64;
+            if after > room {
+                let more = after.max(2 * room) - room;
+                planned.grow(more.saturating_mul(triangle)).map_err(too_large)?;
+                room += more;
+            }
             fan(i, &row.list, self.count, &mut mesh.indices)?;
             push(&mut mesh.attributes[first..], groups, element, &row.scalars, mesh.indices.len() - before);
             Ok(())
@@ -200,9 +242,10 @@ fn number(element: &Element, i: usize) -> Number {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::memory::Budget;
 
     fn read(bytes: &[u8]) -> Result<Mesh> {
-        parse(Path::new("m.ply"), bytes, &mut Vec::new())
+        parse(Path::new("m.ply"), bytes, &mut Budget::unlimited().nothing(), &mut Vec::new())
     }
 
     fn header(format: &str, index: &str) -> String {

@@ -1,0 +1,76 @@
+//! `buffon merge`: parts of one render as a whole.
+
+use crate::error::{Error, Kind, Result, counted};
+use crate::image::{self, WriteOptions};
+use crate::session::checkpoint::{self, file, merge};
+use crate::session::default_threads;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Add the samples of several parts of one render.
+///
+/// The parts are checkpoints of `buffon render --sample-range A..B --checkpoint FILE`, in any order. Of ranges that
+/// cover the whole render the very pixels of a render at once are made. Parts of different renders, or with samples in
+/// common, are refused.
+#[derive(Clone, Debug, Args)]
+pub struct MergeArgs {
+    /// The checkpoints
+    #[arg(required = true)]
+    pub parts: Vec<PathBuf>,
+    /// The image to write
+    #[arg(short, long, value_name = "FILE", required_unless_present = "checkpoint")]
+    pub output: Option<PathBuf>,
+    /// Write the sums as a checkpoint, to merge them with others or to go on from
+    #[arg(long, value_name = "FILE")]
+    pub checkpoint: Option<PathBuf>,
+    /// Say nothing but errors
+    #[arg(short, long)]
+    pub quiet: bool,
+    /// Treat missing samples as an error
+    #[arg(long)]
+    pub strict: bool,
+}
+
+/// Merges.
+///
+/// # Errors
+/// If the parts cannot be read or are not of one render, or if what they make cannot be written.
+pub fn run(args: &MergeArgs) -> Result<u8> {
+    if let Some(output) = &args.output {
+        image::check_output(output)?;
+    }
+    if let Some(path) = &args.checkpoint {
+        image::check_replaceable(path)?;
+    }
+    let parts = args.parts.iter().map(|path| Ok((path.clone(), file::load(path)?))).collect::<Result<_>>()?;
+    let merged = merge::merge(parts)?;
+    let missing = merged.missing();
+    if !missing.is_empty() {
+        let target = merged.label.target.unwrap_or(0);
+        let message = format!("of {target} samples per pixel {} are missing", checkpoint::list(&missing));
+        if args.strict {
+            return Err(Error::new(Kind::Strict, message));
+        }
+        if !args.quiet {
+            eprintln!("buffon: warning: {message}");
+        }
+    }
+    if let Some(path) = &args.checkpoint {
+        file::save(path, &merged.label, &merged.state)?;
+    }
+    let Some(output) = &args.output else { return Ok(0) };
+    let rendered = merged.rendered(default_threads())?;
+    let image = merged.label.picture.image(&rendered);
+    let samples = merged.label.picture.component_format.into();
+    let report = image::write(output, &image, &WriteOptions { samples, ..WriteOptions::default() })?;
+    if report.clamped_half > 0 && !args.quiet {
+        let values = counted(report.clamped_half as u64, "value", "values");
+        eprintln!("buffon: warning: {values} clamped to the range of half floats");
+    }
+    if !args.quiet {
+        let error = rendered.relmse.map_or_else(String::new, |e| format!(", relMSE about {e:.2e}"));
+        let samples = checkpoint::list(&merged.label.samples);
+        eprintln!("{}: samples {samples}{error}", output.display());
+    }
+    Ok(0)
+}

@@ -1,0 +1,82 @@
+//! Which render samples belong to.
+
+use crate::session::hash::{self, Origin};
+use crate::session::{Plan, Session};
+use serde::{Deserialize, Serialize};
+
+/// What decides the samples of a render. Those of two renders can be added only if it is the same.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Buffon's version: another one may draw other random numbers.
+    pub version: String,
+    /// Hash of the scene, without sensors.
+    pub scene: u64,
+    /// Hash of the sensor with its film: view, size, crop, filter.
+    pub view: u64,
+    /// Name of the integrator.
+    pub integrator: String,
+    /// Hash of its settings.
+    pub settings: u64,
+    /// Name of the sampler.
+    pub sampler: String,
+    /// Hash of its parameters: some depend on how many samples there are to be.
+    pub sampling: u64,
+    /// The ray traversal: others round differently.
+    pub accel: String,
+    /// The seed.
+    pub seed: u64,
+    /// Names of the layers.
+    pub layers: Vec<String>,
+    /// Samples per pixel that adaptive sampling spreads; 0 without a limit, `None` if sampling is not adaptive.
+    pub adaptive: Option<u64>,
+}
+
+impl Identity {
+    /// Which render a plan makes of a session's scene.
+    pub fn of(session: &Session, plan: &Plan, origin: Origin) -> Self {
+        let job = &plan.job;
+        Identity {
+            version: env!("CARGO_PKG_VERSION").into(),
+            scene: origin.scene,
+            view: origin.view,
+            integrator: plan.integrator.name().into(),
+            settings: hash::of(format_args!("{:?}", plan.integrator)),
+            sampler: job.sampler.kind().name().into(),
+            sampling: hash::of(format_args!("{:?}", job.sampler)),
+            accel: session.scene.accel.name().into(),
+            seed: job.seed,
+            layers: job.layers.iter().map(|layer| layer.name.clone()).collect(),
+            adaptive: plan.adaptive.then(|| job.stop.samples.unwrap_or(0)),
+        }
+    }
+
+    /// What this one's samples are, in words that tell them from those of another identity: "samples of another scene".
+    pub fn difference(&self, other: &Identity) -> Option<String> {
+        let names = |layers: &[String]| if layers.is_empty() { "none".into() } else { layers.join(", ") };
+        Some(if self.version != other.version {
+            format!("samples of Buffon {}, expected {}", self.version, other.version)
+        } else if self.scene != other.scene {
+            "samples of another scene".into()
+        } else if self.view != other.view {
+            "samples of another view of the scene (sensor, size, crop or film)".into()
+        } else if self.integrator != other.integrator {
+            format!("samples of the integrator {}, expected {}", self.integrator, other.integrator)
+        } else if self.settings != other.settings {
+            format!("samples of other settings of the integrator {}", self.integrator)
+        } else if self.sampler != other.sampler {
+            format!("samples of the sampler {}, expected {}", self.sampler, other.sampler)
+        } else if self.sampling != other.sampling {
+            format!("samples of the sampler {} for another number of samples per pixel", self.sampler)
+        } else if self.accel != other.accel {
+            format!("samples of the traversal {}, expected {}", self.accel, other.accel)
+        } else if self.seed != other.seed {
+            format!("samples of seed {}, expected {}", self.seed, other.seed)
+        } else if self.layers != other.layers {
+            format!("the layers {}, expected {}", names(&self.layers), names(&other.layers))
+        } else if self.adaptive != other.adaptive {
+            "samples that were spread otherwise over the pixels (--adaptive, --spp)".into()
+        } else {
+            return None;
+        })
+    }
+}

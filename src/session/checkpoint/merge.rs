@@ -1,0 +1,145 @@
+//! Merging: the sums of several parts of one render, as those of a whole one.
+
+use super::{Checkpoint, list};
+use crate::error::{Error, Result};
+use crate::render::{Rendered, StopReason};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Adds checkpoints of one render, in whatever order they come.
+///
+/// # Errors
+/// If they are of different renders, if two hold the same samples, or if sampling was adaptive: its samples depend on
+/// each other.
+pub fn merge(parts: Vec<(PathBuf, Checkpoint)>) -> Result<Checkpoint> {
+    let mut parts = parts;
+    parts.sort_by_key(|(_, part)| part.label.samples.first().map_or(0, |range| range.start));
+    let mut parts = parts.into_iter();
+    let Some((first_path, mut sum)) = parts.next() else {
+        return Err(Error::usage("merge: expected files to merge"));
+    };
+    let mut held: Vec<(Range<u64>, PathBuf)> =
+        sum.label.samples.iter().map(|range| (range.clone(), first_path.clone())).collect();
+    for (path, part) in parts {
+        comparable(&first_path, &sum, &path, &part)?;
+        for range in &part.label.samples {
+            if let Some((other, file)) = held.iter().find(|(r, _)| r.start < range.end && range.start < r.end)
+            {
+                return Err(refuse(
+                    &path,
+                    &format!(
+                        "holds the samples {}, of which {} has {}",
+                        list(std::slice::from_ref(range)),
+                        file.display(),
+                        list(std::slice::from_ref(other))
+                    ),
+                ));
+            }
+        }
+        held.extend(part.label.samples.iter().map(|range| (range.clone(), path.clone())));
+        add(&mut sum, part);
+    }
+    sum.label.samples = joined(held.into_iter().map(|(range, _)| range).collect());
+    let end = sum.label.samples.last().map_or(0, |range| range.end);
+    (sum.state.next, sum.state.pass_end) = (end, end);
+    Ok(sum)
+}
+
+fn refuse(path: &Path, why: &str) -> Error {
+    Error::usage(format!("merge: {} {why}", path.display()))
+}
+
+/// Whether two parts can be added.
+fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpoint) -> Result<()> {
+    if let Some(difference) = part.label.identity.difference(&first.label.identity) {
+        return Err(refuse(path, &format!("holds {difference} as in {}", first_path.display())));
+    }
+    if part.label.identity.adaptive.is_some() {
+        return Err(refuse(
+            path,
+            "is of a render with --adaptive, whose parts are not independent of each other",
+        ));
+    }
+    if part.label.picture.rect != first.label.picture.rect
+        || part.label.picture.layers != first.label.picture.layers
+    {
+        return Err(refuse(path, &format!("is of another image than {}", first_path.display())));
+    }
+    Ok(())
+}
+
+fn add(sum: &mut Checkpoint, part: Checkpoint) {
+    let (state, other) = (&mut sum.state, part.state);
+    state.tiles.iter_mut().zip(&other.tiles).for_each(|(tile, other)| tile.merge(other));
+    state.elapsed += other.elapsed;
+    state.counters.merge(&other.counters);
+    state.invalid.extend(other.invalid);
+    state.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
+    state.invalid_count += other.invalid_count;
+    sum.label.target = sum.label.target.max(part.label.target);
+}
+
+/// The same samples in as few ranges as possible, in their order.
+fn joined(mut ranges: Vec<Range<u64>>) -> Vec<Range<u64>> {
+    ranges.sort_by_key(|range| range.start);
+    let mut joined: Vec<Range<u64>> = Vec::new();
+    for range in ranges {
+        match joined.last_mut() {
+            Some(last) if last.end == range.start => last.end = range.end,
+            _ => joined.push(range),
+        }
+    }
+    joined
+}
+
+impl Checkpoint {
+    /// The samples of 0..target that are missing, if it is known how many there are to be.
+    pub fn missing(&self) -> Vec<Range<u64>> {
+        let mut from = 0;
+        let mut missing = Vec::new();
+        let end = self.label.target.unwrap_or(0);
+        for range in self.label.samples.iter().cloned().chain([end..end]) {
+            if from < range.start.min(end) {
+                missing.push(from..range.start.min(end));
+            }
+            from = range.end;
+        }
+        missing
+    }
+
+    /// The render that the sums are of, with its error.
+    ///
+    /// # Errors
+    /// If threads cannot be started.
+    pub fn rendered(&self, threads: usize) -> Result<Rendered> {
+        let pool = crate::render::thread_pool(threads)?;
+        let error = crate::render::state::estimate(&self.state.tiles, &pool);
+        let layers = self.label.picture.layers.clone();
+        let alpha = self.label.picture.pixel_format.has_alpha();
+        let rendered = Rendered::new(self.state.clone(), self.label.picture.rect, layers, alpha);
+        let taken: u64 = self.label.samples.iter().map(|range| range.end - range.start).sum();
+        let whole = self.label.target.is_some() && self.missing().is_empty();
+        Ok(Rendered {
+            samples_per_pixel: if self.state.allocation.is_some() {
+                rendered.samples_per_pixel
+            } else {
+                taken
+            },
+            stop_reason: if whole { StopReason::Samples } else { StopReason::Interrupted },
+            relmse: error.map(|e| e.relmse),
+            relmse_interval: error.map(|e| e.interval),
+            ..rendered
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_joined_where_they_meet() {
+        assert_eq!(joined(vec![8..16, 0..4, 4..8, 20..24]), [0..16, 20..24]);
+        assert_eq!(joined(Vec::new()), []);
+    }
+}

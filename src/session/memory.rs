@@ -1,0 +1,124 @@
+//! What a render takes of memory beside the scene, and whether it is there.
+
+use super::{Plan, Session};
+use crate::error::{Error, Kind, Result};
+use crate::film::{FilmSettings, PixelFormat, Tile};
+use crate::image;
+use crate::memory::{Budget, Reservation};
+use crate::render::JobSettings;
+use std::path::Path;
+
+/// Bytes of a thread's waves, and of what the allocator keeps for it.
+const THREAD: u64 = 4 << 20;
+/// Bytes of a pixel that adaptive sampling takes while it decides.
+const ADAPTIVE: u64 = 48;
+
+/// Bytes that a render takes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RenderMemory {
+    /// The sums of the samples, and what adaptive sampling knows of pixels.
+    pub film: u64,
+    /// The image that is made of them, as floats.
+    pub image: u64,
+    /// What threads have of their own.
+    pub threads: u64,
+}
+
+impl RenderMemory {
+    /// All of it.
+    pub fn total(&self) -> u64 {
+        self.film.saturating_add(self.image).saturating_add(self.threads)
+    }
+
+    /// What a render without layers takes.
+    pub fn least(film: &FilmSettings) -> Self {
+        let pixels = film.rect().area();
+        let channels = 3 + usize::from(film.pixel_format.has_alpha());
+        RenderMemory {
+            film: pixels.saturating_mul(Tile::bytes_per_pixel(channels) as u64),
+            image: pixels.saturating_mul(4 * image_channels(film.pixel_format)),
+            threads: 0,
+        }
+    }
+
+    /// What a job takes.
+    pub fn of(film: &FilmSettings, job: &JobSettings, adaptive: bool) -> Self {
+        let pixels = film.rect().area();
+        let count = |sampled: bool| {
+            let layers = job.layers.iter().filter(|layer| !sampled || layer.aov.is_sampled());
+            layers.map(|layer| layer.aov.channels().len()).sum::<usize>()
+        };
+        let sums = 3 + usize::from(film.pixel_format.has_alpha()) + count(true);
+        let values = image_channels(film.pixel_format) + count(false) as u64;
+        let known = if adaptive { pixels.saturating_mul(ADAPTIVE) } else { 0 };
+        RenderMemory {
+            film: pixels.saturating_mul(Tile::bytes_per_pixel(sums) as u64).saturating_add(known),
+            image: pixels.saturating_mul(4 * values),
+            threads: THREAD * job.threads as u64,
+        }
+    }
+}
+
+/// Channels of an image without layers.
+fn image_channels(format: PixelFormat) -> u64 {
+    match format {
+        PixelFormat::Luminance => 1,
+        PixelFormat::LuminanceAlpha => 2,
+        PixelFormat::Rgb | PixelFormat::Xyz => 3,
+        PixelFormat::Rgba | PixelFormat::Xyza => 4,
+    }
+}
+
+/// Reserves what a render takes.
+///
+/// # Errors
+/// If it is not there: the fault of the command line where the size comes from there (`of_user`), else of the scene.
+pub(super) fn reserve(
+    path: &Path,
+    film: &FilmSettings,
+    of_user: bool,
+    needed: RenderMemory,
+    memory: &Budget,
+) -> Result<Reservation> {
+    memory.reserve(needed.total()).map_err(|refusal| {
+        let rect = film.rect();
+        let what = format!("rendering {}x{} pixels", rect.width, rect.height);
+        match of_user {
+            true => Error::usage(refusal.sentence(&what, "ask for fewer pixels or layers")).about("--size"),
+            false => {
+                let change = "use --size or --crop, or fewer layers";
+                Error::scene(refusal.sentence(&what, change)).in_file(path)
+            }
+        }
+    })
+}
+
+impl Session {
+    /// What a render takes beside the scene.
+    pub fn render_memory(&self, plan: &Plan) -> RenderMemory {
+        RenderMemory::of(&self.camera().film, &plan.job, plan.adaptive)
+    }
+
+    /// Reserves what a render takes.
+    pub(super) fn reserve(&self, plan: &Plan) -> Result<Reservation> {
+        let needed = self.render_memory(plan);
+        reserve(&self.path, &self.camera().film, self.sized_by_user, needed, &self.memory)
+    }
+
+    /// Whether there is memory for writing the image to a file while the render's sums are still there.
+    ///
+    /// # Errors
+    /// If there is not, of kind [`Output`](Kind::Output).
+    pub fn check_output(&self, plan: &Plan, target: &Path) -> Result<()> {
+        let rect = self.camera().film.rect();
+        let needed = self.render_memory(plan);
+        let channels = needed.image / (4 * rect.area()).max(1);
+        let encoding = image::encoding_bytes(target, rect.area(), channels);
+        let fits = self.memory.reserve(needed.total().saturating_add(encoding));
+        fits.map(drop).map_err(|refusal| {
+            let what = format!("rendering and encoding {}x{} pixels", rect.width, rect.height);
+            let message = refusal.sentence(&what, "ask for fewer pixels or layers");
+            Error::new(Kind::Output, message).in_file(target)
+        })
+    }
+}

@@ -1,0 +1,77 @@
+//! The image that a render's sums are of: what is needed to make it of them, without the scene.
+
+use super::Session;
+use crate::film::{ComponentFormat, PixelFormat, PixelRect};
+use crate::image::{Image, Metadata, Value};
+use crate::integrator::settings::Layer;
+use crate::render::{Rendered, output};
+
+/// The film of a render.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// The part of the full image that is rendered.
+    pub rect: PixelRect,
+    /// Its channels.
+    pub pixel_format: PixelFormat,
+    /// How an EXR stores them.
+    pub component_format: ComponentFormat,
+    /// The layers beside them.
+    pub layers: Vec<Layer>,
+    /// `worldToCamera` and `worldToNDC`, as OpenEXR has them.
+    pub camera: [[f32; 16]; 2],
+    /// The integrator's name.
+    pub integrator: String,
+    /// The seed.
+    pub seed: u64,
+}
+
+/// Names of the camera's matrices.
+const MATRICES: [&str; 2] = ["worldToCamera", "worldToNDC"];
+
+impl Session {
+    /// The image that renders of a plan give.
+    pub fn picture(&self, plan: &super::Plan) -> Picture {
+        let film = &self.camera().film;
+        Picture {
+            rect: film.rect(),
+            pixel_format: film.pixel_format,
+            component_format: film.component_format,
+            layers: plan.job.layers.clone(),
+            camera: output::camera_matrices(self.camera()),
+            integrator: plan.integrator.name().into(),
+            seed: plan.job.seed,
+        }
+    }
+}
+
+impl Picture {
+    /// How many numbers are summed for each pixel.
+    pub fn channels(&self) -> usize {
+        let sampled = self.layers.iter().filter(|layer| layer.aov.is_sampled());
+        let layers: usize = sampled.map(|layer| layer.aov.channels().len()).sum();
+        3 + usize::from(self.pixel_format.has_alpha()) + layers
+    }
+
+    /// The image of a render, with layers and metadata.
+    pub fn image(&self, rendered: &Rendered) -> Image {
+        let samples = i32::try_from(rendered.samples_per_pixel).unwrap_or(i32::MAX);
+        let mut metadata = Metadata::new()
+            .with("Software", Value::Text(format!("Buffon {}", env!("CARGO_PKG_VERSION"))))
+            .with("samplesPerPixel", Value::Int(samples))
+            .with("renderTimeSeconds", Value::Float((rendered.prepared + rendered.elapsed).as_secs_f32()))
+            .with("buffon:seed", Value::Text(self.seed.to_string()))
+            .with("buffon:integrator", Value::Text(self.integrator.clone()))
+            .with("buffon:stop", Value::Text(rendered.stop_reason.to_string()));
+        if let Some(relmse) = rendered.relmse {
+            metadata.set("buffon:relmse", Value::Float(relmse as f32));
+        }
+        if let Some([low, high]) = rendered.relmse_interval {
+            metadata.set("buffon:relmse_low", Value::Float(low as f32));
+            metadata.set("buffon:relmse_high", Value::Float(high as f32));
+        }
+        for (name, matrix) in MATRICES.into_iter().zip(self.camera) {
+            metadata.set(name, Value::Matrix(matrix));
+        }
+        output::to_image(rendered, self.pixel_format, metadata)
+    }
+}

@@ -1,0 +1,157 @@
+//! Renders that are killed, interrupted, or run out of disk: what was there is whole, and what is lost is found again.
+
+use crate::support::cli::{Folder, SCENE, program};
+use buffon::sampling::hash::combine;
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// How often renders are killed.
+const TRIALS: u32 = 100;
+
+/// How long a render lasts that nobody stops.
+fn duration(folder: &Folder, arguments: &str) -> Duration {
+    let started = Instant::now();
+    folder.render(&format!("s.xml -q {arguments}"));
+    started.elapsed()
+}
+
+/// A number in [0, 1) for a trial of a test.
+fn random(test: u32, trial: u32) -> f64 {
+    f64::from(combine(combine(7, test), trial)) / f64::from(u32::MAX)
+}
+
+/// Runs `buffon render` and sends a signal after some time.
+fn killed(folder: &Folder, arguments: &str, signal: &str, after: Duration) -> ExitStatus {
+    let mut child = Command::new(program())
+        .args(["render", "s.xml", "-q"])
+        .args(arguments.split_whitespace())
+        .current_dir(folder.path(""))
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    std::thread::sleep(after);
+    let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
+    child.wait().expect("it ends")
+}
+
+#[test]
+fn renders_that_are_killed_at_random_leave_whole_images_or_the_older_ones() {
+    let folder = Folder::new();
+    let short = duration(&folder, "--spp 2");
+    let (mut ended, mut stopped, mut replaced, mut left) = (0, 0, 0, 0);
+    for trial in 0..TRIALS {
+        let (signal, number) = [("-KILL", 9), ("-TERM", 15), ("-INT", 2)][trial as usize % 3];
+        let before = folder.read("s.exr");
+        // Half of them are short enough to be met while they write.
+        let samples = if trial % 2 == 0 { 2 } else { 100_000 };
+        let after = short.mul_f64(1.3 * random(0, trial));
+        let status = killed(&folder, &format!("--spp {samples}"), signal, after);
+        let code = status.code();
+        match (code, status.signal()) {
+            (Some(0), None) => ended += 1,
+            (Some(code), None) if number != 9 && code == 128 + number => stopped += 1,
+            // Killed, or before the program listened.
+            (None, Some(signal)) if signal == number => stopped += 1,
+            other => panic!("trial {trial}: {other:?} after {signal}"),
+        }
+        let image = buffon::image::read(&folder.path("s.exr"));
+        assert!(image.is_ok_and(|image| image.data.iter().all(|v| v.is_finite())), "trial {trial}: {signal}");
+        let changed = folder.read("s.exr") != before;
+        replaced += u32::from(changed);
+        assert!(!(changed && number == 9 && code.is_none() && samples > 2), "a killed render has written");
+        left = left.max(folder.files().len() - 2);
+    }
+    println!(
+        "{TRIALS} renders: {ended} ended, {stopped} stopped, {replaced} images replaced, {left} files left at most"
+    );
+    folder.render("s.xml -q --spp 1");
+    assert_eq!(folder.files(), ["s.exr", "s.xml"], "the next render cleans up");
+}
+
+#[test]
+fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
+    for (i, integrator) in ["path", "ptracer", "sppm"].into_iter().enumerate() {
+        let folder = Folder::new();
+        let samples = if integrator == "sppm" { 60 } else { 600 };
+        let render = format!("--integrator {integrator} --spp {samples} --sampler sobol");
+        let whole = duration(&folder, &format!("{render} -o whole.pfm"));
+        let resume = format!("{render} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");
+        let mut kills = 0;
+        // It comes to its end between kills that are ever farther apart.
+        for trial in 0.. {
+            let signal = ["-KILL", "-INT"][trial as usize % 2];
+            let share = 0.1 + 0.3 * random(1 + i as u32, trial) + 0.02 * f64::from(trial);
+            let status = killed(&folder, &resume, signal, whole.mul_f64(share));
+            match (status.code(), status.signal()) {
+                (Some(0), None) => break,
+                (Some(85 | 130), None) | (None, Some(2 | 9)) => kills += 1,
+                other => panic!("{integrator}, trial {trial}: {other:?}"),
+            }
+        }
+        assert!(folder.read("r.pfm") == folder.read("whole.pfm"), "{integrator} after {kills} kills");
+        println!("{integrator}: the very picture after {kills} kills");
+        folder.render(&format!("s.xml -q {resume}"));
+        assert_eq!(folder.files(), ["c", "r.pfm", "s.xml", "whole.pfm"]);
+    }
+}
+
+#[test]
+fn a_signal_with_a_checkpoint_has_an_exit_code_of_its_own() {
+    let folder = Folder::new();
+    for signal in ["-INT", "-TERM"] {
+        let status =
+            killed(&folder, "--spp 1000000000 --checkpoint c --resume", signal, Duration::from_millis(1500));
+        assert_eq!(status.code(), Some(85), "{signal}");
+    }
+    assert_eq!(folder.files(), ["c", "s.exr", "s.xml"]);
+}
+
+/// Runs `buffon` where files may have so many blocks of 512 bytes.
+fn limited(folder: &Folder, blocks: u32, arguments: &str) -> (Option<i32>, String) {
+    let output = Command::new("sh")
+        .args(["-c", &format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" {arguments}"), program()])
+        .current_dir(folder.path(""))
+        .output()
+        .expect("a shell");
+    (output.status.code(), String::from_utf8(output.stderr).expect("text"))
+}
+
+#[test]
+fn a_full_disk_costs_nothing_that_was_there() {
+    let folder = Folder::new();
+    folder.render("s.xml -q --spp 1 --checkpoint c -o s.exr");
+    let [image, checkpoint] = ["s.exr", "c"].map(|name| folder.read(name));
+    // No room for the image.
+    let (code, message) = limited(&folder, 8, "render s.xml -q --spp 3 -o s.exr");
+    assert_eq!(
+        (code, message.trim_end()),
+        (Some(4), "buffon: s.exr: cannot be written: File too large (os error 27)")
+    );
+    assert!(folder.read("s.exr") == image);
+    // Room for the image, none for the checkpoint, which is tried again and again.
+    let arguments =
+        "render s.xml --progress none --spp 3 --checkpoint c --resume --checkpoint-every 0.001s -o s.exr";
+    let (code, message) = limited(&folder, 100, arguments);
+    assert_eq!(code, Some(4), "{message}");
+    assert!(message.contains("buffon: warning: c: cannot be written: File too large"), "{message}");
+    assert!(message.ends_with("buffon: c: cannot be written: File too large (os error 27)\n"), "{message}");
+    assert!(folder.read("c") == checkpoint && folder.read("s.exr") != image, "the picture is there");
+    assert_eq!(folder.files(), ["c", "s.exr", "s.xml"]);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_to_is_found_before_the_render() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::with(SCENE);
+    std::fs::create_dir(folder.path("no")).unwrap();
+    std::fs::set_permissions(folder.path("no"), std::fs::Permissions::from_mode(0o555)).unwrap();
+    if std::fs::write(folder.path("no/test"), "").is_ok() {
+        println!("permissions do not bind this user: nothing was tested");
+        return;
+    }
+    for arguments in ["-o no/s.exr", "--checkpoint no/c -o s.exr"] {
+        let run = folder.run(&format!("render s.xml --spp 100000000 {arguments}"));
+        assert!(run.code == 4 && run.stderr.contains("cannot be written: "), "{run:?}");
+    }
+}
