@@ -32,7 +32,7 @@ fn closed_meshes() -> Vec<(&'static str, Mesh, Vec3)> {
 
 /// A ray from inside to a vertex or an edge. Some start at the centre, on the mesh's planes of symmetry; the
 /// direction is of unit length, or the vector to the target.
-fn aimed_ray(mesh: &Mesh, center: Vec3, inside: Vec3, random: &mut Random) -> Ray {
+pub fn aimed_ray(mesh: &Mesh, center: Vec3, inside: Vec3, random: &mut Random) -> Ray {
     let target = mesh.vertex_or_edge_point(random);
     let origin = match random.below(4) {
         0 => center,
@@ -43,7 +43,7 @@ fn aimed_ray(mesh: &Mesh, center: Vec3, inside: Vec3, random: &mut Random) -> Ra
 }
 
 /// The rays that have no hit, or are not occluded: as a wave and, for a tenth of them, one by one.
-fn escaped<'a>(accel: &dyn Accel, rays: &'a [Ray]) -> Vec<&'a Ray> {
+pub fn escaped<'a>(accel: &dyn Accel, rays: &'a [Ray]) -> Vec<&'a Ray> {
     let mut hits = vec![None; rays.len()];
     let mut occluded = vec![false; rays.len()];
     accel.intersect_wave(rays, &mut hits, Coherence::Incoherent);
@@ -55,7 +55,7 @@ fn escaped<'a>(accel: &dyn Accel, rays: &'a [Ray]) -> Vec<&'a Ray> {
 }
 
 /// Whether the ray passes a vertex of the mesh within a few roundings of the largest coordinate.
-fn passes_a_vertex(mesh: &Mesh, ray: &Ray) -> bool {
+pub fn passes_a_vertex(mesh: &Mesh, ray: &Ray) -> bool {
     let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3().normalize());
     mesh.positions.iter().any(|p| {
         let w = p.as_dvec3() - o;

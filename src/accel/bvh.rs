@@ -19,6 +19,7 @@ use build::{ANALYTIC, Entry, INSTANCE, Tree};
 use node::BoxTest;
 
 mod build;
+mod crowd;
 mod node;
 
 /// The BVH over an assembly.
@@ -104,13 +105,16 @@ impl Bvh {
     }
 
     /// Visits the leaves of a tree along the ray, which is valid in the tree's coordinates.
-    fn traverse<const ANY: bool>(
-        &self,
-        tree: &Tree,
-        ray: &Ray,
-        ask: Ask<'_>,
-        mut nearest: Nearest,
-    ) -> Nearest {
+    #[inline]
+    fn traverse<const ANY: bool>(&self, tree: &Tree, ray: &Ray, ask: Ask<'_>, nearest: Nearest) -> Nearest {
+        let nearest = self.visit::<ANY>(tree, ray, ask, nearest);
+        match &tree.crowd {
+            Some(crowd) if !(ANY && nearest.hit.is_some()) => self.visit::<ANY>(crowd, ray, ask, nearest),
+            _ => nearest,
+        }
+    }
+
+    fn visit<const ANY: bool>(&self, tree: &Tree, ray: &Ray, ask: Ask<'_>, mut nearest: Nearest) -> Nearest {
         if tree.nodes.nodes.is_empty() {
             return nearest;
         }

@@ -18,7 +18,7 @@ mod triangle;
 
 pub use assembly::{Assembly, Filtered, HitFilter, ray_id};
 pub use cylinder::cylinder_frame;
-pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer};
+pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer, valid_triangle};
 pub use instance::{Instance, MAX_STEPS};
 pub use primitive::{Primitive, PrimitiveHit};
 

@@ -1,8 +1,9 @@
 //! Emitting surfaces.
 
-use super::spherical_rectangle::{Rectangle, RectangleX16};
+use super::seen_sphere::SeenSphere;
+use super::spherical_rectangle::{Rectangle, RectangleX16, SeenPointX16};
 use super::{Emission, EmitterSample, LightRay, Target, centre};
-use crate::accel::{Hit, Instance, NO_INSTANCE};
+use crate::accel::{Hit, Instance, NO_INSTANCE, valid_triangle};
 use crate::color::Rgb;
 use crate::math::ray::{end_error, offset_origin, plane_error};
 use crate::math::robust::gamma;
@@ -81,6 +82,8 @@ pub(super) struct SurfacePoint {
     pub n: Vec3,
     pub pdf: Density,
     place: Place,
+    /// The vector to it, where that is known better than by the difference of the points.
+    to: Option<Vec3>,
 }
 
 /// Where a sampled point is on its surface.
@@ -199,7 +202,7 @@ impl AreaEmitter {
     #[inline]
     pub fn sample(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
         let (point, radiance) = self.sample_at(Some(from), u, time)?;
-        let to = point.p - from;
+        let to = point.to.unwrap_or(point.p - from);
         let distance_squared = to.length_squared();
         let wi = to / distance_squared.sqrt();
         let cos = -wi.dot(point.n);
@@ -233,7 +236,8 @@ impl AreaEmitter {
         let Density::PerArea(pdf) = point.pdf else { return None };
         let world = placed.surface(motion, time, point.p, point.error, point.n);
         let pdf = Density::PerArea(pdf / placed.stretch(point.n));
-        Some((SurfacePoint { p: world.p, error: world.error, n: world.n, pdf, place: point.place }, radiance))
+        let SurfacePoint { place, to, .. } = point;
+        Some((SurfacePoint { p: world.p, error: world.error, n: world.n, pdf, place, to }, radiance))
     }
 
     /// The density per unit solid angle with which [`sample`](Self::sample) draws a point of the surface as seen from
@@ -256,9 +260,9 @@ impl AreaEmitter {
                     return 1.0 / seen.solid_angle().as_array()[0];
                 }
             }
-            Surface::Sphere { center, radius, .. } => {
-                if let Some(cap) = one_minus_cos(*center, *radius, from) {
-                    return warp::square_to_cone_pdf(cap);
+            Surface::Sphere { center, radius, inward } => {
+                if let Some(seen) = SeenSphere::new(*center, *radius, *inward, from) {
+                    return seen.pdf();
                 }
             }
             _ => {}
@@ -303,7 +307,10 @@ impl AreaEmitter {
     /// Density per unit area with which a point is drawn that is not drawn by solid angle.
     fn density(&self, hit: &Hit, p: Vec3) -> f32 {
         match (&self.light, &self.shape) {
-            (Some(light), Some(shape)) => self.uniform() * light.pdf(shape.uv(hit, p)),
+            // On a border rounding may leave the square.
+            (Some(light), Some(shape)) => {
+                self.uniform() * light.pdf(shape.uv(hit, p).clamp(Vec2::ZERO, Vec2::ONE))
+            }
             _ => self.uniform(),
         }
     }
@@ -313,33 +320,34 @@ impl AreaEmitter {
         let uniform = Density::PerArea(self.uniform());
         Some(match &self.surface {
             Surface::Rectangle(surface) => {
-                let (p, pdf) = match from {
+                let (p, to, pdf) = match from {
                     _ if self.light.is_some() => {
                         let (uv, pdf) = self.light.as_ref()?.sample(u)?;
-                        (surface.rectangle.point(uv), Density::PerArea(self.uniform() * pdf))
+                        (surface.rectangle.point(uv), None, Density::PerArea(self.uniform() * pdf))
                     }
-                    None => (surface.rectangle.point(u), uniform),
+                    None => (surface.rectangle.point(u), None, uniform),
                     Some(from) => {
                         let rectangle = RectangleX16::splat(&surface.rectangle);
                         let seen = rectangle.seen_from(Vec3x16::splat(from));
-                        let p = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).lane(0);
+                        let SeenPointX16 { p, to } = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]);
+                        let (p, to) = (p.lane(0), Some(to.lane(0)));
                         match seen.resolved().to_bitmask() & 1 {
-                            1 => (p, Density::PerSolidAngle(1.0 / seen.solid_angle().as_array()[0])),
-                            _ => (p, uniform),
+                            1 => (p, to, Density::PerSolidAngle(1.0 / seen.solid_angle().as_array()[0])),
+                            _ => (p, to, uniform),
                         }
                     }
                 };
                 let place = Place::Uv(surface.rectangle.shares(p));
-                SurfacePoint { p, error: surface.error, n: surface.normal, pdf, place }
+                SurfacePoint { p, error: surface.error, n: surface.normal, pdf, place, to }
             }
             Surface::Sphere { center, radius, inward } => {
-                let cap = from.and_then(|from| Some((from, one_minus_cos(*center, *radius, from)?)));
-                let (n, pdf) = match cap {
-                    Some((from, cap)) => (
-                        sphere_normal(*center, *radius, from, u, cap),
-                        Density::PerSolidAngle(warp::square_to_cone_pdf(cap)),
-                    ),
-                    None => (warp::square_to_sphere(u), uniform),
+                let seen = from.and_then(|from| SeenSphere::new(*center, *radius, *inward, from));
+                let (n, to, pdf) = match seen {
+                    Some(seen) => {
+                        let (n, to) = seen.sample(u);
+                        (n, Some(to), Density::PerSolidAngle(seen.pdf()))
+                    }
+                    None => (warp::square_to_sphere(u), None, uniform),
                 };
                 SurfacePoint {
                     p: *center + n * *radius,
@@ -347,6 +355,7 @@ impl AreaEmitter {
                     n: if *inward { -n } else { n },
                     pdf,
                     place: Place::Hit(hit_at(0, 0.0, 0.0)),
+                    to,
                 }
             }
             Surface::Disk { center, du, dv, normal } => {
@@ -357,6 +366,7 @@ impl AreaEmitter {
                     n: *normal,
                     pdf: uniform,
                     place: Place::Hit(hit_at(0, d.x, d.y)),
+                    to: None,
                 }
             }
             Surface::Cylinder { p0, axis, side, inward } => {
@@ -370,6 +380,7 @@ impl AreaEmitter {
                     n: if *inward { -n } else { n },
                     pdf: uniform,
                     place: Place::Hit(hit_at(0, u.x, u.y)),
+                    to: None,
                 }
             }
             Surface::Mesh { mesh, triangles, .. } => {
@@ -383,6 +394,7 @@ impl AreaEmitter {
                     n,
                     pdf: uniform,
                     place: Place::Hit(hit_at(choice.index as u32, b.x, b.y)),
+                    to: None,
                 }
             }
         })
@@ -395,14 +407,17 @@ fn hit_at(primitive: u32, u: f32, v: f32) -> Hit {
 }
 
 fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(Surface, f64)> {
-    let areas: Vec<f64> = (0..mesh.indices.len())
-        .map(|i| {
-            let [a, b, c] = mesh.triangle(i).map(Vec3::as_dvec3);
+    // What no ray can hit sends no light.
+    let area = |triangle: &[u32; 3]| match valid_triangle(&mesh.positions, *triangle) {
+        Some(corners) => {
+            let [a, b, c] = corners.map(Vec3::as_dvec3);
             0.5 * (b - a).cross(c - a).length()
-        })
-        .collect();
+        }
+        None => 0.0,
+    };
+    let areas: Vec<f64> = mesh.indices.iter().map(area).collect();
     let triangles = Distribution1D::new(&areas);
-    let area = areas.iter().filter(|a| a.is_finite()).sum();
+    let area = areas.iter().sum();
     let centre = centre::of_plane(mesh, &areas);
     (!triangles.is_empty()).then(|| (Surface::Mesh { mesh: mesh.clone(), triangles, centre }, area))
 }
@@ -416,33 +431,4 @@ pub(super) fn front_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
         (i0 + i1 + i2).dot(n) < 0.0
     };
     if against { -n } else { n }
-}
-
-/// `1 − cos` of the half angle of the cone around a sphere as seen from `from`; `None` from inside.
-fn one_minus_cos(center: Vec3, radius: f32, from: Vec3) -> Option<f32> {
-    let distance2 = (center - from).as_dvec3().length_squared();
-    let radius2 = f64::from(radius).powi(2);
-    // A point on the sphere (its origin offset within rounding) counts as inside.
-    if distance2 <= radius2 * (1.0 + 1e-6) {
-        return None;
-    }
-    let sin2 = radius2 / distance2;
-    // 1 − √(1 − s) = s / (1 + √(1 − s)): no cancellation for distant spheres.
-    Some((sin2 / (1.0 + (1.0 - sin2).sqrt())) as f32)
-}
-
-/// The outward normal at the point where a direction uniform in the cone meets the sphere. [pbrt 6.2.4]
-fn sphere_normal(center: Vec3, radius: f32, from: Vec3, u: Vec2, cap: f32) -> Vec3 {
-    let w = warp::square_to_cone(u, cap);
-    let to = (center - from).as_dvec3();
-    let distance = to.length();
-    let sin2_max = (f64::from(radius) / distance).powi(2);
-    let sin2 = f64::from(w.x * w.x + w.y * w.y);
-    // Angle at the centre between the direction to `from` and the point. [pbrt Eq. 6.8]
-    let cos_a = sin2 / sin2_max.sqrt() + f64::from(w.z) * (1.0 - sin2 / sin2_max).max(0.0).sqrt();
-    let sin_a = (1.0 - cos_a * cos_a).max(0.0).sqrt() as f32;
-    let axis = (to / -distance).as_vec3();
-    let frame = Frame::from_normal(axis);
-    let planar = Vec2::new(w.x, w.y).normalize_or_zero();
-    frame.to_world(Vec3::new(-planar.x * sin_a, -planar.y * sin_a, cos_a as f32)).normalize()
 }

@@ -96,8 +96,8 @@ impl AreaEmitter {
                 let area = 2.0 * radius * axis.length() * nearer;
                 (across.length() > radius).then_some(Piece { p, error, n, area })
             }
-            Surface::Mesh { mesh, centre: Some(centre), .. } => {
-                let n = front_of(mesh, 0);
+            Surface::Mesh { mesh, triangles, centre: Some(centre) } => {
+                let n = front_of(mesh, triangles.sample(0.0)?.index);
                 let error = plane_error(centre.abs() * gamma(10), n);
                 Some(Piece { p: *centre, error, n, area: self.area() as f32 })
             }
@@ -110,7 +110,7 @@ impl AreaEmitter {
 /// The centre of mass of a mesh with the given areas of its triangles, if all of it faces the same way.
 pub(super) fn of_plane(mesh: &TriangleMesh, areas: &[f64]) -> Option<Vec3> {
     let (mut vector, mut moment, mut total) = (DVec3::ZERO, DVec3::ZERO, 0.0);
-    for (i, &area) in areas.iter().enumerate() {
+    for (i, &area) in areas.iter().enumerate().filter(|(_, area)| **area > 0.0) {
         let [a, b, c] = mesh.triangle(i).map(Vec3::as_dvec3);
         vector += front_of(mesh, i).as_dvec3() * area;
         moment += (a + b + c) * (area / 3.0);

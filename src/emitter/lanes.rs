@@ -3,7 +3,7 @@
 //! Rectangles, the lights of most scenes, are sampled side by side; other lights one lane after the other.
 
 use super::area::RectangleSurface;
-use super::spherical_rectangle::RectangleX16;
+use super::spherical_rectangle::{RectangleX16, SeenPointX16};
 use super::{EmitterSample, Light, Target};
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
@@ -100,8 +100,7 @@ impl RectanglesX16 {
     #[inline(always)]
     fn sample(&self, from: Vec3x16, u: [f32x16; 2]) -> EmitterSampleX16 {
         let seen = self.rectangle.seen_from(from);
-        let p = seen.sample(u);
-        let to = p - from;
+        let SeenPointX16 { p, to } = seen.sample(u);
         let distance_squared = to.length_squared();
         let wi = to * (f32x16::ONE / distance_squared.sqrt());
         let cos = -wi.dot(self.normal);

@@ -11,6 +11,7 @@ pub mod environment_map;
 pub mod lanes;
 pub mod point;
 pub mod projector;
+mod seen_sphere;
 pub mod spherical_rectangle;
 pub mod spot;
 

@@ -22,6 +22,8 @@ pub struct Rectangle {
     /// Their reciprocals.
     per_length_x: f32,
     per_length_y: f32,
+    /// The square of the diagonal.
+    diagonal_squared: f32,
 }
 
 /// Numbers that make up a [`Rectangle`].
@@ -40,6 +42,7 @@ pub struct RectangleX16 {
     length_y: f32x16,
     per_length_x: f32x16,
     per_length_y: f32x16,
+    diagonal_squared: f32x16,
 }
 
 /// Below this (steradians) the area is sampled instead: the rounding of `f32` would show in the density, of which
@@ -66,6 +69,7 @@ impl Rectangle {
             length_y: (length_y / diagonal) as f32,
             per_length_x: (diagonal / length_x) as f32,
             per_length_y: (diagonal / length_y) as f32,
+            diagonal_squared: (diagonal * diagonal) as f32,
         })
     }
 }
@@ -117,6 +121,7 @@ impl RectangleX16 {
             length_y: n[19],
             per_length_x: n[20],
             per_length_y: n[21],
+            diagonal_squared: n[22],
         }
     }
 
@@ -150,6 +155,8 @@ impl RectangleX16 {
         let per_s0 = per_s * s2;
         SphericalRectangleX16 {
             rectangle: self,
+            from: p,
+            z0,
             z,
             x: [x0, x1],
             y: [y0, y1],
@@ -173,10 +180,24 @@ fn multiply(a: (f32x16, f32x16), b: (f32x16, f32x16)) -> (f32x16, f32x16) {
     (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
+/// Points of rectangles, and the vectors to them from where they are seen.
+#[derive(Clone, Copy)]
+pub struct SeenPointX16 {
+    /// The points, in the planes to the rounding of the rectangles themselves.
+    pub p: Vec3x16,
+    /// The vectors; where a rectangle is [resolved](SphericalRectangleX16::resolved), their directions are right to the
+    /// rounding of `f32` however near it is.
+    pub to: Vec3x16,
+}
+
 /// Rectangles as seen from points.
 #[derive(Clone, Copy)]
 pub struct SphericalRectangleX16<'a> {
     rectangle: &'a RectangleX16,
+    /// The points that they are seen from.
+    from: Vec3x16,
+    /// The plane's signed distance, and its magnitude.
+    z0: f32x16,
     z: f32x16,
     x: [f32x16; 2],
     y: [f32x16; 2],
@@ -207,7 +228,7 @@ impl SphericalRectangleX16<'_> {
     /// Points of the rectangles: with directions uniform in the solid angle [Ureña 2013, Eq. 6 to 15] where it is
     /// [resolved](Self::resolved), else uniform in the area.
     #[inline(always)]
-    pub fn sample(&self, [u, v]: [f32x16; 2]) -> Vec3x16 {
+    pub fn sample(&self, [u, v]: [f32x16; 2]) -> SeenPointX16 {
         let r = self.rectangle;
         let one = f32x16::ONE;
         let (sin, cos) = sin_cos_turn_x16(u * self.solid_angle);
@@ -230,7 +251,10 @@ impl SphericalRectangleX16<'_> {
         // From the corner, so that the point lies in the plane to the rounding of the rectangle itself.
         let along_x = self.resolved.select((xu - self.x[0]) * r.per_length_x, u);
         let along_y = self.resolved.select((yv - self.y[0]) * r.per_length_y, v);
-        r.corner + r.edge_x * along_x + r.edge_y * along_y
+        let p = r.corner + r.edge_x * along_x + r.edge_y * along_y;
+        // A difference of nearly equal points would have lost its direction.
+        let near = (r.x * xu + r.y * yv + r.z * self.z0) * r.diagonal_squared;
+        SeenPointX16 { p, to: Vec3x16::select(self.resolved, near, p - self.from) }
     }
 }
 
@@ -247,7 +271,7 @@ mod tests {
     fn seen(r: &Rectangle, p: Vec3, u: Vec2) -> (Option<f32>, Vec3) {
         let r = RectangleX16::splat(r);
         let seen = r.seen_from(Vec3x16::splat(p));
-        let q = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).lane(6);
+        let q = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).p.lane(6);
         let resolved = seen.resolved().to_bitmask() & 1 == 1;
         (resolved.then_some(seen.solid_angle().as_array()[0]), q)
     }

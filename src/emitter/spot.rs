@@ -87,8 +87,8 @@ impl Spot {
     /// About the emitted power, W.
     pub fn power(&self) -> Rgb {
         let mean = self.texture.as_ref().map_or(Rgb::WHITE, |t| at_least_a_little(t.mean()));
-        // Half of the light of the rim.
-        let beam = 1.0 - (0.5 * (self.beam_width + self.cutoff_angle)).cos();
-        self.intensity * mean * (TAU * beam)
+        // Half of the light of the rim. 1 − cos α = 2 sin² (α/2): the cosine of a narrow beam's angle is 1.
+        let half = (0.25 * (self.beam_width + self.cutoff_angle)).sin();
+        self.intensity * mean * (2.0 * TAU * half * half)
     }
 }

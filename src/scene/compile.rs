@@ -227,8 +227,7 @@ impl Builder {
         self.report.dropped_primitives = built.dropped;
         let bounds = built.accel.bounds();
         let environment = self.add_emitters(emitters, bounds)?;
-        let powers: Vec<f64> = self.lights.iter().map(|l| f64::from(l.power().luminance())).collect();
-        let light_choice = Distribution1D::new(&powers);
+        let light_choice = choice_among(&self.lights)?;
         let sensors: Vec<Camera> = sensors.iter().map(Camera::new).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
         let needs = Needs {
@@ -284,6 +283,18 @@ impl Builder {
         }
         Ok(environment)
     }
+}
+
+/// Which emitter to sample, in proportion to power; whatever shines is drawn.
+fn choice_among(lights: &[Light]) -> Result<Distribution1D> {
+    // A power beyond the range of `f32` counts as the largest number there is.
+    let power = |light: &Light| f64::from(light.power().luminance().min(f32::MAX));
+    let powers: Vec<f64> = lights.iter().map(power).collect();
+    let (count, most) = (powers.iter().filter(|p| **p > 0.0).count(), Distribution1D::MOST_COVERED);
+    if count > most {
+        return Err(Error::scene(format!("expected at most {most} emitters, found {count}")));
+    }
+    Ok(Distribution1D::covering(&powers))
 }
 
 /// Says which shape an error is about.

@@ -5,5 +5,6 @@ pub mod chi2;
 pub mod cli;
 pub mod expect;
 pub mod gltf;
+pub mod quadrature;
 pub mod scenes;
 pub mod statistics;

@@ -2,6 +2,7 @@
 
 use super::super::geometry::valid_triangle;
 use super::super::{Geometry, Primitive};
+use super::crowd;
 use crate::math::{Bounds, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
@@ -31,24 +32,44 @@ pub struct Entry {
 pub struct Tree {
     pub nodes: CwBvh,
     pub entries: Vec<Entry>,
+    /// What crowds in few places, which is none of the others.
+    pub crowd: Option<Box<Tree>>,
 }
 
 impl Tree {
     /// Builds the tree over the geometries with the numbers `members`, and over the instances' boxes.
     pub fn new(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> Self {
-        let (boxes, places) = collect(geometry, members, instances);
+        let (mut boxes, mut places) = collect(geometry, members, instances);
+        let crowd = crowd::find(&boxes);
+        let entries = |nodes: &CwBvh, places: &[(u32, u32)]| {
+            nodes.primitive_indices.iter().map(|&i| entry(geometry, places[i as usize])).collect()
+        };
+        let crowd = (!crowd.is_empty()).then(|| {
+            let mut others = vec![true; boxes.len()];
+            crowd.iter().for_each(|&i| others[i as usize] = false);
+            let tree = Tree::of(crowd::tree(&boxes, crowd), |nodes| entries(nodes, &places));
+            let (mut of_boxes, mut of_places) = (others.iter(), others.iter());
+            boxes.retain(|_| of_boxes.next() == Some(&true));
+            places.retain(|_| of_places.next() == Some(&true));
+            Box::new(tree)
+        });
         let nodes = match boxes.is_empty() {
             true => CwBvh::default(),
             false => build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default()),
         };
         drop(boxes);
-        let entries = nodes.primitive_indices.iter().map(|&i| entry(geometry, places[i as usize])).collect();
-        Tree { nodes: CwBvh { primitive_indices: Vec::new(), ..nodes }, entries }
+        Tree { crowd, ..Tree::of(nodes, |nodes| entries(nodes, &places)) }
+    }
+
+    fn of(nodes: CwBvh, entries: impl FnOnce(&CwBvh) -> Vec<Entry>) -> Self {
+        let entries = entries(&nodes);
+        Tree { nodes: CwBvh { primitive_indices: Vec::new(), ..nodes }, entries, crowd: None }
     }
 
     /// Bytes of nodes and entries.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.nodes.nodes[..]) + size_of_val(&self.entries[..])
+        let crowd = self.crowd.as_ref().map_or(0, |crowd| crowd.bytes());
+        size_of_val(&self.nodes.nodes[..]) + size_of_val(&self.entries[..]) + crowd
     }
 }
 
@@ -67,20 +88,17 @@ fn collect(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> (Vec
     let count = members.iter().map(|&g| geometry[g as usize].len()).sum::<usize>() + instances.len();
     let mut boxes = Vec::with_capacity(count);
     let mut places = Vec::with_capacity(count);
-    let mut repetitions = Repetitions::new();
     let mut add = |b: Bounds, place| {
-        // A triangle that is the origin alone cannot be hit.
-        if b.min != Vec3::ZERO || b.max != Vec3::ZERO {
-            let b = repetitions.distinguish(b);
-            boxes.push(Aabb::new(b.min.into(), b.max.into()));
-            places.push(place);
-        }
+        boxes.push(Aabb::new(b.min.into(), b.max.into()));
+        places.push(place);
     };
     for &g in members {
         match &geometry[g as usize] {
             Geometry::Triangles { positions, indices } => {
                 for (i, &triangle) in (0..).zip(indices.iter()) {
-                    if let Some(corners) = valid_triangle(positions, triangle) {
+                    // One with equal corners cannot be hit: of its edge functions one is zero, the others cancel out.
+                    let hittable = |c: &[Vec3; 3]| c[0] != c[1] && c[1] != c[2] && c[2] != c[0];
+                    if let Some(corners) = valid_triangle(positions, triangle).filter(hittable) {
                         add(Bounds::of(corners), (g, i));
                     }
                 }
@@ -93,46 +111,6 @@ fn collect(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> (Vec
         add(b, (i, INSTANCE));
     }
     (boxes, places)
-}
-
-/// Finds boxes that come again and again, and makes them differ.
-///
-/// The builder merges nearest neighbours. Many equal boxes have no nearest ones: they would be merged one pair at a
-/// time, in quadratic time. A box that was seen often is therefore grown by a pseudo-random share of its rounding error.
-struct Repetitions {
-    /// By hash: a box and how often it was seen since another one took its place.
-    seen: Vec<(Bounds, u32)>,
-}
-
-impl Repetitions {
-    const SLOTS: usize = 1024;
-    /// As many equal boxes are left as they are; two triangles of an axis-aligned rectangle are common.
-    const TOLERATED: u32 = 8;
-
-    fn new() -> Self {
-        Repetitions { seen: vec![(Bounds::EMPTY, 0); Self::SLOTS] }
-    }
-
-    fn distinguish(&mut self, b: Bounds) -> Bounds {
-        let corners = [b.min, b.max].map(|p| p.to_array());
-        let bits = corners.as_flattened().iter().fold(0, |h, x| scramble(h ^ x.to_bits()));
-        let slot = &mut self.seen[bits as usize % Self::SLOTS];
-        let count = if slot.0 == b { slot.1 + 1 } else { 0 };
-        *slot = (b, count);
-        if count < Self::TOLERATED {
-            return b;
-        }
-        let share = (scramble(count) >> 8) as f32 / (1 << 24) as f32;
-        let grow = Vec3::splat(b.min.abs().max(b.max.abs()).max_element() * (8.0 * f32::EPSILON) * share);
-        Bounds { min: b.min - grow, max: b.max + grow }
-    }
-}
-
-/// A hash of 32 bits. [Wellons 2018, "lowbias32"]
-fn scramble(mut x: u32) -> u32 {
-    x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
-    x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
-    x ^ (x >> 16)
 }
 
 fn entry(geometry: &[Geometry], (number, primitive): (u32, u32)) -> Entry {

@@ -57,7 +57,11 @@ pub fn save(path: &Path, kept: &Kept) -> Result<()> {
 /// # Errors
 /// If the file cannot be read, holds something else, or is damaged.
 pub fn load(path: &Path) -> Result<Kept> {
-    let bytes = std::fs::read(path).map_err(|e| refuse(path, &format!("cannot be read: {e}")))?;
+    let cannot = |e: std::io::Error| refuse(path, &format!("cannot be read: {e}"));
+    if !std::fs::metadata(path).map_err(cannot)?.is_file() {
+        return Err(refuse(path, "is not a file"));
+    }
+    let bytes = std::fs::read(path).map_err(cannot)?;
     let Some(rest) = bytes.strip_prefix(MAGIC) else {
         return Err(refuse(
             path,
@@ -180,6 +184,10 @@ impl Reader<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::integrator::irrcache::interpolation::Interpolation;
+    use crate::math::Bounds;
+    use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
 
     fn kept() -> Kept {
         let record = |i: u32| {
@@ -234,5 +242,60 @@ mod tests {
         bytes.extend(sum.to_le_bytes());
         std::fs::write(&path, &bytes).expect("written");
         load(&path).expect_err("refused");
+    }
+
+    #[test]
+    fn what_is_not_a_file_is_not_read() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for path in [folder.path(), Path::new("/dev/zero")] {
+            assert!(load(path).expect_err("refused").message.ends_with("it is not a file"));
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 300,
+            rng_seed: RngSeed::Fixed(5),
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        })]
+
+        /// Whatever becomes of a file, reading it ends with records that can be interpolated among or with a sentence; under a
+        /// checksum that was put right, too.
+        #[test]
+        fn mutated_files_are_read_or_refused(
+            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
+            end in prop::option::weighted(0.2, any::<prop::sample::Index>()),
+            in_header: bool,
+            repaired: bool,
+        ) {
+            let folder = tempfile::tempdir().expect("a folder");
+            let path = folder.path().join("cache");
+            save(&path, &kept()).expect("written");
+            let mut bytes = std::fs::read(&path).expect("bytes");
+            bytes.truncate(bytes.len() - 8);
+            let reach = if in_header { 80 } else { bytes.len() - 4 };
+            for (at, new, length) in edits {
+                let at = at.index(reach);
+                bytes[at..at + length].copy_from_slice(&new[..length]);
+            }
+            let sum = if repaired { checksum(&bytes) } else { 0 };
+            bytes.extend(sum.to_le_bytes());
+            bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
+            std::fs::write(&path, &bytes).expect("written");
+            match load(&path) {
+                Ok(kept) => {
+                    let bounds = Bounds { min: Vec3::ZERO, max: Vec3::splat(2.0) };
+                    for records in &kept.records {
+                        let cache = Interpolation::new(records, bounds, 1.0);
+                        for p in records.iter().map(|record| record.p).chain([Vec3::ONE, Vec3::splat(-9.0)]) {
+                            // A record far outside may bring what is no colour; a render drops and counts that.
+                            let _ = cache.irradiance(p, Vec3::Z, Vec3::Z);
+                        }
+                    }
+                }
+                Err(error) => prop_assert!(error.message.starts_with("--cache "), "{error}"),
+            }
+        }
     }
 }

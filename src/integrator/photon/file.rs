@@ -296,8 +296,12 @@ impl Checksum {
 mod tests {
     use super::*;
     use crate::color::Rgb;
+    use crate::integrator::photon::kdtree::Nearest;
+    use crate::integrator::photon::{DensityEstimator, Kernel, Place};
     use crate::math::Vec3;
     use crate::sampling::hash::{combine, to_unit};
+    use proptest::prelude::*;
+    use proptest::test_runner::RngSeed;
     use std::fs;
 
     const ORIGIN: Origin = Origin { scene: 0x1234_5678_9abc_def0, settings: 7 };
@@ -400,5 +404,49 @@ mod tests {
         bytes.extend(checksum.0.to_le_bytes());
         assert_eq!(refused(&bytes), "holds photons that no light path has left");
         assert!(load(folder.path(), ORIGIN).is_err());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig {
+            cases: 300,
+            rng_seed: RngSeed::Fixed(5),
+            failure_persistence: None,
+            ..ProptestConfig::default()
+        })]
+
+        /// Whatever becomes of a file, reading it ends with maps that can be asked or with a sentence; under a checksum
+        /// that was put right, too.
+        #[test]
+        fn mutated_files_are_read_or_refused(
+            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
+            end in prop::option::weighted(0.2, any::<prop::sample::Index>()),
+            in_header: bool,
+            repaired: bool,
+        ) {
+            let (_folder, path, _) = saved();
+            let mut bytes = fs::read(&path).unwrap();
+            bytes.truncate(bytes.len() - 8);
+            let reach = if in_header { 80 } else { bytes.len() - 4 };
+            for (at, new, length) in edits {
+                let at = at.index(reach);
+                bytes[at..at + length].copy_from_slice(&new[..length]);
+            }
+            let mut checksum = Checksum::default();
+            checksum.add(&bytes);
+            bytes.extend(if repaired { checksum.0 } else { 0 }.to_le_bytes());
+            bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
+            fs::write(&path, &bytes).unwrap();
+            match load(&path, ORIGIN) {
+                Ok(maps) => {
+                    let estimator = DensityEstimator { kernel: Kernel::Cone, lookup_size: 9, lookup_radius: 0.5 };
+                    for (_, map) in maps {
+                        let at = Place { p: Vec3::splat(0.5), n: Vec3::Z };
+                        let found = estimator.irradiance(&map, at, &mut Nearest::default());
+                        prop_assert!(found.radius.is_finite());
+                    }
+                }
+                Err(error) => prop_assert!(error.to_string().contains("photon map: "), "{error}"),
+            }
+        }
     }
 }

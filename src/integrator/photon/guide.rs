@@ -105,7 +105,7 @@ impl EmissionGuide {
         let mix = |(i, brought): (usize, &f64)| {
             UNGUIDED * f64::from(scene.light_choice.pmf(i)) + (1.0 - UNGUIDED) * brought / total
         };
-        let choice = Distribution1D::new(&brought.iter().enumerate().map(mix).collect::<Vec<_>>());
+        let choice = Distribution1D::covering(&brought.iter().enumerate().map(mix).collect::<Vec<_>>());
         Some(EmissionGuide { choice, lights })
     }
 
