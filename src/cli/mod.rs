@@ -8,6 +8,7 @@ pub mod info_image;
 pub mod lab;
 pub mod progress;
 pub mod regress;
+mod regress_cases;
 pub mod render;
 pub mod shell;
 pub mod stats;
