@@ -242,6 +242,10 @@ impl AreaEmitter {
     pub fn pdf(&self, from: Vec3, at: &SurfacePlace) -> f32 {
         let to = at.p - from;
         let distance_squared = to.length_squared();
+        // No sample is drawn of the point itself.
+        if distance_squared == 0.0 {
+            return 0.0;
+        }
         let cos = to.dot(at.n) / distance_squared.sqrt();
         if let Some(motion) = &self.motion {
             let placed = Placement::new(motion, at.time);
@@ -256,8 +260,8 @@ impl AreaEmitter {
                     return 1.0 / seen.solid_angle().as_array()[0];
                 }
             }
-            Surface::Sphere { center, radius, .. } => {
-                if let Some(cap) = one_minus_cos(*center, *radius, from) {
+            Surface::Sphere { center, radius, inward } => {
+                if let Some(cap) = one_minus_cos(*center, *radius, *inward, from) {
                     return warp::square_to_cone_pdf(cap);
                 }
             }
@@ -333,7 +337,7 @@ impl AreaEmitter {
                 SurfacePoint { p, error: surface.error, n: surface.normal, pdf, place }
             }
             Surface::Sphere { center, radius, inward } => {
-                let cap = from.and_then(|from| Some((from, one_minus_cos(*center, *radius, from)?)));
+                let cap = from.and_then(|from| Some((from, one_minus_cos(*center, *radius, *inward, from)?)));
                 let (n, pdf) = match cap {
                     Some((from, cap)) => (
                         sphere_normal(*center, *radius, from, u, cap),
@@ -419,7 +423,12 @@ pub(super) fn front_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
 }
 
 /// `1 − cos` of the half angle of the cone around a sphere as seen from `from`; `None` from inside.
-fn one_minus_cos(center: Vec3, radius: f32, from: Vec3) -> Option<f32> {
+fn one_minus_cos(center: Vec3, radius: f32, inward: bool, from: Vec3) -> Option<f32> {
+    // Points on the inner side may seem to be outside by the rounding of their coordinates, and from outside nothing of it
+    // is seen.
+    if inward {
+        return None;
+    }
     let distance2 = (center - from).as_dvec3().length_squared();
     let radius2 = f64::from(radius).powi(2);
     // A point on the sphere (its origin offset within rounding) counts as inside.

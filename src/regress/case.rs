@@ -57,6 +57,11 @@ impl Measured {
     }
 }
 
+/// Whether a scene was refused as it must be.
+fn is_expected(error: &Error, claim: &Claim) -> bool {
+    matches!(claim, Claim::Refused(sentence) if error.to_string().contains(sentence))
+}
+
 impl CaseResult {
     /// What is expected, for people.
     pub fn expected(&self) -> String {
@@ -69,6 +74,7 @@ impl CaseResult {
                 format!("{} ± {} %", colour(*expected), figures(100.0 * within))
             }
             Claim::Between { low, high } => format!("{} … {}", colour(*low), colour(*high)),
+            Claim::Refused(_) => "refused".into(),
             Claim::SameAs { defines, within } => {
                 let defines: Vec<_> = defines.iter().map(|(name, value)| format!("{name} = {value}")).collect();
                 format!("as {} ± {} %", defines.join(", "), figures(100.0 * within))
@@ -120,6 +126,9 @@ pub(super) fn rows(
                     (status, message, samples, measured)
                 }
                 Ok(None) => (Status::NotRun, "interrupted".to_owned(), 0, Vec::new()),
+                Err(error) if is_expected(&error, &case.claim) => {
+                    (Status::Pass, error.message.clone(), 0, Vec::new())
+                }
                 Err(error) => (Status::Error, error.to_string(), 0, Vec::new()),
             };
             each(Row {
@@ -261,6 +270,9 @@ fn measured(
     let shared_by = (!shared).then(|| runner.shared_by(session, plan));
     let confidence = Confidence { significance: runner.rules.significance, shared_by };
     let mut faults: Vec<String> = picture.dropped.iter().cloned().collect();
+    if let Claim::Refused(sentence) = &case.claim {
+        faults.push(format!("the scene was expected to be refused: \"{sentence}\""));
+    }
     let region = match Region::measure(&picture.image, case.pixels, confidence) {
         Ok(region) => {
             faults.extend(region.faults(&case.claim, case.pixels_within));

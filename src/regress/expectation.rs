@@ -60,6 +60,8 @@ pub enum Claim {
         /// The upper bounds.
         high: [f64; 3],
     },
+    /// The scene is refused with a sentence that has this in it.
+    Refused(String),
     /// The picture is that of another variant of the scene.
     SameAs {
         /// Values for the `<default>`s of that variant.
@@ -163,6 +165,7 @@ struct CaseText {
     expect: Option<Colour>,
     between: Option<[Colour; 2]>,
     same_as: Option<BTreeMap<String, Value>>,
+    refused: Option<String>,
     within: Option<f64>,
     pixels_within: Option<f64>,
     #[serde(default)]
@@ -240,7 +243,7 @@ fn case(file: &FileText, text: &CaseText) -> Result<Case, String> {
     })
 }
 
-/// What a case claims: exactly one of three things.
+/// What a case claims: exactly one of four things.
 fn claim(file: &FileText, text: &CaseText) -> Result<Claim, String> {
     let within = || match text.within.or(file.within) {
         Some(within) => positive("within", within),
@@ -250,11 +253,11 @@ fn claim(file: &FileText, text: &CaseText) -> Result<Claim, String> {
         Some(v) => Err(format!("{key}: expected a finite number, found {v}")),
         None => Ok(v),
     };
-    match (text.expect, text.between, &text.same_as) {
-        (Some(value), None, None) => {
+    match (text.expect, text.between, &text.same_as, &text.refused) {
+        (Some(value), None, None, None) => {
             Ok(Claim::Value { expected: finite("expect", value.channels())?, within: within()? })
         }
-        (None, Some(bounds), None) => {
+        (None, Some(bounds), None, None) => {
             let [low, high] = bounds.map(Colour::channels);
             let (low, high) = (finite("between", low)?, finite("between", high)?);
             if low.iter().zip(&high).any(|(low, high)| low > high) {
@@ -262,10 +265,11 @@ fn claim(file: &FileText, text: &CaseText) -> Result<Claim, String> {
             }
             Ok(Claim::Between { low, high })
         }
-        (None, None, Some(defines)) => {
+        (None, None, Some(defines), None) => {
             Ok(Claim::SameAs { defines: definitions(defines)?, within: within()? })
         }
-        _ => Err("expected one of `expect`, `between` and `same_as`".into()),
+        (None, None, None, Some(sentence)) => Ok(Claim::Refused(sentence.clone())),
+        _ => Err("expected one of `expect`, `between`, `same_as` and `refused`".into()),
     }
 }
 
@@ -337,7 +341,7 @@ mod tests {
         assert_eq!(says("about = ''"), "s.toml: expected a [[case]], found none");
         let at = "s.toml:2:1: [[case]]: ";
         for (more, sentence) in [
-            ("", "expected one of `expect`, `between` and `same_as`"),
+            ("", "expected one of `expect`, `between`, `same_as` and `refused`"),
             ("expect = 1", "expected `within`, the largest relative error, in the case or at the top"),
             ("expect = nan\nwithin = 1", "expect: expected a finite number, found NaN"),
             ("expect = 1\nwithin = 0", "within: expected a positive number, found 0"),

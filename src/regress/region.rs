@@ -95,7 +95,7 @@ impl Region {
                 Some([expected[c] - room, expected[c] + room])
             }
             Claim::Between { low, high } => Some([low[c], high[c]]),
-            Claim::SameAs { .. } => None,
+            Claim::SameAs { .. } | Claim::Refused(_) => None,
         };
         let mut faults: Vec<String> =
             (0..3).filter_map(|c| self.fault(c, bounds(c)?, CHANNELS[c])).collect();

@@ -126,6 +126,9 @@ fn row_json(row: &Row, result: &CaseResult) -> Value {
         super::Claim::Between { low, high } => {
             claim.insert("between".into(), json!([low, high]));
         }
+        super::Claim::Refused(sentence) => {
+            claim.insert("refused".into(), json!(sentence));
+        }
         super::Claim::SameAs { defines, within } => {
             claim.insert("same_as".into(), Value::Object(table(defines)));
             claim.insert("within".into(), json!(within));
