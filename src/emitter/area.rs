@@ -429,7 +429,7 @@ fn one_minus_cos(center: Vec3, radius: f32, inward: bool, from: Vec3) -> Option<
     if inward {
         return None;
     }
-    let distance2 = (center - from).as_dvec3().length_squared();
+    let distance2 = (center.as_dvec3() - from.as_dvec3()).length_squared();
     let radius2 = f64::from(radius).powi(2);
     // A point on the sphere (its origin offset within rounding) counts as inside.
     if distance2 <= radius2 * (1.0 + 1e-6) {
@@ -443,13 +443,16 @@ fn one_minus_cos(center: Vec3, radius: f32, inward: bool, from: Vec3) -> Option<
 /// The outward normal at the point where a direction uniform in the cone meets the sphere. [pbrt 6.2.4]
 fn sphere_normal(center: Vec3, radius: f32, from: Vec3, u: Vec2, cap: f32) -> Vec3 {
     let w = warp::square_to_cone(u, cap);
-    let to = (center - from).as_dvec3();
+    let (to, radius) = (center.as_dvec3() - from.as_dvec3(), f64::from(radius));
     let distance = to.length();
-    let sin2_max = (f64::from(radius) / distance).powi(2);
-    let sin2 = f64::from(w.x * w.x + w.y * w.y);
-    // Angle at the centre between the direction to `from` and the point. [pbrt Eq. 6.8]
-    let cos_a = sin2 / sin2_max.sqrt() + f64::from(w.z) * (1.0 - sin2 / sin2_max).max(0.0).sqrt();
-    let sin_a = (1.0 - cos_a * cos_a).max(0.0).sqrt() as f32;
+    let sin2 = f64::from(w.x).powi(2) + f64::from(w.y).powi(2);
+    let cos = (1.0 - sin2).max(0.0).sqrt();
+    // How far the point is, and the angle at the centre between the directions to `from` and to it: both to full precision
+    // also where `from` all but touches the sphere.
+    let root = (radius * radius - distance * distance * sin2).max(0.0).sqrt();
+    let t = (distance - radius) * (distance + radius) / (distance * cos + root);
+    let sin_a = (t * sin2.sqrt() / radius) as f32;
+    let cos_a = (distance - t * cos) / radius;
     let axis = (to / -distance).as_vec3();
     let frame = Frame::from_normal(axis);
     let planar = Vec2::new(w.x, w.y).normalize_or_zero();
