@@ -76,7 +76,8 @@ impl CaseResult {
             Claim::Between { low, high } => format!("{} … {}", colour(*low), colour(*high)),
             Claim::Refused(_) => "refused".into(),
             Claim::SameAs { defines, within } => {
-                let defines: Vec<_> = defines.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+                let defines: Vec<_> =
+                    defines.iter().map(|(name, value)| format!("{name} = {value}")).collect();
                 format!("as {} ± {} %", defines.join(", "), figures(100.0 * within))
             }
         }
@@ -245,25 +246,13 @@ impl Variants {
     }
 }
 
-fn plan(
-    runner: &Runner<'_>,
-    case: &Case,
-    session: &Session,
-    integrator: &str,
-    seed: u64,
-) -> Result<Plan> {
+fn plan(runner: &Runner<'_>, case: &Case, session: &Session, integrator: &str, seed: u64) -> Result<Plan> {
     let samples = runner.options.samples.or(case.samples).unwrap_or_else(|| runner.samples(session));
     runner.plan_with(session, Some(integrator), samples, seed)
 }
 
 /// Measures a picture.
-fn measured(
-    runner: &Runner<'_>,
-    case: &Case,
-    session: &Session,
-    plan: &Plan,
-    picture: &Picture,
-) -> Measured {
+fn measured(runner: &Runner<'_>, case: &Case, session: &Session, plan: &Plan, picture: &Picture) -> Measured {
     let created = integrator::create(&plan.integrator);
     // Caches, maps and photons are the same for all pixels.
     let shared = created.prepares() || created.progressive().is_some();

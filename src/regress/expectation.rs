@@ -125,10 +125,14 @@ impl Expectations {
         let mut cases: Vec<Case> = Vec::new();
         for spanned in &file.case {
             let start = spanned.span().start;
-            let fault = |message: String| Error::scene(message).about("[[case]]").at(place(text, path, start));
+            let fault =
+                |message: String| Error::scene(message).about("[[case]]").at(place(text, path, start));
             let case = case(&file, spanned.get_ref()).map_err(fault)?;
             if cases.iter().any(|other| other.name == case.name) {
-                return Err(fault(format!("name: expected another than any before, found \"{}\"", case.name)));
+                return Err(fault(format!(
+                    "name: expected another than any before, found \"{}\"",
+                    case.name
+                )));
             }
             cases.push(case);
         }
@@ -212,12 +216,17 @@ fn case(file: &FileText, text: &CaseText) -> Result<Case, String> {
     }
     let pixels = text.pixels.map(|[x, y, width, height]| PixelRect { x, y, width, height });
     if let Some(rect) = pixels.filter(|r| r.width == 0 || r.height == 0) {
-        return Err(format!("pixels: expected [x, y, width, height], found {}x{} pixels", rect.width, rect.height));
+        return Err(format!(
+            "pixels: expected [x, y, width, height], found {}x{} pixels",
+            rect.width, rect.height
+        ));
     }
     let known = text.known.iter().map(|known| {
         let unknown = known.accels.iter().find(|name| !TRAVERSALS.contains(&name.as_str()));
         match unknown {
-            Some(name) => Err(format!("known: expected of accels {}, found \"{name}\"", TRAVERSALS.join(", "))),
+            Some(name) => {
+                Err(format!("known: expected of accels {}, found \"{name}\"", TRAVERSALS.join(", ")))
+            }
             None => Ok(Known {
                 accels: known.accels.clone(),
                 integrators: known.integrators.clone(),
@@ -288,7 +297,9 @@ fn definitions(table: &BTreeMap<String, Value>) -> Result<Vec<(String, String)>,
         Value::Integer(n) => Ok((name.clone(), n.to_string())),
         Value::Float(v) => Ok((name.clone(), v.to_string())),
         Value::Boolean(v) => Ok((name.clone(), v.to_string())),
-        other => Err(format!("{name}: expected a number, a text or a truth value, found {}", other.type_str())),
+        other => {
+            Err(format!("{name}: expected a number, a text or a truth value, found {}", other.type_str()))
+        }
     };
     table.iter().map(text).collect()
 }
@@ -363,7 +374,10 @@ mod tests {
         ] {
             let said = says(&case(more));
             if sentence.is_empty() {
-                assert!(said.starts_with("s.toml:6:1: [[case]]: name: expected another than any before"), "{said}");
+                assert!(
+                    said.starts_with("s.toml:6:1: [[case]]: name: expected another than any before"),
+                    "{said}"
+                );
             } else {
                 assert_eq!(said.lines().next(), Some(format!("{at}{sentence}").as_str()));
             }

@@ -97,8 +97,7 @@ impl Region {
             Claim::Between { low, high } => Some([low[c], high[c]]),
             Claim::SameAs { .. } | Claim::Refused(_) => None,
         };
-        let mut faults: Vec<String> =
-            (0..3).filter_map(|c| self.fault(c, bounds(c)?, CHANNELS[c])).collect();
+        let mut faults: Vec<String> = (0..3).filter_map(|c| self.fault(c, bounds(c)?, CHANNELS[c])).collect();
         if self.is_grey() && faults.len() == 3 {
             faults = self.fault(0, bounds(0).unwrap_or_default(), "the mean").into_iter().collect();
         }
@@ -122,7 +121,8 @@ impl Region {
         let room = 0.5 * (high - low);
         let middle = 0.5 * (high + low);
         let share = |v: f64| format!("{} %", figures(100.0 * v / middle.abs()));
-        let [off, limit, noise] = [mean - middle, room, half].map(|v| if middle == 0.0 { figures(v) } else { share(v) });
+        let [off, limit, noise] =
+            [mean - middle, room, half].map(|v| if middle == 0.0 { figures(v) } else { share(v) });
         Some(if mean >= low && mean <= high {
             format!("{name} is known to ± {noise} only, of at most ± {limit}: more samples would tell")
         } else {
@@ -185,7 +185,8 @@ mod tests {
     const SURE: Confidence = Confidence { significance: 1e-3, shared_by: Some(1.0) };
 
     fn image(values: &[f32], variance: f32) -> Image {
-        let mut image = Image::new(values.len(), 1, &["R", "G", "B", "variance.R", "variance.G", "variance.B"]);
+        let mut image =
+            Image::new(values.len(), 1, &["R", "G", "B", "variance.R", "variance.G", "variance.B"]);
         for (pixel, v) in image.data.chunks_exact_mut(6).zip(values) {
             pixel.copy_from_slice(&[*v, *v, *v, variance, variance, variance]);
         }
@@ -200,13 +201,23 @@ mod tests {
     fn the_whole_interval_must_be_within_the_bounds() {
         let region = Region::measure(&image(&[0.9, 1.1, 0.98, 1.02], 1e-4), None, SURE).unwrap();
         // √(4e-4)/4 = 0.005, and Student's t of 10 degrees of freedom beyond 1e-3/3.
-        assert!((region.mean[0] - 1.0).abs() < 1e-6 && (0.025..0.028).contains(&region.half_width[0]), "{region:?}");
+        assert!(
+            (region.mean[0] - 1.0).abs() < 1e-6 && (0.025..0.028).contains(&region.half_width[0]),
+            "{region:?}"
+        );
         assert!(region.faults(&value(1.0, 0.03), None).is_empty());
         let says = |claim, pixels| region.faults(&claim, pixels).join("; ");
         let noisy = says(value(1.0, 0.01), None);
-        assert!(noisy.starts_with("the mean is known to ± 2.") && noisy.ends_with("% only, of at most ± 1 %: more samples would tell"), "{noisy}");
+        assert!(
+            noisy.starts_with("the mean is known to ± 2.")
+                && noisy.ends_with("% only, of at most ± 1 %: more samples would tell"),
+            "{noisy}"
+        );
         let off = says(value(2.0, 0.01), None);
-        assert!(off.starts_with("the mean is off by -50 %, ± 1.") && off.ends_with(" %, of at most ± 1 %"), "{off}");
+        assert!(
+            off.starts_with("the mean is off by -50 %, ± 1.") && off.ends_with(" %, of at most ± 1 %"),
+            "{off}"
+        );
         assert_eq!(says(value(1.0, 0.03), Some(0.05)), "R of pixel (0, 0) is 0.9, expected 1 ± 5 %");
         assert!(says(Claim::Between { low: [0.9; 3], high: [1.1; 3] }, None).is_empty());
     }

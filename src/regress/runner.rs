@@ -127,7 +127,8 @@ impl<'a> Runner<'a> {
 
     /// Loads and compiles a scene on the traversal that is asked for.
     fn open(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Session> {
-        let mut session = self.load(scene, &[], warnings)?.compile(self.options.accel, self.options.threads)?;
+        let mut session =
+            self.load(scene, &[], warnings)?.compile(self.options.accel, self.options.threads)?;
         self.warn(&mut session.warnings, warnings)?;
         Ok(session)
     }

@@ -22,8 +22,8 @@ impl Beside {
     /// # Errors
     /// If the file cannot be read, or holds anything else.
     pub fn read(title: &str, path: &Path) -> Result<Beside> {
-        let text =
-            fs::read_to_string(path).map_err(|e| Error::scene(format!("cannot be read: {e}")).in_file(path))?;
+        let text = fs::read_to_string(path)
+            .map_err(|e| Error::scene(format!("cannot be read: {e}")).in_file(path))?;
         let expected = "expected a JSON object of texts, by the names of rows";
         let cells = serde_json::from_str(&text)
             .map_err(|e| Error::scene(format!("{expected}: {e}")).in_file(path))?;

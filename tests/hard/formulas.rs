@@ -7,8 +7,10 @@ use std::f64::consts::{PI, TAU};
 
 /// What a case of a scene expects of each channel.
 fn expected(scene: &str, case: &str) -> f64 {
-    let cases = Expectations::read(&root().join(scene)).expect("the cases can be read").expect("there are cases");
-    let found = cases.cases.iter().find(|c| c.name == case).unwrap_or_else(|| panic!("{scene} has no \"{case}\""));
+    let cases =
+        Expectations::read(&root().join(scene)).expect("the cases can be read").expect("there are cases");
+    let found =
+        cases.cases.iter().find(|c| c.name == case).unwrap_or_else(|| panic!("{scene} has no \"{case}\""));
     match found.claim {
         Claim::Value { expected: [r, g, b], .. } if r == g && g == b => r,
         ref other => panic!("{scene}, {case}: {other:?}"),
@@ -49,7 +51,9 @@ fn square(x: f64, z: f64, degrees: f64) -> [DVec3; 4] {
 #[test]
 fn squares_have_their_form_factors() {
     let scene = "lights/rectangle.xml";
-    for (case, x, z, degrees) in [("above", 0.0, 1.0, 180.0), ("aside", 2.0, 1.0, 180.0), ("askew", 2.0, 3.0, 207.0)] {
+    for (case, x, z, degrees) in
+        [("above", 0.0, 1.0, 180.0), ("aside", 2.0, 1.0, 180.0), ("askew", 2.0, 3.0, 207.0)]
+    {
         assert_expected(scene, case, 0.5 * form_factor(&square(x, z, degrees)));
     }
     for (case, distance) in [("1e-2", 1e-2), ("1e-3", 1e-3), ("1e-4", 1e-4), ("1e-6", 1e-6)] {
@@ -95,7 +99,9 @@ fn fresnel(n1: f64, n2: f64, cos: f64) -> f64 {
 
 #[test]
 fn interfaces_follow_fresnel() {
-    for (case, tan) in [("0.0 degrees", 0.0), ("38.7 degrees", 0.8), ("41.7 degrees", 0.89), ("41.8 degrees", 0.894)] {
+    for (case, tan) in
+        [("0.0 degrees", 0.0), ("38.7 degrees", 0.8), ("41.7 degrees", 0.89), ("41.8 degrees", 0.894)]
+    {
         let cos = 1.0 / f64::hypot(1.0, tan);
         assert_expected("materials/critical-angle.xml", case, 2.25 * (1.0 - fresnel(1.5, 1.0, cos)));
     }
@@ -143,7 +149,8 @@ fn rough_mirrors_have_their_albedos() {
 
 #[test]
 fn discs_have_their_share_of_the_image() {
-    for (case, fov, radius) in [("fov 90", 90.0f64, 0.5), ("fov 0.01", 0.01, 5e-5), ("fov 179", 179.0, 100.0)] {
+    for (case, fov, radius) in [("fov 90", 90.0f64, 0.5), ("fov 0.01", 0.01, 5e-5), ("fov 179", 179.0, 100.0)]
+    {
         let width = 2.0 * (0.5 * fov).to_radians().tan();
         assert_expected("cameras/disc.xml", case, PI * radius * radius / (width * width));
     }

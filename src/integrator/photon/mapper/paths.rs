@@ -353,7 +353,8 @@ impl<'a> Paths<'a> {
             let mut share = f32x16::ONE / rays;
             if roulette {
                 // What a path brings does not decide, for where it branches all of its parts bring little.
-                let survival = (strongest * sample.eta * sample.eta).fast_min(f32x16::splat(most_survival(edges)));
+                let survival =
+                    (strongest * sample.eta * sample.eta).fast_min(f32x16::splat(most_survival(edges)));
                 valid &= load(&numbers.roulette, block.first).simd_lt(survival);
                 share /= survival;
             }
