@@ -41,7 +41,7 @@ fn cases_hold_fail_or_are_known_to_fail() {
             case("right", "expect = 1\nintegrators = ['path', 'ptracer']\nwithin = 0.3"),
             case("twice", "define = { emission = 1 }\nexpect = 2\npixels_within = 0.9"),
             case("bounds", "between = [0.9, 1.1]"),
-            case("alike", "define = { emission = 0.5 }\nsame_as = { emission = 0.5 }"),
+            case("alike", "define = { emission = 0.5 }\nsame_as = { emission = 0.5 }\nwithin = 0.2"),
             case("known", "expect = 2\nknown = [{ why = 'it is 1' }]"),
         ]
         .concat(),

@@ -123,7 +123,7 @@ impl Region {
         let share = |v: f64| format!("{} %", figures(100.0 * v / middle.abs()));
         let [off, limit, noise] =
             [mean - middle, room, half].map(|v| if middle == 0.0 { figures(v) } else { share(v) });
-        Some(if mean >= low && mean <= high {
+        Some(if mean + half >= low && mean - half <= high {
             format!("{name} is known to ± {noise} only, of at most ± {limit}: more samples would tell")
         } else {
             format!("{name} is off by {off}, ± {noise}, of at most ± {limit}")
