@@ -58,15 +58,17 @@ impl ShearedRay {
         }
         let mut t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2] / det;
         let largest = |axis: usize| a[axis].abs().max(b[axis].abs()).max(c[axis].abs());
-        // The bound on the error of t, in the manner of [pbrt 6.8.7], generously.
-        if t * det.abs() <= ROUNDING * largest(0) * largest(1) * largest(2) * self.shear[2].abs() {
+        // The bound on the error of t, in the manner of [pbrt 6.8.7], generously. It grows with the triangle's size, which
+        // may be many times the distance: where it could decide whether the hit is within the ray, it may not.
+        let error = ROUNDING * largest(0) * largest(1) * largest(2) * self.shear[2].abs();
+        if t.min((t_max - t).abs()) * det.abs() <= error {
             t = self.distance_exact(corners);
         }
         (t > 0.0 && t <= t_max).then(|| (t, v / det, w / det))
     }
 
     /// The parameter at which the ray meets the triangle's plane, where rounding in `f32` could decide on which side
-    /// of it the ray starts; 0 for a ray in the plane.
+    /// of it the ray starts or ends; 0 for a ray in the plane.
     #[cold]
     fn distance_exact(&self, corners: &[[f32; 3]; 3]) -> f32 {
         let [a, b, c] = corners.map(|p| Vec3::from(p).as_dvec3());
@@ -125,6 +127,24 @@ mod tests {
             {
                 let ray = Ray::new(Vec3::new(px, py + start, pz), d);
                 let hit = ShearedRay::new(&ray).intersect(&floor, f32::INFINITY);
+                assert_eq!(hit.is_some(), met, "{i}: {ray:?}: {hit:?}");
+            }
+        }
+    }
+
+    /// A ray that ends before a large triangle, by more than `f32` can say but by less than the triangle's size times its
+    /// rounding, does not meet it, and one that ends behind it does.
+    #[test]
+    fn the_side_on_which_a_ray_ends_is_certain() {
+        let height = 1e-3;
+        let ceiling = [[-1.0, height, 1.0], [1.0, height, 1.0], [0.9, height, -1.0]];
+        for i in 0..2000 {
+            let [x, z] = [0.618, 0.755].map(|step: f32| (i as f32 * step).fract() * 0.01 - 0.005);
+            let o = Vec3::new(x, 0.0, z);
+            let to = Vec3::new(4.0 * z, height, 3.0 * x);
+            for (end, met) in [(1.0 - 1e-6, false), (1.0 + 1e-6, true)] {
+                let ray = Ray::new(o, to * end);
+                let hit = ShearedRay::new(&ray).intersect(&ceiling, 1.0);
                 assert_eq!(hit.is_some(), met, "{i}: {ray:?}: {hit:?}");
             }
         }

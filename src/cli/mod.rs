@@ -11,6 +11,7 @@ pub mod merge;
 mod photon_notes;
 pub mod progress;
 pub mod regress;
+mod regress_cases;
 pub mod render;
 pub mod shell;
 pub mod stats;

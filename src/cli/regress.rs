@@ -1,5 +1,6 @@
 //! `buffon regress`: the scenes of a folder against their references.
 
+use super::regress_cases::{CaseLines, Tables};
 use super::render::listen;
 use super::values;
 use crate::accel::AccelKind;
@@ -26,6 +27,12 @@ const FAILED: u8 = 1;
 /// the same picture: every block of 4x4 pixels by Student's t, and the mean of each channel, so that another seed passes
 /// and a change of the picture does not. A reference without variances is compared by relMSE (--fail), and layers by
 /// their means (2 %). NaN, other sizes or channels, and dropped samples always fail.
+///
+/// A scene may say itself what it must show: NAME.toml beside NAME.xml holds cases, each a variant of the scene (-D) with an
+/// expected value, its tolerance and the reason. Every case is rendered on every traversal and by every integrator that
+/// claims it, and passes if the whole confidence interval of the measured mean lies within the tolerance. A failure that the
+/// file calls known is shown as KNOWN with its cause, and does not fail the run. Such a scene needs no reference. --table
+/// writes the cases as a table.
 ///
 /// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor, or
 /// whose root is not `scene` are left out, and so are folders named refs. Of several sensors the first is rendered, in
@@ -71,19 +78,27 @@ pub struct RegressArgs {
     /// Write the results as JUnit XML
     #[arg(long, value_name = "FILE")]
     pub junit: Option<PathBuf>,
+    /// Write the cases as tables of Markdown (.md) or as JSON (.json); may be given several times
+    #[arg(long, value_name = "FILE")]
+    pub table: Vec<PathBuf>,
+    /// A column of the table for what another renderer measured: a JSON object of texts, by the names of rows in
+    /// the table's JSON
+    #[arg(long, value_name = "TITLE=FILE", value_parser = values::definition, requires = "table")]
+    pub beside: Vec<(String, String)>,
     /// A folder for what failed: the images, their heat maps, and index.html, a page to compare them
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Give a default of the scenes another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, sppm, depth or aov [default: the scene's]
+    /// The integrator: path, direct, ptracer, sppm, depth or aov; of cases only those that it claims [default: the scene's, of
+    /// cases all that claim them]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified or sobol [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub sampler: Option<SamplerKind>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
+    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in; of cases all, and the list if it applies]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
     /// Seed of the tests; references have one of their own
@@ -140,9 +155,10 @@ fn probability(text: &str) -> Result<f64, String> {
 /// # Errors
 /// If the command line is at fault, the folder holds no scene, or an output cannot be written.
 pub fn run(args: &RegressArgs) -> Result<u8> {
-    if let Some(path) = &args.junit {
+    for path in args.junit.iter().chain(&args.table) {
         image::check_replaceable(path)?;
     }
+    let tables = Tables::new(&args.table, &args.beside)?;
     if let Some(folder) = &args.output {
         std::fs::create_dir_all(folder)
             .map_err(|e| Error::output(format!("the folder cannot be made: {e}")).in_file(folder))?;
@@ -155,17 +171,19 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
     announce(args, &found)?;
     let width = found.scenes.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
     let mut printed = Ok(0);
+    let mut lines = CaseLines::default();
     let report = regress::run(&found.scenes, &options, &progress, |row| {
         if !args.quiet {
             row.warnings.iter().for_each(|w| eprintln!("buffon: warning: {w}"));
         }
         if printed.is_ok() && !(args.quiet && row.status.is_good()) {
-            printed = super::print(&line(row, width));
+            printed = super::print(&lines.line(row).unwrap_or_else(|| line(row, width)));
         }
     })?;
     printed?;
     let summary = summary(args, &report);
     super::print(&format!("{summary}\n"))?;
+    tables.write(&report)?;
     if let Some(path) = &args.junit {
         image::replace(path, junit(&report)?.as_bytes())?;
     }
@@ -192,6 +210,7 @@ fn options(args: &RegressArgs) -> Options {
             memory: args.memory_limit.unwrap_or_default(),
         },
         accel: args.accel.unwrap_or_default(),
+        case_accels: args.accel.map_or_else(|| Options::default().case_accels, |kind| vec![kind]),
         threads: args.threads.map_or_else(default_threads, |n| n as usize),
         choices: Choices {
             integrator: args.integrator.clone(),
@@ -243,6 +262,7 @@ fn summary(args: &RegressArgs, report: &Report) -> String {
     let word = |status| match status {
         Status::Pass => "passed",
         Status::Wrote => "written",
+        Status::Known => "known to fail",
         Status::Fail => "failed",
         Status::New => "without a reference",
         Status::Error => "with an error",
@@ -251,9 +271,17 @@ fn summary(args: &RegressArgs, report: &Report) -> String {
     let counts = Status::ALL.into_iter().map(|status| (report.count(status), status));
     let counts: Vec<String> =
         counts.filter(|(n, _)| *n > 0).map(|(n, status)| format!("{n} {}", word(status))).collect();
-    let scenes = counted(report.rows.len() as u64, "scene", "scenes");
+    let cases = report.rows.iter().filter(|row| row.case.is_some()).count();
+    let scenes = match (report.rows.len() - cases, cases) {
+        (scenes, 0) => counted(scenes as u64, "scene", "scenes"),
+        (0, cases) => counted(cases as u64, "case", "cases"),
+        (scenes, cases) => {
+            let scenes = counted(scenes as u64, "scene", "scenes");
+            format!("{scenes} and {}", counted(cases as u64, "case", "cases"))
+        }
+    };
     format!(
-        "{scenes}: {} in {:.1} s (seed {}, significance {} over all, {:.1e} for each scene)",
+        "{scenes}: {} in {:.1} s (seed {}, significance {} over all, {:.1e} for each test)",
         counts.join(", "),
         report.elapsed.as_secs_f64(),
         args.seed,

@@ -246,6 +246,10 @@ impl AreaEmitter {
     pub fn pdf(&self, from: Vec3, at: &SurfacePlace) -> f32 {
         let to = at.p - from;
         let distance_squared = to.length_squared();
+        // No sample is drawn of the point itself.
+        if distance_squared == 0.0 {
+            return 0.0;
+        }
         let cos = to.dot(at.n) / distance_squared.sqrt();
         if let Some(motion) = &self.motion {
             let placed = Placement::new(motion, at.time);

@@ -15,14 +15,17 @@ pub(super) struct SeenSphere {
 }
 
 impl SeenSphere {
-    /// `None` from inside. A point on a sphere that shines `inward` counts as inside if it lies outside by no more than
-    /// the rounding of its coordinates.
+    /// `None` from inside. Of a sphere that shines `inward` nothing is seen from outside, and a point of its inner side may
+    /// seem to be there by the rounding of its coordinates: every point counts as inside.
     pub fn new(center: Vec3, radius: f32, inward: bool, from: Vec3) -> Option<Self> {
+        if inward {
+            return None;
+        }
         let to_center = center.as_dvec3() - from.as_dvec3();
         let radius = f64::from(radius);
         let (distance_squared, radius_squared) = (to_center.length_squared(), radius * radius);
         let tangent_squared = distance_squared - radius_squared;
-        if tangent_squared <= if inward { 1e-6 * radius_squared } else { 0.0 } {
+        if tangent_squared <= 0.0 {
             return None;
         }
         let sin2 = radius_squared / distance_squared;

@@ -3,3 +3,4 @@
 pub mod convergence;
 pub mod metrics;
 pub mod replicates;
+pub mod student;

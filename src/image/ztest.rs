@@ -3,7 +3,7 @@
 use super::Image;
 use super::compare::{Location, NotComparable, VARIANCE, layer_channels, location};
 use super::rounding::Rounding;
-use statrs::function::beta::beta_reg;
+use crate::estimate::student::{of_all, quantile, share, tail};
 
 /// The outcome of a z-test of the picture, in blocks of [`ZTest::SIDE`]² pixels and each channel by itself.
 ///
@@ -150,39 +150,6 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
 /// The variance layer of the picture's channels.
 fn variance_of(image: &Image, names: &[&str]) -> Option<Image> {
     image.select(&names.iter().map(|c| format!("{VARIANCE}.{c}")).collect::<Vec<_>>())
-}
-
-/// α′ of each of `n` tests that together have the significance α. [Šidák 1967]
-fn share(significance: f64, n: usize) -> f64 {
-    -((-significance).ln_1p() / n as f64).exp_m1()
-}
-
-/// The probability that the least of `n` independent probabilities is as small as `p`. [Šidák 1967]
-fn of_all(p: f64, n: usize) -> f64 {
-    -(n as f64 * (-p).ln_1p()).exp_m1()
-}
-
-/// The probability that a Student's t of so many degrees of freedom is beyond ±t.
-fn tail(t: f64, freedom: f64) -> f64 {
-    beta_reg(0.5 * freedom, 0.5, freedom / (freedom + t * t))
-}
-
-/// The t of a given [`tail`], by bisection.
-fn quantile(probability: f64, freedom: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 1e18);
-    for _ in 0..200 {
-        // The geometric mean, once both are positive: quantiles of few degrees of freedom are far out.
-        let middle = if low > 0.0 { f64::sqrt(low * high) } else { high * 1e-3 };
-        if tail(middle, freedom) > probability {
-            low = middle
-        } else {
-            high = middle
-        }
-        if high < 1e-3 || high - low < 1e-9 * high {
-            break;
-        }
-    }
-    high
 }
 
 /// What the first image is held against.

@@ -17,6 +17,7 @@ pub mod photon;
 pub mod preparation;
 pub mod progressive;
 pub mod ptracer;
+pub mod roulette;
 pub mod settings;
 pub mod sppm;
 mod tree;

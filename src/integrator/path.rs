@@ -6,6 +6,7 @@
 
 use super::block::Block;
 use super::lighting::{self, TechniqueCounts};
+use super::roulette::most_survival;
 use super::settings::PathSettings;
 use super::worker::{Continuation, Numbers, ShadowQueue, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
@@ -31,8 +32,8 @@ struct Bounce<'a> {
     add_emission: bool,
     /// Whether it is wanted of rays that have met specular lobes only, where that is told apart.
     add_caustics: Option<bool>,
-    /// Whether roulette is played at this bounce.
-    roulette: bool,
+    /// The most likely survival of roulette, if it is played at this bounce.
+    roulette: Option<f32>,
 }
 
 impl PathIntegrator {
@@ -66,7 +67,7 @@ impl PathIntegrator {
             numbers.bsdf_lobe.resize(keys.len(), 0.0);
         }
         draw_2d(sampler, Dimension::bsdf_direction(depth), keys, &mut numbers.bsdf_direction);
-        if bounce.roulette {
+        if bounce.roulette.is_some() {
             draw_1d(sampler, Dimension::roulette(depth), keys, &mut numbers.roulette);
         }
     }
@@ -106,7 +107,7 @@ impl Integrator for PathIntegrator {
                 next_event: scene.needs.emitter_sampling && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
-                roulette: depth + 1 >= self.settings.rr_depth,
+                roulette: (depth + 1 >= self.settings.rr_depth).then(|| most_survival(depth + 1)),
             };
             bounce.drop_missed(worker, out);
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
@@ -231,9 +232,9 @@ impl Bounce<'_> {
         let eta = eta * sample.eta;
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
-        if self.roulette {
+        if let Some(most) = self.roulette {
             // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
-            let survival = (strongest * eta * eta).fast_min(f32x16::splat(0.95));
+            let survival = (strongest * eta * eta).fast_min(f32x16::splat(most));
             alive &= load(&numbers.roulette, block.first).simd_lt(survival);
             let per_survival = f32x16::ONE / survival;
             beta = beta.map(|channel| channel * per_survival);

@@ -6,6 +6,7 @@
 
 use super::block::Block;
 use super::light_path::{self, Survivors, Vertex};
+use super::roulette::most_survival;
 use super::settings::{PathSettings, PtracerSettings};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
@@ -74,7 +75,8 @@ impl Ptracer {
             }
             self.draw(depth, worker, camera);
             films.clear();
-            let bounce = Bounce { scene, camera, margin, roulette: depth + 1 >= self.settings.rr_depth };
+            let roulette = (depth + 1 >= self.settings.rr_depth).then(|| most_survival(depth + 1));
+            let bounce = Bounce { scene, camera, margin, roulette };
             bounce.shade(self.allows(depth + 3), &powers, worker, &mut films);
             worker.trace_shadows(scene, Coherence::Incoherent, |slot, value| {
                 out.push(Splat { film: films[slot], value });
@@ -124,7 +126,7 @@ struct Bounce<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     margin: f64,
-    roulette: bool,
+    roulette: Option<f32>,
 }
 
 impl Bounce<'_> {
@@ -154,8 +156,8 @@ impl Bounce<'_> {
                 let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
                 let Some(on) = vertex.scatter(numbers.bsdf_lobe[j], u) else { continue };
                 let (mut beta, eta) = (beta * on.weight, paths.eta[j] * on.eta);
-                if self.roulette {
-                    let survival = beta.max_component().min(0.95);
+                if let Some(most) = self.roulette {
+                    let survival = beta.max_component().min(most);
                     if numbers.roulette[j] >= survival {
                         continue;
                     }

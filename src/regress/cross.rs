@@ -17,7 +17,7 @@ const RMS: f64 = 0.5;
 
 /// Renders a scene on both traversals with the same random numbers, and compares.
 pub(super) fn test(runner: &Runner<'_>, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Outcome> {
-    let file = runner.load(scene, warnings)?;
+    let file = runner.load(scene, &[], warnings)?;
     let mut pictures = Vec::new();
     let mut holes = false;
     for &kind in AccelKind::ALL {

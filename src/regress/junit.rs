@@ -5,8 +5,9 @@ use crate::error::{Error, Result};
 use quick_junit::{NonSuccessKind, TestCase, TestCaseStatus, TestSuite};
 use std::collections::BTreeMap;
 
-/// The report as JUnit XML: a test suite for each folder, a test case for each scene. What fails, and what has no
-/// reference, is a failure; what cannot be rendered an error; what was not run is skipped.
+/// The report as JUnit XML: a test suite for each folder, a test case for each scene, or for each of its cases and
+/// integrators. What fails, and what has no
+/// reference, is a failure; what cannot be rendered an error; what was not run, or is known to fail, is skipped.
 ///
 /// # Errors
 /// Of kind [`Internal`](crate::error::Kind::Internal), if it cannot be written.
@@ -28,7 +29,12 @@ pub fn junit(report: &Report) -> Result<String> {
 
 /// The folder of a scene; "." for that of the run.
 fn folder_of(row: &Row) -> &str {
-    row.name.rsplit_once('/').map_or(".", |(folder, _)| folder)
+    scene_of(row).rsplit_once('/').map_or(".", |(folder, _)| folder)
+}
+
+/// The scene's name.
+fn scene_of(row: &Row) -> &str {
+    row.case.as_ref().map_or(&row.name, |result| &result.scene)
 }
 
 fn case(row: &Row, folder: &str) -> TestCase {
@@ -43,11 +49,21 @@ fn case(row: &Row, folder: &str) -> TestCase {
         Status::New => failure(NonSuccessKind::Failure, "no reference"),
         Status::Error => failure(NonSuccessKind::Error, "error"),
         Status::NotRun => TestCaseStatus::skipped(),
+        Status::Known => {
+            let mut status = TestCaseStatus::skipped();
+            status.set_message(format!("known to fail: {}", row.message));
+            status
+        }
     };
-    let name = row.name.rsplit_once('/').map_or(row.name.as_str(), |(_, name)| name);
+    // The name without its folder, which a case may have a `/` after.
+    let name = row.name.strip_prefix(folder).unwrap_or(&row.name).trim_start_matches('/');
     let mut case = TestCase::new(name, status);
     case.set_classname(folder).set_time(row.elapsed);
-    if row.status.is_good() {
+    if let Some(result) = &row.case {
+        let measured = result.measured.iter().map(|m| format!("{} {}", m.accel, m.text()));
+        let measured: Vec<String> = measured.collect();
+        case.set_system_out(format!("expected {}: {}", result.expected(), measured.join(", ")));
+    } else if row.status.is_good() {
         case.set_system_out(row.message.as_str());
     }
     case
@@ -69,6 +85,7 @@ mod tests {
             elapsed: Duration::from_millis(1500),
             warnings: Vec::new(),
             shown: None,
+            case: None,
         };
         let rows = vec![
             row("a.xml", Status::Pass, "p 0.5"),

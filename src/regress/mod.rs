@@ -6,25 +6,38 @@
 //! changes the picture does. How small a change is found depends on the noise of both: each row states the gain that
 //! would have been found, and samples are added until it is small enough ([`Options::gain`]).
 //!
+//! A scene may also say itself what it must show, in closed form ([`Expectations`], `NAME.toml` beside the scene): each of its
+//! cases is a variant of the scene, rendered on every traversal by every integrator that claims it, and passes if
+//! the whole confidence interval of what was measured lies within the stated bounds.
+//!
 //! With [`Options::cross_accel`] each scene is rendered on every traversal with the same random numbers instead, and the
 //! pictures are compared: they take the same paths, but for rounding.
 
+mod case;
 mod cross;
 mod discover;
+mod expectation;
 mod judge;
 mod junit;
 mod page;
 mod reference;
+mod region;
 mod runner;
+mod table;
 
+pub use case::{CaseResult, Measured};
 pub use discover::{Found, FoundScene, discover};
+pub use expectation::{Case, Claim, Expectations, Known, expectations_path};
 pub use judge::{Judgement, Rules, judge};
 pub use junit::junit;
 pub use page::write_page;
 pub use reference::{Reference, reference_path, variance_path, write_reference};
+pub use region::Region;
+pub use table::{Beside, json, markdown};
 
 use crate::accel::AccelKind;
 use crate::error::{Error, Result};
+use crate::estimate::student::share;
 use crate::loader::LoadOptions;
 use crate::render::Progress;
 use crate::report::Html;
@@ -42,8 +55,10 @@ pub const REFERENCE_SEED: u64 = u64::MAX;
 pub struct Options {
     /// Values for the scenes' `<default>`s, and folders to look for files in.
     pub load: LoadOptions,
-    /// The traversal.
+    /// The traversal of tests against references.
     pub accel: AccelKind,
+    /// The traversals of cases; those that turn out to be the same are measured once.
+    pub case_accels: Vec<AccelKind>,
     /// Threads; they change the speed, never the pixels.
     pub threads: usize,
     /// Integrator, sampler and seed, where they are chosen. Stop rules and layers are the run's own business.
@@ -75,6 +90,7 @@ impl Default for Options {
         Options {
             load: LoadOptions::default(),
             accel: AccelKind::default(),
+            case_accels: [AccelKind::ALL, &[AccelKind::Auto]].concat(),
             threads: default_threads(),
             choices: Choices::default(),
             samples: None,
@@ -114,14 +130,23 @@ pub enum Status {
     Error,
     /// A reference was written.
     Wrote,
+    /// It is not, as it is known, and the scene says why.
+    Known,
     /// The run was interrupted before.
     NotRun,
 }
 
 impl Status {
     /// All of them, in the order of a summary.
-    pub const ALL: [Status; 6] =
-        [Status::Pass, Status::Wrote, Status::Fail, Status::New, Status::Error, Status::NotRun];
+    pub const ALL: [Status; 7] = [
+        Status::Pass,
+        Status::Wrote,
+        Status::Known,
+        Status::Fail,
+        Status::New,
+        Status::Error,
+        Status::NotRun,
+    ];
 
     /// The word at the beginning of a line.
     pub fn word(self) -> &'static str {
@@ -131,6 +156,7 @@ impl Status {
             Status::New => "NEW",
             Status::Error => "ERROR",
             Status::Wrote => "WROTE",
+            Status::Known => "KNOWN",
             Status::NotRun => "-",
         }
     }
@@ -139,12 +165,17 @@ impl Status {
     pub fn is_good(self) -> bool {
         matches!(self, Status::Pass | Status::Wrote)
     }
+
+    /// Whether it is as it was known to be: good, or a failure that is known.
+    pub fn is_known(self) -> bool {
+        self.is_good() || self == Status::Known
+    }
 }
 
-/// How the test of a scene ended.
+/// How the test of a scene, or of one of its cases with one integrator, ended.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// The scene's name.
+    /// The scene's name; of a case `SCENE: CASE, INTEGRATOR`.
     pub name: String,
     /// How it ended.
     pub status: Status,
@@ -158,6 +189,8 @@ pub struct Row {
     pub warnings: Vec<Error>,
     /// The images to look at.
     pub shown: Option<Html>,
+    /// What was measured, if it is a case.
+    pub case: Option<CaseResult>,
 }
 
 /// How a run ended.
@@ -177,9 +210,9 @@ impl Report {
         self.rows.iter().filter(|row| row.status == status).count()
     }
 
-    /// Whether every scene passed or got its reference.
+    /// Whether every scene passed, got its reference, or failed as it is known to.
     pub fn is_good(&self) -> bool {
-        self.rows.iter().all(|row| row.status.is_good())
+        self.rows.iter().all(|row| row.status.is_known())
     }
 }
 
@@ -200,38 +233,87 @@ pub fn run(
         ));
     }
     let started = Instant::now();
-    // [Šidák 1967]
-    let significance_each = -((-options.significance).ln_1p() / scenes.len() as f64).exp_m1();
+    let tests: Vec<Test<'_>> = scenes.iter().map(|scene| Test::new(scene, options)).collect();
+    let measurements: usize = tests.iter().map(|test| test.measurements(options)).sum();
+    let significance_each = share(options.significance, measurements.max(1));
     let runner = Runner::new(options, significance_each, progress);
     let mut users: HashMap<PathBuf, Vec<&str>> = HashMap::new();
     for scene in scenes {
         users.entry(reference_path(&scene.path)).or_default().push(&scene.name);
     }
     let mut rows = Vec::with_capacity(scenes.len());
-    for scene in scenes {
-        let others = users[&reference_path(&scene.path)].iter().find(|name| **name != scene.name);
-        let row = match others {
-            Some(other) if !options.cross_accel => clash(scene, other),
-            _ => runner.row(scene),
-        };
+    let mut add = |row: Row| {
         each(&row);
         rows.push(row);
+    };
+    for Test { scene, expectations, by_reference } in &tests {
+        match expectations {
+            Ok(Some(expectations)) => case::rows(&runner, scene, expectations, &mut add),
+            Ok(None) => {}
+            Err(error) => add(broken(scene, error.to_string())),
+        }
+        let others = users[&reference_path(&scene.path)].iter().find(|name| **name != scene.name);
+        match others {
+            _ if !by_reference => {}
+            Some(other) if !options.cross_accel => add(clash(scene, other)),
+            _ => add(runner.row(scene)),
+        }
     }
     Ok(Report { rows, significance_each, elapsed: started.elapsed() })
 }
 
+/// How a scene is tested.
+struct Test<'a> {
+    scene: &'a FoundScene,
+    /// What it must show, if it says so.
+    expectations: Result<Option<Expectations>>,
+    /// Whether it is held against a reference, or gets one, or is compared between traversals.
+    by_reference: bool,
+}
+
+impl<'a> Test<'a> {
+    fn new(scene: &'a FoundScene, options: &Options) -> Self {
+        let cases_count = options.update.is_none() && !options.cross_accel;
+        let has_cases = expectations_path(&scene.path).exists();
+        Test {
+            scene,
+            expectations: if cases_count { Expectations::read(&scene.path) } else { Ok(None) },
+            by_reference: options.cross_accel || !has_cases || reference_path(&scene.path).exists(),
+        }
+    }
+
+    /// How many tests share the significance of the run.
+    fn measurements(&self, options: &Options) -> usize {
+        let cases = match &self.expectations {
+            Ok(Some(expectations)) => case::measurements(&options.case_accels, expectations),
+            _ => 0,
+        };
+        cases + usize::from(self.by_reference)
+    }
+}
+
 /// The row of a scene whose reference another one has, too.
 fn clash(scene: &FoundScene, other: &str) -> Row {
+    let reference = reference_path(&scene.path);
+    broken(
+        scene,
+        format!(
+            "{other} has the same reference, {}: expected names that differ in more than the extension",
+            reference.display()
+        ),
+    )
+}
+
+/// The row of a scene that cannot be tested.
+fn broken(scene: &FoundScene, message: String) -> Row {
     Row {
         name: scene.name.clone(),
         status: Status::Error,
-        message: format!(
-            "{other} has the same reference, {}: expected names that differ in more than the extension",
-            reference_path(&scene.path).display()
-        ),
+        message,
         samples_per_pixel: 0,
         elapsed: Duration::ZERO,
         warnings: Vec::new(),
         shown: None,
+        case: None,
     }
 }

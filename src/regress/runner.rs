@@ -32,6 +32,8 @@ pub(super) struct Picture {
     pub samples_per_pixel: u64,
     /// What is said of samples that were dropped, if any were.
     pub dropped: Option<String>,
+    /// Rays to the nearest surface for each path.
+    pub rays_per_sample: f64,
 }
 
 /// How a test ended.
@@ -87,6 +89,7 @@ impl<'a> Runner<'a> {
             elapsed: started.elapsed(),
             warnings,
             shown,
+            case: None,
         }
     }
 
@@ -124,14 +127,26 @@ impl<'a> Runner<'a> {
 
     /// Loads and compiles a scene on the traversal that is asked for.
     fn open(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Session> {
-        let mut session = self.load(scene, warnings)?.compile(self.options.accel, self.options.threads)?;
+        let mut session =
+            self.load(scene, &[], warnings)?.compile(self.options.accel, self.options.threads)?;
         self.warn(&mut session.warnings, warnings)?;
         Ok(session)
     }
 
-    /// Loads a scene. Its film is one of linear RGB, with alpha if it has that.
-    pub fn load(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<SceneFile> {
-        let choices = SceneChoices { load: self.options.load.clone(), ..SceneChoices::default() };
+    /// Loads a scene with more definitions; of the same name the last one counts. Its film is one of linear RGB, with alpha
+    /// if it has that.
+    pub fn load(
+        &self,
+        scene: &FoundScene,
+        defines: &[(String, String)],
+        warnings: &mut Vec<Error>,
+    ) -> Result<SceneFile> {
+        let mut load = self.options.load.clone();
+        for (name, value) in defines {
+            load.defines.retain(|(other, _)| other != name);
+            load.defines.push((name.clone(), value.clone()));
+        }
+        let choices = SceneChoices { load, ..SceneChoices::default() };
         let mut file = SceneFile::load(&scene.path, &choices)?;
         self.warn(&mut file.warnings, warnings)?;
         let film = &mut file.description.sensors[file.sensor].film;
@@ -140,7 +155,7 @@ impl<'a> Runner<'a> {
     }
 
     /// Passes warnings on, or fails with them if they are errors.
-    fn warn(&self, new: &mut Vec<Error>, warnings: &mut Vec<Error>) -> Result<()> {
+    pub fn warn(&self, new: &mut Vec<Error>, warnings: &mut Vec<Error>) -> Result<()> {
         if self.options.strict && !new.is_empty() {
             let first = new.remove(0);
             return Err(Error { kind: Kind::Strict, ..first }.with_others(std::mem::take(new)));
@@ -157,21 +172,38 @@ impl<'a> Runner<'a> {
 
     /// How a scene is rendered.
     pub fn plan(&self, session: &Session, samples: u64, seed: u64) -> Result<Plan> {
+        self.plan_with(session, self.options.choices.integrator.as_deref(), samples, seed)
+    }
+
+    /// How a scene is rendered by an integrator.
+    pub fn plan_with(
+        &self,
+        session: &Session,
+        integrator: Option<&str>,
+        samples: u64,
+        seed: u64,
+    ) -> Result<Plan> {
         let stop = StopRules { samples: Some(samples), ..StopRules::default() };
         let aov = vec!["variance".to_owned()];
-        let mut plan = session.plan(&Choices { stop, aov, seed, ..self.options.choices.clone() })?;
+        let integrator = integrator.map(str::to_owned);
+        let choices = Choices { integrator, stop, aov, seed, ..self.options.choices.clone() };
+        let mut plan = session.plan(&choices)?;
         // A reference has other counts.
         plan.job.layers.retain(|layer| layer.aov != Aov::Samples);
         Ok(plan)
     }
 
-    /// What decides about a scene. Light paths are splatted to all pixels under the filter, whose noise is shared then; the
-    /// samples of the camera belong to one pixel each.
+    /// What decides about a scene.
     fn rules_of(&self, session: &Session) -> Result<Rules> {
         let plan = self.plan(session, self.samples(session), self.options.choices.seed)?;
+        Ok(Rules { shared_by: self.shared_by(session, &plan), ..self.rules })
+    }
+
+    /// How many pixels share each piece of noise. Light paths are splatted to all pixels under the filter; the samples of
+    /// the camera belong to one pixel each.
+    pub fn shared_by(&self, session: &Session, plan: &Plan) -> f64 {
         let splats = integrator::create(&plan.integrator).light_tracer().is_some();
-        let shared_by = if splats { pixels_of_a_splat(session.camera().film.filter) } else { 1.0 };
-        Ok(Rules { shared_by, ..self.rules })
+        if splats { pixels_of_a_splat(session.camera().film.filter) } else { 1.0 }
     }
 
     /// Renders; `None` if it was interrupted.
@@ -182,7 +214,9 @@ impl<'a> Runner<'a> {
         }
         let image = session.image(plan, &rendered);
         let samples_per_pixel = rendered.samples_per_pixel;
-        Ok(Some(Picture { image, samples_per_pixel, dropped: dropped(&rendered) }))
+        let counters = &rendered.counters;
+        let rays_per_sample = counters.closest_rays as f64 / counters.paths.max(1) as f64;
+        Ok(Some(Picture { image, samples_per_pixel, dropped: dropped(&rendered), rays_per_sample }))
     }
 
     /// Renders a scene with as many samples as its test needs.

@@ -11,6 +11,7 @@ use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
+use crate::integrator::roulette::most_survival;
 use crate::integrator::settings::PathSettings;
 use crate::integrator::worker::{Continuation, Numbers, PathWave, ShadowQueue, draw_1d, draw_2d, intersect};
 use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
@@ -66,7 +67,7 @@ struct Bounce<'a> {
     /// Whether paths may go on.
     scatter: bool,
     /// Whether roulette is played at this bounce.
-    roulette: bool,
+    roulette: Option<f32>,
 }
 
 impl Integrator for CachedPath {
@@ -110,7 +111,7 @@ impl Integrator for CachedPath {
                 add_cached: allows(depth + 3) && query.indirect,
                 probes: (scene.needs.delta_lobes && query.indirect || !spread) && !only_cached,
                 scatter: allows(depth + 2),
-                roulette: depth + 1 >= path.rr_depth,
+                roulette: (depth + 1 >= path.rr_depth).then(|| most_survival(depth + 1)),
             };
             bounce.drop_missed(worker, out);
             bounce.draw(worker.sampler, &worker.paths.keys, &mut worker.numbers);
@@ -162,7 +163,7 @@ impl Bounce<'_> {
             draw_1d(sampler, Dimension::bsdf_lobe(depth), keys, &mut numbers.bsdf_lobe);
             draw_2d(sampler, Dimension::bsdf_direction(depth), keys, &mut numbers.bsdf_direction);
         }
-        if self.roulette {
+        if self.roulette.is_some() {
             draw_1d(sampler, Dimension::roulette(depth), keys, &mut numbers.roulette);
         }
     }
@@ -310,8 +311,8 @@ impl Bounce<'_> {
             };
             let Some(Onward { wi, weight, pdf, eta }) = onward else { continue };
             let (mut beta, eta) = (paths.beta(j) * weight, paths.eta[j] * eta);
-            if self.roulette {
-                let survival = (beta.max_component() * eta * eta).min(0.95);
+            if let Some(most) = self.roulette {
+                let survival = (beta.max_component() * eta * eta).min(most);
                 if numbers.roulette[j] >= survival {
                     continue;
                 }

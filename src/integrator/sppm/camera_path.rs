@@ -8,6 +8,7 @@ use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::GridPhoton;
+use crate::integrator::roulette::most_survival;
 use crate::integrator::settings::SppmSettings;
 use crate::integrator::worker::{Continuation, Numbers, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
@@ -212,7 +213,7 @@ impl CameraPaths<'_> {
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
         if edges >= self.settings.rr_depth {
             // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
-            let survival = (strongest * eta * eta).fast_min(f32x16::splat(0.95));
+            let survival = (strongest * eta * eta).fast_min(f32x16::splat(most_survival(edges)));
             alive &= load(&numbers.roulette, first).simd_lt(survival);
             let per_survival = f32x16::ONE / survival;
             beta = beta.map(|channel| channel * per_survival);

@@ -11,6 +11,7 @@ use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::Sides;
 use crate::integrator::photon::kdtree::Nearest;
+use crate::integrator::roulette::most_survival;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
@@ -379,7 +380,8 @@ impl<'a> Paths<'a> {
             let mut share = f32x16::ONE / rays;
             if roulette {
                 // What a path brings does not decide, for where it branches all of its parts bring little.
-                let survival = (strongest * sample.eta * sample.eta).fast_min(f32x16::splat(0.95));
+                let survival =
+                    (strongest * sample.eta * sample.eta).fast_min(f32x16::splat(most_survival(edges)));
                 valid &= load(&numbers.roulette, block.first).simd_lt(survival);
                 share /= survival;
             }
