@@ -12,6 +12,7 @@ use buffon::integrator::settings::{IrrcacheSettings, PathSettings, PhotonmapperS
 use buffon::integrator::{Integrator, Preparation, Settings};
 use buffon::material::Material;
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
+use buffon::memory::Budget;
 use buffon::render::thread_pool;
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::{Description, Scene};
@@ -150,6 +151,7 @@ fn records(scene: &Scene, settings: &IrrcacheSettings) -> usize {
         pool: &pool,
         interrupted: &|| false,
         cache: None,
+        memory: &Budget::unlimited(),
     };
     cache.prepare(&preparation).expect("nothing is read or written");
     cache.records().iter().map(|records| records.len()).sum()

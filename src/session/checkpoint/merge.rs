@@ -98,11 +98,14 @@ impl Checkpoint {
         let mut from = 0;
         let mut missing = Vec::new();
         let end = self.label.target.unwrap_or(0);
-        for range in self.label.samples.iter().cloned().chain([end..end]) {
+        for range in &self.label.samples {
             if from < range.start.min(end) {
                 missing.push(from..range.start.min(end));
             }
             from = range.end;
+        }
+        if from < end {
+            missing.push(from..end);
         }
         missing
     }
