@@ -39,7 +39,7 @@ const FAILED: u8 = 1;
 /// linear RGB.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Exit codes: 0 all passed (or were written), 1 something failed, has no reference or cannot be \
+    after_help = "Exit codes: 0 all passed (were written, or are known to fail), 1 something failed, has no reference or cannot be \
     rendered, 2 usage, 3 no such folder or no scene in it, 4 an output cannot be written, 128 + n stopped by signal n \
     (after the summary of what was done)."
 )]
