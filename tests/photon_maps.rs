@@ -79,14 +79,56 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     };
     let inside: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 0.3 * t);
     let edge: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 1.0);
-    let corner: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(1.0 - 0.01 * t.abs(), 0.0, 1.0);
-    // The corner is that of very few points, each of which knows its share from 32 rays.
-    let cases = [(inside, 0.97, 1.03, 0.03), (edge, 0.45, 0.6, 0.1), (corner, 0.2, 0.4, 0.3)];
+    // The four corners are those of very few points.
+    let corner: &dyn Fn(f32) -> Vec3 = &|t| {
+        let quarter = ((t + 0.5) * 4.0) as u32;
+        let sign = |bit: u32| if quarter >> bit & 1 == 0 { -1.0 } else { 1.0 };
+        Vec3::new(sign(0) * (1.0 - 0.01 * t.abs()), 0.0, sign(1))
+    };
+    let cases = [(inside, 0.97, 1.03, 0.03), (edge, 0.45, 0.6, 0.1), (corner, 0.2, 0.4, 0.1)];
     for (place, low, high, tolerance) in cases {
         let ratio = mean(&plain, place);
         assert!(low < ratio && ratio < high, "uncorrected: {ratio}");
         let ratio = mean(&corrected, place);
         assert!((ratio - 1.0).abs() < tolerance, "corrected: {ratio}");
+    }
+}
+
+/// A floor that two rooms share: what one is lit by does not reach the other below the wall without thickness.
+#[test]
+fn light_does_not_pass_below_a_wall() {
+    let mut scene = Description::default();
+    let up = DAffine3::from_quat(DQuat::from_rotation_x(-PI / 2.0));
+    add(&mut scene, Shape::Rectangle, up, diffuse(0.5));
+    let across =
+        DAffine3::from_quat(DQuat::from_rotation_y(PI / 2.0)) * DAffine3::from_scale(DVec3::splat(9.0));
+    add(&mut scene, Shape::Rectangle, across, diffuse(0.0));
+    for (x, intensity) in [(-3.0, 1.0), (3.0, 0.02)] {
+        let position = Vec3::new(x, 4.0, 0.0);
+        scene.emitters.push(Emitter::Point { position, intensity: Rgb::splat(intensity) });
+    }
+    scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
+    let scene = compiled(scene, AccelKind::default());
+    let photons = map(&scene, 200_000, 2);
+    let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 200, lookup_radius: 0.2 };
+    let boundary = Boundary::new(&scene);
+    let map = IrradianceMap::new(&photons, &estimator, 1, Some(&boundary));
+    for (side, intensity) in [(-1.0, 1.0), (1.0, 0.02)] {
+        let (mut sum, mut known) = (0.0, 0);
+        for i in 0..400 {
+            let p = Vec3::new(side * 0.002 * (i / 5) as f32, 0.0, 0.2 * (i % 5) as f32 - 0.4);
+            let found = map.nearest(Place { p: p + Vec3::X * side * 0.001, n: Vec3::Y });
+            // Where what is known lies beyond the wall it is said not to be free.
+            let Some(found) = found.filter(|f| f.radius.is_finite() && (f.free || f.at.p.x * side > 0.0))
+            else {
+                continue;
+            };
+            let to = Vec3::new(3.0 * side, 4.0, 0.0) - found.at.p;
+            sum += f64::from(found.value.g / (intensity * 4.0 / to.length().powi(3)));
+            known += 1;
+        }
+        let mean = sum / f64::from(known);
+        assert!(known > 100 && (mean - 1.0).abs() < 0.1, "side {side}: {mean} of {known}");
     }
 }
 

@@ -67,14 +67,18 @@ fn glass(int_ior: f32) -> Material {
     Material::Dielectric(interface, Rgb::WHITE.into())
 }
 
-/// Irradiance at the origin from the density of photons around it.
-fn density(cast: &Cast<Deposit>, radius: f32) -> f64 {
+/// Irradiance at points from the density of photons around them.
+fn densities(cast: &Cast<Deposit>, radius: f32, points: &[Vec3]) -> Vec<f64> {
     let photons: Vec<GridPhoton> = cast.kept.iter().map(GridPhoton::new).collect();
-    let mut sum = 0.0;
-    PhotonGrid::new(&photons, radius).within(Vec3::ZERO, |photon, squared| {
-        sum += f64::from(photon.power.g * (1.0 - squared / (radius * radius)));
-    });
-    2.0 * sum / (PI * f64::from(radius * radius) * cast.emitted as f64)
+    let grid = PhotonGrid::new(&photons, radius);
+    let density = |p: &Vec3| {
+        let mut sum = 0.0;
+        grid.within(*p, |photon, squared| {
+            sum += f64::from(photon.power.g * (1.0 - squared / (radius * radius)));
+        });
+        2.0 * sum / (PI * f64::from(radius * radius) * cast.emitted as f64)
+    };
+    points.iter().map(density).collect()
 }
 
 /// A point and a sphere light up a disk and its centre as they must.
@@ -100,7 +104,7 @@ fn points_and_spheres_light_a_plane() {
         assert_near("flux", power(&cast, near), intensity * cone, 8e-3);
         let centre = intensity / (height * height);
         // Within 0.1 the irradiance falls by less than 0.4 %.
-        assert_near("irradiance", density(&cast, 0.1), centre, 1e-2);
+        assert_near("irradiance", densities(&cast, 0.1, &[Vec3::ZERO])[0], centre, 1e-2);
     }
 }
 
@@ -115,7 +119,7 @@ fn a_rectangle_lights_a_plane() {
     let id = add(&mut scene, Shape::Rectangle, down, diffuse(0.0));
     scene.shapes[id].emission = Some(Rgb::splat(radiance).into());
     let scene = compiled(scene, AccelKind::default());
-    let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 21);
+    let cast = deposits(&scene, &PhotonPaths { max_edges: Some(1), ..PATHS }, 1 << 20);
     let emitted = f64::from(radiance) * PI * side * side;
     let opposite = |d: &Deposit| f64::from(d.p.x.abs().max(d.p.z.abs())) < side / 2.0;
     let x = side / height;
@@ -124,11 +128,22 @@ fn a_rectangle_lights_a_plane() {
         * (0.5 * ((1.0 + x * x).powi(2) / (1.0 + 2.0 * x * x)).ln() + 2.0 * x * s * (x / s).atan()
             - 2.0 * x * x.atan());
     assert_near("flux", power(&cast, opposite), emitted * form_factor, 8e-3);
-    let a = 0.5 * side / height;
-    let t = (1.0 + a * a).sqrt();
-    let corner = 1.0 / (2.0 * PI) * 2.0 * a / t * (a / t).atan();
-    // 20,000 photons: three standard deviations are 2.3 %; within the radius the irradiance falls by 0.6 % on average.
-    assert_near("irradiance", density(&cast, 0.14), 4.0 * corner * PI * f64::from(radiance), 3e-2);
+    // From a rectangle with a corner right above the point.
+    let corner = |a: f64, b: f64| {
+        let (s, t) = ((1.0 + a * a).sqrt(), (1.0 + b * b).sqrt());
+        (a / s * (b / s).atan() + b / t * (a / t).atan()) / (2.0 * PI)
+    };
+    let exact = |p: &Vec3| {
+        let reach = |c: f32, sign: f64| (0.5 * side + sign * f64::from(c)) / height;
+        let corners = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+        let sum: f64 = corners.map(|(s, t)| corner(reach(p.x, s), reach(p.z, t))).iter().sum();
+        sum * PI * f64::from(radiance)
+    };
+    // 200,000 photons together: four standard deviations are 1 %; blur takes 0.3 % in the middle, less elsewhere.
+    let points: Vec<Vec3> =
+        (0..81).map(|i| Vec3::new((i % 9 - 4) as f32 * 0.1, 0.0, (i / 9 - 4) as f32 * 0.1)).collect();
+    let ratios = densities(&cast, 0.1, &points).into_iter().zip(&points).map(|(value, p)| value / exact(p));
+    assert_near("irradiance", ratios.sum::<f64>() / 81.0, 1.0, 1e-2);
 }
 
 /// In a closed box all light lands, and again after every bounce, less what is absorbed; with or without a guide.
@@ -156,7 +171,7 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
             let expected = emitted * albedo.powi(edges - 1);
             let stored = power(&cast, |d| d.edges == edges as u32);
             // Few live to be scattered often.
-            let tolerance = if edges <= 3 { 5e-3 } else { 2.5e-2 };
+            let tolerance = if edges <= 3 { 5e-3 } else { 1e-2 };
             assert_near(&format!("{edges} edges, guided {guided}"), stored, expected, tolerance);
         }
         assert_near("all", power(&cast, |_| true), emitted / (1.0 - albedo), 3e-3);
