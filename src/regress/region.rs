@@ -67,11 +67,11 @@ impl Region {
                     let v = f64::from(variances.pixel(x, y)[c]);
                     (sum, variance, squares) = (sum + value, variance + v, squares + v * v);
                     let [least, greatest] = &mut region.extremes[c];
-                    // The first is compared with NaN.
-                    if !(value >= least.0) {
+                    // There is none before the first.
+                    if least.0.is_nan() || value < least.0 {
                         *least = (value, [x, y]);
                     }
-                    if !(value <= greatest.0) {
+                    if greatest.0.is_nan() || value > greatest.0 {
                         *greatest = (value, [x, y]);
                     }
                 }
