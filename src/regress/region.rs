@@ -67,7 +67,7 @@ impl Region {
                     let v = f64::from(variances.pixel(x, y)[c]);
                     (sum, variance, squares) = (sum + value, variance + v, squares + v * v);
                     let [least, greatest] = &mut region.extremes[c];
-                    // The first stands against NaN.
+                    // There is none before the first.
                     if least.0.is_nan() || value < least.0 {
                         *least = (value, [x, y]);
                     }
@@ -241,6 +241,6 @@ mod tests {
         assert_eq!(with_interval(123_456.0, 70.0), "123456 ± 70");
         assert_eq!(with_interval(1.0, 0.0), "1");
         assert_eq!(with_interval(3.2e-9, 1.4e-10), "3.2e-9 ± 1.4e-10");
-        assert_eq!([figures(0.0), figures(-2.71234), figures(1e8)], ["0", "-2.71", "1e8"]);
+        assert_eq!([figures(0.0), figures(-3.14159), figures(1e8)], ["0", "-3.14", "1e8"]);
     }
 }
