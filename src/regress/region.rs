@@ -241,6 +241,6 @@ mod tests {
         assert_eq!(with_interval(123_456.0, 70.0), "123456 ± 70");
         assert_eq!(with_interval(1.0, 0.0), "1");
         assert_eq!(with_interval(3.2e-9, 1.4e-10), "3.2e-9 ± 1.4e-10");
-        assert_eq!([figures(0.0), figures(-3.14159), figures(1e8)], ["0", "-3.14", "1e8"]);
+        assert_eq!([figures(0.0), figures(-12.3456), figures(1e8)], ["0", "-12.3", "1e8"]);
     }
 }
