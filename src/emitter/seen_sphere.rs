@@ -15,17 +15,15 @@ pub(super) struct SeenSphere {
 }
 
 impl SeenSphere {
-    /// `None` from inside. Of a sphere that shines `inward` nothing is seen from outside, and a point of its inner side may
-    /// seem to be there by the rounding of its coordinates: every point counts as inside.
+    /// `None` from inside. A point on a sphere that shines `inward` may seem to be outside by the rounding of its coordinates
+    /// and of the centre's: it counts as inside.
     pub fn new(center: Vec3, radius: f32, inward: bool, from: Vec3) -> Option<Self> {
-        if inward {
-            return None;
-        }
         let to_center = center.as_dvec3() - from.as_dvec3();
         let radius = f64::from(radius);
         let (distance_squared, radius_squared) = (to_center.length_squared(), radius * radius);
         let tangent_squared = distance_squared - radius_squared;
-        if tangent_squared <= 0.0 {
+        let slack = if inward { rounding(center, from) } else { 0.0 };
+        if tangent_squared <= 2.0 * radius * slack + slack * slack {
             return None;
         }
         let sin2 = radius_squared / distance_squared;
@@ -56,6 +54,14 @@ impl SeenSphere {
     }
 }
 
+/// How far two points may seem to be from where they are, both together.
+fn rounding(a: Vec3, b: Vec3) -> f64 {
+    ROUNDING * f64::from(a.abs().max_element() + b.abs().max_element())
+}
+
+/// The error of a hit point is less than so much of its largest coordinate. [pbrt 6.8.4]
+const ROUNDING: f64 = 16.0 * f32::EPSILON as f64;
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,6 +90,9 @@ mod tests {
     fn inside_is_inside() {
         let on = Vec3::new(0.0, 0.0, 1f32.next_up());
         assert!(SeenSphere::new(Vec3::ZERO, 1.0, true, on).is_none());
+        let far = Vec3::splat(1e5);
+        assert!(SeenSphere::new(far, 1.0, true, far + Vec3::X * 1.03).is_none());
+        assert!(SeenSphere::new(Vec3::ZERO, 1.0, true, Vec3::X * 1.001).is_some());
         assert!(SeenSphere::new(Vec3::ZERO, 1.0, false, on).is_some());
         assert!(SeenSphere::new(Vec3::ZERO, 1.0, false, Vec3::Z).is_none());
         assert!(SeenSphere::new(Vec3::ZERO, 1.0, false, Vec3::splat(0.1)).is_none());
