@@ -33,8 +33,9 @@ fn main() {
     println!("cargo:rustc-env=BUFFON_VERSION={} ({})", env!("CARGO_PKG_VERSION"), parts.join(", "));
 }
 
-/// The output of a git command, if there is a repository and git.
+/// The output of a git command, if there is a repository and git. It must not refresh the index, which would be a
+/// reason to build all anew the next time.
 fn git(arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").args(arguments).output().ok()?;
+    let output = Command::new("git").arg("--no-optional-locks").args(arguments).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_string())
 }
