@@ -286,7 +286,7 @@ fn info_says_what_a_scene_takes_and_what_is_left() {
         let line = run.stdout.lines().find_map(|line| line.strip_prefix(name));
         line.unwrap_or_else(|| panic!("{name}: {run:?}")).trim().to_owned()
     };
-    assert!(line("memory").ends_with(" MiB with textures and the program itself"), "{run:?}");
+    assert!(line("memory").ends_with("iB with textures and the program itself"), "{run:?}");
     assert!(line("to render").starts_with("film 131.2 KiB, image 14.1 KiB; "), "{run:?}");
     assert!(line("to render").ends_with(" MiB of 110.0 MiB are left"), "{run:?}");
 }
