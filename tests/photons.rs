@@ -221,11 +221,11 @@ fn a_guide_finds_glass_and_changes_no_power() {
     scene.emitters.push(Emitter::Constant { radiance: Rgb::splat(0.05) });
     let scene = compiled(scene, AccelKind::default());
     let caustics = PhotonPaths { direct: false, indirect: false, ..PATHS };
-    let unguided = deposits(&scene, &caustics, 1 << 20);
+    let unguided = deposits(&scene, &caustics, 1 << 25);
     let guided = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
         let guide = EmissionGuide::learn(caster, &caustics, 1, |_| true).expect("light is there");
         let caster = Caster { guide: Some(&guide), ..*caster };
-        caster.cast(&caustics, SEQUENCE, Until { paths: 1 << 19, kept: None }, |d, _| Some(*d))
+        caster.cast(&caustics, SEQUENCE, Until { paths: 1 << 25, kept: None }, |d, _| Some(*d))
     });
     let share = |cast: &Cast<Deposit>| cast.kept.len() as f64 / cast.emitted as f64;
     assert!(share(&guided) > 10.0 * share(&unguided), "{} {}", share(&guided), share(&unguided));

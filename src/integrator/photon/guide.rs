@@ -23,7 +23,7 @@ const CHUNK: usize = 2048;
 /// The stream of its numbers; photons have the stream 0.
 const STREAM: u32 = 1;
 /// The share of the paths that begin as they would without a guide, for each of emitter, position and direction.
-const UNGUIDED: f64 = 0.25;
+const UNGUIDED: f64 = 0.5;
 
 /// A density of the beginnings of light paths.
 #[derive(Clone, Debug)]
