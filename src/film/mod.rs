@@ -99,10 +99,26 @@ pub struct FilmSettings {
 }
 
 impl PixelFormat {
+    /// Their names in the scene language and in files.
+    pub const NAMES: [(&str, PixelFormat); 6] = [
+        ("luminance", PixelFormat::Luminance),
+        ("luminance_alpha", PixelFormat::LuminanceAlpha),
+        ("rgb", PixelFormat::Rgb),
+        ("rgba", PixelFormat::Rgba),
+        ("xyz", PixelFormat::Xyz),
+        ("xyza", PixelFormat::Xyza),
+    ];
+
     /// Whether the image has an alpha channel.
     pub fn has_alpha(self) -> bool {
         matches!(self, PixelFormat::LuminanceAlpha | PixelFormat::Rgba | PixelFormat::Xyza)
     }
+}
+
+impl ComponentFormat {
+    /// Their names in the scene language and in files.
+    pub const NAMES: [(&str, ComponentFormat); 2] =
+        [("float16", ComponentFormat::Half), ("float32", ComponentFormat::Float)];
 }
 
 impl PixelRect {

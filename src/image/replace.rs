@@ -136,8 +136,12 @@ impl Part {
 }
 
 /// The reason without the temporary name, which means nothing to anybody.
-fn reason(error: std::io::Error) -> String {
-    error.raw_os_error().map_or(error, std::io::Error::from_raw_os_error).to_string()
+fn reason(error: io::Error) -> String {
+    let os_error = |error: &io::Error| error.raw_os_error();
+    // tempfile puts its path around the error of the system.
+    let inner = error.get_ref().and_then(|inner| inner.source()?.downcast_ref::<io::Error>());
+    let code = os_error(&error).or_else(|| inner.and_then(os_error));
+    code.map_or(error, io::Error::from_raw_os_error).to_string()
 }
 
 #[cfg(all(test, unix))]

@@ -5,6 +5,7 @@ use crate::memory::Budget;
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use crate::sensor::Camera;
+use std::hash::{DefaultHasher, Hasher};
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
@@ -75,4 +76,11 @@ impl Workers {
         }
         sum
     }
+}
+
+/// The hash of a text that says what the content of a [`CacheFile`] depends on.
+pub fn hash_of(text: &str) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    hasher.write(text.as_bytes());
+    hasher.finish()
 }

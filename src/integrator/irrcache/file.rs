@@ -3,7 +3,7 @@
 //! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and of the
 //! settings that records depend on (u64 each). Then how many views the records serve (u32) and the hash of each (u64), how many
 //! records there are in each of the four caches (fine A, fine B, coarse A, coarse B; u64 each), the records, 28 numbers (f32) each, and
-//! a checksum (u64) of everything before it.
+//! the CRC-32 (as u64) of everything before it.
 
 use super::hemisphere::Gradient;
 use super::record::Record;
@@ -105,15 +105,8 @@ pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<Kept> {
     Ok(kept)
 }
 
-/// The hash FNV-1a, over words where there are whole ones.
-pub fn checksum(bytes: &[u8]) -> u64 {
-    let (words, rest) = bytes.as_chunks::<8>();
-    let words = words.iter().map(|word| u64::from_le_bytes(*word));
-    let all = words.chain(rest.iter().map(|byte| u64::from(*byte)));
-    all.fold(0xcbf2_9ce4_8422_2325, |sum, word| {
-        let sum = (sum ^ word).wrapping_mul(0x0000_0100_0000_01b3);
-        sum ^ (sum >> 32)
-    })
+fn checksum(bytes: &[u8]) -> u64 {
+    u64::from(crc32fast::hash(bytes))
 }
 
 fn numbers(record: &Record) -> [f32; NUMBERS] {

@@ -25,7 +25,7 @@ mod shading;
 pub mod weight;
 
 use super::settings::{Aov, IrrcacheSettings, PathSettings, Settings};
-use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create};
+use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create, preparation};
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -99,7 +99,7 @@ impl IrradianceCache {
         let IrrcacheSettings { resolution, quality, gradients, clamp_neighbor, clamp_screen, child, .. } =
             &self.settings;
         let text = format!("{resolution} {quality} {gradients} {clamp_neighbor} {clamp_screen} {child:?}");
-        file::checksum(text.as_bytes())
+        preparation::hash_of(&text)
     }
 
     /// What the file has, or nothing yet.

@@ -3,11 +3,12 @@
 //! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), how many maps there are (u32), and the
 //! hashes of the scene and of all else that the photons depend on (u64 each). For each map follow what light it
 //! holds (u32), its half (u32), how many photons there are and how many light paths brought them (u64 each); then the
-//! photons of all maps, 24 bytes each; then a checksum (u64) of everything before it.
+//! photons of all maps, 24 bytes each; then the CRC-32 (as u64) of everything before it.
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result, counted};
 use crate::image::replace;
+use crc32fast::Hasher;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
@@ -100,9 +101,7 @@ pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result
     for photon in maps.iter().flat_map(|(_, map)| map.photons()) {
         bytes.extend(photon.to_words().into_iter().flat_map(u32::to_le_bytes));
     }
-    let mut checksum = Checksum::default();
-    checksum.add(&bytes);
-    bytes.extend(checksum.0.to_le_bytes());
+    bytes.extend(u64::from(crc32fast::hash(&bytes)).to_le_bytes());
     replace(path, &bytes)
 }
 
@@ -132,14 +131,6 @@ pub fn read_contents(path: &Path) -> Result<Contents> {
     Ok(reader.contents)
 }
 
-/// Hash of a text, for [`Origin`].
-pub fn hash(text: &str) -> u64 {
-    let mut checksum = Checksum::default();
-    // Padded, for the sum takes whole words.
-    text.bytes().for_each(|byte| checksum.add(&[byte, 0, 0, 0]));
-    checksum.0
-}
-
 /// Whether a file begins as one of photon maps does.
 pub fn is_photon_file(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
@@ -156,7 +147,7 @@ fn bad(path: &Path, what: impl Into<String>) -> Error {
 struct Reader<'a> {
     path: &'a Path,
     file: BufReader<File>,
-    checksum: Checksum,
+    checksum: Hasher,
     contents: Contents,
 }
 
@@ -169,7 +160,7 @@ impl<'a> Reader<'a> {
             return Err(bad(path, "is not a file"));
         }
         let contents = Contents { origin: Origin { scene: 0, settings: 0 }, maps: Vec::new() };
-        let mut reader = Reader { path, file: BufReader::new(file), checksum: Checksum::default(), contents };
+        let mut reader = Reader { path, file: BufReader::new(file), checksum: Hasher::new(), contents };
         reader.header(metadata.len())?;
         Ok(reader)
     }
@@ -234,8 +225,8 @@ impl<'a> Reader<'a> {
             }
             maps.push((entry, photons));
         }
-        let sum = self.checksum.0;
-        if self.u64()? != sum {
+        let sum = self.checksum.clone().finalize();
+        if self.u64()? != u64::from(sum) {
             return Err(bad(self.path, "is damaged: its checksum is not that of its bytes"));
         }
         maps.into_iter().map(|(entry, photons)| self.map(entry, photons)).collect()
@@ -254,7 +245,7 @@ impl<'a> Reader<'a> {
             io::ErrorKind::UnexpectedEof => bad(self.path, "ends before its header does"),
             _ => bad(self.path, format!("cannot be read: {e}")),
         })?;
-        self.checksum.add(bytes);
+        self.checksum.update(bytes);
         Ok(())
     }
 
@@ -276,20 +267,6 @@ impl<'a> Reader<'a> {
 fn photon(bytes: &[u8; Photon::BYTES]) -> Photon {
     let (words, _) = bytes.as_chunks::<4>();
     Photon::from_words(std::array::from_fn(|i| u32::from_le_bytes(words[i])))
-}
-
-/// A sum that any change of a byte changes.
-#[derive(Default)]
-struct Checksum(u64);
-
-impl Checksum {
-    /// Adds bytes, four at a time.
-    fn add(&mut self, bytes: &[u8]) {
-        for word in bytes.as_chunks::<4>().0 {
-            let mixed = (self.0 ^ u64::from(u32::from_le_bytes(*word))).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            self.0 = (mixed ^ (mixed >> 32)).wrapping_add(1);
-        }
-    }
 }
 
 #[cfg(test)]
@@ -399,9 +376,7 @@ mod tests {
         // NaN for a position, under a checksum that is right.
         let mut bytes = good[..good.len() - 8].to_vec();
         bytes[80..84].copy_from_slice(&f32::NAN.to_le_bytes());
-        let mut checksum = Checksum::default();
-        checksum.add(&bytes);
-        bytes.extend(checksum.0.to_le_bytes());
+        bytes.extend(u64::from(crc32fast::hash(&bytes)).to_le_bytes());
         assert_eq!(refused(&bytes), "holds photons that no light path has left");
         assert!(load(folder.path(), ORIGIN).is_err());
     }
@@ -431,9 +406,7 @@ mod tests {
                 let at = at.index(reach);
                 bytes[at..at + length].copy_from_slice(&new[..length]);
             }
-            let mut checksum = Checksum::default();
-            checksum.add(&bytes);
-            bytes.extend(if repaired { checksum.0 } else { 0 }.to_le_bytes());
+                        bytes.extend(if repaired { u64::from(crc32fast::hash(&bytes)) } else { 0 }.to_le_bytes());
             bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
             fs::write(&path, &bytes).unwrap();
             match load(&path, ORIGIN) {

@@ -7,6 +7,7 @@ use crate::color::Rgb;
 use crate::integrator::Worker;
 use crate::integrator::block::Block;
 use crate::integrator::light_path::{self, Survivors, Vertex};
+use crate::integrator::roulette::most_survival;
 use crate::integrator::worker::{draw_1d, draw_2d, intersect};
 use crate::math::lanes::{LANES, bits};
 use crate::math::{Vec2, Vec3};
@@ -48,16 +49,13 @@ pub struct PhotonPaths {
     /// The longest path that leaves something, in edges; `None` is unbounded.
     pub max_edges: Option<u32>,
     /// Edges from which Russian roulette may end a path. It survives with the share of its emitted power that it still
-    /// has, so that survivors of one emitter are of equal power, but with 0.95 at most.
+    /// has, so that survivors of one emitter are of equal power, but with [`most_survival`] at most.
     pub rr_depth: u32,
     /// Whether light that has not been scattered yet leaves something.
     pub direct: bool,
     /// Whether light leaves something that some finite lobe has scattered.
     pub indirect: bool,
 }
-
-/// The most likely survival of a roulette: light in a white furnace dies, too.
-const MOST_SURVIVAL: f32 = 0.95;
 
 impl PhotonPaths {
     /// Whether a path may have that many edges.
@@ -88,9 +86,9 @@ impl PhotonPaths {
                 paths.keep_hits(hits, |_, _| {});
             }
             let go_on = self.allows(edges + 1);
-            let roulette = edges >= self.rr_depth;
+            let roulette = (edges >= self.rr_depth).then(|| most_survival(edges));
             if go_on {
-                draw(scene, edges - 1, roulette, worker);
+                draw(scene, edges - 1, roulette.is_some(), worker);
             }
             let bounce = Bounce { scene, paths: self, edges, go_on, roulette };
             bounce.shade(&powers, worker, out);
@@ -120,7 +118,8 @@ struct Bounce<'a> {
     paths: &'a PhotonPaths,
     edges: u32,
     go_on: bool,
-    roulette: bool,
+    /// The most likely survival of roulette, if it is played.
+    roulette: Option<f32>,
 }
 
 impl Bounce<'_> {
@@ -154,9 +153,9 @@ impl Bounce<'_> {
                 let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
                 let Some(on) = vertex.scatter(numbers.bsdf_lobe[j], u) else { continue };
                 let mut beta = beta * on.weight;
-                if self.roulette {
+                if let Some(most) = self.roulette {
                     let left = (powers[slot] * beta).max_component() / powers[slot].max_component();
-                    let survival = left.min(MOST_SURVIVAL);
+                    let survival = left.min(most);
                     if numbers.roulette[j] >= survival {
                         continue;
                     }

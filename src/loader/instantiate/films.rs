@@ -123,18 +123,9 @@ fn crop(props: &Props, width: u32, height: u32) -> Result<Option<PixelRect>> {
 }
 
 fn pixel_format(props: &Props) -> Result<PixelFormat> {
-    let words = [
-        ("luminance", PixelFormat::Luminance),
-        ("luminance_alpha", PixelFormat::LuminanceAlpha),
-        ("rgb", PixelFormat::Rgb),
-        ("rgba", PixelFormat::Rgba),
-        ("xyz", PixelFormat::Xyz),
-        ("xyza", PixelFormat::Xyza),
-    ];
-    props.choice("pixel_format", &words, PixelFormat::Rgb)
+    props.choice("pixel_format", &PixelFormat::NAMES, PixelFormat::Rgb)
 }
 
 fn component_format(props: &Props) -> Result<ComponentFormat> {
-    let words = [("float16", ComponentFormat::Half), ("float32", ComponentFormat::Float)];
-    props.choice("component_format", &words, ComponentFormat::Half)
+    props.choice("component_format", &ComponentFormat::NAMES, ComponentFormat::Half)
 }

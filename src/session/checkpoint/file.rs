@@ -30,17 +30,6 @@ const CHECKSUM: u64 = 4;
 /// No side of an image is longer.
 const LONGEST_SIDE: u32 = 1 << 20;
 
-const PIXEL_FORMATS: [(&str, PixelFormat); 6] = [
-    ("luminance", PixelFormat::Luminance),
-    ("luminance_alpha", PixelFormat::LuminanceAlpha),
-    ("rgb", PixelFormat::Rgb),
-    ("rgba", PixelFormat::Rgba),
-    ("xyz", PixelFormat::Xyz),
-    ("xyza", PixelFormat::Xyza),
-];
-const COMPONENT_FORMATS: [(&str, ComponentFormat); 2] =
-    [("float16", ComponentFormat::Half), ("float32", ComponentFormat::Float)];
-
 #[derive(Serialize, Deserialize)]
 struct Header {
     identity: Identity,
@@ -180,8 +169,8 @@ impl Header {
         Header {
             identity: identity.clone(),
             rect: [x, y, width, height],
-            pixel_format: name_of(&PIXEL_FORMATS, picture.pixel_format),
-            component_format: name_of(&COMPONENT_FORMATS, picture.component_format),
+            pixel_format: name_of(&PixelFormat::NAMES, picture.pixel_format),
+            component_format: name_of(&ComponentFormat::NAMES, picture.component_format),
             layers: picture.layers.iter().map(layer).collect(),
             camera: picture.camera,
             samples: samples.iter().map(|range| [range.start, range.end]).collect(),
@@ -217,9 +206,9 @@ impl Header {
         }
         Ok(Picture {
             rect: PixelRect { x, y, width, height },
-            pixel_format: named(&PIXEL_FORMATS, &self.pixel_format)
+            pixel_format: named(&PixelFormat::NAMES, &self.pixel_format)
                 .ok_or_else(|| damaged("an unknown pixel format"))?,
-            component_format: named(&COMPONENT_FORMATS, &self.component_format)
+            component_format: named(&ComponentFormat::NAMES, &self.component_format)
                 .ok_or_else(|| damaged("an unknown component format"))?,
             layers,
             camera: self.camera,

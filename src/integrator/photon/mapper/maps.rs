@@ -8,6 +8,7 @@ use crate::integrator::photon::{
     Caster, DensityEstimator, EmissionGuide, IrradianceMap, PathSequence, Photon, PhotonMap, PhotonPaths,
     Until,
 };
+use crate::integrator::preparation;
 use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Counters, Fact, Preparation};
 use crate::math::Vec3;
@@ -205,7 +206,7 @@ fn load_or_cast(
 fn dependence(preparation: &Preparation<'_>, settings: &PhotonmapperSettings) -> u64 {
     let PhotonmapperSettings { max_depth, rr_depth, global_photons, caustic_photons, debug, .. } = settings;
     let Preparation { sampler, seed, .. } = preparation;
-    file::hash(&format!(
+    preparation::hash_of(&format!(
         "{max_depth:?} {rr_depth} {global_photons} {caustic_photons} {debug:?} {sampler:?} {seed}"
     ))
 }
