@@ -109,7 +109,7 @@ fn our_row(points: &[Vec3], queries: &[Vec3]) -> (f64, f64, Vec<(f64, f64)>) {
                 tree.nearest_one(q, f32::INFINITY, Euclidean, |_| true).map_or(0.0, |n| n.distance_squared())
             }
             _ => tree
-                .nearest(q, k, f32::INFINITY, Euclidean, |_| true, &mut buffer)
+                .nearest(q, k, f32::INFINITY, Euclidean, |_, all| all, &mut buffer)
                 .iter()
                 .fold(0.0, |far, n| n.distance_squared().max(far)),
         })
@@ -124,7 +124,7 @@ fn check(points: &[Vec3], queries: &[Vec3]) {
     for q in &queries[..5] {
         let mut all: Vec<f32> = points.iter().map(|p| (*p - *q).length_squared()).collect();
         for k in K {
-            let found = tree.nearest(*q, k, f32::INFINITY, Euclidean, |_| true, &mut buffer);
+            let found = tree.nearest(*q, k, f32::INFINITY, Euclidean, |_, all| all, &mut buffer);
             let farthest = found.iter().fold(0.0f32, |far, n| n.distance_squared().max(far));
             let (_, expected, _) = all.select_nth_unstable_by(k - 1, f32::total_cmp);
             assert_eq!(farthest, *expected, "the {k} nearest of {}", points.len());

@@ -6,7 +6,7 @@ use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::integrator::irrcache::IrradianceCache;
-use buffon::integrator::photon::kdtree::{Disc, Euclidean, KdTree, Nearest};
+use buffon::integrator::photon::kdtree::{Disc, Euclidean, KdTree, Nearest, each};
 use buffon::integrator::photon::{DensityEstimator, IrradianceMap, Kernel, Photon, PhotonMap, Place};
 use buffon::integrator::settings::{IrrcacheSettings, PathSettings, PhotonmapperSettings};
 use buffon::integrator::{Integrator, Preparation, Settings};
@@ -35,18 +35,18 @@ fn a_million_points_in_one_place_make_a_tree() {
     let started = Instant::now();
     for (at, distance_squared) in [(place, 0.0), (place + Vec3::X, 1.0), (place - Vec3::Z * 2.0, 4.0)] {
         for k in [1, 50, 1000] {
-            let found = tree.nearest(at, k, f32::INFINITY, Euclidean, |_| true, &mut buffer);
+            let found = tree.nearest(at, k, f32::INFINITY, Euclidean, |_, all| all, &mut buffer);
             assert_eq!(found.len(), k);
             assert!(found.iter().all(|n| (n.distance_squared() - distance_squared).abs() < 1e-6));
         }
         // What the metric says is nearer in the plane than along the normal.
         assert_eq!(
-            tree.nearest(at, 50, 1e-3, disc, |_| true, &mut buffer).len(),
+            tree.nearest(at, 50, 1e-3, disc, |_, all| all, &mut buffer).len(),
             if at == place { 50 } else { 0 }
         );
         // A million that do not belong, and one that does.
-        assert!(tree.nearest(at, 50, f32::INFINITY, disc, |_| false, &mut buffer).is_empty());
-        let one = tree.nearest(at, 50, f32::INFINITY, disc, |slot| slot == 777_777, &mut buffer);
+        assert!(tree.nearest(at, 50, f32::INFINITY, disc, |_, _| 0, &mut buffer).is_empty());
+        let one = tree.nearest(at, 50, f32::INFINITY, disc, each(|slot| slot == 777_777), &mut buffer);
         assert_eq!(one.iter().map(|n| n.slot()).collect::<Vec<_>>(), [777_777]);
         assert!(tree.nearest_one(at, f32::INFINITY, Euclidean, |_| true).is_some());
         let mut count = 0;

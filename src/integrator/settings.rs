@@ -237,7 +237,7 @@ impl Default for PhotonmapperSettings {
             glossy_samples: 1,
             gather_samples: 4,
             global_photons: 250_000,
-            caustic_photons: 250_000,
+            caustic_photons: 500_000,
             global_lookup_radius: 0.05,
             caustic_lookup_radius: 0.0125,
             lookup_size: 120,

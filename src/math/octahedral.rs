@@ -1,7 +1,8 @@
 //! Unit vectors in two bytes: points of an octahedron, unfolded to a square of 255 x 255 points.
 //! [Cigolle 2014]
 
-use glam::Vec3;
+use super::lanes::{LANES, f32x16};
+use super::{Vec3, Vec3x16};
 
 /// The greatest coordinate; the square's middle is the pole (0, 0, 1), and the six axes are exact.
 const MOST: f32 = 127.0;
@@ -37,6 +38,23 @@ pub fn decode_octahedral(code: u16) -> Vec3 {
 pub fn signed_squared_cosine(code: u16, v: Vec3) -> f32 {
     let p = point(code);
     let dot = p.dot(v);
+    dot * dot.abs() / p.length_squared()
+}
+
+/// As [`signed_squared_cosine`], of sixteen code words.
+#[inline(always)]
+pub fn signed_squared_cosines(codes: &[u16; LANES], v: Vec3) -> f32x16 {
+    let mut coordinates = [[0.0; LANES]; 2];
+    for (i, &code) in codes.iter().enumerate() {
+        coordinates[0][i] = f32::from(code >> 8);
+        coordinates[1][i] = f32::from(code & 255);
+    }
+    let [x, y] = coordinates.map(|c| (f32x16::new(c) - f32x16::splat(MOST)) * f32x16::splat(1.0 / MOST));
+    let z = f32x16::ONE - x.abs() - y.abs();
+    let fold = (-z).fast_max(f32x16::ZERO);
+    let toward_zero = |a: f32x16| a.simd_lt(f32x16::ZERO).select(a + fold, a - fold);
+    let p = Vec3x16::new(toward_zero(x), toward_zero(y), z);
+    let dot = p.dot(Vec3x16::splat(v));
     dot * dot.abs() / p.length_squared()
 }
 

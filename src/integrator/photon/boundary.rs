@@ -207,8 +207,7 @@ impl<'a> Tracer<'a> {
     ) -> Rgb {
         self.rays.clear();
         let mut powers = Vec::with_capacity(estimator.lookup_size);
-        let other = |photon: usize| photon != slot;
-        estimator.gather(map, at, Sides::Front, other, buffer, |slot, weight| {
+        estimator.gather(map, at, Sides::Front, Some(slot), buffer, |slot, weight| {
             let photon = map.photon(slot);
             let d = photon.position() - o;
             if d.dot(photon.normal()) < 0.0 {

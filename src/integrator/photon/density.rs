@@ -20,6 +20,7 @@ use super::kdtree::{Disc, Nearest};
 use super::kernel::Kernel;
 use crate::color::Rgb;
 use crate::math::Vec3;
+use crate::math::lanes::{LANES, f32x16};
 
 /// How many times a distance along the normal counts.
 pub const FLATNESS: f32 = 3.0;
@@ -69,7 +70,7 @@ pub struct Irradiance {
 impl DensityEstimator {
     /// Irradiance at a place, for light that arrives at its side.
     pub fn irradiance(&self, map: &PhotonMap, at: Place, buffer: &mut Nearest) -> Irradiance {
-        self.irradiance_by(map, at, |_| true, buffer)
+        self.irradiance_by(map, at, None, buffer)
     }
 
     /// Irradiance at the place of a photon. It does not count itself: it is there by choice, not by chance.
@@ -80,19 +81,19 @@ impl DensityEstimator {
         at: Place,
         buffer: &mut Nearest,
     ) -> Irradiance {
-        self.irradiance_by(map, at, |other| other != slot, buffer)
+        self.irradiance_by(map, at, Some(slot), buffer)
     }
 
     fn irradiance_by(
         &self,
         map: &PhotonMap,
         at: Place,
-        accept: impl Fn(usize) -> bool,
+        except: Option<usize>,
         buffer: &mut Nearest,
     ) -> Irradiance {
         let mut value = Rgb::BLACK;
-        let (photons, radius) = self.gather(map, at, Sides::Front, accept, buffer, |slot, weight| {
-            value += map.arrival(slot).power() * weight;
+        let (photons, radius) = self.gather(map, at, Sides::Front, except, buffer, |slot, weight| {
+            value += map.power_of(slot) * weight;
         });
         Irradiance { value, photons, radius }
     }
@@ -109,21 +110,13 @@ impl DensityEstimator {
         mut f: impl FnMut(Vec3) -> Rgb,
     ) -> Rgb {
         let mut value = Rgb::BLACK;
-        self.gather(
-            map,
-            at,
-            sides,
-            |_| true,
-            buffer,
-            |slot, weight| {
-                let arrival = map.arrival(slot);
-                value += f(arrival.wi()) * arrival.power() * weight;
-            },
-        );
+        self.gather(map, at, sides, None, buffer, |slot, weight| {
+            value += f(map.wi_of(slot)) * map.power_of(slot) * weight;
+        });
         value
     }
 
-    /// Hands `add` the slots of the photons around a place, of those that `accept` takes, with their weights: power times
+    /// Hands `add` the slots of the photons around a place, but `except`, with their weights: power times
     /// weight is a part of the density, m⁻². Returns how many photons there are, and the disc's radius.
     #[inline]
     pub(super) fn gather(
@@ -131,15 +124,23 @@ impl DensityEstimator {
         map: &PhotonMap,
         at: Place,
         sides: Sides,
-        accept: impl Fn(usize) -> bool,
+        except: Option<usize>,
         buffer: &mut Nearest,
         mut add: impl FnMut(usize, f32),
     ) -> (usize, f32) {
         let metric = Disc { normal: at.n, flatness: FLATNESS };
         let bound = self.lookup_radius * self.lookup_radius;
-        let belongs = |slot: usize| {
-            let cosine = map.arrival(slot).signed_squared_cosine(at.n);
-            (cosine > COMPATIBLE || (sides == Sides::Both && cosine < -COMPATIBLE)) && accept(slot)
+        let excluded = |first: usize| match except {
+            Some(slot) if slot / LANES == first / LANES => 1 << (slot % LANES),
+            _ => 0,
+        };
+        let belongs = |first: usize, slots: u32| {
+            let cosines = map.signed_squared_cosines(first, at.n);
+            let facing = match sides {
+                Sides::Front => cosines,
+                Sides::Both => cosines.abs(),
+            };
+            slots & facing.simd_gt(f32x16::splat(COMPATIBLE)).to_bitmask() & !excluded(first)
         };
         let found = map.tree().nearest(at.p, self.lookup_size, bound, metric, belongs, buffer);
         let farthest = found.iter().max().copied();

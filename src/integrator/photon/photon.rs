@@ -2,7 +2,7 @@
 
 use crate::color::Rgb;
 use crate::math::Vec3;
-use crate::math::octahedral::{decode_octahedral, encode_octahedral, signed_squared_cosine};
+use crate::math::octahedral::{decode_octahedral, encode_octahedral};
 use bytemuck::{Pod, Zeroable};
 
 /// Light that has landed on a surface, in 24 bytes: the position in full, the power with 18 bits a channel and one
@@ -21,9 +21,9 @@ pub struct Photon {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Arrival {
-    power: PackedRgb,
-    wi: u16,
-    normal: u16,
+    pub power: PackedRgb,
+    pub wi: u16,
+    pub normal: u16,
 }
 
 /// Three channels of 18 bits and an exponent.
@@ -95,19 +95,19 @@ impl Photon {
     /// Its power in W, if its light path is the only one.
     #[inline]
     pub fn power(&self) -> Rgb {
-        self.arrival.power()
+        self.arrival.power.get()
     }
 
     /// Where the light came from: a unit vector, away from the surface.
     #[inline]
     pub fn wi(&self) -> Vec3 {
-        self.arrival.wi()
+        decode_octahedral(self.arrival.wi)
     }
 
     /// The geometric normal on the side that the light came from: a unit vector.
     #[inline]
     pub fn normal(&self) -> Vec3 {
-        self.arrival.normal()
+        decode_octahedral(self.arrival.normal)
     }
 
     /// Whether it is one that [`Photon::new`] may have made.
@@ -115,32 +115,6 @@ impl Photon {
         let Arrival { power, wi, normal } = self.arrival;
         let coordinates = [wi & 255, wi >> 8, normal & 255, normal >> 8];
         self.position().is_finite() && power.is_valid() && coordinates.iter().all(|&c| c < 255)
-    }
-}
-
-impl Arrival {
-    /// The power in W, if the light path is the only one.
-    #[inline]
-    pub fn power(self) -> Rgb {
-        self.power.get()
-    }
-
-    /// Where the light came from.
-    #[inline]
-    pub fn wi(self) -> Vec3 {
-        decode_octahedral(self.wi)
-    }
-
-    /// The geometric normal on that side.
-    #[inline]
-    pub fn normal(self) -> Vec3 {
-        decode_octahedral(self.normal)
-    }
-
-    /// The cosine of that normal to a unit vector, with its sign, squared.
-    #[inline]
-    pub fn signed_squared_cosine(self, n: Vec3) -> f32 {
-        signed_squared_cosine(self.normal, n)
     }
 }
 

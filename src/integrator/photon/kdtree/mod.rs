@@ -16,7 +16,7 @@ mod tests;
 
 pub use build::Built;
 pub use metric::{Disc, Euclidean, Metric};
-pub use nearest::{Nearest, Neighbour};
+pub use nearest::{Nearest, Neighbour, each};
 
 use crate::math::lanes::{LANES, bits};
 use crate::math::{Vec3, Vec3x16, f32x16};

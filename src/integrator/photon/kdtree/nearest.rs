@@ -35,9 +35,12 @@ pub struct Nearest {
 }
 
 impl KdTree {
-    /// The `k` points nearest to `center` in the metric, of those that are closer than the root of `bound` and whose
-    /// slots `accept` takes; in no particular order. Which of several points at the same distance are taken is
+    /// The `k` points nearest to `center` in the metric, of those that are closer than the root of `bound` and that
+    /// `accept` takes; in no particular order. Which of several points at the same distance are taken is
     /// not said, but always the same.
+    ///
+    /// `accept` is given the first slot of a leaf and the bits of some of its sixteen slots, and returns those that it takes: see
+    /// [`each`].
     #[inline]
     pub fn nearest<'a>(
         &self,
@@ -45,7 +48,7 @@ impl KdTree {
         k: usize,
         bound: f32,
         metric: impl Metric,
-        accept: impl Fn(usize) -> bool,
+        accept: impl Fn(usize, u32) -> u32,
         buffer: &'a mut Nearest,
     ) -> &'a [Neighbour] {
         let found = &mut buffer.found;
@@ -59,10 +62,9 @@ impl KdTree {
         self.for_each_leaf(center, bound, |leaf, mut bound| {
             let distances = metric.distances_squared(center, self.leaves[leaf].points());
             let close = distances.simd_lt(f32x16::splat(bound)).to_bitmask();
-            for lane in bits(close) {
-                let slot = leaf * LEAF + lane;
-                if accept(slot) {
-                    found.push(Neighbour::new(distances.as_array()[lane], slot));
+            if close != 0 {
+                for lane in bits(accept(leaf * LEAF, close)) {
+                    found.push(Neighbour::new(distances.as_array()[lane], leaf * LEAF + lane));
                 }
             }
             if found.len() > room {
@@ -102,6 +104,11 @@ impl KdTree {
         });
         nearest
     }
+}
+
+/// What takes slots one by one, for [`KdTree::nearest`].
+pub fn each(accept: impl Fn(usize) -> bool) -> impl Fn(usize, u32) -> u32 {
+    move |first, slots| bits(slots).filter(|lane| accept(first + lane)).fold(0, |set, lane| set | 1 << lane)
 }
 
 /// Forgets all but the nearest `k`; returns the squared distance of the farthest of them.

@@ -41,8 +41,9 @@ fn check(points: &[Vec3], center: Vec3, k: usize, bound: f32, metric: impl Metri
         (0..points.len()).filter(|&i| accepted(i) && all[i] < bound).map(|i| all[i]).collect();
     expected.sort_by(f32::total_cmp);
     let mut buffer = Nearest::default();
-    let found =
-        tree.nearest(center, k, bound, metric, |slot| accepted(order[slot] as usize), &mut buffer).to_vec();
+    let found = tree
+        .nearest(center, k, bound, metric, each(|slot| accepted(order[slot] as usize)), &mut buffer)
+        .to_vec();
     let mut distances: Vec<f32> = found.iter().map(|n| n.distance_squared()).collect();
     distances.sort_by(f32::total_cmp);
     assert_eq!(distances, expected[..k.min(expected.len())], "{k} nearest of {}", points.len());
