@@ -194,17 +194,30 @@ fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
     }
 }
 
-/// Also as what gathers the light of an irradiance cache's records.
+/// Also as what gathers the light of an irradiance cache's records. Caustics are then the photons', too: no path looks for them
+/// in vain.
 #[test]
 fn an_irradiance_cache_can_gather_from_photons() {
-    let cached = ROOM.replace(
-        "<integrator type=\"$integrator\"><integer name=\"max_depth\" value=\"12\"/></integrator>",
-        "<integrator type=\"irrcache\"><integrator type=\"photonmapper\"/></integrator>",
-    );
-    let (folder, plain) = (Folder::with(&cached), Folder::with(ROOM));
-    let cached = mean(&picture(&folder, "cached", "-D ball=diffuse --spp 64"));
-    let path = mean(&picture(&plain, "path", "-D ball=diffuse --spp 512"));
-    assert!((cached / path - 1.0).abs() < 0.04, "{cached}, not {path}");
+    let around = |child: &str| {
+        let cached = ROOM.replace(
+            "<integrator type=\"$integrator\"><integer name=\"max_depth\" value=\"12\"/></integrator>",
+            &format!("<integrator type=\"irrcache\"><integrator type=\"{child}\"/></integrator>"),
+        );
+        Folder::with(&cached)
+    };
+    let (photons, paths, plain) = (around("photonmapper"), around("path"), Folder::with(ROOM));
+    for ball in ["diffuse", "dielectric"] {
+        let path = mean(&picture(&plain, "path", &format!("-D ball={ball} --spp 1024 --sampler sobol")));
+        let noise = |folder: &Folder| {
+            let cached = picture(folder, "cached", &format!("-D ball={ball} --spp 64 --stats s.json"));
+            let cached = mean(&cached);
+            assert!((cached / path - 1.0).abs() < 0.03, "{ball}: {cached}, not {path}");
+            let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+            stats["relmse_estimate"].as_f64().expect("a number")
+        };
+        let (photons, paths) = (noise(&photons), noise(&paths));
+        assert!(ball == "diffuse" || photons < 0.25 * paths, "{photons}, by paths {paths}");
+    }
 }
 
 #[test]

@@ -38,6 +38,7 @@ pub use sppm::Sppm;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 
+use self::photon::CausticMaps;
 use self::settings::Aov;
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
@@ -45,6 +46,7 @@ use crate::error::Result;
 use crate::math::Ray;
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
+use std::sync::Arc;
 
 /// A wave of rays, each with the key of the sample that it belongs to.
 #[derive(Clone, Copy, Debug)]
@@ -151,6 +153,11 @@ pub trait Integrator: Send + Sync {
     /// What there is to say about what was prepared.
     fn facts(&self) -> Vec<Fact> {
         Vec::new()
+    }
+
+    /// The caustics that are known at every surface since it was prepared, if there are any.
+    fn caustics(&self) -> Option<Arc<CausticMaps>> {
+        None
     }
 
     /// What traces light paths besides, if anything does.

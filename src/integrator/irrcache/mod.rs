@@ -24,7 +24,7 @@ pub mod record;
 mod shading;
 pub mod weight;
 
-use super::settings::{Aov, IrrcacheSettings, PathSettings, Settings};
+use super::settings::{Aov, IrrcacheSettings, PathSettings, PhotonmapperSettings, Settings};
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create, preparation};
 use crate::accel::Hit;
 use crate::color::Rgb;
@@ -57,13 +57,17 @@ impl IrradianceCache {
     pub fn new(settings: &IrrcacheSettings) -> Self {
         let path = match settings.child.as_ref() {
             Settings::Path(path) => *path,
+            Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. }) => {
+                PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
+            }
             _ => PathSettings::default(),
         };
         let gathered = match settings.child.as_ref() {
             Settings::Path(path) => Settings::Path(from_surface(path, 2)),
             other => other.clone(),
         };
-        let fine = CachedPath { caches: empty(), path, only_cached: settings.indirect_only, far_only: false };
+        let only_cached = settings.indirect_only;
+        let fine = CachedPath { caches: empty(), path, only_cached, caustics: None, far_only: false };
         IrradianceCache {
             settings: settings.clone(),
             child: create(&gathered),
@@ -138,7 +142,8 @@ impl IrradianceCache {
         let coarse = both(&settings, self.child.as_ref(), Level::Coarse, [coarse_a, coarse_b]);
         let caches = [0, 1].map(|half: usize| Interpolation::new(&coarse[half], bounds, 1.0));
         let path = from_surface(&self.fine.path, 1);
-        let traced = CachedPath { caches, path, only_cached: false, far_only: true };
+        let caustics = self.fine.caustics.clone();
+        let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
         let [fine_a, fine_b] = both(&self.settings, &traced, Level::Fine, [fine_a, fine_b]);
         let [coarse_a, coarse_b] = coarse;
         kept.records = [fine_a, fine_b, coarse_a, coarse_b];
@@ -157,6 +162,7 @@ impl Integrator for IrradianceCache {
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         // The file is for the records.
         self.child.prepare(&Preparation { cache: None, ..*preparation })?;
+        self.fine.caustics = self.child.caustics();
         let (camera, film) = (preparation.camera, preparation.camera.film);
         let centre = Vec2::new(film.width as f32, film.height as f32) * 0.5;
         let [a, b] = [centre, centre + Vec2::X].map(|p| camera.ray(p, Vec2::splat(0.5), 0.0));

@@ -2,7 +2,8 @@
 //!
 //! A path ends at the first diffuse surface, whose indirect light the cache knows. Direct light there is that of emitter samples alone
 //! where they are spread over the solid angle; where they are not, or where there may be caustics, one more ray looks for
-//! emitters, directly (weighted against the emitter sample) and by way of specular lobes.
+//! emitters, directly (weighted against the emitter sample) and by way of specular lobes. Where photons have brought the
+//! caustics, these are their density, and no ray looks for them.
 
 use super::interpolation::Interpolation;
 use crate::accel::Coherence;
@@ -11,6 +12,8 @@ use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
+use crate::integrator::photon::CausticMaps;
+use crate::integrator::photon::kdtree::Nearest;
 use crate::integrator::roulette::most_survival;
 use crate::integrator::settings::PathSettings;
 use crate::integrator::worker::{Continuation, Numbers, PathWave, ShadowQueue, draw_1d, draw_2d, intersect};
@@ -20,6 +23,7 @@ use crate::math::{Ray, RayX16, Vec2, Vec3};
 use crate::sampling::mis::power_heuristic;
 use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
+use std::sync::Arc;
 
 /// An integrator that looks indirect light up.
 pub struct CachedPath {
@@ -29,6 +33,8 @@ pub struct CachedPath {
     pub path: PathSettings,
     /// Whether only what the caches serve is shown.
     pub only_cached: bool,
+    /// Caustics that photons have brought; without them paths look for them.
+    pub caustics: Option<Arc<CausticMaps>>,
     /// Whether surfaces nearer to the rays' origins than their records are spread are not served.
     pub far_only: bool,
 }
@@ -62,6 +68,8 @@ struct Bounce<'a> {
     add_caustics: Option<bool>,
     /// Whether the cache's light is wanted at this bounce.
     add_cached: bool,
+    /// The caustics to add at this bounce.
+    caustics: Option<&'a CausticMaps>,
     /// Whether diffuse surfaces send a ray to look for emitters.
     probes: bool,
     /// Whether paths may go on.
@@ -92,7 +100,9 @@ impl Integrator for CachedPath {
         worker.probing.clear();
         worker.probing.resize(out.len(), false);
         worker.specular_only.clear();
-        worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
+        let told_apart = query.separates_caustics() || self.caustics.is_some();
+        worker.specular_only.resize(if told_apart { out.len() } else { 0 }, true);
+        let mut photons = Nearest::default();
         let mut depth = 0;
         while !worker.paths.rays.is_empty() && allows(depth + 1) {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
@@ -109,13 +119,15 @@ impl Integrator for CachedPath {
                 add_caustics: (depth > 0 && query.separates_caustics())
                     .then_some(query.caustic && !only_cached),
                 add_cached: allows(depth + 3) && query.indirect,
-                probes: (scene.needs.delta_lobes && query.indirect || !spread) && !only_cached,
+                caustics: self.caustics.as_deref().filter(|_| allows(depth + 3) && wants(depth + 3)),
+                probes: (scene.needs.delta_lobes && query.indirect && self.caustics.is_none() || !spread)
+                    && !only_cached,
                 scatter: allows(depth + 2),
                 roulette: (depth + 1 >= path.rr_depth).then(|| most_survival(depth + 1)),
             };
             bounce.drop_missed(worker, out);
             bounce.draw(worker.sampler, &worker.paths.keys, &mut worker.numbers);
-            bounce.shade(worker, out);
+            bounce.shade(worker, &mut photons, out);
             worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             depth += 1;
         }
@@ -139,11 +151,14 @@ struct Lane<'a> {
 }
 
 impl Bounce<'_> {
-    /// Whether the light found by a path is wanted.
+    /// Whether the light is wanted that a ray of that density finds.
     #[inline(always)]
-    fn adds(&self, specular_only: &[bool], slot: u32) -> bool {
+    fn adds(&self, specular_only: &[bool], slot: u32, pdf: f32) -> bool {
+        let only = specular_only.get(slot as usize).copied();
         match self.add_caustics {
-            Some(caustics) if specular_only[slot as usize] => caustics,
+            Some(caustics) if only == Some(true) => caustics,
+            // Photons have brought it.
+            _ if only == Some(false) && pdf.is_infinite() && self.cached.caustics.is_some() => false,
             _ => self.add_emission,
         }
     }
@@ -171,7 +186,7 @@ impl Bounce<'_> {
     fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
         let Worker { paths, hits, specular_only, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
-            if self.scene.needs.environment && self.adds(specular_only, paths.slots[i]) {
+            if self.scene.needs.environment && self.adds(specular_only, paths.slots[i], paths.pdf[i]) {
                 let d = paths.rays[i].d;
                 let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
@@ -180,7 +195,7 @@ impl Bounce<'_> {
     }
 
     /// Shades every path of the wave, and moves those that go on to the front.
-    fn shade(&self, worker: &mut Worker, out: &mut [Radiance]) {
+    fn shade(&self, worker: &mut Worker, photons: &mut Nearest, out: &mut [Radiance]) {
         let Worker { hits, shadows, paths, numbers, arena, probing, specular_only, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
@@ -189,13 +204,22 @@ impl Bounce<'_> {
             if self.add_emission || self.add_caustics == Some(true) {
                 for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
                     let slot = paths.slots[first + i];
-                    if self.adds(specular_only, slot) {
+                    if self.adds(specular_only, slot, paths.pdf[first + i]) {
                         out[slot as usize].value += paths.beta(first + i) * le;
                     }
                 }
             }
             if !self.scatter {
                 continue;
+            }
+            if let Some(caustics) = self.caustics {
+                for i in bits(block.finite) {
+                    let (j, slot) = (first + i, paths.slots[first + i] as usize);
+                    if !probing[slot] {
+                        let light = caustics.reflected(&block, i, paths.keys[j].half(), photons);
+                        out[slot].value += paths.beta(j) * light;
+                    }
+                }
             }
             let served = self.serve(&block, paths, probing, out);
             if self.next_event && served != 0 {
@@ -300,7 +324,9 @@ impl Bounce<'_> {
             let slot = paths.slots[j] as usize;
             let u_lobe = numbers.bsdf_lobe[j];
             let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
-            let onward = if probing[slot] {
+            let onward = if probing[slot] && self.cached.caustics.is_some() {
+                None
+            } else if probing[slot] {
                 specular_sample(block.bsdfs[i], block.wo.lane(i), u_lobe)
             } else {
                 let lane = self.lane(block, i, paths, out, arena);

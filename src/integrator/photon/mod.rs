@@ -24,6 +24,6 @@ pub use guide::EmissionGuide;
 pub use irradiance::IrradianceMap;
 pub use kernel::Kernel;
 pub use map::PhotonMap;
-pub use mapper::Photonmapper;
+pub use mapper::{CausticMaps, Photonmapper};
 pub use photon::Photon;
 pub use tracing::{Deposit, PhotonPaths};

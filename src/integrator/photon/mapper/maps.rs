@@ -24,8 +24,6 @@ const STREAMS: [u32; 2] = [0, 2];
 /// What a half of the samples knows of light. What the scene does not need is not there.
 #[derive(Default)]
 pub struct Maps {
-    /// Light that Dirac deltas alone have brought.
-    pub caustic: Option<PhotonMap>,
     /// Irradiance by all light.
     pub irradiance: Option<IrradianceMap>,
     /// All photons, where they are to be shown.
@@ -34,6 +32,15 @@ pub struct Maps {
     pub point: f32,
     /// Of both halves' maps, in the first.
     reserved: Option<Reservation>,
+}
+
+/// What there is to render with.
+pub struct Prepared {
+    pub maps: [Maps; 2],
+    /// Light that Dirac deltas alone have brought, of each half.
+    pub caustic: [Option<PhotonMap>; 2],
+    /// What there is to say of them.
+    pub facts: Vec<Fact>,
 }
 
 /// Which maps a scene needs.
@@ -75,24 +82,25 @@ fn has_diffuse_parts(scene: &Scene) -> bool {
     })
 }
 
-/// Both halves' maps, and what there is to say of them.
+/// Both halves' maps.
 pub fn prepare(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
     estimator: &DensityEstimator,
-) -> Result<([Maps; 2], Vec<Fact>)> {
+) -> Result<Prepared> {
     let scene = preparation.scene;
     let plan = Plan::new(scene, settings);
     let mut reserved = reserve(preparation, settings, &plan)?;
     let mut counters = Counters::default();
     let photons = load_or_cast(preparation, settings, &plan, &mut counters)?;
     let mut maps = [Maps::default(), Maps::default()];
+    let mut caustic = [None, None];
     let mut sums = Sums::default();
     for (label, map) in photons {
         let half = &mut maps[label.half as usize];
         sums.add(label, &map);
         match label.light {
-            Light::Caustic => half.caustic = Some(map),
+            Light::Caustic => caustic[label.half as usize] = Some(map),
             Light::Global if settings.debug != PhotonDebug::None => half.global = Some(map),
             Light::Global => {
                 let boundary = Boundary::new(scene);
@@ -111,7 +119,7 @@ pub fn prepare(
     }
     reserved.settle(sums.bytes as u64);
     maps[0].reserved = Some(reserved);
-    Ok((maps, sums.facts(&counters)))
+    Ok(Prepared { maps, caustic, facts: sums.facts(&counters) })
 }
 
 /// Bytes of a photon in a finished map.

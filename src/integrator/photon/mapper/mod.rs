@@ -16,6 +16,7 @@
 //! Each half of the image's samples has maps of its own, so that the halves' difference knows the maps' noise. It does not
 //! know their blur, which is the same in both.
 
+mod caustics;
 mod debug;
 mod maps;
 mod paths;
@@ -26,13 +27,16 @@ use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::scene::Scene;
 use maps::Maps;
+use std::sync::Arc;
+
+pub use caustics::CausticMaps;
 
 /// Final gathering over photon maps.
 pub struct Photonmapper {
     settings: PhotonmapperSettings,
     /// For each half of the samples.
     maps: [Maps; 2],
-    caustics: DensityEstimator,
+    caustics: Arc<CausticMaps>,
     global: DensityEstimator,
     facts: Vec<Fact>,
 }
@@ -41,6 +45,7 @@ impl Photonmapper {
     /// The integrator with its settings, and without photons.
     pub fn new(settings: PhotonmapperSettings) -> Self {
         let [caustics, global] = estimators(&settings, 1.0);
+        let caustics = Arc::new(CausticMaps::new(caustics, [None, None]));
         Photonmapper { settings, maps: Default::default(), caustics, global, facts: Vec::new() }
     }
 }
@@ -64,8 +69,10 @@ impl Integrator for Photonmapper {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        [self.caustics, self.global] = estimators(&self.settings, preparation.scene.bounds.radius());
-        (self.maps, self.facts) = maps::prepare(preparation, &self.settings, &self.global)?;
+        let [caustics, global] = estimators(&self.settings, preparation.scene.bounds.radius());
+        let prepared = maps::prepare(preparation, &self.settings, &global)?;
+        self.caustics = Arc::new(CausticMaps::new(caustics, prepared.caustic));
+        (self.global, self.maps, self.facts) = (global, prepared.maps, prepared.facts);
         Ok(())
     }
 
@@ -75,6 +82,10 @@ impl Integrator for Photonmapper {
 
     fn keeps_caches(&self) -> bool {
         true
+    }
+
+    fn caustics(&self) -> Option<Arc<CausticMaps>> {
+        (!self.caustics.is_empty()).then(|| Arc::clone(&self.caustics))
     }
 
     fn li(

@@ -9,14 +9,13 @@ use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
-use crate::integrator::photon::Sides;
 use crate::integrator::photon::kdtree::Nearest;
 use crate::integrator::roulette::most_survival;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
+use crate::math::Ray;
 use crate::math::lanes::{LANES, bits, f32x16, load};
-use crate::math::{Ray, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use bumpalo::Bump;
@@ -287,17 +286,8 @@ impl<'a> Paths<'a> {
     fn add_caustics(&self, block: &Block<'_>, paths: &PathWave, buffer: &mut Nearest, out: &mut [Radiance]) {
         for i in bits(block.finite) {
             let j = block.first + i;
-            let Some(map) = &self.maps(paths.slots[j]).caustic else { continue };
-            let (bsdf, wo, frame) = (block.bsdfs[i], block.wo.lane(i), block.at.frame.lane(i));
-            let estimator = &self.mapper.caustics;
-            let at = place(block, i);
-            let value = if let Bsdf::Diffuse(_) = bsdf {
-                estimator.irradiance(map, at, buffer).value * bsdf.radiance_per_irradiance(wo)
-            } else {
-                let sides = if bsdf.transmits() { Sides::Both } else { Sides::Front };
-                let f = |wi: Vec3| bsdf.eval(wo, frame.to_local(wi)).f;
-                estimator.reflected(map, at, sides, buffer, f)
-            };
+            let half = self.keys[paths.slots[j] as usize].half();
+            let value = self.mapper.caustics.reflected(block, i, half, buffer);
             out[paths.slots[j] as usize].value += paths.beta(j) * value;
         }
     }

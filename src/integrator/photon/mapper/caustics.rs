@@ -1,0 +1,44 @@
+//! Caustics: the density of the photons that Dirac deltas alone have brought.
+
+use super::debug::place;
+use crate::bsdf::Bsdf;
+use crate::color::Rgb;
+use crate::integrator::block::Block;
+use crate::integrator::photon::kdtree::Nearest;
+use crate::integrator::photon::{DensityEstimator, PhotonMap, Sides};
+use crate::math::Vec3;
+
+/// The caustic maps of both halves of the samples, and how they become light.
+pub struct CausticMaps {
+    estimator: DensityEstimator,
+    maps: [Option<PhotonMap>; 2],
+}
+
+impl CausticMaps {
+    pub(super) fn new(estimator: DensityEstimator, maps: [Option<PhotonMap>; 2]) -> Self {
+        CausticMaps { estimator, maps }
+    }
+
+    /// Whether there may be caustics.
+    pub(super) fn is_empty(&self) -> bool {
+        self.maps.iter().all(Option::is_none)
+    }
+
+    /// Radiance that the finite lobes of lane `i` send along its ray, W·m⁻²·sr⁻¹.
+    pub(in crate::integrator) fn reflected(
+        &self,
+        block: &Block<'_>,
+        i: usize,
+        half: usize,
+        buffer: &mut Nearest,
+    ) -> Rgb {
+        let Some(map) = &self.maps[half] else { return Rgb::BLACK };
+        let (bsdf, wo, frame) = (block.bsdfs[i], block.wo.lane(i), block.at.frame.lane(i));
+        let at = place(block, i);
+        if let Bsdf::Diffuse(_) = bsdf {
+            return self.estimator.irradiance(map, at, buffer).value * bsdf.radiance_per_irradiance(wo);
+        }
+        let sides = if bsdf.transmits() { Sides::Both } else { Sides::Front };
+        self.estimator.reflected(map, at, sides, buffer, |wi: Vec3| bsdf.eval(wo, frame.to_local(wi)).f)
+    }
+}
