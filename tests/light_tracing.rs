@@ -1,15 +1,10 @@
 //! Light tracing against path tracing.
 
 use crate::support::cli::Folder;
-use std::path::Path;
 
 /// The scene of Buffon's own with every kind of light, and its texture.
 fn folder() -> Folder {
-    let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/light-tracing");
-    let read = |name: &str| std::fs::read(from.join(name)).expect("the scene is there");
-    let folder = Folder::with(&String::from_utf8(read("lights.xml")).expect("a scene is text"));
-    folder.write("radiance.png", &read("radiance.png"));
-    folder
+    Folder::of_scene("light-tracing", "lights.xml")
 }
 
 /// Paths from either end estimate one picture, for a pinhole, a lens and parallel rays.
@@ -28,13 +23,7 @@ fn light_paths_and_camera_paths_agree() {
 /// Paths from either end agree on every kind of emitter, and on the caustics of those that have a size.
 #[test]
 fn light_paths_and_camera_paths_agree_on_every_kind_of_emitter() {
-    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let text = std::fs::read_to_string(scenes.join("photon/emitters.xml")).expect("the scene is there");
-    let folder = Folder::with(&text.replace("../plugins/textures/", "").replace("../plugins/meshes/", ""));
-    for asset in ["textures/sky.exr", "textures/colours.png", "meshes/ball.obj"] {
-        let (_, name) = asset.split_once('/').expect("a folder and a name");
-        folder.write(name, &std::fs::read(scenes.join("plugins").join(asset)).expect("the asset is there"));
-    }
+    let folder = Folder::of_scene("photon", "emitters.xml");
     let common = "s.xml -q --size 52x28 --aov variance --spp 512";
     folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
     folder.render(&format!("{common} --integrator ptracer --seed 2 -o light.exr"));

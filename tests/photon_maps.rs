@@ -194,6 +194,20 @@ fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
     }
 }
 
+/// Every kind of emitter, each in a box of its own: paths and photons show the same light in each of them.
+#[test]
+fn every_kind_of_light_is_mapped() {
+    let folder = Folder::of_scene("photon", "emitters.xml");
+    let path = picture(&folder, "path", "--size 52x28 --seed 1 --spp 1024 --sampler sobol");
+    let options = "--size 52x28 --integrator photonmapper --seed 2 --spp 128 --sampler sobol";
+    let mapped = picture(&folder, "mapped", options);
+    for place in 0..8 {
+        let (x, y) = (place % 4 * 13, place / 4 * 14);
+        let [one, other] = [&path, &mapped].map(|image| mean(&image.crop(x, y, 13, 14).expect("a part")));
+        assert!((other / one - 1.0).abs() < 0.02, "box {place}: {other}, not {one}");
+    }
+}
+
 /// Also as what gathers the light of an irradiance cache's records. Caustics are then the photons', too: no path looks for them
 /// in vain.
 #[test]

@@ -1,21 +1,13 @@
 //! Progressive photon mapping against path tracing and light tracing, and what it promises.
 
 use crate::support::cli::{Folder, SCENE};
-use std::path::Path;
 
 /// A scene of Buffon's own with the files beside it, to be rendered as `s.xml`; as `sppm.xml` it has radii so small that
 /// their blur is lost in the noise of a small picture.
 fn own_scene(topic: &str, name: &str) -> Folder {
-    let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
-    let from = scenes.join(topic);
-    let text = std::fs::read_to_string(from.join(name)).expect("the scene is there");
-    let text = text.replace("\"../", &format!("\"{}/", scenes.display()));
-    let folder = Folder::with(&text);
+    let folder = Folder::of_scene(topic, name);
+    let text = String::from_utf8(folder.read("s.xml")).expect("text");
     folder.write("sppm.xml", with_photons(&text).as_bytes());
-    for entry in std::fs::read_dir(&from).expect("a folder").flatten().filter(|e| e.path().is_file()) {
-        let name = entry.file_name();
-        folder.write(&name.to_string_lossy(), &std::fs::read(entry.path()).expect("a file"));
-    }
     folder
 }
 

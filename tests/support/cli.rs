@@ -1,6 +1,6 @@
 //! Running the program in a folder of its own.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// A scene of every shape, material and emitter, small and quick, with a full-precision film of 40x30 pixels.
@@ -65,6 +65,19 @@ impl Folder {
     pub fn with(scene: &str) -> Self {
         let folder = Folder(TempDir::new().expect("a folder for temporary files"));
         folder.write("s.xml", scene.as_bytes());
+        folder
+    }
+
+    /// A new folder with one of the scenes that come with Buffon, as `s.xml`, and the files beside it.
+    pub fn of_scene(topic: &str, name: &str) -> Self {
+        let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+        let from = scenes.join(topic);
+        let text = std::fs::read_to_string(from.join(name)).expect("the scene is there");
+        let folder = Folder::with(&text.replace("\"../", &format!("\"{}/", scenes.display())));
+        for entry in std::fs::read_dir(&from).expect("a folder").flatten().filter(|e| e.path().is_file()) {
+            let name = entry.file_name();
+            folder.write(&name.to_string_lossy(), &std::fs::read(entry.path()).expect("a file"));
+        }
         folder
     }
 
