@@ -199,7 +199,7 @@ fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
 fn every_kind_of_light_is_mapped() {
     let folder = Folder::of_scene("photon", "emitters.xml");
     let path = picture(&folder, "path", "--size 52x28 --seed 1 --spp 1024 --sampler sobol");
-    let options = "--size 52x28 --integrator photonmapper --seed 2 --spp 128 --sampler sobol";
+    let options = "--size 52x28 --integrator photonmapper --seed 2 --spp 512 --sampler sobol";
     let mapped = picture(&folder, "mapped", options);
     for place in 0..8 {
         let (x, y) = (place % 4 * 13, place / 4 * 14);
