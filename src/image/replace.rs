@@ -23,8 +23,8 @@ pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
 pub fn replace_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
     let fail = |message: String| failure(path, &message);
     let (target, mut part) = begin(path)?;
-    part.fill(write).map_err(|e| fail(reason(e)))?;
-    part.path.persist(&target).map_err(|e| fail(reason(e.error)))
+    part.fill(write).map_err(|e| fail(e.to_string()))?;
+    part.path.persist(&target).map_err(|e| fail(e.error.to_string()))
 }
 
 /// Whether [`replace`] could begin there: a long computation should not fail at its end.
@@ -108,14 +108,11 @@ impl Part {
     fn new(name: &PartName, folder: &Path) -> Result<Self, String> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(&name.prefix).suffix(&name.suffix).rand_bytes(RANDOM);
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // Those of an ordinary file; the umask is taken from them.
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
-        }
+        // With the permissions of an ordinary file. Errors are the system's: the temporary name means nothing to anybody.
+        let create = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
         loop {
-            let (file, path) = builder.tempfile_in(folder).map_err(reason)?.into_parts();
+            let part = builder.make_in(folder, create).map_err(|e| e.to_string())?;
+            let (file, path) = part.into_parts();
             // File systems without locks go without.
             let _ = file.lock();
             // Another writer may have taken it for abandoned before it was locked.
@@ -135,19 +132,18 @@ impl Part {
     }
 }
 
-/// The reason without the temporary name, which means nothing to anybody.
-fn reason(error: io::Error) -> String {
-    let os_error = |error: &io::Error| error.raw_os_error();
-    // tempfile puts its path around the error of the system.
-    let inner = error.get_ref().and_then(|inner| inner.source()?.downcast_ref::<io::Error>());
-    let code = os_error(&error).or_else(|| inner.and_then(os_error));
-    code.map_or(error, io::Error::from_raw_os_error).to_string()
-}
-
 #[cfg(all(test, unix))]
 mod tests {
     use super::*;
     use std::fs;
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_cannot_be_made_is_named_as_it_was_asked_for() {
+        // Nobody can make a file there.
+        let error = replace(Path::new("/proc/image.exr"), b"").unwrap_err().to_string();
+        assert!(error.contains("cannot be written") && !error.contains(".part"), "{error}");
+    }
 
     #[test]
     fn a_new_file_takes_the_place_of_the_old_and_leaves_nothing_beside_it() {

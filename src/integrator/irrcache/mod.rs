@@ -1,7 +1,8 @@
 //! The irradiance cache. [Ward 1988; Ward and Heckbert 1992; Křivánek 2005; Schwarzhaupt et al. 2012]
 //!
 //! Indirect light on diffuse surfaces changes slowly. It is gathered at few places by whole hemispheres of another integrator's
-//! rays, and interpolated everywhere else; direct light, caustics and what glossy surfaces reflect are sampled as ever. A
+//! rays, and interpolated everywhere else; direct light, caustics and what glossy surfaces reflect are sampled as ever, but for caustics
+//! that the child knows everywhere (`photonmapper`'s are the density of its photons). A
 //! record's hemisphere asks the child for all light but what is emitted towards the record (direct light) and caustics, with any
 //! number of bounces: so nothing is missing and nothing is counted twice.
 //!
@@ -41,7 +42,8 @@ use shading::CachedPath;
 /// Interpolates the indirect light of diffuse surfaces.
 pub struct IrradianceCache {
     settings: IrrcacheSettings,
-    /// Traces what coarse records gather; its paths begin two surfaces later than the camera's.
+    /// Traces what coarse records gather. Its paths begin two surfaces later than the camera's, and `path` counts so; photon maps count
+    /// from the record.
     child: Box<dyn Integrator>,
     /// Renders with the fine caches.
     fine: CachedPath,
@@ -64,6 +66,10 @@ impl IrradianceCache {
         };
         let gathered = match settings.child.as_ref() {
             Settings::Path(path) => Settings::Path(from_surface(path, 2)),
+            // Emitters are hidden from the camera only.
+            Settings::Photonmapper(mapper) => {
+                Settings::Photonmapper(PhotonmapperSettings { hide_emitters: false, ..*mapper })
+            }
             other => other.clone(),
         };
         let only_cached = settings.indirect_only;

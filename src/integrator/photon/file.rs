@@ -406,7 +406,7 @@ mod tests {
                 let at = at.index(reach);
                 bytes[at..at + length].copy_from_slice(&new[..length]);
             }
-                        bytes.extend(if repaired { u64::from(crc32fast::hash(&bytes)) } else { 0 }.to_le_bytes());
+            bytes.extend(if repaired { u64::from(crc32fast::hash(&bytes)) } else { 0 }.to_le_bytes());
             bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
             fs::write(&path, &bytes).unwrap();
             match load(&path, ORIGIN) {

@@ -21,7 +21,7 @@ use crate::scene::Scene;
 const PILOT: u64 = 1 << 17;
 /// Paths whose numbers are drawn together.
 const CHUNK: usize = 2048;
-/// The stream of its numbers; photons have the stream 0.
+/// The stream of its numbers; photons have even streams.
 const STREAM: u32 = 1;
 /// The share of the paths that begin as they would without a guide: emitter, position and direction together, so that no path
 /// is more than twice as strong as it would be then, whatever the pilot has missed.

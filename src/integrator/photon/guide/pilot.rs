@@ -12,15 +12,11 @@ const CHOICES: usize = 2;
 /// What the pilot has found out about an emitter.
 #[derive(Default)]
 pub struct Findings {
-    /// Of positions and of directions, by every other path.
-    halves: [[Square; 2]; 2],
-    successes: Vec<Success>,
-    paths: u64,
+    paths: Vec<Pilot>,
 }
 
-/// A path of the pilot that has brought something: from where on its emitter, in which direction, and how much, W.
-struct Success {
-    half: usize,
+/// A path of the pilot: where on its emitter and in which direction it began, and how much it has brought, W.
+struct Pilot {
     pairs: [Vec2; 2],
     value: f64,
 }
@@ -36,14 +32,7 @@ struct Square {
 impl Findings {
     /// Counts a path that began there and has brought that much, W.
     pub fn add(&mut self, pairs: [Vec2; 2], value: f64) {
-        let half = (self.paths % 2) as usize;
-        for (square, u) in self.halves[half].iter_mut().zip(pairs) {
-            square.add(u, value);
-        }
-        if value > 0.0 {
-            self.successes.push(Success { half, pairs, value });
-        }
-        self.paths += 1;
+        self.paths.push(Pilot { pairs, value });
     }
 
     /// The densities that make the second moment of light paths least, and its root then.
@@ -52,14 +41,22 @@ impl Findings {
     /// And a fine grid is worse than a coarse one where few paths have hit a cell. So each half of the paths tries what
     /// the other half has learned: by its own paths every density looks too good.
     pub fn best(&self) -> (Beginnings, f64) {
-        let learned = self
-            .halves
-            .each_ref()
-            .map(|squares| squares.each_ref().map(|square| [None, square.distribution()]));
+        if self.paths.iter().all(|path| path.value == 0.0) {
+            return ([None, None], 0.0);
+        }
+        // Of positions and of directions, by every other path.
+        let mut halves: [[Square; 2]; 2] = Default::default();
+        for (i, Pilot { pairs, value }) in self.paths.iter().enumerate() {
+            halves[i % 2].iter_mut().zip(pairs).for_each(|(square, u)| square.add(*u, *value));
+        }
+        let learned =
+            halves.each_ref().map(|squares| squares.each_ref().map(|square| [None, square.distribution()]));
         let mut moments = [[0.0; CHOICES]; CHOICES];
-        for &Success { half, pairs, value } in &self.successes {
+        for (i, &Pilot { pairs, value }) in self.paths.iter().enumerate().filter(|(_, path)| path.value > 0.0)
+        {
+            let others = &learned[1 - i % 2];
             let [points, directions] = [0, 1].map(|i| {
-                learned[1 - half][i].each_ref().map(|choice| match choice {
+                others[i].each_ref().map(|choice| match choice {
                     Some(distribution) => f64::from(distribution.pdf(pairs[i])),
                     None => 1.0,
                 })
@@ -74,10 +71,10 @@ impl Findings {
         let (point, direction) =
             all.min_by(|a, b| moments[a.0][a.1].total_cmp(&moments[b.0][b.1])).unwrap_or_default();
         let best = [(0, point), (1, direction)].map(|(i, choice)| {
-            let [even, odd] = &self.halves;
+            let [even, odd] = &halves;
             if choice == 1 { even[i].joined_with(&odd[i]).distribution() } else { None }
         });
-        (best, (moments[point][direction] / self.paths.max(1) as f64).sqrt())
+        (best, (moments[point][direction] / self.paths.len() as f64).sqrt())
     }
 }
 

@@ -19,9 +19,9 @@ impl CausticMaps {
         CausticMaps { estimator, maps }
     }
 
-    /// Whether there may be caustics.
+    /// Whether no photon has landed: nothing is known then.
     pub(super) fn is_empty(&self) -> bool {
-        self.maps.iter().all(Option::is_none)
+        self.maps.iter().flatten().all(PhotonMap::is_empty)
     }
 
     /// Radiance that the finite lobes of lane `i` send along its ray, W·m⁻²·sr⁻¹.
