@@ -1,17 +1,20 @@
-//! How often the interval of an error estimate holds the true error: `cargo run --release --example calibration -- 300`.
+//! How often the interval of an error estimate holds the error: `cargo run --release --example calibration -- 100`.
 //!
-//! Renders each scene with that many seeds and prints, for each sampler and number of samples: the mean true relMSE, the
-//! mean estimate over it, how often the 95 % interval held the true error of its own image and how often its upper
-//! end did, and the geometric mean of the factors from the estimate to either end. The truth is the mean of all other
-//! images of the most samples. `--adaptive` asks the same of adaptive sampling, `--size N` of larger images; other
-//! arguments are scenes.
+//! Renders each scene with that many seeds and prints, for each integrator, sampler and number of samples: the mean relMSE,
+//! the mean estimate over it, how often the 95 % interval held the error of its own image and how often its upper
+//! end did, the geometric mean of the factors from the estimate to either end, and the bias. The error is that of noise
+//! alone: the difference from the mean of all other images. The bias is the relMSE of the mean of all images against that of
+//! `path`, less what the noise of both explains; it is printed from the second integrator on.
+//!
+//! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper), `--samplers LIST`, `--spp LIST`, `--size N`,
+//! `--adaptive`; other arguments are scenes.
 
 use buffon::accel::AccelKind;
-use buffon::integrator;
-use buffon::loader::{LoadOptions, load};
-use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
-use buffon::sampling::{Sampler, SamplerKind};
-use buffon::scene::{CompileOptions, Scene, compile};
+use buffon::error::Error;
+use buffon::estimate::metrics::RELATIVE_FLOOR;
+use buffon::render::{Progress, Rendered, StopRules};
+use buffon::sampling::SamplerKind;
+use buffon::session::{Choices, SceneChoices, SceneFile, Session, default_threads};
 use std::path::Path;
 
 const SCENES: [&str; 5] = [
@@ -21,22 +24,38 @@ const SCENES: [&str; 5] = [
     "scenes/cornell-box/cornell-box.xml",
     "scenes/spheres/spheres.xml",
 ];
-const SAMPLES: [u64; 3] = [64, 16, 4];
 
 struct Options {
     seeds: u64,
     size: u32,
     adaptive: bool,
+    integrators: Vec<String>,
+    samplers: Vec<SamplerKind>,
+    samples: Vec<u64>,
     scenes: Vec<String>,
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let mut options = Options { seeds: 100, size: 48, adaptive: false, scenes: Vec::new() };
+    let mut options = Options {
+        seeds: 100,
+        size: 48,
+        adaptive: false,
+        integrators: vec!["path".into()],
+        samplers: vec![SamplerKind::Independent, SamplerKind::Sobol],
+        samples: vec![64, 16],
+        scenes: Vec::new(),
+    };
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
+        let mut list = || arguments.next().ok_or(format!("{argument}: expected a value"));
         match argument.as_str() {
             "--adaptive" => options.adaptive = true,
-            "--size" => options.size = arguments.next().ok_or("--size: expected a number")?.parse()?,
+            "--size" => options.size = list()?.parse()?,
+            "--integrators" => options.integrators = list()?.split(',').map(String::from).collect(),
+            "--samplers" => {
+                options.samplers = list()?.split(',').map(str::parse).collect::<Result<_, _>>()?
+            }
+            "--spp" => options.samples = list()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
             number if number.parse::<u64>().is_ok_and(|n| n > 1) => options.seeds = number.parse()?,
             scene => options.scenes.push(scene.into()),
         }
@@ -45,8 +64,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         options.scenes = SCENES.map(String::from).to_vec();
     }
     println!(
-        "{:<12} {:<12} {:>4} {:>10} {:>9} {:>6} {:>6} {:>8} {:>8}",
-        "scene", "sampler", "spp", "relMSE", "estimate", "held", "upper", "to upper", "to lower"
+        "{:<14} {:<12} {:<11} {:>4} {:>10} {:>9} {:>6} {:>6} {:>8} {:>8} {:>9}",
+        "scene",
+        "integrator",
+        "sampler",
+        "spp",
+        "relMSE",
+        "estimate",
+        "held",
+        "upper",
+        "to upper",
+        "to lower",
+        "bias"
     );
     for file in &options.scenes {
         calibrate(Path::new(file), &options)?;
@@ -54,78 +83,96 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-fn calibrate(file: &Path, options: &Options) -> Result<(), Box<dyn std::error::Error>> {
-    let mut loaded = load(file, &LoadOptions::default())?;
-    for sensor in &mut loaded.description.sensors {
-        (sensor.film.width, sensor.film.height, sensor.film.crop) = (options.size, options.size, None);
-    }
-    let compiling = CompileOptions { accel: AccelKind::default(), threads: threads(), sensor: 0 };
-    let scene = compile(loaded.description, compiling)?.0;
-    let integrator = integrator::create(&loaded.integrator);
+fn calibrate(file: &Path, options: &Options) -> Result<(), Error> {
+    let size = Some((options.size, options.size));
+    let choices = SceneChoices { size, ..SceneChoices::default() };
+    let session = SceneFile::load(file, &choices)?.compile(AccelKind::default(), default_threads())?;
     let name = file.file_stem().unwrap_or_default().to_string_lossy();
-    for kind in [SamplerKind::Independent, SamplerKind::Sobol] {
-        let mut mean: Option<Vec<f64>> = None;
-        for samples in SAMPLES {
-            let renders = (0..options.seeds)
-                .map(|seed| render(&scene, integrator.as_ref(), kind, samples, seed, options.adaptive))
-                .collect::<Result<Vec<_>, _>>()?;
-            let images: Vec<Vec<f64>> = renders.iter().map(values).collect();
-            let truths = match &mean {
-                Some(mean) => images.iter().map(|image| relmse(image, |i| mean[i])).collect(),
-                None => {
-                    let n = options.seeds as f64;
-                    let sums: Vec<f64> =
-                        (0..images[0].len()).map(|i| images.iter().map(|image| image[i]).sum()).collect();
-                    let others = |image: &Vec<f64>| relmse(image, |i| (sums[i] - image[i]) / (n - 1.0));
-                    // The others' mean has an error of its own: one part in n.
-                    let truths: Vec<f64> = images.iter().map(|image| others(image) * (n - 1.0) / n).collect();
-                    mean = Some(sums.iter().map(|sum| sum / n).collect());
-                    truths
-                }
-            };
-            print_row(&format!("{name:<12} {:<12} {samples:>4}", kind.name()), &renders, &truths);
+    let mut reference: Option<Seeds> = None;
+    for integrator in &options.integrators {
+        for &sampler in &options.samplers {
+            for &samples in &options.samples {
+                let seeds = Seeds::render(&session, integrator, sampler, samples, options)?;
+                let bias = reference.as_ref().map(|reference| seeds.bias(reference));
+                let name = format!("{name:<14} {integrator:<12} {:<11} {samples:>4}", sampler.name());
+                seeds.print(&name, bias);
+                // What has the most samples comes first.
+                reference.get_or_insert(seeds);
+            }
         }
     }
     Ok(())
 }
 
-fn print_row(name: &str, renders: &[Rendered], truths: &[f64]) {
-    let n = truths.len() as f64;
-    let [mut estimate, mut held, mut upper, mut to_upper, mut to_lower] = [0.0; 5];
-    for (render, &truth) in renders.iter().zip(truths) {
-        let (Some(relmse), Some([low, high])) = (render.relmse, render.relmse_interval) else { continue };
-        estimate += relmse / n;
-        held += f64::from(u8::from((low..=high).contains(&truth))) / n;
-        upper += f64::from(u8::from(truth <= high)) / n;
-        to_upper += (high / relmse).ln() / n;
-        to_lower += (relmse / low).ln() / n;
+/// Renders of one kind that differ by their seeds.
+struct Seeds {
+    renders: Vec<Rendered>,
+    /// Their values, in the order of their tiles.
+    images: Vec<Vec<f64>>,
+    mean: Vec<f64>,
+}
+
+impl Seeds {
+    fn render(
+        session: &Session,
+        integrator: &str,
+        sampler: SamplerKind,
+        samples: u64,
+        options: &Options,
+    ) -> Result<Self, Error> {
+        let stop = StopRules { samples: Some(samples), ..StopRules::default() };
+        let render = |seed| {
+            let (integrator, sampler) = (Some(integrator.to_string()), Some(sampler));
+            let choices =
+                Choices { integrator, sampler, stop, seed, adaptive: options.adaptive, ..Choices::default() };
+            session.render(&session.plan(&choices)?, &Progress::new())
+        };
+        let renders = (0..options.seeds).map(render).collect::<Result<Vec<_>, _>>()?;
+        let images: Vec<Vec<f64>> = renders.iter().map(values).collect();
+        let mean = (0..images[0].len())
+            .map(|i| images.iter().map(|image| image[i]).sum::<f64>() / images.len() as f64);
+        let mean = mean.collect();
+        Ok(Seeds { renders, images, mean })
     }
-    let truth = truths.iter().sum::<f64>() / n;
-    println!(
-        "{name} {truth:>10.3e} {:>9.3} {held:>6.3} {upper:>6.3} {:>8.3} {:>8.3}",
-        estimate / truth,
-        to_upper.exp(),
-        to_lower.exp()
-    );
-}
 
-fn render(
-    scene: &Scene,
-    integrator: &dyn integrator::Integrator,
-    kind: SamplerKind,
-    samples: u64,
-    seed: u64,
-    adaptive: bool,
-) -> Result<Rendered, buffon::error::Error> {
-    let stop = StopRules { samples: Some(samples), ..StopRules::default() };
-    let sampler = Sampler::new(kind, stop.samples);
-    let settings = JobSettings { sampler, seed, threads: threads(), stop, layers: Vec::new() };
-    let progress = Progress::new();
-    Job::new(scene, integrator, &scene.sensors[0], settings, &progress).with_adaptive(adaptive).run()
-}
+    /// The error of each image: against the mean of the others, whose own error is one part in their number.
+    fn errors(&self) -> Vec<f64> {
+        let n = self.images.len() as f64;
+        let others = |image: &[f64], i: usize| (n * self.mean[i] - image[i]) / (n - 1.0);
+        self.images.iter().map(|image| relmse(image, |i| others(image, i)) * (n - 1.0) / n).collect()
+    }
 
-fn threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
+    fn mean_error(&self) -> f64 {
+        self.errors().iter().sum::<f64>() / self.images.len() as f64
+    }
+
+    /// The relMSE of the mean image against that of other renders, less what the noise of both is expected to be.
+    fn bias(&self, reference: &Seeds) -> f64 {
+        let noise = |seeds: &Seeds| seeds.mean_error() / seeds.images.len() as f64;
+        relmse(&self.mean, |i| reference.mean[i]) - noise(self) - noise(reference)
+    }
+
+    fn print(&self, name: &str, bias: Option<f64>) {
+        let errors = self.errors();
+        let n = errors.len() as f64;
+        let [mut estimate, mut held, mut upper, mut to_upper, mut to_lower] = [0.0; 5];
+        for (render, &error) in self.renders.iter().zip(&errors) {
+            let (Some(relmse), Some([low, high])) = (render.relmse, render.relmse_interval) else { continue };
+            estimate += relmse / n;
+            held += f64::from(u8::from((low..=high).contains(&error))) / n;
+            upper += f64::from(u8::from(error <= high)) / n;
+            to_upper += (high / relmse).ln() / n;
+            to_lower += (relmse / low).ln() / n;
+        }
+        let error = self.mean_error();
+        println!(
+            "{name} {error:>10.3e} {:>9.3} {held:>6.3} {upper:>6.3} {:>8.3} {:>8.3} {:>9}",
+            estimate / error,
+            to_upper.exp(),
+            to_lower.exp(),
+            bias.map_or(String::new(), |bias| format!("{bias:.1e}"))
+        );
+    }
 }
 
 /// All values of an image, in the order of its tiles.
@@ -137,7 +184,7 @@ fn values(rendered: &Rendered) -> Vec<f64> {
 fn relmse(image: &[f64], truth: impl Fn(usize) -> f64) -> f64 {
     let errors = image.iter().enumerate().map(|(i, x)| {
         let r = truth(i);
-        (x - r) * (x - r) / (r * r + buffon::estimate::metrics::RELATIVE_FLOOR)
+        (x - r) * (x - r) / (r * r + RELATIVE_FLOOR)
     });
     errors.sum::<f64>() / image.len() as f64
 }

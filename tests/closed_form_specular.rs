@@ -9,7 +9,7 @@ use buffon::integrator::settings::{DirectSettings, PathSettings};
 use buffon::integrator::{self, Radiance, RadianceQuery, Settings, Wave, Worker};
 use buffon::loader::{LoadOptions, load};
 use buffon::material::{Distribution, Input, Interface, Material, Metal, Roughness};
-use buffon::math::{DAffine3, DVec3, Ray, Vec2};
+use buffon::math::{DAffine3, DVec2, DVec3, Ray, Vec2};
 use buffon::sampling::{SampleKey, Sampler, SamplerKind};
 use buffon::scene::{Description, Scene};
 use buffon::shape::Shape;
@@ -180,7 +180,7 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
     let (rays, keys): (Vec<Ray>, Vec<SampleKey>) = pixels
         .map(|(x, y)| {
             (
-                camera.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5), Vec2::ZERO, 0.0),
+                camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5), Vec2::ZERO, 0.0),
                 SampleKey::new(3, x, y, 0),
             )
         })

@@ -130,7 +130,7 @@ fn every_traversal_gives_the_same_picture() {
 
 /// The sums of a 16x16 tile after the given passes.
 fn sums(job: &Job<'_>, passes: &[u64]) -> Vec<(u64, u64)> {
-    let mut tile = Tile::new(PixelRect { x: 16, y: 3, width: 16, height: 16 }, 3);
+    let mut tile = Tile::new(PixelRect { x: 16, y: 3, width: 16, height: 16 }, 3, 2);
     let mut worker = CameraWorker::new(Worker::new(job.settings.sampler));
     let mut done = 0;
     for pass in passes {

@@ -75,7 +75,7 @@ fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f6
             let ray = Ray::new(from, to.as_vec3().normalize());
             let Some(hit) = scene.accel.intersect(&ray) else { return 0.0 };
             let at = scene.interaction(&ray, &hit);
-            if !at.front || f64::from(hit.t) < 0.99 * to.length() {
+            if !at.emitting || f64::from(hit.t) < 0.99 * to.length() {
                 return 0.0;
             }
             let solid_angle = chart.area(square).dot(to).abs() / to.length().powi(3);

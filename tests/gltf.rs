@@ -249,7 +249,7 @@ fn double_sided_materials_have_both_sides_between_holes() {
     let f = |wo: Vec3| {
         let texture = TexturePoint::at(Vec2::ZERO);
         let frame = Frame::from_normal(Vec3::Z);
-        let at = MaterialPoint { texture, frame, ng: Vec3::Z, dp_duv: [Vec3::X, Vec3::Y], wo };
+        let at = MaterialPoint { texture, frame, ng: Vec3::Z, dp_duv: [Vec3::X, Vec3::Y], wo: Some(wo) };
         let arena = Bump::new();
         let scattering = materials.scattering(id, &at, &arena);
         assert_eq!(scattering.opacity, 0.5);

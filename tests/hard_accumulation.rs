@@ -7,7 +7,7 @@ use buffon::image::{Backend, Image, SampleFormat, WriteOptions, read, read_with,
 const MANY: usize = 1 << 24;
 
 fn pixel() -> Tile {
-    Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3)
+    Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3, 2)
 }
 
 /// The values of sample `i`, in both halves alike.
@@ -55,14 +55,14 @@ fn a_dynamic_range_of_a_billion_loses_nothing() {
             assert!((estimate.mean / exact - 1.0).abs() < 1e-12, "channel {c}: {} {exact}", estimate.mean);
             // All of the firefly is in one half.
             let wanted = (1e9 - 1.0) / n;
-            let [_, difference] = tile.replicates(0, c);
+            let [_, difference] = tile.halves(0, c);
             assert!(
                 (difference.abs() / wanted - 1.0).abs() < 1e-6,
                 "channel {c}: {difference}, not {wanted}"
             );
             assert!((estimate.variance.expect("two halves") / (wanted * wanted) - 1.0).abs() < 1e-5);
         }
-        assert!(tile.error_sums().estimate().expect("a pixel").relmse.is_finite());
+        assert!(tile.error_sums().estimate(2).expect("a pixel").relmse.is_finite());
     }
 }
 

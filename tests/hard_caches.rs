@@ -99,7 +99,7 @@ fn a_million_photons_in_one_point_leave_the_rest_as_it_is() {
     let beside = at(place + Vec3::X * 1e-4);
     assert!(beside.value.is_valid(), "{beside:?}");
     let started = Instant::now();
-    let known = IrradianceMap::new(&map, &estimator, 4, None);
+    let known = IrradianceMap::new(&map, &map, &estimator, 4, None);
     println!("{} irradiances beforehand in {:.3} s", known.len(), started.elapsed().as_secs_f64());
     let all = (0..100).map(|i| Vec3::new(0.2, 0.006 * i as f32 + 0.2, 0.0));
     for p in all.chain([place]) {
@@ -149,7 +149,7 @@ fn records(scene: &Scene, settings: &IrrcacheSettings) -> usize {
         sampler: Sampler::new(SamplerKind::Sobol, Some(16)),
         seed: 1,
         pool: &pool,
-        interrupted: &|| false,
+        interrupt: &buffon::integrator::Interrupt::default(),
         cache: None,
         memory: &Budget::unlimited(),
     };

@@ -1,14 +1,10 @@
 //! Hard cases of sampling: filters, BSDFs, emitters and cameras at the ends of every random number.
 
 use crate::hard_sampling::{LAST, squares};
+use crate::support::bsdfs::{plain_models, transmittances, wrapped};
 use crate::support::scenes;
 use buffon::accel::AccelKind;
-use buffon::bsdf::microfacet::{Distribution, Microfacets};
-use buffon::bsdf::{
-    Blend, Bsdf, BsdfSample, Conductor, Dielectric, Diffuse, Lobe, Mask, Plastic, Principled, PrincipledThin,
-    RoughConductor, RoughDielectric, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided,
-    fresnel::ConductorFresnel,
-};
+use buffon::bsdf::{Bsdf, BsdfSample, Lobe};
 use buffon::color::Rgb;
 use buffon::emitter::{Emitter, EnvMap, Light, SurfacePlace};
 use buffon::film::{Filter, FilterSampler};
@@ -39,21 +35,13 @@ fn every_filter_keeps_to_its_radius_at_the_ends() {
             let reach = s.offset.abs().max_element();
             assert!(reach <= filter.radius() as f32, "{filter:?} at {u}: {}", s.offset);
             assert!(s.weight.is_finite() && s.weight != 0.0, "{filter:?} at {u}: {}", s.weight);
-            let value = sampler.eval(s.offset);
+            let value = sampler.eval(s.offset.as_dvec2());
             assert!(value.is_finite(), "{filter:?} at {u}: {value}");
             // A table's cell has one sign; at its ends the filter may be zero.
-            let inner = sampler.eval(s.offset * 0.999);
+            let inner = sampler.eval(s.offset.as_dvec2() * 0.999);
             assert!(value * s.weight >= 0.0 || inner * s.weight >= 0.0, "{filter:?} at {u}: {value}");
         }
     }
-}
-
-fn conductor() -> ConductorFresnel {
-    ConductorFresnel { eta: Rgb::new(0.2, 0.9, 1.1), k: Rgb::new(3.9, 2.4, 2.2) }
-}
-
-fn facets(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> Microfacets {
-    Microfacets { distribution, alpha_x: alpha[0], alpha_y: alpha[1], sample_visible }
 }
 
 /// A sample at an end of its square: finite, of unit length, and of the density and weight that evaluation says.
@@ -77,98 +65,11 @@ fn check_sample(what: &str, bsdf: &Bsdf<'_>, wo: Vec3, s: &BsdfSample) {
     }
 }
 
-const DIFFUSE: Bsdf<'static> = Bsdf::Diffuse(Diffuse { reflectance: Rgb::WHITE });
-
-/// Models with a single surface.
-fn simple_models() -> Vec<Bsdf<'static>> {
-    let white = Rgb::WHITE;
-    vec![
-        DIFFUSE,
-        Bsdf::Null,
-        Bsdf::Conductor(Conductor { fresnel: conductor(), specular_reflectance: white }),
-        Bsdf::Dielectric(Dielectric { eta: 1.5, specular_reflectance: white, specular_transmittance: white }),
-        Bsdf::ThinDielectric(ThinDielectric {
-            eta: 1.5,
-            specular_reflectance: white,
-            specular_transmittance: white,
-        }),
-        Bsdf::Plastic(Plastic::new(white, white, 1.5, true)),
-        Bsdf::Principled(Principled {
-            base_color: white,
-            roughness: 0.5,
-            anisotropy: 0.3,
-            metallic: 0.3,
-            spec_trans: 0.4,
-            eta: 1.5,
-            spec_tint: 0.2,
-            sheen: 0.5,
-            sheen_tint: 0.5,
-            flatness: 0.2,
-            clearcoat: 0.7,
-            clearcoat_gloss: 0.3,
-        }),
-        Bsdf::PrincipledThin(PrincipledThin {
-            base_color: white,
-            roughness: 0.5,
-            anisotropy: 0.3,
-            spec_trans: 0.4,
-            eta: 1.5,
-            spec_tint: 0.2,
-            sheen: 0.5,
-            sheen_tint: 0.5,
-            flatness: 0.2,
-            diff_trans: 0.8,
-        }),
-    ]
-}
-
-/// Models of microfacets.
-fn rough_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
-    let white = Rgb::WHITE;
-    let mut all = Vec::new();
-    for distribution in [Distribution::Beckmann, Distribution::Ggx] {
-        for alpha in [[0.1, 0.1], [0.6, 0.6], [0.2, 0.8]] {
-            for visible in [true, false] {
-                let microfacets = facets(distribution, alpha, visible);
-                all.push(Bsdf::RoughConductor(RoughConductor {
-                    microfacets,
-                    fresnel: conductor(),
-                    specular_reflectance: white,
-                }));
-                all.push(Bsdf::RoughDielectric(RoughDielectric {
-                    microfacets,
-                    eta: 1.5,
-                    specular_reflectance: white,
-                    specular_transmittance: white,
-                }));
-            }
-        }
-    }
-    for (transmittance, alpha) in transmittance.iter().zip([0.1, 0.6]) {
-        all.push(Bsdf::RoughPlastic(RoughPlastic {
-            microfacets: facets(Distribution::Ggx, [alpha; 2], true),
-            diffuse_reflectance: white,
-            specular_reflectance: white,
-            eta: 1.5,
-            nonlinear: false,
-            transmittance,
-        }));
-    }
-    all
-}
-
 #[test]
 fn every_bsdf_samples_the_ends_of_its_square() {
-    let transmittance = [0.1, 0.6].map(|alpha| RoughTransmittance::new(Distribution::Ggx, alpha, 1.5));
-    let plain = [simple_models(), rough_models(&transmittance)].concat();
-    let mut all = plain.clone();
-    let tilted = Frame::from_normal(Vec3::new(0.3, -0.2, 1.0).normalize());
-    for inner in &plain {
-        all.push(Bsdf::Tilted(Tilted { frame: tilted, soften: false, inner }));
-        all.push(Bsdf::TwoSided(TwoSided { sides: [inner, &DIFFUSE] }));
-        all.push(Bsdf::Mask(Mask { opacity: 0.5, inner }));
-        all.push(Bsdf::Blend(Blend { weight: 0.25, bsdfs: [inner, &DIFFUSE] }));
-    }
+    let transmittance = transmittances();
+    let plain = plain_models(&transmittance);
+    let all = wrapped(&plain);
     let (mut drawn, mut none) = (0, 0);
     for bsdf in &all {
         for wo in
@@ -319,7 +220,7 @@ fn every_camera_makes_rays_of_the_ends_of_film_and_lens() {
         for p in corners.into_iter().flat_map(|x| corners.map(|y| Vec2::new(x, y))) {
             for u in squares() {
                 for time in [0.0, 0.5, LAST] {
-                    let ray = camera.ray(p, u, time);
+                    let ray = camera.ray(p.as_dvec2(), u, time);
                     let fine = ray.o.is_finite() && (ray.d.length() - 1.0).abs() < 1e-6 && ray.t_max > 0.0;
                     assert!(fine, "{} {p} {u} {time}: {ray:?}", settings.kind());
                     // The point that the ray passes is seen where it began.
@@ -328,7 +229,7 @@ fn every_camera_makes_rays_of_the_ends_of_film_and_lens() {
                         panic!("{} {p} {u}: {at} is not seen", settings.kind())
                     };
                     assert!(
-                        (seen.film - p).abs().max_element() < 2e-4,
+                        (seen.film - p.as_dvec2()).abs().max_element() < 2e-4,
                         "{} {p} {u}: {}",
                         settings.kind(),
                         seen.film

@@ -31,9 +31,16 @@ fn lit_floor(height: f32) -> Scene {
 fn map(scene: &Scene, count: u64, threads: usize) -> PhotonMap {
     let pool = thread_pool(threads).expect("the threads start");
     let sampler = Sampler::new(SamplerKind::Sobol, None);
-    let caster = Caster { scene, sampler, guide: None, pool: &pool, interrupted: &|| false };
+    let caster = Caster {
+        scene,
+        sampler,
+        guide: None,
+        pool: &pool,
+        interrupt: &buffon::integrator::Interrupt::default(),
+        time: None,
+    };
     let paths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
-    let sequence = PathSequence { seed: 1, stream: 0, half: 0, first: 0 };
+    let sequence = PathSequence { seed: 1, stream: 0, number: 0, first: 0 };
     let cast = caster.cast(&paths, sequence, Until { paths: u64::MAX, kept: Some(count) }, |d, _| {
         Photon::new(d.p, d.shading_power(), d.wi, d.ng)
     });
@@ -67,8 +74,8 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     let photons = map(&scene, 200_000, 2);
     let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 400, lookup_radius: 0.2 };
     let boundary = Boundary::new(&scene);
-    let [plain, corrected] =
-        [None, Some(&boundary)].map(|boundary| IrradianceMap::new(&photons, &estimator, 4, boundary));
+    let [plain, corrected] = [None, Some(&boundary)]
+        .map(|boundary| IrradianceMap::new(&photons, &photons, &estimator, 4, boundary));
     let mean = |map: &IrradianceMap, place: &dyn Fn(f32) -> Vec3| {
         let ratio = |t: f32| {
             let p = place(t);
@@ -112,7 +119,7 @@ fn light_does_not_pass_below_a_wall() {
     let photons = map(&scene, 200_000, 2);
     let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 200, lookup_radius: 0.2 };
     let boundary = Boundary::new(&scene);
-    let map = IrradianceMap::new(&photons, &estimator, 1, Some(&boundary));
+    let map = IrradianceMap::new(&photons, &photons, &estimator, 1, Some(&boundary));
     for (side, intensity) in [(-1.0, 1.0), (1.0, 0.02)] {
         let (mut sum, mut known) = (0.0, 0);
         for i in 0..400 {
@@ -232,6 +239,18 @@ fn an_irradiance_cache_can_gather_from_photons() {
         let (photons, paths) = (noise(&photons), noise(&paths));
         assert!(ball == "diffuse" || photons < 0.25 * paths, "{photons}, by paths {paths}");
     }
+}
+
+/// Emitters are hidden from the camera, not from the records: where the camera sees none, nothing changes.
+#[test]
+fn hidden_emitters_light_an_irradiance_cache_as_others_do() {
+    let folder = Folder::with(&ROOM.replace(
+        "<integrator type=\"$integrator\"><integer name=\"max_depth\" value=\"12\"/></integrator>",
+        "<integrator type=\"irrcache\"><integrator type=\"photonmapper\">\
+         <boolean name=\"hide_emitters\" value=\"$hide\"/></integrator></integrator>",
+    ));
+    let of = |hide: &str| picture(&folder, hide, &format!("-D ball=diffuse -D hide={hide} --spp 4"));
+    assert!(of("true").data == of("false").data);
 }
 
 #[test]

@@ -17,7 +17,7 @@ use buffon::shape::Shape;
 use std::f64::consts::PI;
 
 const PATHS: PhotonPaths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
-const SEQUENCE: PathSequence = PathSequence { seed: 1, stream: 0, half: 0, first: 0 };
+const SEQUENCE: PathSequence = PathSequence { seed: 1, stream: 0, number: 0, first: 0 };
 
 /// Calls `f` with what casts light paths in the scene.
 fn with_caster<T>(
@@ -32,7 +32,8 @@ fn with_caster<T>(
         sampler: Sampler::new(sampler, None),
         guide: None,
         pool: &pool,
-        interrupted: &|| false,
+        interrupt: &buffon::integrator::Interrupt::default(),
+        time: None,
     })
 }
 

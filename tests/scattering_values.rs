@@ -330,10 +330,13 @@ fn thin_dielectric() {
         };
         let wo = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
         let below = bsdf.sample(wo, r - 1e-5).unwrap();
-        assert_eq!((below.wi, below.weight), (Vec3::new(-wo.x, -wo.y, wo.z), SPECULAR_REFLECTANCE));
+        // Weights make up for probabilities that are multiples of the distance of random numbers.
+        let near = |a: Rgb, b: Rgb| (0..3).all(|c| (a[c] - b[c]).abs() < 2e-6);
+        assert!(below.wi == Vec3::new(-wo.x, -wo.y, wo.z) && near(below.weight, SPECULAR_REFLECTANCE));
         if r < 1.0 {
             let above = bsdf.sample(wo, r + 1e-5).unwrap();
-            assert_eq!((above.wi, above.weight, above.eta), (-wo, SPECULAR_TRANSMITTANCE, 1.0));
+            assert!(near(above.weight, SPECULAR_TRANSMITTANCE), "{above:?}");
+            assert_eq!((above.wi, above.eta), (-wo, 1.0));
         }
     }
 }

@@ -52,6 +52,7 @@ mod regress_cases;
 mod samplers;
 mod samplers_rendered;
 mod scattering;
+mod scattering_adjoint;
 mod scattering_extremes;
 mod scattering_principled;
 mod scattering_rough;

@@ -3,6 +3,7 @@
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
+use crate::sampling::hash::probability_below;
 
 /// A linear combination of two BSDFs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,23 +15,35 @@ pub struct Blend<'a> {
 }
 
 impl Blend<'_> {
+    /// The probability with which the second is sampled.
+    pub(super) fn probability(&self) -> f32 {
+        probability_below(self.weight)
+    }
+
     /// The combination of values, and of densities.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         let [a, b] = self.bsdfs.map(|bsdf| bsdf.eval(wo, wi));
-        let w = self.weight;
-        BsdfEval { f: a.f * (1.0 - w) + b.f * w, pdf: a.pdf * (1.0 - w) + b.pdf * w }
+        let (w, p) = (self.weight, self.probability());
+        BsdfEval { f: a.f * (1.0 - w) + b.f * w, pdf: a.pdf * (1.0 - p) + b.pdf * p }
+    }
+
+    /// The one that a random number chooses, the number stretched to [0, 1) again, and the share of that BSDF over its
+    /// probability.
+    pub(super) fn choose(&self, u_lobe: f32) -> (&Bsdf<'_>, f32, f32) {
+        let (w, p) = (self.weight, self.probability());
+        let (bsdf, u_lobe, share) = match u_lobe < p {
+            true => (self.bsdfs[1], u_lobe / p, w / p),
+            false => (self.bsdfs[0], (u_lobe - p) / (1.0 - p), (1.0 - w) / (1.0 - p)),
+        };
+        (bsdf, u_lobe.min(1f32.next_down()), share)
     }
 
     /// Chooses one of the two by its share and samples it; a finite lobe is weighted by both densities.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        let w = self.weight;
-        let (bsdf, u_lobe) = match u_lobe < w {
-            true => (self.bsdfs[1], u_lobe / w),
-            false => (self.bsdfs[0], (u_lobe - w) / (1.0 - w)),
-        };
-        let sample = bsdf.sample(wo, u_lobe.min(1f32.next_down()), u)?;
+        let (bsdf, u_lobe, share) = self.choose(u_lobe);
+        let sample = bsdf.sample(wo, u_lobe, u)?;
         if sample.lobe == Lobe::Specular {
-            return Some(sample);
+            return Some(BsdfSample { weight: sample.weight * share, ..sample });
         }
         let BsdfEval { f, pdf } = self.eval(wo, sample.wi);
         (pdf > 0.0).then(|| BsdfSample { weight: f * (sample.wi.z.abs() / pdf), pdf, ..sample })

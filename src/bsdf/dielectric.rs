@@ -4,6 +4,7 @@ use super::fresnel;
 use super::{BsdfSample, Lobe};
 use crate::color::Rgb;
 use crate::math::Vec3;
+use crate::sampling::hash::probability_below;
 
 /// Reflection and refraction of radiance at a smooth boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,8 +24,8 @@ impl Dielectric {
     }
 
     /// The probability with which [`sample`](Self::sample) reflects.
-    pub(super) fn reflectance(&self, wo: Vec3) -> f32 {
-        fresnel::dielectric(wo.z.abs(), self.eta_from(wo)).reflectance
+    pub(super) fn reflection_probability(&self, wo: Vec3) -> f32 {
+        probability_below(fresnel::dielectric(wo.z.abs(), self.eta_from(wo)).reflectance)
     }
 
     /// Reflects with the Fresnel probability, else refracts.
@@ -38,19 +39,21 @@ impl Dielectric {
         }
         let eta = self.eta_from(wo);
         let r = fresnel::dielectric(wo.z.abs(), eta);
-        if u_lobe < r.reflectance {
+        let probability = probability_below(r.reflectance);
+        if u_lobe < probability {
             return Some(BsdfSample {
                 wi: Vec3::new(-wo.x, -wo.y, wo.z),
-                weight: self.specular_reflectance,
+                weight: self.specular_reflectance * (r.reflectance / probability),
                 pdf: f32::INFINITY,
                 lobe: Lobe::Specular,
                 eta: 1.0,
             });
         }
         let scale = 1.0 / eta;
+        let share = (1.0 - r.reflectance) / (1.0 - probability);
         Some(BsdfSample {
             wi: Vec3::new(-scale * wo.x, -scale * wo.y, (-r.cos_t).copysign(-wo.z)).normalize(),
-            weight: self.specular_transmittance * (scale * scale),
+            weight: self.specular_transmittance * (scale * scale * share),
             pdf: f32::INFINITY,
             lobe: Lobe::Specular,
             eta,

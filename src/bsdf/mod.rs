@@ -3,6 +3,7 @@
 //! `wo` is the known direction, `wi` the sampled one; both point away from the surface. [`Bsdf::eval`] is the
 //! bare BSDF, without cosine; densities are per unit solid angle of `wi`.
 
+mod adjoint;
 pub mod blend;
 pub mod burley;
 pub mod conductor;
@@ -123,20 +124,61 @@ pub enum Bsdf<'a> {
     TwoSided(TwoSided<'a>),
 }
 
+/// Which lobes there are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lobes {
+    /// Whether there are lobes of finite density.
+    pub finite: bool,
+    /// How many Dirac deltas there are at most.
+    pub deltas: u32,
+}
+
+impl Lobes {
+    /// Lobes of finite density only.
+    pub const FINITE: Lobes = Lobes { finite: true, deltas: 0 };
+
+    /// So many Dirac deltas and nothing else.
+    pub const fn deltas(deltas: u32) -> Lobes {
+        Lobes { finite: false, deltas }
+    }
+
+    /// The lobes of both together.
+    #[must_use]
+    pub fn and(self, other: Lobes) -> Lobes {
+        Lobes { finite: self.finite || other.finite, deltas: self.deltas.saturating_add(other.deltas) }
+    }
+
+    /// The lobes of either.
+    #[must_use]
+    pub fn or(self, other: Lobes) -> Lobes {
+        Lobes { finite: self.finite || other.finite, deltas: self.deltas.max(other.deltas) }
+    }
+}
+
 impl Bsdf<'_> {
+    /// The lobes that it may scatter by.
+    #[inline]
+    pub fn lobes(&self) -> Lobes {
+        match self {
+            Bsdf::Null | Bsdf::Conductor(_) => Lobes::deltas(1),
+            Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => Lobes::deltas(2),
+            Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) => Lobes::FINITE,
+            Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => Lobes::FINITE,
+            Bsdf::Plastic(_) => Lobes { finite: true, deltas: 1 },
+            Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
+            Bsdf::RoughDielectric(_) => Lobes::FINITE,
+            Bsdf::Blend(b) => b.bsdfs[0].lobes().and(b.bsdfs[1].lobes()),
+            // What passes the holes is a delta.
+            Bsdf::Mask(b) => b.inner.lobes().and(Lobes::deltas(1)),
+            Bsdf::Tilted(b) => b.inner.lobes(),
+            Bsdf::TwoSided(b) => b.sides[0].lobes().or(b.sides[1].lobes()),
+        }
+    }
+
     /// Whether every lobe is a Dirac delta, so that [`eval`](Self::eval) is zero everywhere.
     #[inline]
     pub fn is_specular(&self) -> bool {
-        match self {
-            Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => true,
-            Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) | Bsdf::Plastic(_) => false,
-            Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => false,
-            Bsdf::RoughDielectric(b) => b.is_passing(),
-            Bsdf::Blend(b) => b.bsdfs.iter().all(|b| b.is_specular()),
-            Bsdf::Mask(b) => b.inner.is_specular(),
-            Bsdf::Tilted(b) => b.inner.is_specular(),
-            Bsdf::TwoSided(b) => b.sides.iter().all(|b| b.is_specular()),
-        }
+        !self.lobes().finite
     }
 
     /// Whether the tangents of the local frame matter.
@@ -177,7 +219,7 @@ impl Bsdf<'_> {
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
             Bsdf::Blend(_) | Bsdf::Mask(_) => true,
-            Bsdf::Tilted(b) => b.inner.chooses_lobe(),
+            Bsdf::Tilted(b) => b.turned.is_some() || b.inner.chooses_lobe(),
             Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.chooses_lobe()),
         }
     }

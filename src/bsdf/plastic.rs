@@ -3,6 +3,7 @@
 use super::{BsdfEval, BsdfSample, Lobe, fresnel};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
+use crate::sampling::hash::probability_below;
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
@@ -112,5 +113,5 @@ pub(super) fn base(reflectance: Rgb, fdr_int: f32, eta: f32, nonlinear: bool) ->
 /// their reflectances. If both are black it is 1.
 pub(super) fn specular_probability(diffuse: Rgb, specular: Rgb, r: f32) -> f32 {
     let (specular, diffuse) = (r * specular.mean(), (1.0 - r) * diffuse.mean());
-    if specular + diffuse > 0.0 { specular / (specular + diffuse) } else { 1.0 }
+    if specular + diffuse > 0.0 { probability_below(specular / (specular + diffuse)) } else { 1.0 }
 }

@@ -6,6 +6,7 @@ use super::microfacet::{Distribution, Microfacets};
 use super::{BsdfEval, BsdfSample, Lobe, fresnel};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
+use crate::sampling::hash::probability_below;
 use crate::sampling::warp;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -79,6 +80,8 @@ impl Default for Principled {
 struct Choice {
     diffuse: f32,
     clearcoat: f32,
+    /// The sum of both: numbers below it choose one of them.
+    to_clearcoat: f32,
     specular: f32,
 }
 
@@ -147,14 +150,14 @@ impl Principled {
     /// The probability with which a facet transmits a sample.
     fn transmission_probability(&self, reflectance: Rgb, transmittance: Rgb) -> f32 {
         let [reflected, transmitted] = [reflectance, transmittance].map(Rgb::max_component);
-        if transmitted > 0.0 { transmitted / (reflected + transmitted) } else { 0.0 }
+        if transmitted > 0.0 { probability_below(transmitted / (reflected + transmitted)) } else { 0.0 }
     }
 
     /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet,
     /// raised by the mean of Schlick's weight, so that none that scatters has no chance.
     fn choice(&self, cos_o: f32, above: bool, eta: f32) -> Choice {
         if !above {
-            return Choice { diffuse: 0.0, clearcoat: 0.0, specular: 1.0 };
+            return Choice { diffuse: 0.0, clearcoat: 0.0, to_clearcoat: 0.0, specular: 1.0 };
         }
         let raised = |f: f32| f + (1.0 - f).max(0.0) * MEAN_SCHLICK_WEIGHT;
         let r = fresnel::dielectric(cos_o, eta).reflectance;
@@ -167,7 +170,14 @@ impl Principled {
             false => 0.0,
         };
         let total = diffuse + clearcoat + specular;
-        Choice { diffuse: diffuse / total, clearcoat: clearcoat / total, specular: specular / total }
+        let to_diffuse = probability_below(diffuse / total);
+        let to_clearcoat = probability_below((diffuse + clearcoat) / total).max(to_diffuse);
+        Choice {
+            diffuse: to_diffuse,
+            clearcoat: to_clearcoat - to_diffuse,
+            to_clearcoat,
+            specular: 1.0 - to_clearcoat,
+        }
     }
 
     fn sheen_color(&self) -> Rgb {
@@ -255,11 +265,11 @@ impl Principled {
         let choice = self.choice(up.z, above, eta);
         let (wi, lobe, eta) = if u_lobe < choice.diffuse {
             (warp::square_to_cosine_hemisphere(u), Lobe::Diffuse, 1.0)
-        } else if u_lobe < choice.diffuse + choice.clearcoat {
+        } else if u_lobe < choice.to_clearcoat {
             let m = Gtr1::from_gloss(self.clearcoat_gloss).sample(u);
             (Facet::mirror(up, m)?.0, Lobe::Glossy, 1.0)
         } else {
-            let u_facet = (u_lobe - choice.diffuse - choice.clearcoat) / choice.specular;
+            let u_facet = (u_lobe - choice.to_clearcoat) / choice.specular;
             let (wi, eta) = self.sample_facet(up, above, eta, u_facet, u)?;
             (wi, Lobe::Glossy, eta)
         };

@@ -6,6 +6,7 @@ use super::microfacet::Microfacets;
 use super::{BsdfEval, BsdfSample, Lobe, fresnel};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
+use crate::sampling::hash::probability_below;
 use crate::sampling::warp;
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -71,6 +72,8 @@ struct Choice {
     transmission: f32,
     diffuse_reflection: f32,
     diffuse_transmission: f32,
+    /// Sums of the probabilities: of both diffuse lobes, and with transmission.
+    to: [f32; 2],
 }
 
 fn mirrored(w: Vec3) -> Vec3 {
@@ -128,24 +131,26 @@ impl PrincipledThin {
         let raised = |f: f32| f + (1.0 - f).max(0.0) * MEAN_SCHLICK_WEIGHT;
         let base = self.base_color.max_component();
         let sheen = self.sheen * self.sheen_color().max_component() * (PI * MEAN_SCHLICK_WEIGHT);
-        let mut choice = Choice {
-            reflection: 0.0,
-            transmission: 0.0,
-            diffuse_reflection: self.diffuse_reflection() * (base + sheen),
-            diffuse_transmission: self.diffuse_transmission() * base,
-        };
+        let diffuse_reflection = self.diffuse_reflection() * (base + sheen);
+        let diffuse = diffuse_reflection + self.diffuse_transmission() * base;
+        let (mut reflection, mut transmission) = (0.0, 0.0);
         if self.spec_trans > 0.0 {
-            choice.reflection = self.spec_trans * raised(self.facet_reflectance(cos_o).max_component());
+            reflection = self.spec_trans * raised(self.facet_reflectance(cos_o).max_component());
             let transmitted = self.facet_transmittance(cos_o).max_component();
-            choice.transmission = self.spec_trans * (transmitted + base * MEAN_SCHLICK_WEIGHT);
+            transmission = self.spec_trans * (transmitted + base * MEAN_SCHLICK_WEIGHT);
         }
-        let Choice { reflection, transmission, diffuse_reflection, diffuse_transmission } = choice;
-        let total = reflection + transmission + diffuse_reflection + diffuse_transmission;
-        (total > 0.0).then(|| Choice {
-            reflection: reflection / total,
-            transmission: transmission / total,
-            diffuse_reflection: diffuse_reflection / total,
-            diffuse_transmission: diffuse_transmission / total,
+        let total = diffuse + transmission + reflection;
+        if total <= 0.0 {
+            return None;
+        }
+        let to =
+            [diffuse_reflection, diffuse, diffuse + transmission].map(|sum| probability_below(sum / total));
+        Some(Choice {
+            diffuse_reflection: to[0],
+            diffuse_transmission: to[1] - to[0],
+            transmission: to[2] - to[1],
+            reflection: 1.0 - to[2],
+            to: [to[1], to[2]],
         })
     }
 
@@ -214,12 +219,11 @@ impl PrincipledThin {
         let side = 1f32.copysign(wo.z);
         let up = wo * side;
         let choice = self.choice(up.z)?;
-        let to_transmission = choice.diffuse_reflection + choice.diffuse_transmission;
         let (wi, lobe) = if u_lobe < choice.diffuse_reflection {
             (warp::square_to_cosine_hemisphere(u), Lobe::Diffuse)
-        } else if u_lobe < to_transmission {
+        } else if u_lobe < choice.to[0] {
             (-warp::square_to_cosine_hemisphere(u), Lobe::Diffuse)
-        } else if u_lobe < to_transmission + choice.transmission {
+        } else if u_lobe < choice.to[1] {
             (mirrored(Facet::mirror(up, self.transmitting().sample(up, u))?.0), Lobe::Glossy)
         } else if choice.reflection > 0.0 {
             (Facet::mirror(up, self.reflecting().sample(up, u))?.0, Lobe::Glossy)

@@ -5,6 +5,7 @@ use super::microfacet::Microfacets;
 use super::{BsdfEval, BsdfSample, Dielectric, Lobe, fresnel, mask};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
+use crate::sampling::hash::probability_below;
 
 /// Reflection and refraction of radiance at a boundary of microfacets.
 ///
@@ -51,7 +52,7 @@ impl RoughDielectric {
         let reflected = reflectance * self.specular_reflectance.max_component();
         let transmitted = (1.0 - reflectance) * self.specular_transmittance.max_component();
         let total = reflected + transmitted;
-        if total > 0.0 { reflected / total } else { 1.0 }
+        if total > 0.0 { probability_below(reflected / total) } else { 1.0 }
     }
 
     /// Reflection as [Walter 2007, Eq. 20]; transmission as Eq. 21 over the squared ratio of the indices, because

@@ -26,8 +26,8 @@ impl Bsdf<'_> {
         match self {
             Bsdf::Null => self.choice(wo, 0.0, 1.0, found),
             Bsdf::Conductor(_) => self.choice(wo, 0.0, 1.0, found),
-            Bsdf::Dielectric(b) => self.two_choices(wo, b.reflectance(wo), found),
-            Bsdf::ThinDielectric(b) => self.two_choices(wo, b.reflectance(wo.z.abs()), found),
+            Bsdf::Dielectric(b) => self.two_choices(wo, b.reflection_probability(wo), found),
+            Bsdf::ThinDielectric(b) => self.two_choices(wo, b.reflection_probability(wo), found),
             Bsdf::RoughDielectric(b) if b.is_passing() => self.choice(wo, 0.0, 1.0, found),
             Bsdf::Plastic(b) if wo.z > 0.0 => {
                 let r = fresnel::dielectric(wo.z, b.eta).reflectance;
@@ -45,12 +45,15 @@ impl Bsdf<'_> {
                     SpecularLobe { wi: hole.wi, weight: hole.weight, eta: hole.eta }.scaled(1.0 - b.opacity),
                 );
             }
-            Bsdf::Tilted(b) => b.inner.specular_lobes(b.frame.to_local(wo), &mut |lobe| {
-                let wi = b.frame.to_world(lobe.wi);
-                if wi.z * lobe.wi.z > 0.0 {
-                    found(SpecularLobe { wi, weight: lobe.weight * b.shadowing(wi), ..lobe });
-                }
-            }),
+            Bsdf::Tilted(b) => {
+                let tilt = b.seen_from(wo);
+                tilt.inner.specular_lobes(tilt.frame.to_local(wo), &mut |lobe| {
+                    let wi = tilt.frame.to_world(lobe.wi);
+                    if wi.z * lobe.wi.z > 0.0 {
+                        found(SpecularLobe { wi, weight: lobe.weight * tilt.shadowing(wi), ..lobe });
+                    }
+                });
+            }
             Bsdf::TwoSided(b) if wo.z >= 0.0 => b.sides[0].specular_lobes(wo, found),
             Bsdf::TwoSided(b) => b.sides[1].specular_lobes(mirrored(wo), &mut |lobe| {
                 found(SpecularLobe { wi: mirrored(lobe.wi), ..lobe });
@@ -126,7 +129,7 @@ mod tests {
         let plastic = Bsdf::Plastic(Plastic::new(Rgb::new(0.5, 0.2, 0.1), Rgb::WHITE, 1.5, false));
         let diffuse = Bsdf::Diffuse(Diffuse { reflectance: Rgb::WHITE });
         let frame = Frame::from_normal(Vec3::new(0.2, 0.1, 1.0).normalize());
-        let tilted = Bsdf::Tilted(Tilted { frame, soften: true, inner: &plastic });
+        let tilted = Bsdf::Tilted(Tilted { frame, soften: true, inner: &plastic, turned: None });
         let blend = Bsdf::Blend(Blend { weight: 0.25, bsdfs: [&diffuse, &thin] });
         let mask = Bsdf::Mask(Mask { opacity: 0.75, inner: &plastic });
         let sides = Bsdf::TwoSided(TwoSided { sides: [&diffuse, &mask] });

@@ -50,10 +50,11 @@ impl<'a> Bsdf<'a> {
                 Split { diffuse: blend(parts.map(|p| p.diffuse)), rest: blend(parts.map(|p| p.rest)) }
             }
             Bsdf::Tilted(b) => {
+                let Tilted { frame, soften, inner, .. } = *b.seen_from(wo);
                 let tilt = |inner: &'a Bsdf<'a>| -> &'a Bsdf<'a> {
-                    arena.alloc(Bsdf::Tilted(Tilted { frame: b.frame, soften: b.soften, inner }))
+                    arena.alloc(Bsdf::Tilted(Tilted { frame, soften, inner, turned: None }))
                 };
-                let Split { diffuse, rest } = b.inner.split(b.frame.to_local(wo), arena);
+                let Split { diffuse, rest } = inner.split(frame.to_local(wo), arena);
                 Split { diffuse: diffuse.map(tilt), rest: rest.map(tilt) }
             }
             Bsdf::TwoSided(b) => {
@@ -88,7 +89,10 @@ impl<'a> Bsdf<'a> {
                 let [first, second] = b.bsdfs.map(|bsdf| bsdf.radiance_per_irradiance(wo));
                 first * (1.0 - b.weight) + second * b.weight
             }
-            Bsdf::Tilted(b) => b.inner.radiance_per_irradiance(b.frame.to_local(wo)),
+            Bsdf::Tilted(b) => {
+                let tilt = b.seen_from(wo);
+                tilt.inner.radiance_per_irradiance(tilt.frame.to_local(wo))
+            }
             Bsdf::TwoSided(b) if wo.z >= 0.0 => b.sides[0].radiance_per_irradiance(wo),
             Bsdf::TwoSided(b) => b.sides[1].radiance_per_irradiance(mirrored(wo)),
             _ => Rgb::BLACK,
@@ -98,7 +102,10 @@ impl<'a> Bsdf<'a> {
     /// The normal, in the local frame, of the surface whose irradiance counts for light that leaves along `wo`.
     pub fn receiving_normal(&self, wo: Vec3) -> Vec3 {
         match self {
-            Bsdf::Tilted(b) => b.frame.to_world(b.inner.receiving_normal(b.frame.to_local(wo))),
+            Bsdf::Tilted(b) => {
+                let Tilted { frame, inner, .. } = b.seen_from(wo);
+                frame.to_world(inner.receiving_normal(frame.to_local(wo)))
+            }
             Bsdf::TwoSided(b) if wo.z < 0.0 => mirrored(b.sides[1].receiving_normal(mirrored(wo))),
             Bsdf::TwoSided(b) => b.sides[0].receiving_normal(wo),
             _ => Vec3::Z,
@@ -170,7 +177,8 @@ mod tests {
     fn a_tilted_surface_receives_along_its_own_normal() {
         let white = Bsdf::Diffuse(Diffuse { reflectance: Rgb::WHITE });
         let n = Vec3::new(0.6, 0.0, 0.8);
-        let tilted = Bsdf::Tilted(Tilted { frame: Frame::from_normal(n), soften: false, inner: &white });
+        let tilted =
+            Bsdf::Tilted(Tilted { frame: Frame::from_normal(n), soften: false, inner: &white, turned: None });
         assert!((tilted.receiving_normal(Vec3::Z) - n).length() < 1e-6);
         assert!(tilted.split(Vec3::Z, &Bump::new()).rest.is_none());
     }

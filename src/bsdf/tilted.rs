@@ -14,6 +14,9 @@ pub struct Tilted<'a> {
     pub soften: bool,
     /// What scatters.
     pub inner: &'a Bsdf<'a>,
+    /// What a viewer sees for whom this normal is on the other side than the surface's; `None` where there is nothing
+    /// else, or where the viewer is known and this is what it sees.
+    pub turned: Option<&'a Tilted<'a>>,
 }
 
 fn tan2(w: Vec3) -> f32 {
@@ -32,20 +35,30 @@ impl Tilted<'_> {
         2.0 / (1.0 + (1.0 + alpha2 * tan2(wi)).sqrt())
     }
 
+    /// The tilt that a viewer in the direction `wo` sees.
+    pub(super) fn seen_from(&self, wo: Vec3) -> &Self {
+        match self.turned {
+            Some(turned) if wo.z * self.frame.n.dot(wo) <= 0.0 => turned,
+            _ => self,
+        }
+    }
+
     /// The inner BSDF in its frame. It returns what is to be multiplied by the cosine to the surface's normal.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
-        let inner_wi = self.frame.to_local(wi);
+        let Tilted { frame, inner, .. } = self.seen_from(wo);
+        let inner_wi = frame.to_local(wi);
         if wi.z * inner_wi.z <= 0.0 {
             return BsdfEval::ZERO;
         }
-        let BsdfEval { f, pdf } = self.inner.eval(self.frame.to_local(wo), inner_wi);
+        let BsdfEval { f, pdf } = inner.eval(frame.to_local(wo), inner_wi);
         BsdfEval { f: f * (self.shadowing(wi) * inner_wi.z.abs() / wi.z.abs()), pdf }
     }
 
     /// Samples the inner BSDF in its frame.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        let sample = self.inner.sample(self.frame.to_local(wo), u_lobe, u)?;
-        let wi = self.frame.to_world(sample.wi);
+        let Tilted { frame, inner, .. } = self.seen_from(wo);
+        let sample = inner.sample(frame.to_local(wo), u_lobe, u)?;
+        let wi = frame.to_world(sample.wi);
         if wi.z * sample.wi.z <= 0.0 {
             return None;
         }

@@ -10,7 +10,8 @@ pub struct TwoSided<'a> {
     pub sides: [&'a Bsdf<'a>; 2],
 }
 
-pub(super) fn mirrored(w: Vec3) -> Vec3 {
+/// A direction, mirrored in the surface.
+pub fn mirrored(w: Vec3) -> Vec3 {
     Vec3::new(w.x, w.y, -w.z)
 }
 

@@ -91,7 +91,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
     files.iter().try_for_each(|file| image::check_replaceable(file))?;
     image::set_threads(options.threads);
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress)?;
+    let signal = listen(&progress, None)?;
     let tell = |line: &str| {
         if !args.quiet {
             eprintln!("buffon: {line}");

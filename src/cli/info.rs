@@ -56,12 +56,13 @@ fn describe_photons(contents: &photon::file::Contents) -> String {
         let _ = writeln!(text, "{what:<12} {hash:016x}");
     }
     for map in &contents.maps {
-        let half = ["A", "B"][map.label.half as usize];
+        let replicate = map.label.replicate;
         let photons = counted(map.photons, "photon", "photons");
         let paths = counted(map.emitted, "light path", "light paths");
         let mib = map.photons as f64 * photon::PhotonMap::BYTES_PER_PHOTON / (1024.0 * 1024.0);
         let name = map.label.light.name();
-        let _ = writeln!(text, "{name:<12} {photons} of {paths} for half {half}, {mib:.1} MiB in use");
+        let _ =
+            writeln!(text, "{name:<12} {photons} of {paths} for replicate {replicate}, {mib:.1} MiB in use");
     }
     text
 }

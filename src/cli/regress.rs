@@ -167,7 +167,7 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
     let options = options(args);
     image::set_threads(options.threads);
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress)?;
+    let signal = listen(&progress, None)?;
     announce(args, &found)?;
     let width = found.scenes.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
     let mut printed = Ok(0);

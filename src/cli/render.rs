@@ -149,7 +149,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         eprintln!("buffon: note: {advice}");
     }
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress)?;
+    let signal = listen(&progress, Some(early_exit(args, &target)))?;
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
     let code = match signal.load(Ordering::Relaxed) {
         0 => 0,
@@ -177,6 +177,22 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     warn_of_values(args, &target, &rendered, report.clamped_half)?;
     rendered.kept.map(|()| code)
+}
+
+/// Says that a signal has come before the first sample, and gives the exit code for it.
+pub(super) type EarlyExit = Box<dyn Fn(i32) -> i32 + Send>;
+
+/// The end of a render that has not begun to sample.
+fn early_exit(args: &RenderArgs, target: &Path) -> EarlyExit {
+    let resumed = args.checkpoint.clone().filter(|file| args.resume && file.exists());
+    let target = target.to_owned();
+    Box::new(move |signal| {
+        eprintln!("buffon: interrupted before the first sample: {} is left as it was", target.display());
+        match resumed {
+            Some(_) => INTERRUPTED_WITH_CHECKPOINT.into(),
+            None => 128 + signal,
+        }
+    })
 }
 
 /// Exit code of a render that a signal has stopped, and that can be gone on with.
@@ -263,8 +279,9 @@ fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
     Ok(())
 }
 
-/// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit.
-pub(super) fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
+/// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit. A signal before the first
+/// sample is an exit with the code that `early` gives for it, for nothing is lost then.
+pub(super) fn listen(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Result<Arc<AtomicI32>> {
     let caught = Arc::new(AtomicI32::new(0));
     let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM])
         .map_err(|e| Error::internal(format!("cannot listen for signals: {e}")))?;
@@ -272,7 +289,11 @@ pub(super) fn listen(progress: &Arc<Progress>) -> Result<Arc<AtomicI32>> {
     std::thread::spawn(move || {
         for signal in signals.forever() {
             if caught.swap(signal, Ordering::Relaxed) != 0 {
-                std::process::exit(128 + signal);
+                signal_hook::low_level::exit(128 + signal);
+            }
+            if let Some(early) = early.as_ref().filter(|_| !progress.has_begun()) {
+                // Preparation has no point at which it could be left within a moment: building a photon map, say.
+                signal_hook::low_level::exit(early(signal));
             }
             progress.interrupt();
         }

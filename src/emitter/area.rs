@@ -38,7 +38,7 @@ pub(super) enum Surface {
     Disk { center: Vec3, du: Vec3, dv: Vec3, normal: Vec3 },
     /// Uniformly in the area.
     Cylinder { p0: Vec3, axis: Vec3, side: [Vec3; 2], inward: bool },
-    /// A triangle by its area (times the light of a texture on it), then uniformly in the triangle.
+    /// A triangle by its area, with an even share for each, then uniformly in the triangle.
     Mesh {
         mesh: Arc<TriangleMesh>,
         triangles: Distribution1D,
@@ -310,10 +310,13 @@ impl AreaEmitter {
 
     /// Density per unit area with which a point is drawn that is not drawn by solid angle.
     fn density(&self, hit: &Hit, p: Vec3) -> f32 {
-        match (&self.light, &self.shape) {
+        match (&self.surface, &self.light, &self.shape) {
             // On a border rounding may leave the square.
-            (Some(light), Some(shape)) => {
+            (_, Some(light), Some(shape)) => {
                 self.uniform() * light.pdf(shape.uv(hit, p).clamp(Vec2::ZERO, Vec2::ONE))
+            }
+            (Surface::Mesh { mesh, triangles, .. }, ..) => {
+                density_of_triangle(mesh, triangles, hit.primitive as usize)
             }
             _ => self.uniform(),
         }
@@ -396,7 +399,7 @@ impl AreaEmitter {
                     p: p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y,
                     error: plane_error(p0.abs().max(p1.abs()).max(p2.abs()) * gamma(10), n),
                     n,
-                    pdf: uniform,
+                    pdf: Density::PerArea(density_of_triangle(mesh, triangles, choice.index)),
                     place: Place::Hit(hit_at(choice.index as u32, b.x, b.y)),
                     to: None,
                 }
@@ -410,18 +413,32 @@ fn hit_at(primitive: u32, u: f32, v: f32) -> Hit {
     Hit { t: 0.0, u, v, geometry: 0, primitive, instance: NO_INSTANCE }
 }
 
+/// The area of a triangle of a mesh; 0 for one that no ray can hit.
+fn area_of_triangle(mesh: &TriangleMesh, i: usize) -> f64 {
+    valid_triangle(&mesh.positions, mesh.indices[i]).map_or(0.0, |corners| {
+        let [a, b, c] = corners.map(Vec3::as_dvec3);
+        0.5 * (b - a).cross(c - a).length()
+    })
+}
+
+/// Density per unit area of a point of triangle `i`: the probability with which it is drawn over its area.
+fn density_of_triangle(mesh: &TriangleMesh, triangles: &Distribution1D, i: usize) -> f32 {
+    match triangles.pmf(i) {
+        0.0 => 0.0,
+        probability => (f64::from(probability) / area_of_triangle(mesh, i)) as f32,
+    }
+}
+
+/// The share of the samples of a mesh that its triangles get evenly, whatever their areas: the largest one may be turned
+/// away from what the others light.
+const EVEN_SHARE: f64 = 0.1;
+
 fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(Surface, f64)> {
-    // What no ray can hit sends no light.
-    let area = |triangle: &[u32; 3]| match valid_triangle(&mesh.positions, *triangle) {
-        Some(corners) => {
-            let [a, b, c] = corners.map(Vec3::as_dvec3);
-            0.5 * (b - a).cross(c - a).length()
-        }
-        None => 0.0,
-    };
-    let areas: Vec<f64> = mesh.indices.iter().map(area).collect();
-    let triangles = Distribution1D::new(&areas);
-    let area = areas.iter().sum();
+    let areas: Vec<f64> = (0..mesh.indices.len()).map(|i| area_of_triangle(mesh, i)).collect();
+    let area: f64 = areas.iter().sum();
+    let each = area / Distribution1D::count(&areas).max(1) as f64;
+    let share = |area: &f64| if *area > 0.0 { (1.0 - EVEN_SHARE) * area + EVEN_SHARE * each } else { 0.0 };
+    let triangles = Distribution1D::new(&areas.iter().map(share).collect::<Vec<_>>());
     let centre = centre::of_plane(mesh, &areas);
     (!triangles.is_empty()).then(|| (Surface::Mesh { mesh: mesh.clone(), triangles, centre }, area))
 }

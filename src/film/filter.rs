@@ -2,7 +2,7 @@
 //! [Ernst, Stamminger and Greiner 2006]
 
 use super::Filter;
-use crate::math::Vec2;
+use crate::math::{DVec2, Vec2};
 use crate::sampling::warp;
 use std::f64::consts::PI;
 
@@ -107,8 +107,8 @@ impl FilterSampler {
     }
 
     /// The filter at an offset from the pixel's centre, normalised to integrate to 1.
-    pub fn eval(&self, offset: Vec2) -> f32 {
-        let along = |x: f32| self.filter.eval(x.into()) / self.integral;
+    pub fn eval(&self, offset: DVec2) -> f32 {
+        let along = |x: f64| self.filter.eval(x) / self.integral;
         (along(offset.x) * along(offset.y)) as f32
     }
 
@@ -221,6 +221,6 @@ mod tests {
         assert!(lanczos.eval(1.0).abs() < 1e-12 && lanczos.eval(0.0) == 1.0 && lanczos.eval(1.5) < 0.0);
         assert!((Filter::CatmullRom.eval(0.5) - 0.5625).abs() < 1e-12);
         let sampler = FilterSampler::new(Filter::Box { radius: 0.5 });
-        assert!((sampler.eval(Vec2::new(0.2, -0.3)) - 1.0).abs() < 1e-6);
+        assert!((sampler.eval(DVec2::new(0.2, -0.3)) - 1.0).abs() < 1e-6);
     }
 }

@@ -1,25 +1,28 @@
-//! The sums of a part of the film, kept in two halves.
+//! The sums of a part of the film, kept by replicate.
 
 use super::PixelRect;
 use crate::estimate::replicates::{BLOCK, Block, ErrorSums};
 use crate::math::Sum;
+use std::ops::Range;
 
 /// Sums of the samples of a rectangle of pixels.
 ///
-/// Sample `i` of a pixel belongs to half `i mod 2`. Sums are compensated ([`Sum`]): neither the order of the samples nor
+/// Sample `i` of a pixel belongs to replicate `i mod n` of n, an even number: the even replicates are one half of the samples, the
+/// odd ones the other. Sums are compensated ([`Sum`]): neither the order of the samples nor
 /// their division into passes, ranges and parts that are merged changes a bit.
 #[derive(Clone, Debug)]
 pub struct Tile {
     /// Its place in the full image.
     pub rect: PixelRect,
     channels: usize,
-    /// By pixel, half and channel.
+    replicates: usize,
+    /// By pixel, replicate and channel.
     sums: Vec<Sum>,
-    /// By pixel and half.
+    /// By pixel and replicate.
     counts: Vec<u64>,
 }
 
-/// The mean of a channel over both halves, and what their difference says about its error.
+/// The mean of a channel over all samples, and what the difference of their halves says about its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The mean over all samples.
@@ -29,15 +32,21 @@ pub struct Estimate {
 }
 
 impl Tile {
-    /// An empty tile with so many channels.
-    pub fn new(rect: PixelRect, channels: usize) -> Self {
+    /// An empty tile with so many channels and replicates.
+    pub fn new(rect: PixelRect, channels: usize, replicates: usize) -> Self {
         let pixels = rect.width as usize * rect.height as usize;
         Tile {
             rect,
             channels,
-            sums: vec![Sum::default(); pixels * 2 * channels],
-            counts: vec![0; pixels * 2],
+            replicates,
+            sums: vec![Sum::default(); pixels * replicates * channels],
+            counts: vec![0; pixels * replicates],
         }
+    }
+
+    /// How many replicates the samples are divided among.
+    pub fn replicates(&self) -> usize {
+        self.replicates
     }
 
     /// Pixels of the tile.
@@ -52,20 +61,20 @@ impl Tile {
         (self.rect.x + x, self.rect.y + y)
     }
 
-    /// Adds the next sample of a half to pixel `i`.
+    /// Adds the next sample of a replicate to pixel `i`.
     #[inline]
-    pub fn add(&mut self, i: usize, half: usize, values: &[f32]) {
-        let start = (2 * i + half) * self.channels;
+    pub fn add(&mut self, i: usize, replicate: usize, values: &[f32]) {
+        let start = (self.replicates * i + replicate) * self.channels;
         let sums = &mut self.sums[start..start + self.channels];
         for (sum, v) in sums.iter_mut().zip(values) {
             sum.add(f64::from(*v));
         }
-        self.counts[2 * i + half] += 1;
+        self.counts[self.replicates * i + replicate] += 1;
     }
 
-    /// Adds to the sums of a half of pixel `i` without counting a sample.
-    pub fn splat(&mut self, i: usize, half: usize, values: [f32; 3]) {
-        let start = (2 * i + half) * self.channels;
+    /// Adds to the sums of a replicate of pixel `i` without counting a sample.
+    pub fn splat(&mut self, i: usize, replicate: usize, values: [f32; 3]) {
+        let start = (self.replicates * i + replicate) * self.channels;
         for (sum, v) in self.sums[start..start + 3].iter_mut().zip(values) {
             sum.add(f64::from(v));
         }
@@ -74,10 +83,10 @@ impl Tile {
     /// Adds the samples of another tile of the same place and channels.
     ///
     /// # Panics
-    /// If it is another place, or if it has other channels.
+    /// If it is another place, or if it has other channels or replicates.
     pub fn merge(&mut self, other: &Tile) {
         assert!(
-            (self.rect, self.channels) == (other.rect, other.channels),
+            (self.rect, self.channels, self.replicates) == (other.rect, other.channels, other.replicates),
             "{:?}, {:?}",
             self.rect,
             other.rect
@@ -113,13 +122,35 @@ impl Tile {
 
     /// Samples of pixel `i`.
     pub fn count(&self, i: usize) -> u64 {
-        self.counts[2 * i] + self.counts[2 * i + 1]
+        self.counts_of(i).iter().sum()
+    }
+
+    /// Samples of each replicate of pixel `i`.
+    fn counts_of(&self, i: usize) -> &[u64] {
+        &self.counts[self.replicates * i..][..self.replicates]
+    }
+
+    /// The sum of a replicate of channel `c` of pixel `i`.
+    fn sum(&self, i: usize, replicate: usize, c: usize) -> f64 {
+        self.sums[(self.replicates * i + replicate) * self.channels + c].value()
+    }
+
+    /// The mean of a replicate of channel `c` of pixel `i`; `None` without samples.
+    pub fn replicate_mean(&self, i: usize, replicate: usize, c: usize) -> Option<f64> {
+        let n = self.counts_of(i)[replicate];
+        (n > 0).then(|| self.sum(i, replicate, c) / n as f64)
+    }
+
+    /// Samples and sum of a half of channel `c` of pixel `i`.
+    fn half(&self, i: usize, half: usize, c: usize) -> (u64, f64) {
+        let replicates = (half..self.replicates).step_by(2);
+        let counts = self.counts_of(i);
+        replicates.fold((0, 0.0), |(n, sum), r| (n + counts[r], sum + self.sum(i, r, c)))
     }
 
     /// Mean and variance of channel `c` of pixel `i`; zero without samples.
     pub fn estimate(&self, i: usize, c: usize) -> Estimate {
-        let [n_a, n_b] = [self.counts[2 * i], self.counts[2 * i + 1]];
-        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c].value());
+        let [(n_a, a), (n_b, b)] = [0, 1].map(|half| self.half(i, half, c));
         let n = n_a + n_b;
         if n == 0 {
             return Estimate { mean: 0.0, variance: None };
@@ -137,7 +168,7 @@ impl Tile {
 
     /// Whether both halves of a pixel have samples.
     pub fn has_replicates(&self) -> bool {
-        self.counts.chunks_exact(2).any(|halves| halves[0] > 0 && halves[1] > 0)
+        (0..self.pixel_count()).any(|i| self.estimate(i, 0).variance.is_some())
     }
 
     /// Mean and difference of the halves of channel `c` of pixel `i`; zero without samples in both halves.
@@ -145,28 +176,29 @@ impl Tile {
     /// The square of the difference is the variance of [`estimate`](Self::estimate); its sign tells which half
     /// is the brighter one.
     #[inline]
-    pub fn replicates(&self, i: usize, c: usize) -> [f64; 2] {
-        let [n_a, n_b] = [self.counts[2 * i] as f64, self.counts[2 * i + 1] as f64];
+    pub fn halves(&self, i: usize, c: usize) -> [f64; 2] {
+        let [(n_a, a), (n_b, b)] = [0, 1].map(|half| self.half(i, half, c));
+        let [n_a, n_b] = [n_a as f64, n_b as f64];
         if n_a == 0.0 || n_b == 0.0 {
             return [0.0; 2];
         }
-        let [a, b] = [0, 1].map(|half| self.sums[(2 * i + half) * self.channels + c].value());
         let n = n_a + n_b;
         // √(w (1 − w)) with w = n_a / n.
         [(a + b) / n, (n_a * n_b).sqrt() / n * (a / n_a - b / n_b)]
     }
 
-    /// What the halves of the first three channels say about the error of the image.
+    /// What the replicates of the first three channels say about the error of the image.
     pub fn error_sums(&self) -> ErrorSums {
         let (width, height) = (self.rect.width as usize, self.rect.height as usize);
-        let mut sums = ErrorSums::default();
+        let mut sums = ErrorSums::new(self.replicates);
         for top in (0..height).step_by(BLOCK) {
             for left in (0..width).step_by(BLOCK) {
-                let mut block = Block::new(BLOCK.min(width - left), BLOCK.min(height - top));
-                for y in top..(top + BLOCK).min(height) {
-                    for x in left..(left + BLOCK).min(width) {
+                let size = [BLOCK.min(width - left), BLOCK.min(height - top)];
+                let mut block = Block::new(size[0], size[1], self.replicates);
+                for y in top..top + size[1] {
+                    for x in left..left + size[0] {
                         for c in 0..3 {
-                            block.set(x - left, y - top, c, self.replicates(y * width + x, c));
+                            self.set_pixel(&mut block, y * width + x, [x - left, y - top], c);
                         }
                     }
                 }
@@ -176,9 +208,38 @@ impl Tile {
         sums
     }
 
-    /// Bytes of the sums of a pixel with so many channels.
-    pub fn bytes_per_pixel(channels: usize) -> usize {
-        2 * (channels * size_of::<Sum>() + size_of::<u64>())
+    fn set_pixel(&self, block: &mut Block, i: usize, [x, y]: [usize; 2], c: usize) {
+        let [mean, difference] = self.halves(i, c);
+        block.set(x, y, c, [mean, difference]);
+        if self.replicates > 2 {
+            let each = self.count(i) as f64 / self.replicates as f64;
+            for (r, &n) in self.counts_of(i).iter().enumerate() {
+                let deviation = self.replicate_mean(i, r, c).map_or(0.0, |value| value - mean);
+                block.set_deviation(x, y, c, r, (n as f64 / each).sqrt() * deviation);
+            }
+        }
+    }
+
+    /// The sums over the first three channels of the pixels in a part of the tile (columns and rows, counted from its corner) of the
+    /// means of each replicate; `None` where a pixel has no samples of it.
+    pub fn replicate_sums(&self, columns: Range<usize>, rows: Range<usize>) -> Vec<Option<[f64; 3]>> {
+        let width = self.rect.width as usize;
+        let pixels = || rows.clone().flat_map(|y| columns.clone().map(move |x| y * width + x));
+        let sum = |r: usize| {
+            let mut sum = [0.0; 3];
+            for i in pixels() {
+                for (c, sum) in sum.iter_mut().enumerate() {
+                    *sum += self.replicate_mean(i, r, c)?;
+                }
+            }
+            Some(sum)
+        };
+        (0..self.replicates).map(sum).collect()
+    }
+
+    /// Bytes of the sums of a pixel with so many channels and replicates.
+    pub fn bytes_per_pixel(channels: usize, replicates: usize) -> usize {
+        replicates * (channels * size_of::<Sum>() + size_of::<u64>())
     }
 
     /// Bytes of its sums.
@@ -187,18 +248,26 @@ impl Tile {
     }
 }
 
+/// The variance of a mean that is the mean of independent replicates: an unbiased estimate, from two of them on.
+pub fn variance_of_mean(replicates: impl Iterator<Item = f64> + Clone) -> Option<f64> {
+    let k = replicates.clone().count() as f64;
+    let mean = replicates.clone().sum::<f64>() / k;
+    let squares = replicates.map(|value| (value - mean).powi(2)).sum::<f64>();
+    (k > 1.0).then(|| squares / (k * (k - 1.0)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn pixel() -> Tile {
-        Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3)
+        Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3, 2)
     }
 
     #[test]
     fn a_tile_takes_what_was_planned() {
-        let tile = Tile::new(PixelRect { x: 3, y: 4, width: 16, height: 5 }, 7);
-        assert_eq!(tile.memory_bytes(), 80 * Tile::bytes_per_pixel(7));
+        let tile = Tile::new(PixelRect { x: 3, y: 4, width: 16, height: 5 }, 7, 8);
+        assert_eq!(tile.memory_bytes(), 80 * Tile::bytes_per_pixel(7, 8));
     }
 
     #[test]
@@ -218,8 +287,30 @@ mod tests {
         assert_eq!(tile.estimate(0, 0).variance, None);
         tile.add(0, 1, &[3.0; 3]);
         assert_eq!(tile.estimate(0, 0), Estimate { mean: 2.0, variance: Some(1.0) });
-        assert_eq!(tile.replicates(0, 0), [2.0, -1.0]);
-        let estimate = tile.error_sums().estimate().expect("a pixel");
+        assert_eq!(tile.halves(0, 0), [2.0, -1.0]);
+        let estimate = tile.error_sums().estimate(2).expect("a pixel");
         assert!((estimate.relmse - 1.0 / 4.01).abs() < 1e-7, "{estimate:?}");
+    }
+
+    #[test]
+    fn eight_replicates_estimate_the_variance_of_any_mean() {
+        let rect = PixelRect { x: 0, y: 0, width: 2, height: 1 };
+        let mut tile = Tile::new(rect, 3, 8);
+        let values = [3.0, 1.0, 4.0, 1.0, 5.0, 9.0, 2.0, 6.0];
+        for (r, v) in values.into_iter().enumerate() {
+            tile.add(0, r, &[v; 3]);
+            tile.add(1, r, &[2.0 * v; 3]);
+        }
+        let expected = variance_of_mean(values.into_iter().map(f64::from)).expect("eight of them");
+        // Even ones against odd ones.
+        let Estimate { mean, variance } = tile.estimate(0, 1);
+        assert!(
+            (mean - 3.875).abs() < 1e-12
+                && (variance.unwrap() - (0.5f64 * (3.5 - 4.25)).powi(2)).abs() < 1e-12
+        );
+        // Both pixels err alike: the sum is three times the first.
+        let sums = tile.replicate_sums(0..2, 0..1);
+        let of_sum = variance_of_mean(sums.iter().flatten().map(|sum| sum[0])).expect("eight of them");
+        assert!((of_sum - 9.0 * expected).abs() < 1e-9);
     }
 }

@@ -7,6 +7,13 @@ use crate::estimate::metrics;
 
 /// The layer that holds the variance of the picture's values.
 pub(super) const VARIANCE: &str = "variance";
+/// The layer that holds the variance of sums over blocks, where pixels share noise.
+pub(super) const BLOCK_VARIANCE: &str = "block_variance";
+
+/// Whether a channel says how uncertain the picture is, and not what it shows.
+pub fn is_of_noise(channel: &str) -> bool {
+    [VARIANCE, BLOCK_VARIANCE].contains(&layer_of(channel))
+}
 
 /// Where a value is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,6 +80,8 @@ pub enum NotComparable {
     Channels(Vec<String>, Vec<String>),
     /// A z-test needs variances: the channels that are missing, in all of the images.
     NoVariance(Vec<String>),
+    /// The pixels of an image share noise, and it does not say how much.
+    NoBlockVariance,
     /// A variance is negative or no number.
     BadVariance(Location),
     /// The library failed.
@@ -89,6 +98,10 @@ impl fmt::Display for NotComparable {
             NotComparable::NoVariance(names) => {
                 write!(f, "a z-test needs variances: no image has the channels {}", names.join(", "))
             }
+            NotComparable::NoBlockVariance => f.write_str(
+                "the pixels of an image share noise, and it has no layer block_variance to say how much: expected one \
+                 that was rendered with --aov variance",
+            ),
             NotComparable::BadVariance(at) => {
                 write!(f, "a z-test needs variances of at least 0, found another at {at}")
             }
@@ -167,7 +180,7 @@ fn common_layers(a: &Image, b: &Image) -> Result<(Vec<String>, Vec<String>), Not
     let differ = || NotComparable::Channels(a.channels.clone(), b.channels.clone());
     let (mut layers, mut ignored) = (Vec::<String>::new(), Vec::new());
     for (image, other) in [(a, b), (b, a)] {
-        for channel in image.channels.iter().filter(|c| layer_of(c) != VARIANCE) {
+        for channel in image.channels.iter().filter(|c| !is_of_noise(c)) {
             let layer = layer_of(channel);
             if other.channel(channel).is_some() {
                 if !layers.iter().any(|l| l == layer) {

@@ -24,10 +24,11 @@ mod rounding;
 mod srgb;
 mod texture;
 mod write;
-mod ztest;
+pub mod ztest;
 
 pub use compare::{
     Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,
+    is_of_noise,
 };
 pub use format::{Backend, backend, set_threads};
 pub use heat::{HeatScale, heat};

@@ -1,16 +1,26 @@
 //! Whether two images may be estimates of the same picture, judged by their variances.
 
-use super::Image;
-use super::compare::{Location, NotComparable, VARIANCE, layer_channels, location};
+use super::compare::{BLOCK_VARIANCE, Location, NotComparable, VARIANCE, layer_channels, location};
 use super::rounding::Rounding;
+use super::{Image, Value};
 use crate::estimate::student::{of_all, quantile, share, tail};
+
+/// The metadata that says whether the pixels of an image share noise.
+pub const NOISE: &str = "buffon:noise";
+/// What [`NOISE`] says if they do.
+pub const SHARED_NOISE: &str = "shared by pixels";
+/// The metadata that says how many independent replicates the variances of an image with shared noise are from.
+pub const REPLICATES: &str = "buffon:replicates";
+/// The beginning of the metadata that hold the variance of the mean of a channel of such an image.
+pub const MEAN_VARIANCE: &str = "buffon:mean_variance.";
 
 /// The outcome of a z-test of the picture, in blocks of [`ZTest::SIDE`]² pixels and each channel by itself.
 ///
 /// z = Σ(a − b) / √Σ(var a + var b) over the pixels of a block, where a variance is that of the stored value (not of
 /// a single sample). A variance that is estimated from two halves has one degree of freedom, and z by pixels would
 /// have tails without a mean; the sum over a block has ν = 3·(Σv)²/Σv² − 2 [Satterthwaite 1946, with the squares
-/// of such estimates three times too large]. A block is accepted if a Student's t of ν degrees of freedom is as far
+/// of such estimates three times too large]. Where pixels share noise, the variance of a block is the one that its replicates give, of
+/// one degree of freedom less than there are replicates. A block is accepted if a Student's t of ν degrees of freedom is as far
 /// out with a probability of at least α′, where α′ = 1 − (1 − α)^(1/n) [Šidák 1967] makes α the probability that any
 /// of the n blocks of a right pair is rejected.
 ///
@@ -83,9 +93,6 @@ pub struct ZTestOptions<'a> {
     /// variance is expected to be so many times that of the second, and where it seems to be less, the expected
     /// one counts. An image that has missed what is rarely found does not know its variance.
     pub sample_ratio: Option<f64>,
-    /// How many pixels share each piece of noise: 1 if pixels are independent. Variances of sums are so many times
-    /// those of independent pixels, at most.
-    pub shared_by: f64,
 }
 
 /// Tests whether two images estimate the same picture. Variances are taken from the layer `variance` of
@@ -104,7 +111,7 @@ pub fn z_test(
     variance_of_b: Option<&Image>,
     significance: f64,
 ) -> Result<ZTest, NotComparable> {
-    z_test_with(a, b, &ZTestOptions { variance_of_b, significance, sample_ratio: None, shared_by: 1.0 })
+    z_test_with(a, b, &ZTestOptions { variance_of_b, significance, sample_ratio: None })
 }
 
 /// [`z_test`] with all options.
@@ -115,7 +122,7 @@ pub fn z_test(
 /// # Panics
 /// If the significance is not between 0 and 1.
 pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<ZTest, NotComparable> {
-    let ZTestOptions { variance_of_b, significance, sample_ratio, shared_by } = *options;
+    let ZTestOptions { variance_of_b, significance, sample_ratio } = *options;
     assert!(significance > 0.0 && significance < 1.0, "a significance of {significance}");
     for other in std::iter::once(b).chain(variance_of_b) {
         if (a.width, a.height) != (other.width, other.height) {
@@ -131,20 +138,21 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
             variance_of(image, &names)
                 .or_else(|| image.select(&names))
                 .ok_or_else(|| NotComparable::Channels(a.channels.clone(), image.channels.clone()))?,
-        ),
-        None => variance_of(b, &names),
+        )
+        .map(Noise::by_pixels),
+        None => noise_of(b, &names)?,
     };
-    let variances = [variance_of(a, &names), of_b];
-    if variances.iter().all(Option::is_none) {
+    let noise = [noise_of(a, &names)?, of_b];
+    if noise.iter().all(Option::is_none) {
         return Err(NotComparable::NoVariance(names.iter().map(|c| format!("{VARIANCE}.{c}")).collect()));
     }
-    for image in variances.iter().flatten() {
-        if let Some(index) = image.data.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
-            return Err(NotComparable::BadVariance(location(image, index)));
+    for Noise { variances, .. } in noise.iter().flatten() {
+        if let Some(index) = variances.data.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
+            return Err(NotComparable::BadVariance(location(variances, index)));
         }
     }
     let rounding = [Rounding::of(&x), Rounding::of(&r)];
-    Ok(summarise(x, &Pair { r: &r, variances: &variances, rounding, sample_ratio, shared_by }, significance))
+    Ok(summarise(x, &Pair { r: &r, noise: &noise, rounding, sample_ratio }, significance))
 }
 
 /// The variance layer of the picture's channels.
@@ -152,18 +160,87 @@ fn variance_of(image: &Image, names: &[&str]) -> Option<Image> {
     image.select(&names.iter().map(|c| format!("{VARIANCE}.{c}")).collect::<Vec<_>>())
 }
 
+/// What is known of the noise of an image.
+struct Noise {
+    /// By pixel and channel, so that their sum over a block is the variance of its sum.
+    variances: Image,
+    /// Where pixels share noise.
+    shared: Option<SharedNoise>,
+}
+
+/// What is known of noise that pixels share.
+struct SharedNoise {
+    /// The degrees of freedom of the variance of a block, and of the whole.
+    freedom: f64,
+    /// The variance of the sum over all pixels, by channel.
+    of_sum: Vec<f64>,
+}
+
+impl Noise {
+    /// That of independent pixels.
+    fn by_pixels(variances: Image) -> Self {
+        Noise { variances, shared: None }
+    }
+}
+
+/// What an image says of its noise; `None` if it says nothing.
+fn noise_of(image: &Image, names: &[&str]) -> Result<Option<Noise>, NotComparable> {
+    let shares = matches!(image.metadata.get(NOISE), Some(Value::Text(noise)) if noise == SHARED_NOISE);
+    let by_pixels = variance_of(image, names);
+    if !shares || by_pixels.is_none() {
+        return Ok(by_pixels.map(Noise::by_pixels));
+    }
+    let missing = || NotComparable::NoBlockVariance;
+    let layers: Vec<String> = names.iter().map(|c| format!("{BLOCK_VARIANCE}.{c}")).collect();
+    let variances = image.select(&layers).ok_or_else(missing)?;
+    let freedom = match image.metadata.get(REPLICATES) {
+        Some(Value::Int(replicates)) if *replicates > 1 => f64::from(replicates - 1),
+        _ => return Err(missing()),
+    };
+    let pixels = (image.width * image.height) as f64;
+    let of_sum = names.iter().map(|c| match image.metadata.get(&format!("{MEAN_VARIANCE}{c}")) {
+        Some(Value::Float(variance)) => Ok(f64::from(*variance) * pixels * pixels),
+        _ => Err(missing()),
+    });
+    let of_sum = of_sum.collect::<Result<_, _>>()?;
+    Ok(Some(Noise { variances, shared: Some(SharedNoise { freedom, of_sum }) }))
+}
+
 /// What the first image is held against.
 struct Pair<'a> {
     r: &'a Image,
     /// Of the first image, and of the second.
-    variances: &'a [Option<Image>; 2],
+    noise: &'a [Option<Noise>; 2],
     rounding: [Rounding; 2],
     sample_ratio: Option<f64>,
-    shared_by: f64,
 }
 
 /// Rounding of fewer deviations than this decides nothing, and is not taken off.
 const NEGLIGIBLE: f64 = 1e-5;
+
+/// A variance and how well it is known.
+#[derive(Clone, Copy, Default)]
+struct Spread {
+    variance: f64,
+    /// The variance of the variance, half of it: Σ v²/ν.
+    doubt: f64,
+}
+
+impl Spread {
+    fn freedom(self) -> f64 {
+        // A variance whose square is less than the least number is as good as any.
+        let freedom = self.variance * self.variance / self.doubt;
+        if freedom.is_finite() { freedom.max(1.0) } else { 1.0 }
+    }
+
+    fn plus(self, other: Spread) -> Spread {
+        Spread { variance: self.variance + other.variance, doubt: self.doubt + other.doubt }
+    }
+
+    fn times(self, factor: f64) -> Spread {
+        Spread { variance: self.variance * factor, doubt: self.doubt * factor * factor }
+    }
+}
 
 /// Sums over the pixels of a block, in one channel.
 #[derive(Clone, Copy, Default)]
@@ -174,11 +251,12 @@ struct Block {
     rounding: f64,
     /// Whether any two values differ by more than that (or are no numbers), though differences may add up to nothing.
     differs: bool,
-    variance: f64,
-    variance_squared: f64,
-    /// The same from what is expected of the first image's variance.
-    expected: f64,
-    expected_squared: f64,
+    /// Of independent pixels, of either image and of both: the sum of variances, and that of their squares.
+    by_pixels: [[f64; 2]; 3],
+    /// Of images whose pixels share noise.
+    shared: [Option<Spread>; 2],
+    /// What is expected of the first image's noise and the second's together, over the second's.
+    expected: Option<f64>,
 }
 
 impl Block {
@@ -187,31 +265,66 @@ impl Block {
         let (a, b) = (x.data[i], pair.r.data[i]);
         let difference = f64::from(a) - f64::from(b);
         let rounding = pair.rounding[0].bound(a) + pair.rounding[1].bound(b);
-        let variances = pair.variances.each_ref();
-        let [of_a, of_b] =
-            variances.map(|v| v.as_ref().map_or(0.0, |v| pair.shared_by * f64::from(v.data[i])));
-        let expected = pair.sample_ratio.map_or(0.0, |ratio| of_b * (1.0 + ratio));
         self.difference += difference;
         self.reference += f64::from(b);
         self.rounding += rounding;
         self.differs |= difference.abs() > rounding;
-        self.variance += of_a + of_b;
-        self.variance_squared += (of_a + of_b).powi(2);
-        self.expected += expected;
-        self.expected_squared += expected * expected;
+        self.expected = pair.sample_ratio.map(|ratio| 1.0 + ratio);
+        let mut both = 0.0;
+        for (k, noise) in pair.noise.iter().enumerate() {
+            let Some(Noise { variances, shared }) = noise else { continue };
+            let v = f64::from(variances.data[i]);
+            match shared {
+                Some(SharedNoise { freedom, .. }) => {
+                    let variance = self.shared[k].unwrap_or_default().variance + v;
+                    self.shared[k] = Some(Spread { variance, doubt: variance * variance / freedom });
+                }
+                None => {
+                    self.by_pixels[k][0] += v;
+                    self.by_pixels[k][1] += v * v;
+                    both += v;
+                }
+            }
+        }
+        self.by_pixels[2][0] += both;
+        self.by_pixels[2][1] += both * both;
     }
 
-    /// The sum of the variances and that of their squares, of the larger estimate.
-    fn variance(&self) -> (f64, f64) {
-        if self.variance >= self.expected {
-            (self.variance, self.variance_squared)
-        } else {
-            (self.expected, self.expected_squared)
+    /// Takes the variances of the sums over the whole image, where its pixels share noise.
+    fn of_whole(&mut self, pair: &Pair<'_>, channel: usize) {
+        for (spread, noise) in self.shared.iter_mut().zip(pair.noise) {
+            if let Some(SharedNoise { freedom, of_sum }) = noise.as_ref().and_then(|n| n.shared.as_ref()) {
+                let variance = of_sum[channel];
+                *spread = Some(Spread { variance, doubt: variance * variance / freedom });
+            }
         }
     }
 
+    /// What variances of single pixels, of one degree of freedom each, say of their sum.
+    fn of_pixels(&self, k: usize) -> Spread {
+        let [variance, squares] = self.by_pixels[k];
+        // ν = 3·(Σv)²/Σv² − 2.
+        let freedom = 3.0 * variance * variance / squares - 2.0;
+        let freedom = if freedom.is_finite() { freedom.max(1.0) } else { 1.0 };
+        Spread { variance, doubt: variance * variance / freedom }
+    }
+
+    /// The variance of the difference, of the larger estimate.
+    fn spread(&self) -> Spread {
+        let found = self.shared.iter().flatten().fold(self.of_pixels(2), |sum, spread| sum.plus(*spread));
+        let of_second = self.shared[1].unwrap_or_else(|| self.of_pixels(1));
+        match self.expected.map(|factor| of_second.times(factor)) {
+            Some(expected) if expected.variance > found.variance => expected,
+            _ => found,
+        }
+    }
+
+    fn variance(&self) -> f64 {
+        self.spread().variance
+    }
+
     fn z(&self) -> f64 {
-        let (variance, _) = self.variance();
+        let variance = self.variance();
         if variance > 0.0 && !self.difference.is_nan() {
             let deviation = variance.sqrt();
             let rounding = if self.rounding > NEGLIGIBLE * deviation { self.rounding } else { 0.0 };
@@ -227,16 +340,13 @@ impl Block {
 
     /// The degrees of freedom of the variance.
     fn freedom(&self) -> f64 {
-        // A variance whose square is less than the least number is as good as any.
-        let (variance, squared) = self.variance();
-        let ratio = variance * variance / squared;
-        if ratio.is_finite() { (3.0 * ratio - 2.0).max(1.0) } else { 1.0 }
+        self.spread().freedom()
     }
 
     /// The probability that a right pair is as far out; NaN where z is.
     fn probability(&self) -> f64 {
         let t = self.z();
-        if self.variance().0 == 0.0 || !t.is_finite() {
+        if self.variance() == 0.0 || !t.is_finite() {
             return if t.is_nan() { f64::NAN } else { f64::from(u8::from(t == 0.0)) };
         }
         tail(t, self.freedom())
@@ -247,7 +357,7 @@ impl Block {
     fn gain(&self, significance: f64) -> f64 {
         /// The normal distribution is below this with a probability of 0.95.
         const POWER: f64 = 1.644_853_627;
-        let (variance, _) = self.variance();
+        let variance = self.variance();
         let far_out = if variance > 0.0 { quantile(significance, self.freedom()) + POWER } else { 0.0 };
         (far_out * variance.sqrt() + self.rounding) / self.reference.abs()
     }
@@ -272,7 +382,7 @@ fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
                 whole.add(&x, pair, i);
             }
             let (z, probability) = (block.z(), block.probability());
-            if block.variance().0 > 0.0 {
+            if block.variance() > 0.0 {
                 sum += z;
                 squares += z * z;
             } else {
@@ -287,6 +397,7 @@ fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
             indices.into_iter().for_each(|i| x.data[i] = z as f32);
         }
     }
+    whole.iter_mut().enumerate().for_each(|(channel, whole)| whole.of_whole(pair, channel));
     let with_variance = (n - without_variance) as f64;
     let gain = whole.iter().map(|c| c.gain(share(significance, channels))).fold(f64::INFINITY, f64::min);
     let Bias { z, probability, at } = bias(&whole, &x.channels);
@@ -328,7 +439,7 @@ struct Bias {
 /// The bias of the channels that have a variance: differences without any are for the blocks to judge.
 fn bias(whole: &[Block], channels: &[String]) -> Bias {
     let mut found = Bias { z: 0.0, probability: 1.0, at: None };
-    for (block, channel) in whole.iter().zip(channels).filter(|(block, _)| block.variance().0 > 0.0) {
+    for (block, channel) in whole.iter().zip(channels).filter(|(block, _)| block.variance() > 0.0) {
         let probability = block.probability();
         found.z = found.z.max(block.z().abs());
         if found.at.is_none() || probability < found.probability {

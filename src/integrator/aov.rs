@@ -35,7 +35,7 @@ impl Aov {
     /// The suffixes of its channels.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
-            Aov::Albedo | Aov::Variance | Aov::StandardError => &["R", "G", "B"],
+            Aov::Albedo | Aov::Variance | Aov::StandardError | Aov::BlockVariance => &["R", "G", "B"],
             Aov::GeometricNormal | Aov::ShadingNormal | Aov::Position => &["X", "Y", "Z"],
             Aov::Uv => &["U", "V"],
             Aov::Depth => &["T"],
@@ -58,6 +58,7 @@ impl Aov {
             "shape_index" => Aov::ShapeIndex,
             "variance" => Aov::Variance,
             "standard_error" => Aov::StandardError,
+            "block_variance" => Aov::BlockVariance,
             "samples" => Aov::Samples,
             "record_radius" => Aov::RecordRadius,
             _ => return None,
@@ -71,7 +72,7 @@ impl Aov {
     }
 
     /// The names that [`by_name`](Self::by_name) knows, one for each layer.
-    pub const NAMES: [&'static str; 12] = [
+    pub const NAMES: [&'static str; 13] = [
         "albedo",
         "N",
         "geo_normal",
@@ -82,13 +83,14 @@ impl Aov {
         "shape_index",
         "variance",
         "standard_error",
+        "block_variance",
         "samples",
         "record_radius",
     ];
 
     /// Whether it is averaged over the samples of a pixel (else it comes from the film itself).
     pub fn is_sampled(self) -> bool {
-        !matches!(self, Aov::Variance | Aov::StandardError | Aov::Samples)
+        !matches!(self, Aov::Variance | Aov::StandardError | Aov::BlockVariance | Aov::Samples)
     }
 
     /// Its value at the hit of a camera ray, in as many numbers as it has channels; zero where there is none.
@@ -100,13 +102,13 @@ impl Aov {
             Aov::Albedo => {
                 let arena = Bump::new();
                 let wo = at.frame.to_local(-ray.d);
-                out.copy_from_slice(&scene.bsdf(&at, wo, &arena).albedo().to_array());
+                out.copy_from_slice(&scene.bsdf(&at, Some(wo), &arena).albedo().to_array());
             }
             Aov::GeometricNormal => out.copy_from_slice(&at.ng.to_array()),
             Aov::ShadingNormal => {
                 let arena = Bump::new();
                 // As in Mitsuba, a normal or bump map counts where nothing is around it.
-                let n = match scene.bsdf(&at, at.frame.to_local(-ray.d), &arena) {
+                let n = match scene.bsdf(&at, Some(at.frame.to_local(-ray.d)), &arena) {
                     Bsdf::Tilted(tilted) => at.frame.to_world(tilted.frame.n),
                     _ => at.frame.n,
                 };
@@ -117,7 +119,8 @@ impl Aov {
             Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),
             Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
             Aov::ShapeIndex => out[0] = hit.geometry as f32,
-            Aov::Variance | Aov::StandardError | Aov::Samples | Aov::RecordRadius => {}
+            Aov::Variance | Aov::StandardError | Aov::BlockVariance => {}
+            Aov::Samples | Aov::RecordRadius => {}
         }
     }
 }

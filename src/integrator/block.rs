@@ -31,6 +31,29 @@ impl<'a> Block<'a> {
     /// If a ray hits nothing.
     #[inline(always)]
     pub fn new(scene: &'a Scene, arena: &'a Bump, rays: &[Ray], hits: &[Option<Hit>], first: usize) -> Self {
+        Block::of(scene, arena, rays, hits, first, true)
+    }
+
+    /// As [`new`](Self::new), for rays of light: where they came from is not where their viewer is.
+    pub fn of_light(
+        scene: &'a Scene,
+        arena: &'a Bump,
+        rays: &[Ray],
+        hits: &[Option<Hit>],
+        first: usize,
+    ) -> Self {
+        Block::of(scene, arena, rays, hits, first, false)
+    }
+
+    #[inline(always)]
+    fn of(
+        scene: &'a Scene,
+        arena: &'a Bump,
+        rays: &[Ray],
+        hits: &[Option<Hit>],
+        first: usize,
+        from_viewer: bool,
+    ) -> Self {
         let count = (hits.len() - first).min(LANES);
         let active = (1 << count) - 1;
         let rays = RayX16::load(rays, first);
@@ -45,7 +68,10 @@ impl<'a> Block<'a> {
         let wo = at.frame.to_local(-rays.d);
         let bsdfs = match scene.needs.varying_materials {
             false => at.material.map(|material| scene.constant_bsdf(material)),
-            true => std::array::from_fn(|i| scene.bsdf(&at.lane(i), wo.lane(i), arena)),
+            true => std::array::from_fn(|i| {
+                let viewer = from_viewer.then(|| wo.lane(i));
+                scene.bsdf(&at.lane(i), viewer, arena)
+            }),
         };
         let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
         Block { first, active, rays, at, bsdfs, finite: finite & active, wo }

@@ -48,6 +48,8 @@ pub(super) struct EmissionNumbers {
     points: [Vec<f32>; 2],
     directions: [Vec<f32>; 2],
     times: Vec<f32>,
+    /// The time of all paths, if they share it.
+    time: Option<f32>,
 }
 
 impl EmissionNumbers {
@@ -56,7 +58,8 @@ impl EmissionNumbers {
         draw_1d(worker.sampler, Dimension::LIGHT, keys, &mut self.choice);
         draw_2d(worker.sampler, Dimension::LIGHT_POINT, keys, &mut self.points);
         draw_2d(worker.sampler, Dimension::LIGHT_DIRECTION, keys, &mut self.directions);
-        if scene.needs.time {
+        self.time = worker.time;
+        if scene.needs.time && self.time.is_none() {
             draw_1d(worker.sampler, Dimension::TIME, keys, &mut self.times);
         }
     }
@@ -68,7 +71,7 @@ impl EmissionNumbers {
 
     /// When, in [0, 1] over the shutter interval.
     pub fn time(&self, i: usize) -> f32 {
-        self.times.get(i).copied().unwrap_or(0.0)
+        self.time.unwrap_or_else(|| self.times.get(i).copied().unwrap_or(0.0))
     }
 }
 
@@ -102,37 +105,24 @@ impl<'a> Vertex<'a> {
         Vertex { at, bsdf: block.bsdfs[i], wo: block.wo.lane(i), wo_ng }
     }
 
-    /// Whether the light comes from the same side of the surface by its shading normal and by its geometric normal.
-    pub fn sides_agree(&self) -> bool {
-        self.wo_ng * self.wo.z > 0.0
-    }
-
-    /// What a direction's cosine is multiplied by, so that shading normals mean the same to light paths as to camera paths;
-    /// `None` where the two normals disagree about a side. [Veach 1997, 5.3.2]
-    pub fn cosine(&self, wi_local: Vec3, wi: Vec3) -> Option<f32> {
-        let wi_ng = wi.dot(self.at.ng);
-        let agree = self.sides_agree() && wi_ng * wi_local.z > 0.0;
-        agree.then(|| (wi_ng * self.wo.z / self.wo_ng).abs())
+    /// What a viewer's cosine is multiplied by, so that shading normals mean the same to light paths as to camera paths.
+    /// [Veach 1997, Eq. 5.19]
+    fn cosine(&self, wi: Vec3) -> f32 {
+        (wi.dot(self.at.ng) * self.wo.z / self.wo_ng).abs()
     }
 
     /// What is scattered into the world direction `wi`, with the cosine.
-    pub fn eval(&self, wi: Vec3) -> Option<Rgb> {
-        let local = self.at.frame.to_local(wi);
-        let cosine = self.cosine(local, wi)?;
-        // To the camera, `wi` is the known direction.
-        Some(self.bsdf.eval(local, self.wo).f * cosine)
+    pub fn eval(&self, wi: Vec3) -> Rgb {
+        // The viewer's is the known direction.
+        let f = self.bsdf.eval(self.at.frame.to_local(wi), self.wo).f;
+        if f.is_black() { f } else { f * self.cosine(wi) }
     }
 
     /// Draws where the light goes on to.
     pub fn scatter(&self, u_lobe: f32, u: Vec2) -> Option<ScatteredLight> {
-        let sample = self.bsdf.sample(self.wo, u_lobe, u)?;
+        let sample = self.bsdf.sample_adjoint(self.wo, u_lobe, u)?;
         let wi = self.at.frame.to_world(sample.wi).normalize();
-        let cosine = self.cosine(sample.wi, wi)?;
-        let weight = match sample.lobe {
-            // Radiance is scaled at a boundary, light is not.
-            Lobe::Specular => sample.weight * (sample.eta * sample.eta * cosine / sample.wi.z.abs()),
-            _ => self.bsdf.eval(sample.wi, self.wo).f * (cosine / sample.pdf),
-        };
+        let weight = sample.weight * (self.cosine(wi) / sample.wi.z.abs());
         Some(ScatteredLight { wi, weight, eta: sample.eta, lobe: sample.lobe })
     }
 }

@@ -9,6 +9,7 @@ pub mod depth;
 pub mod direct;
 pub mod distribution;
 pub mod emission;
+pub mod interrupt;
 pub mod irrcache;
 mod light_path;
 pub mod lighting;
@@ -27,6 +28,7 @@ pub mod worker;
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
+pub use interrupt::Interrupt;
 pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
 pub use photon::Photonmapper;
@@ -44,7 +46,7 @@ use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::math::Ray;
-use crate::sampling::SampleKey;
+use crate::sampling::{SHARED_REPLICATES, SampleKey, SamplerKind};
 use crate::scene::Scene;
 use std::sync::Arc;
 
@@ -118,6 +120,19 @@ pub trait Integrator: Send + Sync {
         false
     }
 
+    /// Whether errors of different pixels have causes in common: photons, caches, light paths.
+    fn shares_noise(&self) -> bool {
+        false
+    }
+
+    /// Refuses scenes that it cannot render rightly, before any work is done.
+    ///
+    /// # Errors
+    /// With a sentence that says why.
+    fn check(&self, _scene: &Scene) -> Result<()> {
+        Ok(())
+    }
+
     /// Computes what does not depend on the camera's samples: caches, maps. Once, before the first wave.
     ///
     /// # Errors
@@ -179,6 +194,12 @@ pub trait Integrator: Send + Sync {
         worker: &mut Worker,
         out: &mut [Radiance],
     );
+}
+
+/// How many replicates the samples of a render are divided among: two tell how large the errors of pixels are, where these are
+/// independent; eight tell also what pixels share.
+pub fn replicates(integrator: &dyn Integrator, sampler: SamplerKind) -> u32 {
+    if integrator.shares_noise() || sampler.shares_noise() { SHARED_REPLICATES } else { 2 }
 }
 
 /// The integrator that the settings describe; the layers of `aov` are the render job's business.

@@ -6,7 +6,7 @@
 
 use super::block::Block;
 use super::lighting::{self, TechniqueCounts};
-use super::roulette::most_survival;
+use super::roulette::Roulette;
 use super::settings::PathSettings;
 use super::worker::{Continuation, Numbers, ShadowQueue, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
@@ -32,8 +32,8 @@ struct Bounce<'a> {
     add_emission: bool,
     /// Whether it is wanted of rays that have met specular lobes only, where that is told apart.
     add_caustics: Option<bool>,
-    /// The most likely survival of roulette, if it is played at this bounce.
-    roulette: Option<f32>,
+    /// Roulette, if it is played at this bounce.
+    roulette: Option<Roulette>,
 }
 
 impl PathIntegrator {
@@ -95,7 +95,7 @@ impl Integrator for PathIntegrator {
         worker.specular_only.clear();
         worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
         let mut depth = 0;
-        while !worker.paths.rays.is_empty() && self.allows(depth + 1) {
+        while !worker.paths.rays.is_empty() && self.allows(depth + 1) && !worker.interrupt.is_raised() {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
             intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
             if depth == 0 {
@@ -107,7 +107,7 @@ impl Integrator for PathIntegrator {
                 next_event: scene.needs.emitter_sampling && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
-                roulette: (depth + 1 >= self.settings.rr_depth).then(|| most_survival(depth + 1)),
+                roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
             bounce.drop_missed(worker, out);
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
@@ -232,12 +232,11 @@ impl Bounce<'_> {
         let eta = eta * sample.eta;
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
-        if let Some(most) = self.roulette {
+        if let Some(roulette) = self.roulette {
             // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
-            let survival = (strongest * eta * eta).fast_min(f32x16::splat(most));
-            alive &= load(&numbers.roulette, block.first).simd_lt(survival);
-            let per_survival = f32x16::ONE / survival;
-            beta = beta.map(|channel| channel * per_survival);
+            let on;
+            (beta, on) = roulette.play_x16(beta, eta * eta, load(&numbers.roulette, block.first));
+            alive &= on;
         }
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);

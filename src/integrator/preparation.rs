@@ -1,6 +1,7 @@
 //! What an integrator may compute before the camera's samples are taken.
 
-use super::{Counters, Worker};
+use super::{Counters, Interrupt, Worker};
+use crate::error::{Error, Result};
 use crate::memory::Budget;
 use crate::sampling::Sampler;
 use crate::scene::Scene;
@@ -22,7 +23,7 @@ pub struct Preparation<'a> {
     /// The threads to work with.
     pub pool: &'a rayon::ThreadPool,
     /// Whether to stop early, with whatever there is.
-    pub interrupted: &'a (dyn Fn() -> bool + Sync),
+    pub interrupt: &'a Interrupt,
     /// Where to read what was computed before, and else to keep it.
     pub cache: Option<CacheFile>,
     /// What is planned of memory.
@@ -56,10 +57,18 @@ pub struct Workers {
 
 impl Workers {
     /// Workers for the pool's threads.
-    pub fn new(pool: &rayon::ThreadPool, sampler: Sampler) -> Self {
-        Workers {
-            workers: (0..pool.current_num_threads()).map(|_| Mutex::new(Worker::new(sampler))).collect(),
+    pub fn new(pool: &rayon::ThreadPool, sampler: Sampler, interrupt: &Interrupt) -> Self {
+        let worker = |_| Mutex::new(Worker::new(sampler).with_interrupt(interrupt));
+        Workers { workers: (0..pool.current_num_threads()).map(worker).collect() }
+    }
+
+    /// The same, for rays that all are of one time.
+    #[must_use]
+    pub fn at_time(mut self, time: Option<f32>) -> Self {
+        for worker in &mut self.workers {
+            worker.get_mut().unwrap_or_else(PoisonError::into_inner).time = time;
         }
+        self
     }
 
     /// Calls `f` with the worker of the thread that runs it.
@@ -75,6 +84,17 @@ impl Workers {
             sum.merge(&worker.into_inner().unwrap_or_else(PoisonError::into_inner).counters);
         }
         sum
+    }
+}
+
+/// Refuses a scene whose surfaces move, for an integrator that keeps light on surfaces without its time.
+pub(super) fn refuse_motion(integrator: &str, kept: &str, scene: &Scene) -> Result<()> {
+    match scene.needs.motion {
+        false => Ok(()),
+        true => Err(Error::scene(format!(
+            "{integrator}: the scene moves while the shutter is open, and {kept} are not of one time: expected a scene at \
+             rest, or one of path, ptracer, sppm and distribution"
+        ))),
     }
 }
 

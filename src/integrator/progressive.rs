@@ -17,6 +17,8 @@ pub struct Begun {
     pub counters: Counters,
     /// Photons that were dropped because they were not finite.
     pub invalid: u64,
+    /// The time of the camera's rays in [0, 1] over the shutter interval, if the sample has one for all pixels.
+    pub time: Option<f32>,
 }
 
 /// What is computed before each sample of the pixels. All pixels take a sample before the next one begins.

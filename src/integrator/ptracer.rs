@@ -6,14 +6,14 @@
 
 use super::block::Block;
 use super::light_path::{self, Survivors, Vertex};
-use super::roulette::most_survival;
+use super::roulette::Roulette;
 use super::settings::{PathSettings, PtracerSettings};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, bits};
-use crate::math::{Ray, Vec2};
+use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use crate::sensor::Camera;
@@ -22,7 +22,7 @@ use crate::sensor::Camera;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
     /// Position on the film in pixels from the top left corner of the full image.
-    pub film: Vec2,
+    pub film: DVec2,
     /// What it adds to the sum of a pixel's samples, before the reconstruction filter.
     pub value: Rgb,
 }
@@ -67,7 +67,7 @@ impl Ptracer {
         let powers = light_path::emit(scene, keys, None, worker);
         let mut films = Vec::new();
         let mut depth = 0;
-        while !worker.paths.rays.is_empty() && self.allows(depth + 2) {
+        while !worker.paths.rays.is_empty() && self.allows(depth + 2) && !worker.interrupt.is_raised() {
             {
                 let Worker { paths, hits, counters, .. } = &mut *worker;
                 intersect(scene, &paths.rays, Coherence::Incoherent, hits, counters);
@@ -75,12 +75,15 @@ impl Ptracer {
             }
             self.draw(depth, worker, camera);
             films.clear();
-            let roulette = (depth + 1 >= self.settings.rr_depth).then(|| most_survival(depth + 1));
-            let bounce = Bounce { scene, camera, margin, roulette };
+            let roulette = Roulette::at(depth + 1, self.settings.rr_depth);
+            let hide_emitters = self.settings.hide_emitters && scene.needs.hit_emitters;
+            let bounce = Bounce { scene, camera, margin, roulette, hide_emitters };
             bounce.shade(self.allows(depth + 3), &powers, worker, &mut films);
-            worker.trace_shadows(scene, Coherence::Incoherent, |slot, value| {
-                out.push(Splat { film: films[slot], value });
-            });
+            let splat = |slot: usize, value| out.push(Splat { film: films[slot], value });
+            match hide_emitters {
+                false => worker.trace_shadows(scene, Coherence::Incoherent, splat),
+                true => worker.trace_shadows_past_emitters(scene, splat),
+            }
             depth += 1;
         }
     }
@@ -99,6 +102,10 @@ impl Ptracer {
 impl Integrator for Ptracer {
     fn name(&self) -> &'static str {
         "ptracer"
+    }
+
+    fn shares_noise(&self) -> bool {
+        true
     }
 
     fn shows_environment(&self) -> bool {
@@ -126,17 +133,19 @@ struct Bounce<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     margin: f64,
-    roulette: Option<f32>,
+    roulette: Option<Roulette>,
+    /// Whether the camera looks through emitting shapes.
+    hide_emitters: bool,
 }
 
 impl Bounce<'_> {
     /// Connects every path to the camera, and moves those that go on to the front.
-    fn shade(&self, go_on: bool, powers: &[Rgb], worker: &mut Worker, films: &mut Vec<Vec2>) {
+    fn shade(&self, go_on: bool, powers: &[Rgb], worker: &mut Worker, films: &mut Vec<DVec2>) {
         let Worker { hits, paths, numbers, shadows, arena, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::new(self.scene, arena, &paths.rays, hits, first);
+            let block = Block::of_light(self.scene, arena, &paths.rays, hits, first);
             let mut survivors = Survivors::none();
             for i in bits(block.active) {
                 let j = first + i;
@@ -156,12 +165,9 @@ impl Bounce<'_> {
                 let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
                 let Some(on) = vertex.scatter(numbers.bsdf_lobe[j], u) else { continue };
                 let (mut beta, eta) = (beta * on.weight, paths.eta[j] * on.eta);
-                if let Some(most) = self.roulette {
-                    let survival = beta.max_component().min(most);
-                    if numbers.roulette[j] >= survival {
-                        continue;
-                    }
-                    beta = beta / survival;
+                if let Some(roulette) = self.roulette {
+                    let Some(on) = roulette.play(beta, 1.0, numbers.roulette[j]) else { continue };
+                    beta = on;
                 }
                 if beta.is_black() {
                     continue;
@@ -175,13 +181,16 @@ impl Bounce<'_> {
     }
 
     /// The ray from a surface point to the camera, where it arrives on the film, and what a path of power 1 adds there.
-    fn connect(&self, vertex: &Vertex<'_>, u_lens: Vec2) -> Option<(Ray, Vec2, Rgb)> {
+    fn connect(&self, vertex: &Vertex<'_>, u_lens: Vec2) -> Option<(Ray, DVec2, Rgb)> {
         if vertex.bsdf.is_specular() {
             return None;
         }
         let at = &vertex.at;
+        if self.hide_emitters && self.scene.shapes[at.shape().index()].emitter.is_some() {
+            return None;
+        }
         let seen = self.camera.importance(at.p, u_lens, at.time, self.margin)?;
-        let value = vertex.eval(seen.wi)? * seen.weight;
+        let value = vertex.eval(seen.wi) * seen.weight;
         let ray = self.scene.shadow_ray_to(at, seen.target, seen.wi);
         (!value.is_black()).then_some((ray, seen.film, value))
     }

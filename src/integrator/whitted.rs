@@ -12,13 +12,13 @@
 use super::block::Block;
 use super::lighting::TechniqueCounts;
 use super::settings::WhittedSettings;
-use super::tree::Tree;
+use super::tree::{Branching, Tree};
 use super::worker::PathWave;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::emitter::Light;
+use crate::error::{Error, Result};
 use crate::math::lanes::bits;
 use crate::scene::Scene;
-use bumpalo::Bump;
 
 /// Direct light from points, mirrors and glass.
 pub struct WhittedIntegrator {
@@ -31,29 +31,8 @@ impl WhittedIntegrator {
         WhittedIntegrator { settings }
     }
 
-    /// Follows the wave in the worker's hand, which has `depth` scattering events behind it, and all that comes of it.
-    fn follow(&self, tree: &Tree<'_>, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
-        let arena = Bump::new();
-        let blocks = tree.hit_surfaces(&arena, depth, worker, out);
-        let parents = std::mem::take(&mut worker.paths);
-        if tree.samples_lights(depth) {
-            for light in &tree.scene.lights {
-                self.light(tree.scene, light, &blocks, &parents, worker);
-                worker.trace_shadows(tree.scene, tree.coherence(depth), |slot, value| {
-                    out[slot].value += value;
-                });
-            }
-        }
-        if tree.goes_on(depth) {
-            for child in tree.specular_children(&blocks, &parents, |block| block.active) {
-                worker.paths = child;
-                self.follow(tree, depth + 1, worker, out);
-            }
-        }
-    }
-
     /// Queues a shadow ray from each point with a finite lobe to the middle of the light.
-    fn light(
+    fn queue(
         &self,
         scene: &Scene,
         light: &Light,
@@ -78,6 +57,48 @@ impl WhittedIntegrator {
     }
 }
 
+impl Branching for WhittedIntegrator {
+    fn counts(&self, _depth: u32) -> TechniqueCounts {
+        // All rays go into Dirac deltas, which no other technique finds.
+        TechniqueCounts::ONE_EACH
+    }
+
+    fn delta_lanes(&self, _depth: u32, block: &Block<'_>) -> u32 {
+        block.active
+    }
+
+    fn rays(&self, _depth: u32) -> u32 {
+        0
+    }
+
+    fn light(
+        &self,
+        tree: &Tree<'_>,
+        depth: u32,
+        blocks: &[Block<'_>],
+        parents: &PathWave,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        for light in &tree.scene.lights {
+            self.queue(tree.scene, light, blocks, parents, worker);
+            worker.trace_shadows(tree.scene, tree.coherence(depth), |slot, value| out[slot].value += value);
+        }
+    }
+
+    fn scatter(
+        &self,
+        _tree: &Tree<'_>,
+        _depth: u32,
+        _i: u32,
+        _blocks: &[Block<'_>],
+        _parents: &PathWave,
+        _worker: &mut Worker,
+    ) -> PathWave {
+        PathWave::default()
+    }
+}
+
 impl Integrator for WhittedIntegrator {
     fn name(&self) -> &'static str {
         "whitted"
@@ -85,6 +106,21 @@ impl Integrator for WhittedIntegrator {
 
     fn shows_environment(&self) -> bool {
         !self.settings.hide_emitters
+    }
+
+    fn check(&self, scene: &Scene) -> Result<()> {
+        let (deltas, depth) = (scene.needs.deltas, self.settings.max_depth);
+        let rays = u64::from(deltas).saturating_pow(depth.saturating_sub(1));
+        if rays <= WhittedSettings::MAX_RAYS {
+            return Ok(());
+        }
+        let most =
+            (1..depth).rev().find(|d| u64::from(deltas).saturating_pow(d - 1) <= WhittedSettings::MAX_RAYS);
+        Err(Error::scene(format!(
+            "whitted: a material of the scene splits a ray into {deltas}, which makes {rays} rays for each camera ray at \
+             max_depth {depth}: expected a max_depth of at most {}",
+            most.unwrap_or(1)
+        )))
     }
 
     fn li(
@@ -103,9 +139,7 @@ impl Integrator for WhittedIntegrator {
             coherence: wave.coherence,
             max_depth: self.settings.max_depth,
             hide_emitters: self.settings.hide_emitters,
-            // All rays go into Dirac deltas, which no other technique finds.
-            counts: TechniqueCounts::ONE_EACH,
         };
-        self.follow(&tree, 0, worker, out);
+        tree.follow(self, worker, out);
     }
 }

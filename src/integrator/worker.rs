@@ -1,5 +1,7 @@
 //! What belongs to one thread: its sampler, its counters and its buffers.
 
+use super::Interrupt;
+use super::emission::skip_emitters;
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::math::lanes::bits;
@@ -86,6 +88,10 @@ pub struct Worker {
     pub probing: Vec<bool>,
     /// Where BSDFs that are not the same everywhere live while they are used.
     pub arena: Bump,
+    /// The time of all rays that begin, in [0, 1] over the shutter interval; `None` where each sample draws its own.
+    pub time: Option<f32>,
+    /// Whether to leave the wave in hand unfinished: whoever asked for it throws it away then.
+    pub interrupt: Interrupt,
 }
 
 /// Random numbers of one bounce, drawn for a whole wave.
@@ -247,7 +253,15 @@ impl Worker {
             specular_only: Vec::new(),
             probing: Vec::new(),
             arena: Bump::new(),
+            time: None,
+            interrupt: Interrupt::default(),
         }
+    }
+
+    /// The same worker, which stops when a flag is raised.
+    #[must_use]
+    pub fn with_interrupt(self, interrupt: &Interrupt) -> Self {
+        Worker { interrupt: interrupt.clone(), ..self }
     }
 
     /// Finds the nearest hits of `rays` into `self.hits`.
@@ -266,6 +280,22 @@ impl Worker {
         self.counters.occlusion_rays += rays.len() as u64;
         for ((slot, value), occluded) in pending.iter().zip(occluded.iter()) {
             if !occluded {
+                add(*slot as usize, *value);
+            }
+        }
+        rays.clear();
+        pending.clear();
+    }
+}
+
+impl Worker {
+    /// As [`trace_shadows`](Self::trace_shadows), of rays that pass through shapes that emit.
+    pub fn trace_shadows_past_emitters(&mut self, scene: &Scene, mut add: impl FnMut(usize, Rgb)) {
+        let Worker { shadows: ShadowQueue { rays, pending, .. }, hits, counters, .. } = self;
+        intersect(scene, rays, Coherence::Incoherent, hits, counters);
+        skip_emitters(scene, rays, hits, counters);
+        for ((slot, value), hit) in pending.iter().zip(hits.iter()) {
+            if hit.is_none() {
                 add(*slot as usize, *value);
             }
         }

@@ -90,6 +90,10 @@ mod tests {
             let cosine = v.dot(Vec3::new(2.0, -1.0, 2.0) / 3.0);
             let squared = signed_squared_cosine(a << 8 | b, Vec3::new(2.0, -1.0, 2.0) / 3.0);
             assert!((squared - cosine * cosine.abs()).abs() < 1e-6, "{v}");
+            let mut codes = [0; LANES];
+            codes[usize::from(b) % LANES] = a << 8 | b;
+            let all = signed_squared_cosines(&codes, Vec3::new(2.0, -1.0, 2.0) / 3.0);
+            assert!((all.as_array()[usize::from(b) % LANES] - squared).abs() < 1e-6, "{v}");
         }
     }
 

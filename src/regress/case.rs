@@ -8,7 +8,6 @@ use super::runner::{Picture, Runner};
 use super::{FoundScene, REFERENCE_SEED, Row, Status};
 use crate::accel::AccelKind;
 use crate::error::{Error, Result};
-use crate::integrator;
 use crate::session::{Plan, Session};
 use std::collections::HashSet;
 use std::time::Instant;
@@ -233,12 +232,12 @@ impl Variants {
             let plan = plan(runner, case, session, integrator, runner.options.choices.seed)?;
             let Some(picture) = runner.render(session, &plan)? else { return Ok(None) };
             samples = picture.samples_per_pixel;
-            let mut measured = measured(runner, case, session, &plan, &picture);
+            let mut measured = measured(runner, case, &picture);
             measured.accel.clone_from(accel);
             if let Some(other) = self.others.get(i) {
                 let plan = self::plan(runner, case, other, integrator, REFERENCE_SEED)?;
                 let Some(reference) = runner.render(other, &plan)? else { return Ok(None) };
-                measured.faults.extend(differences(runner, case, session, &plan, &picture, reference));
+                measured.faults.extend(differences(runner, case, &picture, reference));
             }
             all.push(measured);
         }
@@ -252,12 +251,8 @@ fn plan(runner: &Runner<'_>, case: &Case, session: &Session, integrator: &str, s
 }
 
 /// Measures a picture.
-fn measured(runner: &Runner<'_>, case: &Case, session: &Session, plan: &Plan, picture: &Picture) -> Measured {
-    let created = integrator::create(&plan.integrator);
-    // Caches, maps and photons are the same for all pixels.
-    let shared = created.prepares() || created.progressive().is_some();
-    let shared_by = (!shared).then(|| runner.shared_by(session, plan));
-    let confidence = Confidence { significance: runner.rules.significance, shared_by };
+fn measured(runner: &Runner<'_>, case: &Case, picture: &Picture) -> Measured {
+    let confidence = Confidence { significance: runner.rules.significance, replicates: &picture.replicates };
     let mut faults: Vec<String> = picture.dropped.iter().cloned().collect();
     if let Claim::Refused(sentence) = &case.claim {
         faults.push(format!("the scene was expected to be refused: \"{sentence}\""));
@@ -276,17 +271,9 @@ fn measured(runner: &Runner<'_>, case: &Case, session: &Session, plan: &Plan, pi
 }
 
 /// How a picture differs from that of another variant.
-fn differences(
-    runner: &Runner<'_>,
-    case: &Case,
-    session: &Session,
-    plan: &Plan,
-    picture: &Picture,
-    reference: Picture,
-) -> Vec<String> {
+fn differences(runner: &Runner<'_>, case: &Case, picture: &Picture, reference: Picture) -> Vec<String> {
     let reference = Reference { image: reference.image, variance: None };
-    let rules = super::Rules { shared_by: runner.shared_by(session, plan), ..runner.rules };
-    let judgement = judge(&picture.image, picture.samples_per_pixel, &reference, &rules);
+    let judgement = judge(&picture.image, picture.samples_per_pixel, &reference, &runner.rules);
     let mut faults = judgement.faults;
     if let (Claim::SameAs { within, .. }, Some(gain)) = (&case.claim, judgement.gain)
         && gain.is_finite()

@@ -2,7 +2,7 @@
 
 use super::reference::Reference;
 use crate::image::{
-    Image, Invalid, Location, NotComparable, ZTest, ZTestOptions, compare, invalid, z_test_with,
+    Image, Invalid, Location, NotComparable, ZTest, ZTestOptions, compare, invalid, is_of_noise, z_test_with,
 };
 
 /// How far the mean of a layer may be off, relative to that of its magnitude: layers have no variance.
@@ -15,8 +15,6 @@ pub struct Rules {
     pub significance: f64,
     /// The largest relMSE where the reference has no variance.
     pub fail: f64,
-    /// How many pixels share each piece of noise; 1 if pixels are independent.
-    pub shared_by: f64,
 }
 
 /// What was found.
@@ -82,7 +80,7 @@ fn other_channels(image: &Image, stored: &Image) -> Option<String> {
 }
 
 fn judged_channels(image: &Image) -> impl Iterator<Item = &str> {
-    image.channels.iter().map(String::as_str).filter(|c| !c.starts_with("variance."))
+    image.channels.iter().map(String::as_str).filter(|c| !is_of_noise(c))
 }
 
 fn by_variance(
@@ -95,7 +93,6 @@ fn by_variance(
         variance_of_b: reference.variance.as_ref(),
         significance: 0.5 * rules.significance,
         sample_ratio: reference.samples_per_pixel().map(|n| n as f64 / samples_per_pixel as f64),
-        shared_by: rules.shared_by,
     };
     let test = z_test_with(image, &reference.image, &options)?;
     let mut faults = Vec::new();
@@ -197,7 +194,7 @@ mod tests {
     use super::*;
     use crate::image::Value;
 
-    const RULES: Rules = Rules { significance: 0.001, fail: 1e-3, shared_by: 1.0 };
+    const RULES: Rules = Rules { significance: 0.001, fail: 1e-3 };
 
     fn reference(image: Image) -> Reference {
         Reference { image, variance: None }

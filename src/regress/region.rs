@@ -3,6 +3,7 @@
 use super::expectation::Claim;
 use crate::estimate::student::{quantile, share};
 use crate::film::PixelRect;
+use crate::film::tile::variance_of_mean;
 use crate::image::Image;
 
 /// Names of the channels, in messages.
@@ -13,8 +14,7 @@ const CHANNELS: [&str; 3] = ["R", "G", "B"];
 pub struct Region {
     /// The mean of each channel.
     pub mean: [f64; 3],
-    /// Half the width of the interval that holds the mean of infinitely many samples; 0 where nothing varied, and where
-    /// pixels share their noise.
+    /// Half the width of the interval that holds the mean of infinitely many samples; 0 where nothing varied.
     pub half_width: [f64; 3],
     /// The least and the greatest value of a pixel in each channel, and where they are.
     extremes: [[(f64, [usize; 2]); 2]; 3],
@@ -22,25 +22,26 @@ pub struct Region {
 
 /// What decides how wide an interval is.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Confidence {
+pub(super) struct Confidence<'a> {
     /// The probability that any channel's interval does not hold its value.
     pub significance: f64,
-    /// How many pixels share each piece of noise; `None` if all may, so that nothing is known of the noise.
-    pub shared_by: Option<f64>,
+    /// The image by each replicate alone, where pixels share noise; else none.
+    pub replicates: &'a [Image],
 }
 
 impl Region {
     /// Measures a rectangle of an image with a layer `variance`; without a rectangle, all of it.
     ///
     /// The variance of a pixel comes from two halves and has one degree of freedom, that of the mean
-    /// 3·(Σv)²/Σv² − 2 of them [Satterthwaite 1946, with the squares of such estimates three times too large].
+    /// 3·(Σv)²/Σv² − 2 of them [Satterthwaite 1946, with the squares of such estimates three times too large]. Where pixels
+    /// share noise, replicates give the variance of the mean itself.
     ///
     /// # Errors
     /// If the rectangle is no part of the image, or a value is no number.
     pub(super) fn measure(
         image: &Image,
         pixels: Option<PixelRect>,
-        confidence: Confidence,
+        confidence: Confidence<'_>,
     ) -> Result<Region, String> {
         let (width, height) = (image.width, image.height);
         let whole = PixelRect { x: 0, y: 0, width: width as u32, height: height as u32 };
@@ -77,11 +78,16 @@ impl Region {
                 }
             }
             region.mean[c] = sum / n;
-            if let Some(shared_by) = confidence.shared_by.filter(|_| variance > 0.0) {
-                let ratio = variance * variance / squares;
-                let freedom = if ratio.is_finite() { (3.0 * ratio - 2.0).max(1.0) } else { 1.0 };
+            let ratio = variance * variance / squares;
+            let mut freedom = if ratio.is_finite() { (3.0 * ratio - 2.0).max(1.0) } else { 1.0 };
+            if !confidence.replicates.is_empty() {
+                let sums = confidence.replicates.iter().map(|image| sum_over(image, rect, c));
+                variance = variance_of_mean(sums).unwrap_or(0.0);
+                freedom = (confidence.replicates.len() as f64 - 1.0).max(1.0);
+            }
+            if variance > 0.0 {
                 let t = quantile(share(confidence.significance, 3), freedom);
-                region.half_width[c] = t * (shared_by * variance).sqrt() / n;
+                region.half_width[c] = t * variance.sqrt() / n;
             }
         }
         Ok(region)
@@ -144,6 +150,15 @@ impl Region {
     }
 }
 
+/// The sum of a channel over the pixels of a rectangle.
+fn sum_over(image: &Image, rect: PixelRect, c: usize) -> f64 {
+    let columns = rect.x as usize..(rect.x + rect.width) as usize;
+    let rows = rect.y as usize..(rect.y + rect.height) as usize;
+    rows.flat_map(|y| columns.clone().map(move |x| (x, y)))
+        .map(|(x, y)| f64::from(image.pixel(x, y)[c]))
+        .sum()
+}
+
 /// A number with three significant figures.
 pub(super) fn figures(value: f64) -> String {
     rounded(value, 3)
@@ -183,7 +198,7 @@ pub(super) fn with_interval(value: f64, half_width: f64) -> String {
 mod tests {
     use super::*;
 
-    const SURE: Confidence = Confidence { significance: 1e-3, shared_by: Some(1.0) };
+    const SURE: Confidence<'static> = Confidence { significance: 1e-3, replicates: &[] };
 
     fn image(values: &[f32], variance: f32) -> Image {
         let mut image =

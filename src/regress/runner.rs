@@ -4,10 +4,10 @@ use super::judge::{Judgement, Rules, judge};
 use super::reference::{Reference, reference_path, variance_path, write_reference};
 use super::{FoundScene, Options, REFERENCE_SEED, Row, Status, Update, cross, page};
 use crate::error::{Error, Kind, Result, counted};
-use crate::film::{Filter, FilterSampler, PixelFormat};
+use crate::film::PixelFormat;
 use crate::image::{Image, ZTestOptions, z_test_with};
-use crate::integrator::{self, settings::Aov};
-use crate::math::Vec2;
+use crate::integrator::settings::Aov;
+use crate::render::output;
 use crate::render::{Progress, Rendered, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session};
 use std::time::Instant;
@@ -29,6 +29,8 @@ pub(super) struct Runner<'a> {
 /// A render to be judged.
 pub(super) struct Picture {
     pub image: Image,
+    /// The picture by each replicate alone, where pixels share noise.
+    pub replicates: Vec<Image>,
     pub samples_per_pixel: u64,
     /// What is said of samples that were dropped, if any were.
     pub dropped: Option<String>,
@@ -56,7 +58,7 @@ impl Outcome {
 
 impl<'a> Runner<'a> {
     pub fn new(options: &'a Options, significance: f64, progress: &'a Progress) -> Self {
-        Runner { options, rules: Rules { significance, fail: options.fail, shared_by: 1.0 }, progress }
+        Runner { options, rules: Rules { significance, fail: options.fail }, progress }
     }
 
     /// Tests a scene.
@@ -109,8 +111,7 @@ impl<'a> Runner<'a> {
             };
         };
         let Some(picture) = self.sample(&session, &reference)? else { return Ok(Outcome::interrupted()) };
-        let rules = self.rules_of(&session)?;
-        let mut judgement = judge(&picture.image, picture.samples_per_pixel, &reference, &rules);
+        let mut judgement = judge(&picture.image, picture.samples_per_pixel, &reference, &self.rules);
         judgement.faults.extend(picture.dropped.clone());
         if judgement.faults.is_empty() {
             let samples_per_pixel = picture.samples_per_pixel;
@@ -193,19 +194,6 @@ impl<'a> Runner<'a> {
         Ok(plan)
     }
 
-    /// What decides about a scene.
-    fn rules_of(&self, session: &Session) -> Result<Rules> {
-        let plan = self.plan(session, self.samples(session), self.options.choices.seed)?;
-        Ok(Rules { shared_by: self.shared_by(session, &plan), ..self.rules })
-    }
-
-    /// How many pixels share each piece of noise. Light paths are splatted to all pixels under the filter; the samples of
-    /// the camera belong to one pixel each.
-    pub fn shared_by(&self, session: &Session, plan: &Plan) -> f64 {
-        let splats = integrator::create(&plan.integrator).light_tracer().is_some();
-        if splats { pixels_of_a_splat(session.camera().film.filter) } else { 1.0 }
-    }
-
     /// Renders; `None` if it was interrupted.
     pub fn render(&self, session: &Session, plan: &Plan) -> Result<Option<Picture>> {
         let rendered = session.render(plan, self.progress)?;
@@ -216,16 +204,20 @@ impl<'a> Runner<'a> {
         let samples_per_pixel = rendered.samples_per_pixel;
         let counters = &rendered.counters;
         let rays_per_sample = counters.closest_rays as f64 / counters.paths.max(1) as f64;
-        Ok(Some(Picture { image, samples_per_pixel, dropped: dropped(&rendered), rays_per_sample }))
+        let replicates = match plan.job.sampler.replicates() {
+            2 => Vec::new(),
+            _ => output::replicate_images(&rendered),
+        };
+        let dropped = dropped(&rendered);
+        Ok(Some(Picture { image, replicates, samples_per_pixel, dropped, rays_per_sample }))
     }
 
     /// Renders a scene with as many samples as its test needs.
     fn sample(&self, session: &Session, reference: &Reference) -> Result<Option<Picture>> {
         // No number of samples makes up for the noise of the reference.
-        let rules = self.rules_of(session)?;
-        let limit = self.options.gain.max(1.5 * gain_of_reference(reference, &rules));
+        let limit = self.options.gain.max(1.5 * gain_of_reference(reference, &self.rules));
         let gain = |picture: &Picture| {
-            judge(&picture.image, picture.samples_per_pixel, reference, &rules).gain.unwrap_or(0.0)
+            judge(&picture.image, picture.samples_per_pixel, reference, &self.rules).gain.unwrap_or(0.0)
         };
         let seed = self.options.choices.seed;
         let first = self.samples(session);
@@ -264,10 +256,9 @@ impl<'a> Runner<'a> {
             Some(samples) => [samples; 2],
             None => [first, self.samples(session).saturating_mul(MOST[1])],
         };
-        let rules = self.rules_of(session)?;
         let gain = |picture: &Picture| {
             let reference = Reference { image: picture.image.clone(), variance: None };
-            gain_of_reference(&reference, &rules)
+            gain_of_reference(&reference, &self.rules)
         };
         let limit = 0.5 * self.options.gain;
         let Some(picture) = self.render_until(session, REFERENCE_SEED, [first, most], limit, gain)? else {
@@ -289,33 +280,10 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// Over how many pixels a splat is spread, in effect: (Σw)² / Σw² of its weights, the mean over its places in a pixel.
-fn pixels_of_a_splat(filter: Filter) -> f64 {
-    const PLACES: u32 = 16;
-    let filter = FilterSampler::new(filter);
-    let reach = filter.radius().ceil() as i32 + 1;
-    let (mut sums, mut squares) = (0.0, 0.0);
-    for place in 0..PLACES * PLACES {
-        let at = |i: u32| (i as f32 + 0.5) / PLACES as f32 - 0.5;
-        let (x, y) = (at(place % PLACES), at(place / PLACES));
-        let pixels = (-reach..=reach).flat_map(|j| (-reach..=reach).map(move |i| (i as f32, j as f32)));
-        let weights = pixels.map(|(i, j)| f64::from(filter.eval(Vec2::new(x - i, y - j))));
-        let (sum, square) = weights.fold((0.0, 0.0), |(s, q), w| (s + w, q + w * w));
-        sums += sum * sum;
-        squares += square;
-    }
-    if squares > 0.0 { (sums / squares).max(1.0) } else { 1.0 }
-}
-
 /// The gain that a test without any noise would find; 0 if nothing is known about the noise.
 fn gain_of_reference(reference: &Reference, rules: &Rules) -> f64 {
     let variance_of_b = reference.variance.as_ref();
-    let options = ZTestOptions {
-        variance_of_b,
-        significance: 0.5 * rules.significance,
-        sample_ratio: None,
-        shared_by: rules.shared_by,
-    };
+    let options = ZTestOptions { variance_of_b, significance: 0.5 * rules.significance, sample_ratio: None };
     let gain = z_test_with(&reference.image, &reference.image, &options).map_or(0.0, |test| test.gain);
     // The variances of both count, and these are the same twice unless they are in a file of their own.
     if variance_of_b.is_some() { gain } else { gain / f64::sqrt(2.0) }
@@ -339,20 +307,5 @@ fn shown(image: Image, reference: Image, judgement: Judgement) -> page::Shown {
         names: ["render".into(), "reference".into()],
         images: [image, reference],
         scores: judgement.scores,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_splat_is_spread_over_the_pixels_under_the_filter() {
-        assert_eq!(pixels_of_a_splat(Filter::Box { radius: 0.5 }), 1.0);
-        // Four pixels alike, wherever it is.
-        assert!((pixels_of_a_splat(Filter::Box { radius: 1.0 }) - 4.0).abs() < 1e-9);
-        // 4πσ² of a Gaussian.
-        let gaussian = pixels_of_a_splat(Filter::Gaussian { stddev: 0.5 });
-        assert!((gaussian - 3.1).abs() < 0.15, "{gaussian}");
     }
 }

@@ -144,7 +144,7 @@ fn histogram(levels: &[u16]) -> Vec<u64> {
 fn relative_noise(tile: &Tile, i: usize) -> f64 {
     (0..3)
         .map(|c| {
-            let [mean, difference] = tile.replicates(i, c);
+            let [mean, difference] = tile.halves(i, c);
             difference * difference / (mean * mean + RELATIVE_FLOOR)
         })
         .sum::<f64>()
@@ -199,7 +199,7 @@ mod tests {
 
     /// An allocation after a pilot whose halves differ by `noise` on a grey ground.
     fn allocation(noise: impl Fn(u32, u32) -> f32) -> Allocation {
-        let mut tile = Tile::new(RECT, 3);
+        let mut tile = Tile::new(RECT, 3, 2);
         for i in 0..tile.pixel_count() {
             let (x, y) = tile.position(i);
             for half in 0..2 {

@@ -2,8 +2,10 @@
 
 use super::job::Rendered;
 use crate::color::Rgb;
+use crate::film::tile::variance_of_mean;
 use crate::film::{ComponentFormat, PixelFormat, Tile};
-use crate::image::{Image, Metadata, SampleFormat};
+use crate::image::ztest::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
+use crate::image::{Image, Metadata, SampleFormat, Value, ZTest};
 use crate::integrator::settings::{Aov, Layer};
 use crate::math::{DMat4, DVec3};
 use crate::sensor::Camera;
@@ -55,10 +57,12 @@ pub fn to_image(rendered: &Rendered, format: PixelFormat, metadata: Metadata) ->
     let rect = rendered.rect;
     let mut image = Image::new(rect.width as usize, rect.height as usize, &names);
     image.metadata = metadata;
+    let wants_blocks = layers.iter().any(|layer| layer.aov == Aov::BlockVariance);
     for tile in &rendered.tiles {
+        let blocks = if wants_blocks { block_variances(tile) } else { Vec::new() };
         for i in 0..tile.pixel_count() {
             let (x, y) = tile.position(i);
-            let values = pixel_values(tile, i, format, rendered);
+            let values = pixel_values(tile, i, format, rendered, &blocks);
             image.pixel_mut((x - rect.x) as usize, (y - rect.y) as usize).copy_from_slice(&values);
         }
     }
@@ -70,7 +74,86 @@ fn finite(value: f64) -> f32 {
     value.min(f64::from(f32::MAX)) as f32
 }
 
-fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered) -> Vec<f32> {
+/// Side of the blocks that variances are given of: those of the z-test. Tiles hold whole ones.
+const BLOCK: usize = ZTest::SIDE;
+
+/// [`Aov::BlockVariance`] at each pixel of a tile.
+fn block_variances(tile: &Tile) -> Vec<[f64; 3]> {
+    let (width, height) = (tile.rect.width as usize, tile.rect.height as usize);
+    let mut variances = vec![[0.0; 3]; width * height];
+    for top in (0..height).step_by(BLOCK) {
+        for left in (0..width).step_by(BLOCK) {
+            let (columns, rows) = (left..(left + BLOCK).min(width), top..(top + BLOCK).min(height));
+            let pixels = (columns.len() * rows.len()) as f64;
+            let sums = tile.replicate_sums(columns.clone(), rows.clone());
+            let of_block = variances_of(&sums).map(|variance| variance / pixels);
+            rows.for_each(|y| variances[y * width..][columns.clone()].fill(of_block));
+        }
+    }
+    variances
+}
+
+/// The variance of the mean over replicates in each channel; 0 with less than two of them.
+fn variances_of(replicates: &[Option<[f64; 3]>]) -> [f64; 3] {
+    [0, 1, 2].map(|c| variance_of_mean(replicates.iter().flatten().map(|sum| sum[c])).unwrap_or(0.0))
+}
+
+/// The sums over all pixels of the means of each replicate.
+fn sums_of_image(tiles: &[Tile]) -> Vec<Option<[f64; 3]>> {
+    let sums = tiles
+        .iter()
+        .map(|tile| tile.replicate_sums(0..tile.rect.width as usize, 0..tile.rect.height as usize));
+    let add = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|c| a[c] + b[c]);
+    sums.reduce(|sum, other| sum.into_iter().zip(other).map(|(a, b)| Some(add(a?, b?))).collect())
+        .unwrap_or_default()
+}
+
+/// What an image says of its noise, where its pixels share some: the number of replicates, and the variance of each channel's mean.
+pub fn noise_metadata(rendered: &Rendered, metadata: &mut Metadata) {
+    let shared = rendered.tiles.first().is_some_and(|tile| tile.replicates() > 2);
+    let noise = if shared { SHARED_NOISE } else { "independent" };
+    metadata.set(NOISE, Value::Text(noise.into()));
+    if !shared {
+        return;
+    }
+    let sums = sums_of_image(&rendered.tiles);
+    let filled = sums.iter().flatten().count();
+    metadata.set(REPLICATES, Value::Int(i32::try_from(filled).unwrap_or(i32::MAX)));
+    let pixels = rendered.rect.area() as f64;
+    for (channel, variance) in ["R", "G", "B"].into_iter().zip(variances_of(&sums)) {
+        let name = format!("{MEAN_VARIANCE}{channel}");
+        metadata.set(&name, Value::Float((variance / (pixels * pixels)) as f32));
+    }
+}
+
+/// The picture by each replicate alone, as R, G and B; of those that have samples in every pixel.
+pub fn replicate_images(rendered: &Rendered) -> Vec<Image> {
+    let replicates = rendered.tiles.first().map_or(0, Tile::replicates);
+    (0..replicates).filter_map(|r| replicate_image(rendered, r)).collect()
+}
+
+fn replicate_image(rendered: &Rendered, r: usize) -> Option<Image> {
+    let rect = rendered.rect;
+    let mut image = Image::new(rect.width as usize, rect.height as usize, &["R", "G", "B"]);
+    for tile in &rendered.tiles {
+        for i in 0..tile.pixel_count() {
+            let (x, y) = tile.position(i);
+            let pixel = image.pixel_mut((x - rect.x) as usize, (y - rect.y) as usize);
+            for (c, value) in pixel.iter_mut().enumerate() {
+                *value = tile.replicate_mean(i, r, c)? as f32;
+            }
+        }
+    }
+    Some(image)
+}
+
+fn pixel_values(
+    tile: &Tile,
+    i: usize,
+    format: PixelFormat,
+    rendered: &Rendered,
+    blocks: &[[f64; 3]],
+) -> Vec<f32> {
     let mean = |c: usize| tile.estimate(i, c).mean as f32;
     let mut values = format.convert(Rgb::new(mean(0), mean(1), mean(2)));
     let mut channel = 3;
@@ -86,6 +169,7 @@ fn pixel_values(tile: &Tile, i: usize, format: PixelFormat, rendered: &Rendered)
             Aov::StandardError => {
                 values.extend((0..3).map(|c| finite(tile.estimate(i, c).variance.unwrap_or(0.0).sqrt())));
             }
+            Aov::BlockVariance => values.extend(blocks[i].map(finite)),
             Aov::Samples => values.push(tile.count(i) as f32),
             sampled => {
                 for _ in sampled.channels() {

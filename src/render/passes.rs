@@ -52,15 +52,23 @@ struct Kept {
 impl<'j, 'a> Passes<'j, 'a> {
     /// Starts the clock.
     pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
-        let now = job
-            .begin
-            .clone()
-            .unwrap_or_else(|| State::new(job.camera.film.rect(), job.channels(), job.first));
+        let now = job.begin.clone().unwrap_or_else(|| {
+            State::new(
+                job.camera.film.rect(),
+                job.channels(),
+                job.settings.sampler.replicates() as usize,
+                job.first,
+            )
+        });
         let workers = (0..pool.current_num_threads())
-            .map(|_| Mutex::new(CameraWorker::new(Worker::new(job.settings.sampler))))
+            .map(|_| {
+                let worker = Worker::new(job.settings.sampler).with_interrupt(job.progress.interrupt_flag());
+                Mutex::new(CameraWorker::new(worker))
+            })
             .collect();
         let samples = job.settings.stop.samples.map(|end| end.saturating_sub(job.first));
         let started = Instant::now();
+        job.progress.begin();
         job.progress.add_samples((now.next - job.first).saturating_mul(job.camera.film.rect().area()));
         Passes {
             job,

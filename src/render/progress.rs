@@ -1,12 +1,15 @@
 //! What a render shows of itself while it runs.
 
 use crate::estimate::replicates::ErrorEstimate;
+use crate::integrator::Interrupt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// Shared between the render and whoever watches or stops it.
 #[derive(Debug, Default)]
 pub struct Progress {
-    interrupt: AtomicBool,
+    interrupt: Interrupt,
+    /// Whether the first sample is under way or taken.
+    begun: AtomicBool,
     pixel_samples: AtomicU64,
     samples_per_pixel: AtomicU64,
     /// The bits of `f64`s: the estimated relMSE, the ends of its interval; NaN while there is no estimate.
@@ -22,14 +25,28 @@ impl Progress {
         }
     }
 
-    /// Asks the render to stop as soon as every thread has finished the wave in hand.
+    /// Asks the render to stop at once: what every thread has in hand is thrown away.
     pub fn interrupt(&self) {
-        self.interrupt.store(true, Ordering::Relaxed);
+        self.interrupt.raise();
     }
 
     /// Whether it was asked to stop.
     pub fn is_interrupted(&self) -> bool {
-        self.interrupt.load(Ordering::Relaxed)
+        self.interrupt.is_raised()
+    }
+
+    /// What is raised when it is asked to stop.
+    pub fn interrupt_flag(&self) -> &Interrupt {
+        &self.interrupt
+    }
+
+    /// Whether any sample is under way or taken: before, nothing is lost by an end.
+    pub fn has_begun(&self) -> bool {
+        self.begun.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn begin(&self) {
+        self.begun.store(true, Ordering::Relaxed);
     }
 
     /// Samples taken so far, over all pixels.

@@ -27,7 +27,7 @@ pub fn render(
         sampler: job.settings.sampler,
         seed: job.settings.seed,
         pool,
-        interrupted: &|| job.progress.is_interrupted(),
+        interrupt: job.progress.interrupt_flag(),
         cache: None,
         memory: &memory,
     };
@@ -43,6 +43,7 @@ pub fn render(
             tiles.par_iter_mut().for_each(|tile| {
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
+                worker.worker.time = begun.time;
                 worker.render_tile(job, tile, sample..sample + 1);
             });
         });

@@ -5,7 +5,7 @@ use super::passes::TILE;
 use super::tracing::CameraWorker;
 use crate::film::{PixelRect, Tile};
 use crate::integrator::{Ptracer, Splat};
-use crate::math::Vec2;
+use crate::math::DVec2;
 use crate::sampling::SampleKey;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -38,20 +38,23 @@ pub fn trace(
         let splats: Vec<Vec<Splat>> = chunk
             .par_iter()
             .map(|&(sample, batch)| {
+                let mut out = Vec::new();
+                if job.progress.is_interrupted() {
+                    return out;
+                }
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
                 let first = batch * BATCH;
-                let keys =
-                    (first..(first + BATCH).min(pixels)).map(|p| key(job.settings.seed, pixels, sample, p));
+                let keys = (first..(first + BATCH).min(pixels)).map(|p| key(job, pixels, sample, p));
                 let keys: Vec<SampleKey> = keys.collect();
-                let mut out = Vec::new();
                 ptracer.trace(job.scene, job.camera, margin, &keys, &mut worker.worker, &mut out);
                 out
             })
             .collect();
         for (&(sample, _), splats) in chunk.iter().zip(&splats) {
+            let replicate = job.settings.sampler.replicate(sample) as usize;
             for splat in splats {
-                dropped += u64::from(!add(job, tiles, (sample & 1) as usize, splat));
+                dropped += u64::from(!add(job, tiles, replicate, splat));
             }
         }
     }
@@ -59,31 +62,31 @@ pub fn trace(
 }
 
 /// The key of the light path that belongs to a pixel and a sample: all light paths of a half are one sequence.
-fn key(seed: u64, pixels: u64, sample: u64, pixel: u64) -> SampleKey {
-    SampleKey::new(seed, 0, 0, 2 * ((sample >> 1) * pixels + pixel) + (sample & 1))
+fn key(job: &Job<'_>, pixels: u64, sample: u64, pixel: u64) -> SampleKey {
+    SampleKey::of(job.settings.seed, 0, 0, (sample & 1) as u32, (sample >> 1) * pixels + pixel)
 }
 
 /// Adds a splat to the pixels under the filter; false if its value is none.
-fn add(job: &Job<'_>, tiles: &mut [Tile], half: usize, splat: &Splat) -> bool {
+fn add(job: &Job<'_>, tiles: &mut [Tile], replicate: usize, splat: &Splat) -> bool {
     if !splat.value.is_valid() {
         return false;
     }
     let rect = job.camera.film.rect();
-    let radius = job.filter.radius() as f32;
-    // Pixels whose centres are within the radius.
-    let range = |x: f32, start: u32, length: u32| {
-        let low = (x - radius - 0.5).ceil().max(start as f32) as u32;
-        let high = (x + radius - 0.5).floor().min((start + length) as f32 - 1.0);
-        if high < low as f32 { low..low } else { low..high as u32 + 1 }
+    let radius = job.filter.radius();
+    // Pixels whose samples may lie there: within [−radius, radius) of their centres, as camera samples do.
+    let range = |x: f64, start: u32, length: u32| {
+        let low = ((x - radius - 0.5).floor() + 1.0).max(start.into()) as u32;
+        let high = (x + radius - 0.5).floor().min(f64::from(start + length) - 1.0);
+        if high < f64::from(low) { low..low } else { low..high as u32 + 1 }
     };
     for y in range(splat.film.y, rect.y, rect.height) {
         for x in range(splat.film.x, rect.x, rect.width) {
-            let offset = splat.film - Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            let offset = splat.film - DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             let weight = job.filter.eval(offset);
             let (tile, pixel) = place(rect, x, y);
             let tile = &mut tiles[tile];
             debug_assert_eq!(tile.position(pixel), (x, y));
-            tile.splat(pixel, half, (splat.value * weight).to_array());
+            tile.splat(pixel, replicate, (splat.value * weight).to_array());
         }
     }
     true

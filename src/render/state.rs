@@ -41,10 +41,10 @@ pub struct Keeper<'a> {
 }
 
 impl State {
-    /// Before the first sample, whose index is given, of a part of the image with so many channels.
-    pub fn new(rect: PixelRect, channels: usize, first: u64) -> Self {
+    /// Before the first sample, whose index is given, of a part of the image with so many channels and replicates.
+    pub fn new(rect: PixelRect, channels: usize, replicates: usize, first: u64) -> Self {
         State {
-            tiles: tiles_of(rect).map(|rect| Tile::new(rect, channels)).collect(),
+            tiles: tiles_of(rect).map(|rect| Tile::new(rect, channels, replicates)).collect(),
             next: first,
             pass_end: first,
             elapsed: Duration::ZERO,
@@ -56,13 +56,14 @@ impl State {
     }
 }
 
-/// Estimates the error of an image, summed in the order of the tiles; `None` without samples in both halves.
+/// Estimates the error of an image, summed in the order of the tiles; `None` without samples in two replicates.
 pub fn estimate(tiles: &[Tile], pool: &rayon::ThreadPool) -> Option<ErrorEstimate> {
     if !tiles.iter().any(Tile::has_replicates) {
         return None;
     }
     let parts: Vec<ErrorSums> = pool.install(|| tiles.par_iter().map(Tile::error_sums).collect());
-    let mut sums = ErrorSums::default();
+    let mut sums = ErrorSums::new(tiles[0].replicates());
     parts.iter().for_each(|part| sums.merge(part));
-    sums.estimate()
+    let filled = |r: &usize| tiles.iter().any(|tile| tile.replicate_mean(0, *r, 0).is_some());
+    sums.estimate((0..tiles[0].replicates()).filter(filled).count())
 }

@@ -6,7 +6,7 @@ use crate::color::Rgb;
 use crate::film::{FilterSample, Tile};
 use crate::integrator::worker::{draw_1d, draw_2d};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
-use crate::math::{Ray, Vec2};
+use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use std::ops::Range;
 
@@ -127,6 +127,10 @@ impl CameraWorker {
         self.radiance.clear();
         self.radiance.resize(self.rays.len(), Radiance::NONE);
         job.integrator.li(job.scene, wave, RadianceQuery::ALL, &mut self.worker, &mut self.radiance);
+        // Paths may have been left unfinished.
+        if job.progress.is_interrupted() {
+            return;
+        }
         self.worker.counters.paths += self.rays.len() as u64;
         if job.has_sampled_layers() {
             self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
@@ -147,7 +151,7 @@ impl CameraWorker {
         if job.camera.has_lens() {
             draw_2d(sampler, Dimension::LENS, &self.keys, &mut self.lens);
         }
-        if job.scene.needs.time {
+        if job.scene.needs.time && self.worker.time.is_none() {
             draw_1d(sampler, Dimension::TIME, &self.keys, &mut self.times);
         }
         self.rays.clear();
@@ -155,13 +159,17 @@ impl CameraWorker {
         let pair = |pair: &[Vec<f32>; 2], i: usize| Vec2::new(pair[0][i], pair[1][i]);
         for span in &self.spans {
             let (x, y) = tile.position(span.pixel);
-            let centre = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+            let centre = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             for _ in span.first..span.end {
                 let i = self.rays.len();
                 let FilterSample { offset, weight } = job.filter.sample(pair(&self.positions, i));
                 let u = if job.camera.has_lens() { pair(&self.lens, i) } else { Vec2::ZERO };
-                let time = if job.scene.needs.time { self.times[i] } else { 0.0 };
-                self.rays.push(job.camera.ray(centre + offset, u, time));
+                let time = match self.worker.time {
+                    Some(time) => time,
+                    None if job.scene.needs.time => self.times[i],
+                    None => 0.0,
+                };
+                self.rays.push(job.camera.ray(centre + offset.as_dvec2(), u, time));
                 if job.filter.has_weights() {
                     self.weights.push(weight);
                 }
@@ -176,17 +184,17 @@ impl CameraWorker {
             let Span { pixel, first, end } = self.spans[s];
             for sample in first..end {
                 let value = self.radiance[j].value;
-                let half = (sample & 1) as usize;
+                let replicate = job.settings.sampler.replicate(sample) as usize;
                 if !value.is_valid() {
                     self.drop_sample(tile.position(pixel), sample, value);
                 } else if only_colour {
-                    tile.add(pixel, half, &value.to_array());
+                    tile.add(pixel, replicate, &value.to_array());
                 } else {
                     self.evaluate_layers(job, j);
                     if let Some(&weight) = self.weights.get(j) {
                         self.values.iter_mut().for_each(|v| *v *= weight);
                     }
-                    tile.add(pixel, half, &self.values);
+                    tile.add(pixel, replicate, &self.values);
                 }
                 j += 1;
             }

@@ -19,55 +19,48 @@ pub struct Choice {
     pub u: f32,
 }
 
+/// The distance of two random numbers near 1.
+const NUMBERS: f64 = (1u32 << 24) as f64;
+
 impl Distribution1D {
-    /// The most entries that [`covering`](Self::covering) covers.
-    pub const MOST_COVERED: usize = 1 << 23;
+    /// The most entries with a weight that a distribution may have.
+    pub const MOST: usize = 1 << 23;
+
+    /// How many of the weights are finite and positive.
+    pub fn count(weights: &[f64]) -> usize {
+        weights.iter().filter(|w| **w > 0.0 && w.is_finite()).count()
+    }
 
     /// The distribution in proportion to `weights`, summed in `f64`. Weights that are not finite and positive
     /// count as zero; if all do, the distribution is empty.
     ///
-    /// The ends of the entries' intervals are rounded: of entries below 2^-24 some have no probability, and others
-    /// have theirs beside their own.
-    pub fn new(weights: &[f64]) -> Self {
-        Self::of(weights, |share, _| share)
-    }
-
-    /// As [`new`](Self::new), but every entry with a weight is drawn, however small its weight is: by at least one of
-    /// the 2^24 random numbers k / 2^24. Its probability is exactly the share of those numbers that draw it.
+    /// Every entry with a weight is drawn, however small the weight is: the ends of the intervals are multiples of 2^-24,
+    /// each of n entries gets one such step, and the other steps are divided by weight. So the probabilities depart from
+    /// the weights' by at most n / 2^24. [`pmf`](Self::pmf) is exactly the probability of [`sample`](Self::sample).
     ///
-    /// Of 2^24 numbers each of n entries with a weight gets one, and the others are divided by weight: the probabilities
-    /// depart from the weights' by at most n / 2^24. Of more than [`MOST_COVERED`](Self::MOST_COVERED) entries the
-    /// distribution is that of [`new`](Self::new).
-    pub fn covering(weights: &[f64]) -> Self {
-        const NUMBERS: f64 = (1u32 << 24) as f64;
-        let count = weights.iter().filter(|w| **w > 0.0 && w.is_finite()).count();
-        if count > Self::MOST_COVERED {
-            return Self::new(weights);
-        }
-        let divided = NUMBERS - count as f64;
-        Self::of(weights, |share, entries| ((share * divided).round() + entries as f64) / NUMBERS)
-    }
-
-    /// `end` makes the end of an entry's interval of the weights' share up to there and of how many entries have any.
-    fn of(weights: &[f64], end: impl Fn(f64, usize) -> f64) -> Self {
+    /// # Panics
+    /// If more than [`MOST`](Self::MOST) entries have a weight.
+    pub fn new(weights: &[f64]) -> Self {
+        let count = Self::count(weights);
+        assert!(count <= Self::MOST, "{count} entries with a weight");
         let clean: Vec<f64> =
             weights.iter().map(|&w| if w > 0.0 && w.is_finite() { w } else { 0.0 }).collect();
         let total: f64 = clean.iter().sum();
         if total <= 0.0 {
             return Distribution1D::default();
         }
+        let divided = NUMBERS - count as f64;
         let (mut sum, mut entries) = (0.0, 0);
         let mut cdf: Vec<f32> = Vec::with_capacity(clean.len());
         for w in &clean {
             sum += w;
             entries += usize::from(*w > 0.0);
-            cdf.push(end(sum / total, entries) as f32);
+            cdf.push((((sum / total * divided).round() + entries as f64) / NUMBERS) as f32);
         }
         // From the last entry with weight on the cdf is exactly 1.
         if let Some(last) = clean.iter().rposition(|&w| w > 0.0) {
             cdf[last..].iter_mut().for_each(|c| *c = 1.0);
         }
-        // What sampling by inversion really does is the difference of the rounded ends.
         let pmf = (0..cdf.len()).map(|i| if i == 0 { cdf[0] } else { cdf[i] - cdf[i - 1] }).collect();
         Distribution1D { cdf, pmf }
     }
@@ -100,12 +93,16 @@ impl Distribution1D {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sampling::hash::to_unit;
 
     #[test]
     fn entries_are_drawn_in_proportion_and_u_is_stretched() {
         let d = Distribution1D::new(&[1.0, 0.0, 3.0, 0.0]);
-        assert_eq!(d.sample(0.0), Some(Choice { index: 0, pmf: 0.25, u: 0.0 }));
-        assert_eq!(d.sample(0.25), Some(Choice { index: 2, pmf: 0.75, u: 0.0 }));
+        // One step of 2^-24 is given to each of two entries before the others are divided.
+        let quarter = 0.25 + 2f32.powi(-25);
+        assert!((d.pmf(0) - quarter).abs() <= 2f32.powi(-24), "{}", d.pmf(0));
+        assert_eq!(d.sample(0.0), Some(Choice { index: 0, pmf: d.pmf(0), u: 0.0 }));
+        assert_eq!(d.sample(d.pmf(0)), Some(Choice { index: 2, pmf: 1.0 - d.pmf(0), u: 0.0 }));
         assert_eq!(d.sample(1f32.next_down()).unwrap().index, 2);
         assert_eq!(d.pmf(1), 0.0);
         assert_eq!(d.pmf(9), 0.0);
@@ -121,30 +118,51 @@ mod tests {
     #[test]
     fn ratios_of_a_billion_among_100_000_entries_still_add_up() {
         let weights: Vec<f64> = (0..100_000).map(|i| if i == 777 { 1e9 } else { 1.0 }).collect();
-        for d in [Distribution1D::new(&weights), Distribution1D::covering(&weights)] {
-            let total: f64 = (0..weights.len()).map(|i| f64::from(d.pmf(i))).sum();
-            assert!((total - 1.0).abs() < 1e-6);
-            assert!((0..100).all(|i| d.sample(i as f32 / 100.0).is_some_and(|c| c.pmf > 0.0)));
+        let d = Distribution1D::new(&weights);
+        let total: f64 = (0..weights.len()).map(|i| f64::from(d.pmf(i))).sum();
+        assert!((total - 1.0).abs() < 1e-6);
+        assert!((0..100).all(|i| d.sample(i as f32 / 100.0).is_some_and(|c| c.pmf > 0.0)));
+    }
+
+    #[test]
+    fn whatever_has_a_weight_is_drawn_and_nothing_else() {
+        let weights = [0.0, 1e9, 0.0, 1e-300, 1.0, f64::NAN, 1.0, 0.0];
+        let d = Distribution1D::new(&weights);
+        let step = 1.0 / 16_777_216.0;
+        let pmf = [0, 1, 2, 3, 4, 5, 6, 7].map(|i| d.pmf(i) / step);
+        assert_eq!(pmf, [0.0, 16_777_213.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0]);
+        for (from_end, index) in [(4, 1), (3, 3), (2, 4), (1, 6)] {
+            let u = 1.0 - step * from_end as f32;
+            assert_eq!(d.sample(u).map(|c| c.index), Some(index));
+        }
+        assert_eq!(Distribution1D::new(&[0.0, 7.0]).sample(0.0).map(|c| (c.index, c.pmf)), Some((1, 1.0)));
+        assert!(Distribution1D::new(&[0.0, -1.0]).is_empty());
+    }
+
+    /// The share of the hashes that draw an entry is its probability, wherever its interval lies.
+    #[test]
+    fn probabilities_are_those_of_the_random_numbers() {
+        let weights: Vec<f64> = (0..1000).map(|i| [1e-9, 1.0, 1e-3][i % 3]).collect();
+        let d = Distribution1D::new(&weights);
+        // The first hash whose number reaches the entry.
+        let first = |index: usize| {
+            let (mut low, mut high) = (0u64, 1u64 << 32);
+            while low < high {
+                let middle = (low + high) / 2;
+                let below = d.sample(to_unit(middle as u32)).is_some_and(|c| c.index < index);
+                if below { low = middle + 1 } else { high = middle }
+            }
+            low as f64
+        };
+        for i in [0, 1, 2, 3, 300, 501, 502, 503, 996, 997, 998] {
+            let share = (first(i + 1) - first(i)) / 2f64.powi(32);
+            assert_eq!(share, f64::from(d.pmf(i)), "entry {i}");
         }
     }
 
-    /// Where `new` leaves out what is lighter than the distance of two random numbers, `covering` leaves out nothing.
     #[test]
-    fn whatever_has_a_weight_is_covered_and_nothing_else() {
-        let weights = [0.0, 1e9, 0.0, 1e-300, 1.0, f64::NAN, 1.0, 0.0];
-        let [proportional, covering] = [Distribution1D::new(&weights), Distribution1D::covering(&weights)];
-        let step = 1.0 / 16_777_216.0;
-        let pmf = |d: &Distribution1D| [0, 1, 2, 3, 4, 5, 6, 7].map(|i| d.pmf(i) / step);
-        assert_eq!(pmf(&covering), [0.0, 16_777_213.0, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0]);
-        assert_eq!(pmf(&proportional), [0.0, 16_777_216.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        for (from_end, index) in [(4, 1), (3, 3), (2, 4), (1, 6)] {
-            let u = 1.0 - step * from_end as f32;
-            assert_eq!(covering.sample(u).map(|c| c.index), Some(index));
-        }
-        assert_eq!(
-            Distribution1D::covering(&[0.0, 7.0]).sample(0.0).map(|c| (c.index, c.pmf)),
-            Some((1, 1.0))
-        );
-        assert!(Distribution1D::covering(&[0.0, -1.0]).is_empty());
+    #[should_panic(expected = "entries with a weight")]
+    fn more_entries_than_random_numbers_are_refused() {
+        Distribution1D::new(&vec![1.0; Distribution1D::MOST + 1]);
     }
 }

@@ -32,9 +32,9 @@ impl Distribution2D {
             // Within the largest weight no sum overflows.
             let row: Vec<f64> = row.iter().map(|w| clean(w) / largest).collect();
             sums.push(row.iter().sum());
-            columns.push(Distribution1D::covering(&row));
+            columns.push(Distribution1D::new(&row));
         }
-        Distribution2D { rows: Distribution1D::covering(&sums), columns, size: [width, height] }
+        Distribution2D { rows: Distribution1D::new(&sums), columns, size: [width, height] }
     }
 
     /// Whether nothing can be drawn.

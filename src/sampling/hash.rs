@@ -1,5 +1,7 @@
 //! Integer hashes: the only source of randomness.
 
+use crate::math::f32x16;
+
 /// A bijective mix of 32 bits in which every input bit reaches every output bit. [Wellons 2018, lowbias32]
 #[inline(always)]
 pub const fn mix(mut x: u32) -> u32 {
@@ -36,10 +38,31 @@ pub const fn pcg3d(x: u32, y: u32, z: u32) -> [u32; 3] {
     [x, y, z]
 }
 
-/// The 24 high bits of `h` as a number in [0, 1).
+/// Numbers below this are multiples of 2^-32, others of 2^-24.
+const FINE: f32 = 1.0 / 256.0;
+
+/// A number in [0, 1): the 24 high bits of `h` as a multiple of 2^-24, but below 2^-8 all of `h` as a multiple of 2^-32.
+/// Nothing is rounded, so an interval between two multiples of 2^-24 has exactly its length as its probability.
 #[inline(always)]
 pub fn to_unit(h: u32) -> f32 {
-    (h >> 8) as f32 * (1.0 / 16_777_216.0)
+    let (k, step) = if h < 1 << 24 { (h, 1.0 / 4_294_967_296.0) } else { (h >> 8, 1.0 / 16_777_216.0) };
+    k as i32 as f32 * step
+}
+
+/// The probability that [`to_unit`] of a uniform hash is below `p`, which is in [0, 1]: `p`, rounded up to the next number
+/// there is. A decision by `u < p` has this probability, and not `p`.
+#[inline(always)]
+pub fn probability_below(p: f32) -> f32 {
+    let steps = if p < FINE { 4_294_967_296.0 } else { 16_777_216.0 };
+    (p * steps).ceil() / steps
+}
+
+/// As [`probability_below`], for sixteen probabilities.
+#[inline(always)]
+pub fn probability_below_x16(p: f32x16) -> f32x16 {
+    let [fine, coarse] = [4_294_967_296.0, 16_777_216.0].map(f32x16::splat);
+    let steps = p.simd_lt(f32x16::splat(FINE)).select(fine, coarse);
+    (p * steps).ceil() / steps
 }
 
 #[cfg(test)]
@@ -47,9 +70,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn unit_numbers_stay_below_one() {
+    fn unit_numbers_stay_below_one_and_rise_with_their_hashes() {
         assert_eq!(to_unit(0), 0.0);
-        assert!(to_unit(u32::MAX) < 1.0);
+        assert_eq!(to_unit(u32::MAX), 1f32.next_down());
+        for h in [1, 77, (1 << 24) - 1, 1 << 24, 0x1234_5600] {
+            assert_eq!(f64::from(to_unit(h)), f64::from(h) / 2f64.powi(32));
+            assert!(to_unit(h - 1) <= to_unit(h));
+        }
+    }
+
+    /// Counts the hashes whose number is below `p` by bisection.
+    #[test]
+    fn probabilities_are_those_of_the_comparison() {
+        for p in [0.0, 1e-12, 1e-10, 1e-9, 1e-8, 1e-6, 3.3e-5, 0.01, 0.3, 0.5, 0.999, 1f32.next_down(), 1.0] {
+            let (mut low, mut high) = (0u64, 1u64 << 32);
+            while low < high {
+                let middle = (low + high) / 2;
+                if to_unit(middle as u32) < p { low = middle + 1 } else { high = middle }
+            }
+            let counted = low as f64 / 2f64.powi(32);
+            assert_eq!(f64::from(probability_below(p)), counted, "{p}");
+            assert_eq!(probability_below_x16(f32x16::splat(p)).as_array()[3], probability_below(p));
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::Holes;
 use super::{Materials, Needs, Scene, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Filtered, Geometry, Instance, MAX_STEPS};
+use crate::bsdf::Lobes;
 use crate::color::Rgb;
 use crate::emitter::{
     AreaEmitter, BoundingSphere, Directional, Emission, Emitter, Environment, Light, Point, Projector, Spot,
@@ -169,6 +170,12 @@ impl Builder {
         let emission = emission.map(|input| self.emission(input)).transpose().map_err(locate)?;
         let mut emitter = None;
         if let Some(emission) = emission.filter(|e| !e.mean().is_black()) {
+            let (triangles, most) = (world.triangle_count(), Distribution1D::MOST);
+            if triangles > most {
+                let message =
+                    format!("expected at most {most} triangles of a mesh that emits, found {triangles}");
+                return Err(locate(Error::scene(message)));
+            }
             match AreaEmitter::new(&world, emission, motion.cloned()) {
                 Some(area) => {
                     emitter = Some(EmitterId::from(self.lights.len()));
@@ -230,8 +237,10 @@ impl Builder {
         let light_choice = choice_among(&self.lights)?;
         let sensors: Vec<Camera> = sensors.iter().map(Camera::new).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
+        let motion = instances.iter().any(Instance::is_moving);
         let needs = Needs {
-            time: camera_moves || instances.iter().any(Instance::is_moving),
+            time: camera_moves || motion,
+            motion,
             holes,
             instances: !instances.is_empty(),
             ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty(), environment)
@@ -290,11 +299,11 @@ fn choice_among(lights: &[Light]) -> Result<Distribution1D> {
     // A power beyond the range of `f32` counts as the largest number there is.
     let power = |light: &Light| f64::from(light.power().luminance().min(f32::MAX));
     let powers: Vec<f64> = lights.iter().map(power).collect();
-    let (count, most) = (powers.iter().filter(|p| **p > 0.0).count(), Distribution1D::MOST_COVERED);
+    let (count, most) = (Distribution1D::count(&powers), Distribution1D::MOST);
     if count > most {
         return Err(Error::scene(format!("expected at most {most} emitters, found {count}")));
     }
-    Ok(Distribution1D::covering(&powers))
+    Ok(Distribution1D::new(&powers))
 }
 
 /// Says which shape an error is about.
@@ -320,19 +329,20 @@ fn find_needs(
     can_sample: bool,
     environment: Option<EmitterId>,
 ) -> Needs {
-    let used: Vec<_> = shapes.iter().map(|s| materials.get(s.material)).collect();
-    let finite_lobes = used.iter().any(|m| !m.specular);
+    let used: Vec<_> = shapes.iter().map(|s| (materials.get(s.material), s.emitter.is_some())).collect();
+    let lobes: Vec<Lobes> = used.iter().map(|(material, emits)| material.lobes_of(*emits)).collect();
+    let finite_lobes = lobes.iter().any(|lobes| lobes.finite);
     let area_lights = lights.iter().any(|l| matches!(l, Light::Area(_)));
     Needs {
         emitter_sampling: can_sample && finite_lobes,
         hit_emitters: area_lights || environment.is_some(),
         environment: environment.is_some(),
         finite_lobes,
-        specular_lobes: used.iter().any(|m| m.specular),
-        delta_lobes: used.iter().any(|m| m.deltas),
-        lobe_choice: used.iter().any(|m| m.lobe_choice),
-        tangents: used.iter().any(|m| m.tangents),
-        varying_materials: used.iter().any(|m| m.constant.is_none()),
+        specular_lobes: lobes.iter().any(|lobes| lobes.deltas > 0 && !lobes.finite),
+        deltas: lobes.iter().map(|lobes| lobes.deltas).max().unwrap_or(0),
+        lobe_choice: used.iter().any(|(material, emits)| material.chooses_lobe(*emits)),
+        tangents: used.iter().any(|(material, _)| material.tangents),
+        varying_materials: used.iter().any(|(material, _)| material.constant.is_none()),
         ..Needs::default()
     }
 }

@@ -27,8 +27,9 @@ impl HitFilter for Holes {
         let side = u32::from(enters(shape, p, ray.d));
         let words = [hit.geometry, hit.primitive, hit.instance, side];
         let hash = words.into_iter().fold(id, |h, word| mix(h ^ mix(word.wrapping_add(0x9e37_79b9))));
-        let u = (hash >> 8) as f32 * (1.0 / (1 << 24) as f32);
-        u < opacity
+        // The least opacities need more than 32 bits.
+        let u = (f64::from(hash) + f64::from(mix(hash ^ 0x68bc_21eb)) * 2f64.powi(-32)) * 2f64.powi(-32);
+        u < f64::from(opacity)
     }
 }
 

@@ -18,8 +18,8 @@ pub struct SurfaceInteraction {
     pub ng: Vec3,
     /// Shading frame.
     pub frame: Frame,
-    /// Whether the ray came from the shape's front, before a two-sided material turned the frame.
-    pub front: bool,
+    /// Whether the shape emits on the side that the ray came from: on its geometric front.
+    pub emitting: bool,
     /// The hit that it was computed from.
     pub hit: Hit,
     /// Time in [0, 1] over the shutter interval.
@@ -39,9 +39,7 @@ pub struct SurfaceInteractionX16 {
     pub ng: Vec3x16,
     /// Shading frames.
     pub frame: FrameX16,
-    /// Bits: the ray came from the shape's front, before a two-sided material turned the frame.
-    pub front: u32,
-    /// Bits: the shape emits on the side that the ray came from.
+    /// Bits: the shape emits on the side that the ray came from, its geometric front.
     pub emitting: u32,
     /// The hits that they were computed from.
     pub hit: [Hit; LANES],
@@ -66,7 +64,7 @@ impl SurfaceInteractionX16 {
             error: self.error.as_array()[i],
             ng: self.ng.lane(i),
             frame: self.frame.lane(i),
-            front: self.front >> i & 1 == 1,
+            emitting: self.emitting >> i & 1 == 1,
             hit: self.hit[i],
             time: self.time.as_array()[i],
             material: self.material[i],
@@ -132,8 +130,8 @@ impl CornersX16 {
             let n = (n0 * w + n1 * u + n2 * v).normalize_or_zero();
             let usable = n.length_squared().simd_gt(f32x16::ZERO);
             ns = Vec3x16::select(usable, n, ng);
-            // Vertex normals say which side is the front.
-            ng = Vec3x16::select(ng.dot(ns).simd_lt(f32x16::ZERO), -ng, ng);
+            // Vertex normals say which side is the front, of a triangle as a whole.
+            ng = Vec3x16::select(ng.dot(n0 + n1 + n2).simd_lt(f32x16::ZERO), -ng, ng);
         }
         // [pbrt 6.8.5] bounds the interpolation by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the
         // distance to the plane from differences to the corners, so their size counts, however small their weight.

@@ -2,8 +2,9 @@
 
 use crate::bsdf::fresnel::ConductorFresnel;
 use crate::bsdf::microfacet::Microfacets;
+use crate::bsdf::two_sided::mirrored;
 use crate::bsdf::{
-    Blend, Bsdf, Conductor, Dielectric, Diffuse, Plastic, Principled, PrincipledThin, RoughConductor,
+    Blend, Bsdf, Conductor, Dielectric, Diffuse, Lobes, Plastic, Principled, PrincipledThin, RoughConductor,
     RoughDielectric, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided,
 };
 use crate::color::Rgb;
@@ -19,6 +20,7 @@ use std::sync::Arc;
 const LEAST_ALPHA: f32 = 1e-4;
 
 /// A material of the compiled scene.
+#[derive(Clone)]
 pub struct SceneMaterial {
     /// What the scene says of it; without the outermost [`Material::TwoSided`] of a single material.
     material: Material,
@@ -31,21 +33,19 @@ pub struct SceneMaterial {
     pub tangents: bool,
     /// Whether light may pass as if there were no surface.
     pub holes: bool,
-    /// Whether every lobe is a Dirac delta.
-    pub specular: bool,
-    /// Whether some of its lobes are Dirac deltas.
-    pub deltas: bool,
+    /// Its lobes. Holes are none: see [`lobes_of`](Self::lobes_of).
+    lobes: Lobes,
     /// Whether sampling chooses among lobes.
-    pub lobe_choice: bool,
+    lobe_choice: bool,
 }
 
 /// What a dielectric coat lets pass, computed once.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Coat {
     /// Share of diffuse light that a smooth coat reflects back inside.
     fdr_int: f32,
     /// The same and more for a rough coat.
-    rough: Option<Box<RoughTransmittance>>,
+    rough: Option<Arc<RoughTransmittance>>,
 }
 
 impl Coat {
@@ -57,7 +57,7 @@ impl Coat {
             },
             Material::RoughPlastic { interface, distribution, alpha, .. } => {
                 let rough = RoughTransmittance::new(*distribution, alpha.max(LEAST_ALPHA), interface.eta());
-                Coat { fdr_int: 0.0, rough: Some(Box::new(rough)) }
+                Coat { fdr_int: 0.0, rough: Some(Arc::new(rough)) }
             }
             _ => Coat::default(),
         }
@@ -81,8 +81,15 @@ pub struct MaterialPoint<'a> {
     pub ng: Vec3,
     /// Derivatives of the position by the texture coordinates.
     pub dp_duv: [Vec3; 2],
-    /// Where the ray came from, in the shading frame.
-    pub wo: Vec3,
+    /// Where the viewer is, in the shading frame; `None` where light is scattered to viewers yet unknown.
+    pub wo: Option<Vec3>,
+}
+
+impl MaterialPoint<'_> {
+    /// The point as the back's material sees it: the local frame is mirrored in the surface.
+    fn from_behind(&self) -> Self {
+        MaterialPoint { wo: self.wo.map(mirrored), ..*self }
+    }
 }
 
 /// What scatters at a point, and the share of the surface that is there.
@@ -125,16 +132,43 @@ impl Materials {
                 two_sided,
                 tangents: is(outer, has_tangents),
                 holes: is(outer, has_holes),
-                specular: !is(outer, is_finite),
-                deltas: is(outer, has_deltas),
-                lobe_choice: is(outer, chooses_lobe),
+                lobes: Lobes::default(),
+                lobe_choice: false,
             });
         }
         let mut all = Materials { list, textures };
         for i in 0..all.list.len() {
-            all.list[i].constant = all.constant(&all.list[i].material, &all.list[i].coat);
+            let entry = &all.list[i];
+            let (lobes, lobe_choice) = all.sampling(entry);
+            let constant = all.constant(&entry.material, &entry.coat);
+            all.list[i] = SceneMaterial { constant, lobes, lobe_choice, ..all.list[i].clone() };
         }
         Ok(all)
+    }
+
+    /// The lobes of a material, and whether sampling chooses among them; those of its BSDF, whose lobes no texture changes.
+    fn sampling(&self, entry: &SceneMaterial) -> (Lobes, bool) {
+        let inner = entry.material.inner();
+        let inner = inner.iter().map(|id| self.sampling(self.get(*id)));
+        let all_at_once = matches!(entry.material, Material::Blend { .. });
+        let both = |(a, b): (Lobes, bool), (c, d): (Lobes, bool)| {
+            (if all_at_once { a.and(c) } else { a.or(c) }, b || d)
+        };
+        let (lobes, choice) = inner.fold((Lobes::default(), false), both);
+        match &entry.material {
+            // Without a surface there is nothing that scatters; on emitters it is a hole.
+            Material::Null => (Lobes::default(), false),
+            Material::Mask { .. } | Material::Blend { .. } => (lobes, true),
+            Material::TwoSided(_) => (lobes, choice),
+            // Light tries both normals.
+            Material::BumpMap { bending, .. } | Material::NormalMap { bending, .. } => {
+                (lobes, choice || bending.flip_invalid)
+            }
+            leaf => {
+                let bsdf = self.leaf(leaf, &entry.coat, &TexturePoint::at(Vec2::ZERO));
+                (bsdf.lobes(), bsdf.chooses_lobe())
+            }
+        }
     }
 
     /// A material.
@@ -226,8 +260,9 @@ impl Materials {
                 self.tilted(at, n, *bending, *inner, arena)
             }
             Material::TwoSided(sides) => {
-                let sides = sides.map(|id| &*arena.alloc(self.scattering(id, at, arena).bsdf));
-                Scattering { bsdf: Bsdf::TwoSided(TwoSided { sides }), opacity: 1.0 }
+                let bsdf =
+                    self.both_sides(at, arena, |side, at| self.scattering(sides[side], at, arena).bsdf);
+                Scattering { bsdf, opacity: 1.0 }
             }
             leaf => Scattering { bsdf: self.leaf(leaf, &entry.coat, point), opacity: 1.0 },
         }
@@ -236,12 +271,30 @@ impl Materials {
     /// What scatters of a material inside another. Frames are turned to the ray for the outermost material only, so one
     /// that is two-sided gets both of its sides here.
     fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
-        let scattering = self.scattering(id, at, arena);
         if !self.get(id).two_sided {
-            return scattering;
+            return self.scattering(id, at, arena);
         }
-        let side = &*arena.alloc(scattering.bsdf);
-        Scattering { bsdf: Bsdf::TwoSided(TwoSided { sides: [side; 2] }), ..scattering }
+        let bsdf = self.both_sides(at, arena, |_, at| self.scattering(id, at, arena).bsdf);
+        Scattering { bsdf, opacity: 1.0 }
+    }
+
+    /// What is made for the front (0) and for the back (1), each from the point as that side sees it. Of a viewer who is known
+    /// only the side is made that he sees.
+    fn both_sides<'a>(
+        &'a self,
+        at: &MaterialPoint<'a>,
+        arena: &'a Bump,
+        make: impl Fn(usize, &MaterialPoint<'a>) -> Bsdf<'a>,
+    ) -> Bsdf<'a> {
+        let side = |side: usize| -> &'a Bsdf<'a> {
+            let at = if side == 0 { *at } else { at.from_behind() };
+            arena.alloc(make(side, &at))
+        };
+        let sides = match at.wo {
+            Some(wo) => [side(usize::from(wo.z < 0.0)); 2],
+            None => [side(0), side(1)],
+        };
+        Bsdf::TwoSided(TwoSided { sides })
     }
 
     /// The inner material around the local normal `n`, which need not be of unit length.
@@ -253,18 +306,29 @@ impl Materials {
         inner: MaterialId,
         arena: &'a Bump,
     ) -> Scattering<'a> {
-        let mirror = bending.flip_invalid && at.wo.z * at.wo.dot(n) <= 0.0;
-        let n = if mirror { Vec3::new(-n.x, -n.y, n.z) } else { n };
-        let frame = Frame::from_normal_tangent(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X);
-        let world = Frame {
-            s: at.frame.to_world(frame.s),
-            t: at.frame.to_world(frame.t),
-            n: at.frame.to_world(frame.n),
+        let turned = Vec3::new(-n.x, -n.y, n.z);
+        let tilt = |n: Vec3, turned: Option<&'a Tilted<'a>>| {
+            let frame = Frame::from_normal_tangent(n.try_normalize().unwrap_or(Vec3::Z), Vec3::X);
+            let world = Frame {
+                s: at.frame.to_world(frame.s),
+                t: at.frame.to_world(frame.t),
+                n: at.frame.to_world(frame.n),
+            };
+            let wo = at.wo.map(|wo| frame.to_local(wo));
+            let Scattering { bsdf, opacity } =
+                self.inner(inner, &MaterialPoint { frame: world, wo, ..*at }, arena);
+            (Tilted { frame, soften: bending.soften, inner: arena.alloc(bsdf), turned }, opacity)
         };
-        let inner_at = MaterialPoint { frame: world, wo: frame.to_local(at.wo), ..*at };
-        let Scattering { bsdf, opacity } = self.inner(inner, &inner_at, arena);
-        let inner = arena.alloc(bsdf);
-        Scattering { bsdf: Bsdf::Tilted(Tilted { frame, soften: bending.soften, inner }), opacity }
+        let (tilted, opacity) = match at.wo {
+            _ if !bending.flip_invalid => tilt(n, None),
+            Some(wo) if wo.z * wo.dot(n) <= 0.0 => tilt(turned, None),
+            Some(_) => tilt(n, None),
+            None => {
+                let (turned, _) = tilt(turned, None);
+                tilt(n, Some(arena.alloc(turned)))
+            }
+        };
+        Scattering { bsdf: Bsdf::Tilted(tilted), opacity }
     }
 
     /// The BSDF of a material that is not made of others.
@@ -423,6 +487,17 @@ impl Materials {
 }
 
 impl SceneMaterial {
+    /// Its lobes on a surface that emits light or does not. Holes in what emits are deltas, for rays
+    /// meet all of it; holes elsewhere are not met.
+    pub fn lobes_of(&self, emits: bool) -> Lobes {
+        if emits && self.holes { self.lobes.and(Lobes::deltas(1)) } else { self.lobes }
+    }
+
+    /// Whether sampling chooses among lobes on a surface that emits light or does not.
+    pub fn chooses_lobe(&self, emits: bool) -> bool {
+        self.lobe_choice || (emits && self.holes)
+    }
+
     /// Whether there is nothing anywhere.
     pub fn is_absent(&self) -> bool {
         matches!(self.material, Material::Null)
@@ -475,52 +550,6 @@ fn has_holes(material: &Material) -> bool {
         Material::Mask { opacity, .. } => opacity.constant().is_none_or(|o| o < 1.0),
         _ => false,
     }
-}
-
-/// Whether it has lobes that are Dirac deltas, by itself.
-fn has_deltas(material: &Material) -> bool {
-    matches!(
-        material,
-        Material::Conductor(_)
-            | Material::Dielectric(..)
-            | Material::ThinDielectric(..)
-            | Material::Plastic(..)
-    )
-}
-
-/// Whether it has lobes of finite density.
-fn is_finite(material: &Material) -> bool {
-    match material {
-        Material::Diffuse { .. }
-        | Material::RoughConductor(..)
-        | Material::RoughDielectric(..)
-        | Material::Plastic(..)
-        | Material::RoughPlastic { .. }
-        | Material::Principled(_)
-        | Material::PrincipledThin(_) => true,
-        Material::Conductor(_)
-        | Material::Dielectric(..)
-        | Material::ThinDielectric(..)
-        | Material::Mask { .. }
-        | Material::Blend { .. }
-        | Material::BumpMap { .. }
-        | Material::NormalMap { .. }
-        | Material::TwoSided(_)
-        | Material::Null => false,
-    }
-}
-
-fn chooses_lobe(material: &Material) -> bool {
-    !matches!(
-        material,
-        Material::Diffuse { .. }
-            | Material::Conductor(_)
-            | Material::RoughConductor(..)
-            | Material::BumpMap { .. }
-            | Material::NormalMap { .. }
-            | Material::TwoSided(_)
-            | Material::Null
-    )
 }
 
 /// Refuses indices that do not exist, and materials that contain themselves.

@@ -118,6 +118,8 @@ impl Scene {
             ns.set_lane(i, placement.normal(ns.lane(i)));
         }
         let front = ns.dot(rays.d).simd_lt(f32x16::ZERO).to_bitmask();
+        // Light leaves the geometric front, as emitter samples have it.
+        let emitting = emitters & ng.dot(rays.d).simd_lt(f32x16::ZERO).to_bitmask();
         let mut frame = FrameX16::from_normal(ns);
         for i in bits(tangents) {
             let [tangent, _] = self.partials(&hits[i], rays.time.as_array()[i], p.lane(i));
@@ -130,17 +132,7 @@ impl Scene {
             frame.n = Vec3x16::select(flip, -ns, ns);
             ng = Vec3x16::select(flip, -ng, ng);
         }
-        SurfaceInteractionX16 {
-            p,
-            error,
-            ng,
-            frame,
-            front,
-            emitting: emitters & front,
-            hit: *hits,
-            time: rays.time,
-            material,
-        }
+        SurfaceInteractionX16 { p, error, ng, frame, emitting, hit: *hits, time: rays.time, material }
     }
 
     /// The point of a sphere or disk; `at` is the ray's point at the hit.
@@ -179,10 +171,10 @@ impl Scene {
         }
     }
 
-    /// What scatters at a surface point, seen along `wo` in its frame. What is not the same everywhere lives in
-    /// the arena.
+    /// What scatters at a surface point, seen along `wo` in its frame; without `wo`, for light that goes to any viewer (see
+    /// [`Bsdf::sample_adjoint`]). What is not the same everywhere lives in the arena.
     #[inline]
-    pub fn bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Vec3, arena: &'a Bump) -> &'a Bsdf<'a> {
+    pub fn bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Option<Vec3>, arena: &'a Bump) -> &'a Bsdf<'a> {
         match &self.materials.get(at.material).constant {
             Some(bsdf) => bsdf,
             None => arena.alloc(self.varying_bsdf(at, wo, arena)),
@@ -199,7 +191,7 @@ impl Scene {
     }
 
     /// The BSDF at a point of a material that is not the same everywhere.
-    fn varying_bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Vec3, arena: &'a Bump) -> Bsdf<'a> {
+    fn varying_bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Option<Vec3>, arena: &'a Bump) -> Bsdf<'a> {
         let shape = &self.shapes[at.shape().index()];
         let point = MaterialPoint {
             texture: shape.world.texture_point(&at.hit, self.local_point(&at.hit, at.time, at.p)),
@@ -228,7 +220,7 @@ impl Scene {
     /// The emitter of the surface, if it emits on the side that the ray came from.
     #[inline]
     pub fn emitter_at(&self, at: &SurfaceInteraction) -> Option<EmitterId> {
-        self.shapes[at.shape().index()].emitter.filter(|_| at.front)
+        self.shapes[at.shape().index()].emitter.filter(|_| at.emitting)
     }
 
     /// Radiance of the area emitter at a point of its surface.

@@ -15,16 +15,18 @@ pub struct Needs {
     pub finite_lobes: bool,
     /// Some material scatters into Dirac deltas only.
     pub specular_lobes: bool,
-    /// Some material has a Dirac delta among its lobes: there may be caustics.
-    pub delta_lobes: bool,
+    /// The most Dirac deltas that a material has among its lobes: above 0 there may be caustics.
+    pub deltas: u32,
     /// Some material chooses among lobes.
     pub lobe_choice: bool,
     /// Some material depends on the tangents of the surface.
     pub tangents: bool,
     /// Some material is not the same everywhere: textures are read, or materials combined, at each point.
     pub varying_materials: bool,
-    /// Something moves while the shutter is open.
+    /// Something moves while the shutter is open, be it the camera alone.
     pub time: bool,
+    /// Surfaces move while the shutter is open.
+    pub motion: bool,
     /// Some surface has holes: hits are filtered.
     pub holes: bool,
     /// Some shapes stand in the world as instances.
@@ -33,18 +35,19 @@ pub struct Needs {
 
 impl Needs {
     /// The features with their names, in a fixed order.
-    pub fn list(&self) -> [(&'static str, bool); 12] {
+    pub fn list(&self) -> [(&'static str, bool); 13] {
         [
             ("emitter_sampling", self.emitter_sampling),
             ("hit_emitters", self.hit_emitters),
             ("environment", self.environment),
             ("finite_lobes", self.finite_lobes),
             ("specular_lobes", self.specular_lobes),
-            ("delta_lobes", self.delta_lobes),
+            ("delta_lobes", self.deltas > 0),
             ("lobe_choice", self.lobe_choice),
             ("tangents", self.tangents),
             ("varying_materials", self.varying_materials),
             ("time", self.time),
+            ("motion", self.motion),
             ("holes", self.holes),
             ("instances", self.instances),
         ]

@@ -59,7 +59,7 @@ impl Place {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Importance {
     /// Position on the film in pixels from the top left corner of the full image.
-    pub film: Vec2,
+    pub film: DVec2,
     /// Unit direction from the point towards the aperture.
     pub wi: Vec3,
     /// Where a connecting ray ends: on the near clipping plane.
@@ -143,16 +143,16 @@ impl Camera {
     /// [0, 1] over the shutter interval; `u` chooses the point of the aperture. It starts on the near
     /// clipping plane and ends on the far one.
     #[inline]
-    pub fn ray(&self, p: Vec2, u: Vec2, time: f32) -> Ray {
+    pub fn ray(&self, p: DVec2, u: Vec2, time: f32) -> Ray {
         let place = self.place(time);
         if self.parallel {
             let to_world = place.to_world;
-            let q = self.corner + self.pixel * p.as_dvec2();
+            let q = self.corner + self.pixel * p;
             let o = to_world.transform_point3(q.extend(self.near));
             let d = to_world.matrix3.z_axis.normalize();
             return Ray { o: o.as_vec3(), t_max: (self.far - self.near) as f32, d: d.as_vec3(), time };
         }
-        let mut direction = place.corner + place.dx * f64::from(p.x) + place.dy * f64::from(p.y);
+        let mut direction = place.corner + place.dx * p.x + place.dy * p.y;
         let mut origin = place.to_world.translation;
         if let Some(lens) = self.lens {
             let start = warp::square_to_disk(u).as_dvec2() * lens.aperture_radius;
@@ -222,7 +222,7 @@ impl Camera {
         }
         let wi = (aperture - p).normalize();
         Some(Importance {
-            film: film.as_vec2(),
+            film,
             wi: wi.as_vec3(),
             target: (p + wi * to_near).as_vec3(),
             weight: weight as f32,
@@ -295,7 +295,7 @@ mod tests {
                 film: FilmSettings { width: 60, height: 40, ..FilmSettings::default() },
             })
             .unwrap();
-            let ray = camera.ray(Vec2::new(15.0, 27.5), Vec2::ZERO, 0.0);
+            let ray = camera.ray(DVec2::new(15.0, 27.5), Vec2::ZERO, 0.0);
             assert!((ray.o - Vec3::from(o)).length() < 2e-5, "{fov_axis:?} {ray:?}");
             assert!((ray.d - Vec3::from(d)).length() < 2e-6, "{fov_axis:?} {ray:?}");
             assert!((ray.t_max - t_max).abs() < 2e-5, "{fov_axis:?} {ray:?}");

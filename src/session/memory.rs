@@ -35,7 +35,7 @@ impl RenderMemory {
         let pixels = film.rect().area();
         let channels = 3 + usize::from(film.pixel_format.has_alpha());
         RenderMemory {
-            film: pixels.saturating_mul(Tile::bytes_per_pixel(channels) as u64),
+            film: pixels.saturating_mul(Tile::bytes_per_pixel(channels, 2) as u64),
             image: pixels.saturating_mul(4 * image_channels(film.pixel_format)),
             threads: 0,
         }
@@ -50,9 +50,10 @@ impl RenderMemory {
         };
         let sums = 3 + usize::from(film.pixel_format.has_alpha()) + count(true);
         let values = image_channels(film.pixel_format) + count(false) as u64;
+        let film = Tile::bytes_per_pixel(sums, job.sampler.replicates() as usize) as u64;
         let known = if adaptive { pixels.saturating_mul(ADAPTIVE) } else { 0 };
         RenderMemory {
-            film: pixels.saturating_mul(Tile::bytes_per_pixel(sums) as u64).saturating_add(known),
+            film: pixels.saturating_mul(film).saturating_add(known),
             image: pixels.saturating_mul(4 * values),
             threads: THREAD * job.threads as u64,
         }

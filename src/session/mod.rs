@@ -217,7 +217,7 @@ impl Session {
             sampler: plan.job.sampler,
             seed: plan.job.seed,
             pool: &pool,
-            interrupted: &|| progress.is_interrupted(),
+            interrupt: progress.interrupt_flag(),
             cache: plan.cache.clone(),
             memory: &self.memory,
         })?;

@@ -69,6 +69,7 @@ impl Picture {
             metadata.set("buffon:relmse_low", Value::Float(low as f32));
             metadata.set("buffon:relmse_high", Value::Float(high as f32));
         }
+        output::noise_metadata(rendered, &mut metadata);
         for (name, matrix) in MATRICES.into_iter().zip(self.camera) {
             metadata.set(name, Value::Matrix(matrix));
         }

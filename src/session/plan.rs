@@ -66,8 +66,11 @@ impl Session {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
         }
         let kind = choices.sampler.or(self.defaults.sampler).unwrap_or_default();
-        let sampler = Sampler::new(kind, stop.samples);
-        let layers = choose_layers(&choices.aov, &integrator)?;
+        let created = integrator::create(&integrator);
+        created.check(&self.scene)?;
+        let replicates = integrator::replicates(created.as_ref(), kind);
+        let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
+        let layers = choose_layers(&choices.aov, &integrator, replicates > 2)?;
         let target = stop.samples;
         let first = match &choices.samples {
             Some(range) => restrict(range, &mut stop, choices)?,
@@ -80,7 +83,6 @@ impl Session {
                  it gets: the picture would be biased"
             )));
         }
-        let created = integrator::create(&integrator);
         if choices.adaptive && created.light_tracer().is_some() {
             return Err(Error::usage(format!(
                 "--adaptive: {} traces its paths from the lights, and cannot decide which pixels they reach",
@@ -195,7 +197,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
 }
 
 /// The layers of the scene's `aov` integrator and those that the user names.
-fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
+///
+/// Where pixels share noise, the variances of blocks go along with those of pixels.
+fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<Vec<Layer>> {
     let mut layers = match settings {
         Settings::Aov { layers, .. } => layers.clone(),
         Settings::Irrcache(IrrcacheSettings { debug: true, .. }) => {
@@ -231,6 +235,10 @@ fn choose_layers(names: &[String], settings: &Settings) -> Result<Vec<Layer>> {
             return Err(Error::usage(format!("--aov: the layer \"{name}\" is there twice")));
         }
         layers.push(Layer { name: name.clone(), aov });
+    }
+    let has = |aov| layers.iter().any(|layer| layer.aov == aov);
+    if shared && has(Aov::Variance) && !has(Aov::BlockVariance) {
+        layers.push(Layer { name: Aov::BlockVariance.name().into(), aov: Aov::BlockVariance });
     }
     Ok(layers)
 }

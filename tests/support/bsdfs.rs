@@ -1,9 +1,14 @@
 //! What every BSDF is held to.
 
 use super::chi2::{check_directions, check_square};
-use buffon::bsdf::{Bsdf, BsdfSample, Lobe};
+use buffon::bsdf::fresnel::ConductorFresnel;
+use buffon::bsdf::microfacet::{Distribution, Microfacets};
+use buffon::bsdf::{
+    Blend, Bsdf, BsdfSample, Conductor, Dielectric, Diffuse, Lobe, Mask, Plastic, Principled, PrincipledThin,
+    RoughConductor, RoughDielectric, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided,
+};
 use buffon::color::Rgb;
-use buffon::math::{DVec3, Vec2, Vec3};
+use buffon::math::{DVec3, Frame, Vec2, Vec3};
 use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
@@ -185,4 +190,115 @@ pub fn check_reciprocity(bsdf: &Bsdf, wo: Vec3, wi: Vec3, eta: f32) {
         let differ = (a - b).abs() > 1e-3 * a.max(b) + 1e-7;
         assert!(!differ || a == 0.0 || b == 0.0, "{bsdf:?} {wo} {wi}: {a} and {b}");
     }
+}
+
+fn conductor() -> ConductorFresnel {
+    ConductorFresnel { eta: Rgb::new(0.2, 0.9, 1.1), k: Rgb::new(3.9, 2.4, 2.2) }
+}
+
+fn facets(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> Microfacets {
+    Microfacets { distribution, alpha_x: alpha[0], alpha_y: alpha[1], sample_visible }
+}
+
+pub const DIFFUSE: Bsdf<'static> = Bsdf::Diffuse(Diffuse { reflectance: Rgb::WHITE });
+
+/// Models with a single surface.
+pub fn simple_models() -> Vec<Bsdf<'static>> {
+    let white = Rgb::WHITE;
+    vec![
+        DIFFUSE,
+        Bsdf::Null,
+        Bsdf::Conductor(Conductor { fresnel: conductor(), specular_reflectance: white }),
+        Bsdf::Dielectric(Dielectric { eta: 1.5, specular_reflectance: white, specular_transmittance: white }),
+        Bsdf::ThinDielectric(ThinDielectric {
+            eta: 1.5,
+            specular_reflectance: white,
+            specular_transmittance: white,
+        }),
+        Bsdf::Plastic(Plastic::new(white, white, 1.5, true)),
+        Bsdf::Principled(Principled {
+            base_color: white,
+            roughness: 0.5,
+            anisotropy: 0.3,
+            metallic: 0.3,
+            spec_trans: 0.4,
+            eta: 1.5,
+            spec_tint: 0.2,
+            sheen: 0.5,
+            sheen_tint: 0.5,
+            flatness: 0.2,
+            clearcoat: 0.7,
+            clearcoat_gloss: 0.3,
+        }),
+        Bsdf::PrincipledThin(PrincipledThin {
+            base_color: white,
+            roughness: 0.5,
+            anisotropy: 0.3,
+            spec_trans: 0.4,
+            eta: 1.5,
+            spec_tint: 0.2,
+            sheen: 0.5,
+            sheen_tint: 0.5,
+            flatness: 0.2,
+            diff_trans: 0.8,
+        }),
+    ]
+}
+
+/// Models of microfacets.
+pub fn rough_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
+    let white = Rgb::WHITE;
+    let mut all = Vec::new();
+    for distribution in [Distribution::Beckmann, Distribution::Ggx] {
+        for alpha in [[0.1, 0.1], [0.6, 0.6], [0.2, 0.8]] {
+            for visible in [true, false] {
+                let microfacets = facets(distribution, alpha, visible);
+                all.push(Bsdf::RoughConductor(RoughConductor {
+                    microfacets,
+                    fresnel: conductor(),
+                    specular_reflectance: white,
+                }));
+                all.push(Bsdf::RoughDielectric(RoughDielectric {
+                    microfacets,
+                    eta: 1.5,
+                    specular_reflectance: white,
+                    specular_transmittance: white,
+                }));
+            }
+        }
+    }
+    for (transmittance, alpha) in transmittance.iter().zip([0.1, 0.6]) {
+        all.push(Bsdf::RoughPlastic(RoughPlastic {
+            microfacets: facets(Distribution::Ggx, [alpha; 2], true),
+            diffuse_reflectance: white,
+            specular_reflectance: white,
+            eta: 1.5,
+            nonlinear: false,
+            transmittance,
+        }));
+    }
+    all
+}
+
+/// The tables of the rough plastics of [`rough_models`].
+pub fn transmittances() -> [RoughTransmittance; 2] {
+    [0.1, 0.6].map(|alpha| RoughTransmittance::new(Distribution::Ggx, alpha, 1.5))
+}
+
+/// Models with a single surface and models of microfacets.
+pub fn plain_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
+    [simple_models(), rough_models(transmittance)].concat()
+}
+
+/// These models, and each in every wrapper.
+pub fn wrapped<'a>(plain: &'a [Bsdf<'a>]) -> Vec<Bsdf<'a>> {
+    let frame = Frame::from_normal(Vec3::new(0.3, -0.2, 1.0).normalize());
+    let mut all = plain.to_vec();
+    for inner in plain {
+        all.push(Bsdf::Tilted(Tilted { frame, soften: false, inner, turned: None }));
+        all.push(Bsdf::TwoSided(TwoSided { sides: [inner, &DIFFUSE] }));
+        all.push(Bsdf::Mask(Mask { opacity: 0.5, inner }));
+        all.push(Bsdf::Blend(Blend { weight: 0.25, bsdfs: [inner, &DIFFUSE] }));
+    }
+    all
 }

@@ -3,12 +3,15 @@
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
+use buffon::film::tile::variance_of_mean;
 use buffon::film::{ComponentFormat, FilmSettings, Filter, PixelFormat};
 use buffon::ids::MaterialId;
+use buffon::image::Image;
 use buffon::integrator::{self, Preparation, Settings};
 use buffon::material::Material;
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
 use buffon::memory::Budget;
+use buffon::render::output::replicate_images;
 use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules, thread_pool};
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::description::{Description, PlacedShape};
@@ -85,7 +88,8 @@ pub fn compiled(description: Description, accel: AccelKind) -> Scene {
 pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64, seed: u64) -> Rendered {
     let mut integrator = integrator::create(settings);
     let progress = Progress::new();
-    let sampler = Sampler::new(sampler, Some(spp));
+    let replicates = integrator::replicates(integrator.as_ref(), sampler);
+    let sampler = Sampler::with_replicates(sampler, Some(spp), replicates);
     let pool = thread_pool(2).expect("the threads start");
     let preparation = Preparation {
         scene,
@@ -93,7 +97,7 @@ pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64
         sampler,
         seed,
         pool: &pool,
-        interrupted: &|| false,
+        interrupt: &buffon::integrator::Interrupt::default(),
         cache: None,
         memory: &Budget::unlimited(),
     };
@@ -108,7 +112,7 @@ pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64
     Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress).run_with(pool)
 }
 
-/// Mean over the image of each channel, and an estimate of its standard error from the halves.
+/// Mean over the image of each channel, and an estimate of its standard error from the replicates.
 pub fn mean(rendered: &Rendered) -> ([f64; 3], [f64; 3]) {
     let (mut mean, mut variance, mut n) = ([0.0; 3], [0.0; 3], 0.0);
     for tile in &rendered.tiles {
@@ -120,6 +124,12 @@ pub fn mean(rendered: &Rendered) -> ([f64; 3], [f64; 3]) {
             }
             n += 1.0;
         }
+    }
+    let images = replicate_images(rendered);
+    if images.len() > 2 {
+        let sum = |image: &Image, c: usize| image.data.chunks_exact(3).map(|p| f64::from(p[c])).sum::<f64>();
+        variance = [0, 1, 2]
+            .map(|c| variance_of_mean(images.iter().map(|i| sum(i, c))).expect("several replicates"));
     }
     (mean.map(|m| m / n), variance.map(|v| v.sqrt() / n))
 }

@@ -2,8 +2,8 @@
 //!
 //! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and of the
 //! settings that records depend on (u64 each). Then how many views the records serve (u32) and the hash of each (u64), how many
-//! records there are in each of the four caches (fine A, fine B, coarse A, coarse B; u64 each), the records, 28 numbers (f32) each, and
-//! the CRC-32 (as u64) of everything before it.
+//! replicates there are (u32) and how many records in each of their caches (the fine ones, then the coarse ones; u64 each), the
+//! records, 28 numbers (f32) each, and the CRC-32 (as u64) of everything before it.
 
 use super::hemisphere::Gradient;
 use super::record::Record;
@@ -11,10 +11,11 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::image::replace;
 use crate::math::Vec3;
+use crate::sampling::SHARED_REPLICATES;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"BUFFONIC";
-const VERSION: u32 = 1;
+const VERSION: u32 = 3;
 /// Numbers of a record.
 const NUMBERS: usize = 28;
 
@@ -27,8 +28,16 @@ pub struct Kept {
     pub settings: u64,
     /// Hashes of the views that the records were made for.
     pub views: Vec<u64>,
-    /// The fine records of both halves, and the coarse ones.
-    pub records: [Vec<Record>; 4],
+    /// The fine records of each replicate.
+    pub fine: Vec<Vec<Record>>,
+    /// The coarse records of as many replicates.
+    pub coarse: Vec<Vec<Record>>,
+}
+
+impl Kept {
+    fn caches(&self) -> impl Iterator<Item = &Vec<Record>> {
+        self.fine.iter().chain(&self.coarse)
+    }
 }
 
 /// Writes caches to a file, whole or not at all.
@@ -36,7 +45,7 @@ pub struct Kept {
 /// # Errors
 /// If the file cannot be written.
 pub fn save(path: &Path, kept: &Kept) -> Result<()> {
-    let count: usize = kept.records.iter().map(Vec::len).sum();
+    let count: usize = kept.caches().map(Vec::len).sum();
     let mut bytes = Vec::with_capacity(count * NUMBERS * 4 + 128);
     bytes.extend(MAGIC);
     bytes.extend(VERSION.to_le_bytes());
@@ -44,8 +53,9 @@ pub fn save(path: &Path, kept: &Kept) -> Result<()> {
     bytes.extend(kept.settings.to_le_bytes());
     bytes.extend((kept.views.len() as u32).to_le_bytes());
     kept.views.iter().for_each(|view| bytes.extend(view.to_le_bytes()));
-    kept.records.iter().for_each(|records| bytes.extend((records.len() as u64).to_le_bytes()));
-    for record in kept.records.iter().flatten() {
+    bytes.extend((kept.fine.len() as u32).to_le_bytes());
+    kept.caches().for_each(|records| bytes.extend((records.len() as u64).to_le_bytes()));
+    for record in kept.caches().flatten() {
         numbers(record).iter().for_each(|number| bytes.extend(number.to_le_bytes()));
     }
     bytes.extend(checksum(&bytes).to_le_bytes());
@@ -159,18 +169,22 @@ impl Reader<'_> {
         for _ in 0..self.u32()? {
             kept.views.push(self.u64()?);
         }
-        let mut counts = [0; 4];
-        for count in &mut counts {
-            *count = self.u64()?;
-        }
-        for (records, count) in kept.records.iter_mut().zip(counts) {
-            for _ in 0..count {
-                let bytes = self.array::<{ NUMBERS * 4 }>()?;
-                let words = bytes.as_chunks::<4>().0;
-                records.push(record(&std::array::from_fn(|i| f32::from_le_bytes(words[i])))?);
-            }
-        }
+        let replicates = self.u32().filter(|n| *n <= SHARED_REPLICATES)?;
+        let counts = (0..2 * replicates).map(|_| self.u64()).collect::<Option<Vec<u64>>>()?;
+        let (fine, coarse) = counts.split_at(replicates as usize);
+        kept.fine = fine.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
+        kept.coarse = coarse.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
         (self.0.len() == 8).then_some(kept)
+    }
+
+    fn records(&mut self, count: u64) -> Option<Vec<Record>> {
+        let mut records = Vec::new();
+        for _ in 0..count {
+            let bytes = self.array::<{ NUMBERS * 4 }>()?;
+            let words = bytes.as_chunks::<4>().0;
+            records.push(record(&std::array::from_fn(|i| f32::from_le_bytes(words[i])))?);
+        }
+        Some(records)
     }
 }
 
@@ -194,8 +208,8 @@ mod tests {
                 translation: Gradient { along: along(70) },
             }
         };
-        let records = [3, 0, 5, 1].map(|n| (0..n).map(record).collect());
-        Kept { scene: 1, settings: 2, views: vec![10, 11], records }
+        let caches = |counts: [u32; 2]| counts.map(|n| (0..n).map(record).collect()).to_vec();
+        Kept { scene: 1, settings: 2, views: vec![10, 11], fine: caches([3, 0]), coarse: caches([5, 1]) }
     }
 
     #[test]
@@ -230,7 +244,7 @@ mod tests {
         }
         // A count that the file has no bytes for, with the right checksum.
         let mut bytes = whole[..whole.len() - 8].to_vec();
-        bytes[48 + 7] = 0xff;
+        bytes[52 + 7] = 0xff;
         let sum = checksum(&bytes);
         bytes.extend(sum.to_le_bytes());
         std::fs::write(&path, &bytes).expect("written");
@@ -279,7 +293,7 @@ mod tests {
             match load(&path) {
                 Ok(kept) => {
                     let bounds = Bounds { min: Vec3::ZERO, max: Vec3::splat(2.0) };
-                    for records in &kept.records {
+                    for records in kept.caches() {
                         let cache = Interpolation::new(records, bounds, 1.0);
                         for p in records.iter().map(|record| record.p).chain([Vec3::ONE, Vec3::splat(-9.0)]) {
                             // A record far outside may bring what is no colour; a render drops and counts that.

@@ -37,8 +37,8 @@ pub struct Gathering<'a> {
     pub seed: u32,
     /// What the records are for.
     pub level: Level,
-    /// Which half of the samples the records serve.
-    pub half: usize,
+    /// Which replicate of the samples the records serve.
+    pub replicate: u32,
 }
 
 impl Gathering<'_> {
@@ -58,7 +58,7 @@ impl Gathering<'_> {
             let frame = Frame::from_normal(place.n);
             directions.extend(strata.directions(scramble));
             rays.extend(directions[rays.len()..].iter().map(|d| place.ray(&frame, *d)));
-            let key = |index| SampleKey { scramble, index }.in_half(self.half as u32);
+            let key = |index| SampleKey { scramble, index, replicate: self.replicate };
             keys.extend((0..strata.cells() as u32).map(key));
         }
         let mut found = vec![Radiance::NONE; rays.len()];

@@ -10,8 +10,8 @@
 //! are computed in parallel and merged in order: the cache depends on the scene, the view and the seed, never on threads. The
 //! final render only reads. Where no record reaches, the path goes on as if there were no cache.
 //!
-//! Each half of the image's samples has a cache of its own, so that the halves' difference knows the caches' noise. What
-//! interpolation smooths away, both miss alike: that is the bias, and it is what `quality` is for.
+//! Each replicate of the image's samples has a cache of its own, so that their differences know the caches' noise and what pixels
+//! share of it. What interpolation smooths away, all miss alike: that is the bias, and it is what `quality` is for.
 
 mod file;
 mod gathering;
@@ -25,17 +25,19 @@ pub mod record;
 mod shading;
 pub mod weight;
 
+use super::preparation::refuse_motion;
 use super::settings::{Aov, IrrcacheSettings, PathSettings, PhotonmapperSettings, Settings};
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create, preparation};
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::math::{Bounds, Ray, Vec2, Vec3};
+use crate::math::{Bounds, DVec2, Ray, Vec2, Vec3};
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
 use file::Kept;
 use interpolation::Interpolation;
 use overture::Level;
+use rayon::prelude::*;
 use record::Record;
 use shading::CachedPath;
 
@@ -48,7 +50,7 @@ pub struct IrradianceCache {
     /// Renders with the fine caches.
     fine: CachedPath,
     /// The records of the fine caches.
-    records: [Vec<Record>; 2],
+    records: Vec<Vec<Record>>,
     /// Size of a pixel where camera rays begin, and how much it grows per unit of length.
     pixel: [f32; 2],
     facts: Vec<Fact>,
@@ -57,20 +59,15 @@ pub struct IrradianceCache {
 impl IrradianceCache {
     /// The integrator with its settings, and an empty cache.
     pub fn new(settings: &IrrcacheSettings) -> Self {
-        let path = match settings.child.as_ref() {
-            Settings::Path(path) => *path,
-            Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. }) => {
-                PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
-            }
-            _ => PathSettings::default(),
-        };
-        let gathered = match settings.child.as_ref() {
-            Settings::Path(path) => Settings::Path(from_surface(path, 2)),
-            // Emitters are hidden from the camera only.
+        // The camera's paths, and what records gather: emitters are hidden from the camera only.
+        let (path, gathered) = match settings.child.as_ref() {
+            Settings::Path(path) => (*path, Settings::Path(from_surface(path, 2))),
             Settings::Photonmapper(mapper) => {
-                Settings::Photonmapper(PhotonmapperSettings { hide_emitters: false, ..*mapper })
+                let PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. } = *mapper;
+                let seen = PhotonmapperSettings { hide_emitters: false, ..*mapper };
+                (PathSettings { max_depth, rr_depth, hide_emitters }, Settings::Photonmapper(seen))
             }
-            other => other.clone(),
+            other => (PathSettings::default(), other.clone()),
         };
         let only_cached = settings.indirect_only;
         let fine = CachedPath { caches: empty(), path, only_cached, caustics: None, far_only: false };
@@ -78,15 +75,15 @@ impl IrradianceCache {
             settings: settings.clone(),
             child: create(&gathered),
             fine,
-            records: Default::default(),
+            records: Vec::new(),
             pixel: [0.0; 2],
             facts: Vec::new(),
         }
     }
 
-    /// The records of each half.
-    pub fn records(&self) -> [&[Record]; 2] {
-        [&self.records[0], &self.records[1]]
+    /// The records of each replicate.
+    pub fn records(&self) -> &[Vec<Record>] {
+        &self.records
     }
 
     /// Draws a dot over the image wherever the rays meet a record's place.
@@ -97,18 +94,20 @@ impl IrradianceCache {
             let ray = &wave.rays[i];
             let at = scene.interaction(ray, hit);
             let dot = DOT * (self.pixel[0] + self.pixel[1] * hit.t * ray.d.length());
-            let half = wave.keys[i].half();
-            if self.fine.caches[half].nearest(at.p) <= dot {
+            if self.fine.cache(wave.keys[i]).nearest(at.p) <= dot {
                 out[i].value = DOT_COLOUR;
             }
         }
     }
 
     /// What records depend on, but for the scene.
-    fn origin(&self) -> u64 {
+    fn origin(&self, preparation: &Preparation<'_>) -> u64 {
+        let replicates = preparation.sampler.replicates();
         let IrrcacheSettings { resolution, quality, gradients, clamp_neighbor, clamp_screen, child, .. } =
             &self.settings;
-        let text = format!("{resolution} {quality} {gradients} {clamp_neighbor} {clamp_screen} {child:?}");
+        let text = format!(
+            "{resolution} {quality} {gradients} {clamp_neighbor} {clamp_screen} {child:?} {replicates}"
+        );
         preparation::hash_of(&text)
     }
 
@@ -122,9 +121,11 @@ impl IrradianceCache {
                     let message = refusal.sentence("reading its records", "remove it");
                     Error::output(message).in_file(&file.path)
                 })?;
-                file::load_for(&file.path, file.scene, self.origin())
+                file::load_for(&file.path, file.scene, self.origin(preparation))
             }
-            Some(file) => Ok(Kept { scene: file.scene, settings: self.origin(), ..Kept::default() }),
+            Some(file) => {
+                Ok(Kept { scene: file.scene, settings: self.origin(preparation), ..Kept::default() })
+            }
             None if self.settings.overture => Ok(Kept::default()),
             None => Err(Error::scene(
                 "irrcache: without an overture the records must come from a file: expected --cache FILE",
@@ -135,24 +136,24 @@ impl IrradianceCache {
     /// Adds the records that the view needs, the coarse ones first: the hemispheres of the fine ones look light up in them.
     fn extend(&self, kept: &mut Kept, preparation: &Preparation<'_>) {
         let bounds = preparation.scene.bounds;
-        let [fine_a, fine_b, coarse_a, coarse_b] = std::mem::take(&mut kept.records);
+        let replicates = preparation.sampler.replicates();
+        kept.fine.resize(replicates as usize, Vec::new());
+        kept.coarse.resize(replicates as usize, Vec::new());
         let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
-        // Both halves at once: where one has little to compute in parallel, the other has some more.
-        let both =
-            |settings: &IrrcacheSettings, child: &dyn Integrator, level: Level, known: [Vec<Record>; 2]| {
-                let [a, b] = known;
-                let run = |half, known| overture::run(preparation, settings, child, half, level, known);
-                let (a, b) = preparation.pool.install(|| rayon::join(|| run(0, a), || run(1, b)));
-                [a, b]
+        // All replicates at once: where one has little to compute in parallel, the others have some more.
+        let all =
+            |settings: &IrrcacheSettings, child: &dyn Integrator, level: Level, known: Vec<Vec<Record>>| {
+                let run =
+                    |(replicate, known)| overture::run(preparation, settings, child, replicate, level, known);
+                let known: Vec<_> = (0..replicates).zip(known).collect();
+                preparation.pool.install(|| known.into_par_iter().map(run).collect::<Vec<_>>())
             };
-        let coarse = both(&settings, self.child.as_ref(), Level::Coarse, [coarse_a, coarse_b]);
-        let caches = [0, 1].map(|half: usize| Interpolation::new(&coarse[half], bounds, 1.0));
+        kept.coarse = all(&settings, self.child.as_ref(), Level::Coarse, std::mem::take(&mut kept.coarse));
+        let caches = kept.coarse.iter().map(|records| Interpolation::new(records, bounds, 1.0)).collect();
         let path = from_surface(&self.fine.path, 1);
         let caustics = self.fine.caustics.clone();
         let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
-        let [fine_a, fine_b] = both(&self.settings, &traced, Level::Fine, [fine_a, fine_b]);
-        let [coarse_a, coarse_b] = coarse;
-        kept.records = [fine_a, fine_b, coarse_a, coarse_b];
+        kept.fine = all(&self.settings, &traced, Level::Fine, std::mem::take(&mut kept.fine));
     }
 }
 
@@ -161,33 +162,43 @@ impl Integrator for IrradianceCache {
         "irrcache"
     }
 
+    fn shares_noise(&self) -> bool {
+        true
+    }
+
     fn shows_environment(&self) -> bool {
         !self.fine.path.hide_emitters
     }
 
+    fn check(&self, scene: &Scene) -> Result<()> {
+        refuse_motion("irrcache", "records", scene)
+    }
+
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        self.check(preparation.scene)?;
         // The file is for the records.
         self.child.prepare(&Preparation { cache: None, ..*preparation })?;
         self.fine.caustics = self.child.caustics();
         let (camera, film) = (preparation.camera, preparation.camera.film);
-        let centre = Vec2::new(film.width as f32, film.height as f32) * 0.5;
-        let [a, b] = [centre, centre + Vec2::X].map(|p| camera.ray(p, Vec2::splat(0.5), 0.0));
+        let centre = DVec2::new(film.width.into(), film.height.into()) * 0.5;
+        let [a, b] = [centre, centre + DVec2::X].map(|p| camera.ray(p, Vec2::splat(0.5), 0.0));
         self.pixel = [(b.o - a.o).length(), (b.d - a.d).length()];
         let mut kept = self.kept(preparation)?;
         let view = preparation.cache.as_ref().map_or(0, |file| file.view);
         if self.settings.overture && !kept.views.contains(&view) {
             self.extend(&mut kept, preparation);
             kept.views.push(view);
-            if let Some(file) = preparation.cache.as_ref().filter(|_| !(preparation.interrupted)()) {
+            if let Some(file) = preparation.cache.as_ref().filter(|_| !preparation.interrupt.is_raised()) {
                 file::save(&file.path, &kept)?;
             }
         }
-        let [fine_a, fine_b, coarse_a, coarse_b] = kept.records;
-        self.records = [fine_a, fine_b];
-        let coarse_count = coarse_a.len() + coarse_b.len();
+        let coarse_count = kept.coarse.iter().map(Vec::len).sum::<usize>();
+        self.records = kept.fine;
+        self.records.resize(preparation.sampler.replicates() as usize, Vec::new());
         let bounds = preparation.scene.bounds;
         let scale = 1.0 / self.settings.quality_adjustment;
-        self.fine.caches = [0, 1].map(|half: usize| Interpolation::new(&self.records[half], bounds, scale));
+        let cache = |records: &Vec<Record>| Interpolation::new(records, bounds, scale);
+        self.fine.caches = self.records.iter().map(cache).collect();
         let count = self.records.iter().map(Vec::len).sum::<usize>();
         let bytes = self.fine.caches.iter().map(Interpolation::memory_bytes).sum::<usize>();
         self.facts = vec![
@@ -219,7 +230,7 @@ impl Integrator for IrradianceCache {
         match (layer, hit) {
             (Aov::RecordRadius, Some(hit)) => {
                 let at = scene.interaction(ray, hit);
-                out[0] = self.fine.caches[key.half()].radius(at.p, at.frame.n);
+                out[0] = self.fine.cache(key).radius(at.p, at.frame.n);
             }
             _ => layer.evaluate(scene, ray, hit, out),
         }
@@ -253,7 +264,7 @@ fn from_surface(path: &PathSettings, surfaces: u32) -> PathSettings {
     PathSettings { max_depth, hide_emitters: false, ..*path }
 }
 
-fn empty() -> [Interpolation; 2] {
+fn empty() -> Vec<Interpolation> {
     let nowhere = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
-    [(); 2].map(|()| Interpolation::new(&[], nowhere, 1.0))
+    vec![Interpolation::new(&[], nowhere, 1.0)]
 }

@@ -8,7 +8,7 @@ use super::weight::weight;
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::IrrcacheSettings;
 use crate::integrator::{Integrator, Preparation};
-use crate::math::{Frame, Vec2};
+use crate::math::{DVec2, Frame, Vec2};
 use crate::sampling::hash::{combine, pcg3d, to_unit};
 use crate::sampling::{SampleKey, warp};
 use rayon::prelude::*;
@@ -37,20 +37,20 @@ impl Level {
     }
 }
 
-/// Adds what the view needs to the known records of a cache for one half of the samples, and returns all.
+/// Adds what the view needs to the known records of a cache for one replicate of the samples, and returns all.
 pub fn run(
     preparation: &Preparation<'_>,
     settings: &IrrcacheSettings,
     child: &dyn Integrator,
-    half: usize,
+    replicate: u32,
     level: Level,
     known: Vec<Record>,
 ) -> Vec<Record> {
     let Preparation { scene, pool, seed, sampler, .. } = *preparation;
     let seed =
-        combine(combine(combine(seed as u32, (seed >> 32) as u32), half as u32), 0x6972_7263 + level as u32);
-    let gathering = Gathering { scene, child, settings, seed, half, level };
-    let workers = Workers::new(pool, sampler);
+        combine(combine(combine(seed as u32, (seed >> 32) as u32), replicate), 0x6972_7263 + level as u32);
+    let gathering = Gathering { scene, child, settings, seed, replicate, level };
+    let workers = Workers::new(pool, sampler, preparation.interrupt);
     let mut overture = Overture {
         preparation,
         gathering,
@@ -63,7 +63,7 @@ pub fn run(
         for (pass, &stride) in level.strides().iter().enumerate() {
             let points = overture.points(pass as u32, stride);
             for batch in points.chunks(BATCH) {
-                if (preparation.interrupted)() {
+                if preparation.interrupt.is_raised() {
                     return;
                 }
                 overture.serve(batch);
@@ -85,7 +85,7 @@ struct Overture<'a> {
 /// A place on the film, with its number in the pass.
 #[derive(Clone, Copy)]
 struct FilmPoint {
-    at: Vec2,
+    at: DVec2,
     key: SampleKey,
 }
 
@@ -95,19 +95,19 @@ impl Overture<'_> {
     fn points(&self, pass: u32, stride: u32) -> Vec<FilmPoint> {
         let rect = self.preparation.camera.film.rect();
         let (columns, rows) = (rect.width.div_ceil(stride), rect.height.div_ceil(stride));
-        let seed = combine(self.gathering.seed, pass);
+        let Gathering { seed, replicate, .. } = self.gathering;
+        let seed = combine(seed, pass);
         let mut points: Vec<(u32, FilmPoint)> = Vec::with_capacity(columns as usize * rows as usize);
         for y in 0..rows {
             for x in 0..columns {
                 let [a, b, order] = pcg3d(seed ^ 0x7061_7373, x, y);
-                let (width, height) =
-                    (stride.min(rect.width - x * stride), stride.min(rect.height - y * stride));
-                let at = Vec2::new(
-                    (rect.x + x * stride) as f32 + to_unit(a) * width as f32,
-                    (rect.y + y * stride) as f32 + to_unit(b) * height as f32,
-                );
-                let key = SampleKey { scramble: combine(combine(seed, x), y), index: 0 };
-                points.push((order, FilmPoint { at, key: key.in_half(self.gathering.half as u32) }));
+                let along = |start: u32, i: u32, length: u32, u: u32| {
+                    let width = stride.min(length - i * stride);
+                    f64::from(start + i * stride) + f64::from(to_unit(u)) * f64::from(width)
+                };
+                let at = DVec2::new(along(rect.x, x, rect.width, a), along(rect.y, y, rect.height, b));
+                let key = SampleKey { scramble: combine(combine(seed, x), y), index: 0, replicate };
+                points.push((order, FilmPoint { at, key }));
             }
         }
         points.sort_by_key(|(order, _)| *order);
@@ -139,12 +139,12 @@ impl Overture<'_> {
         let sights = points.iter().map(|point| {
             let time = if scene.needs.time { to_unit(combine(point.key.scramble, 0x7469_6d65)) } else { 0.0 };
             let ray = camera.ray(point.at, Vec2::splat(0.5), time);
-            let beside = camera.ray(point.at + Vec2::X, Vec2::splat(0.5), time);
+            let beside = camera.ray(point.at + DVec2::X, Vec2::splat(0.5), time);
             let (size, growth) = ((beside.o - ray.o).length(), (beside.d - ray.d).length());
             Sight { ray, key: point.key, size, growth }
         });
         let mut found = Vec::new();
-        let deep = scene.needs.delta_lobes || scene.needs.lobe_choice || scene.needs.varying_materials;
+        let deep = (scene.needs.deltas > 0) || scene.needs.lobe_choice || scene.needs.varying_materials;
         self.workers.with(|worker| places::find(scene, sights.collect(), deep, worker, &mut found));
         if self.gathering.level == Level::Coarse {
             found = self.seen_from(found, deep);
@@ -160,7 +160,7 @@ impl Overture<'_> {
                 pcg3d(place.p.x.to_bits() ^ place.p.y.to_bits(), place.p.z.to_bits(), i as u32);
             let d = warp::square_to_cosine_hemisphere(Vec2::new(to_unit(a), to_unit(b)));
             let ray = place.ray(&Frame::from_normal(place.n), d);
-            let key = SampleKey { scramble, index: 0 }.in_half(self.gathering.half as u32);
+            let key = SampleKey { scramble, index: 0, replicate: self.gathering.replicate };
             Sight { ray, key, size: place.pixel, growth: place.growth }
         });
         let mut found = Vec::new();

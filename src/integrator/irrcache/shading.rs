@@ -14,7 +14,7 @@ use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::CausticMaps;
 use crate::integrator::photon::kdtree::Nearest;
-use crate::integrator::roulette::most_survival;
+use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathSettings;
 use crate::integrator::worker::{Continuation, Numbers, PathWave, ShadowQueue, draw_1d, draw_2d, intersect};
 use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
@@ -27,8 +27,8 @@ use std::sync::Arc;
 
 /// An integrator that looks indirect light up.
 pub struct CachedPath {
-    /// The caches of both halves of the samples.
-    pub caches: [Interpolation; 2],
+    /// The caches of the replicates of the samples: as many as there are, a power of two.
+    pub caches: Vec<Interpolation>,
     /// How long paths may be, and which emitters are seen.
     pub path: PathSettings,
     /// Whether only what the caches serve is shown.
@@ -40,10 +40,16 @@ pub struct CachedPath {
 }
 
 impl CachedPath {
+    /// The cache of a sample's replicate.
+    #[inline]
+    pub fn cache(&self, key: SampleKey) -> &Interpolation {
+        &self.caches[key.replicate as usize % self.caches.len()]
+    }
+
     /// The cached irradiance of lane `i`.
     #[inline]
-    fn irradiance(&self, block: &Block<'_>, i: usize, half: usize, n: Vec3, facing: Vec3) -> Option<Rgb> {
-        let (cache, p) = (&self.caches[half], block.at.p.lane(i));
+    fn irradiance(&self, block: &Block<'_>, i: usize, key: SampleKey, n: Vec3, facing: Vec3) -> Option<Rgb> {
+        let (cache, p) = (self.cache(key), block.at.p.lane(i));
         match self.far_only {
             true => {
                 let distance = block.at.hit[i].t * block.rays.d.lane(i).length();
@@ -75,7 +81,7 @@ struct Bounce<'a> {
     /// Whether paths may go on.
     scatter: bool,
     /// Whether roulette is played at this bounce.
-    roulette: Option<f32>,
+    roulette: Option<Roulette>,
 }
 
 impl Integrator for CachedPath {
@@ -104,7 +110,7 @@ impl Integrator for CachedPath {
         worker.specular_only.resize(if told_apart { out.len() } else { 0 }, true);
         let mut photons = Nearest::default();
         let mut depth = 0;
-        while !worker.paths.rays.is_empty() && allows(depth + 1) {
+        while !worker.paths.rays.is_empty() && allows(depth + 1) && !worker.interrupt.is_raised() {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
             intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
             if depth == 0 {
@@ -120,10 +126,10 @@ impl Integrator for CachedPath {
                     .then_some(query.caustic && !only_cached),
                 add_cached: allows(depth + 3) && query.indirect,
                 caustics: self.caustics.as_deref().filter(|_| allows(depth + 3) && wants(depth + 3)),
-                probes: (scene.needs.delta_lobes && query.indirect && self.caustics.is_none() || !spread)
+                probes: ((scene.needs.deltas > 0) && query.indirect && self.caustics.is_none() || !spread)
                     && !only_cached,
                 scatter: allows(depth + 2),
-                roulette: (depth + 1 >= path.rr_depth).then(|| most_survival(depth + 1)),
+                roulette: Roulette::at(depth + 1, path.rr_depth),
             };
             bounce.drop_missed(worker, out);
             bounce.draw(worker.sampler, &worker.paths.keys, &mut worker.numbers);
@@ -216,7 +222,7 @@ impl Bounce<'_> {
                 for i in bits(block.finite) {
                     let (j, slot) = (first + i, paths.slots[first + i] as usize);
                     if !probing[slot] {
-                        let light = caustics.reflected(&block, i, paths.keys[j].half(), photons);
+                        let light = caustics.reflected(&block, i, paths.keys[j], photons);
                         out[slot].value += paths.beta(j) * light;
                     }
                 }
@@ -262,8 +268,7 @@ impl Bounce<'_> {
                 continue;
             }
             let n = block.at.frame.n.lane(i);
-            let half = paths.keys[block.first + i].half();
-            let known = self.cached.irradiance(block, i, half, n, n);
+            let known = self.cached.irradiance(block, i, paths.keys[block.first + i], n, n);
             if let Some(irradiance) = known {
                 out[slot].value += paths.beta(block.first + i) * factor * irradiance;
                 served |= 1 << i;
@@ -337,12 +342,9 @@ impl Bounce<'_> {
             };
             let Some(Onward { wi, weight, pdf, eta }) = onward else { continue };
             let (mut beta, eta) = (paths.beta(j) * weight, paths.eta[j] * eta);
-            if let Some(most) = self.roulette {
-                let survival = (beta.max_component() * eta * eta).min(most);
-                if numbers.roulette[j] >= survival {
-                    continue;
-                }
-                beta = beta / survival;
+            if let Some(roulette) = self.roulette {
+                let Some(on) = roulette.play(beta, eta * eta, numbers.roulette[j]) else { continue };
+                beta = on;
             }
             if beta.is_black() {
                 continue;
@@ -376,8 +378,7 @@ impl Bounce<'_> {
             let frame = block.at.frame.lane(i);
             let n = frame.n * 1f32.copysign(wo.z);
             let facing = frame.to_world(diffuse.receiving_normal(wo));
-            let half = paths.keys[block.first + i].half();
-            let known = self.cached.irradiance(block, i, half, n, facing);
+            let known = self.cached.irradiance(block, i, paths.keys[block.first + i], n, facing);
             let Some(irradiance) = known else { return traced };
             let slot = paths.slots[block.first + i] as usize;
             let value = paths.beta(block.first + i) * diffuse.radiance_per_irradiance(wo) * irradiance;

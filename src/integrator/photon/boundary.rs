@@ -9,6 +9,7 @@
 
 use super::PhotonMap;
 use super::density::{COMPATIBLE, DensityEstimator, FLATNESS, Irradiance, Place, Sides};
+use super::irradiance::Point;
 use super::kdtree::Nearest;
 use super::kernel::Kernel;
 use crate::accel::{Coherence, Hit};
@@ -66,7 +67,7 @@ impl<'a> Boundary<'a> {
         &self,
         map: &PhotonMap,
         estimator: &DensityEstimator,
-        places: &[(usize, Place)],
+        places: &[Point],
         buffer: &mut Nearest,
         estimates: &mut [Irradiance],
     ) -> Vec<Disc> {
@@ -76,13 +77,14 @@ impl<'a> Boundary<'a> {
             0.0 => estimator.lookup_radius,
             radius => radius,
         };
-        for (&(slot, at), estimate) in places.iter().zip(&*estimates) {
-            tracer.aim(at, radius(estimate), Apex::High, estimator.kernel, slot as u32, RAYS);
+        for (point, estimate) in places.iter().zip(&*estimates) {
+            tracer.aim(point.at, radius(estimate), Apex::High, estimator.kernel, point.number, RAYS);
         }
         tracer.trace();
         let tallies: Vec<Tally> =
-            places.iter().enumerate().map(|(i, (_, at))| tracer.tally(at, i * RAYS, RAYS)).collect();
-        let discs = places.iter().zip(estimates).zip(tallies).map(|((&(slot, at), estimate), tally)| {
+            places.iter().enumerate().map(|(i, point)| tracer.tally(&point.at, i * RAYS, RAYS)).collect();
+        let discs = places.iter().zip(estimates).zip(tallies).map(|((point, estimate), tally)| {
+            let at = point.at;
             if estimate.radius == 0.0 {
                 return Disc::Unknown;
             }
@@ -91,7 +93,7 @@ impl<'a> Boundary<'a> {
             }
             let apex = if tally.hidden { Apex::Low } else { Apex::High };
             tracer.rays.clear();
-            tracer.aim(at, estimate.radius, apex, estimator.kernel, slot as u32, MORE_RAYS);
+            tracer.aim(at, estimate.radius, apex, estimator.kernel, point.number, MORE_RAYS);
             tracer.trace();
             let tally = tracer.tally(&at, 0, MORE_RAYS);
             let share = tally.filled as f32 / MORE_RAYS as f32;
@@ -99,7 +101,7 @@ impl<'a> Boundary<'a> {
                 return Disc::Unknown;
             }
             let apex = apex.above(at, estimate.radius);
-            estimate.value = tracer.seen(map, estimator, (slot, at), apex, buffer) / share;
+            estimate.value = tracer.seen(map, estimator, point, apex, buffer) / share;
             Disc::Obstructed
         });
         let discs = discs.collect();
@@ -201,13 +203,13 @@ impl<'a> Tracer<'a> {
         &mut self,
         map: &PhotonMap,
         estimator: &DensityEstimator,
-        (slot, at): (usize, Place),
+        &Point { at, own, .. }: &Point,
         o: Vec3,
         buffer: &mut Nearest,
     ) -> Rgb {
         self.rays.clear();
         let mut powers = Vec::with_capacity(estimator.lookup_size);
-        estimator.gather(map, at, Sides::Front, Some(slot), buffer, |slot, weight| {
+        estimator.gather(map, at, Sides::Front, own, buffer, |slot, weight| {
             let photon = map.photon(slot);
             let d = photon.position() - o;
             if d.dot(photon.normal()) < 0.0 {

@@ -2,8 +2,8 @@
 
 use super::EmissionGuide;
 use super::tracing::{Deposit, PhotonPaths};
-use crate::integrator::Counters;
 use crate::integrator::preparation::Workers;
+use crate::integrator::{Counters, Interrupt};
 use crate::sampling::{SampleKey, Sampler};
 use crate::scene::Scene;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 const BATCH: u64 = 2048;
 /// Batches that are traced before they are looked at, at most: enough work for many threads, little memory.
 const AT_ONCE: u64 = 256;
-/// Where nothing has landed after so many paths, nothing will.
+/// A caller that asks for deposits gets none if so many paths have left none.
 const GIVE_UP: u64 = 1 << 20;
 
 /// Where light paths take their random numbers from.
@@ -22,9 +22,9 @@ pub struct PathSequence {
     pub seed: u64,
     /// Sequences of different streams have nothing in common: a pilot is a stream of its own.
     pub stream: u32,
-    /// The half of the samples that the paths belong to, 0 or 1.
-    pub half: u32,
-    /// The index of the first path in the half's sequence.
+    /// Which of the independent sequences of the stream: that of a half of the samples, or of a replicate.
+    pub number: u32,
+    /// The index of the first path in the sequence.
     pub first: u64,
 }
 
@@ -32,12 +32,7 @@ impl PathSequence {
     /// The key of the `i`-th path.
     pub fn key(&self, i: u64) -> SampleKey {
         // No camera path has these pixels.
-        SampleKey::new(
-            self.seed,
-            u32::MAX,
-            u32::MAX - self.stream,
-            2 * (self.first + i) + u64::from(self.half),
-        )
+        SampleKey::of(self.seed, u32::MAX, u32::MAX - self.stream, self.number, self.first + i)
     }
 }
 
@@ -74,13 +69,15 @@ pub struct Caster<'a> {
     /// The threads to work with.
     pub pool: &'a rayon::ThreadPool,
     /// Whether to stop early, with what there is.
-    pub interrupted: &'a (dyn Fn() -> bool + Sync),
+    pub interrupt: &'a Interrupt,
+    /// The time of all paths, if they share it.
+    pub time: Option<f32>,
 }
 
 impl Caster<'_> {
     /// Traces the paths of a sequence until there are enough of them, and keeps what `keep` makes of their
-    /// deposits and the indices of their paths, from 0. Ends
-    /// early where a million paths leave nothing, and says by `emitted` how many it took.
+    /// deposits and the indices of their paths, from 0. Where it is asked for deposits, it ends early if a million paths
+    /// leave none. `emitted` says how many paths it took.
     pub fn cast<T: Send>(
         &self,
         paths: &PhotonPaths,
@@ -88,20 +85,24 @@ impl Caster<'_> {
         until: Until,
         keep: impl Fn(&Deposit, u64) -> Option<T> + Sync,
     ) -> Cast<T> {
-        let workers = Workers::new(self.pool, self.sampler);
+        let workers = Workers::new(self.pool, self.sampler, self.interrupt).at_time(self.time);
         let mut cast = Cast { kept: Vec::new(), emitted: 0, invalid: 0, counters: Counters::default() };
         let enough = |cast: &Cast<T>| {
             cast.emitted >= until.paths
                 || until.kept.is_some_and(|n| cast.kept.len() as u64 >= n)
-                || (cast.emitted >= GIVE_UP && cast.kept.is_empty())
+                // Only where deposits are asked for: a mean over a number of paths needs all of them.
+                || (until.kept.is_some() && cast.emitted >= GIVE_UP && cast.kept.is_empty())
         };
         let mut round = 8;
-        while !enough(&cast) && !(self.interrupted)() {
+        while !enough(&cast) && !self.interrupt.is_raised() {
             let ends = (1..=round).map(|b| (cast.emitted + b * BATCH).min(until.paths));
             let mut start = cast.emitted;
             let batches: Vec<_> = ends.map(|end| std::mem::replace(&mut start, end)..end).collect();
             let traced: Vec<(Vec<T>, u64)> = self.pool.install(|| {
                 let trace = |batch: &std::ops::Range<u64>| {
+                    if self.interrupt.is_raised() {
+                        return (Vec::new(), 0);
+                    }
                     let keys: Vec<SampleKey> = batch.clone().map(|i| sequence.key(i)).collect();
                     let mut deposits = Vec::new();
                     workers.with(|worker| paths.trace(self.scene, &keys, self.guide, worker, &mut deposits));
@@ -112,6 +113,10 @@ impl Caster<'_> {
                 };
                 batches.par_iter().map(trace).collect()
             });
+            // Batches may have been left unfinished.
+            if self.interrupt.is_raised() {
+                break;
+            }
             for (batch, (kept, invalid)) in batches.iter().zip(traced) {
                 if enough(&cast) {
                     break;

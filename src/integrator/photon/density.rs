@@ -73,18 +73,9 @@ impl DensityEstimator {
         self.irradiance_by(map, at, None, buffer)
     }
 
-    /// Irradiance at the place of a photon. It does not count itself: it is there by choice, not by chance.
-    pub fn irradiance_at_photon(
-        &self,
-        map: &PhotonMap,
-        slot: usize,
-        at: Place,
-        buffer: &mut Nearest,
-    ) -> Irradiance {
-        self.irradiance_by(map, at, Some(slot), buffer)
-    }
-
-    fn irradiance_by(
+    /// Irradiance at a place, by all photons but one: at the place of a photon it does not count itself, for it is there by choice,
+    /// not by chance.
+    pub fn irradiance_by(
         &self,
         map: &PhotonMap,
         at: Place,

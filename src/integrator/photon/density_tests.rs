@@ -185,7 +185,7 @@ fn irradiance_from_beforehand_is_that_of_a_photon_nearby() {
     photons.extend(patch(&mut random, 20_000, 600.0, Vec3::X, |u, v| Vec3::new(0.0, u, v)));
     let map = PhotonMap::new(photons, 1);
     let estimator = estimator(Kernel::Epanechnikov, 200, 0.2);
-    let irradiances = IrradianceMap::new(&map, &estimator, 4, None);
+    let irradiances = IrradianceMap::new(&map, &map, &estimator, 4, None);
     assert_eq!(irradiances.len(), 15_000);
     assert!((irradiances.memory_bytes() as f64) < 24.6 * 15_000.0);
     let (mut front, mut back) = (Vec::new(), Vec::new());

@@ -2,19 +2,20 @@
 //!
 //! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), how many maps there are (u32), and the
 //! hashes of the scene and of all else that the photons depend on (u64 each). For each map follow what light it
-//! holds (u32), its half (u32), how many photons there are and how many light paths brought them (u64 each); then the
+//! holds (u32), its replicate (u32), how many photons there are and how many light paths brought them (u64 each); then the
 //! photons of all maps, 24 bytes each; then the CRC-32 (as u64) of everything before it.
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result, counted};
 use crate::image::replace;
+use crate::sampling::SHARED_REPLICATES;
 use crc32fast::Hasher;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
 
 const MAGIC: [u8; 8] = *b"BUFFONPM";
-const VERSION: u32 = 1;
+const VERSION: u32 = 3;
 const HEADER_BYTES: u64 = 32;
 const ENTRY_BYTES: u64 = 24;
 const CHECKSUM_BYTES: u64 = 8;
@@ -56,8 +57,8 @@ impl Light {
 pub struct Label {
     /// Which light it holds.
     pub light: Light,
-    /// For which half of the samples: 0 or 1.
-    pub half: u32,
+    /// For which replicate of the samples.
+    pub replicate: u32,
 }
 
 /// What a file says of a map.
@@ -94,7 +95,7 @@ pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result
     bytes.extend(origin.settings.to_le_bytes());
     for (label, map) in maps {
         bytes.extend((label.light as u32).to_le_bytes());
-        bytes.extend(label.half.to_le_bytes());
+        bytes.extend(label.replicate.to_le_bytes());
         bytes.extend((map.len() as u64).to_le_bytes());
         bytes.extend(map.emitted().to_le_bytes());
     }
@@ -198,16 +199,20 @@ impl<'a> Reader<'a> {
     }
 
     fn entry(&mut self) -> Result<Entry> {
-        let (light, half) = (self.u32()?, self.u32()?);
+        let (light, replicate) = (self.u32()?, self.u32()?);
         let light = match light {
             0 => Light::Global,
             1 => Light::Caustic,
             other => return Err(bad(self.path, format!("has a map of unknown light {other}"))),
         };
-        if half > 1 {
-            return Err(bad(self.path, format!("has a map for half {half}, expected 0 or 1")));
+        if replicate >= SHARED_REPLICATES {
+            let most = SHARED_REPLICATES - 1;
+            return Err(bad(
+                self.path,
+                format!("has a map for replicate {replicate}, expected at most {most}"),
+            ));
         }
-        Ok(Entry { label: Label { light, half }, photons: self.u64()?, emitted: self.u64()? })
+        Ok(Entry { label: Label { light, replicate }, photons: self.u64()?, emitted: self.u64()? })
     }
 
     fn photons(&mut self) -> Result<Vec<(Label, PhotonMap)>> {
@@ -293,8 +298,8 @@ mod tests {
         PhotonMap::new((0..n).map(photon).collect(), u64::from(n) + 3)
     }
 
-    fn label(light: Light, half: u32) -> Label {
-        Label { light, half }
+    fn label(light: Light, replicate: u32) -> Label {
+        Label { light, replicate }
     }
 
     /// A folder with a file of two maps.
@@ -360,10 +365,10 @@ mod tests {
         assert_eq!(refused(b""), "ends before its header does");
         assert_eq!(refused(&good[..40]), "ends before its header does");
         assert_eq!(with(0, b"PNG"), "is not a file of photon maps");
-        assert_eq!(with(8, &[2]), "has version 2, expected 1");
+        assert_eq!(with(8, &[1]), "has version 1, expected 3");
         assert_eq!(with(12, &[255; 4]), "has 4294967295 maps, expected at most 16");
         assert_eq!(with(32, &[9]), "has a map of unknown light 9");
-        assert_eq!(with(36, &[2]), "has a map for half 2, expected 0 or 1");
+        assert_eq!(with(36, &[8]), "has a map for replicate 8, expected at most 7");
         let most = u64::MAX.to_le_bytes();
         assert_eq!(with(40, &most), "says that it has more photons than a file can hold");
         let many = (1u64 << 40).to_le_bytes();

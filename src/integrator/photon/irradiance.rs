@@ -32,6 +32,17 @@ pub struct Known {
     pub free: bool,
 }
 
+/// A point that irradiance is computed at.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// Where, and for which side.
+    pub at: Place,
+    /// The slot of the photon that it is the place of, if that is one of the map.
+    pub own: Option<usize>,
+    /// Tells it from other points.
+    pub number: u32,
+}
+
 /// Irradiance on the side of a normal.
 #[derive(Clone, Copy)]
 struct Value {
@@ -47,24 +58,30 @@ const BELOW: f32 = 0.03;
 const TASK: usize = 256;
 
 impl IrradianceMap {
-    /// Irradiance at every `every`-th photon of the map, in the map's order, so that these are spread as the photons
-    /// are. What the surface lacks of a disc is taken into account by `boundary`.
+    /// Irradiance by the photons of `map` at the place of every `every`-th photon of `places`, in their order, so that points are spread
+    /// as photons are. What the surface lacks of a disc is taken into account by `boundary`.
+    ///
+    /// Photons of another map make better places than those of the map itself: the photon that is nearest to some point is
+    /// likely to be one with few others around it, where the density is estimated too low (by 1 % for discs of 30 photons).
     pub fn new(
         map: &PhotonMap,
+        places: &PhotonMap,
         estimator: &DensityEstimator,
         every: usize,
         boundary: Option<&Boundary<'_>>,
     ) -> Self {
-        let place = |slot: usize| {
-            let photon = map.photon(slot);
-            (slot, Place { p: photon.position(), n: photon.normal() })
+        let same = std::ptr::eq(map, places);
+        let point = |slot: usize| {
+            let photon = places.photon(slot);
+            let at = Place { p: photon.position(), n: photon.normal() };
+            Point { at, own: same.then_some(slot), number: slot as u32 }
         };
-        let places: Vec<(usize, Place)> = (0..map.len()).step_by(every.max(1)).map(place).collect();
-        let estimate = |places: &[(usize, Place)]| {
+        let places: Vec<Point> = (0..places.len()).step_by(every.max(1)).map(point).collect();
+        let estimate = |places: &[Point]| {
             let mut buffer = Nearest::default();
             let mut estimates: Vec<Irradiance> = places
                 .iter()
-                .map(|&(slot, at)| estimator.irradiance_at_photon(map, slot, at, &mut buffer))
+                .map(|point| estimator.irradiance_by(map, point.at, point.own, &mut buffer))
                 .collect();
             let discs = match boundary {
                 Some(boundary) => boundary.correct(map, estimator, places, &mut buffer, &mut estimates),
@@ -74,13 +91,13 @@ impl IrradianceMap {
         };
         let values: Vec<(Irradiance, boundary::Disc)> =
             places.par_chunks(TASK).flat_map_iter(estimate).collect();
-        let Built { tree, order } = KdTree::build(places.len(), |i| places[i].1.p);
+        let Built { tree, order } = KdTree::build(places.len(), |i| places[i].at.p);
         let value = |&i: &u32| {
             let (estimate, disc) = values[i as usize];
             let share = estimate.radius / estimator.lookup_radius;
             Value {
                 irradiance: PackedRgb::new(estimate.value),
-                normal: encode_octahedral(places[i as usize].1.n),
+                normal: encode_octahedral(places[i as usize].at.n),
                 share: half::f16::from_f32(match disc {
                     boundary::Disc::Free => share,
                     boundary::Disc::Obstructed => -share,

@@ -7,7 +7,7 @@ use crate::color::Rgb;
 use crate::integrator::Worker;
 use crate::integrator::block::Block;
 use crate::integrator::light_path::{self, Survivors, Vertex};
-use crate::integrator::roulette::most_survival;
+use crate::integrator::roulette::Roulette;
 use crate::integrator::worker::{draw_1d, draw_2d, intersect};
 use crate::math::lanes::{LANES, bits};
 use crate::math::{Vec2, Vec3};
@@ -49,7 +49,7 @@ pub struct PhotonPaths {
     /// The longest path that leaves something, in edges; `None` is unbounded.
     pub max_edges: Option<u32>,
     /// Edges from which Russian roulette may end a path. It survives with the share of its emitted power that it still
-    /// has, so that survivors of one emitter are of equal power, but with [`most_survival`] at most.
+    /// has, so that survivors of one emitter are of equal power.
     pub rr_depth: u32,
     /// Whether light that has not been scattered yet leaves something.
     pub direct: bool,
@@ -79,14 +79,14 @@ impl PhotonPaths {
         worker.specular_only.clear();
         worker.specular_only.resize(keys.len(), true);
         let mut edges = 1;
-        while !worker.paths.rays.is_empty() {
+        while !worker.paths.rays.is_empty() && !worker.interrupt.is_raised() {
             {
                 let Worker { paths, hits, counters, .. } = &mut *worker;
                 intersect(scene, &paths.rays, Coherence::Incoherent, hits, counters);
                 paths.keep_hits(hits, |_, _| {});
             }
             let go_on = self.allows(edges + 1);
-            let roulette = (edges >= self.rr_depth).then(|| most_survival(edges));
+            let roulette = Roulette::at(edges, self.rr_depth);
             if go_on {
                 draw(scene, edges - 1, roulette.is_some(), worker);
             }
@@ -118,8 +118,8 @@ struct Bounce<'a> {
     paths: &'a PhotonPaths,
     edges: u32,
     go_on: bool,
-    /// The most likely survival of roulette, if it is played.
-    roulette: Option<f32>,
+    /// Roulette, if it is played.
+    roulette: Option<Roulette>,
 }
 
 impl Bounce<'_> {
@@ -129,7 +129,7 @@ impl Bounce<'_> {
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::new(self.scene, arena, &paths.rays, hits, first);
+            let block = Block::of_light(self.scene, arena, &paths.rays, hits, first);
             let mut survivors = Survivors::none();
             for i in bits(block.active) {
                 let j = first + i;
@@ -153,16 +153,14 @@ impl Bounce<'_> {
                 let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
                 let Some(on) = vertex.scatter(numbers.bsdf_lobe[j], u) else { continue };
                 let mut beta = beta * on.weight;
-                if let Some(most) = self.roulette {
-                    let left = (powers[slot] * beta).max_component() / powers[slot].max_component();
-                    let survival = left.min(most);
-                    if numbers.roulette[j] >= survival {
-                        continue;
-                    }
-                    beta = beta / survival;
-                }
                 if beta.is_black() {
                     continue;
+                }
+                if let Some(roulette) = self.roulette {
+                    let left = (powers[slot] * beta).max_component() / powers[slot].max_component();
+                    let importance = left / beta.max_component();
+                    let Some(on) = roulette.play(beta, importance, numbers.roulette[j]) else { continue };
+                    beta = on;
                 }
                 specular_only[slot] &= on.lobe == Lobe::Specular;
                 let ray = self.scene.spawn_ray(&vertex.at, on.wi, vertex.at.time);
@@ -191,7 +189,7 @@ impl Bounce<'_> {
         path: usize,
         specular_only: bool,
     ) -> Option<Deposit> {
-        (vertex.sides_agree() && !power.is_black()).then(|| Deposit {
+        (!power.is_black()).then(|| Deposit {
             p: vertex.at.p,
             wi: -block.rays.d.lane(i),
             ng: vertex.at.ng,

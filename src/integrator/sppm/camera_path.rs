@@ -8,7 +8,7 @@ use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::GridPhoton;
-use crate::integrator::roulette::most_survival;
+use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::SppmSettings;
 use crate::integrator::worker::{Continuation, Numbers, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
@@ -83,7 +83,7 @@ impl CameraPaths<'_> {
         worker.paths.begin(wave.rays, wave.keys);
         let mut states = vec![State::Camera; out.len()];
         let mut edges = 1;
-        while !worker.paths.rays.is_empty() && self.allows(edges) {
+        while !worker.paths.rays.is_empty() && self.allows(edges) && !worker.interrupt.is_raised() {
             let coherence = if edges == 1 { wave.coherence } else { Coherence::Incoherent };
             intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
             if edges == 1 {
@@ -211,12 +211,11 @@ impl CameraPaths<'_> {
         let eta = load(&paths.eta, first) * sample.eta;
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
-        if edges >= self.settings.rr_depth {
+        if let Some(roulette) = Roulette::at(edges, self.settings.rr_depth) {
             // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
-            let survival = (strongest * eta * eta).fast_min(f32x16::splat(most_survival(edges)));
-            alive &= load(&numbers.roulette, first).simd_lt(survival);
-            let per_survival = f32x16::ONE / survival;
-            beta = beta.map(|channel| channel * per_survival);
+            let on;
+            (beta, on) = roulette.play_x16(beta, eta * eta, load(&numbers.roulette, first));
+            alive &= on;
         }
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);

@@ -1,7 +1,7 @@
 //! Stochastic progressive photon mapping, as passes that know nothing of each other.
 //! [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
 //!
-//! Every sample of a pixel is a pass with photons and a radius of its own. A camera path goes on through Dirac deltas to
+//! Every sample of a pixel is a pass with photons, a radius and a time of its own. A camera path goes on through Dirac deltas to
 //! the first surface with a finite lobe. There emitters are sampled and photons gathered that have been scattered at
 //! least once; the mean over the passes goes to the right answer, because the radius shrinks slowly enough for the noise
 //! to vanish and fast enough for the blur to.
@@ -26,6 +26,7 @@ use super::settings::SppmSettings;
 use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::error::{Error, Result, counted};
 use crate::memory::Reservation;
+use crate::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use crate::scene::Scene;
 use camera_path::CameraPaths;
 use gather::Gather;
@@ -106,6 +107,10 @@ impl Integrator for Sppm {
         "sppm"
     }
 
+    fn shares_noise(&self) -> bool {
+        true
+    }
+
     fn shows_environment(&self) -> bool {
         !self.settings.hide_emitters
     }
@@ -121,8 +126,8 @@ impl Integrator for Sppm {
             self.first_radius = view.radius(preparation.scene);
         }
         if self.settings.guided {
-            let Preparation { scene, sampler, seed, pool, interrupted, .. } = *preparation;
-            let caster = Caster { scene, sampler, guide: None, pool, interrupted };
+            let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
+            let caster = Caster { scene, sampler, guide: None, pool, interrupt, time: None };
             let seen = |deposit: &Deposit| view.contains(deposit.p);
             self.guide = EmissionGuide::learn(&caster, &self.photon_paths(), seed, seen);
         }
@@ -161,22 +166,35 @@ impl Integrator for Sppm {
 
 impl Progressive for Sppm {
     fn begin_sample(&self, pass: &SamplePass<'_>) -> Begun {
-        let Preparation { scene, sampler, seed, pool, interrupted, .. } = *pass.preparation;
+        let Preparation { scene, sampler, seed, pool, interrupt, .. } = *pass.preparation;
         // Each half of the samples is an independent sequence of passes.
         let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
         let paths = self.paths_of_a_pass(pass.preparation);
-        let sequence = PathSequence { seed, stream: 0, half, first: index * paths };
-        let caster = Caster { scene, sampler, guide: self.guide.as_ref(), pool, interrupted };
+        let sequence = PathSequence { seed, stream: 0, number: half, first: index * paths };
+        let time = scene.needs.time.then(|| time_of_pass(seed, pass.sample));
+        let caster = Caster { scene, sampler, guide: self.guide.as_ref(), pool, interrupt, time };
         let until = Until { paths, kept: None };
         let cast = caster.cast(&self.photon_paths(), sequence, until, |d, _| Some(GridPhoton::new(d)));
         let first = match self.first_radius {
             0.0 => View::of(pass.preparation).radius(scene),
             radius => radius,
         };
-        let radius = radius::of_pass(first, self.settings.alpha, index);
+        // One radius for a pass of every replicate: that of the first of them.
+        let each = u64::from(sampler.replicates() / 2);
+        let radius = radius::of_pass(first, self.settings.alpha, index / each * each);
         let grid = pool.install(|| PhotonGrid::new(&cast.kept, radius));
         let pass = Pass { grid, emitted: cast.emitted };
         *self.pass.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(pass);
-        Begun { counters: cast.counters, invalid: cast.invalid }
+        Begun { counters: cast.counters, invalid: cast.invalid, time }
     }
+}
+
+/// The time of a pass, in [0, 1) over the shutter interval: light that has landed on something that moves is looked up where
+/// it is then. Times are stratified over the passes of each half.
+fn time_of_pass(seed: u64, sample: u64) -> f32 {
+    // No path has this pixel.
+    let key = SampleKey::new(seed, u32::MAX, 0, sample);
+    let mut time = [0.0];
+    Sampler::new(SamplerKind::Sobol, None).fill_1d(Dimension::TIME, &[key], &mut time);
+    time[0]
 }

@@ -2,7 +2,7 @@
 
 use crate::accel::Coherence;
 use crate::integrator::{Preparation, Worker};
-use crate::math::{Bounds, Ray, Vec2, Vec3};
+use crate::math::{Bounds, DVec2, Ray, Vec2, Vec3};
 use crate::scene::Scene;
 use crate::sensor::Camera;
 
@@ -30,10 +30,11 @@ impl View {
     pub fn of(preparation: &Preparation<'_>) -> Self {
         let Preparation { scene, camera, .. } = preparation;
         let mut worker = Worker::new(preparation.sampler);
-        let size = Vec2::new(camera.film.width as f32, camera.film.height as f32);
+        let size = DVec2::new(camera.film.width.into(), camera.film.height.into());
         let points: Vec<Seen> = (0..RAYS * RAYS)
             .filter_map(|i| {
-                let film = Vec2::new((i % RAYS) as f32 + 0.5, (i / RAYS) as f32 + 0.5) / RAYS as f32 * size;
+                let film =
+                    DVec2::new(f64::from(i % RAYS) + 0.5, f64::from(i / RAYS) + 0.5) / f64::from(RAYS) * size;
                 seen(scene, camera, film, &mut worker)
             })
             .collect();
@@ -67,9 +68,9 @@ struct Seen {
 }
 
 /// The first surface with a finite lobe; the pixel's width is that at its distance, as if the way there were straight.
-fn seen(scene: &Scene, camera: &Camera, film: Vec2, worker: &mut Worker) -> Option<Seen> {
+fn seen(scene: &Scene, camera: &Camera, film: DVec2, worker: &mut Worker) -> Option<Seen> {
     let middle = Vec2::splat(0.5);
-    let [first, beside] = [film, film + Vec2::X].map(|film| camera.ray(film, middle, middle.x));
+    let [first, beside] = [film, film + DVec2::X].map(|film| camera.ray(film, middle, middle.x));
     let (mut ray, mut distance) = (first, 0.0);
     for _ in 0..=MOST_BOUNCES {
         worker.intersect(scene, &[ray], Coherence::Incoherent);
@@ -78,7 +79,7 @@ fn seen(scene: &Scene, camera: &Camera, film: Vec2, worker: &mut Worker) -> Opti
         let at = scene.interaction(&ray, &hit);
         let wo = at.frame.to_local(-ray.d);
         worker.arena.reset();
-        let bsdf = scene.bsdf(&at, wo, &worker.arena);
+        let bsdf = scene.bsdf(&at, Some(wo), &worker.arena);
         if !bsdf.is_specular() {
             let along = |ray: &Ray| ray.o + ray.d.normalize_or(Vec3::Z) * distance;
             return Some(Seen { p: at.p, pixel: (along(&first) - along(&beside)).length() });

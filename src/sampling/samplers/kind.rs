@@ -55,6 +55,12 @@ impl SamplerKind {
         !matches!(self, SamplerKind::Zsobol | SamplerKind::Fixed)
     }
 
+    /// Whether errors of different pixels are so much alike that the error of an average over pixels is larger than if they
+    /// were independent.
+    pub fn shares_noise(self) -> bool {
+        self == SamplerKind::Fixed
+    }
+
     /// What to know about this sampler at that many samples per pixel (`None` where no rule says how many), if it would do
     /// better with another number.
     pub fn advice(self, samples_per_pixel: Option<u64>) -> Option<String> {
@@ -63,7 +69,7 @@ impl SamplerKind {
             return None;
         }
         let Some(samples) = samples_per_pixel else {
-            let planned = 2 * super::PER_HALF;
+            let planned = super::PLANNED;
             return Some(format!(
                 "the sampler {self} is laid out for {planned} samples per pixel where --spp names no number, and begins \
                  anew after those"

@@ -6,7 +6,6 @@
 //! The samples of a pixel form two halves: sample `i` is point `i div 2` of half `i mod 2`, and the halves are
 //! scrambled independently, so that their difference estimates the error of any sampler.
 
-mod fixed;
 mod halton;
 mod independent;
 mod key;
@@ -19,15 +18,15 @@ mod stratified;
 mod tests;
 mod zsobol;
 
-pub use key::SampleKey;
+pub use key::{SHARED_REPLICATES, SampleKey};
 pub use kind::SamplerKind;
 
 use super::hash::combine;
 use super::{Dimension, DomainSet};
 use strata::Grid;
 
-/// The samples of a half that a sampler is laid out for where nothing says how many there will be.
-const PER_HALF: u64 = 64;
+/// The samples of a pixel that a sampler is laid out for where nothing says how many there will be.
+const PLANNED: u64 = 128;
 
 /// A sampler with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,6 +34,8 @@ pub struct Sampler {
     points: Points,
     /// Domains whose dimensions all have the value 1/2.
     held: DomainSet,
+    /// How many replicates there are.
+    replicates: u32,
 }
 
 /// The point sets; each has a file.
@@ -45,7 +46,11 @@ enum Points {
     Multijitter(Grid),
     Halton,
     Sobol,
-    Zsobol { log2_count: u32 },
+    Zsobol {
+        log2_count: u32,
+    },
+    /// The same Sobol points in every pixel. No pixel is worse than with Sobol points of its own, but neighbours err alike, so
+    /// the error shows as structure instead of noise.
     Fixed,
 }
 
@@ -53,7 +58,13 @@ impl Sampler {
     /// The sampler of a kind for about `samples_per_pixel` samples. Only strata and the Z-curve depend on that number;
     /// `None` takes 128. More or fewer may be drawn: [`SamplerKind::advice`] says what that means.
     pub fn new(kind: SamplerKind, samples_per_pixel: Option<u64>) -> Self {
-        let per_half = samples_per_pixel.map_or(PER_HALF, |n| n.div_ceil(2));
+        Sampler::with_replicates(kind, samples_per_pixel, 2)
+    }
+
+    /// As [`new`](Self::new), with so many replicates, a power of two, of what pixels share, instead of one for each half: sample
+    /// `i` belongs to replicate `i mod n`.
+    pub fn with_replicates(kind: SamplerKind, samples_per_pixel: Option<u64>, replicates: u32) -> Self {
+        let per_half = samples_per_pixel.unwrap_or(PLANNED).div_ceil(2);
         let points = match kind {
             SamplerKind::Independent => Points::Independent,
             SamplerKind::Stratified => Points::Stratified(Grid::new(per_half)),
@@ -66,7 +77,7 @@ impl Sampler {
             }
             SamplerKind::Fixed => Points::Fixed,
         };
-        Sampler { points, held: DomainSet::EMPTY }
+        Sampler { points, held: DomainSet::EMPTY, replicates }
     }
 
     /// The same sampler with all dimensions of these domains held at 1/2, so that the others alone vary.
@@ -91,14 +102,28 @@ impl Sampler {
         }
     }
 
+    /// How many replicates there are of what pixels share: a power of two.
+    #[inline]
+    pub fn replicates(self) -> u32 {
+        self.replicates
+    }
+
+    /// The replicate that a sample belongs to.
+    #[inline]
+    pub fn replicate(self, sample: u64) -> u32 {
+        (sample % u64::from(self.replicates)) as u32
+    }
+
     /// The key of sample `sample` of pixel (x, y), counted over the full image.
     #[inline]
     pub fn key(self, seed: u64, x: u32, y: u32, sample: u64) -> SampleKey {
-        match self.points {
+        let key = match self.points {
             Points::Zsobol { log2_count } => zsobol::key(log2_count, seed, x, y, sample),
-            Points::Fixed => fixed::key(seed, sample),
+            // The same points in every pixel.
+            Points::Fixed => SampleKey::new(seed, 0, 0, sample),
             _ => SampleKey::new(seed, x, y, sample),
-        }
+        };
+        key.in_replicate(self.replicate(sample))
     }
 
     /// Whether the dimension is held at 1/2.

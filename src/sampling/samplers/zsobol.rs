@@ -35,7 +35,7 @@ pub fn key(log2_count: u32, seed: u64, x: u32, y: u32, sample: u64) -> SampleKey
     }
     // An odd bit at the top is not used.
     let pixel = z & ((1 << pixel_bits(log2_count)) - 1);
-    SampleKey { scramble: h, index: (pixel << log2_count) as u32 | within }.in_half(half)
+    SampleKey { scramble: h, index: (pixel << log2_count) as u32 | within, replicate: half }
 }
 
 /// How many bits of an index are the pixel's: an even number, as many as there is room for.

@@ -7,6 +7,7 @@
 
 use super::{Checkpoint, Identity, Label};
 use crate::error::{Error, Result};
+use crate::estimate::replicates::MOST_REPLICATES;
 use crate::film::{ComponentFormat, PixelFormat, PixelRect, Tile};
 use crate::image::replace_with;
 use crate::integrator::Counters;
@@ -21,7 +22,7 @@ use std::path::Path;
 use std::time::Duration;
 
 const MAGIC: [u8; 8] = *b"BUFFONCP";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// No header is longer.
 const LONGEST_HEADER: u32 = 1 << 20;
 /// Bytes before the header.
@@ -39,6 +40,7 @@ struct Header {
     /// Names and what they hold.
     layers: Vec<[String; 2]>,
     camera: [[f32; 16]; 2],
+    replicates: usize,
     samples: Vec<[u64; 2]>,
     target: Option<u64>,
     /// Samples per pixel of adaptive sampling's pilot, if it is over.
@@ -99,16 +101,16 @@ pub fn load(path: &Path) -> Result<Checkpoint> {
     let channels = picture.channels();
     let pixels = picture.rect.area();
     let allocation_bytes = if header.pilot.is_some() { Allocation::byte_count(pixels) } else { 0 };
-    let expected = u128::from(pixels) * Tile::bytes_per_pixel(channels) as u128
+    let expected = u128::from(pixels) * Tile::bytes_per_pixel(channels, header.replicates) as u128
         + u128::from(PREFIX + header_length + allocation_bytes + CHECKSUM);
     if u128::from(size) != expected {
         return Err(bad(&format!("is damaged: it has {size} bytes, expected {expected}")));
     }
     let damaged = || bad("is damaged: its numbers are those of no render");
-    let mut state = State::new(picture.rect, channels, header.next);
+    let mut state = State::new(picture.rect, channels, header.replicates, header.next);
     let mut bytes = Vec::new();
     for tile in &mut state.tiles {
-        bytes.resize(tile.pixel_count() * Tile::bytes_per_pixel(channels), 0);
+        bytes.resize(tile.pixel_count() * Tile::bytes_per_pixel(channels, header.replicates), 0);
         file.read_exact(&mut bytes).map_err(unreadable)?;
         if !tile.set_bytes(&bytes) {
             return Err(damaged());
@@ -173,6 +175,7 @@ impl Header {
             component_format: name_of(&ComponentFormat::NAMES, picture.component_format),
             layers: picture.layers.iter().map(layer).collect(),
             camera: picture.camera,
+            replicates: state.tiles.first().map_or(0, Tile::replicates),
             samples: samples.iter().map(|range| [range.start, range.end]).collect(),
             target: *target,
             pilot: state.allocation.as_ref().map(Allocation::pilot),
@@ -191,6 +194,9 @@ impl Header {
         let sides = 1..=LONGEST_SIDE;
         if !sides.contains(&width) || !sides.contains(&height) || x > LONGEST_SIDE || y > LONGEST_SIDE {
             return Err(damaged("an image of impossible size"));
+        }
+        if !(2..=MOST_REPLICATES).contains(&self.replicates) || !self.replicates.is_power_of_two() {
+            return Err(damaged("an impossible number of replicates"));
         }
         let mut layers = Vec::new();
         for [name, aov] in &self.layers {

@@ -55,7 +55,7 @@ impl EmissionGuide {
         let scene = caster.scene;
         let uniform = EmissionGuide::uniform(scene);
         let pilot = Caster { guide: Some(&uniform), ..*caster };
-        let sequence = PathSequence { seed, stream: STREAM, half: 0, first: 0 };
+        let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
         let until = Until { paths: PILOT, kept: None };
         let power = |d: &Deposit, path: u64| wanted(d).then(|| (path, d.shading_power().max_component()));
         let cast = pilot.cast(paths, sequence, until, power);
@@ -83,12 +83,12 @@ impl EmissionGuide {
     fn of(scene: &Scene, found: &[Findings]) -> Option<Self> {
         let (lights, brought): (Vec<_>, Vec<_>) = found.iter().map(Findings::best).unzip();
         let total: f64 = brought.iter().sum();
-        if !(total > 0.0 && total.is_finite()) {
+        if !(total > 0.0 && total.is_finite()) || 2 * lights.len() > Distribution1D::MOST {
             return None;
         }
         let unguided = (0..lights.len()).map(|i| UNGUIDED * f64::from(scene.light_choice.pmf(i)));
         let guided = brought.iter().map(|brought| (1.0 - UNGUIDED) * brought / total);
-        let choice = Distribution1D::covering(&unguided.chain(guided).collect::<Vec<_>>());
+        let choice = Distribution1D::new(&unguided.chain(guided).collect::<Vec<_>>());
         Some(EmissionGuide { choice, lights })
     }
 

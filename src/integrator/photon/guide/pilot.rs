@@ -38,8 +38,7 @@ impl Findings {
     /// The densities that make the second moment of light paths least, and its root then.
     ///
     /// Positions and directions are taken for independent; where they are not, one density or none may be better than both.
-    /// And a fine grid is worse than a coarse one where few paths have hit a cell. So each half of the paths tries what
-    /// the other half has learned: by its own paths every density looks too good.
+    /// Each half of the paths tries what the other half has learned: by its own paths every density looks too good.
     pub fn best(&self) -> (Beginnings, f64) {
         if self.paths.iter().all(|path| path.value == 0.0) {
             return ([None, None], 0.0);

@@ -1,21 +1,23 @@
 //! Caustics: the density of the photons that Dirac deltas alone have brought.
 
-use super::debug::place;
+use super::place;
 use crate::bsdf::Bsdf;
 use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::photon::kdtree::Nearest;
 use crate::integrator::photon::{DensityEstimator, PhotonMap, Sides};
 use crate::math::Vec3;
+use crate::sampling::SampleKey;
 
-/// The caustic maps of both halves of the samples, and how they become light.
+/// The caustic maps of the replicates of the samples, and how they become light.
 pub struct CausticMaps {
     estimator: DensityEstimator,
-    maps: [Option<PhotonMap>; 2],
+    /// As many as there are replicates, a power of two.
+    maps: Vec<Option<PhotonMap>>,
 }
 
 impl CausticMaps {
-    pub(super) fn new(estimator: DensityEstimator, maps: [Option<PhotonMap>; 2]) -> Self {
+    pub(super) fn new(estimator: DensityEstimator, maps: Vec<Option<PhotonMap>>) -> Self {
         CausticMaps { estimator, maps }
     }
 
@@ -29,10 +31,10 @@ impl CausticMaps {
         &self,
         block: &Block<'_>,
         i: usize,
-        half: usize,
+        key: SampleKey,
         buffer: &mut Nearest,
     ) -> Rgb {
-        let Some(map) = &self.maps[half] else { return Rgb::BLACK };
+        let Some(map) = &self.maps[key.replicate as usize % self.maps.len()] else { return Rgb::BLACK };
         let (bsdf, wo, frame) = (block.bsdfs[i], block.wo.lane(i), block.at.frame.lane(i));
         let at = place(block, i);
         if let Bsdf::Diffuse(_) = bsdf {
@@ -40,5 +42,19 @@ impl CausticMaps {
         }
         let sides = if bsdf.transmits() { Sides::Both } else { Sides::Front };
         self.estimator.reflected(map, at, sides, buffer, |wi: Vec3| bsdf.eval(wo, frame.to_local(wi)).f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrator::photon::Kernel;
+
+    #[test]
+    fn maps_without_photons_know_nothing() {
+        let estimator = DensityEstimator { kernel: Kernel::Cone, lookup_size: 9, lookup_radius: 0.5 };
+        let nothing = || PhotonMap::new(Vec::new(), 1 << 20);
+        assert!(CausticMaps::new(estimator, vec![None, None]).is_empty());
+        assert!(CausticMaps::new(estimator, vec![Some(nothing()), Some(nothing())]).is_empty());
     }
 }

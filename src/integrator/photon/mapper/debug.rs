@@ -1,11 +1,11 @@
 //! The photons themselves, instead of what is gathered from them.
 
-use super::Photonmapper;
+use super::{Photonmapper, Place, place};
 use crate::color::Rgb;
 use crate::integrator::block::Block;
 use crate::integrator::photon::density::FLATNESS;
 use crate::integrator::photon::kdtree::{Disc, Nearest};
-use crate::integrator::photon::{PhotonMap, Place, Sides};
+use crate::integrator::photon::{PhotonMap, Sides};
 use crate::integrator::settings::PhotonDebug;
 use crate::integrator::{Radiance, Wave, Worker};
 use crate::math::lanes::{LANES, bits};
@@ -34,7 +34,7 @@ pub fn li(
         let block = Block::new(scene, arena, &paths.rays, hits, first);
         for i in bits(block.finite) {
             let slot = paths.slots[first + i] as usize;
-            let maps = &mapper.maps[wave.keys[slot].half()];
+            let maps = &mapper.maps[wave.keys[slot].replicate as usize % mapper.maps.len()];
             let Some(map) = &maps.global else { continue };
             let at = place(&block, i);
             out[slot].value = match show {
@@ -48,12 +48,6 @@ pub fn li(
             };
         }
     }
-}
-
-/// The place of a lane, on the side that the ray came from.
-pub(super) fn place(block: &Block<'_>, i: usize) -> Place {
-    let (n, d) = (block.at.ng.lane(i), block.rays.d.lane(i));
-    Place { p: block.at.p.lane(i), n: if n.dot(d) > 0.0 { -n } else { n } }
 }
 
 /// The colour of the photon that is nearest, if one is near.

@@ -21,7 +21,7 @@ const IRRADIANCE_EVERY: usize = 4;
 /// The streams of the light paths' numbers, by what is cast.
 const STREAMS: [u32; 2] = [0, 2];
 
-/// What a half of the samples knows of light. What the scene does not need is not there.
+/// What a replicate of the samples knows of light. What the scene does not need is not there.
 #[derive(Default)]
 pub struct Maps {
     /// Irradiance by all light.
@@ -30,15 +30,16 @@ pub struct Maps {
     pub global: Option<PhotonMap>,
     /// The width of what points show photons as, scene units.
     pub point: f32,
-    /// Of both halves' maps, in the first.
+    /// Of the maps of all replicates, in the first.
     reserved: Option<Reservation>,
 }
 
 /// What there is to render with.
 pub struct Prepared {
-    pub maps: [Maps; 2],
-    /// Light that Dirac deltas alone have brought, of each half.
-    pub caustic: [Option<PhotonMap>; 2],
+    /// Of each replicate.
+    pub maps: Vec<Maps>,
+    /// Light that Dirac deltas alone have brought, of each replicate.
+    pub caustic: Vec<Option<PhotonMap>>,
     /// What there is to say of them.
     pub facts: Vec<Fact>,
 }
@@ -64,7 +65,7 @@ impl Plan {
             // The edges to the gathering surface and of its ray are the camera's; where photons are shown, the first is.
             global: (lit && depth && has_diffuse_parts(scene))
                 .then(|| photons(if show { 1 } else { 2 }, true)),
-            caustic: (lit && depth && !show && scene.needs.delta_lobes && scene.needs.finite_lobes)
+            caustic: (lit && depth && !show && (scene.needs.deltas > 0) && scene.needs.finite_lobes)
                 .then(|| photons(1, false)),
         }
     }
@@ -82,7 +83,7 @@ fn has_diffuse_parts(scene: &Scene) -> bool {
     })
 }
 
-/// Both halves' maps.
+/// The maps of all replicates.
 pub fn prepare(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
@@ -93,29 +94,35 @@ pub fn prepare(
     let mut reserved = reserve(preparation, settings, &plan)?;
     let mut counters = Counters::default();
     let photons = load_or_cast(preparation, settings, &plan, &mut counters)?;
-    let mut maps = [Maps::default(), Maps::default()];
-    let mut caustic = [None, None];
+    let replicates = preparation.sampler.replicates() as usize;
+    let mut maps: Vec<Maps> = (0..replicates).map(|_| Maps::default()).collect();
+    let mut caustic: Vec<Option<PhotonMap>> = (0..replicates).map(|_| None).collect();
+    let mut global: Vec<Option<PhotonMap>> = (0..replicates).map(|_| None).collect();
     let mut sums = Sums::default();
     for (label, map) in photons {
-        let half = &mut maps[label.half as usize];
+        let replicate = label.replicate as usize % replicates;
         sums.add(label, &map);
         match label.light {
-            Light::Caustic => caustic[label.half as usize] = Some(map),
-            Light::Global if settings.debug != PhotonDebug::None => half.global = Some(map),
-            Light::Global => {
-                let boundary = Boundary::new(scene);
-                let irradiance = preparation
-                    .pool
-                    .install(|| IrradianceMap::new(&map, estimator, IRRADIANCE_EVERY, Some(&boundary)));
-                counters.merge(&boundary.counters());
-                sums.points += irradiance.len() as f64;
-                sums.bytes += irradiance.memory_bytes() as f64 - map.memory_bytes() as f64;
-                half.irradiance = Some(irradiance);
-            }
+            Light::Caustic => caustic[replicate] = Some(map),
+            Light::Global if settings.debug != PhotonDebug::None => maps[replicate].global = Some(map),
+            Light::Global => global[replicate] = Some(map),
         }
     }
-    for half in &mut maps {
-        half.point = POINT * scene.bounds.radius();
+    for (replicate, map) in global.iter().enumerate() {
+        let Some(map) = map else { continue };
+        // The places of the next replicate's photons do not know how this one's are spread by chance.
+        let places = global[(replicate + 1) % replicates].as_ref().unwrap_or(map);
+        let boundary = Boundary::new(scene);
+        let irradiance = preparation
+            .pool
+            .install(|| IrradianceMap::new(map, places, estimator, IRRADIANCE_EVERY, Some(&boundary)));
+        counters.merge(&boundary.counters());
+        sums.points += irradiance.len() as f64;
+        sums.bytes += irradiance.memory_bytes() as f64 - map.memory_bytes() as f64;
+        maps[replicate].irradiance = Some(irradiance);
+    }
+    for replicate in &mut maps {
+        replicate.point = POINT * scene.bounds.radius();
     }
     reserved.settle(sums.bytes as u64);
     maps[0].reserved = Some(reserved);
@@ -142,15 +149,16 @@ fn reserve(
     let (global, caustic) =
         (count(&plan.global, settings.global_photons), count(&plan.caustic, settings.caustic_photons));
     let irradiance = global * (2 * IRRADIANCE_KEPT + IRRADIANCE_BUILDING);
-    // Irradiance is computed when all photons have been cast.
-    let cast = 2 * KEPT * (global + caustic) + (BUILDING * global.max(caustic)).max(irradiance);
+    // Irradiance is computed when all photons have been cast. Maps are built one after the other.
+    let one = BUILDING * global.max(caustic) / u64::from(preparation.sampler.replicates() / 2);
+    let cast = 2 * KEPT * (global + caustic) + one.max(irradiance);
     // A file may hold anything until it has been read.
     let file = preparation.cache.as_ref().and_then(|cache| std::fs::metadata(&cache.path).ok());
     let photons = file.map_or(0, |about| about.len() / Photon::BYTES as u64);
     let needed = cast.max(photons.saturating_mul(KEPT + BUILDING));
     preparation.memory.reserve(needed).map_err(|refusal| {
         let what =
-            format!("maps of {global} global and {caustic} caustic photons for each half of the samples");
+            format!("maps of {global} global and {caustic} caustic photons for either half of the samples");
         Error::scene(refusal.sentence(&what, "ask for fewer photons")).about("photonmapper")
     })
 }
@@ -158,7 +166,7 @@ fn reserve(
 /// Of the scene's radius: how large photons are shown as points.
 const POINT: f32 = 2e-3;
 
-/// What the facts say, of both halves together.
+/// What the facts say, of all replicates together.
 #[derive(Default)]
 struct Sums {
     photons: [f64; 2],
@@ -203,7 +211,7 @@ fn load_or_cast(
         return file::load(&cache.path, origin);
     }
     let photons = cast(preparation, settings, plan, counters);
-    if !(preparation.interrupted)() {
+    if !preparation.interrupt.is_raised() {
         let maps: Vec<_> = photons.iter().map(|(label, map)| (*label, map)).collect();
         file::save(&cache.path, origin, &maps)?;
     }
@@ -219,35 +227,43 @@ fn dependence(preparation: &Preparation<'_>, settings: &PhotonmapperSettings) ->
     ))
 }
 
+/// What a replicate has of the photons of a half of the samples; at least one.
+pub(super) fn share_of_half(photons: u64, replicates: u32) -> u64 {
+    photons.div_ceil(u64::from(replicates / 2))
+}
+
 fn cast(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
     plan: &Plan,
     counters: &mut Counters,
 ) -> Vec<(Label, PhotonMap)> {
-    let Preparation { scene, sampler, seed, pool, interrupted, .. } = *preparation;
+    let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
     let mut maps = Vec::new();
     for (light, paths, count) in [
         (Light::Global, plan.global, settings.global_photons),
         (Light::Caustic, plan.caustic, settings.caustic_photons),
     ] {
         let Some(paths) = paths.filter(|_| count > 0) else { continue };
-        let plain = Caster { scene, sampler, guide: None, pool, interrupted };
+        let plain = Caster { scene, sampler, guide: None, pool, interrupt, time: None };
         // What makes caustics is often small, as seen from the emitters.
         let guide = match light {
             Light::Global => None,
             Light::Caustic => EmissionGuide::learn(&plain, &paths, seed, |_| true),
         };
         let caster = Caster { guide: guide.as_ref(), ..plain };
-        for half in 0..2 {
-            let sequence = PathSequence { seed, stream: STREAMS[light as usize], half, first: 0 };
-            let until = Until { paths: u64::MAX, kept: Some(u64::from(count)) };
+        let replicates = sampler.replicates();
+        for replicate in 0..replicates {
+            let sequence =
+                PathSequence { seed, stream: STREAMS[light as usize], number: replicate, first: 0 };
+            let kept = share_of_half(u64::from(count), replicates);
+            let until = Until { paths: u64::MAX, kept: Some(kept) };
             let cast = caster.cast(&paths, sequence, until, |deposit, _| {
                 Photon::new(deposit.p, deposit.shading_power(), deposit.wi, deposit.ng)
             });
             counters.merge(&cast.counters);
             let map = pool.install(|| PhotonMap::new(cast.kept, cast.emitted));
-            maps.push((Label { light, half }, map));
+            maps.push((Label { light, replicate }, map));
         }
     }
     maps

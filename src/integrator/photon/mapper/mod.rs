@@ -13,16 +13,18 @@
 //! so that paths by way of mirrors may be longer by the mirrored edges; caustics are blurred over the discs of the
 //! caustic map. More photons blur less. Coated surfaces that gathering rays find count the light's directions as uniform.
 //!
-//! Each half of the image's samples has maps of its own, so that the halves' difference knows the maps' noise. It does not
-//! know their blur, which is the same in both.
+//! Each replicate of the image's samples has maps of its own, so that their differences know the maps' noise and what pixels share
+//! of it. They do not know the maps' blur, which is the same in all.
 
 mod caustics;
 mod debug;
 mod maps;
 mod paths;
 
-use super::DensityEstimator;
+use super::{DensityEstimator, Place};
 use crate::error::Result;
+use crate::integrator::block::Block;
+use crate::integrator::preparation::refuse_motion;
 use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::scene::Scene;
@@ -34,8 +36,8 @@ pub use caustics::CausticMaps;
 /// Final gathering over photon maps.
 pub struct Photonmapper {
     settings: PhotonmapperSettings,
-    /// For each half of the samples.
-    maps: [Maps; 2],
+    /// For each replicate of the samples: as many as there are, a power of two.
+    maps: Vec<Maps>,
     caustics: Arc<CausticMaps>,
     global: DensityEstimator,
     facts: Vec<Fact>,
@@ -44,19 +46,27 @@ pub struct Photonmapper {
 impl Photonmapper {
     /// The integrator with its settings, and without photons.
     pub fn new(settings: PhotonmapperSettings) -> Self {
-        let [caustics, global] = estimators(&settings, 1.0);
-        let caustics = Arc::new(CausticMaps::new(caustics, [None, None]));
-        Photonmapper { settings, maps: Default::default(), caustics, global, facts: Vec::new() }
+        let [caustics, global] = estimators(&settings, 1.0, 2);
+        let caustics = Arc::new(CausticMaps::new(caustics, vec![None]));
+        Photonmapper { settings, maps: vec![Maps::default()], caustics, global, facts: Vec::new() }
     }
 }
 
-/// How photons become light, of the caustic map and of the global one, in a scene of that radius.
-fn estimators(settings: &PhotonmapperSettings, scale: f32) -> [DensityEstimator; 2] {
+/// How photons become light, of the caustic map and of the global one, in a scene of that radius. The maps of a half of the samples share
+/// its photons and what is looked up of them, so that discs are as wide for any number of replicates.
+fn estimators(settings: &PhotonmapperSettings, scale: f32, replicates: u32) -> [DensityEstimator; 2] {
+    let lookup_size = maps::share_of_half(u64::from(settings.lookup_size), replicates).max(2) as usize;
     [settings.caustic_lookup_radius, settings.global_lookup_radius].map(|radius| DensityEstimator {
         kernel: settings.kernel,
-        lookup_size: settings.lookup_size as usize,
+        lookup_size,
         lookup_radius: radius * scale,
     })
+}
+
+/// The place of a lane, on the side that the ray came from.
+fn place(block: &Block<'_>, i: usize) -> Place {
+    let (n, d) = (block.at.ng.lane(i), block.rays.d.lane(i));
+    Place { p: block.at.p.lane(i), n: if n.dot(d) > 0.0 { -n } else { n } }
 }
 
 impl Integrator for Photonmapper {
@@ -64,12 +74,22 @@ impl Integrator for Photonmapper {
         "photonmapper"
     }
 
+    fn shares_noise(&self) -> bool {
+        true
+    }
+
     fn shows_environment(&self) -> bool {
         !self.settings.hide_emitters
     }
 
+    fn check(&self, scene: &Scene) -> Result<()> {
+        refuse_motion("photonmapper", "photons", scene)
+    }
+
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        let [caustics, global] = estimators(&self.settings, preparation.scene.bounds.radius());
+        self.check(preparation.scene)?;
+        let replicates = preparation.sampler.replicates();
+        let [caustics, global] = estimators(&self.settings, preparation.scene.bounds.radius(), replicates);
         let prepared = maps::prepare(preparation, &self.settings, &global)?;
         self.caustics = Arc::new(CausticMaps::new(caustics, prepared.caustic));
         (self.global, self.maps, self.facts) = (global, prepared.maps, prepared.facts);

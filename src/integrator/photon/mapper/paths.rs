@@ -1,8 +1,7 @@
 //! The camera's paths, one wave at a time, and the waves of rays that branch off them.
 
-use super::Photonmapper;
-use super::debug::place;
 use super::maps::Maps;
+use super::{Photonmapper, place};
 use crate::accel::Coherence;
 use crate::bsdf::{self, Bsdf, Split};
 use crate::color::Rgb;
@@ -10,7 +9,7 @@ use crate::integrator::block::Block;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::kdtree::Nearest;
-use crate::integrator::roulette::most_survival;
+use crate::integrator::roulette::Roulette;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
@@ -86,6 +85,9 @@ struct Paths<'a> {
     coherence: Coherence,
 }
 
+/// Rays that may branch off a wave at a time.
+const MOST_RAYS: usize = 1 << 19;
+
 /// Estimates the radiance along the rays of a wave.
 pub fn li(
     mapper: &Photonmapper,
@@ -96,12 +98,25 @@ pub fn li(
     out: &mut [Radiance],
 ) {
     out.fill(Radiance::NONE);
-    worker.paths.begin(wave.rays, wave.keys);
-    // Who does not want what the rays meet first to shine gathers light himself.
+    // A query without emitted light is a gather ray.
     let gathers = !query.emitted && query.direct && query.indirect;
     let leg = Leg { light: Light::Camera, gathers, branched: gathers };
-    let paths = Paths { mapper, scene, query, keys: wave.keys, coherence: wave.coherence };
-    paths.follow(1, vec![leg; out.len()], worker, out);
+    let branches = mapper.settings.gather_samples.max(mapper.settings.glossy_samples);
+    let rays = (MOST_RAYS / branches as usize).max(LANES);
+    let parts = wave.rays.chunks(rays).zip(wave.keys.chunks(rays)).zip(out.chunks_mut(rays));
+    for ((rays, keys), out) in parts {
+        worker.paths.begin(rays, keys);
+        let paths = Paths { mapper, scene, query, keys, coherence: wave.coherence };
+        paths.follow(vec![leg; out.len()], worker, out);
+    }
+}
+
+/// A wave of rays that are to be followed.
+struct Pending {
+    /// The number of edges of the paths, with these rays.
+    edges: u32,
+    legs: Vec<Leg>,
+    paths: PathWave,
 }
 
 impl<'a> Paths<'a> {
@@ -110,7 +125,7 @@ impl<'a> Paths<'a> {
     }
 
     fn maps(&self, slot: u32) -> &'a Maps {
-        &self.mapper.maps[self.keys[slot as usize].half()]
+        &self.mapper.maps[self.keys[slot as usize].replicate as usize % self.mapper.maps.len()]
     }
 
     /// Whether light at an emitter is wanted that a path of so many edges finds.
@@ -123,8 +138,21 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// Follows the wave in the worker's hand, whose rays are the paths' edges of that number, and all that comes of it.
-    fn follow(&self, edges: u32, mut legs: Vec<Leg>, worker: &mut Worker, out: &mut [Radiance]) {
+    /// Follows the wave in the worker's hand and all that comes of it.
+    fn follow(&self, legs: Vec<Leg>, worker: &mut Worker, out: &mut [Radiance]) {
+        let mut waves = vec![Pending { edges: 1, legs, paths: std::mem::take(&mut worker.paths) }];
+        while let Some(wave) = waves.pop().filter(|_| !worker.interrupt.is_raised()) {
+            let first = waves.len();
+            self.enter(wave, worker, out, &mut waves);
+            // In the order in which they were made.
+            waves[first..].reverse();
+        }
+    }
+
+    /// Traces a wave, adds the light that it finds, and appends the waves that go on from there.
+    fn enter(&self, wave: Pending, worker: &mut Worker, out: &mut [Radiance], waves: &mut Vec<Pending>) {
+        let Pending { edges, mut legs, paths } = wave;
+        worker.paths = paths;
         let coherence = if edges == 1 { self.coherence } else { Coherence::Incoherent };
         intersect(self.scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
         if edges == 1 {
@@ -159,10 +187,9 @@ impl<'a> Paths<'a> {
         for i in 0..most.unwrap_or(0) {
             let legs = self.scatter(edges, i, &shaded, &legs, &parents, worker);
             if !legs.is_empty() {
-                self.follow(edges + 1, legs, worker, out);
+                waves.push(Pending { edges: edges + 1, legs, paths: std::mem::take(&mut worker.paths) });
             }
         }
-        worker.paths = parents;
     }
 
     /// How many emitter samples and how many rays into the BSDF a surface gets.
@@ -286,8 +313,8 @@ impl<'a> Paths<'a> {
     fn add_caustics(&self, block: &Block<'_>, paths: &PathWave, buffer: &mut Nearest, out: &mut [Radiance]) {
         for i in bits(block.finite) {
             let j = block.first + i;
-            let half = self.keys[paths.slots[j] as usize].half();
-            let value = self.mapper.caustics.reflected(block, i, half, buffer);
+            let key = self.keys[paths.slots[j] as usize];
+            let value = self.mapper.caustics.reflected(block, i, key, buffer);
             out[paths.slots[j] as usize].value += paths.beta(j) * value;
         }
     }
@@ -348,8 +375,8 @@ impl<'a> Paths<'a> {
         let Worker { sampler, numbers, paths, .. } = worker;
         draw_1d(*sampler, Dimension::bsdf_lobe(edges - 1), &keys, &mut numbers.bsdf_lobe);
         draw_2d(*sampler, Dimension::bsdf_direction(edges - 1), &keys, &mut numbers.bsdf_direction);
-        let roulette = edges >= self.mapper.settings.rr_depth;
-        if roulette {
+        let roulette = Roulette::at(edges, self.mapper.settings.rr_depth);
+        if roulette.is_some() {
             draw_1d(*sampler, Dimension::roulette(edges - 1), &keys, &mut numbers.roulette);
         }
         paths.copy_from(parents);
@@ -367,16 +394,15 @@ impl<'a> Paths<'a> {
             let [r, g, b] = sample.weight;
             let strongest = r.fast_max(g).fast_max(b);
             let mut valid = sample.valid & strongest.simd_ne(f32x16::ZERO);
-            let mut share = f32x16::ONE / rays;
-            if roulette {
+            let mut weight = sample.weight;
+            if let Some(roulette) = roulette {
                 // What a path brings does not decide, for where it branches all of its parts bring little.
-                let survival =
-                    (strongest * sample.eta * sample.eta).fast_min(f32x16::splat(most_survival(edges)));
-                valid &= load(&numbers.roulette, block.first).simd_lt(survival);
-                share /= survival;
+                let on;
+                let u = load(&numbers.roulette, block.first);
+                (weight, on) = roulette.play_x16(weight, sample.eta * sample.eta, u);
+                valid &= on;
             }
-            let beta =
-                std::array::from_fn(|c| load(&parents.beta[c], block.first) * sample.weight[c] * share);
+            let beta = std::array::from_fn(|c| load(&parents.beta[c], block.first) * weight[c] / rays);
             let next = Continuation {
                 rays: self.scene.spawn_rays(&block.at, block.at.frame.to_world(sample.wi), block.rays.time),
                 beta,
