@@ -11,7 +11,7 @@ use buffon::film::{Filter, FilterSampler};
 use buffon::ids::TextureId;
 use buffon::image::TextureImage;
 use buffon::material::Input;
-use buffon::math::{Affine2, DAffine3, DVec3, Frame, Ray, Vec2, Vec3};
+use buffon::math::{Affine2, DAffine3, DVec3, Ray, Vec2, Vec3};
 use buffon::scene::{Description, Scene};
 use buffon::sensor::{Camera, Projection, SensorSettings, ThinLens};
 use buffon::shape::{Mesh, Shape};

@@ -134,12 +134,11 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
     let x = a.select(&names).filter(|_| !names.is_empty()).ok_or_else(differ)?;
     let r = b.select(&names).ok_or_else(differ)?;
     let of_b = match variance_of_b {
-        Some(image) => Some(
+        Some(image) => Some(Noise::by_pixels(
             variance_of(image, &names)
                 .or_else(|| image.select(&names))
                 .ok_or_else(|| NotComparable::Channels(a.channels.clone(), image.channels.clone()))?,
-        )
-        .map(Noise::by_pixels),
+        )),
         None => noise_of(b, &names)?,
     };
     let noise = [noise_of(a, &names)?, of_b];

@@ -87,7 +87,7 @@ pub struct MaterialPoint<'a> {
 
 impl MaterialPoint<'_> {
     /// The point as the back's material sees it: the local frame is mirrored in the surface.
-    fn from_behind(&self) -> Self {
+    fn behind(&self) -> Self {
         MaterialPoint { wo: self.wo.map(mirrored), ..*self }
     }
 }
@@ -287,7 +287,7 @@ impl Materials {
         make: impl Fn(usize, &MaterialPoint<'a>) -> Bsdf<'a>,
     ) -> Bsdf<'a> {
         let side = |side: usize| -> &'a Bsdf<'a> {
-            let at = if side == 0 { *at } else { at.from_behind() };
+            let at = if side == 0 { *at } else { at.behind() };
             arena.alloc(make(side, &at))
         };
         let sides = match at.wo {
