@@ -230,7 +230,7 @@ fn damaged_checkpoints_are_refused_before_anything_is_allocated() {
         refused(&bytes)
     };
     assert_eq!(with(0, b"X"), "is no checkpoint");
-    assert_eq!(with(8, &[9]), "has version 9, expected 1");
+    assert_eq!(with(8, &[9]), "has version 9, expected 2");
     assert_eq!(with(12, &[255; 4]), "ends before its header does");
     assert!(with(17, b"!").starts_with("is damaged: its header: "));
     let header = String::from_utf8_lossy(&good).into_owned();

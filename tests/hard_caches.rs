@@ -191,7 +191,7 @@ fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
             let started = Instant::now();
             let count = records(&scene, &settings);
             let seconds = started.elapsed().as_secs_f64();
-            let rendered = render(&scene, &Settings::Irrcache(settings), SamplerKind::Sobol, 8, 1);
+            let rendered = render(&scene, &Settings::Irrcache(settings), SamplerKind::Sobol, 64, 1);
             assert_eq!(rendered.invalid_count, 0);
             // Of 2 in all, 1 is emitted, and half of what is emitted is reflected once.
             let (mean, _) = mean(&rendered);

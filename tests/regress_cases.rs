@@ -38,7 +38,7 @@ fn verdicts(run: &Run) -> Vec<String> {
 fn cases_hold_fail_or_are_known_to_fail() {
     let folder = folder(
         &[
-            case("right", "expect = 1\nintegrators = ['path', 'ptracer']\nwithin = 0.3"),
+            case("right", "expect = 1\nintegrators = ['path', 'ptracer']\nwithin = 0.3\nspp = 256"),
             case("twice", "define = { emission = 1 }\nexpect = 2\npixels_within = 0.9"),
             case("bounds", "between = [0.9, 1.1]"),
             case("alike", "define = { emission = 0.5 }\nsame_as = { emission = 0.5 }\nwithin = 0.2"),
@@ -83,7 +83,7 @@ fn what_does_not_hold_fails() {
     assert_eq!(run.code, 1);
     assert!(verdicts(&run).iter().all(|v| v.starts_with("FAIL")), "{run:?}");
     for sentence in [
-        "the mean is off by -16.",
+        "the mean is off by -17 %",
         "only, of at most ± 0.0001 %: more samples would tell",
         "% off (p ",
         ", expected 1 ± 0.0001 %",
@@ -98,7 +98,8 @@ fn what_does_not_hold_fails() {
 
 #[test]
 fn one_traversal_one_integrator_and_a_column_beside() {
-    let folder = folder(&case("right", "expect = 1\nintegrators = ['path', 'ptracer']\nwithin = 0.3"));
+    let folder =
+        folder(&case("right", "expect = 1\nintegrators = ['path', 'ptracer']\nwithin = 0.3\nspp = 256"));
     folder.write("other.json", br#"{"s.xml: right, path": "0.99"}"#);
     let run = folder.run("regress . --accel obvhs --integrator path --table t.md --beside Other=other.json");
     assert_eq!(run.code, 0, "{run:?}");

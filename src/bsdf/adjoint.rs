@@ -91,6 +91,9 @@ impl Tilted<'_> {
         let inner_wo = tilt.frame.to_local(wo);
         let sample = tilt.inner.sample_adjoint(inner_wo, u_lobe, u)?;
         let wi = tilt.frame.to_world(sample.wi);
+        if sample.lobe != Lobe::Specular {
+            return Some(BsdfSample { wi, ..sample });
+        }
         // The light has to be on one side of both normals, and the viewer has to see this normal.
         if wo.z * inner_wo.z <= 0.0 || !std::ptr::eq(self.seen_from(wi), tilt) {
             return None;
