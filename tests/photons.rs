@@ -113,6 +113,23 @@ fn points_and_spheres_light_a_plane() {
     }
 }
 
+/// A count of paths is traced to its end though none leaves anything, for it is a mean over them that is asked for. Who asks for
+/// deposits is told that there are none.
+#[test]
+fn only_who_asks_for_deposits_is_given_up_on() {
+    let mut scene = Description::default();
+    scene.emitters.push(Emitter::Point { position: Vec3::ZERO, intensity: Rgb::WHITE });
+    scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
+    let scene = compiled(scene, AccelKind::default());
+    let most = (1 << 20) + 500_000;
+    for (kept, all) in [(None, true), (Some(10), false)] {
+        let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
+            caster.cast(&PATHS, SEQUENCE, Until { paths: most, kept }, |d, _| Some(*d))
+        });
+        assert!(cast.kept.is_empty() && (cast.emitted == most) == all, "{kept:?}: {} paths", cast.emitted);
+    }
+}
+
 /// A rectangle lights up the one opposite. [Siegel and Howell 1992, appendix C]
 #[test]
 fn a_rectangle_lights_a_plane() {

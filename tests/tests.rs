@@ -13,6 +13,7 @@ mod embree_ffi;
 mod emitters;
 mod environment_map;
 mod error_estimates;
+mod estimators;
 mod gltf;
 mod gltf_errors;
 mod hard;
