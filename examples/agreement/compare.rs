@@ -1,0 +1,280 @@
+//! Rendering a scene by all estimators that claim it, and comparing the pictures.
+
+use crate::node::Node;
+use buffon::accel::AccelKind;
+use buffon::error::Error;
+use buffon::image::{Image, z_test};
+use buffon::render::{Progress, StopRules};
+use buffon::sampling::SamplerKind;
+use buffon::session::{Choices, SceneChoices, SceneFile};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The probability that a right pair is rendered again with more samples.
+const SUSPICIOUS: f64 = 1e-3;
+/// How many times as many samples the second look and the third have.
+pub const LOOKS: [u64; 3] = [1, 8, 64];
+/// How far estimators that are biased by design may be off, in the mean of the picture.
+const BIAS: f64 = 0.1;
+
+/// An estimator of the picture that paths give.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimator {
+    pub integrator: &'static str,
+    pub accel: AccelKind,
+    /// Samples at the first look.
+    samples: u64,
+    /// Compared by its mean only.
+    biased: bool,
+    /// Whether the paths of a scene's light are as good as those of `path`.
+    reaches: fn(&Features) -> bool,
+    /// The only depth it has.
+    depth: Option<&'static str>,
+    /// One scene of so many is rendered.
+    every: u64,
+}
+
+/// What in a scene decides which paths an estimator can find.
+#[derive(Clone, Copy, Debug)]
+pub struct Features {
+    /// Something scatters into single directions.
+    deltas: bool,
+    /// Some light has no area, or a single direction.
+    delta_lights: bool,
+}
+
+impl Features {
+    pub fn of(scene: &Node) -> Self {
+        let is = |node: &Node, tag: &str, plugins: &[&str]| {
+            node.tag == tag && node.attribute("type").is_some_and(|kind| plugins.contains(&kind))
+        };
+        let same_index = |node: &Node| {
+            is(node, "bsdf", &["roughdielectric"])
+                && node.children.iter().any(|child| child.attribute("name") == Some("ext_ior"))
+        };
+        let specular =
+            ["conductor", "dielectric", "thindielectric", "plastic", "null", "mask", "principledthin"];
+        Features {
+            deltas: scene.any(&|node| is(node, "bsdf", &specular) || same_index(node)),
+            delta_lights: scene.any(&|node| is(node, "emitter", &["point", "spot", "directional"])),
+        }
+    }
+
+    fn paths_find_all(&self) -> bool {
+        !(self.deltas && self.delta_lights)
+    }
+
+    fn light_paths_find_all(&self) -> bool {
+        !self.deltas
+    }
+}
+
+fn always(_: &Features) -> bool {
+    true
+}
+
+/// All estimators; the first one is what the others are held against.
+pub fn estimators() -> Vec<Estimator> {
+    let native = AccelKind::default();
+    let of = |integrator, samples| Estimator {
+        integrator,
+        accel: native,
+        samples,
+        biased: false,
+        reaches: always,
+        depth: None,
+        every: 1,
+    };
+    let mut all = vec![of("path", 256)];
+    for &accel in AccelKind::ALL.iter().filter(|accel| **accel != native) {
+        all.push(Estimator { accel, ..of("path", 256) });
+    }
+    all.extend([
+        of("distribution", 32),
+        Estimator { depth: Some("2"), ..of("direct", 256) },
+        Estimator { reaches: Features::light_paths_find_all, ..of("ptracer", 1024) },
+        Estimator { reaches: Features::paths_find_all, biased: true, ..of("sppm", 64) },
+        Estimator { reaches: Features::paths_find_all, biased: true, every: 32, ..of("photonmapper", 32) },
+        Estimator { reaches: Features::paths_find_all, biased: true, every: 16, ..of("irrcache", 32) },
+    ]);
+    all
+}
+
+/// A difference that is no chance.
+#[derive(Clone, Debug)]
+pub struct Finding {
+    pub estimator: String,
+    pub sentence: String,
+    /// At how many times the samples of the first look.
+    pub seen: u64,
+}
+
+/// What was compared, by estimator; and what was refused, with the sentence.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    pub compared: BTreeMap<String, u64>,
+    pub refused: BTreeMap<String, u64>,
+}
+
+impl Tally {
+    pub fn merge(&mut self, other: &Tally) {
+        for (sum, part) in [(&mut self.compared, &other.compared), (&mut self.refused, &other.refused)] {
+            part.iter().for_each(|(key, n)| *sum.entry(key.clone()).or_default() += n);
+        }
+    }
+}
+
+/// The integrator's element.
+pub fn integrator(estimator: &Estimator, settings: &[Node], look: u64) -> Node {
+    let mut node = Node::plugin("integrator", estimator.integrator);
+    if estimator.integrator == "irrcache" {
+        let inner = settings.iter().cloned().fold(Node::plugin("integrator", "path"), Node::add);
+        return node.add(Node::value("float", "quality", 2)).add(inner);
+    }
+    if estimator.depth.is_none() {
+        node = settings.iter().cloned().fold(node, Node::add);
+    } else {
+        let rest = settings.iter().filter(|value| value.attribute("name") != Some("max_depth"));
+        node = rest.cloned().fold(node, Node::add);
+    }
+    match estimator.integrator {
+        "distribution" => node.add(Node::value("integer", "bsdf_samples", 2)),
+        "sppm" => {
+            // More photons on smaller disks, the less they blur.
+            let shrink = (look as f64).powf(-0.25);
+            node.add(Node::value("integer", "photon_count", 2000)).add(Node::value(
+                "float",
+                "initial_radius",
+                0.06 * shrink,
+            ))
+        }
+        "photonmapper" => node.add(Node::value("integer", "global_photons", 20_000)).add(Node::value(
+            "integer",
+            "caustic_photons",
+            20_000,
+        )),
+        _ => node,
+    }
+}
+
+/// Compares estimators of scenes in a folder, which has the files that scenes name.
+pub struct Comparer<'a> {
+    pub folder: &'a Path,
+    /// How many comparisons there are in the whole run, at most.
+    pub comparisons: u64,
+    /// The probability that any right pair of the run is called a finding.
+    pub significance: f64,
+}
+
+impl Comparer<'_> {
+    fn render(&self, scene: &str, estimator: &Estimator, samples: u64, seed: u64) -> Result<Image, Error> {
+        let path = self.folder.join("scene.xml");
+        std::fs::write(&path, scene).map_err(|e| Error::output(e.to_string()))?;
+        let session = SceneFile::load(&path, &SceneChoices::default())?.compile(estimator.accel, 1)?;
+        let choices = Choices {
+            sampler: Some(SamplerKind::Sobol),
+            stop: StopRules { samples: Some(samples), ..StopRules::default() },
+            seed,
+            aov: vec!["variance".into()],
+            ..Choices::default()
+        };
+        let plan = session.plan(&choices)?;
+        let rendered = session.render(&plan, &Progress::new())?;
+        Ok(session.image(&plan, &rendered))
+    }
+
+    /// The first look at all estimators of a scene, and as many looks as it takes at those that differ. An error is that of the
+    /// scene as `path` sees it.
+    pub fn compare(
+        &self,
+        scene: &Node,
+        settings: &[Node],
+        number: u64,
+        only: Option<(&str, &[u64])>,
+        tally: &mut Tally,
+    ) -> Result<Vec<Finding>, Error> {
+        let all = estimators();
+        let features = Features::of(scene);
+        let depth = settings.iter().find_map(|node| {
+            (node.attribute("name") == Some("max_depth")).then(|| node.attribute("value").unwrap_or(""))
+        });
+        let mut reference: Vec<Image> = Vec::new();
+        let mut findings = Vec::new();
+        for estimator in &all[1..] {
+            let name = format!("{}-{}", estimator.integrator, estimator.accel);
+            let fits = estimator.depth.is_none_or(|only| depth == Some(only));
+            let due = number % estimator.every == 0 || only.is_some();
+            if !(fits && due && (estimator.reaches)(&features)) || only.is_some_and(|(only, _)| only != name)
+            {
+                continue;
+            }
+            let looks = only.map_or(&LOOKS[..], |(_, looks)| looks);
+            let (mut sentence, mut seen) = (None, 0);
+            for (i, &look) in looks.iter().enumerate() {
+                if reference.len() <= i {
+                    let text = scene.scene(&integrator(&all[0], settings, look));
+                    let seed = 1000 + look;
+                    reference.push(self.render(&text, &all[0], all[0].samples * look, seed)?);
+                }
+                let text = scene.scene(&integrator(estimator, settings, look));
+                let seed = 2000 + look + 7 * i as u64;
+                let image = match self.render(&text, estimator, estimator.samples * look, seed) {
+                    Ok(image) => image,
+                    Err(error) => {
+                        let sentence = error.to_string();
+                        let sentence = sentence.lines().next().unwrap_or("").to_string();
+                        *tally.refused.entry(format!("{name}: {sentence}")).or_default() += 1;
+                        break;
+                    }
+                };
+                if i == 0 {
+                    *tally.compared.entry(name.clone()).or_default() += 1;
+                }
+                sentence = self.difference(estimator, &image, &reference[i], i + 1 == looks.len());
+                seen = look;
+                if sentence.is_none() {
+                    break;
+                }
+            }
+            if let Some(sentence) = sentence {
+                findings.push(Finding { estimator: name, sentence, seen });
+            }
+        }
+        Ok(findings)
+    }
+
+    /// What tells two pictures apart, if anything does.
+    fn difference(
+        &self,
+        estimator: &Estimator,
+        image: &Image,
+        reference: &Image,
+        last: bool,
+    ) -> Option<String> {
+        let significance = if last { self.significance / self.comparisons as f64 } else { SUSPICIOUS };
+        let test = match z_test(image, reference, None, significance) {
+            Ok(test) => test,
+            Err(reason) => return Some(reason.to_string()),
+        };
+        let [a, b] = [image, reference].map(mean);
+        if !(a.is_finite() && b.is_finite()) {
+            return Some(format!("mean {a}, by paths {b}"));
+        }
+        if estimator.biased {
+            let far = (a - b).abs() > BIAS * b.abs();
+            return (far && !test.is_unbiased()).then(|| format!("mean {a:.5}, by paths {b:.5}"));
+        }
+        let blocks = test.rejected > 0 && test.block_probability < significance;
+        (blocks || !test.is_unbiased()).then(|| {
+            format!(
+                "mean {a:.5}, by paths {b:.5}; {} of {} blocks rejected (p {:.0e}), bias p {:.0e}",
+                test.rejected, test.blocks, test.block_probability, test.bias_probability
+            )
+        })
+    }
+}
+
+fn mean(image: &Image) -> f64 {
+    let picture = image.select(&["R", "G", "B"]);
+    picture.map_or(f64::NAN, |p| p.data.iter().map(|v| f64::from(*v)).sum::<f64>() / p.data.len() as f64)
+}
