@@ -20,6 +20,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// How many simpler scenes are tried for a finding.
+const TRIES: usize = 300;
+
 struct Options {
     scenes: u64,
     first: u64,
@@ -171,8 +174,12 @@ fn simplest(
     };
     let looks = LOOKS.into_iter().find(|look| differs(&scene, *look, &mut unused).is_some());
     let look = looks.unwrap_or(finding.seen);
+    let mut tries = 0..TRIES;
     'again: loop {
         for simpler in scene.simpler() {
+            if tries.next().is_none() {
+                break;
+            }
             if let Some(still) = differs(&simpler, look, &mut unused) {
                 (scene, sentence) = (simpler, still.sentence);
                 continue 'again;
