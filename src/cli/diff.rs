@@ -41,10 +41,9 @@ pub struct DiffArgs {
     #[arg(long, value_name = "NAME", value_enum, default_value_t = Metric::Relmse)]
     pub metric: Metric,
     /// Test whether both images may be estimates of the same picture, by the variance layers of either: in blocks
-    /// of 4x4 pixels, whose variances are taken to be estimates from two halves (significance 0.01 over all
-    /// blocks; 99.75 % of the blocks must pass), and for a bias of the whole. The pixels of a block must be
-    /// independent, as Buffon's are (but for light paths under filters wider than a pixel). What rounding may have done
-    /// to the values is not held against them
+    /// of 4x4 pixels (significance 0.01 over all blocks; 99.75 % of the blocks must pass), and for a bias of the
+    /// whole. Images whose pixels share noise (caches, photons, light paths) say so in their metadata, and are judged by
+    /// their layer block_variance. What rounding may have done to the values is not held against them
     #[arg(long)]
     pub z: bool,
     /// With --z, an image that holds the variances of B
