@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-page memcheck lint bench scenes clean
+.PHONY: help deps demo test test-all test-rest test-page fuzz memcheck lint bench scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -12,6 +12,8 @@ BUFFON := cargo run --release --locked --quiet --
 TERRAIN := scenes/terrain/terrain.ply
 # Both feature sets: with Embree and OpenImageIO, and in Rust alone.
 RUST_ALONE := -p buffon --no-default-features
+# What is tested with both: traversal, images, and the command line over them.
+TWICE := parity watertight self_intersection image_ texture_files cli:: determinism own_scenes plugins:: memory
 
 # CPUs without AVX2 get the baseline: RUSTFLAGS replaces the flags of .cargo/config.toml.
 ifeq ($(shell uname -m)$(shell grep -m 1 -o -w avx2 /proc/cpuinfo),x86_64)
@@ -35,11 +37,26 @@ demo: deps ## build, and render the Cornell box to out/
 	@echo "The figures above, and more of them:  $(CURDIR)/out/cornell-box.json"
 
 # What is quickest to fail comes first.
-test: lint ## everything that must hold, with both feature sets
+test: lint ## what must hold, in minutes
 	cargo test --locked --workspace
-	cargo test --locked $(RUST_ALONE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
+
+# The tests that are marked `ignore`, what depends on the libraries without them, and random scenes on which all estimators agree.
+test-all: test test-rest ## everything that must hold
+
+test-rest: deps
+	cargo test --locked --workspace -- --ignored
+	cargo test --locked $(RUST_ALONE) --lib
+	cargo test --locked $(RUST_ALONE) --test tests -- $(TWICE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
+	cargo run --locked --quiet --example agreement -- 300
+
+# A seed of its own for each run; it is printed, and makes the run again.
+fuzz: deps ## try mutated scenes, meshes and images for some minutes: SEED=..., CASES=...
+	seed=$${SEED:-$$(od -An -N4 -tu4 /dev/urandom | tr -d ' ')}; \
+	echo "make fuzz SEED=$$seed CASES=$${CASES:-10000}"; \
+	PROPTEST_RNG_SEED=$$seed PROPTEST_CASES=$${CASES:-10000} BUFFON_FUZZ_CASES=$${CASES:-10000} \
+	    cargo test --locked -p buffon --test tests -- robustness gltf_errors
 
 # A tiny bench, for the page's sake; its figures mean nothing. The screenshots stay in out/page.
 test-page: deps ## open a page of `buffon bench` in headless Chromium, and check that it works

@@ -5,15 +5,17 @@ use std::process::Command;
 fn main() {
     println!("cargo::rustc-check-cfg=cfg(buffon_baseline)");
     println!("cargo:rerun-if-changed=build.rs");
-    for path in [".git/HEAD", ".git/index"] {
-        if std::path::Path::new(path).exists() {
+    // What says which commit is there; not the index, which `git status` alone refreshes.
+    let head = std::fs::read_to_string(".git/HEAD").unwrap_or_default();
+    let branch = head.strip_prefix("ref: ").map(|name| format!(".git/{}", name.trim()));
+    for path in [".git/HEAD".into(), ".git/packed-refs".into()].into_iter().chain(branch) {
+        if std::path::Path::new(&path).exists() {
             println!("cargo:rerun-if-changed={path}");
         }
     }
     let mut parts = Vec::new();
     if let Some(commit) = git(&["rev-parse", "--short=12", "HEAD"]) {
-        let dirty = git(&["status", "--porcelain", "--untracked-files=no"]).is_some_and(|s| !s.is_empty());
-        parts.push(format!("commit {commit}{}", if dirty { " with changes" } else { "" }));
+        parts.push(format!("commit {commit}"));
     }
     for (name, variable) in [("Embree", "DEP_EMBREE3_VERSION"), ("OpenImageIO", "DEP_OIIO_VERSION")] {
         println!("cargo:rerun-if-env-changed={variable}");
@@ -33,9 +35,8 @@ fn main() {
     println!("cargo:rustc-env=BUFFON_VERSION={} ({})", env!("CARGO_PKG_VERSION"), parts.join(", "));
 }
 
-/// The output of a git command, if there is a repository and git. It must not refresh the index, which would be a
-/// reason to build all anew the next time.
+/// The output of a git command, if there is a repository and git.
 fn git(arguments: &[&str]) -> Option<String> {
-    let output = Command::new("git").arg("--no-optional-locks").args(arguments).output().ok()?;
+    let output = Command::new("git").args(arguments).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_string())
 }

@@ -1,9 +1,9 @@
 //! The program from outside: exit codes, sentences, outputs, signals.
 
-use crate::support::cli::{Folder, Run, SCENE, program};
+use crate::support::cli::{Folder, Run, Running, SCENE, program};
 use buffon::image::{Image, Value, read};
 use serde_json::Value as Json;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, Read};
 use std::process::{Command, Stdio};
 
 /// Exit code and whole sentence of a run that must fail, print nothing and leave nothing behind.
@@ -413,26 +413,22 @@ fn progress_goes_to_standard_error() {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_render_writes_what_there_is() {
-    for (signal, code) in [("-INT", 130), ("-TERM", 143)] {
+    for (signal, code) in [(libc::SIGINT, 130), (libc::SIGTERM, 143)] {
         let folder = Folder::new();
-        let mut child = Command::new(program())
-            .args(["render", "s.xml", "--spp", "1000000000", "--progress", "json"])
-            .current_dir(folder.path(""))
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
-        let mut stderr = BufReader::new(child.stderr.take().expect("a pipe"));
+        let mut command = Command::new(program());
+        command.args(["render", "s.xml", "--spp", "1000000000", "--progress", "json"]);
+        command.current_dir(folder.path("")).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut child = Running::start(&mut command);
+        let (mut stderr, mut out) = (child.stderr(), child.stdout());
         // The first line of progress: the render is under way.
         let mut line = String::new();
         stderr.read_line(&mut line).expect("a line");
-        let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().expect("kill");
-        assert!(sent.success());
+        child.signal(signal);
+        let status = child.wait();
         let mut rest = String::new();
         stderr.read_to_string(&mut rest).expect("text");
         let mut stdout = String::new();
-        child.stdout.take().expect("a pipe").read_to_string(&mut stdout).expect("text");
-        let status = child.wait().expect("the program ends");
+        out.read_to_string(&mut stdout).expect("text");
         assert_eq!((status.code(), stdout.as_str()), (Some(code), ""), "{signal}: {rest}");
         assert!(rest.trim_end().ends_with("interrupted"), "{rest}");
         let image = read(&folder.path("s.exr")).expect("what there is was written");

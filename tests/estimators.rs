@@ -208,6 +208,29 @@ fn light_paths_see_bent_normals_as_viewers_do() {
     }
 }
 
+/// Light from below an opaque sheet does not reach its upper side, however its normals are bent.
+#[test]
+fn no_light_passes_a_two_sided_sheet_with_bent_normals() {
+    for flip in ["true", "false"] {
+        let things = format!(
+            r#"<shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/></transform>
+    <bsdf type="twosided"><bsdf type="normalmap">
+      <boolean name="flip_invalid_normals" value="{flip}"/>
+      <texture name="normalmap" type="checkerboard">
+        <rgb name="color0" value="0.54,0.34,0.57"/><rgb name="color1" value="0.28,0.5,0.93"/>
+      </texture>
+      <bsdf type="diffuse"/>
+    </bsdf></bsdf>
+  </shape>
+  <emitter type="constant"/>"#
+        );
+        let folder = Folder::with(&scene(SENSOR, &things));
+        let path = "--integrator path --spp 1024 --sampler sobol";
+        agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");
+    }
+}
+
 const OCTAHEDRON: &str = "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n\
     vn 1 0 0\nvn -1 0 0\nvn 0 1 0\nvn 0 -1 0\nvn 0 0 1\nvn 0 0 -1\n\
     f 1//1 3//3 5//5\nf 3//3 2//2 5//5\nf 2//2 4//4 5//5\nf 4//4 1//1 5//5\n\

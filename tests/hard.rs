@@ -31,7 +31,16 @@ fn expect_known(report: &Report) -> usize {
     report.count(Status::Known)
 }
 
+/// Those of rounding and of energy, which are quick.
 #[test]
+fn hard_cases_of_intersection_and_energy_hold_or_fail_as_they_are_known_to() {
+    for folder in ["intersection", "energy"] {
+        expect_known(&report(&root().join(folder)));
+    }
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
 fn hard_cases_hold_or_fail_as_they_are_known_to() {
     let report = report(&root());
     let known = expect_known(&report);

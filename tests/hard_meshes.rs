@@ -71,6 +71,7 @@ fn closed_meshes() -> Vec<(&'static str, Mesh, Vec3)> {
 
 /// What is invalid is dropped and counted, what is twice there is hit once, and a closed mesh stays closed.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn spoiled_meshes_are_as_closed_as_they_were() {
     for (seed, (name, mesh, inside)) in (1..).zip(closed_meshes()) {
         let mut random = Random(seed);

@@ -27,6 +27,7 @@ fn every_experiment_runs_and_the_page_is_written() {
 
 /// The seed decides everything but times: not the threads, and not the other experiments.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_seed_decides_the_numbers() {
     let folder = Folder::new();
     let text = |arguments: &str| {

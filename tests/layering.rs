@@ -217,3 +217,16 @@ fn the_reader_finds_made_up_violations() {
     assert!(escapes("mod tests {\n    use super::*;\n}", 1).is_none());
     assert!(words("unsafe_code un-safe").all(|w| w != ["un", "safe"].concat()));
 }
+
+/// A file of tests that nobody names would never run.
+#[test]
+fn every_file_of_tests_is_one_of_the_modules() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");
+    let list = std::fs::read_to_string(folder.join("tests.rs")).expect("the list of modules");
+    for entry in std::fs::read_dir(&folder).expect("the folder of tests") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_stem().expect("a name").to_string_lossy().into_owned();
+        let named = list.lines().any(|line| line == format!("mod {name};"));
+        assert!(named || name == "tests", "tests/tests.rs lacks `mod {name};`");
+    }
+}

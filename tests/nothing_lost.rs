@@ -1,13 +1,11 @@
 //! Renders that are killed, interrupted, or run out of disk: what was there is whole, and what is lost is found again.
 
-use crate::support::cli::{Folder, SCENE, program};
+use crate::support::cli::{Folder, Running, SCENE, program, wait_for_file};
 use buffon::sampling::hash::combine;
+use std::ops::Range;
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
-
-/// How often renders are killed.
-const TRIALS: u32 = 100;
 
 /// How long a render lasts that nobody stops.
 fn duration(folder: &Folder, arguments: &str) -> Duration {
@@ -22,26 +20,38 @@ fn random(test: u32, trial: u32) -> f64 {
 }
 
 /// Runs `buffon render` and sends a signal after some time.
-fn killed(folder: &Folder, arguments: &str, signal: &str, after: Duration) -> ExitStatus {
-    let mut child = Command::new(program())
-        .args(["render", "s.xml", "-q"])
-        .args(arguments.split_whitespace())
-        .current_dir(folder.path(""))
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the program starts");
+fn killed(folder: &Folder, arguments: &str, signal: i32, after: Duration) -> ExitStatus {
+    let child = render(folder, arguments);
     std::thread::sleep(after);
-    let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
-    child.wait().expect("it ends")
+    child.signal(signal);
+    child.wait()
+}
+
+/// Starts `buffon render`.
+fn render(folder: &Folder, arguments: &str) -> Running {
+    let mut command = Command::new(program());
+    command.args(["render", "s.xml", "-q"]).args(arguments.split_whitespace());
+    Running::start(command.current_dir(folder.path("")).stderr(Stdio::null()))
 }
 
 #[test]
 fn renders_that_are_killed_at_random_leave_whole_images_or_the_older_ones() {
+    kill_at_random(0..20);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn a_hundred_renders_are_killed_at_random() {
+    kill_at_random(0..100);
+}
+
+/// Kills renders of these numbers at a time of their own.
+fn kill_at_random(trials: Range<u32>) {
     let folder = Folder::new();
     let short = duration(&folder, "--spp 2");
     let (mut ended, mut stopped, mut replaced, mut left) = (0, 0, 0, 0);
-    for trial in 0..TRIALS {
-        let (signal, number) = [("-KILL", 9), ("-TERM", 15), ("-INT", 2)][trial as usize % 3];
+    for trial in trials.clone() {
+        let signal = [libc::SIGKILL, libc::SIGTERM, libc::SIGINT][trial as usize % 3];
         let before = folder.read("s.exr");
         // Half of them are short enough to be met while they write.
         let samples = if trial % 2 == 0 { 2 } else { 100_000 };
@@ -50,20 +60,23 @@ fn renders_that_are_killed_at_random_leave_whole_images_or_the_older_ones() {
         let code = status.code();
         match (code, status.signal()) {
             (Some(0), None) => ended += 1,
-            (Some(code), None) if number != 9 && code == 128 + number => stopped += 1,
+            (Some(code), None) if signal != libc::SIGKILL && code == 128 + signal => stopped += 1,
             // Killed, or before the program listened.
-            (None, Some(signal)) if signal == number => stopped += 1,
+            (None, Some(by)) if by == signal => stopped += 1,
             other => panic!("trial {trial}: {other:?} after {signal}"),
         }
         let image = buffon::image::read(&folder.path("s.exr"));
         assert!(image.is_ok_and(|image| image.data.iter().all(|v| v.is_finite())), "trial {trial}: {signal}");
         let changed = folder.read("s.exr") != before;
         replaced += u32::from(changed);
-        assert!(!(changed && number == 9 && code.is_none() && samples > 2), "a killed render has written");
+        assert!(
+            !(changed && signal == libc::SIGKILL && code.is_none() && samples > 2),
+            "a killed render has written"
+        );
         left = left.max(folder.files().len() - 2);
     }
     println!(
-        "{TRIALS} renders: {ended} ended, {stopped} stopped, {replaced} images replaced, {left} files left at most"
+        "{trials:?}: {ended} ended, {stopped} stopped, {replaced} images replaced, {left} files left at most"
     );
     folder.render("s.xml -q --spp 1");
     assert_eq!(folder.files(), ["s.exr", "s.xml"], "the next render cleans up");
@@ -80,7 +93,7 @@ fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
         let mut kills = 0;
         // It comes to its end between kills that are ever farther apart.
         for trial in 0.. {
-            let signal = ["-KILL", "-INT"][trial as usize % 2];
+            let signal = [libc::SIGKILL, libc::SIGINT][trial as usize % 2];
             let share = 0.1 + 0.3 * random(1 + i as u32, trial) + 0.02 * f64::from(trial);
             let status = killed(&folder, &resume, signal, whole.mul_f64(share));
             match (status.code(), status.signal()) {
@@ -99,10 +112,12 @@ fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
 #[test]
 fn a_signal_with_a_checkpoint_has_an_exit_code_of_its_own() {
     let folder = Folder::new();
-    for signal in ["-INT", "-TERM"] {
-        let status =
-            killed(&folder, "--spp 1000000000 --checkpoint c --resume", signal, Duration::from_millis(1500));
-        assert_eq!(status.code(), Some(85), "{signal}");
+    for signal in [libc::SIGINT, libc::SIGTERM] {
+        let _ = std::fs::remove_file(folder.path("c"));
+        let child = render(&folder, "--spp 1000000000 --checkpoint c --checkpoint-every 0.02s --resume");
+        wait_for_file(&folder.path("c"));
+        child.signal(signal);
+        assert_eq!(child.wait().code(), Some(85), "{signal}");
     }
     assert_eq!(folder.files(), ["c", "s.exr", "s.xml"]);
 }
@@ -142,6 +157,7 @@ fn a_full_disk_costs_nothing_that_was_there() {
 
 #[test]
 fn a_folder_that_cannot_be_written_to_is_found_before_the_render() {
+    use std::ops::Range;
     use std::os::unix::fs::PermissionsExt;
     let folder = Folder::with(SCENE);
     std::fs::create_dir(folder.path("no")).unwrap();

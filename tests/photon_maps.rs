@@ -69,6 +69,7 @@ fn the_map_alone_knows_the_irradiance_below_a_point_light() {
 
 /// At an edge the surface fills half of a disc, at a corner a quarter.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     let scene = lit_floor(6.0);
     let photons = map(&scene, 4_000_000, 2);
@@ -116,7 +117,7 @@ fn light_does_not_pass_below_a_wall() {
     }
     scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
     let scene = compiled(scene, AccelKind::default());
-    let photons = map(&scene, 4_000_000, 2);
+    let photons = map(&scene, 1_000_000, 2);
     let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 200, lookup_radius: 0.2 };
     let boundary = Boundary::new(&scene);
     let map = IrradianceMap::new(&photons, &photons, &estimator, 1, Some(&boundary));
@@ -174,6 +175,16 @@ const ROOM: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
+/// What a photon mapper with few photons begins with.
+const FEW: &str = "type=\"photonmapper\"><integer name=\"global_photons\" value=\"20000\"/>\
+    <integer name=\"caustic_photons\" value=\"20000\"/>";
+
+/// A scene whose integrator is a photon mapper with few photons instead of `path`.
+fn with_few_photons(scene: &str, path: &str) -> String {
+    assert!(scene.contains(path), "the scene has no {path}");
+    scene.replacen(path, FEW, 1)
+}
+
 fn picture(folder: &Folder, name: &str, arguments: &str) -> Image {
     folder.render(&format!("s.xml -q -o {name}.exr {arguments}"));
     read(&folder.path(&format!("{name}.exr"))).expect("an image")
@@ -203,6 +214,7 @@ fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
 
 /// Every kind of emitter, each in a box of its own: paths and photons show the same light in each of them.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn every_kind_of_light_is_mapped() {
     let folder = Folder::of_scene("photon", "emitters.xml");
     let path = picture(&folder, "path", "--size 52x28 --seed 1 --spp 4096 --sampler sobol");
@@ -246,8 +258,10 @@ fn an_irradiance_cache_can_gather_from_photons() {
 fn hidden_emitters_light_an_irradiance_cache_as_others_do() {
     let folder = Folder::with(&ROOM.replace(
         "<integrator type=\"$integrator\"><integer name=\"max_depth\" value=\"12\"/></integrator>",
-        "<integrator type=\"irrcache\"><integrator type=\"photonmapper\">\
-         <boolean name=\"hide_emitters\" value=\"$hide\"/></integrator></integrator>",
+        &format!(
+            "<integrator type=\"irrcache\"><integrator {FEW}\
+         <boolean name=\"hide_emitters\" value=\"$hide\"/></integrator></integrator>"
+        ),
     ));
     let of = |hide: &str| picture(&folder, hide, &format!("-D ball=diffuse -D hide={hide} --spp 4"));
     assert!(of("true").data == of("false").data);
@@ -255,9 +269,9 @@ fn hidden_emitters_light_an_irradiance_cache_as_others_do() {
 
 #[test]
 fn pixels_do_not_depend_on_threads_or_crops() {
-    let folder = Folder::new();
+    let folder = Folder::with(&with_few_photons(SCENE, "type=\"path\">"));
     let picture = |name: &str, options: &str| {
-        let small = "-D spp=4 --integrator photonmapper";
+        let small = "-D spp=4";
         picture(&folder, name, &format!("{small} {options}"))
     };
     let once = picture("1", "-t 1");
@@ -272,7 +286,7 @@ fn pixels_do_not_depend_on_threads_or_crops() {
 
 #[test]
 fn maps_are_kept_in_files_that_know_where_they_belong() {
-    let folder = Folder::with(&SCENE.replace("type=\"path\"", "type=\"photonmapper\""));
+    let folder = Folder::with(&with_few_photons(SCENE, "type=\"path\">"));
     let plain = picture(&folder, "plain", "--spp 4");
     assert!(picture(&folder, "written", "--spp 4 --cache photons.bpm").data == plain.data);
     assert!(picture(&folder, "read", "--spp 4 --cache photons.bpm").data == plain.data);
@@ -292,7 +306,7 @@ fn maps_are_kept_in_files_that_know_where_they_belong() {
     );
     folder.write(
         "s.xml",
-        SCENE.replace("type=\"path\"", "type=\"photonmapper\"").replace("0.7,0.5,0", "0.7,0.6,0").as_bytes(),
+        with_few_photons(SCENE, "type=\"path\">").replace("0.7,0.5,0", "0.7,0.6,0").as_bytes(),
     );
     let other = folder.run("render s.xml -q -o x.exr --cache photons.bpm");
     assert_eq!(
@@ -305,8 +319,8 @@ fn maps_are_kept_in_files_that_know_where_they_belong() {
 #[test]
 fn maps_are_made_where_they_are_needed() {
     let photons = |scene: &str, arguments: &str| {
-        let folder = Folder::with(scene);
-        let options = "--integrator photonmapper --spp 1 --size 8x8 --stats s.json -o x.exr";
+        let folder = Folder::with(&with_few_photons(scene, "type=\"$integrator\">"));
+        let options = "--spp 1 --size 8x8 --stats s.json -o x.exr";
         folder.render(&format!("s.xml -q {arguments} {options}"));
         let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
         ["global_photons", "caustic_photons"]

@@ -6,7 +6,7 @@ use buffon::math::{DVec3, Frame, Vec2, Vec3};
 use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind, warp};
 
 /// Pairs of directions.
-const SAMPLES: usize = 1 << 16;
+const SAMPLES: usize = 1 << 15;
 /// Standard errors that the two estimates may differ by: 3·10⁻⁷ of right pairs differ by more.
 const DEVIATIONS: f64 = 5.1;
 

@@ -61,6 +61,7 @@ fn rough_dielectric_samples_follow_their_density() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn sharp_rough_dielectric_samples_follow_their_density() {
     check_glass([1e-3, 1e-3], true, 1.5);
     check_glass([1e-3, 0.02], true, 0.6);

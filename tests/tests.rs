@@ -7,6 +7,7 @@ mod cli;
 mod closed_form;
 mod closed_form_specular;
 mod determinism;
+mod diff_metrics;
 mod distributions;
 #[cfg(feature = "embree")]
 mod embree_ffi;

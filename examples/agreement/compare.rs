@@ -205,7 +205,7 @@ impl Comparer<'_> {
         for estimator in &all[1..] {
             let name = format!("{}-{}", estimator.integrator, estimator.accel);
             let fits = estimator.depth.is_none_or(|only| depth == Some(only));
-            let due = number % estimator.every == 0 || only.is_some();
+            let due = number.is_multiple_of(estimator.every) || only.is_some();
             if !(fits && due && (estimator.reaches)(&features)) || only.is_some_and(|(only, _)| only != name)
             {
                 continue;

@@ -220,11 +220,6 @@ pub fn tent_to_interval(x: f32) -> f32 {
     if x < 0.0 { 0.5 * (1.0 + x) * (1.0 + x) } else { 1.0 - 0.5 * (1.0 - x) * (1.0 - x) }
 }
 
-/// The solid angle of a cone given `1 − cos` of its half angle.
-pub fn cone_solid_angle(one_minus_cos: f32) -> f32 {
-    2.0 * PI * one_minus_cos
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -268,9 +268,9 @@ impl Materials {
         }
     }
 
-    /// What scatters of a material inside another. Frames are turned to the ray for the outermost material only, so one
-    /// that is two-sided gets both of its sides here.
-    fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
+    /// What scatters of a material inside another, or of light that goes to any viewer. Frames are turned to the ray for the
+    /// outermost material only, so one that is two-sided gets both of its sides here.
+    pub fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
         if !self.get(id).two_sided {
             return self.scattering(id, at, arena);
         }

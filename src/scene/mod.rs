@@ -203,7 +203,11 @@ impl Scene {
             },
             wo,
         };
-        let Scattering { bsdf, opacity } = self.materials.scattering(at.material, &point, arena);
+        let Scattering { bsdf, opacity } = match wo {
+            Some(_) => self.materials.scattering(at.material, &point, arena),
+            // The frame is turned to the light, but the viewer may be behind: a BSDF that knows both sides.
+            None => self.materials.inner(at.material, &point, arena),
+        };
         // Elsewhere rays meet only what is there. What emits is met everywhere, for it emits everywhere.
         if opacity < 1.0 && shape.emitter.is_some() {
             return Bsdf::Mask(Mask { opacity, inner: arena.alloc(bsdf) });

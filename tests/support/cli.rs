@@ -1,6 +1,9 @@
 //! Running the program in a folder of its own.
 
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// A scene of every shape, material and emitter, small and quick, with a full-precision film of 40x30 pixels.
@@ -131,4 +134,78 @@ impl Folder {
 /// The program under test.
 pub fn program() -> &'static str {
     env!("CARGO_BIN_EXE_buffon")
+}
+
+/// A program under way, which does not outlive this.
+pub struct Running(Child);
+
+impl Running {
+    /// How long a program may take to end.
+    const PATIENCE: Duration = Duration::from_secs(120);
+
+    /// Starts a command; signals mean to it what they mean to a program that is started by hand, whatever the test runner ignores.
+    pub fn start(command: &mut Command) -> Self {
+        #[cfg(unix)]
+        // SAFETY: `signal` may be called between fork and exec, and nothing else is.
+        unsafe {
+            use std::os::unix::process::CommandExt;
+            command.pre_exec(|| {
+                for signal in [libc::SIGINT, libc::SIGTERM] {
+                    libc::signal(signal, libc::SIG_DFL);
+                }
+                Ok(())
+            });
+        }
+        Running(command.spawn().expect("the program starts"))
+    }
+
+    /// Sends a signal. The program has not been waited for.
+    #[cfg(unix)]
+    pub fn signal(&self, signal: i32) {
+        let id = i32::try_from(self.0.id()).expect("a process id");
+        // SAFETY: the child has not been waited for, so the number is still its own.
+        unsafe { libc::kill(id, signal) };
+    }
+
+    /// Its standard output, if that is a pipe and was not taken.
+    pub fn stdout(&mut self) -> BufReader<impl Read + use<>> {
+        BufReader::new(self.0.stdout.take().expect("a pipe"))
+    }
+
+    /// Its standard error, if that is a pipe and was not taken.
+    pub fn stderr(&mut self) -> BufReader<impl Read + use<>> {
+        BufReader::new(self.0.stderr.take().expect("a pipe"))
+    }
+
+    /// Waits until it has ended.
+    ///
+    /// # Panics
+    /// If that takes more than two minutes.
+    pub fn wait(mut self) -> ExitStatus {
+        let started = Instant::now();
+        while started.elapsed() < Self::PATIENCE {
+            if let Some(status) = self.0.try_wait().expect("a child") {
+                return status;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        panic!("the program has not ended after {:?}", Self::PATIENCE);
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Waits until a file is there.
+pub fn wait_for_file(path: &Path) {
+    let started = Instant::now();
+    while !path.exists() {
+        assert!(started.elapsed() < Running::PATIENCE, "{} was not written", path.display());
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }

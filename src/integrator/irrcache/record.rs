@@ -75,9 +75,4 @@ impl Record {
             radius,
         }
     }
-
-    /// The irradiance that it foretells at the point `p` of a surface with the normal `n`. [Ward and Heckbert 1992, Eq. 5]
-    pub fn extrapolate(&self, p: Vec3, n: Vec3) -> Rgb {
-        self.irradiance + self.rotation.dot(self.n.cross(n)) + self.translation.dot(p - self.p)
-    }
 }
