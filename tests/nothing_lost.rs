@@ -157,7 +157,6 @@ fn a_full_disk_costs_nothing_that_was_there() {
 
 #[test]
 fn a_folder_that_cannot_be_written_to_is_found_before_the_render() {
-    use std::ops::Range;
     use std::os::unix::fs::PermissionsExt;
     let folder = Folder::with(SCENE);
     std::fs::create_dir(folder.path("no")).unwrap();
