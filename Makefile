@@ -29,11 +29,9 @@ deps: ## install what the build needs and lacks
 demo: deps ## build, and render the Cornell box to out/
 	cargo build --release --locked
 	@mkdir -p out
-	$(BUFFON) render scenes/cornell-box/cornell-box.xml -o out/cornell-box.exr --stats out/cornell-box.json
-	$(BUFFON) render scenes/cornell-box/cornell-box.xml -o out/cornell-box.png --quiet
+	$(BUFFON) render scenes/cornell-box/cornell-box.xml -o out/cornell-box.png --stats out/cornell-box.json
 	@echo
 	@echo "The picture:  $(CURDIR)/out/cornell-box.png"
-	@echo "Its numbers:  $(CURDIR)/out/cornell-box.exr"
 	@echo "The figures above, and more of them:  $(CURDIR)/out/cornell-box.json"
 
 # What is quickest to fail comes first.
