@@ -117,7 +117,7 @@ fn light_does_not_pass_below_a_wall() {
     }
     scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
     let scene = compiled(scene, AccelKind::default());
-    let photons = map(&scene, 1_000_000, 2);
+    let photons = map(&scene, 4_000_000, 2);
     let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 200, lookup_radius: 0.2 };
     let boundary = Boundary::new(&scene);
     let map = IrradianceMap::new(&photons, &photons, &estimator, 1, Some(&boundary));
