@@ -231,6 +231,68 @@ fn no_light_passes_a_two_sided_sheet_with_bent_normals() {
     }
 }
 
+/// An opaque wall of bent normals between the lamp and the floor, and nothing else: it is dark behind it.
+#[test]
+fn no_light_path_goes_on_through_a_two_sided_wall() {
+    let things = format!(
+        r#"{FLOOR}
+  {LAMP}
+  <shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="-90"/><scale value="50"/><translate y="2"/></transform>
+    <bsdf type="twosided"><bsdf type="normalmap">
+      <boolean name="flip_invalid_normals" value="false"/>
+      <texture name="normalmap" type="checkerboard">
+        <rgb name="color0" value="0.9,0.5,0.6"/><rgb name="color1" value="0.1,0.5,0.6"/>
+      </texture>
+      <bsdf type="diffuse"/>
+    </bsdf></bsdf>
+  </shape>"#
+    );
+    let folder = Folder::with(&scene(SENSOR, &things));
+    for integrator in ["path", "ptracer", "sppm"] {
+        let lit = mean(&picture(&folder, &format!("--integrator {integrator} --spp 64")));
+        assert!(lit == 0.0, "{integrator}: {lit}");
+    }
+}
+
+/// Photons meet a surface with holes as seldom as camera rays do, and its light is not thinned twice.
+#[test]
+fn surfaces_with_holes_are_lit_by_photons_as_others_are() {
+    for opacity in ["0.2", "0.6"] {
+        let things = format!(
+            r#"{FLOOR}
+  <emitter type="point"><point name="position" value="0,1.2,1"/><rgb name="intensity" value="3"/></emitter>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="90"/><scale value="3"/><translate y="1.6"/></transform>
+    <bsdf type="mask"><float name="opacity" value="{opacity}"/>
+      <bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></bsdf>
+  </shape>"#
+        );
+        let text = scene(SENSOR, &things)
+            .replace("origin=\"0,1.5,5\" target=\"0,0.7,0\"", "origin=\"0,0.5,5\" target=\"0,2,0\"");
+        let folder = Folder::with(&text);
+        let path = "--integrator path --spp 1024 --sampler sobol";
+        agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");
+        nearly_agree(&folder, "--integrator sppm --spp 256 --sampler sobol", path, 0.03);
+        nearly_agree(&folder, "--integrator photonmapper --spp 64 --sampler sobol", path, 0.03);
+    }
+}
+
+/// Clipping planes of a parallel projection whose transform scales.
+#[test]
+fn light_paths_are_clipped_where_camera_rays_are() {
+    let sensor = r#"<sensor type="orthographic">
+    <float name="near_clip" value="1.2"/><float name="far_clip" value="3.1"/>
+    <transform name="to_world"><scale value="2"/><lookat origin="0,1,5" target="0,0.7,0" up="0,1,0"/></transform>"#;
+    let ball = r#"<shape type="sphere"><point name="center" value="0.5,1,1"/><float name="radius" value="0.8"/></shape>"#;
+    let folder = Folder::with(&scene(sensor, &format!("{FLOOR}\n{LAMP}\n{ball}")));
+    agree(
+        &folder,
+        "--integrator path --spp 1024 --sampler sobol",
+        "--integrator ptracer --spp 4096 --sampler sobol",
+    );
+}
+
 const OCTAHEDRON: &str = "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n\
     vn 1 0 0\nvn -1 0 0\nvn 0 1 0\nvn 0 -1 0\nvn 0 0 1\nvn 0 0 -1\n\
     f 1//1 3//3 5//5\nf 3//3 2//2 5//5\nf 2//2 4//4 5//5\nf 4//4 1//1 5//5\n\

@@ -81,6 +81,9 @@ fn every_bsdf_scatters_light_as_it_gathers_radiance() {
         );
         check(&format!("with holes, tilted {name}"), &Bsdf::Mask(Mask { opacity: 0.6, inner: &flipping }));
         if !inner.transmits() {
+            let tilted = Bsdf::Tilted(tilt(frame, false, None));
+            let sides = [&tilted, &tilted];
+            check(&format!("of both sides, never turned, {name}"), &Bsdf::TwoSided(TwoSided { sides }));
             check(
                 &format!("of both sides, tilted {name}"),
                 &Bsdf::TwoSided(TwoSided { sides: [&DIFFUSE, &flipping] }),

@@ -54,10 +54,16 @@ impl Features {
             is(node, "bsdf", &["roughdielectric"])
                 && node.children.iter().any(|child| child.attribute("name") == Some("ext_ior"))
         };
-        let specular =
-            ["conductor", "dielectric", "thindielectric", "plastic", "null", "mask", "principledthin"];
+        let specular = ["conductor", "dielectric", "thindielectric", "plastic", "principledthin"];
+        // Connections pass holes, but for those of what emits, which is met everywhere.
+        let emits_with_holes = |node: &Node| {
+            node.tag == "shape"
+                && node.children.iter().any(|child| child.tag == "emitter")
+                && node.any(&|part| is(part, "bsdf", &["null", "mask"]))
+        };
         Features {
-            deltas: scene.any(&|node| is(node, "bsdf", &specular) || same_index(node)),
+            deltas: scene
+                .any(&|node| is(node, "bsdf", &specular) || same_index(node) || emits_with_holes(node)),
             delta_lights: scene.any(&|node| is(node, "emitter", &["point", "spot", "directional"])),
         }
     }

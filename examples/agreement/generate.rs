@@ -303,7 +303,7 @@ fn bsdf(random: &mut Random, depth: usize, opaque: bool) -> Node {
         return leaf(random, opaque);
     }
     let kind = random.below(6);
-    match if (opaque && kind < 3) || (random.smooth && kind == 2) { 3 } else { kind } {
+    match if opaque && kind < 3 { 3 } else { kind } {
         0 | 1 => {
             let both = random.chance(40);
             let twosided = Node::plugin("bsdf", "twosided").add(bsdf(random, depth - 1, true));
@@ -343,9 +343,9 @@ fn bsdf(random: &mut Random, depth: usize, opaque: bool) -> Node {
 
 fn leaf(random: &mut Random, opaque: bool) -> Node {
     let opaque_ones = ["diffuse", "diffuse", "diffuse", "roughconductor", "roughplastic", "principled"];
-    let smooth_ones = ["roughdielectric"];
+    let smooth_ones = ["roughdielectric", "null"];
     let deltas = ["conductor", "plastic"];
-    let clear = ["dielectric", "thindielectric", "principledthin", "null"];
+    let clear = ["dielectric", "thindielectric", "principledthin"];
     let mut all = opaque_ones.to_vec();
     if !opaque {
         all.extend(smooth_ones);

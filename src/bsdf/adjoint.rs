@@ -19,10 +19,11 @@ impl Bsdf<'_> {
             Bsdf::Null => return Some(mask::through(wo)),
             Bsdf::Blend(b) => b.sample_adjoint(wo, u_lobe, u)?,
             Bsdf::Mask(b) => return b.sample_adjoint(wo, u_lobe, u),
-            Bsdf::TwoSided(b) if wo.z >= 0.0 => return b.sides[0].sample_adjoint(wo, u_lobe, u),
+            // The side is that of the light here, and that of the viewer where the sample is evaluated.
+            Bsdf::TwoSided(b) if wo.z >= 0.0 => b.sides[0].sample_adjoint(wo, u_lobe, u)?,
             Bsdf::TwoSided(b) => {
                 let sample = b.sides[1].sample_adjoint(mirrored(wo), u_lobe, u)?;
-                return Some(BsdfSample { wi: mirrored(sample.wi), ..sample });
+                BsdfSample { wi: mirrored(sample.wi), ..sample }
             }
             Bsdf::Tilted(b) => b.sample_adjoint(wo, u_lobe, u)?,
             leaf => {

@@ -176,7 +176,7 @@ pub struct IrrcacheSettings {
 impl Default for IrrcacheSettings {
     fn default() -> Self {
         IrrcacheSettings {
-            resolution: 5,
+            resolution: 9,
             quality: 1.0,
             gradients: true,
             clamp_neighbor: true,

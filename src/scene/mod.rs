@@ -215,6 +215,16 @@ impl Scene {
         bsdf
     }
 
+    /// The share of the rays through a surface point that meet it: its opacity, or 1 where something emits, which is met everywhere.
+    pub fn share_met(&self, at: &SurfaceInteraction) -> f32 {
+        let shape = &self.shapes[at.shape().index()];
+        if !self.materials.get(at.material).holes || shape.emitter.is_some() {
+            return 1.0;
+        }
+        let point = shape.world.texture_point(&at.hit, self.local_point(&at.hit, at.time, at.p));
+        self.materials.opacity(at.material, &point)
+    }
+
     /// Texture coordinates of a surface point.
     pub fn uv(&self, at: &SurfaceInteraction) -> Vec2 {
         let p = self.local_point(&at.hit, at.time, at.p);

@@ -182,18 +182,14 @@ impl Camera {
             let local = to_world.inverse().transform_point3(p);
             let axis = to_world.matrix3.z_axis.normalize();
             let depth = (p - to_world.transform_point3(local.truncate().extend(0.0))).dot(axis);
-            // Distances are those of the world.
-            if !(depth > self.near && depth < self.far) {
+            // Where rays start and end: the near plane is one of the sensor's space, the way from there is one of the world's.
+            let start = self.near * to_world.matrix3.z_axis.length();
+            if !(depth > start && depth - start < self.far - self.near) {
                 return None;
             }
             let m = to_world.matrix3;
             let world_area = area * m.x_axis.cross(m.y_axis).dot(axis).abs();
-            (
-                (local.truncate() - self.corner) / self.pixel,
-                p - axis * depth,
-                depth - self.near,
-                1.0 / world_area,
-            )
+            ((local.truncate() - self.corner) / self.pixel, p - axis * depth, depth - start, 1.0 / world_area)
         } else {
             let local = m.inverse() * (p - to_world.translation);
             if !(local.z > self.near && local.z < self.far) {

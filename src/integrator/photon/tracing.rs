@@ -193,7 +193,9 @@ impl Bounce<'_> {
             p: vertex.at.p,
             wi: -block.rays.d.lane(i),
             ng: vertex.at.ng,
-            power,
+            // Of a surface with holes the density is that of the irradiance, not of the share that meets it: whoever looks it up
+            // has met the surface by the same chance.
+            power: power * self.scene.share_met(&vertex.at).recip(),
             cosine_ratio: (vertex.wo.z / vertex.wo_ng).abs(),
             edges: self.edges,
             caustic: specular_only && self.edges > 1,
