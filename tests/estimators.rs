@@ -261,15 +261,15 @@ fn surfaces_with_holes_are_lit_by_photons_as_others_are() {
     for opacity in ["0.2", "0.6"] {
         let things = format!(
             r#"{FLOOR}
-  <emitter type="point"><point name="position" value="0,1.2,1"/><rgb name="intensity" value="3"/></emitter>
+  <emitter type="point"><point name="position" value="0,1.2,0"/><rgb name="intensity" value="3"/></emitter>
   <shape type="rectangle">
-    <transform name="to_world"><rotate x="1" angle="90"/><scale value="3"/><translate y="1.6"/></transform>
+    <transform name="to_world"><rotate x="1" angle="90"/><scale value="1.5"/><translate y="2.6"/></transform>
     <bsdf type="mask"><float name="opacity" value="{opacity}"/>
       <bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></bsdf>
   </shape>"#
         );
         let text = scene(SENSOR, &things)
-            .replace("origin=\"0,1.5,5\" target=\"0,0.7,0\"", "origin=\"0,0.5,5\" target=\"0,2,0\"");
+            .replace("origin=\"0,1.5,5\" target=\"0,0.7,0\"", "origin=\"0,1.5,5\" target=\"0,2,0\"");
         let folder = Folder::with(&text);
         let path = "--integrator path --spp 1024 --sampler sobol";
         agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");

@@ -51,6 +51,8 @@ pub enum Disc {
 struct Tally {
     /// How many have met the surface.
     filled: usize,
+    /// Which share of the disc that makes.
+    share: f32,
     /// Whether the one to the middle has not met it.
     hidden: bool,
 }
@@ -96,7 +98,7 @@ impl<'a> Boundary<'a> {
             tracer.aim(at, estimate.radius, apex, estimator.kernel, point.number, MORE_RAYS);
             tracer.trace();
             let tally = tracer.tally(&at, 0, MORE_RAYS);
-            let share = tally.filled as f32 / MORE_RAYS as f32;
+            let share = tally.share.min(1.0);
             if tally.hidden || share < LEAST_SHARE {
                 return Disc::Unknown;
             }
@@ -141,13 +143,22 @@ struct Tracer<'a> {
     hits: Vec<Option<Hit>>,
     /// Geometric normals where they have met something.
     normals: Vec<Vec3>,
+    /// How many rays each stands for that has met something: of a surface with holes, one over its opacity.
+    weights: Vec<f32>,
     counters: Counters,
 }
 
 impl<'a> Tracer<'a> {
     fn new(scene: &'a Scene) -> Self {
         let counters = Counters::default();
-        Tracer { scene, rays: Vec::new(), hits: Vec::new(), normals: Vec::new(), counters }
+        Tracer {
+            scene,
+            rays: Vec::new(),
+            hits: Vec::new(),
+            normals: Vec::new(),
+            weights: Vec::new(),
+            counters,
+        }
     }
 
     /// Adds rays to the disc, the first to its middle.
@@ -168,18 +179,21 @@ impl<'a> Tracer<'a> {
     }
 
     fn trace(&mut self) {
-        let Tracer { scene, rays, hits, normals, counters } = self;
+        let Tracer { scene, rays, hits, normals, weights, counters } = self;
         intersect(scene, rays, Coherence::Incoherent, hits, counters);
         normals.clear();
+        weights.clear();
         for first in (0..rays.len()).step_by(LANES) {
             let hits = &hits[first..rays.len().min(first + LANES)];
             let Some(any) = hits.iter().flatten().next() else {
                 normals.extend(hits.iter().map(|_| Vec3::ZERO));
+                weights.extend(hits.iter().map(|_| 0.0));
                 continue;
             };
             let hit = |i: usize| hits.get(i).copied().flatten().unwrap_or(*any);
             let at = scene.interactions(&RayX16::load(rays, first), &std::array::from_fn(hit));
             normals.extend((0..hits.len()).map(|i| at.ng.lane(i)));
+            weights.extend((0..hits.len()).map(|i| scene.share_met(&at.lane(i)).recip()));
         }
     }
 
@@ -187,7 +201,12 @@ impl<'a> Tracer<'a> {
         let meets = |i: usize| self.meets(at, i) == Some(true);
         // What is met on the way down is another surface, though it may be parallel.
         let hidden = !meets(first) || self.hits[first].is_none_or(|hit| hit.t < NEARLY);
-        Tally { filled: (first..first + count).filter(|&i| meets(i)).count(), hidden }
+        let met = || (first..first + count).filter(|&i| meets(i));
+        Tally {
+            filled: met().count(),
+            share: met().map(|i| self.weights[i]).sum::<f32>() / count as f32,
+            hidden,
+        }
     }
 
     /// Whether a ray has met the surface that the place belongs to; `None` where it has met nothing.
