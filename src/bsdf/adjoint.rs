@@ -4,7 +4,7 @@
 //! turned where its *viewer* would not see it. [Veach 1997, 5.3]
 
 use super::two_sided::mirrored;
-use super::{Blend, Bsdf, BsdfEval, BsdfSample, Lobe, Mask, Tilted, mask};
+use super::{Blend, Bsdf, BsdfEval, BsdfSample, Lobe, Mask, Tilted, TwoSided, mask};
 use crate::math::{Vec2, Vec3};
 
 /// The largest random number.
@@ -19,11 +19,13 @@ impl Bsdf<'_> {
             Bsdf::Null => return Some(mask::through(wo)),
             Bsdf::Blend(b) => b.sample_adjoint(wo, u_lobe, u)?,
             Bsdf::Mask(b) => return b.sample_adjoint(wo, u_lobe, u),
-            // The side is that of the light here, and that of the viewer where the sample is evaluated.
-            Bsdf::TwoSided(b) if wo.z >= 0.0 => b.sides[0].sample_adjoint(wo, u_lobe, u)?,
             Bsdf::TwoSided(b) => {
-                let sample = b.sides[1].sample_adjoint(mirrored(wo), u_lobe, u)?;
-                BsdfSample { wi: mirrored(sample.wi), ..sample }
+                let sample = b.sample_adjoint(wo, u_lobe, u)?;
+                // The side is that of the viewer, who is on the light's: neither transmits.
+                if sample.wi.z * wo.z <= 0.0 {
+                    return None;
+                }
+                sample
             }
             Bsdf::Tilted(b) => b.sample_adjoint(wo, u_lobe, u)?,
             leaf => {
@@ -56,6 +58,17 @@ impl Bsdf<'_> {
                 pdf
             }
         }
+    }
+}
+
+impl TwoSided<'_> {
+    /// A sample of the side of `wo`.
+    fn sample_adjoint(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
+        if wo.z >= 0.0 {
+            return self.sides[0].sample_adjoint(wo, u_lobe, u);
+        }
+        let sample = self.sides[1].sample_adjoint(mirrored(wo), u_lobe, u)?;
+        Some(BsdfSample { wi: mirrored(sample.wi), ..sample })
     }
 }
 
