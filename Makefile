@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest test-page fuzz memcheck lint bench scenes clean
+.PHONY: help deps demo test test-all test-rest agreement test-page fuzz memcheck lint bench scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -40,14 +40,16 @@ test: lint ## what must hold, in minutes
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 
 # The tests that are marked `ignore`, what depends on the libraries without them, and random scenes on which all estimators agree.
-test-all: test test-rest ## everything that must hold
+test-all: test test-rest agreement ## everything that must hold
 
 test-rest: deps
 	cargo test --locked --workspace -- --ignored
 	cargo test --locked $(RUST_ALONE) --lib
 	cargo test --locked $(RUST_ALONE) --test tests -- $(TWICE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
-	cargo run --locked --quiet --example agreement -- 300
+
+agreement: deps ## compare all estimators on 300 random scenes
+	cargo run --release --locked --quiet --example agreement -- 300
 
 # A seed of its own for each run; it is printed, and makes the run again.
 fuzz: deps ## try mutated scenes, meshes and images for some minutes: SEED=..., CASES=...
