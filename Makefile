@@ -39,7 +39,8 @@ test: lint ## what must hold, in minutes
 	cargo test --locked --workspace
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 
-# The tests that are marked `ignore`, what depends on the libraries without them, and random scenes on which all estimators agree.
+# The tests marked `ignore`, the tests of what depends on the libraries without these, and random scenes on which all
+# estimators must agree.
 test-all: test test-rest agreement ## everything that must hold
 
 test-rest: deps

@@ -1,13 +1,13 @@
 //! How often the interval of an error estimate holds the error: `cargo run --release --example calibration -- 100`.
 //!
-//! Renders each scene with that many seeds and prints, for each integrator, sampler and number of samples: the mean relMSE,
-//! the mean estimate over it, how often the 95 % interval held the error of its own image and how often its upper
-//! end did, the geometric mean of the factors from the estimate to either end, and the bias. The error is that of noise
-//! alone: the difference from the mean of all other images. The bias is the relMSE of the mean of all images against that of
-//! `path`, less what the noise of both explains; it is printed from the second integrator on.
+//! Renders each scene with that many seeds and prints, for each integrator, sampler and number of samples: the mean
+//! relMSE, the mean estimate over it, how often the 95 % interval held the error of its own image and how often its
+//! upper end did, the geometric mean of the factors from the estimate to either end, and the bias. The error is that
+//! of noise alone: the difference from the mean of all other images. The bias is the relMSE of the mean of all images
+//! against that of `path`, less what the noise of both explains; it is printed from the second integrator on.
 //!
-//! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper), `--samplers LIST`, `--spp LIST`, `--size N`,
-//! `--adaptive`; other arguments are scenes.
+//! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper), `--samplers LIST`, `--spp LIST`, `--size
+//! N`, `--adaptive`; other arguments are scenes.
 
 use buffon::accel::AccelKind;
 use buffon::error::Error;

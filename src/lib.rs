@@ -21,8 +21,9 @@
 //!
 //! - relMSE is the mean over pixels and channels of `(x − r)² / (r² + 0.01)` for an image x and a reference r.
 //! - Efficiency is `1 / (relMSE · seconds)`.
-//! - An error estimate comes from the differences of replicates that are scrambled independently, never from the variance
-//!   within a quasi-random sequence: of two halves of the samples, or of eight replicates where pixels share noise.
+//! - An error estimate comes from the differences of replicates that are scrambled independently, never from the
+//!   variance within a quasi-random sequence: of two halves of the samples, or of eight replicates where pixels share
+//!   noise.
 //!
 //! # Determinism
 //!

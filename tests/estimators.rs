@@ -164,7 +164,8 @@ fn below_a_lamp(bsdf: &str) -> Folder {
     Folder::with(&scene(SENSOR, &things))
 }
 
-/// What lets light pass straight on does so to photons and to the rays of caches: it need not look like a hole or like glass.
+/// What lets light pass straight on does so to photons and to the rays of caches: it need not look like a hole or
+/// like glass.
 #[test]
 fn photons_and_caches_see_through_whatever_lets_light_pass() {
     for bsdf in [
@@ -208,54 +209,47 @@ fn light_paths_see_bent_normals_as_viewers_do() {
     }
 }
 
+/// An opaque horizontal sheet with bent normals.
+fn bent_sheet(flip: &str, colors: [&str; 2], size_and_place: &str) -> String {
+    let [first, second] = colors;
+    format!(
+        r#"<shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="-90"/>{size_and_place}</transform>
+    <bsdf type="twosided"><bsdf type="normalmap">
+      <boolean name="flip_invalid_normals" value="{flip}"/>
+      <texture name="normalmap" type="checkerboard">
+        <rgb name="color0" value="{first}"/><rgb name="color1" value="{second}"/>
+      </texture>
+      <bsdf type="diffuse"/>
+    </bsdf></bsdf>
+  </shape>"#
+    )
+}
+
 /// Light from below an opaque sheet does not reach its upper side, however its normals are bent.
 #[test]
 fn no_light_passes_a_two_sided_sheet_with_bent_normals() {
     for flip in ["true", "false"] {
-        let things = format!(
-            r#"<shape type="rectangle">
-    <transform name="to_world"><rotate x="1" angle="-90"/><scale value="4"/></transform>
-    <bsdf type="twosided"><bsdf type="normalmap">
-      <boolean name="flip_invalid_normals" value="{flip}"/>
-      <texture name="normalmap" type="checkerboard">
-        <rgb name="color0" value="0.54,0.34,0.57"/><rgb name="color1" value="0.28,0.5,0.93"/>
-      </texture>
-      <bsdf type="diffuse"/>
-    </bsdf></bsdf>
-  </shape>
-  <emitter type="constant"/>"#
-        );
-        let folder = Folder::with(&scene(SENSOR, &things));
+        let sheet = bent_sheet(flip, ["0.54,0.34,0.57", "0.28,0.5,0.93"], r#"<scale value="4"/>"#);
+        let folder = Folder::with(&scene(SENSOR, &format!("{sheet}\n<emitter type=\"constant\"/>")));
         let path = "--integrator path --spp 1024 --sampler sobol";
         agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");
     }
 }
 
-/// An opaque wall of bent normals between the lamp and the floor, and nothing else: it is dark behind it.
+/// Below an opaque sheet with bent normals, with all lamps above it, it is dark.
 #[test]
 fn no_light_path_goes_on_through_a_two_sided_wall() {
-    let things = format!(
-        r#"{FLOOR}
-  {LAMP}
-  <shape type="rectangle">
-    <transform name="to_world"><rotate x="1" angle="-90"/><scale value="50"/><translate y="2"/></transform>
-    <bsdf type="twosided"><bsdf type="normalmap">
-      <boolean name="flip_invalid_normals" value="false"/>
-      <texture name="normalmap" type="checkerboard">
-        <rgb name="color0" value="0.9,0.5,0.6"/><rgb name="color1" value="0.1,0.5,0.6"/>
-      </texture>
-      <bsdf type="diffuse"/>
-    </bsdf></bsdf>
-  </shape>"#
-    );
-    let folder = Folder::with(&scene(SENSOR, &things));
+    let place = r#"<scale value="50"/><translate y="2"/>"#;
+    let sheet = bent_sheet("false", ["0.9,0.5,0.6", "0.1,0.5,0.6"], place);
+    let folder = Folder::with(&scene(SENSOR, &format!("{FLOOR}\n{LAMP}\n{sheet}")));
     for integrator in ["path", "ptracer", "sppm"] {
         let lit = mean(&picture(&folder, &format!("--integrator {integrator} --spp 64")));
         assert!(lit == 0.0, "{integrator}: {lit}");
     }
 }
 
-/// Photons meet a surface with holes as seldom as camera rays do, and its light is not thinned twice.
+/// Photons and camera rays both hit a surface with holes with the probability of its opacity. The opacity counts once.
 #[test]
 fn surfaces_with_holes_are_lit_by_photons_as_others_are() {
     for opacity in ["0.2", "0.6"] {

@@ -113,8 +113,8 @@ fn points_and_spheres_light_a_plane() {
     }
 }
 
-/// A count of paths is traced to its end though none leaves anything, for it is a mean over them that is asked for. Who asks for
-/// deposits is told that there are none.
+/// A count of paths is traced to its end though none leaves anything, for it is a mean over them that is asked for.
+/// Who asks for deposits is told that there are none.
 #[test]
 fn only_who_asks_for_deposits_is_given_up_on() {
     let mut scene = Description::default();

@@ -36,7 +36,8 @@ fn mean(f: impl Fn(Vec3, f32, Vec2) -> f64) -> (f64, f64) {
     (mean, ((squares / n - mean * mean) / n).sqrt())
 }
 
-/// ∫∫ f(v, l)·|cos v|·|cos l|·w(v, l) over viewers and lights, by viewers and sampled lights, and by lights and sampled viewers.
+/// ∫∫ f(v, l)·|cos v|·|cos l|·w(v, l) over viewers and lights, by viewers and sampled lights, and by lights and
+/// sampled viewers.
 fn check(name: &str, bsdf: &Bsdf<'_>) {
     let by_viewers = mean(|v, u_lobe, u| {
         let sample = bsdf.sample(v, u_lobe, u);

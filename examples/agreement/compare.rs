@@ -191,8 +191,8 @@ impl Comparer<'_> {
         Ok(session.image(&plan, &rendered))
     }
 
-    /// The first look at all estimators of a scene, and as many looks as it takes at those that differ. An error is that of the
-    /// scene as `path` sees it.
+    /// The first look at all estimators of a scene, and as many looks as it takes at those that differ. An error is
+    /// that of the scene as `path` sees it.
     pub fn compare(
         &self,
         scene: &Node,
@@ -282,8 +282,8 @@ impl Comparer<'_> {
     }
 }
 
-/// The image, but for blocks that differ by next to nothing, which are those of the reference: of light so rare that one picture has
-/// not met it nobody knows the variance.
+/// The image, but for blocks that differ by next to nothing, which are those of the reference: of light so rare that
+/// one picture has not met it nobody knows the variance.
 fn without_trifles(image: &Image, reference: &Image) -> Image {
     let mut result = image.clone();
     let place = |image: &Image, name| image.channels.iter().position(|c| c == name);

@@ -1,10 +1,10 @@
 //! Random scenes on which all estimators must agree: `cargo run --release --example agreement -- 300`.
 //!
-//! Makes so many scenes and renders each by every integrator that claims it, on every traversal. A picture that differs from
-//! that of `path` is rendered again with 8 and then 64 times the samples; what differs still is a finding. The probability that a run of
-//! right pictures has any is `--significance` (0.01), divided among its comparisons; estimators that are biased by
-//! design are compared by the means of their pictures, to 10 %. Of each finding the scene is made simpler as long as the pictures
-//! differ, and written.
+//! Makes so many scenes and renders each by every integrator that claims it, on every traversal. A picture that
+//! differs from that of `path` is rendered again with 8 and then 64 times the samples; what differs still is a
+//! finding. The probability that a run of right pictures has any is `--significance` (0.01), divided among its
+//! comparisons; estimators that are biased by design are compared by the means of their pictures, to 10 %. Of each
+//! finding the scene is made simpler as long as the pictures differ, and written.
 //!
 //! Options: `--seed N`, `--first N` (the number of the first scene), `--threads N`, `--out FOLDER` (for findings),
 //! `--oracle FOLDER` (write all scenes, without rendering them, for another renderer to be asked), `--significance P`.

@@ -75,8 +75,8 @@ impl Node {
         let _ = writeln!(text, "{:level$}</{}>", "", self.tag, level = 2 * level);
     }
 
-    /// All elements that are simpler by one step: without a part, or with a part instead of what is around it. The simplest come
-    /// first.
+    /// All elements that are simpler by one step: without a part, or with a part instead of what is around it. The
+    /// simplest come first.
     pub fn simpler(&self) -> Vec<Node> {
         let mut all = Vec::new();
         for i in 0..self.children.len() {

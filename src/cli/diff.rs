@@ -42,8 +42,8 @@ pub struct DiffArgs {
     pub metric: Metric,
     /// Test whether both images may be estimates of the same picture, by the variance layers of either: in blocks
     /// of 4x4 pixels (significance 0.01 over all blocks; 99.75 % of the blocks must pass), and for a bias of the
-    /// whole. Images whose pixels share noise (caches, photons, light paths) say so in their metadata, and are judged by
-    /// their layer block_variance. What rounding may have done to the values is not held against them
+    /// whole. Images whose pixels share noise (caches, photons, light paths) say so in their metadata, and are judged
+    /// by their layer block_variance. What rounding may have done to the values is not held against them
     #[arg(long)]
     pub z: bool,
     /// With --z, an image that holds the variances of B

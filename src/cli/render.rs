@@ -279,8 +279,8 @@ fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
     Ok(())
 }
 
-/// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit. A signal before the first
-/// sample is an exit with the code that `early` gives for it, for nothing is lost then.
+/// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit. A signal before
+/// the first sample is an exit with the code that `early` gives for it, for nothing is lost then.
 pub(super) fn listen(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Result<Arc<AtomicI32>> {
     let caught = Arc::new(AtomicI32::new(0));
     let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM])

@@ -429,8 +429,8 @@ fn density_of_triangle(mesh: &TriangleMesh, triangles: &Distribution1D, i: usize
     }
 }
 
-/// The share of the samples of a mesh that its triangles get evenly, whatever their areas: the largest one may be turned
-/// away from what the others light.
+/// The share of the samples of a mesh that its triangles get evenly, whatever their areas: the largest one may be
+/// turned away from what the others light.
 const EVEN_SHARE: f64 = 0.1;
 
 fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(Surface, f64)> {

@@ -4,14 +4,14 @@
 //! (a + b) / 2, and of that d = (a − b) / 2 is known. The squared error differs from d² by a·b:
 //!
 //! - d² estimates the squared error without bias, for any sampler and any distribution of the noise;
-//! - how far it is off follows from the variance of Σ a·b over the pixels, tr C² = Σᵢⱼ Cov(aᵢ, aⱼ)²: fourth moments, which a single
-//!   firefly decides, are not needed. A firefly in one half is in the error and in d² alike.
+//! - how far it is off follows from the variance of Σ a·b over the pixels, tr C² = Σᵢⱼ Cov(aᵢ, aⱼ)²: fourth moments,
+//!   which a single firefly decides, are not needed. A firefly in one half is in the error and in d² alike.
 //!
-//! Where pixels are independent, tr C² is a sum over pixels, which the differences of *two* neighbours estimate. Where pixels
-//! share noise (photons, caches, light paths), the samples are divided among eight replicates, four in each half, each with
-//! photons and caches of its own. The products of differences of two of either half, ⟨r₀ − r₂, r₁ − r₃⟩²/4, estimate tr C²
-//! of replicates, whatever their pixels share. What blocks of an image show beyond their single pixels is what neighbours
-//! share; what the whole image shows beyond its blocks is shared by all.
+//! Where pixels are independent, tr C² is a sum over pixels, which the differences of *two* neighbours estimate.
+//! Where pixels share noise (photons, caches, light paths), the samples are divided among eight replicates, four in
+//! each half, each with photons and caches of its own. The products of differences of two of either half, ⟨r₀ − r₂,
+//! r₁ − r₃⟩²/4, estimate tr C² of replicates, whatever their pixels share. What blocks of an image show beyond their
+//! single pixels is what neighbours share; what the whole image shows beyond its blocks is shared by all.
 //!
 //! The error is relative to the true picture r, which is not known. Dividing by the image's own values would make
 //! bright errors look small: a firefly would be compared with itself. So r is taken from the pixels around that are alike
@@ -117,8 +117,8 @@ impl Block {
         Block { width, height, mean: [[0.0; AREA]; 3], difference: [[0.0; AREA]; 3], deviations }
     }
 
-    /// Sets a channel of a pixel: the mean of its replicates and the standard error, which of two replicates has the sign of
-    /// their difference. Values beyond ±10^15 count as that.
+    /// Sets a channel of a pixel: the mean of its replicates and the standard error, which of two replicates has the
+    /// sign of their difference. Values beyond ±10^15 count as that.
     #[inline]
     pub fn set(&mut self, x: usize, y: usize, channel: usize, [mean, error]: [f64; 2]) {
         let i = y * BLOCK + x;
@@ -344,9 +344,9 @@ fn gram(planes: &[[Plane; 3]], pixels: Range<usize>) -> Gram {
     gram
 }
 
-/// The variance of what separates the squared error of the mean of replicates from its estimate, 2·tr C²/(R(R − 1)), with the mean
-/// of ⟨a − b, c − d⟩²/4 for tr C², a and b of the even replicates, c and d of the odd ones: those of one half of the samples
-/// may be parts of one low-discrepancy sequence, and are not independent.
+/// The variance of what separates the squared error of the mean of replicates from its estimate, 2·tr C²/(R(R − 1)),
+/// with the mean of ⟨a − b, c − d⟩²/4 for tr C², a and b of the even replicates, c and d of the odd ones: those of
+/// one half of the samples may be parts of one low-discrepancy sequence, and are not independent.
 fn variance_by_pairs(gram: &Gram, replicates: usize) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for a in (0..replicates).step_by(2) {

@@ -7,9 +7,9 @@ use std::ops::Range;
 
 /// Sums of the samples of a rectangle of pixels.
 ///
-/// Sample `i` of a pixel belongs to replicate `i mod n` of n, an even number: the even replicates are one half of the samples, the
-/// odd ones the other. Sums are compensated ([`Sum`]): neither the order of the samples nor
-/// their division into passes, ranges and parts that are merged changes a bit.
+/// Sample `i` of a pixel belongs to replicate `i mod n` of n, an even number: the even replicates are one half of the
+/// samples, the odd ones the other. Sums are compensated ([`Sum`]): neither the order of the samples nor their
+/// division into passes, ranges and parts that are merged changes a bit.
 #[derive(Clone, Debug)]
 pub struct Tile {
     /// Its place in the full image.
@@ -220,8 +220,8 @@ impl Tile {
         }
     }
 
-    /// The sums over the first three channels of the pixels in a part of the tile (columns and rows, counted from its corner) of the
-    /// means of each replicate; `None` where a pixel has no samples of it.
+    /// The sums over the first three channels of the pixels in a part of the tile (columns and rows, counted from its
+    /// corner) of the means of each replicate; `None` where a pixel has no samples of it.
     pub fn replicate_sums(&self, columns: Range<usize>, rows: Range<usize>) -> Vec<Option<[f64; 3]>> {
         let width = self.rect.width as usize;
         let pixels = || rows.clone().flat_map(|y| columns.clone().map(move |x| y * width + x));

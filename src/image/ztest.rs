@@ -19,10 +19,10 @@ pub const MEAN_VARIANCE: &str = "buffon:mean_variance.";
 /// z = Σ(a − b) / √Σ(var a + var b) over the pixels of a block, where a variance is that of the stored value (not of
 /// a single sample). A variance that is estimated from two halves has one degree of freedom, and z by pixels would
 /// have tails without a mean; the sum over a block has ν = 3·(Σv)²/Σv² − 2 [Satterthwaite 1946, with the squares
-/// of such estimates three times too large]. Where pixels share noise, the variance of a block is the one that its replicates give, of
-/// one degree of freedom less than there are replicates. A block is accepted if a Student's t of ν degrees of freedom is as far
-/// out with a probability of at least α′, where α′ = 1 − (1 − α)^(1/n) [Šidák 1967] makes α the probability that any
-/// of the n blocks of a right pair is rejected.
+/// of such estimates three times too large]. Where pixels share noise, the variance of a block is the one that its
+/// replicates give, of one degree of freedom less than there are replicates. A block is accepted if a Student's t of
+/// ν degrees of freedom is as far out with a probability of at least α′, where α′ = 1 − (1 − α)^(1/n) [Šidák 1967]
+/// makes α the probability that any of the n blocks of a right pair is rejected.
 ///
 /// What rounding may have done to the stored values (half a step of the format for each, as large as the sum of a
 /// block's can be) is taken off |Σ(a − b)|: the rounding of a smooth picture is no noise. Images whose values are

@@ -3,8 +3,8 @@
 //! At each surface several shadow rays go to points of the emitters, and several rays into the BSDF: glossy lobes,
 //! refraction and the hemisphere alike, combined by the power heuristic as in [`super::path`]. Surfaces with Dirac
 //! deltas only (mirrors, smooth glass) get one ray for each, as long as that does not make more than
-//! [`MAX_RAYS`](DistributionSettings::MAX_RAYS) rays of a camera ray; beyond, one ray goes on from each surface. The camera's samples do the same for the pixel, the lens
-//! and time.
+//! [`MAX_RAYS`](DistributionSettings::MAX_RAYS) rays of a camera ray; beyond, one ray goes on from each surface. The
+//! camera's samples do the same for the pixel, the lens and time.
 //!
 //! The expectation is that of the path integrator at the same `max_depth`. The cost is not: a tree of n BSDF samples
 //! has n^(max_depth − 1) rays at its last level, which carry the least light. Tracing one of them and more camera rays

@@ -105,8 +105,8 @@ impl<'a> Vertex<'a> {
         Vertex { at, bsdf: block.bsdfs[i], wo: block.wo.lane(i), wo_ng }
     }
 
-    /// What a viewer's cosine is multiplied by, so that shading normals mean the same to light paths as to camera paths.
-    /// [Veach 1997, Eq. 5.19]
+    /// What a viewer's cosine is multiplied by, so that shading normals mean the same to light paths as to camera
+    /// paths. [Veach 1997, Eq. 5.19]
     fn cosine(&self, wi: Vec3) -> f32 {
         (wi.dot(self.at.ng) * self.wo.z / self.wo_ng).abs()
     }

@@ -45,6 +45,7 @@ use self::settings::Aov;
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::error::Result;
+use crate::estimate::replicates::MOST_REPLICATES;
 use crate::math::Ray;
 use crate::sampling::{SHARED_REPLICATES, SampleKey, SamplerKind};
 use crate::scene::Scene;
@@ -196,9 +197,10 @@ pub trait Integrator: Send + Sync {
     );
 }
 
-/// How many replicates the samples of a render are divided among: two tell how large the errors of pixels are, where these are
-/// independent; eight tell also what pixels share.
+/// How many replicates the samples of a render are divided among: two tell how large the errors of pixels are, where
+/// these are independent; eight tell also what pixels share.
 pub fn replicates(integrator: &dyn Integrator, sampler: SamplerKind) -> u32 {
+    const { assert!(SHARED_REPLICATES as usize <= MOST_REPLICATES) };
     if integrator.shares_noise() || sampler.shares_noise() { SHARED_REPLICATES } else { 2 }
 }
 

@@ -21,12 +21,13 @@ pub enum Aov {
     PrimitiveIndex,
     /// Index of the shape within the scene.
     ShapeIndex,
-    /// Variance of the pixel's mean, from the replicates: two, so with one degree of freedom, or eight where pixels share noise.
+    /// Variance of the pixel's mean, from the replicates: two, so with one degree of freedom, or eight where pixels
+    /// share noise.
     Variance,
     /// Standard error of the pixel's mean: the root of its variance.
     StandardError,
-    /// Variance of the sum over the block of 4 x 4 pixels that the pixel is in, counted from the image's first pixel, over the number
-    /// of its pixels. It knows what the pixels share.
+    /// Variance of the sum over the block of 4 x 4 pixels that the pixel is in, counted from the image's first pixel,
+    /// over the number of its pixels. It knows what the pixels share.
     BlockVariance,
     /// Number of samples of the pixel.
     Samples,
@@ -114,8 +115,8 @@ pub struct DistributionSettings {
 }
 
 impl DistributionSettings {
-    /// The most rays that a camera ray may have at the last level of its tree. Where more would come of Dirac deltas, one ray
-    /// goes on from each surface.
+    /// The most rays that a camera ray may have at the last level of its tree. Where more would come of Dirac deltas,
+    /// one ray goes on from each surface.
     pub const MAX_RAYS: u64 = 1 << 20;
 
     /// The most rays that a camera ray has at the last level of its tree, but for Dirac deltas.
@@ -150,8 +151,8 @@ impl Default for PtracerSettings {
 /// Irradiance caching around another integrator. [Ward 1988]
 #[derive(Clone, Debug, PartialEq)]
 pub struct IrrcacheSettings {
-    /// Rings of elevation of a record's hemisphere, at least 2; there are π times as many sectors of azimuth. Each of the eight
-    /// replicates has records of its own.
+    /// Rings of elevation of a record's hemisphere, at least 2; there are π times as many sectors of azimuth. Each of
+    /// the eight replicates has records of its own.
     pub resolution: u32,
     /// Accuracy, positive: radii of records fall as its reciprocal, so their number rises as its square.
     pub quality: f32,

@@ -2,7 +2,8 @@
 //!
 //! A wave of rays that all have the same number of edges behind them is one level. Its children are waves of at most
 //! one ray for each parent, taken one after the other, so that the memory of a tree grows with its depth and never
-//! with its branching. The levels that are under way are a list and not a recursion: paths may have any number of edges.
+//! with its branching. The levels that are under way are a list and not a recursion: paths may have any number of
+//! edges.
 
 use super::block::Block;
 use super::lighting::{self, TechniqueCounts};
@@ -16,7 +17,8 @@ use crate::sampling::hash::combine;
 use crate::scene::Scene;
 use bumpalo::Bump;
 
-/// Rays of children that are made at a time, about: what is known of their parents' surfaces is found anew for the next ones.
+/// Rays of children that are made at a time, about: what is known of their parents' surfaces is found anew for the
+/// next ones.
 const RAYS_AT_ONCE: usize = 1 << 15;
 
 /// What every ray of a tree has in common.
@@ -110,7 +112,8 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Puts the next wave into the worker's hand; returns the number of its scattering events, `None` if there is no wave left.
+    /// Puts the next wave into the worker's hand; returns the number of its scattering events, `None` if there is no
+    /// wave left.
     fn next(&self, branching: &impl Branching, levels: &mut Vec<Level>, worker: &mut Worker) -> Option<u32> {
         loop {
             let level = levels.last_mut()?;
@@ -137,8 +140,8 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Traces the wave in the worker's hand, which has `depth` scattering events behind it, adds the light that it finds, and
-    /// gives it back with its first children if it has any.
+    /// Traces the wave in the worker's hand, which has `depth` scattering events behind it, adds the light that it
+    /// finds, and gives it back with its first children if it has any.
     fn enter(
         &self,
         branching: &impl Branching,

@@ -33,8 +33,8 @@ impl Region {
     /// Measures a rectangle of an image with a layer `variance`; without a rectangle, all of it.
     ///
     /// The variance of a pixel comes from two halves and has one degree of freedom, that of the mean
-    /// 3·(Σv)²/Σv² − 2 of them [Satterthwaite 1946, with the squares of such estimates three times too large]. Where pixels
-    /// share noise, replicates give the variance of the mean itself.
+    /// 3·(Σv)²/Σv² − 2 of them [Satterthwaite 1946, with the squares of such estimates three times too large]. Where
+    /// pixels share noise, replicates give the variance of the mean itself.
     ///
     /// # Errors
     /// If the rectangle is no part of the image, or a value is no number.

@@ -108,7 +108,8 @@ fn sums_of_image(tiles: &[Tile]) -> Vec<Option<[f64; 3]>> {
         .unwrap_or_default()
 }
 
-/// What an image says of its noise, where its pixels share some: the number of replicates, and the variance of each channel's mean.
+/// What an image says of its noise, where its pixels share some: the number of replicates, and the variance of each
+/// channel's mean.
 pub fn noise_metadata(rendered: &Rendered, metadata: &mut Metadata) {
     let shared = rendered.tiles.first().is_some_and(|tile| tile.replicates() > 2);
     let noise = if shared { SHARED_NOISE } else { "independent" };

@@ -34,9 +34,10 @@ impl Distribution1D {
     /// The distribution in proportion to `weights`, summed in `f64`. Weights that are not finite and positive
     /// count as zero; if all do, the distribution is empty.
     ///
-    /// Every entry with a weight is drawn, however small the weight is: the ends of the intervals are multiples of 2^-24,
-    /// each of n entries gets one such step, and the other steps are divided by weight. So the probabilities depart from
-    /// the weights' by at most n / 2^24. [`pmf`](Self::pmf) is exactly the probability of [`sample`](Self::sample).
+    /// Every entry with a weight is drawn, however small the weight is: the ends of the intervals are multiples of
+    /// 2^-24, each of n entries gets one such step, and the other steps are divided by weight. So the probabilities
+    /// depart from the weights' by at most n / 2^24. [`pmf`](Self::pmf) is exactly the probability of
+    /// [`sample`](Self::sample).
     ///
     /// # Panics
     /// If more than [`MOST`](Self::MOST) entries have a weight.

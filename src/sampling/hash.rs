@@ -41,16 +41,17 @@ pub const fn pcg3d(x: u32, y: u32, z: u32) -> [u32; 3] {
 /// Numbers below this are multiples of 2^-32, others of 2^-24.
 const FINE: f32 = 1.0 / 256.0;
 
-/// A number in [0, 1): the 24 high bits of `h` as a multiple of 2^-24, but below 2^-8 all of `h` as a multiple of 2^-32.
-/// Nothing is rounded, so an interval between two multiples of 2^-24 has exactly its length as its probability.
+/// A number in [0, 1): the 24 high bits of `h` as a multiple of 2^-24, but below 2^-8 all of `h` as a multiple of
+/// 2^-32. Nothing is rounded, so an interval between two multiples of 2^-24 has exactly its length as its
+/// probability.
 #[inline(always)]
 pub fn to_unit(h: u32) -> f32 {
     let (k, step) = if h < 1 << 24 { (h, 1.0 / 4_294_967_296.0) } else { (h >> 8, 1.0 / 16_777_216.0) };
     k as i32 as f32 * step
 }
 
-/// The probability that [`to_unit`] of a uniform hash is below `p`, which is in [0, 1]: `p`, rounded up to the next number
-/// there is. A decision by `u < p` has this probability, and not `p`.
+/// The probability that [`to_unit`] of a uniform hash is below `p`, which is in [0, 1]: `p`, rounded up to the next
+/// number there is. A decision by `u < p` has this probability, and not `p`.
 #[inline(always)]
 pub fn probability_below(p: f32) -> f32 {
     let steps = if p < FINE { 4_294_967_296.0 } else { 16_777_216.0 };

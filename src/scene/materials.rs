@@ -146,7 +146,8 @@ impl Materials {
         Ok(all)
     }
 
-    /// The lobes of a material, and whether sampling chooses among them; those of its BSDF, whose lobes no texture changes.
+    /// The lobes of a material, and whether sampling chooses among them; those of its BSDF, whose lobes no texture
+    /// changes.
     fn sampling(&self, entry: &SceneMaterial) -> (Lobes, bool) {
         let inner = entry.material.inner();
         let inner = inner.iter().map(|id| self.sampling(self.get(*id)));
@@ -268,8 +269,8 @@ impl Materials {
         }
     }
 
-    /// What scatters of a material inside another, or of light that goes to any viewer. Frames are turned to the ray for the
-    /// outermost material only, so one that is two-sided gets both of its sides here.
+    /// What scatters of a material inside another, or of light that goes to any viewer. Frames are turned to the ray
+    /// for the outermost material only, so one that is two-sided gets both of its sides here.
     pub fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
         if !self.get(id).two_sided {
             return self.scattering(id, at, arena);
@@ -278,8 +279,8 @@ impl Materials {
         Scattering { bsdf, opacity: 1.0 }
     }
 
-    /// What is made for the front (0) and for the back (1), each from the point as that side sees it. Of a viewer who is known
-    /// only the side is made that he sees.
+    /// What is made for the front (0) and for the back (1), each from the point as that side sees it. Of a viewer who
+    /// is known only the side is made that he sees.
     fn both_sides<'a>(
         &'a self,
         at: &MaterialPoint<'a>,

@@ -171,8 +171,8 @@ impl Scene {
         }
     }
 
-    /// What scatters at a surface point, seen along `wo` in its frame; without `wo`, for light that goes to any viewer (see
-    /// [`Bsdf::sample_adjoint`]). What is not the same everywhere lives in the arena.
+    /// What scatters at a surface point, seen along `wo` in its frame; without `wo`, for light that goes to any
+    /// viewer (see [`Bsdf::sample_adjoint`]). What is not the same everywhere lives in the arena.
     #[inline]
     pub fn bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Option<Vec3>, arena: &'a Bump) -> &'a Bsdf<'a> {
         match &self.materials.get(at.material).constant {
@@ -205,7 +205,7 @@ impl Scene {
         };
         let Scattering { bsdf, opacity } = match wo {
             Some(_) => self.materials.scattering(at.material, &point, arena),
-            // The frame is turned to the light, but the viewer may be behind: a BSDF that knows both sides.
+            // The frame is turned to the light. The viewer may be on the other side, so the BSDF has both.
             None => self.materials.inner(at.material, &point, arena),
         };
         // Elsewhere rays meet only what is there. What emits is met everywhere, for it emits everywhere.
@@ -215,7 +215,7 @@ impl Scene {
         bsdf
     }
 
-    /// The share of the rays through a surface point that meet it: its opacity, or 1 where something emits, which is met everywhere.
+    /// The probability that a ray through a surface point hits the surface, in [0, 1]: its opacity, but 1 if it emits.
     pub fn share_met(&self, at: &SurfaceInteraction) -> f32 {
         let shape = &self.shapes[at.shape().index()];
         if !self.materials.get(at.material).holes || shape.emitter.is_some() {

@@ -182,7 +182,7 @@ impl Camera {
             let local = to_world.inverse().transform_point3(p);
             let axis = to_world.matrix3.z_axis.normalize();
             let depth = (p - to_world.transform_point3(local.truncate().extend(0.0))).dot(axis);
-            // Where rays start and end: the near plane is one of the sensor's space, the way from there is one of the world's.
+            // As in `ray`: the near plane is in the sensor's coordinates, the length of a ray in the world's.
             let start = self.near * to_world.matrix3.z_axis.length();
             if !(depth > start && depth - start < self.far - self.near) {
                 return None;

@@ -143,7 +143,8 @@ impl Running {
     /// How long a program may take to end.
     const PATIENCE: Duration = Duration::from_secs(120);
 
-    /// Starts a command; signals mean to it what they mean to a program that is started by hand, whatever the test runner ignores.
+    /// Starts a command; signals mean to it what they mean to a program that is started by hand, whatever the test
+    /// runner ignores.
     pub fn start(command: &mut Command) -> Self {
         #[cfg(unix)]
         // SAFETY: `signal` may be called between fork and exec, and nothing else is.

@@ -2,8 +2,8 @@
 //!
 //! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and of the
 //! settings that records depend on (u64 each). Then how many views the records serve (u32) and the hash of each (u64), how many
-//! replicates there are (u32) and how many records in each of their caches (the fine ones, then the coarse ones; u64 each), the
-//! records, 28 numbers (f32) each, and the CRC-32 (as u64) of everything before it.
+//! replicates there are (u32) and how many records in each of their caches (the fine ones, then the coarse ones; u64
+//! each), the records, 28 numbers (f32) each, and the CRC-32 (as u64) of everything before it.
 
 use super::hemisphere::Gradient;
 use super::record::Record;

@@ -10,8 +10,9 @@
 //! are computed in parallel and merged in order: the cache depends on the scene, the view and the seed, never on threads. The
 //! final render only reads. Where no record reaches, the path goes on as if there were no cache.
 //!
-//! Each replicate of the image's samples has a cache of its own, so that their differences know the caches' noise and what pixels
-//! share of it. What interpolation smooths away, all miss alike: that is the bias, and it is what `quality` is for.
+//! Each replicate of the image's samples has a cache of its own, so that their differences know the caches' noise and
+//! what pixels share of it. What interpolation smooths away, all miss alike: that is the bias, and it is what
+//! `quality` is for.
 
 mod file;
 mod gathering;

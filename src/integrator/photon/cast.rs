@@ -76,8 +76,8 @@ pub struct Caster<'a> {
 
 impl Caster<'_> {
     /// Traces the paths of a sequence until there are enough of them, and keeps what `keep` makes of their
-    /// deposits and the indices of their paths, from 0. Where it is asked for deposits, it ends early if a million paths
-    /// leave none. `emitted` says how many paths it took.
+    /// deposits and the indices of their paths, from 0. Where it is asked for deposits, it ends early if a million
+    /// paths leave none. `emitted` says how many paths it took.
     pub fn cast<T: Send>(
         &self,
         paths: &PhotonPaths,

@@ -73,8 +73,8 @@ impl DensityEstimator {
         self.irradiance_by(map, at, None, buffer)
     }
 
-    /// Irradiance at a place, by all photons but one: at the place of a photon it does not count itself, for it is there by choice,
-    /// not by chance.
+    /// Irradiance at a place, by all photons but one: at the place of a photon it does not count itself, for it is
+    /// there by choice, not by chance.
     pub fn irradiance_by(
         &self,
         map: &PhotonMap,

@@ -2,8 +2,8 @@
 //!
 //! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), how many maps there are (u32), and the
 //! hashes of the scene and of all else that the photons depend on (u64 each). For each map follow what light it
-//! holds (u32), its replicate (u32), how many photons there are and how many light paths brought them (u64 each); then the
-//! photons of all maps, 24 bytes each; then the CRC-32 (as u64) of everything before it.
+//! holds (u32), its replicate (u32), how many photons there are and how many light paths brought them (u64 each);
+//! then the photons of all maps, 24 bytes each; then the CRC-32 (as u64) of everything before it.
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result, counted};

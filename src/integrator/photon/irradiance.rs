@@ -58,11 +58,12 @@ const BELOW: f32 = 0.03;
 const TASK: usize = 256;
 
 impl IrradianceMap {
-    /// Irradiance by the photons of `map` at the place of every `every`-th photon of `places`, in their order, so that points are spread
-    /// as photons are. What the surface lacks of a disc is taken into account by `boundary`.
+    /// Irradiance by the photons of `map` at the place of every `every`-th photon of `places`, in their order, so
+    /// that points are spread as photons are. What the surface lacks of a disc is taken into account by `boundary`.
     ///
-    /// Photons of another map make better places than those of the map itself: the photon that is nearest to some point is
-    /// likely to be one with few others around it, where the density is estimated too low (by 1 % for discs of 30 photons).
+    /// Photons of another map make better places than those of the map itself: the photon that is nearest to some
+    /// point is likely to be one with few others around it, where the density is estimated too low (by 1 % for discs
+    /// of 30 photons).
     pub fn new(
         map: &PhotonMap,
         places: &PhotonMap,

@@ -193,8 +193,8 @@ impl Bounce<'_> {
             p: vertex.at.p,
             wi: -block.rays.d.lane(i),
             ng: vertex.at.ng,
-            // Of a surface with holes the density is that of the irradiance, not of the share that meets it: whoever looks it up
-            // has met the surface by the same chance.
+            // Only this share of the photons hits a surface with holes. Rays that look the density up hit it with the
+            // same probability, so the density must be that of the whole irradiance.
             power: power * self.scene.share_met(&vertex.at).recip(),
             cosine_ratio: (vertex.wo.z / vertex.wo_ng).abs(),
             edges: self.edges,

@@ -1,10 +1,10 @@
 //! Stochastic progressive photon mapping, as passes that know nothing of each other.
 //! [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
 //!
-//! Every sample of a pixel is a pass with photons, a radius and a time of its own. A camera path goes on through Dirac deltas to
-//! the first surface with a finite lobe. There emitters are sampled and photons gathered that have been scattered at
-//! least once; the mean over the passes goes to the right answer, because the radius shrinks slowly enough for the noise
-//! to vanish and fast enough for the blur to.
+//! Every sample of a pixel is a pass with photons, a radius and a time of its own. A camera path goes on through
+//! Dirac deltas to the first surface with a finite lobe. There emitters are sampled and photons gathered that have
+//! been scattered at least once; the mean over the passes goes to the right answer, because the radius shrinks slowly
+//! enough for the noise to vanish and fast enough for the blur to.
 //!
 //! The light at a surface point is split by where it comes from, so that nothing is counted twice:
 //!
@@ -189,8 +189,8 @@ impl Progressive for Sppm {
     }
 }
 
-/// The time of a pass, in [0, 1) over the shutter interval: light that has landed on something that moves is looked up where
-/// it is then. Times are stratified over the passes of each half.
+/// The time of a pass, in [0, 1) over the shutter interval: light that has landed on something that moves is looked
+/// up where it is then. Times are stratified over the passes of each half.
 fn time_of_pass(seed: u64, sample: u64) -> f32 {
     // No path has this pixel.
     let key = SampleKey::new(seed, u32::MAX, 0, sample);

@@ -7,8 +7,9 @@ pub const SHARED_REPLICATES: u32 = 8;
 
 /// One sample of one pixel: the hash of (seed, pixel, half) and the index within the half.
 ///
-/// The samples of a pixel are two halves: sample `i` is point `i div 2` of the sequence of half `i mod 2`, and the halves are
-/// scrambled independently. What pixels share (caches, photons) there is once for each of several replicates.
+/// The samples of a pixel are two halves: sample `i` is point `i div 2` of the sequence of half `i mod 2`, and the
+/// halves are scrambled independently. What pixels share (caches, photons) there is once for each of several
+/// replicates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleKey {
     /// Hash of seed, pixel and half.
@@ -26,7 +27,8 @@ impl SampleKey {
         SampleKey::of(seed, x, y, (sample & 1) as u32, sample >> 1)
     }
 
-    /// The key of point `index` of an independent sequence of pixel (x, y): of a half of its samples, or of a replicate.
+    /// The key of point `index` of an independent sequence of pixel (x, y): of a half of its samples, or of a
+    /// replicate.
     #[inline]
     pub fn of(seed: u64, x: u32, y: u32, sequence: u32, index: u64) -> Self {
         let h = combine(combine(seed as u32, (seed >> 32) as u32), x);

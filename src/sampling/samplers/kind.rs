@@ -55,8 +55,8 @@ impl SamplerKind {
         !matches!(self, SamplerKind::Zsobol | SamplerKind::Fixed)
     }
 
-    /// Whether errors of different pixels are so much alike that the error of an average over pixels is larger than if they
-    /// were independent.
+    /// Whether errors of different pixels are so much alike that the error of an average over pixels is larger than
+    /// if they were independent.
     pub fn shares_noise(self) -> bool {
         self == SamplerKind::Fixed
     }

@@ -49,8 +49,8 @@ enum Points {
     Zsobol {
         log2_count: u32,
     },
-    /// The same Sobol points in every pixel. No pixel is worse than with Sobol points of its own, but neighbours err alike, so
-    /// the error shows as structure instead of noise.
+    /// The same Sobol points in every pixel. No pixel is worse than with Sobol points of its own, but neighbours err
+    /// alike, so the error shows as structure instead of noise.
     Fixed,
 }
 
@@ -61,8 +61,8 @@ impl Sampler {
         Sampler::with_replicates(kind, samples_per_pixel, 2)
     }
 
-    /// As [`new`](Self::new), with so many replicates, a power of two, of what pixels share, instead of one for each half: sample
-    /// `i` belongs to replicate `i mod n`.
+    /// As [`new`](Self::new), with so many replicates, a power of two, of what pixels share, instead of one for each
+    /// half: sample `i` belongs to replicate `i mod n`.
     pub fn with_replicates(kind: SamplerKind, samples_per_pixel: Option<u64>, replicates: u32) -> Self {
         let per_half = samples_per_pixel.unwrap_or(PLANNED).div_ceil(2);
         let points = match kind {

@@ -13,8 +13,8 @@
 //! so that paths by way of mirrors may be longer by the mirrored edges; caustics are blurred over the discs of the
 //! caustic map. More photons blur less. Coated surfaces that gathering rays find count the light's directions as uniform.
 //!
-//! Each replicate of the image's samples has maps of its own, so that their differences know the maps' noise and what pixels share
-//! of it. They do not know the maps' blur, which is the same in all.
+//! Each replicate of the image's samples has maps of its own, so that their differences know the maps' noise and what
+//! pixels share of it. They do not know the maps' blur, which is the same in all.
 
 mod caustics;
 mod debug;
@@ -52,8 +52,9 @@ impl Photonmapper {
     }
 }
 
-/// How photons become light, of the caustic map and of the global one, in a scene of that radius. The maps of a half of the samples share
-/// its photons and what is looked up of them, so that discs are as wide for any number of replicates.
+/// How photons become light, of the caustic map and of the global one, in a scene of that radius. The maps of a half
+/// of the samples share its photons and what is looked up of them, so that discs are as wide for any number of
+/// replicates.
 fn estimators(settings: &PhotonmapperSettings, scale: f32, replicates: u32) -> [DensityEstimator; 2] {
     let lookup_size = maps::share_of_half(u64::from(settings.lookup_size), replicates).max(2) as usize;
     [settings.caustic_lookup_radius, settings.global_lookup_radius].map(|radius| DensityEstimator {
