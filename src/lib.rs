@@ -108,6 +108,7 @@ pub mod bench;
 pub mod bsdf;
 pub mod cli;
 pub mod color;
+pub mod compare;
 #[cfg(feature = "embree")]
 #[allow(unsafe_code)]
 pub mod embree;
@@ -132,3 +133,4 @@ pub mod sensor;
 pub mod session;
 pub mod shape;
 pub mod texture;
+pub mod util;

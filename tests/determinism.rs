@@ -3,8 +3,9 @@
 use crate::support::cli::{Folder, SCENE};
 use crate::support::scenes;
 use buffon::accel::AccelKind;
+use buffon::compare::{compare, z_test};
 use buffon::film::{PixelRect, Tile};
-use buffon::image::{Image, compare, read, z_test};
+use buffon::image::{Image, read};
 use buffon::integrator::{self, Settings, Worker};
 use buffon::loader::{LoadOptions, load};
 use buffon::render::tracing::CameraWorker;

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use buffon::cli::diff::{DiffArgs, Outcome, outcome};
+use buffon::compare::{ErrorKind, compare, error_map, invalid};
 use buffon::error::Kind;
-use buffon::image::{ErrorKind, Image, WriteOptions, compare, error_map, invalid, read, write};
+use buffon::image::{Image, WriteOptions, read, write};
 use clap::Parser;
 
 /// The arguments as the command line gives them.

@@ -1,7 +1,8 @@
 //! Two estimators of one picture agree, in scenes where only one of them is tempted to go wrong.
 
 use crate::support::cli::Folder;
-use buffon::image::{Image, read, z_test};
+use buffon::compare::z_test;
+use buffon::image::{Image, read};
 
 /// The probability that a pair of right pictures is taken for a wrong one.
 const SIGNIFICANCE: f64 = 1e-5;

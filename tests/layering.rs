@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 /// The rows; a module may use those of every row above.
 const ROWS: [&[&str]; 12] = [
-    &["math", "error", "ids", "memory"],
+    &["math", "error", "ids", "memory", "util"],
     &["color", "sampling", "estimate", "image", "embree"],
-    &["accel", "texture"],
+    &["accel", "texture", "compare"],
     &["shape", "bsdf", "film"],
     &["material", "emitter", "sensor"],
     &["scene"],
@@ -21,7 +21,7 @@ const ROWS: [&[&str]; 12] = [
 
 /// Uses within a row, each with its reason.
 const WITHIN_A_ROW: [(&str, &str, &str); 2] = [
-    ("image", "estimate", "images are compared by the metrics that every report uses"),
+    ("util", "error", "a file that cannot be written is an error like any other"),
     ("main", "cli", "the program is nothing but its command line"),
 ];
 

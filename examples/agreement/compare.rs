@@ -2,8 +2,9 @@
 
 use crate::node::Node;
 use buffon::accel::AccelKind;
+use buffon::compare::{ZTest, z_test};
 use buffon::error::Error;
-use buffon::image::{Image, ZTest, z_test};
+use buffon::image::Image;
 use buffon::render::{Progress, StopRules};
 use buffon::sampling::SamplerKind;
 use buffon::session::{Choices, SceneChoices, SceneFile};

@@ -2,6 +2,7 @@
 
 use super::measure::{Candidate, picture};
 use super::{Budget, Options, cache};
+use crate::compare;
 use crate::error::{Error, Result};
 use crate::estimate::metrics::relative_squared;
 use crate::image::{self, Image, Value, WriteOptions};
@@ -182,7 +183,7 @@ fn misfit(image: &Image, session: &Session) -> Option<String> {
 /// Reads a reference with what is known about its error.
 fn read(path: &Path) -> Result<Reference> {
     let whole = image::read(path)?;
-    let invalid = image::invalid(&whole);
+    let invalid = compare::invalid(&whole);
     if invalid.any() {
         return Err(Error::output(format!("expected numbers, found {invalid}")).in_file(path));
     }

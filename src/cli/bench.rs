@@ -11,6 +11,7 @@ use crate::memory::Limit;
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
 use crate::session::{SceneChoices, default_threads};
+use crate::util;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -88,7 +89,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
     let options = options(args)?;
     let files = ["index.html", "bench.csv", "bench.json"].map(|name| args.output.join(name));
     make_folder(&args.output)?;
-    files.iter().try_for_each(|file| image::check_replaceable(file))?;
+    files.iter().try_for_each(|file| util::check_replaceable(file))?;
     image::set_threads(options.threads);
     let progress = Arc::new(Progress::new());
     let signal = listen(&progress, None)?;
@@ -102,8 +103,8 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
     if !report.scenes.is_empty() {
         let [page, csv, json] = &files;
         bench::page(&report)?.write(page)?;
-        image::replace(csv, &bench::csv(&report)?)?;
-        image::replace(json, format!("{:#}\n", bench::json(&report)).as_bytes())?;
+        util::replace(csv, &bench::csv(&report)?)?;
+        util::replace(json, format!("{:#}\n", bench::json(&report)).as_bytes())?;
         tell(&format!("wrote {}", page.display()));
     }
     match signal.load(Ordering::Relaxed) {

@@ -2,10 +2,10 @@
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
-use crate::image;
 use crate::render::State;
 use crate::session::checkpoint::{Identity, Label, file};
 use crate::session::{Origin, Plan, Session};
+use crate::util;
 use std::path::PathBuf;
 
 /// Where the states of a render go, and what they are.
@@ -29,7 +29,7 @@ impl Checkpointing {
         origin: Option<Origin>,
     ) -> Result<Option<Self>> {
         let Some((path, origin)) = args.checkpoint.clone().zip(origin) else { return Ok(None) };
-        image::check_replaceable(&path)?;
+        util::check_replaceable(&path)?;
         let identity = Identity::of(session, plan, origin);
         let begin = match (path.exists(), args.resume) {
             (true, true) => {

@@ -6,11 +6,12 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use serde_json::{Value as Json, json};
 
-use crate::error::{Error, Result};
-use crate::image::{
-    Comparison, ErrorKind, HeatScale, Image, Invalid, LayerComparison, NotComparable, WriteOptions, ZTest,
-    compare, error_map, heat, read, write, z_test,
+use crate::compare::{
+    Comparison, ErrorKind, HeatScale, Invalid, LayerComparison, NotComparable, ZTest, compare, error_map,
+    heat, z_test,
 };
+use crate::error::{Error, Result};
+use crate::image::{Image, WriteOptions, read, write};
 
 /// The exit code for images that are the same within the threshold.
 const SAME: u8 = 0;

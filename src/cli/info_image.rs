@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
+use crate::compare::invalid;
 use crate::error::counted;
-use crate::image::{Image, invalid};
+use crate::image::Image;
 
 /// The least, mean and largest of the finite values of a channel, and how many are none.
 struct Range {

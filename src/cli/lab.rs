@@ -58,7 +58,7 @@ pub fn run(args: &LabArgs) -> Result<u8> {
     if let Some(folder) = &args.output {
         std::fs::create_dir_all(folder)
             .map_err(|e| Error::output(format!("{}: cannot be created: {e}", folder.display())))?;
-        crate::image::check_replaceable(&folder.join("index.html"))?;
+        crate::util::check_replaceable(&folder.join("index.html"))?;
     }
     let options = Options {
         seed: args.seed,

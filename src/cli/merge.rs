@@ -4,6 +4,7 @@ use crate::error::{Error, Kind, Result, counted};
 use crate::image::{self, WriteOptions};
 use crate::session::checkpoint::{self, file, merge};
 use crate::session::default_threads;
+use crate::util;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -40,7 +41,7 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
         image::check_output(output)?;
     }
     if let Some(path) = &args.checkpoint {
-        image::check_replaceable(path)?;
+        util::check_replaceable(path)?;
     }
     let parts = args.parts.iter().map(|path| Ok((path.clone(), file::load(path)?))).collect::<Result<_>>()?;
     let merged = merge::merge(parts)?;

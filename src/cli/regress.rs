@@ -12,6 +12,7 @@ use crate::regress::{self, Found, Options, Report, Row, Status, Update, discover
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
 use crate::session::{Choices, default_threads};
+use crate::util;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -156,7 +157,7 @@ fn probability(text: &str) -> Result<f64, String> {
 /// If the command line is at fault, the folder holds no scene, or an output cannot be written.
 pub fn run(args: &RegressArgs) -> Result<u8> {
     for path in args.junit.iter().chain(&args.table) {
-        image::check_replaceable(path)?;
+        util::check_replaceable(path)?;
     }
     let tables = Tables::new(&args.table, &args.beside)?;
     if let Some(folder) = &args.output {
@@ -185,7 +186,7 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
     super::print(&format!("{summary}\n"))?;
     tables.write(&report)?;
     if let Some(path) = &args.junit {
-        image::replace(path, junit(&report)?.as_bytes())?;
+        util::replace(path, junit(&report)?.as_bytes())?;
     }
     if let Some(folder) = &args.output {
         write_page(

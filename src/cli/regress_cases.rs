@@ -1,8 +1,8 @@
 //! The cases of `buffon regress`: their lines on the terminal, and the files of their table.
 
 use crate::error::{Error, Result};
-use crate::image;
 use crate::regress::{Beside, CaseResult, Measured, Report, Row, json, markdown};
+use crate::util;
 use std::path::PathBuf;
 
 /// Widths of the columns: case, integrator, expected, and what was measured on each traversal.
@@ -81,7 +81,7 @@ impl<'a> Tables<'a> {
             } else {
                 format!("{:#}\n", json(report))
             };
-            image::replace(path, text.as_bytes())?;
+            util::replace(path, text.as_bytes())?;
         }
         Ok(())
     }

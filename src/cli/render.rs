@@ -15,6 +15,7 @@ use crate::memory::Limit;
 use crate::render::{Keeper, Progress, Rendered, State, StopReason, StopRules};
 use crate::sampling::SamplerKind;
 use crate::session::{Choices, Origin, Plan, SceneChoices, SceneFile, Session, default_threads};
+use crate::util;
 use clap::Args;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -138,7 +139,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     refuse(args, &target)?;
     image::check_output(&target)?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
-        image::check_replaceable(path)?;
+        util::check_replaceable(path)?;
     }
     let (session, origin, mut seconds) = open(args)?;
     let plan = session.plan(&choices(args, origin))?;

@@ -1,9 +1,9 @@
 //! `--stats`: the machine-readable account of a render.
 
 use crate::error::Result;
-use crate::image::replace;
 use crate::render::Rendered;
 use crate::session::{Plan, Session};
+use crate::util::replace;
 use cpu_time::ProcessTime;
 use serde_json::{Map, Value, json};
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Images: pixels with named channels and metadata, files, comparison, false colour.
+//! Images: pixels with named channels and metadata, and files.
 //!
 //! Values are linear Rec.709 RGB. The picture is the channels `R`, `G`, `B` (or `Y`); a layer is a channel
 //! name with a dot, `albedo.R`, as in OpenEXR. Alpha is premultiplied. PNG and JPEG files are sRGB-encoded,
@@ -7,11 +7,9 @@
 //! Files are read and written by OpenImageIO (feature `oiio`) or by the crates `exr` and `image`; both behave
 //! alike and [`backend`] says which it is.
 
-mod compare;
 mod exr_header;
 mod format;
 mod header;
-mod heat;
 mod metadata;
 #[cfg(feature = "oiio")]
 #[allow(unsafe_code)]
@@ -19,31 +17,21 @@ mod oiio;
 mod pfm;
 mod pure;
 mod read;
-mod replace;
-mod rounding;
 mod srgb;
 mod texture;
 mod write;
-pub mod ztest;
 
-pub use compare::{
-    Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,
-    is_of_noise,
-};
 pub use format::{Backend, backend, set_threads};
-pub use heat::{HeatScale, heat};
 pub use metadata::{Metadata, Value};
 pub use read::{
     read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_bytes_within,
     read_texture_with, read_texture_within, read_with,
 };
-pub use replace::{check_replaceable, replace, replace_with};
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};
 pub use write::{
     Compression, SampleFormat, WriteOptions, WriteReport, check_output, encoding_bytes, write, write_with,
 };
-pub use ztest::{ZTest, ZTestOptions, z_test, z_test_with};
 
 /// An image in memory.
 #[derive(Clone, Debug, PartialEq)]

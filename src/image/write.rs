@@ -5,9 +5,9 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::format::{Backend, ExrOutput, Format};
-use super::replace::{check_replaceable, replace};
 use super::{Image, Value, pfm, srgb};
 use crate::error::{Error, Result};
+use crate::util::{check_replaceable, replace};
 
 /// The largest finite half.
 const HALF_MAX: f32 = 65504.0;

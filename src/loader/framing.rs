@@ -1,10 +1,9 @@
 //! What a scene needs and a file may lack: a camera that sees everything, and light from everywhere.
 
-use super::transform;
 use crate::color::Rgb;
 use crate::emitter::Emitter;
 use crate::film::FilmSettings;
-use crate::math::DVec3;
+use crate::math::{DAffine3, DMat3, DVec3};
 use crate::sensor::{FovAxis, Projection, SensorSettings};
 
 /// The camera's field of view across the smaller side of the image, degrees.
@@ -34,7 +33,7 @@ pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
     let left = DVec3::Y.cross(direction).normalize();
     Some(SensorSettings {
         name: String::new(),
-        to_world: transform::frame(0.5 * (low + high) - distance * direction, left, direction).into(),
+        to_world: frame(0.5 * (low + high) - distance * direction, left, direction).into(),
         projection: Projection::Perspective {
             fov,
             fov_axis: FovAxis::Smaller,
@@ -46,4 +45,23 @@ pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
         far_clip: 1e3 * distance,
         film: FilmSettings::default(),
     })
+}
+
+/// The frame of a viewer at `origin`, with unit `left` across the unit viewing `direction`.
+pub fn frame(origin: DVec3, left: DVec3, direction: DVec3) -> DAffine3 {
+    DAffine3 { matrix3: DMat3::from_cols(left, direction.cross(left), direction), translation: origin }
+}
+
+/// Refuses a transformation that is singular, relative to the lengths of its axes, or not finite.
+pub fn check_invertible(transform: &DAffine3) -> Result<(), String> {
+    let m = transform.matrix3;
+    let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
+    if !transform.is_finite() || !m.determinant().is_finite() || !volume.is_finite() {
+        return Err("the transformation is not finite".to_owned());
+    }
+    // Written so that a determinant and a volume of zero fail too.
+    if m.determinant().abs() > 1e-12 * volume && transform.inverse().is_finite() {
+        return Ok(());
+    }
+    Err("the transformation is singular: it flattens space".to_owned())
 }

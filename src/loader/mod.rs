@@ -1,24 +1,15 @@
 //! Loaders: scene files in, [`Description`] and settings out.
 //!
-//! A scene file is glTF ([`gltf`]) or XML in Mitsuba 3's language. The latter goes through four steps, each in its own file:
-//! [`xml`] reads elements that know their place, [`resolve`] substitutes parameters, follows includes and
-//! references and types the values, [`props`] answers questions about an object and remembers which were asked, and
-//! [`instantiate`] turns objects into the scene's plain data.
+//! A scene file is XML in Mitsuba's language ([`mitsuba`]) or glTF ([`gltf`]). A mesh alone ([`bare`]) gets a camera and a
+//! light.
 
+mod bare;
 mod files;
 mod framing;
 mod gltf;
-mod graph;
-mod instantiate;
 mod mesh;
-mod names;
-mod parameters;
-mod props;
-mod resolve;
-mod transform;
-mod upgrade;
-mod values;
-mod xml;
+mod mitsuba;
+mod wording;
 
 use crate::error::{Error, Place, Result};
 use crate::integrator;
@@ -72,13 +63,11 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let memory = Budget::open(options.memory);
     let loaded = match extension.as_str() {
-        "xml" => load_xml(path, options, &memory),
+        "xml" => mitsuba::load(path, options, &memory),
         "gltf" | "glb" => {
             gltf::load(path, &options.search_paths, &memory).map(|loaded| warn_of_defines(loaded, options))
         }
-        "obj" | "ply" => {
-            instantiate::bare::load(path, &memory).map(|loaded| warn_of_defines(loaded, options))
-        }
+        "obj" | "ply" => bare::load(path, &memory).map(|loaded| warn_of_defines(loaded, options)),
         _ => {
             let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
             Err(Error::scene(expected).in_file(path))
@@ -94,12 +83,6 @@ fn warn_of_defines(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
     };
     loaded.warnings.extend(options.defines.iter().map(unused));
     loaded
-}
-
-/// Loads a scene in Mitsuba's language.
-fn load_xml(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Loaded> {
-    let resolved = resolve::resolve(path, options, memory)?;
-    instantiate::instantiate(resolved, memory)
 }
 
 /// Reads a file; its bytes are planned for as long as the reservation lives.

@@ -3,8 +3,9 @@
 use super::runner::{Outcome, Picture, Runner};
 use super::{FoundScene, Status, page};
 use crate::accel::AccelKind;
+use crate::compare::{NotComparable, compare, z_test};
 use crate::error::{Error, Result};
-use crate::image::{Image, NotComparable, compare, z_test};
+use crate::image::Image;
 
 /// Traversals round differently: values that are off by this, relative to the larger one, are equal.
 const ROUNDING: f32 = 1e-5;

@@ -1,9 +1,10 @@
 //! Whether a render is what its reference shows.
 
 use super::reference::Reference;
-use crate::image::{
-    Image, Invalid, Location, NotComparable, ZTest, ZTestOptions, compare, invalid, is_of_noise, z_test_with,
+use crate::compare::{
+    Invalid, Location, NotComparable, ZTest, ZTestOptions, compare, invalid, is_of_noise, z_test_with,
 };
+use crate::image::Image;
 
 /// How far the mean of a layer may be off, relative to that of its magnitude: layers have no variance.
 const LAYER_TOLERANCE: f64 = 0.02;

@@ -1,8 +1,9 @@
 //! What there is to look at: images, heat maps and a page with viewers.
 
 use super::{Report, Row, Status};
+use crate::compare::{ErrorKind, HeatScale, error_map, heat};
 use crate::error::{Error, Result};
-use crate::image::{self, ErrorKind, HeatScale, Image, WriteOptions, error_map, heat};
+use crate::image::{self, Image, WriteOptions};
 use crate::report::{Align, Html, Page, Picture, Table, Viewer, exposure_of, gallery, thumbnail};
 use std::path::Path;
 

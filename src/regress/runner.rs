@@ -3,9 +3,10 @@
 use super::judge::{Judgement, Rules, judge};
 use super::reference::{Reference, reference_path, variance_path, write_reference};
 use super::{FoundScene, Options, REFERENCE_SEED, Row, Status, Update, cross, page};
+use crate::compare::{ZTestOptions, z_test_with};
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelFormat;
-use crate::image::{Image, ZTestOptions, z_test_with};
+use crate::image::Image;
 use crate::integrator::settings::Aov;
 use crate::render::output;
 use crate::render::{Progress, Rendered, StopRules};

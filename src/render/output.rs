@@ -2,10 +2,11 @@
 
 use super::job::Rendered;
 use crate::color::Rgb;
+use crate::compare::ZTest;
+use crate::compare::ztest::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
 use crate::film::tile::variance_of_mean;
 use crate::film::{ComponentFormat, PixelFormat, Tile};
-use crate::image::ztest::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
-use crate::image::{Image, Metadata, SampleFormat, Value, ZTest};
+use crate::image::{Image, Metadata, SampleFormat, Value};
 use crate::integrator::settings::{Aov, Layer};
 use crate::math::{DMat4, DVec3};
 use crate::sensor::Camera;

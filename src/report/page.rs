@@ -3,7 +3,7 @@
 use super::html::{Html, add, escape};
 use super::machine;
 use crate::error::Result;
-use crate::image::replace;
+use crate::util::replace;
 use std::path::Path;
 
 const STYLE: &str = include_str!("page.css");

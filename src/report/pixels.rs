@@ -1,8 +1,9 @@
 //! Images in a page: small ones to look at as PNG, and the pixels themselves as packed halves.
 
+use crate::compare::{HeatScale, heat};
 use crate::error::{Error, Result};
 use crate::estimate::metrics::relative_by_pixel;
-use crate::image::{HeatScale, Image, heat, to_srgb};
+use crate::image::{Image, to_srgb};
 use ::image::ImageEncoder;
 use ::image::codecs::png::PngEncoder;
 use base64::Engine;

@@ -5,8 +5,9 @@
 
 use super::html::{Html, add, escape};
 use super::pixels::{HEAT_DECADES, HEAT_MAX, packed, thumbnail};
+use crate::compare::{HeatScale, heat};
 use crate::error::{Error, Result};
-use crate::image::{HeatScale, Image, heat, to_srgb};
+use crate::image::{Image, to_srgb};
 
 /// Images of one size to look at beside each other.
 #[derive(Clone, Debug, Default)]

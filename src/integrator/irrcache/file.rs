@@ -9,9 +9,9 @@ use super::hemisphere::Gradient;
 use super::record::Record;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
-use crate::image::replace;
 use crate::math::Vec3;
 use crate::sampling::SHARED_REPLICATES;
+use crate::util::replace;
 use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"BUFFONIC";

@@ -7,8 +7,8 @@
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result, counted};
-use crate::image::replace;
 use crate::sampling::SHARED_REPLICATES;
+use crate::util::replace;
 use crc32fast::Hasher;
 use std::fs::File;
 use std::io::{self, BufReader, Read};

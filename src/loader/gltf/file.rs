@@ -3,7 +3,8 @@
 use super::uri::{self, Target};
 use crate::error::{Error, Place, Result, counted};
 use crate::loader::files::Folders;
-use crate::loader::{read_bytes, values};
+use crate::loader::read_bytes;
+use crate::loader::wording::quoted;
 use crate::memory::{Budget, Refusal, Reservation};
 use gltf::Document;
 use gltf::buffer::View;
@@ -140,7 +141,7 @@ impl File {
                     Ok(Some(bytes))
                 }
                 None => {
-                    let message = format!("there is no file {}", values::quoted(&name));
+                    let message = format!("there is no file {}", quoted(&name));
                     self.missing.push(self.error(thing, message));
                     Ok(None)
                 }
@@ -247,12 +248,12 @@ fn shown(line: &[u8], column: usize) -> Cow<'_, str> {
 fn check(path: &Path, root: &Root, warnings: &mut Vec<Error>) -> Result<()> {
     let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
     if version.split('.').next() != Some("2") {
-        let message = format!("expected glTF 2.0, found version {}", values::quoted(version));
+        let message = format!("expected glTF 2.0, found version {}", quoted(version));
         return Err(Error::scene(message).about("asset").in_file(path));
     }
     let unknown = |name: &&String| !SUPPORTED.contains(&name.as_str());
     let unsupported = |name: &String, how: &str| {
-        Error::scene(format!("the extension {} {how}", values::quoted(name))).in_file(path)
+        Error::scene(format!("the extension {} {how}", quoted(name))).in_file(path)
     };
     let required = root.extensions_required.iter().filter(unknown);
     let mut faults: Vec<Error> =

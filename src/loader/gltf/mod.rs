@@ -12,7 +12,7 @@ mod meshes;
 mod textures;
 mod uri;
 
-use super::{Loaded, framing, transform};
+use super::{Loaded, framing};
 use crate::error::Result;
 use crate::image::{TextureImage, TextureLayers};
 use crate::math::{DAffine3, DMat4, DQuat, DVec3};
@@ -158,7 +158,7 @@ impl Builder<'_> {
             self.light(&light, to_world);
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
-        if let Err(message) = transform::check_invertible(to_world) {
+        if let Err(message) = framing::check_invertible(to_world) {
             self.warn(&thing, &format!("{message}; its mesh is left out"));
             return Ok(());
         }
@@ -282,7 +282,7 @@ fn viewer(to_world: &DAffine3) -> Option<DAffine3> {
     let direction = (-to_world.matrix3.z_axis).try_normalize()?;
     let left = to_world.matrix3.y_axis.cross(direction).try_normalize();
     let left = left.unwrap_or_else(|| direction.any_orthonormal_vector());
-    Some(transform::frame(to_world.translation, left, direction))
+    Some(framing::frame(to_world.translation, left, direction))
 }
 
 /// Adds a light and a camera to a scene that has none.

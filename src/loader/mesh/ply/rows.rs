@@ -2,7 +2,7 @@
 
 use super::header::{Element, Encoding, Kind, Number};
 use super::{Fault, malformed};
-use crate::loader::values::quoted;
+use crate::loader::wording::quoted;
 
 /// What is left of a file.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! False colour for error maps.
 
-use super::{Image, from_srgb};
+use crate::image::{Image, from_srgb};
 
 /// How values become positions on the colour map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,7 +92,7 @@ mod tests {
         // inferno at 0.5, sRGB-encoded: (0.735683, 0.215906, 0.330245).
         let expected = [0.735_683, 0.215_906, 0.330_245];
         for (value, expected) in inferno(0.5).into_iter().zip(expected) {
-            assert!((super::super::to_srgb(f64::from(value)) - expected).abs() < 0.02, "{value} {expected}");
+            assert!((crate::image::to_srgb(f64::from(value)) - expected).abs() < 0.02, "{value} {expected}");
         }
     }
 

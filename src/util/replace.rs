@@ -185,7 +185,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("image.exr");
         fs::write(&path, "old").unwrap();
-        let name = "image::replace::tests::a_full_disk_leaves_the_older_file_and_nothing_else";
+        let name = "util::replace::tests::a_full_disk_leaves_the_older_file_and_nothing_else";
         let status = std::process::Command::new("sh")
             .args(["-c", "trap '' XFSZ; ulimit -f 16; exec \"$0\" --exact \"$1\" >/dev/null"])
             .arg(std::env::current_exe().unwrap())

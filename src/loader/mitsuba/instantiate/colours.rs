@@ -4,9 +4,10 @@ use super::Builder;
 use crate::color::Rgb;
 use crate::color::spectrum::{Quantity, Spectrum};
 use crate::error::Result;
-use crate::loader::graph::{ObjectId, Property, Value};
-use crate::loader::props::Props;
-use crate::loader::values;
+use crate::loader::mitsuba::graph::{ObjectId, Property, Value};
+use crate::loader::mitsuba::props::Props;
+use crate::loader::mitsuba::values;
+use crate::loader::wording::quoted;
 use crate::material::Input;
 use std::ops::RangeInclusive;
 
@@ -149,7 +150,7 @@ impl Builder<'_> {
     /// Reads a spectrum's file; a missing one is remembered.
     fn spectrum_file(&mut self, property: &Property, file: &str) -> Result<Option<Spectrum>> {
         let Some(path) = self.folders.find(property.spot.file(), file) else {
-            self.missing.push(property.error(format!("there is no file {}", values::quoted(file))));
+            self.missing.push(property.error(format!("there is no file {}", quoted(file))));
             return Ok(None);
         };
         let text = crate::loader::read_text(&path, self.memory)?;

@@ -1,9 +1,9 @@
 //! Whether two images may be estimates of the same picture, judged by their variances.
 
-use super::compare::{BLOCK_VARIANCE, Location, NotComparable, VARIANCE, layer_channels, location};
+use super::images::{BLOCK_VARIANCE, Location, NotComparable, VARIANCE, layer_channels, location};
 use super::rounding::Rounding;
-use super::{Image, Value};
 use crate::estimate::student::{of_all, quantile, share, tail};
+use crate::image::{Image, Value};
 
 /// The metadata that says whether the pixels of an image share noise.
 pub const NOISE: &str = "buffon:noise";

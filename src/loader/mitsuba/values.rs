@@ -2,6 +2,7 @@
 
 use crate::color::spectrum::Spectrum;
 use crate::color::srgb;
+use crate::loader::wording::quoted;
 use crate::math::DVec3;
 
 /// A number: finite, in decimal or scientific notation.
@@ -100,14 +101,6 @@ pub fn spectrum_file(text: &str) -> Result<Spectrum, (usize, String)> {
 
 fn tokens(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| c == ',' || c.is_whitespace()).filter(|t| !t.is_empty())
-}
-
-/// A text in quotes, cut where it is long.
-pub fn quoted(text: &str) -> String {
-    match text.char_indices().nth(60) {
-        Some((end, _)) => format!("\"{}…\"", &text[..end]),
-        None => format!("\"{text}\""),
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,12 @@
-//! The nearest known name to an unknown one.
+//! Texts of a file in error sentences: quoted, and with the nearest known name to an unknown one.
+
+/// A text in quotes, cut where it is long.
+pub fn quoted(text: &str) -> String {
+    match text.char_indices().nth(60) {
+        Some((end, _)) => format!("\"{}…\"", &text[..end]),
+        None => format!("\"{text}\""),
+    }
+}
 
 /// ` (did you mean "roughconductor"?)` where a known name is near enough to what was written, else nothing.
 pub fn did_you_mean<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> String {

@@ -8,10 +8,10 @@ use crate::integrator::settings::{
     Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonDebug,
     PhotonmapperSettings, PtracerSettings, SppmSettings, WhittedSettings,
 };
-use crate::loader::graph::ObjectId;
-use crate::loader::names;
-use crate::loader::props::Props;
-use crate::loader::values::quoted;
+use crate::loader::mitsuba::graph::ObjectId;
+use crate::loader::mitsuba::props::Props;
+use crate::loader::wording;
+use crate::loader::wording::quoted;
 
 const SUPPORTED: [&str; 11] = [
     "aov",
@@ -286,7 +286,7 @@ fn layers(props: &Props) -> Result<Vec<Layer>> {
             return Err(refuse(format!("the layer kind {} is not supported", quoted(kind))));
         }
         let aov = AOVS.iter().find(|(known, _)| *known == kind).ok_or_else(|| {
-            let near = names::did_you_mean(kind, AOVS.iter().map(|(known, _)| *known));
+            let near = wording::did_you_mean(kind, AOVS.iter().map(|(known, _)| *known));
             refuse(format!("unknown layer kind {}{near}", quoted(kind)))
         })?;
         if layers.iter().any(|layer| layer.name == name) {

@@ -2,9 +2,9 @@
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
-use crate::loader::graph::ObjectId;
 use crate::loader::mesh::{self, Format};
-use crate::loader::props::Props;
+use crate::loader::mitsuba::graph::ObjectId;
+use crate::loader::mitsuba::props::Props;
 use crate::math::{DAffine3, DVec3};
 use crate::scene::description::{PlacedGroup, PlacedShape};
 use crate::shape::{Mesh, Shape};

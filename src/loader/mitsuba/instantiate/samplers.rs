@@ -2,8 +2,8 @@
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
-use crate::loader::graph::ObjectId;
-use crate::loader::props::Props;
+use crate::loader::mitsuba::graph::ObjectId;
+use crate::loader::mitsuba::props::Props;
 use crate::sampling::SamplerKind;
 
 /// Mitsuba's samplers that are another one here, with the closest.

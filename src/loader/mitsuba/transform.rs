@@ -3,6 +3,7 @@
 use super::values;
 use super::xml::Element;
 use crate::error::Result;
+use crate::loader::framing::{check_invertible, frame};
 use crate::math::{DAffine3, DMat3, DVec3};
 
 /// Names of the elements that a transformation is made of.
@@ -31,20 +32,6 @@ pub fn step(tag: &str, element: &Element) -> Result<DAffine3> {
     };
     check_invertible(&matrix).map_err(fail)?;
     Ok(matrix)
-}
-
-/// Refuses a transformation that is singular, relative to the lengths of its axes, or not finite.
-pub fn check_invertible(transform: &DAffine3) -> Result<(), String> {
-    let m = transform.matrix3;
-    let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
-    if !transform.is_finite() || !m.determinant().is_finite() || !volume.is_finite() {
-        return Err("the transformation is not finite".to_owned());
-    }
-    // Written so that a determinant and a volume of zero fail too.
-    if m.determinant().abs() > 1e-12 * volume && transform.inverse().is_finite() {
-        return Ok(());
-    }
-    Err("the transformation is singular: it flattens space".to_owned())
 }
 
 /// `x`, `y`, `z` or `value` (one number for all three, or three).
@@ -101,9 +88,4 @@ fn look_at(element: &Element) -> Result<DAffine3, String> {
         .try_normalize()
         .ok_or("expected an up that is not parallel to the viewing direction")?;
     Ok(frame(origin, left, direction))
-}
-
-/// The frame of a viewer at `origin`, with unit `left` across the unit viewing `direction`.
-pub fn frame(origin: DVec3, left: DVec3, direction: DVec3) -> DAffine3 {
-    DAffine3 { matrix3: DMat3::from_cols(left, direction.cross(left), direction), translation: origin }
 }

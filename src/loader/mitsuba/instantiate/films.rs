@@ -3,8 +3,8 @@
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::film::{ComponentFormat, FilmSettings, Filter, PixelFormat, PixelRect};
-use crate::loader::graph::ObjectId;
-use crate::loader::props::Props;
+use crate::loader::mitsuba::graph::ObjectId;
+use crate::loader::mitsuba::props::Props;
 
 const SUPPORTED: [&str; 2] = ["hdrfilm", "ldrfilm"];
 const MITSUBA: [&str; 1] = ["specfilm"];

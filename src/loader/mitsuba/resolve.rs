@@ -1,12 +1,13 @@
 //! From elements to objects: parameters, includes, folders, references, typed values, old versions.
 
-use super::files::Folders;
 use super::graph::{CLASSES, Graph, Object, ObjectId, Property, Value};
 use super::parameters::Parameters;
-use super::values::quoted;
 use super::xml::{self, Attribute, Element};
-use super::{LoadOptions, names, transform, upgrade, values};
+use super::{transform, upgrade, values};
 use crate::error::{Error, Result};
+use crate::loader::files::Folders;
+use crate::loader::wording::quoted;
+use crate::loader::{LoadOptions, framing, wording};
 use crate::math::{DAffine3, Motion};
 use crate::memory::Budget;
 use std::path::{Path, PathBuf};
@@ -71,7 +72,7 @@ pub fn check_attributes(element: &Element, required: &[&str], optional: &[&str])
     }
     match element.attributes.iter().find(|a| known().all(|name| name != a.name)) {
         Some(unknown) => {
-            let near = names::did_you_mean(&unknown.name, known());
+            let near = wording::did_you_mean(&unknown.name, known());
             Err(element.error(format!("unknown attribute {}{near}", unknown.name)))
         }
         None => Ok(()),
@@ -109,7 +110,8 @@ impl Resolver<'_> {
                 Error::scene(format!("files are included more than {MAX_INCLUDES} deep")).in_file(path)
             );
         }
-        let mut root = xml::parse(path, super::read_text(path, self.memory)?, &mut self.out.warnings)?;
+        let mut root =
+            xml::parse(path, crate::loader::read_text(path, self.memory)?, &mut self.out.warnings)?;
         self.including.push(identity);
         self.files += 1;
         if self.files > MAX_FILES {
@@ -320,13 +322,13 @@ impl Resolver<'_> {
             self.substitute(&mut child)?;
             let tag = if context.old { upgrade::tag(&child.tag) } else { &child.tag }.to_owned();
             if !transform::TAGS.contains(&tag.as_str()) {
-                let near = names::did_you_mean(&tag, transform::TAGS);
+                let near = wording::did_you_mean(&tag, transform::TAGS);
                 return Err(child.error(format!("unknown transformation{near}")));
             }
             whole = transform::step(&tag, &child)? * whole;
             no_children(&child)?;
         }
-        transform::check_invertible(&whole).map_err(|message| element.error(message))?;
+        framing::check_invertible(&whole).map_err(|message| element.error(message))?;
         Ok(whole)
     }
 
@@ -399,6 +401,6 @@ fn unknown_tag(element: &Element) -> Error {
         return element.error("a transformation belongs inside a <transform>");
     }
     let known = CLASSES.iter().chain(&PROPERTY_TAGS).chain(&OTHER_TAGS).copied();
-    let near = names::did_you_mean(&element.tag, known);
+    let near = wording::did_you_mean(&element.tag, known);
     element.error(format!("unknown element{near}"))
 }

@@ -7,10 +7,10 @@ use crate::color::ior;
 use crate::color::spectrum::Quantity;
 use crate::error::Result;
 use crate::ids::MaterialId;
-use crate::loader::graph::{Child, ObjectId, Value};
-use crate::loader::names;
-use crate::loader::props::Props;
-use crate::loader::values::quoted;
+use crate::loader::mitsuba::graph::{Child, ObjectId, Value};
+use crate::loader::mitsuba::props::Props;
+use crate::loader::wording;
+use crate::loader::wording::quoted;
 use crate::material::{
     Bending, Coated, Distribution, Input, Interface, Material, Metal, Principled, PrincipledThin, Roughness,
 };
@@ -164,7 +164,7 @@ impl Builder<'_> {
             (name, None) => {
                 let name = name.unwrap_or(DEFAULT_CONDUCTOR);
                 let ComplexIor { eta, k } = conductors::conductor(name).ok_or_else(|| {
-                    let near = names::did_you_mean(name, conductors::conductor_names());
+                    let near = wording::did_you_mean(name, conductors::conductor_names());
                     props.refusal("material", &format!("expected the name of a conductor{near}"))
                 })?;
                 Ok(Metal { eta: eta.into(), k: k.into(), specular_reflectance })
@@ -341,7 +341,7 @@ fn dielectric_ior(props: &Props, name: &'static str, default: &str) -> Result<f3
     match &property.value {
         Value::Float(_) | Value::Integer(_) => props.positive(name, 1.0),
         Value::Text(text) => ior::dielectric(text).ok_or_else(|| {
-            let near = names::did_you_mean(text, ior::dielectric_names());
+            let near = wording::did_you_mean(text, ior::dielectric_names());
             props.refusal(name, &format!("expected a number or the name of a dielectric{near}"))
         }),
         _ => Err(property.error(format!("expected a number or a name, found a {}", property.tag))),

@@ -1,6 +1,5 @@
 //! From objects to the scene's plain data: one file for each family of plugins.
 
-pub mod bare;
 mod bsdfs;
 mod colours;
 mod emitters;
@@ -11,15 +10,15 @@ mod sensors;
 mod shapes;
 mod textures;
 
-use super::files::Folders;
 use super::graph::{Graph, Object, ObjectId};
 use super::props::Props;
 use super::resolve::Resolved;
-use super::{Loaded, names};
 use crate::emitter::Emitter;
 use crate::error::{Error, Result};
 use crate::ids::{MaterialId, TextureId};
 use crate::image::TextureImage;
+use crate::loader::files::Folders;
+use crate::loader::{Loaded, wording};
 use crate::material::Material;
 use crate::memory::Budget;
 use std::collections::{HashMap, HashSet};
@@ -162,8 +161,9 @@ impl<'g> Builder<'g> {
         let Some(text) = props.text(name)? else {
             return Err(props.object.error(format!("the property {name} is missing")));
         };
-        let property =
-            props.find(name).map(|p| p.error(format!("there is no file {}", super::values::quoted(text))));
+        let property = props
+            .find(name)
+            .map(|p| p.error(format!("there is no file {}", crate::loader::wording::quoted(text))));
         let found = self.folders.find(props.object.spot.file(), text);
         if found.is_none() {
             self.missing.extend(property);
@@ -177,7 +177,7 @@ fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Erro
     if mitsuba.contains(&object.plugin.as_str()) {
         return unsupported(object);
     }
-    let near = names::did_you_mean(&object.plugin, supported.iter().chain(mitsuba).copied());
+    let near = wording::did_you_mean(&object.plugin, supported.iter().chain(mitsuba).copied());
     object.error(format!("unknown {}{near}", object.class))
 }
 

@@ -1,9 +1,9 @@
 //! Questions to an object's properties. Each is remembered, so that what nobody asked for can be told.
 
 use super::graph::{Child, Graph, Object, ObjectId, Property, Value};
-use super::names;
-use super::values::quoted;
 use crate::error::{Error, Result};
+use crate::loader::wording;
+use crate::loader::wording::quoted;
 use crate::math::{DAffine3, DVec3, Motion};
 use std::cell::{Cell, RefCell};
 use std::ops::RangeInclusive;
@@ -244,7 +244,7 @@ impl<'g> Props<'g> {
         let thing = self.object.thing();
         let properties = self.object.properties.iter().zip(&self.used).filter(|(_, used)| !used.get());
         let properties = properties.map(|(property, _)| {
-            let near = names::did_you_mean(&property.name, asked.iter().copied());
+            let near = wording::did_you_mean(&property.name, asked.iter().copied());
             property.error(format!("{thing} has no such property{near}"))
         });
         let children = self.object.children.iter().zip(&self.used_children).filter(|(_, used)| !used.get());

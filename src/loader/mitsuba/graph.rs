@@ -1,10 +1,10 @@
 //! A resolved scene file: objects with typed properties, in an arena.
 
-use super::names;
-use super::values::quoted;
 use super::xml::Spot;
 use crate::color::spectrum::Spectrum;
 use crate::error::{Error, Result};
+use crate::loader::wording;
+use crate::loader::wording::quoted;
 use crate::math::{DAffine3, DVec3, Motion};
 use std::collections::HashMap;
 
@@ -213,7 +213,7 @@ impl Graph {
 
     /// The error for an id that no object has.
     fn unknown(&self, tag: &str, id: &str, spot: &Spot) -> Error {
-        let near = names::did_you_mean(id, self.ids.keys().map(String::as_str));
+        let near = wording::did_you_mean(id, self.ids.keys().map(String::as_str));
         let message = format!("no object has the id {}{near}", quoted(id));
         Error::scene(message).about(format!("<{tag} id=\"{id}\">")).at(spot.place())
     }

@@ -1,6 +1,6 @@
 //! How far the values of an image may be from those that were computed.
 
-use super::Image;
+use crate::image::Image;
 
 /// Significant bits of a half.
 const HALF_BITS: i32 = 11;

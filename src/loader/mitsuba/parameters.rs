@@ -1,7 +1,7 @@
 //! Scene parameters: `<default>`, `$name` and `-D name=value`.
 
-use super::names;
 use crate::error::Error;
+use crate::loader::wording;
 
 #[derive(Debug)]
 struct Parameter {
@@ -60,7 +60,7 @@ impl Parameters {
             out.push_str(before);
             let Some(parameter) = self.list.iter_mut().find(|p| after.starts_with(&p.name)) else {
                 let end = after.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(after.len());
-                let known = names::did_you_mean(&after[..end], self.list.iter().map(|p| p.name.as_str()));
+                let known = wording::did_you_mean(&after[..end], self.list.iter().map(|p| p.name.as_str()));
                 return Err(format!("the parameter ${} has no value{known}", &after[..end]));
             };
             parameter.used = true;
@@ -75,7 +75,7 @@ impl Parameters {
     pub fn unused(&self) -> impl Iterator<Item = Error> {
         let known = || self.list.iter().filter(|p| p.used || !p.defined).map(|p| p.name.as_str());
         self.list.iter().filter(|p| p.defined && !p.used).map(move |p| {
-            let near = names::did_you_mean(&p.name, known());
+            let near = wording::did_you_mean(&p.name, known());
             Error::scene(format!("the scene never uses ${}{near}", p.name))
                 .about(format!("-D {}={}", p.name, p.value))
         })
