@@ -20,6 +20,9 @@ fn main() {
     for (name, variable) in [("Embree", "DEP_EMBREE3_VERSION"), ("OpenImageIO", "DEP_OIIO_VERSION")] {
         println!("cargo:rerun-if-env-changed={variable}");
         if let Ok(version) = std::env::var(variable) {
+            if name == "OpenImageIO" {
+                println!("cargo:rustc-env=BUFFON_OIIO_VERSION={version}");
+            }
             parts.push(format!("{name} {version}"));
         }
     }

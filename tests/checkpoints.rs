@@ -106,7 +106,7 @@ fn mixed_and_overlapping_parts_are_refused() {
         assert_eq!((run.code, run.stderr.trim_end()), (2, format!("buffon: {sentence}").as_str()));
     }
     let run = merge(&folder, "a text -o m.pfm");
-    assert_eq!((run.code, run.stderr.trim_end()), (4, "buffon: text: checkpoint: is no checkpoint"));
+    assert_eq!((run.code, run.stderr.trim_end()), (4, "buffon: text: checkpoint: is not a checkpoint"));
     assert!(!folder.files().contains(&"m.pfm".into()));
     let run = merge(&folder, "a c -o m.pfm --strict");
     assert_eq!((run.code, run.stderr.trim_end()), (5, "buffon: of 24 samples per pixel 10..13 are missing"));
@@ -223,14 +223,14 @@ fn damaged_checkpoints_are_refused_before_anything_is_allocated() {
             .1
             .to_string()
     };
-    assert_eq!(refused(b""), "is no checkpoint");
+    assert_eq!(refused(b""), "is not a checkpoint");
     let with = |at: usize, new: &[u8]| {
         let mut bytes = good.clone();
         bytes[at..at + new.len()].copy_from_slice(new);
         refused(&bytes)
     };
-    assert_eq!(with(0, b"X"), "is no checkpoint");
-    assert_eq!(with(8, &[9]), "has version 9, expected 2");
+    assert_eq!(with(0, b"X"), "is not a checkpoint");
+    assert_eq!(with(8, &[9]), "has version 9, expected 3");
     assert_eq!(with(12, &[255; 4]), "ends before its header does");
     assert!(with(17, b"!").starts_with("is damaged: its header: "));
     let header = String::from_utf8_lossy(&good).into_owned();

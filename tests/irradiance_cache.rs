@@ -189,7 +189,7 @@ fn stale_and_foreign_caches_are_refused_and_kept() {
     for (arguments, said) in [
         ("-D grey=0.5 --cache c", "holds records of another scene"),
         ("-D quality=2 --cache c", "holds records of other settings"),
-        ("--cache foreign", "is no file of irradiance records"),
+        ("--cache foreign", "is not a file of irradiance records"),
         ("--integrator path --cache c", "path computes nothing beforehand"),
         ("--integrator path --aov record_radius", "has no records"),
     ] {

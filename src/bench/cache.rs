@@ -1,16 +1,14 @@
 //! Where rendered references are kept, and by which name.
 
-use crate::session::{SceneFile, hash};
+use crate::session::SceneFile;
+use crate::util::digest;
 use std::path::{Path, PathBuf};
 
 /// What a picture depends on: the scene as its file, the files that this refers to, and the user's choices make it, how the file
 /// wants it rendered, and Buffon's version. Where things stand in the file does not count.
-pub(super) fn key(file: &mut SceneFile) -> String {
-    let (integrator, version, sensor) = (&file.defaults.integrator, env!("BUFFON_VERSION"), file.sensor);
-    let hash = hash::without_places(&mut file.description, |description| {
-        hash::of(format_args!("{description:?} {sensor} {integrator:?} {version}"))
-    });
-    format!("{hash:016x}")
+pub(super) fn key(file: &SceneFile) -> String {
+    let (integrator, version) = (&file.defaults.integrator, env!("BUFFON_VERSION"));
+    format!("{:016x}", digest(&(&file.description, file.sensor, integrator, version)))
 }
 
 /// The file of a reference: `$XDG_CACHE_HOME/buffon` or `~/.cache/buffon`; `None` where there is neither.
@@ -35,7 +33,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("s.xml"), scene).expect("a file");
         std::fs::write(folder.path().join("m.obj"), mesh).expect("a file");
-        key(&mut SceneFile::load(&folder.path().join("s.xml"), choices).expect("a scene"))
+        key(&SceneFile::load(&folder.path().join("s.xml"), choices).expect("a scene"))
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::math::{Vec2, Vec3};
 use std::f32::consts::PI;
 
 /// A family of distributions of microfacet normals.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Distribution {
     /// Beckmann: Gaussian slopes.
     Beckmann,

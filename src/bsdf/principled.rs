@@ -29,7 +29,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// | clearcoat 1 | 1.07, 1.09, 1.19 |
 ///
 /// With no diffuse share but a sheen, Mitsuba's variants disagree; here there is sheen, as in the limit.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Principled {
     /// The colour of base and metal; its root is that of transmission.
     pub base_color: Rgb,

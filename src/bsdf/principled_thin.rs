@@ -25,7 +25,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// | flatness 1 | 0.75, 1.08, 1.28 |
 /// | sheen 1 | 1.01, 1.02, 1.09 |
 /// | diff_trans 2 | 1.00, 1.00, 1.00 |
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PrincipledThin {
     /// The colour of base and transmission.
     pub base_color: Rgb,

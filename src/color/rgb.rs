@@ -3,7 +3,7 @@
 use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Sub};
 
 /// A linear Rec.709 RGB triple: a radiance, a reflectance or a weight, as its user says.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 #[repr(C)]
 pub struct Rgb {
     /// Red.

@@ -59,7 +59,8 @@ impl fmt::Display for Invalid {
 /// Counts the NaN and infinite values of all channels and finds the first.
 pub fn invalid(image: &Image) -> Invalid {
     let first = image.data.iter().position(|v| !v.is_finite()).map(|index| location(image, index));
-    let (nan, inf) = Backend::default().count_invalid(image);
+    let nan = image.data.iter().filter(|v| v.is_nan()).count() as u64;
+    let inf = image.data.iter().filter(|v| v.is_infinite()).count() as u64;
     Invalid { nan, inf, first }
 }
 
@@ -306,15 +307,13 @@ mod tests {
     }
 
     #[test]
-    fn invalid_values_are_counted_alike() {
+    fn invalid_values_are_counted() {
         let (mut a, _) = pair();
         for (i, bad) in
             [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN, f32::NAN].into_iter().enumerate()
         {
             a.data[100 + 1717 * i] = bad;
         }
-        assert_eq!(Backend::OpenImageIo.count_invalid(&a), (3, 2));
-        assert_eq!(Backend::RustCrates.count_invalid(&a), (3, 2));
         let first = Location { x: 33, y: 0, channel: "G".into() };
         assert_eq!(invalid(&a), Invalid { nan: 3, inf: 2, first: Some(first) });
     }

@@ -20,7 +20,7 @@ use crate::sampling::BilinearDistribution2D;
 const ORTHOGONAL: f64 = 1e-4;
 
 /// An image of the radiance from all directions.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct EnvMap {
     image: TextureImage,
     scale: f32,

@@ -32,7 +32,7 @@ use crate::texture::Texture;
 use std::sync::Arc;
 
 /// An emitter that is not a shape, as a scene names it. (An area emitter belongs to its shape.)
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Emitter {
     /// An isotropic point.
     Point {

@@ -7,7 +7,7 @@ pub use filter::{FilterSample, FilterSampler};
 pub use tile::Tile;
 
 /// A reconstruction filter; radii and deviations are in pixels.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Filter {
     /// Constant over `|x| < radius`.
     Box {
@@ -41,7 +41,7 @@ pub enum Filter {
 }
 
 /// Which channels an image file gets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum PixelFormat {
     /// Luminance only.
     Luminance,
@@ -58,7 +58,7 @@ pub enum PixelFormat {
 }
 
 /// How the numbers of an EXR are stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum ComponentFormat {
     /// 16-bit floats; values beyond their range are clamped and counted.
     Half,
@@ -67,7 +67,7 @@ pub enum ComponentFormat {
 }
 
 /// A rectangle of pixels; x to the right and y downwards from the image's top left corner.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PixelRect {
     /// Leftmost column.
     pub x: u32,
@@ -80,7 +80,7 @@ pub struct PixelRect {
 }
 
 /// The film as a scene describes it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct FilmSettings {
     /// Columns of the full image.
     pub width: u32,

@@ -110,10 +110,7 @@ impl std::fmt::Display for Backend {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => {
-                let v = super::oiio::version();
-                write!(f, "OpenImageIO {}.{}.{}", v / 10_000, v / 100 % 100, v % 100)
-            }
+            Backend::OpenImageIo => write!(f, "OpenImageIO {}", env!("BUFFON_OIIO_VERSION")),
             Backend::RustCrates => write!(f, "exr/image crates"),
         }
     }
@@ -211,17 +208,6 @@ impl Backend {
             #[cfg(feature = "oiio")]
             Backend::OpenImageIo => super::oiio::difference(a, b),
             Backend::RustCrates => Ok(pure::difference(a, b)),
-        }
-    }
-
-    /// How many values are NaN and how many infinite.
-    pub(crate) fn count_invalid(self, image: &Image) -> (u64, u64) {
-        match self {
-            #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => {
-                super::oiio::count_invalid(image).unwrap_or_else(|_| pure::count_invalid(image))
-            }
-            Backend::RustCrates => pure::count_invalid(image),
         }
     }
 }

@@ -4,6 +4,7 @@ use std::ffi::{CStr, CString, c_char};
 use std::marker::PhantomData;
 use std::path::Path;
 use std::ptr::{self, NonNull};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use buffon_oiio_sys as sys;
 
@@ -19,16 +20,25 @@ const NAMES: [(&str, &str); 4] = [
     ("owner", "Copyright"),
 ];
 
-/// The library's version, 10000 * major + 100 * minor + patch.
-pub(super) fn version() -> i32 {
-    // SAFETY: takes nothing, returns a constant of the library.
-    unsafe { sys::buffon_oiio_version() }
+/// Threads of the library; 0 = as many as there are cores.
+static THREADS: AtomicUsize = AtomicUsize::new(0);
+
+/// The functions of the library, which the first call loads.
+fn library() -> Result<&'static sys::Functions, &'static str> {
+    sys::functions(|library| limit_threads(library, THREADS.load(Ordering::Relaxed)))
 }
 
-/// Limits the library's threads; 0 = as many as there are cores.
-pub(super) fn set_threads(threads: usize) {
+fn limit_threads(library: &sys::Functions, threads: usize) {
     // SAFETY: takes a number; the library guards its own settings by a lock.
-    unsafe { sys::buffon_oiio_set_threads(threads.try_into().unwrap_or(i32::MAX)) }
+    unsafe { library.buffon_oiio_set_threads(threads.try_into().unwrap_or(i32::MAX)) }
+}
+
+/// Limits the library's threads, also if it is loaded later; 0 = as many as there are cores.
+pub(super) fn set_threads(threads: usize) {
+    THREADS.store(threads, Ordering::Relaxed);
+    if let Some(library) = sys::loaded() {
+        limit_threads(library, threads);
+    }
 }
 
 /// A buffer for the message of a call that fails.
@@ -80,34 +90,40 @@ fn format_name(format: Format) -> &'static CStr {
 }
 
 /// An open file, on disk or in bytes that are borrowed for `'a`; the only owner of the shim's reader.
-struct Reader<'a>(NonNull<sys::BuffonOiioReader>, PhantomData<&'a [u8]>);
+struct Reader<'a> {
+    library: &'static sys::Functions,
+    reader: NonNull<sys::BuffonOiioReader>,
+    bytes: PhantomData<&'a [u8]>,
+}
 
 impl Drop for Reader<'_> {
     fn drop(&mut self) {
         // SAFETY: the pointer came from `buffon_oiio_open` or `buffon_oiio_open_memory`, this is its only owner and gives it up here.
-        unsafe { sys::buffon_oiio_close(self.0.as_ptr()) }
+        unsafe { self.library.buffon_oiio_close(self.reader.as_ptr()) }
     }
 }
 
 impl<'a> Reader<'a> {
     fn open(path: &Path, format: Format) -> Result<Self, String> {
-        let (path, mut message) = (c_path(path)?, Message::new());
+        let (library, path, mut message) = (library()?, c_path(path)?, Message::new());
         let (buffer, size) = message.buffer();
         // SAFETY: both names end with a NUL, and `size` bytes of `buffer` are ours to write.
         let reader =
-            unsafe { sys::buffon_oiio_open(path.as_ptr(), format_name(format).as_ptr(), buffer, size) };
-        NonNull::new(reader).map(|r| Reader(r, PhantomData)).ok_or_else(|| message.text())
+            unsafe { library.buffon_oiio_open(path.as_ptr(), format_name(format).as_ptr(), buffer, size) };
+        let reader = NonNull::new(reader).ok_or_else(|| message.text())?;
+        Ok(Reader { library, reader, bytes: PhantomData })
     }
 
     /// A file in memory.
     fn open_memory(bytes: &'a [u8], format: Format) -> Result<Self, String> {
-        let mut message = Message::new();
+        let (library, mut message) = (library()?, Message::new());
         let (buffer, size) = message.buffer();
         let (data, length, name) = (bytes.as_ptr(), bytes.len(), format_name(format).as_ptr());
         // SAFETY: `data` are `length` bytes, which the reader only reads and which live as long as it does (`'a`); the
         // name ends with a NUL, and `size` bytes of `buffer` are ours to write.
-        let reader = unsafe { sys::buffon_oiio_open_memory(data, length, name, buffer, size) };
-        NonNull::new(reader).map(|r| Reader(r, PhantomData)).ok_or_else(|| message.text())
+        let reader = unsafe { library.buffon_oiio_open_memory(data, length, name, buffer, size) };
+        let reader = NonNull::new(reader).ok_or_else(|| message.text())?;
+        Ok(Reader { library, reader, bytes: PhantomData })
     }
 
     /// Goes to a part; `None` after the last.
@@ -124,7 +140,7 @@ impl<'a> Reader<'a> {
             name: ptr::null(),
         };
         // SAFETY: the reader is open, `part` and `size` bytes of `buffer` are ours to write.
-        match unsafe { sys::buffon_oiio_part(self.0.as_ptr(), index, &mut part, buffer, size) } {
+        match unsafe { self.library.buffon_oiio_part(self.reader.as_ptr(), index, &mut part, buffer, size) } {
             0 if message.0[0] == 0 => Ok(None),
             0 => Err(message.text()),
             _ => Ok(Some(part)),
@@ -136,7 +152,7 @@ impl<'a> Reader<'a> {
         (0..count)
             .map(|c| {
                 // SAFETY: the reader is open; a name that is not null lives until the next `part`.
-                unsafe { text(sys::buffon_oiio_channel(self.0.as_ptr(), c)) }
+                unsafe { text(self.library.buffon_oiio_channel(self.reader.as_ptr(), c)) }
             })
             .collect()
     }
@@ -147,7 +163,7 @@ impl<'a> Reader<'a> {
         for index in 0..count {
             let mut a = attribute(ptr::null());
             // SAFETY: the reader is open and `a` is ours to write.
-            if unsafe { sys::buffon_oiio_attribute(self.0.as_ptr(), index, &mut a) } == 0 {
+            if unsafe { self.library.buffon_oiio_attribute(self.reader.as_ptr(), index, &mut a) } == 0 {
                 continue;
             }
             let value = match a.kind as u32 {
@@ -173,8 +189,9 @@ impl<'a> Reader<'a> {
         let (buffer, size) = message.buffer();
         // SAFETY: the reader is open; `data` has the length given, which the shim checks against the part;
         // `size` bytes of `buffer` are ours to write.
-        let done =
-            unsafe { sys::buffon_oiio_read(self.0.as_ptr(), data.as_mut_ptr(), data.len(), buffer, size) };
+        let done = unsafe {
+            self.library.buffon_oiio_read(self.reader.as_ptr(), data.as_mut_ptr(), data.len(), buffer, size)
+        };
         if done == 0 { Err(message.text()) } else { Ok(data) }
     }
 
@@ -182,7 +199,7 @@ impl<'a> Reader<'a> {
     fn samples(&mut self, part: &sys::BuffonOiioPart, most: u64) -> Result<Samples, String> {
         let (count, mut message) = (values(part, most)?, Message::new());
         let (buffer, size) = message.buffer();
-        let reader = self.0.as_ptr();
+        let (library, reader) = (self.library, self.reader.as_ptr());
         let (samples, done) = match part.sample as u32 {
             sys::BUFFON_OIIO_SAMPLE_BYTE => {
                 let mut bytes = vec![0u8; count];
@@ -190,7 +207,7 @@ impl<'a> Reader<'a> {
                 // shim checks both against the part; `size` bytes of `buffer` are ours to write.
                 let done = unsafe {
                     let to = bytes.as_mut_ptr().cast();
-                    sys::buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
+                    library.buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
                 };
                 (Samples::Bytes(bytes), done)
             }
@@ -199,7 +216,7 @@ impl<'a> Reader<'a> {
                 // SAFETY: as above.
                 let done = unsafe {
                     let to = shorts.as_mut_ptr().cast();
-                    sys::buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
+                    library.buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
                 };
                 (Samples::Shorts(shorts), done)
             }
@@ -327,12 +344,15 @@ struct Job<'a> {
 }
 
 /// An encoded file; the only owner of the shim's buffer.
-struct Buffer(NonNull<sys::BuffonOiioBuffer>);
+struct Buffer {
+    library: &'static sys::Functions,
+    buffer: NonNull<sys::BuffonOiioBuffer>,
+}
 
 impl Drop for Buffer {
     fn drop(&mut self) {
         // SAFETY: the pointer came from `buffon_oiio_encode`, this is its only owner and gives it up here.
-        unsafe { sys::buffon_oiio_free(self.0.as_ptr()) }
+        unsafe { self.library.buffon_oiio_free(self.buffer.as_ptr()) }
     }
 }
 
@@ -342,7 +362,7 @@ impl Buffer {
         // SAFETY: the buffer is alive, and so for as long as `self` are the `size` bytes that are returned;
         // there are some, because every format has a header.
         unsafe {
-            let bytes = sys::buffon_oiio_bytes(self.0.as_ptr(), &mut size);
+            let bytes = self.library.buffon_oiio_bytes(self.buffer.as_ptr(), &mut size);
             std::slice::from_raw_parts(bytes, size).to_vec()
         }
     }
@@ -350,6 +370,7 @@ impl Buffer {
 
 /// The bytes of a file.
 fn encode(job: &Job) -> Result<Vec<u8>, String> {
+    let library = library()?;
     let names: Vec<CString> = job.channels.iter().map(c_text).collect::<Result<_, _>>()?;
     let name_pointers: Vec<*const c_char> = names.iter().map(|n| n.as_ptr()).collect();
     let compression = c_text(&job.compression)?;
@@ -376,8 +397,9 @@ fn encode(job: &Job) -> Result<Vec<u8>, String> {
     // SAFETY: all strings end with a NUL and, like the arrays, outlive the call; there are as many names and sample
     // formats as channels, and exactly one of the pixel buffers is given, of the length that size and channels ask for;
     // `size` bytes of `buffer` are ours to write.
-    let encoded = unsafe { sys::buffon_oiio_encode(&output, buffer, size) };
-    NonNull::new(encoded).map(|b| Buffer(b).bytes()).ok_or_else(|| message.text())
+    let encoded = unsafe { library.buffon_oiio_encode(&output, buffer, size) };
+    let buffer = NonNull::new(encoded).ok_or_else(|| message.text())?;
+    Ok(Buffer { library, buffer }.bytes())
 }
 
 /// The bytes of an OpenEXR file of one part.
@@ -448,6 +470,7 @@ fn shape(image: &Image) -> Result<[i32; 3], String> {
 pub(super) fn difference(a: &Image, b: &Image) -> Result<Difference, String> {
     let [width, height, channels] = shape(a)?;
     assert_eq!(shape(b)?, [width, height, channels], "images of different shape");
+    let library = library()?;
     let mut found =
         sys::BuffonOiioDifference { mean: 0.0, rms: 0.0, psnr: 0.0, max: 0.0, x: 0, y: 0, channel: 0 };
     let mut message = Message::new();
@@ -455,8 +478,9 @@ pub(super) fn difference(a: &Image, b: &Image) -> Result<Difference, String> {
     let (first, second) = (a.data.as_ptr(), b.data.as_ptr());
     // SAFETY: both images hold width * height * channels values, as `shape` has made sure, and are only read;
     // `found` and `size` bytes of `buffer` are ours to write.
-    let done =
-        unsafe { sys::buffon_oiio_compare(first, second, width, height, channels, &mut found, buffer, size) };
+    let done = unsafe {
+        library.buffon_oiio_compare(first, second, width, height, channels, &mut found, buffer, size)
+    };
     if done == 0 {
         return Err(message.text());
     }
@@ -469,18 +493,4 @@ pub(super) fn difference(a: &Image, b: &Image) -> Result<Difference, String> {
         y: found.y as usize,
         channel: found.channel as usize,
     })
-}
-
-/// How many values are NaN and how many infinite.
-pub(super) fn count_invalid(image: &Image) -> Result<(u64, u64), String> {
-    let [width, height, channels] = shape(image)?;
-    let (mut nan, mut inf) = (0, 0);
-    let mut message = Message::new();
-    let (buffer, size) = message.buffer();
-    let pixels = image.data.as_ptr();
-    // SAFETY: the image holds width * height * channels values, as `shape` has made sure, and is only read;
-    // the counters and `size` bytes of `buffer` are ours to write.
-    let done =
-        unsafe { sys::buffon_oiio_count(pixels, width, height, channels, &mut nan, &mut inf, buffer, size) };
-    if done == 0 { Err(message.text()) } else { Ok((nan, inf)) }
 }

@@ -266,9 +266,3 @@ pub(super) fn difference(a: &Image, b: &Image) -> Difference {
         channel: largest.index % channels,
     }
 }
-
-/// How many values are NaN and how many infinite.
-pub(super) fn count_invalid(image: &Image) -> (u64, u64) {
-    let count = |is: fn(&&f32) -> bool| image.data.iter().filter(is).count() as u64;
-    (count(|v| v.is_nan()), count(|v| v.is_infinite()))
-}

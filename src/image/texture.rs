@@ -24,7 +24,7 @@ fn decoded(top: u32) -> Vec<f32> {
 }
 
 /// A picture without alpha: grey, or linear Rec.709 RGB once its codes are looked up.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TextureImage {
     width: usize,
     height: usize,
@@ -34,7 +34,7 @@ pub struct TextureImage {
 }
 
 /// Samples: rows from the top, pixels from the left, channels interleaved.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 enum Texels {
     Bytes { codes: Vec<u8>, values: &'static [f32] },
     Shorts { codes: Vec<u16>, values: &'static [f32] },

@@ -6,7 +6,6 @@ use crate::memory::Budget;
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use crate::sensor::Camera;
-use std::hash::{DefaultHasher, Hasher};
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
@@ -96,11 +95,4 @@ pub(super) fn refuse_motion(integrator: &str, kept: &str, scene: &Scene) -> Resu
              rest, or one of path, ptracer, sppm and distribution"
         ))),
     }
-}
-
-/// The hash of a text that says what the content of a [`CacheFile`] depends on.
-pub fn hash_of(text: &str) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    hasher.write(text.as_bytes());
-    hasher.finish()
 }

@@ -3,7 +3,7 @@
 use super::photon::Kernel;
 
 /// A feature of the first surface that a camera ray meets, written as an image layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Aov {
     /// Share of the light that a diffuse white illumination would send back.
     Albedo,
@@ -36,7 +36,7 @@ pub enum Aov {
 }
 
 /// An image layer: its name in the file and what it holds.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Layer {
     /// Prefix of the channel names.
     pub name: String,
@@ -45,7 +45,7 @@ pub struct Layer {
 }
 
 /// Path integrator. [Kajiya 1986; Veach 1997]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PathSettings {
     /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
     pub max_depth: Option<u32>,
@@ -62,7 +62,7 @@ impl Default for PathSettings {
 }
 
 /// Direct illumination only.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct DirectSettings {
     /// Samples of the emitters at each shading point.
     pub emitter_samples: u32,
@@ -79,7 +79,7 @@ impl Default for DirectSettings {
 }
 
 /// Hard shadows, mirrors and glass. [Whitted 1980]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct WhittedSettings {
     /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light (ray casting). At most
     /// [`MAX_DEPTH`](Self::MAX_DEPTH).
@@ -102,7 +102,7 @@ impl Default for WhittedSettings {
 }
 
 /// Distribution ray tracing. [Cook 1984]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct DistributionSettings {
     /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light.
     pub max_depth: u32,
@@ -132,7 +132,7 @@ impl Default for DistributionSettings {
 }
 
 /// Light tracing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PtracerSettings {
     /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
     pub max_depth: Option<u32>,
@@ -149,7 +149,7 @@ impl Default for PtracerSettings {
 }
 
 /// Irradiance caching around another integrator. [Ward 1988]
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct IrrcacheSettings {
     /// Rings of elevation of a record's hemisphere, at least 2; there are π times as many sectors of azimuth. Each of
     /// the eight replicates has records of its own.
@@ -192,7 +192,7 @@ impl Default for IrrcacheSettings {
 }
 
 /// Photon maps and final gathering. [Jensen 2001]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PhotonmapperSettings {
     /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
     pub max_depth: Option<u32>,
@@ -223,7 +223,7 @@ pub struct PhotonmapperSettings {
 }
 
 /// What a photon mapper shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum PhotonDebug {
     /// The picture.
     #[default]
@@ -255,7 +255,7 @@ impl Default for PhotonmapperSettings {
 }
 
 /// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SppmSettings {
     /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
     pub max_depth: Option<u32>,
@@ -288,7 +288,7 @@ impl Default for SppmSettings {
 }
 
 /// An integrator and its parameters.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Settings {
     /// Path tracing.
     Path(PathSettings),

@@ -6,7 +6,7 @@ use crate::color::Rgb;
 use crate::ids::{MaterialId, TextureId};
 
 /// A parameter that is the same everywhere, or read from a texture.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Input<T> {
     /// The same everywhere.
     Constant(T),
@@ -39,7 +39,7 @@ impl<T: Copy> Input<T> {
 }
 
 /// The normals of microfacets: their distribution and roughness.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Roughness {
     /// The family.
     pub distribution: Distribution,
@@ -50,7 +50,7 @@ pub struct Roughness {
 }
 
 /// A boundary between two dielectrics.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Interface {
     /// Index of refraction on the side that the normal points away from.
     pub int_ior: f32,
@@ -68,7 +68,7 @@ impl Interface {
 }
 
 /// A conductor's complex index of refraction relative to the outside, and a factor on its reflection.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Metal {
     /// Real part.
     pub eta: Input<Rgb>,
@@ -79,7 +79,7 @@ pub struct Metal {
 }
 
 /// A material, as a scene names it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Material {
     /// Ideal Lambertian reflection.
     Diffuse {
@@ -156,7 +156,7 @@ pub enum Material {
 }
 
 /// What lies under a dielectric coat.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Coated {
     /// Reflectance of the base.
     pub diffuse_reflectance: Input<Rgb>,
@@ -165,7 +165,7 @@ pub struct Coated {
 }
 
 /// How bent normals are used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Bending {
     /// Whether a normal that looks away from the viewer is mirrored to look at him. [Schüßler 2017]
     pub flip_invalid: bool,
@@ -174,7 +174,7 @@ pub struct Bending {
 }
 
 /// Parameters of the principled model, each in [0, 1] but where it says otherwise.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Principled {
     /// Colour of the surface.
     pub base_color: Input<Rgb>,
@@ -203,7 +203,7 @@ pub struct Principled {
 }
 
 /// Parameters of the principled model for thin sheets, each in [0, 1] but where it says otherwise.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PrincipledThin {
     /// Colour of the surface.
     pub base_color: Input<Rgb>,

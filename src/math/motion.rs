@@ -6,14 +6,14 @@ use super::{DAffine3, DMat3, DQuat, DVec3};
 ///
 /// Between two keys translation and scale change linearly and the rotation turns at constant speed. [Shoemake 1985] Keys
 /// with shear, where there is no such decomposition, are interpolated entry by entry.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Motion {
     /// At least one key, by increasing time.
     keys: Vec<Key>,
 }
 
 /// The transform at a time.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 struct Key {
     time: f64,
     transform: DAffine3,

@@ -68,7 +68,7 @@ impl Distribution2D {
 
 /// A density over the unit square that is bilinear between the vertices of a grid. The columns are equally spaced, the
 /// rows where they are asked for.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct BilinearDistribution2D {
     /// Vertices in a row.
     width: usize,

@@ -66,7 +66,7 @@ impl FromStr for Domain {
 }
 
 /// A set of domains.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct DomainSet(u8);
 
 impl DomainSet {

@@ -12,11 +12,12 @@ use crate::texture::Texture;
 use std::sync::Arc;
 
 /// A shape placed in the world.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct PlacedShape {
     /// The scene file's name for it; may be empty.
     pub name: String,
-    /// Where the scene file says it, for messages.
+    /// Where the scene file says it, for messages; no part of what the scene is.
+    #[serde(skip)]
     pub place: Option<Place>,
     /// The shape in its own coordinates.
     pub shape: Shape,
@@ -31,11 +32,12 @@ pub struct PlacedShape {
 }
 
 /// A group of shapes placed in the world.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct PlacedGroup {
     /// The scene file's name for it; may be empty.
     pub name: String,
-    /// Where the scene file says it, for messages.
+    /// Where the scene file says it, for messages; no part of what the scene is.
+    #[serde(skip)]
     pub place: Option<Place>,
     /// The group, as an index into [`Description::groups`].
     pub group: usize,
@@ -44,7 +46,7 @@ pub struct PlacedGroup {
 }
 
 /// A whole scene, before it is compiled.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Description {
     /// The shapes in file order.
     pub shapes: Vec<PlacedShape>,

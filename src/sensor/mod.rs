@@ -8,7 +8,7 @@ use crate::film::FilmSettings;
 use crate::math::Motion;
 
 /// Which extent of the image a field of view spans.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum FovAxis {
     /// The width.
     X,
@@ -23,7 +23,7 @@ pub enum FovAxis {
 }
 
 /// How points in front of a sensor are mapped to its image.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Projection {
     /// Lines through the sensor's origin.
     Perspective {
@@ -39,7 +39,7 @@ pub enum Projection {
 }
 
 /// A lens without thickness, at the sensor's origin.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ThinLens {
     /// Radius of the aperture, positive, in units of the world.
     pub aperture_radius: f64,
@@ -48,7 +48,7 @@ pub struct ThinLens {
 }
 
 /// A sensor as a scene describes it: it looks along +z of its own coordinates, y up, x to the left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SensorSettings {
     /// The scene file's name for it; may be empty.
     pub name: String,

@@ -5,13 +5,13 @@
 //! sampler, stop rules) into renders.
 
 pub mod checkpoint;
-pub mod hash;
 mod memory;
+pub mod origin;
 mod picture;
 mod plan;
 
-pub use hash::Origin;
 pub use memory::RenderMemory;
+pub use origin::Origin;
 pub use picture::Picture;
 pub use plan::{Choices, Plan};
 
@@ -117,9 +117,8 @@ impl SceneFile {
     }
 
     /// What renders of it belong to.
-    pub fn origin(&mut self) -> Origin {
-        let view = hash::of(format_args!("{:?}", self.description.sensors[self.sensor]));
-        Origin { scene: hash::scene(&mut self.description), view }
+    pub fn origin(&self) -> Origin {
+        Origin::of(&self.description, self.sensor)
     }
 
     /// Compiles the scene for a traversal, with so many threads.

@@ -7,7 +7,7 @@ use crate::texture::Attribute;
 ///
 /// `normals` and `uvs` are empty or have one entry per position. A triangle's geometric normal is
 /// `(p1 − p0) × (p2 − p0)`, its front the side that this points to.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Mesh {
     /// Vertex positions.
     pub positions: Vec<Vec3>,

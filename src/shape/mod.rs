@@ -12,7 +12,7 @@ pub use world::{TriangleMesh, WorldShape};
 use crate::math::Vec3;
 
 /// A shape in its own coordinates, as a scene names it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Shape {
     /// A triangle mesh.
     Mesh(Mesh),

@@ -7,7 +7,7 @@ use crate::color::Rgb;
 use crate::math::Vec2;
 
 /// Another texture's values times a factor plus an offset; where a threshold is given, 1 from there on and 0 below.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Adjusted {
     /// What is adjusted.
     pub texture: Arc<Texture>,
@@ -78,7 +78,7 @@ impl Adjusted {
 }
 
 /// The product of two textures.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Product(pub [Arc<Texture>; 2]);
 
 impl Product {

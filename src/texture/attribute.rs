@@ -4,7 +4,7 @@ use super::TexturePoint;
 use crate::color::Rgb;
 
 /// One, two, three or more numbers for each vertex or each face of a mesh.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Attribute {
     /// Its name, with the prefix `vertex_` or `face_`.
     pub name: String,
@@ -33,7 +33,7 @@ impl Attribute {
 }
 
 /// A texture that reads an attribute of the mesh that it lies on.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct MeshAttribute {
     /// The attribute's name.
     pub name: String,

@@ -8,7 +8,7 @@ use crate::image::TextureImage;
 use crate::math::{Affine2, Vec2};
 
 /// How values between texels' centres are found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum FilterType {
     /// Interpolated bilinearly between the four nearest centres.
     #[default]
@@ -18,7 +18,7 @@ pub enum FilterType {
 }
 
 /// What lies outside of the unit square.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum WrapMode {
     /// Copies of the image.
     #[default]
@@ -48,7 +48,7 @@ impl WrapMode {
 
 /// An image over the unit square: its first row touches v = 0, its first column u = 0, and texel (i, j) has its centre
 /// at ((i + ½)/width, (j + ½)/height).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Bitmap {
     image: Arc<TextureImage>,
     filter_type: FilterType,

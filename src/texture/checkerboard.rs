@@ -5,7 +5,7 @@ use crate::color::Rgb;
 use crate::math::{Affine2, Vec2};
 
 /// Two textures in squares of half a unit; the first lies around (¼, ¼).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Checkerboard {
     colors: Box<[Texture; 2]>,
     to_uv: Affine2,

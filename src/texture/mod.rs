@@ -40,7 +40,7 @@ impl TexturePoint<'_> {
 }
 
 /// A texture.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub enum Texture {
     /// The same everywhere.
     Constant(Rgb),

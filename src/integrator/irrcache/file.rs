@@ -1,9 +1,8 @@
 //! Irradiance caches in a file.
 //!
-//! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and of the
-//! settings that records depend on (u64 each). Then how many views the records serve (u32) and the hash of each (u64), how many
-//! replicates there are (u32) and how many records in each of their caches (the fine ones, then the coarse ones; u64
-//! each), the records, 28 numbers (f32) each, and the CRC-32 (as u64) of everything before it.
+//! A [container](crate::util::container). Its header has the hashes of the scene, of the settings that records depend on and
+//! of the views that the records serve, and how many records the fine and the coarse cache of each replicate have. Its body
+//! is the records, fine ones first, 28 numbers (f32) each.
 
 use super::hemisphere::Gradient;
 use super::record::Record;
@@ -11,13 +10,24 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::sampling::SHARED_REPLICATES;
-use crate::util::replace;
+use crate::util::container::{Body, Format};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-const MAGIC: &[u8; 8] = b"BUFFONIC";
-const VERSION: u32 = 3;
+const FORMAT: Format = Format { magic: *b"BUFFONIC", version: 4, name: "a file of irradiance records" };
 /// Numbers of a record.
 const NUMBERS: usize = 28;
+const RECORD_BYTES: usize = 4 * NUMBERS;
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    scene: u64,
+    settings: u64,
+    views: Vec<u64>,
+    /// Numbers of records.
+    fine: Vec<u64>,
+    coarse: Vec<u64>,
+}
 
 /// What a file holds.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -45,21 +55,18 @@ impl Kept {
 /// # Errors
 /// If the file cannot be written.
 pub fn save(path: &Path, kept: &Kept) -> Result<()> {
-    let count: usize = kept.caches().map(Vec::len).sum();
-    let mut bytes = Vec::with_capacity(count * NUMBERS * 4 + 128);
-    bytes.extend(MAGIC);
-    bytes.extend(VERSION.to_le_bytes());
-    bytes.extend(kept.scene.to_le_bytes());
-    bytes.extend(kept.settings.to_le_bytes());
-    bytes.extend((kept.views.len() as u32).to_le_bytes());
-    kept.views.iter().for_each(|view| bytes.extend(view.to_le_bytes()));
-    bytes.extend((kept.fine.len() as u32).to_le_bytes());
-    kept.caches().for_each(|records| bytes.extend((records.len() as u64).to_le_bytes()));
-    for record in kept.caches().flatten() {
-        numbers(record).iter().for_each(|number| bytes.extend(number.to_le_bytes()));
-    }
-    bytes.extend(checksum(&bytes).to_le_bytes());
-    replace(path, &bytes)
+    let counts = |caches: &[Vec<Record>]| caches.iter().map(|records| records.len() as u64).collect();
+    let header = Header {
+        scene: kept.scene,
+        settings: kept.settings,
+        views: kept.views.clone(),
+        fine: counts(&kept.fine),
+        coarse: counts(&kept.coarse),
+    };
+    FORMAT.save(path, &header, |body| {
+        let numbers = kept.caches().flatten().flat_map(numbers);
+        numbers.into_iter().try_for_each(|number| body.write_all(&number.to_le_bytes()))
+    })
 }
 
 /// Reads the caches of a file.
@@ -67,31 +74,35 @@ pub fn save(path: &Path, kept: &Kept) -> Result<()> {
 /// # Errors
 /// If the file cannot be read, holds something else, or is damaged.
 pub fn load(path: &Path) -> Result<Kept> {
-    let cannot = |e: std::io::Error| refuse(path, &format!("cannot be read: {e}"));
-    if !std::fs::metadata(path).map_err(cannot)?.is_file() {
-        return Err(refuse(path, "is not a file"));
+    read(path).map_err(|why| refuse(path, &format!("{why}; remove it, or name another file")))
+}
+
+fn read(path: &Path) -> Result<Kept, String> {
+    let (header, mut body) = FORMAT.open::<Header>(path)?;
+    let Header { scene, settings, views, fine, coarse } = header;
+    let replicates = fine.len();
+    if replicates > SHARED_REPLICATES as usize || coarse.len() != replicates {
+        return Err("is damaged: its header has an impossible number of replicates".into());
     }
-    let bytes = std::fs::read(path).map_err(cannot)?;
-    let Some(rest) = bytes.strip_prefix(MAGIC) else {
-        return Err(refuse(
-            path,
-            "is no file of irradiance records; another name, or its removal, would help",
-        ));
-    };
-    let damaged = || refuse(path, "is damaged; remove it, and it will be made anew");
-    let (body, sum) = bytes.split_last_chunk::<8>().ok_or_else(damaged)?;
-    let mut reader = Reader(rest);
-    let version = reader.u32().ok_or_else(damaged)?;
-    if version != VERSION {
-        return Err(refuse(
-            path,
-            &format!("has version {version}, expected {VERSION}; remove it, and it will be made anew"),
-        ));
+    let count = fine.iter().chain(&coarse).try_fold(0u64, |sum, count| sum.checked_add(*count));
+    body.expect_length(count.and_then(|count| count.checked_mul(RECORD_BYTES as u64)))?;
+    let mut caches = |counts: Vec<u64>| counts.into_iter().map(|count| records(&mut body, count)).collect();
+    let (fine, coarse): (Result<_, String>, Result<_, String>) = (caches(fine), caches(coarse));
+    let kept = Kept { scene, settings, views, fine: fine?, coarse: coarse? };
+    body.finish()?;
+    Ok(kept)
+}
+
+fn records(body: &mut Body, count: u64) -> Result<Vec<Record>, String> {
+    let mut records = Vec::with_capacity(count as usize);
+    let mut bytes = [0; RECORD_BYTES];
+    for _ in 0..count {
+        body.read(&mut bytes)?;
+        let words = bytes.as_chunks::<4>().0;
+        let numbers = std::array::from_fn(|i| f32::from_le_bytes(words[i]));
+        records.push(record(&numbers).ok_or("is damaged: it has numbers that are those of no record")?);
     }
-    if checksum(body) != u64::from_le_bytes(*sum) {
-        return Err(damaged());
-    }
-    reader.kept().ok_or_else(damaged)
+    Ok(records)
 }
 
 fn refuse(path: &Path, what: &str) -> Error {
@@ -113,10 +124,6 @@ pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<Kept> {
         return stale("other settings of the integrator");
     }
     Ok(kept)
-}
-
-fn checksum(bytes: &[u8]) -> u64 {
-    u64::from(crc32fast::hash(bytes))
 }
 
 fn numbers(record: &Record) -> [f32; NUMBERS] {
@@ -144,48 +151,6 @@ fn record(n: &[f32; NUMBERS]) -> Option<Record> {
         rotation: gradient(10),
         translation: gradient(19),
     })
-}
-
-struct Reader<'a>(&'a [u8]);
-
-impl Reader<'_> {
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
-        Some(*first)
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    /// What follows the version; nothing is allocated that the file has no bytes for.
-    fn kept(&mut self) -> Option<Kept> {
-        let mut kept = Kept { scene: self.u64()?, settings: self.u64()?, ..Kept::default() };
-        for _ in 0..self.u32()? {
-            kept.views.push(self.u64()?);
-        }
-        let replicates = self.u32().filter(|n| *n <= SHARED_REPLICATES)?;
-        let counts = (0..2 * replicates).map(|_| self.u64()).collect::<Option<Vec<u64>>>()?;
-        let (fine, coarse) = counts.split_at(replicates as usize);
-        kept.fine = fine.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
-        kept.coarse = coarse.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
-        (self.0.len() == 8).then_some(kept)
-    }
-
-    fn records(&mut self, count: u64) -> Option<Vec<Record>> {
-        let mut records = Vec::new();
-        for _ in 0..count {
-            let bytes = self.array::<{ NUMBERS * 4 }>()?;
-            let words = bytes.as_chunks::<4>().0;
-            records.push(record(&std::array::from_fn(|i| f32::from_le_bytes(words[i])))?);
-        }
-        Some(records)
-    }
 }
 
 #[cfg(test)]
@@ -221,42 +186,34 @@ mod tests {
     }
 
     #[test]
-    fn stale_foreign_and_damaged_files_are_refused() {
+    fn stale_and_damaged_files_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("cache");
         save(&path, &kept()).expect("written");
         let said = |scene, settings| load_for(&path, scene, settings).expect_err("refused").message;
         assert!(said(7, 2).contains("another scene"));
         assert!(said(1, 7).contains("other settings"));
-        let whole = std::fs::read(&path).expect("bytes");
-        for (i, what) in
-            [(0, "is no file of irradiance"), (8, "has version"), (20, "is damaged"), (200, "is damaged")]
-        {
-            let mut bytes = whole.clone();
-            bytes[i] ^= 0x40;
-            std::fs::write(&path, &bytes).expect("written");
-            let message = said(1, 2);
-            assert!(message.contains(what), "{message}");
-        }
-        for length in [0, 7, 8, 11, 40, whole.len() - 1] {
-            std::fs::write(&path, &whole[..length]).expect("written");
-            load(&path).expect_err("refused");
-        }
-        // A count that the file has no bytes for, with the right checksum.
-        let mut bytes = whole[..whole.len() - 8].to_vec();
-        bytes[52 + 7] = 0xff;
-        let sum = checksum(&bytes);
-        bytes.extend(sum.to_le_bytes());
-        std::fs::write(&path, &bytes).expect("written");
-        load(&path).expect_err("refused");
-    }
-
-    #[test]
-    fn what_is_not_a_file_is_not_read() {
-        let folder = tempfile::tempdir().expect("a folder");
-        for path in [folder.path(), Path::new("/dev/zero")] {
-            assert!(load(path).expect_err("refused").message.ends_with("it is not a file"));
-        }
+        let mut header =
+            Header { scene: 1, settings: 2, views: vec![], fine: vec![1 << 40], coarse: vec![0] };
+        let message = |header: &Header, number: f32| {
+            FORMAT
+                .save(&path, header, |body| body.write_all(&number.to_le_bytes().repeat(NUMBERS)))
+                .expect("written");
+            said(1, 2).split_once("it ").expect("a sentence").1.to_string()
+        };
+        let end = "; remove it, or name another file";
+        let many = "is damaged: it has 112 bytes after its header, expected 123145302310912";
+        assert_eq!(message(&header, 1.0), format!("{many}{end}"));
+        header.fine = vec![u64::MAX];
+        header.coarse = vec![2];
+        let endless = "is damaged: its header asks for more bytes than a file can have";
+        assert_eq!(message(&header, 1.0), format!("{endless}{end}"));
+        header.fine = vec![1; 2];
+        let replicates = "is damaged: its header has an impossible number of replicates";
+        assert_eq!(message(&header, 1.0), format!("{replicates}{end}"));
+        (header.fine, header.coarse) = (vec![1], vec![0]);
+        let numbers = "is damaged: it has numbers that are those of no record";
+        assert_eq!(message(&header, f32::NAN), format!("{numbers}{end}"));
     }
 
     proptest! {
@@ -267,29 +224,22 @@ mod tests {
             ..ProptestConfig::default()
         })]
 
-        /// Whatever becomes of a file, reading it ends with records that can be interpolated among or with a sentence; under a
-        /// checksum that was put right, too.
+        /// Records with any finite numbers can be interpolated among.
         #[test]
-        fn mutated_files_are_read_or_refused(
-            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
-            end in prop::option::weighted(0.2, any::<prop::sample::Index>()),
-            in_header: bool,
-            repaired: bool,
+        fn mutated_records_are_read_or_refused(
+            edits in prop::collection::vec((0..9 * RECORD_BYTES - 4, any::<[u8; 4]>()), 1..4),
         ) {
             let folder = tempfile::tempdir().expect("a folder");
             let path = folder.path().join("cache");
-            save(&path, &kept()).expect("written");
-            let mut bytes = std::fs::read(&path).expect("bytes");
-            bytes.truncate(bytes.len() - 8);
-            let reach = if in_header { 80 } else { bytes.len() - 4 };
-            for (at, new, length) in edits {
-                let at = at.index(reach);
-                bytes[at..at + length].copy_from_slice(&new[..length]);
+            let all = kept();
+            let numbers = all.caches().flatten().flat_map(numbers);
+            let mut bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
+            for (at, new) in edits {
+                bytes[at..at + 4].copy_from_slice(&new);
             }
-            let sum = if repaired { checksum(&bytes) } else { 0 };
-            bytes.extend(sum.to_le_bytes());
-            bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
-            std::fs::write(&path, &bytes).expect("written");
+            let (fine, coarse) = (vec![3, 0], vec![5, 1]);
+            let header = Header { scene: 1, settings: 2, views: vec![], fine, coarse };
+            FORMAT.save(&path, &header, |body| body.write_all(&bytes)).expect("written");
             match load(&path) {
                 Ok(kept) => {
                     let bounds = Bounds { min: Vec3::ZERO, max: Vec3::splat(2.0) };
@@ -301,7 +251,7 @@ mod tests {
                         }
                     }
                 }
-                Err(error) => prop_assert!(error.message.starts_with("--cache "), "{error}"),
+                Err(error) => prop_assert!(error.message.contains("those of no record"), "{error}"),
             }
         }
     }

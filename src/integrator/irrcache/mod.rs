@@ -28,13 +28,14 @@ pub mod weight;
 
 use super::preparation::refuse_motion;
 use super::settings::{Aov, IrrcacheSettings, PathSettings, PhotonmapperSettings, Settings};
-use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create, preparation};
+use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create};
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::{Bounds, DVec2, Ray, Vec2, Vec3};
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
+use crate::util::digest;
 use file::Kept;
 use interpolation::Interpolation;
 use overture::Level;
@@ -106,10 +107,7 @@ impl IrradianceCache {
         let replicates = preparation.sampler.replicates();
         let IrrcacheSettings { resolution, quality, gradients, clamp_neighbor, clamp_screen, child, .. } =
             &self.settings;
-        let text = format!(
-            "{resolution} {quality} {gradients} {clamp_neighbor} {clamp_screen} {child:?} {replicates}"
-        );
-        preparation::hash_of(&text)
+        digest(&(resolution, quality, gradients, clamp_neighbor, clamp_screen, child, replicates))
     }
 
     /// What the file has, or nothing yet.

@@ -1,31 +1,20 @@
 //! Photon maps in a file.
 //!
-//! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), how many maps there are (u32), and the
-//! hashes of the scene and of all else that the photons depend on (u64 each). For each map follow what light it
-//! holds (u32), its replicate (u32), how many photons there are and how many light paths brought them (u64 each);
-//! then the photons of all maps, 24 bytes each; then the CRC-32 (as u64) of everything before it.
+//! A [container](crate::util::container). Its header is [`Contents`]; its body is the photons of all maps, 24 bytes each.
 
 use super::{Photon, PhotonMap};
-use crate::error::{Error, Result, counted};
+use crate::error::{Error, Result};
 use crate::sampling::SHARED_REPLICATES;
-use crate::util::replace;
-use crc32fast::Hasher;
-use std::fs::File;
-use std::io::{self, BufReader, Read};
+use crate::util::container::{Body, Format};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-const MAGIC: [u8; 8] = *b"BUFFONPM";
-const VERSION: u32 = 3;
-const HEADER_BYTES: u64 = 32;
-const ENTRY_BYTES: u64 = 24;
-const CHECKSUM_BYTES: u64 = 8;
-/// More maps no render has.
-const MOST_MAPS: u32 = 16;
+const FORMAT: Format = Format { magic: *b"BUFFONPM", version: 4, name: "a file of photon maps" };
 /// Photons that are read at once.
 const CHUNK: usize = 4096;
 
 /// What the photons of a file depend on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// Hash of the scene, without sensors.
     pub scene: u64,
@@ -34,7 +23,7 @@ pub struct Origin {
 }
 
 /// Which light a map holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Light {
     /// All light but what comes from the emitters directly.
     Global,
@@ -53,7 +42,7 @@ impl Light {
 }
 
 /// Which map of a file it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Label {
     /// Which light it holds.
     pub light: Light,
@@ -62,7 +51,7 @@ pub struct Label {
 }
 
 /// What a file says of a map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
     /// Which map it is.
     pub label: Label,
@@ -73,7 +62,7 @@ pub struct Entry {
 }
 
 /// What a file says of itself.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Contents {
     /// What the photons depend on.
     pub origin: Origin,
@@ -86,24 +75,16 @@ pub struct Contents {
 /// # Errors
 /// If the file cannot be written.
 pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result<()> {
-    let photons: usize = maps.iter().map(|(_, map)| map.len()).sum();
-    let mut bytes = Vec::with_capacity(photons * Photon::BYTES + 256);
-    bytes.extend(MAGIC);
-    bytes.extend(VERSION.to_le_bytes());
-    bytes.extend((maps.len() as u32).to_le_bytes());
-    bytes.extend(origin.scene.to_le_bytes());
-    bytes.extend(origin.settings.to_le_bytes());
-    for (label, map) in maps {
-        bytes.extend((label.light as u32).to_le_bytes());
-        bytes.extend(label.replicate.to_le_bytes());
-        bytes.extend((map.len() as u64).to_le_bytes());
-        bytes.extend(map.emitted().to_le_bytes());
-    }
-    for photon in maps.iter().flat_map(|(_, map)| map.photons()) {
-        bytes.extend(photon.to_words().into_iter().flat_map(u32::to_le_bytes));
-    }
-    bytes.extend(u64::from(crc32fast::hash(&bytes)).to_le_bytes());
-    replace(path, &bytes)
+    let entry = |(label, map): &(Label, &PhotonMap)| Entry {
+        label: *label,
+        photons: map.len() as u64,
+        emitted: map.emitted(),
+    };
+    let contents = Contents { origin, maps: maps.iter().map(entry).collect() };
+    FORMAT.save(path, &contents, |body| {
+        let mut photons = maps.iter().flat_map(|(_, map)| map.photons());
+        photons.try_for_each(|photon| body.write_all(bytemuck::bytes_of(&photon.to_words().map(u32::to_le))))
+    })
 }
 
 /// Reads the maps of a file, which must be those of `origin`.
@@ -111,162 +92,74 @@ pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result
 /// # Errors
 /// If the file cannot be read, is not a file of photon maps, is damaged, or belongs to another scene or other settings.
 pub fn load(path: &Path, origin: Origin) -> Result<Vec<(Label, PhotonMap)>> {
-    let mut reader = Reader::open(path)?;
-    if reader.contents.origin.scene != origin.scene {
+    let (contents, body) = open(path)?;
+    if contents.origin.scene != origin.scene {
         return Err(bad(path, "it holds photons of another scene; remove it, or name another file"));
     }
-    if reader.contents.origin.settings != origin.settings {
+    if contents.origin.settings != origin.settings {
         let what = "it holds photons of other settings (integrator, sampler or seed); remove it, or name another file";
         return Err(bad(path, what));
     }
-    reader.photons()
+    read(&contents, body).map_err(|why| bad(path, why))
 }
 
-/// Reads what a file says of itself, and whether the rest of it is whole.
+/// Reads what a file says of itself, and checks the rest of it.
 ///
 /// # Errors
 /// As those of [`load`], but for the origin.
 pub fn read_contents(path: &Path) -> Result<Contents> {
-    let mut reader = Reader::open(path)?;
-    reader.photons()?;
-    Ok(reader.contents)
+    let (contents, body) = open(path)?;
+    read(&contents, body).map_err(|why| bad(path, why))?;
+    Ok(contents)
 }
 
-/// Whether a file begins as one of photon maps does.
+/// Returns whether a file begins as one of photon maps does.
 pub fn is_photon_file(path: &Path) -> bool {
-    let mut start = [0; MAGIC.len()];
-    path.is_file()
-        && File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok()
-        && start == MAGIC
+    FORMAT.is_of(path)
+}
+
+/// Reads a header, and checks it before anything is allocated for the photons.
+fn open(path: &Path) -> Result<(Contents, Body)> {
+    let (contents, body) = FORMAT.open::<Contents>(path).map_err(|why| bad(path, why))?;
+    if let Some(map) = contents.maps.iter().find(|map| map.label.replicate >= SHARED_REPLICATES) {
+        let (replicate, most) = (map.label.replicate, SHARED_REPLICATES - 1);
+        return Err(bad(path, format!("has a map for replicate {replicate}, expected at most {most}")));
+    }
+    let photons = contents.maps.iter().try_fold(0u64, |sum, map| sum.checked_add(map.photons));
+    body.expect_length(photons.and_then(|n| n.checked_mul(Photon::BYTES as u64)))
+        .map_err(|why| bad(path, why))?;
+    Ok((contents, body))
+}
+
+fn read(contents: &Contents, mut body: Body) -> Result<Vec<(Label, PhotonMap)>, String> {
+    let mut maps = Vec::new();
+    let mut chunk = [0; CHUNK * Photon::BYTES];
+    for entry in &contents.maps {
+        let mut left = entry.photons as usize;
+        let mut photons = Vec::with_capacity(left);
+        while left > 0 {
+            let now = left.min(CHUNK);
+            let bytes = &mut chunk[..now * Photon::BYTES];
+            body.read(bytes)?;
+            photons.extend(bytes.as_chunks::<{ Photon::BYTES }>().0.iter().map(photon));
+            left -= now;
+        }
+        maps.push((entry, photons));
+    }
+    body.finish()?;
+    maps.into_iter().map(|(entry, photons)| map(entry, photons)).collect()
+}
+
+fn map(entry: &Entry, photons: Vec<Photon>) -> Result<(Label, PhotonMap), String> {
+    let map = PhotonMap::new(photons, entry.emitted);
+    if map.dropped() > 0 || (entry.emitted == 0 && !map.is_empty()) {
+        return Err("holds photons that no light path has left".into());
+    }
+    Ok((entry.label, map))
 }
 
 fn bad(path: &Path, what: impl Into<String>) -> Error {
     Error::output(what).about("photon map").in_file(path)
-}
-
-/// A file whose header has been read, and whose length is what the header says.
-struct Reader<'a> {
-    path: &'a Path,
-    file: BufReader<File>,
-    checksum: Hasher,
-    contents: Contents,
-}
-
-impl<'a> Reader<'a> {
-    fn open(path: &'a Path) -> Result<Self> {
-        let cannot = |e: io::Error| bad(path, format!("cannot be read: {e}"));
-        let file = File::open(path).map_err(cannot)?;
-        let metadata = file.metadata().map_err(cannot)?;
-        if !metadata.is_file() {
-            return Err(bad(path, "is not a file"));
-        }
-        let contents = Contents { origin: Origin { scene: 0, settings: 0 }, maps: Vec::new() };
-        let mut reader = Reader { path, file: BufReader::new(file), checksum: Hasher::new(), contents };
-        reader.header(metadata.len())?;
-        Ok(reader)
-    }
-
-    /// Reads all but the photons; nothing is allocated for what the file has no room for.
-    fn header(&mut self, length: u64) -> Result<()> {
-        let magic: [u8; 8] = self.bytes()?;
-        if magic != MAGIC {
-            return Err(bad(self.path, "is not a file of photon maps"));
-        }
-        let [version, count] = [self.u32()?, self.u32()?];
-        if version != VERSION {
-            return Err(bad(self.path, format!("has version {version}, expected {VERSION}")));
-        }
-        if count > MOST_MAPS {
-            return Err(bad(self.path, format!("has {count} maps, expected at most {MOST_MAPS}")));
-        }
-        self.contents.origin = Origin { scene: self.u64()?, settings: self.u64()? };
-        for _ in 0..count {
-            let entry = self.entry()?;
-            self.contents.maps.push(entry);
-        }
-        let photons = self.contents.maps.iter().try_fold(0u64, |sum, map| sum.checked_add(map.photons));
-        let expected = photons.and_then(|n| n.checked_mul(Photon::BYTES as u64)).and_then(|bytes| {
-            bytes.checked_add(HEADER_BYTES + ENTRY_BYTES * u64::from(count) + CHECKSUM_BYTES)
-        });
-        match expected {
-            Some(expected) if expected == length => Ok(()),
-            Some(expected) => {
-                let is = counted(length, "byte", "bytes");
-                Err(bad(self.path, format!("has {is}, expected {expected} for its photons")))
-            }
-            None => Err(bad(self.path, "says that it has more photons than a file can hold")),
-        }
-    }
-
-    fn entry(&mut self) -> Result<Entry> {
-        let (light, replicate) = (self.u32()?, self.u32()?);
-        let light = match light {
-            0 => Light::Global,
-            1 => Light::Caustic,
-            other => return Err(bad(self.path, format!("has a map of unknown light {other}"))),
-        };
-        if replicate >= SHARED_REPLICATES {
-            let most = SHARED_REPLICATES - 1;
-            return Err(bad(
-                self.path,
-                format!("has a map for replicate {replicate}, expected at most {most}"),
-            ));
-        }
-        Ok(Entry { label: Label { light, replicate }, photons: self.u64()?, emitted: self.u64()? })
-    }
-
-    fn photons(&mut self) -> Result<Vec<(Label, PhotonMap)>> {
-        let mut maps = Vec::new();
-        for entry in self.contents.maps.clone() {
-            let mut left = entry.photons as usize;
-            let mut photons = Vec::with_capacity(left);
-            let mut chunk = [0; CHUNK * Photon::BYTES];
-            while left > 0 {
-                let now = left.min(CHUNK);
-                let bytes = &mut chunk[..now * Photon::BYTES];
-                self.fill(bytes)?;
-                photons.extend(bytes.as_chunks::<{ Photon::BYTES }>().0.iter().map(photon));
-                left -= now;
-            }
-            maps.push((entry, photons));
-        }
-        let sum = self.checksum.clone().finalize();
-        if self.u64()? != u64::from(sum) {
-            return Err(bad(self.path, "is damaged: its checksum is not that of its bytes"));
-        }
-        maps.into_iter().map(|(entry, photons)| self.map(entry, photons)).collect()
-    }
-
-    fn map(&self, entry: Entry, photons: Vec<Photon>) -> Result<(Label, PhotonMap)> {
-        let map = PhotonMap::new(photons, entry.emitted);
-        if map.dropped() > 0 || (entry.emitted == 0 && !map.is_empty()) {
-            return Err(bad(self.path, "holds photons that no light path has left"));
-        }
-        Ok((entry.label, map))
-    }
-
-    fn fill(&mut self, bytes: &mut [u8]) -> Result<()> {
-        self.file.read_exact(bytes).map_err(|e| match e.kind() {
-            io::ErrorKind::UnexpectedEof => bad(self.path, "ends before its header does"),
-            _ => bad(self.path, format!("cannot be read: {e}")),
-        })?;
-        self.checksum.update(bytes);
-        Ok(())
-    }
-
-    fn bytes<const N: usize>(&mut self) -> Result<[u8; N]> {
-        let mut bytes = [0; N];
-        self.fill(&mut bytes)?;
-        Ok(bytes)
-    }
-
-    fn u32(&mut self) -> Result<u32> {
-        Ok(u32::from_le_bytes(self.bytes()?))
-    }
-
-    fn u64(&mut self) -> Result<u64> {
-        Ok(u64::from_le_bytes(self.bytes()?))
-    }
 }
 
 fn photon(bytes: &[u8; Photon::BYTES]) -> Photon {
@@ -284,7 +177,6 @@ mod tests {
     use crate::sampling::hash::{combine, to_unit};
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
-    use std::fs;
 
     const ORIGIN: Origin = Origin { scene: 0x1234_5678_9abc_def0, settings: 7 };
 
@@ -349,40 +241,25 @@ mod tests {
 
     #[test]
     fn hostile_files_are_refused_before_anything_is_allocated() {
-        let (folder, path, _) = saved();
-        let good = fs::read(&path).unwrap();
-        let refused = |bytes: &[u8]| {
-            let path = folder.path().join("bad.bpm");
-            fs::write(&path, bytes).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("photons.bpm");
+        let refused = |photons: &[u64], replicate: u32, emitted: u64, body: &[u8]| {
+            let entry = |&photons: &u64| Entry { label: label(Light::Global, replicate), photons, emitted };
+            let contents = Contents { origin: ORIGIN, maps: photons.iter().map(entry).collect() };
+            FORMAT.save(&path, &contents, |file| file.write_all(body)).unwrap();
             let error = read_contents(&path).err().unwrap().to_string();
             error.split_once("photon map: ").unwrap().1.to_string()
         };
-        let with = |at: usize, new: &[u8]| {
-            let mut bytes = good.clone();
-            bytes[at..at + new.len()].copy_from_slice(new);
-            refused(&bytes)
-        };
-        assert_eq!(refused(b""), "ends before its header does");
-        assert_eq!(refused(&good[..40]), "ends before its header does");
-        assert_eq!(with(0, b"PNG"), "is not a file of photon maps");
-        assert_eq!(with(8, &[1]), "has version 1, expected 3");
-        assert_eq!(with(12, &[255; 4]), "has 4294967295 maps, expected at most 16");
-        assert_eq!(with(32, &[9]), "has a map of unknown light 9");
-        assert_eq!(with(36, &[8]), "has a map for replicate 8, expected at most 7");
-        let most = u64::MAX.to_le_bytes();
-        assert_eq!(with(40, &most), "says that it has more photons than a file can hold");
-        let many = (1u64 << 40).to_le_bytes();
-        assert_eq!(with(40, &many), "has 24328 bytes, expected 26388279066952 for its photons");
-        assert_eq!(refused(&good[..good.len() - 1]), "has 24327 bytes, expected 24328 for its photons");
-        let damaged = "is damaged: its checksum is not that of its bytes";
-        for at in [16, 24, 48, 80, 100, good.len() - 100, good.len() - 1] {
-            assert_eq!(with(at, &[good[at] ^ 1]), damaged);
-        }
-        // NaN for a position, under a checksum that is right.
-        let mut bytes = good[..good.len() - 8].to_vec();
-        bytes[80..84].copy_from_slice(&f32::NAN.to_le_bytes());
-        bytes.extend(u64::from(crc32fast::hash(&bytes)).to_le_bytes());
-        assert_eq!(refused(&bytes), "holds photons that no light path has left");
+        let photon = [0; Photon::BYTES];
+        assert_eq!(refused(&[1], 8, 1, &photon), "has a map for replicate 8, expected at most 7");
+        let endless = "is damaged: its header asks for more bytes than a file can have";
+        assert_eq!(refused(&[u64::MAX], 0, 1, &photon), endless);
+        assert_eq!(refused(&[u64::MAX, 1], 0, 1, &photon), endless);
+        let short = "is damaged: it has 24 bytes after its header, expected 26388279066624";
+        assert_eq!(refused(&[1 << 40], 0, 1, &photon), short);
+        let unsent = "holds photons that no light path has left";
+        assert_eq!(refused(&[1], 0, 0, &photon), unsent);
+        assert_eq!(refused(&[1], 0, 1, &f32::NAN.to_le_bytes().repeat(6)), unsent);
         assert!(load(folder.path(), ORIGIN).is_err());
     }
 
@@ -394,26 +271,21 @@ mod tests {
             ..ProptestConfig::default()
         })]
 
-        /// Whatever becomes of a file, reading it ends with maps that can be asked or with a sentence; under a checksum
-        /// that was put right, too.
+        /// Maps of photons with any numbers can be searched, or are refused.
         #[test]
-        fn mutated_files_are_read_or_refused(
-            edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
-            end in prop::option::weighted(0.2, any::<prop::sample::Index>()),
-            in_header: bool,
-            repaired: bool,
+        fn mutated_photons_are_read_or_refused(
+            edits in prop::collection::vec((0..10 * Photon::BYTES - 4, any::<[u8; 4]>()), 1..4),
         ) {
-            let (_folder, path, _) = saved();
-            let mut bytes = fs::read(&path).unwrap();
-            bytes.truncate(bytes.len() - 8);
-            let reach = if in_header { 80 } else { bytes.len() - 4 };
-            for (at, new, length) in edits {
-                let at = at.index(reach);
-                bytes[at..at + length].copy_from_slice(&new[..length]);
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("photons.bpm");
+            let mut bytes: Vec<u8> =
+                map(10, 2).photons().flat_map(|photon| photon.to_words().map(u32::to_le_bytes)).flatten().collect();
+            for (at, new) in edits {
+                bytes[at..at + 4].copy_from_slice(&new);
             }
-            bytes.extend(if repaired { u64::from(crc32fast::hash(&bytes)) } else { 0 }.to_le_bytes());
-            bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
-            fs::write(&path, &bytes).unwrap();
+            let entry = Entry { label: label(Light::Global, 0), photons: 10, emitted: 13 };
+            let contents = Contents { origin: ORIGIN, maps: vec![entry] };
+            FORMAT.save(&path, &contents, |file| file.write_all(&bytes)).unwrap();
             match load(&path, ORIGIN) {
                 Ok(maps) => {
                     let estimator = DensityEstimator { kernel: Kernel::Cone, lookup_size: 9, lookup_radius: 0.5 };

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 /// The weight of a photon by its distance from the middle of a disc. Over the disc each has the mean 1.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum Kernel {
     /// All photons of the disc count alike.
     Constant,

@@ -31,7 +31,7 @@ pub struct Spot {
 }
 
 /// An attribute of an element.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct Attribute {
     /// Its name.
     pub name: String,

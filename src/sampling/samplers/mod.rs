@@ -29,7 +29,7 @@ use strata::Grid;
 const PLANNED: u64 = 128;
 
 /// A sampler with its parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Sampler {
     points: Points,
     /// Domains whose dimensions all have the value 1/2.
@@ -39,7 +39,7 @@ pub struct Sampler {
 }
 
 /// The point sets; each has a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 enum Points {
     Independent,
     Stratified(Grid),

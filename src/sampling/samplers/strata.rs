@@ -3,7 +3,7 @@
 use crate::sampling::hash::{mix, to_unit};
 
 /// Cells of the unit square: `columns` along x, `rows` along y.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Grid {
     pub columns: u32,
     pub rows: u32,

@@ -1,9 +1,8 @@
 //! Checkpoints in a file.
 //!
-//! The file begins with `BUFFONCP`, the version and the length of the header in bytes (u32 each, little-endian as all
-//! numbers). The header is JSON: whose samples these are, what image they make, where the render stands. Then the sums
-//! of the tiles follow, row by row, and how adaptive sampling spreads the samples, if it has begun to; at the end the CRC-32
-//! of everything before it.
+//! A [container](crate::util::container). Its header says whose samples these are, what image they make and where the render
+//! stands. Its body is the sums of the tiles, row by row, and then how adaptive sampling spreads the samples, if it has
+//! begun to.
 
 use super::{Checkpoint, Identity, Label};
 use crate::error::{Error, Result};
@@ -14,20 +13,12 @@ use crate::integrator::settings::{Aov, Layer};
 use crate::render::tracing::InvalidSample;
 use crate::render::{Allocation, State};
 use crate::session::Picture;
-use crate::util::replace_with;
+use crate::util::container::Format;
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 use std::time::Duration;
 
-const MAGIC: [u8; 8] = *b"BUFFONCP";
-const VERSION: u32 = 2;
-/// No header is longer.
-const LONGEST_HEADER: u32 = 1 << 20;
-/// Bytes before the header.
-const PREFIX: u64 = 16;
-const CHECKSUM: u64 = 4;
+const FORMAT: Format = Format { magic: *b"BUFFONCP", version: 3, name: "a checkpoint" };
 /// No side of an image is longer.
 const LONGEST_SIDE: u32 = 1 << 20;
 
@@ -66,23 +57,14 @@ struct Invalid {
 /// # Errors
 /// If the file cannot be written.
 pub fn save(path: &Path, label: &Label, state: &State) -> Result<()> {
-    let header = Header::of(label, state);
-    let header =
-        serde_json::to_vec(&header).map_err(|e| Error::internal(format!("a checkpoint's header: {e}")))?;
-    replace_with(path, |file| {
-        let mut file = Checked { file, checksum: crc32fast::Hasher::new() };
-        file.write_all(&MAGIC)?;
-        file.write_all(&VERSION.to_le_bytes())?;
-        file.write_all(&(header.len() as u32).to_le_bytes())?;
-        file.write_all(&header)?;
+    FORMAT.save(path, &Header::of(label, state), |body| {
         for tile in &state.tiles {
-            file.write_all(&tile.to_bytes())?;
+            body.write_all(&tile.to_bytes())?;
         }
-        if let Some(allocation) = &state.allocation {
-            file.write_all(&allocation.to_bytes())?;
+        match &state.allocation {
+            Some(allocation) => body.write_all(&allocation.to_bytes()),
+            None => Ok(()),
         }
-        let Checked { file, checksum } = file;
-        file.write_all(&checksum.finalize().to_le_bytes())
     })
 }
 
@@ -91,71 +73,38 @@ pub fn save(path: &Path, label: &Label, state: &State) -> Result<()> {
 /// # Errors
 /// If the file cannot be read, is none, is damaged, or if another version has written it.
 pub fn load(path: &Path) -> Result<Checkpoint> {
-    let bad = |why: &str| Error::output(why).in_file(path).about("checkpoint");
-    let unreadable = |e: io::Error| bad(&format!("cannot be read: {e}"));
-    let file = File::open(path).map_err(unreadable)?;
-    let size = file.metadata().map_err(unreadable)?.len();
-    let mut file = Checked { file: BufReader::new(file), checksum: crc32fast::Hasher::new() };
-    let (header, header_length) = read_header(&mut file, size).map_err(|why| bad(&why))?;
-    let picture = header.picture().map_err(|why| bad(&why))?;
-    let channels = picture.channels();
-    let pixels = picture.rect.area();
+    read(path).map_err(|why| Error::output(why).in_file(path).about("checkpoint"))
+}
+
+fn read(path: &Path) -> Result<Checkpoint, String> {
+    let (header, mut body) = FORMAT.open::<Header>(path)?;
+    let picture = header.picture()?;
+    let (channels, pixels) = (picture.channels(), picture.rect.area());
     let allocation_bytes = if header.pilot.is_some() { Allocation::byte_count(pixels) } else { 0 };
-    let expected = u128::from(pixels) * Tile::bytes_per_pixel(channels, header.replicates) as u128
-        + u128::from(PREFIX + header_length + allocation_bytes + CHECKSUM);
-    if u128::from(size) != expected {
-        return Err(bad(&format!("is damaged: it has {size} bytes, expected {expected}")));
-    }
-    let damaged = || bad("is damaged: its numbers are those of no render");
+    let tile_bytes = pixels.checked_mul(Tile::bytes_per_pixel(channels, header.replicates) as u64);
+    body.expect_length(tile_bytes.and_then(|bytes| bytes.checked_add(allocation_bytes)))?;
+    let damaged = || "is damaged: its numbers are those of no render".to_string();
     let mut state = State::new(picture.rect, channels, header.replicates, header.next);
     let mut bytes = Vec::new();
     for tile in &mut state.tiles {
         bytes.resize(tile.pixel_count() * Tile::bytes_per_pixel(channels, header.replicates), 0);
-        file.read_exact(&mut bytes).map_err(unreadable)?;
+        body.read(&mut bytes)?;
         if !tile.set_bytes(&bytes) {
             return Err(damaged());
         }
     }
     if let Some(pilot) = header.pilot {
         bytes.resize(allocation_bytes as usize, 0);
-        file.read_exact(&mut bytes).map_err(unreadable)?;
+        body.read(&mut bytes)?;
         state.allocation = Some(Allocation::from_bytes(&bytes, picture.rect, pilot).ok_or_else(damaged)?);
     }
-    let Checked { mut file, checksum } = file;
-    let mut sum = [0; CHECKSUM as usize];
-    file.read_exact(&mut sum).map_err(unreadable)?;
-    if checksum.finalize() != u32::from_le_bytes(sum) {
-        return Err(bad("is damaged: its checksum is not that of its bytes"));
-    }
+    body.finish()?;
     Ok(header.checkpoint(picture, state))
 }
 
 /// Whether a file is a checkpoint, as far as its first bytes say.
 pub fn is_checkpoint(path: &Path) -> bool {
-    let mut magic = [0; MAGIC.len()];
-    File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok() && magic == MAGIC
-}
-
-/// The header and its length in bytes.
-fn read_header(file: &mut impl Read, size: u64) -> Result<(Header, u64), String> {
-    let mut prefix = [0; PREFIX as usize];
-    let short = || "ends before its header does".to_string();
-    file.read_exact(&mut prefix).map_err(|_| "is no checkpoint".to_string())?;
-    let word = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| prefix[at + i]));
-    if prefix[..8] != MAGIC {
-        return Err("is no checkpoint".into());
-    }
-    if word(8) != VERSION {
-        return Err(format!("has version {}, expected {VERSION}", word(8)));
-    }
-    let length = word(12);
-    if length > LONGEST_HEADER || u64::from(length) > size {
-        return Err(short());
-    }
-    let mut bytes = vec![0; length as usize];
-    file.read_exact(&mut bytes).map_err(|_| short())?;
-    let header = serde_json::from_slice(&bytes).map_err(|e| format!("is damaged: its header: {e}"))?;
-    Ok((header, u64::from(length)))
+    FORMAT.is_of(path)
 }
 
 impl Header {
@@ -255,30 +204,4 @@ fn name_of<T: PartialEq>(names: &[(&str, T)], value: T) -> String {
 
 fn named<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
     names.iter().find(|(n, _)| *n == name).map(|(_, value)| *value)
-}
-
-/// A file whose bytes are summed as they pass.
-struct Checked<F> {
-    file: F,
-    checksum: crc32fast::Hasher,
-}
-
-impl<F: Write> Write for Checked<F> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.file.write(bytes)?;
-        self.checksum.update(&bytes[..written]);
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
-impl<F: Read> Read for Checked<F> {
-    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let read = self.file.read(bytes)?;
-        self.checksum.update(&bytes[..read]);
-        Ok(read)
-    }
 }

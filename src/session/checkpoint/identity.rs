@@ -1,7 +1,7 @@
 //! Which render samples belong to.
 
-use crate::session::hash::{self, Origin};
-use crate::session::{Plan, Session};
+use crate::session::{Origin, Plan, Session};
+use crate::util::digest;
 use serde::{Deserialize, Serialize};
 
 /// What decides the samples of a render. Those of two renders can be added only if it is the same.
@@ -40,9 +40,9 @@ impl Identity {
             scene: origin.scene,
             view: origin.view,
             integrator: plan.integrator.name().into(),
-            settings: hash::of(format_args!("{:?}", plan.integrator)),
+            settings: digest(&plan.integrator),
             sampler: job.sampler.kind().name().into(),
-            sampling: hash::of(format_args!("{:?}", job.sampler)),
+            sampling: digest(&job.sampler),
             accel: session.scene.accel.name().into(),
             seed: job.seed,
             layers: job.layers.iter().map(|layer| layer.name.clone()).collect(),

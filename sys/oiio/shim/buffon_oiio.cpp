@@ -385,23 +385,4 @@ int32_t buffon_oiio_compare(const float *a, const float *b, int32_t width, int32
     });
 }
 
-int32_t buffon_oiio_count(const float *pixels, int32_t width, int32_t height, int32_t channels, uint64_t *nan,
-                          uint64_t *inf, char *message, size_t size) noexcept
-{
-    return guarded(0, message, size, [&] {
-        OIIO::ImageBuf image = view(pixels, width, height, channels);
-        OIIO::ImageBufAlgo::PixelStats stats = OIIO::ImageBufAlgo::computePixelStats(image);
-        if (stats.nancount.size() != size_t(channels)) {
-            say(image.geterror(), message, size);
-            return 0;
-        }
-        *nan = *inf = 0;
-        for (int32_t c = 0; c < channels; ++c) {
-            *nan += stats.nancount[c];
-            *inf += stats.infcount[c];
-        }
-        return 1;
-    });
-}
-
 }  // extern "C"

@@ -136,10 +136,6 @@ int32_t buffon_oiio_compare(const float *a, const float *b, int32_t width, int32
                             BuffonOiioDifference *difference, char *message,
                             size_t message_size) BUFFON_OIIO_NOEXCEPT;
 
-/* Counts the NaN and infinite values of an image. */
-int32_t buffon_oiio_count(const float *pixels, int32_t width, int32_t height, int32_t channels, uint64_t *nan,
-                          uint64_t *inf, char *message, size_t message_size) BUFFON_OIIO_NOEXCEPT;
-
 #ifdef __cplusplus
 }
 #endif

@@ -8,12 +8,13 @@ use crate::integrator::photon::{
     Caster, DensityEstimator, EmissionGuide, IrradianceMap, PathSequence, Photon, PhotonMap, PhotonPaths,
     Until,
 };
-use crate::integrator::preparation;
+
 use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Counters, Fact, Preparation};
 use crate::math::Vec3;
 use crate::memory::Reservation;
 use crate::scene::Scene;
+use crate::util::digest;
 use bumpalo::Bump;
 
 /// One of so many photons gets its irradiance computed. [Christensen 1999]
@@ -222,9 +223,7 @@ fn load_or_cast(
 fn dependence(preparation: &Preparation<'_>, settings: &PhotonmapperSettings) -> u64 {
     let PhotonmapperSettings { max_depth, rr_depth, global_photons, caustic_photons, debug, .. } = settings;
     let Preparation { sampler, seed, .. } = preparation;
-    preparation::hash_of(&format!(
-        "{max_depth:?} {rr_depth} {global_photons} {caustic_photons} {debug:?} {sampler:?} {seed}"
-    ))
+    digest(&(max_depth, rr_depth, global_photons, caustic_photons, debug, sampler, seed))
 }
 
 /// What a replicate has of the photons of a half of the samples; at least one.
