@@ -6,7 +6,7 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{DirectSettings, PathSettings};
-use buffon::material::Material;
+use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::scene::Description;
 use buffon::shape::{Mesh, Shape};
@@ -34,7 +34,8 @@ fn by_chance(settings: &Settings) -> bool {
 /// The inside of a closed surface that emits and reflects, seen from within.
 fn furnace(shape: Shape, albedo: Rgb, emission: f32) -> Description {
     let mut scene = Description::default();
-    let id = add(&mut scene, shape, DAffine3::IDENTITY, Material::Diffuse { reflectance: albedo.into() });
+    let id =
+        add(&mut scene, shape, DAffine3::IDENTITY, Material::Diffuse(Diffuse { reflectance: albedo.into() }));
     scene.shapes[id].emission = Some(Rgb::splat(emission).into());
     scene.shapes[id].flip_normals = true;
     scene.sensors.push(camera(DVec3::new(0.2, 0.1, -0.3), DVec3::new(-0.3, 0.4, 0.5), 90.0, 12));
@@ -119,7 +120,7 @@ const RHO: [f32; 3] = [0.2, 0.5, 0.8];
 fn plane() -> Description {
     let mut scene = Description::default();
     let [r, g, b] = RHO;
-    let material = Material::Diffuse { reflectance: Rgb::new(r, g, b).into() };
+    let material = Material::Diffuse(Diffuse { reflectance: Rgb::new(r, g, b).into() });
     add(&mut scene, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(10.0)), material);
     scene.sensors.push(camera(DVec3::new(0.0, 4.0, 0.4), DVec3::ZERO, 0.002, 8));
     scene
@@ -224,7 +225,7 @@ fn convex_diffuse_objects_show_their_reflectance_of_the_environment() {
         for (shape, name) in [(sphere(1.0), "sphere"), (Shape::Cube, "cube")] {
             let mut description = Description::default();
             let [r, g, b] = RHO;
-            let material = Material::Diffuse { reflectance: Rgb::new(r, g, b).into() };
+            let material = Material::Diffuse(Diffuse { reflectance: Rgb::new(r, g, b).into() });
             add(&mut description, shape, DAffine3::IDENTITY, material);
             description.emitters.push(constant(2.0));
             description.sensors.push(camera(DVec3::new(2.0, 3.0, 4.0), DVec3::ZERO, 15.0, 8));

@@ -8,7 +8,9 @@ use buffon::color::Rgb;
 use buffon::integrator::settings::{DirectSettings, PathSettings};
 use buffon::integrator::{self, Radiance, RadianceQuery, Settings, Wave, Worker};
 use buffon::loader::{LoadOptions, load};
-use buffon::material::{Distribution, Input, Interface, Material, Metal, Roughness};
+use buffon::material::{
+    Conductor, Dielectric, Distribution, Input, Interface, Material, Metal, RoughConductor, Roughness,
+};
 use buffon::math::{DAffine3, DVec2, DVec3, Ray, Vec2};
 use buffon::sampling::{SampleKey, Sampler, SamplerKind};
 use buffon::scene::{Description, Scene};
@@ -20,7 +22,7 @@ fn path(max_depth: Option<u32>) -> Settings {
 
 fn glass(ior: f32) -> Material {
     let interface = Interface { int_ior: ior, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
-    Material::Dielectric(interface, Rgb::WHITE.into())
+    Material::Dielectric(Dielectric { interface, specular_transmittance: Rgb::WHITE.into() })
 }
 
 fn metal([eta, k, specular_reflectance]: [Rgb; 3]) -> Metal {
@@ -29,7 +31,7 @@ fn metal([eta, k, specular_reflectance]: [Rgb; 3]) -> Metal {
 
 fn rough_metal(distribution: Distribution, alpha: [f32; 2], colours: [Rgb; 3]) -> Material {
     let roughness = Roughness { distribution, alpha: alpha.map(Input::from), sample_visible: true };
-    Material::RoughConductor(metal(colours), roughness)
+    Material::RoughConductor(RoughConductor { metal: metal(colours), roughness })
 }
 
 /// Glass loses nothing: in a constant environment it cannot be seen.
@@ -108,7 +110,7 @@ fn mirrors_reflect_by_fresnels_equations() {
         for angle in [0.0f64, 0.5, 1.2, 1.5] {
             let mut description = Description::default();
             let rgb = |v: [f32; 3]| Rgb::new(v[0], v[1], v[2]);
-            let material = Material::Conductor(metal([rgb(eta), rgb(k), Rgb::WHITE]));
+            let material = Material::Conductor(Conductor { metal: metal([rgb(eta), rgb(k), Rgb::WHITE]) });
             add(&mut description, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(50.0)), material);
             description.emitters.push(constant(2.0));
             let eye = DVec3::new(0.0, angle.sin(), angle.cos()) * 3.0;

@@ -4,11 +4,9 @@ use crate::support::gltf::{Model, data_uri, load_bytes, png};
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::loader::{LoadOptions, Loaded, load};
-use buffon::material::{Input, Material};
+use buffon::material::{Input, Mask, Material, MaterialPoint, Materials, NormalMap};
 use buffon::math::{DAffine3, DVec3, Frame, Vec2, Vec3};
-use buffon::scene::Materials;
 use buffon::scene::description::PlacedShape;
-use buffon::scene::materials::MaterialPoint;
 use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::{Mesh, Shape};
 use buffon::texture::{Texture, TexturePoint};
@@ -227,7 +225,7 @@ fn alpha_makes_holes() {
             material
         })
         .loaded();
-        let Material::Mask { opacity, inner } = *material(&loaded) else { panic!("expected a mask") };
+        let Material::Mask(Mask { opacity, inner }) = *material(&loaded) else { panic!("expected a mask") };
         assert!(matches!(loaded.description.materials[inner.index()], Material::TwoSided(_)));
         MIDDLES.map(|uv| number_at(&loaded, opacity, uv))
     };
@@ -264,7 +262,9 @@ fn normal_maps_lean_and_are_scaled() {
     let pixels = [[255, 128, 128, 255]; 4];
     let loaded =
         textured(&pixels, |texture| json!({ "normalTexture": { "index": texture, "scale": 0.5 } })).loaded();
-    let Material::NormalMap { normals, .. } = *material(&loaded) else { panic!("expected a normal map") };
+    let Material::NormalMap(NormalMap { normals, .. }) = *material(&loaded) else {
+        panic!("expected a normal map")
+    };
     let n = texture(&loaded, Some(normals)).eval(&TexturePoint::at(Vec2::ZERO)).map(|c| 2.0 * c - 1.0);
     let y = 128.0 / 255.0 * 2.0 - 1.0;
     let expected = Rgb::new(0.5, 0.5 * y, y);
@@ -312,7 +312,7 @@ fn vertex_colours_are_multiplied_into_the_base_colour() {
     let at = TexturePoint { attributes: &mesh(shape).attributes, ..TexturePoint::at(Vec2::ZERO) };
     let color = texture(&loaded, principled(&loaded).base_color.texture()).eval(&at);
     assert_eq!(color, Rgb::new(0.5, 0.0, 0.0));
-    let Material::Mask { opacity, .. } = *material(&loaded) else { panic!("expected a mask") };
+    let Material::Mask(Mask { opacity, .. }) = *material(&loaded) else { panic!("expected a mask") };
     assert_eq!(texture(&loaded, opacity.texture()).eval_scalar(&at), 0.2);
 }
 

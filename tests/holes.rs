@@ -8,7 +8,7 @@ use buffon::emitter::Emitter;
 use buffon::ids::MaterialId;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{DirectSettings, PathSettings};
-use buffon::material::Material;
+use buffon::material::{Blend, Diffuse, Mask, Material, Null};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
@@ -25,19 +25,19 @@ fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {
 }
 
 fn black() -> Material {
-    Material::Diffuse { reflectance: Rgb::BLACK.into() }
+    Material::Diffuse(Diffuse { reflectance: Rgb::BLACK.into() })
 }
 
 /// A black mask of a material that is added before it.
 fn mask(description: &mut Description, opacity: f32) -> Material {
     description.materials.push(black());
-    Material::Mask { opacity: opacity.into(), inner: MaterialId::from(description.materials.len() - 1) }
+    Material::Mask(Mask { opacity: opacity.into(), inner: MaterialId::from(description.materials.len() - 1) })
 }
 
 /// A diffuse plane z = 0 of reflectance 1/2, looked at around the origin from low above it.
 fn plane() -> Description {
     let mut description = Description::default();
-    let half = Material::Diffuse { reflectance: Rgb::splat(0.5).into() };
+    let half = Material::Diffuse(Diffuse { reflectance: Rgb::splat(0.5).into() });
     add(&mut description, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(10.0)), half);
     description.sensors.push(camera(DVec3::new(0.0, 4.0, 0.4), DVec3::ZERO, 0.002, 8));
     description
@@ -111,24 +111,24 @@ fn between() -> Vec<Between> {
                 let inner = mask(d, 0.5);
                 d.materials.push(inner);
                 let inner = MaterialId::from(d.materials.len() - 1);
-                add(d, Shape::Rectangle, sheet(1.0), Material::Mask { opacity: 0.5.into(), inner });
+                add(d, Shape::Rectangle, sheet(1.0), Material::Mask(Mask { opacity: 0.5.into(), inner }));
             },
             0.75,
         ),
         (
             "nothing and black in parts",
             |d| {
-                d.materials.extend([Material::Null, black()]);
+                d.materials.extend([Material::Null(Null), black()]);
                 let n = d.materials.len();
                 let inner = [n - 2, n - 1].map(MaterialId::from);
-                add(d, Shape::Rectangle, sheet(1.0), Material::Blend { weight: 0.25.into(), inner });
+                add(d, Shape::Rectangle, sheet(1.0), Material::Blend(Blend { weight: 0.25.into(), inner }));
             },
             0.75,
         ),
         (
             "nothing",
             |d| {
-                add(d, Shape::Cube, sheet(1.6), Material::Null);
+                add(d, Shape::Cube, sheet(1.6), Material::Null(Null));
             },
             1.0,
         ),

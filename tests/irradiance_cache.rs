@@ -6,7 +6,7 @@ use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{IrrcacheSettings, PathSettings};
-use buffon::material::{Input, Interface, Material};
+use buffon::material::{Dielectric, Diffuse, Input, Interface, Material, TwoSided};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
@@ -37,7 +37,12 @@ fn furnaces_are_as_bright_as_they_must_be() {
     let albedo = Rgb::new(0.1, 0.5, 0.9);
     for shape in [sphere(1.0), Shape::Cube] {
         let mut scene = Description::default();
-        let id = add(&mut scene, shape, DAffine3::IDENTITY, Material::Diffuse { reflectance: albedo.into() });
+        let id = add(
+            &mut scene,
+            shape,
+            DAffine3::IDENTITY,
+            Material::Diffuse(Diffuse { reflectance: albedo.into() }),
+        );
         scene.shapes[id].emission = Some(Rgb::splat(1.0).into());
         scene.shapes[id].flip_normals = true;
         scene.sensors.push(camera(DVec3::new(0.2, 0.1, -0.3), DVec3::new(-0.3, 0.4, 0.5), 90.0, 64));
@@ -76,12 +81,27 @@ fn room() -> Description {
     rectangle(&mut scene, -y, z, x, diffuse(0.7), 0.0);
     rectangle(&mut scene, y, x, z, diffuse(0.7), 0.0);
     rectangle(&mut scene, -z, x, y, diffuse(0.6), 0.0);
-    rectangle(&mut scene, -x, y, z, Material::Diffuse { reflectance: Rgb::new(0.6, 0.1, 0.1).into() }, 0.0);
-    rectangle(&mut scene, x, z, y, Material::Diffuse { reflectance: Rgb::new(0.1, 0.5, 0.1).into() }, 0.0);
+    rectangle(
+        &mut scene,
+        -x,
+        y,
+        z,
+        Material::Diffuse(Diffuse { reflectance: Rgb::new(0.6, 0.1, 0.1).into() }),
+        0.0,
+    );
+    rectangle(
+        &mut scene,
+        x,
+        z,
+        y,
+        Material::Diffuse(Diffuse { reflectance: Rgb::new(0.1, 0.5, 0.1).into() }),
+        0.0,
+    );
     rectangle(&mut scene, y * 0.98, x * 0.3, z * 0.3, diffuse(0.0), 12.0);
     let interface =
         Interface { int_ior: 1.5, ext_ior: 1.0, specular_reflectance: Input::Constant(Rgb::WHITE) };
-    let glass = Material::Dielectric(interface, Input::Constant(Rgb::WHITE));
+    let glass =
+        Material::Dielectric(Dielectric { interface, specular_transmittance: Input::Constant(Rgb::WHITE) });
     let at = |p: DVec3| DAffine3::from_translation(p);
     add(&mut scene, sphere(0.35), at(DVec3::new(0.45, -0.65, 0.2)), glass);
     add(&mut scene, sphere(0.35), at(DVec3::new(-0.4, -0.65, -0.3)), diffuse(0.8));
@@ -112,7 +132,7 @@ fn nothing_leaks_through_a_wall_without_thickness() {
     let two_sided = |scene: &mut Description| {
         let id = buffon::ids::MaterialId::from(scene.materials.len());
         scene.materials.push(diffuse(0.8));
-        Material::TwoSided([id; 2])
+        Material::TwoSided(TwoSided { sides: [id; 2] })
     };
     rectangle(&mut scene, -y, z * 2.0, x * 2.0, diffuse(0.8), 0.0);
     rectangle(&mut scene, y, x * 2.0, z * 2.0, diffuse(0.8), 0.0);

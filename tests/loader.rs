@@ -7,7 +7,9 @@ use buffon::film::Filter;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathSettings;
 use buffon::loader::{LoadOptions, Loaded, load};
-use buffon::material::{Distribution, Input, Material, Metal, Roughness};
+use buffon::material::{
+    Dielectric, Diffuse, Distribution, Input, Material, Metal, RoughConductor, Roughness, TwoSided,
+};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::sensor::{FovAxis, Projection};
@@ -145,12 +147,14 @@ fn a_box_of_the_collection_is_read() {
     assert_eq!(scene.shapes[0].material, scene.shapes[1].material);
     assert_eq!(scene.shapes[0].to_world.at(0.0).translation, DVec3::new(-1.0, 1.0, 0.0));
     assert_eq!(scene.shapes[2].emission, Some(Rgb::new(17.0, 12.0, 4.0).into()));
-    let Material::TwoSided([inner, _]) = scene.materials[scene.shapes[0].material.index()] else {
+    let Material::TwoSided(TwoSided { sides: [inner, _] }) =
+        scene.materials[scene.shapes[0].material.index()]
+    else {
         panic!("{scene:?}")
     };
     assert_eq!(
         scene.materials[inner.index()],
-        Material::Diffuse { reflectance: Rgb::new(0.63, 0.065, 0.05).into() }
+        Material::Diffuse(Diffuse { reflectance: Rgb::new(0.63, 0.065, 0.05).into() })
     );
     assert_eq!(scene.shapes[1].place.as_ref().unwrap().line, 42);
 }
@@ -195,7 +199,10 @@ fn a_lamp_of_the_collection_is_read() {
     assert_eq!(faceted.uvs[0].y, 0.75);
     let Shape::Mesh(smooth) = &scene.shapes[1].shape else { panic!() };
     assert_eq!(smooth.normals, [Vec3::Z; 3]);
-    let Material::TwoSided([lamp, _]) = scene.materials[scene.shapes[0].material.index()] else { panic!() };
+    let Material::TwoSided(TwoSided { sides: [lamp, _] }) = scene.materials[scene.shapes[0].material.index()]
+    else {
+        panic!()
+    };
     let metal = Metal {
         eta: Rgb::new(2.8656, 2.11918, 1.94008).into(),
         k: Rgb::new(3.03233, 2.05611, 1.61629).into(),
@@ -203,10 +210,10 @@ fn a_lamp_of_the_collection_is_read() {
     };
     let roughness =
         Roughness { distribution: Distribution::Beckmann, alpha: [0.25.into(); 2], sample_visible: true };
-    let expected = Material::RoughConductor(metal, roughness);
+    let expected = Material::RoughConductor(RoughConductor { metal, roughness });
     assert_eq!(scene.materials[lamp.index()], expected);
     let default = &scene.materials[scene.shapes[2].material.index()];
-    assert_eq!(*default, Material::Diffuse { reflectance: Rgb::BLACK.into() });
+    assert_eq!(*default, Material::Diffuse(Diffuse { reflectance: Rgb::BLACK.into() }));
 }
 
 /// As in Mitsuba, whose lamps reflect nothing unless they are told to.
@@ -221,7 +228,7 @@ fn shapes_that_name_no_material_are_grey_and_lamps_black() {
     let scene = scene.description;
     let reflectances =
         [0, 1, 2, 3].map(|shape| match &scene.materials[scene.shapes[shape].material.index()] {
-            Material::Diffuse { reflectance } => *reflectance,
+            Material::Diffuse(Diffuse { reflectance }) => *reflectance,
             other => panic!("{other:?}"),
         });
     assert_eq!(reflectances, [0.0, 0.5, 0.0, 0.5].map(|r| Rgb::splat(r).into()));
@@ -318,9 +325,11 @@ fn includes_folders_aliases_and_later_references_are_followed() {
     assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
     let scene = &loaded.description;
     let material = |i: usize| &scene.materials[scene.shapes[i].material.index()];
-    assert_eq!(*material(0), Material::Diffuse { reflectance: Rgb::splat(0.25).into() });
+    assert_eq!(*material(0), Material::Diffuse(Diffuse { reflectance: Rgb::splat(0.25).into() }));
     assert!(matches!(scene.shapes[1].shape, Shape::Mesh(_)));
-    let Material::Diffuse { reflectance: Input::Constant(reflectance) } = material(2) else { panic!() };
+    let Material::Diffuse(Diffuse { reflectance: Input::Constant(reflectance) }) = material(2) else {
+        panic!()
+    };
     assert!((reflectance.g - 0.5).abs() < 0.01, "{reflectance:?}");
 }
 
@@ -366,9 +375,14 @@ fn old_scenes_are_upgraded() {
     let sensor = &loaded.description.sensors[0];
     let Projection::Perspective { fov_axis, .. } = sensor.projection else { panic!() };
     assert_eq!((sensor.near_clip, fov_axis), (1.0, FovAxis::Smaller));
-    let Material::Dielectric(interface, _) = loaded.description.materials[0] else { panic!() };
+    let Material::Dielectric(Dielectric { interface, .. }) = loaded.description.materials[0] else {
+        panic!()
+    };
     assert_eq!((interface.int_ior, interface.ext_ior), (1.333, 1.0));
-    assert_eq!(loaded.description.materials[1], Material::Diffuse { reflectance: Rgb::splat(0.1).into() });
+    assert_eq!(
+        loaded.description.materials[1],
+        Material::Diffuse(Diffuse { reflectance: Rgb::splat(0.1).into() })
+    );
 }
 
 #[test]
@@ -379,7 +393,7 @@ fn a_mesh_alone_is_framed() {
     assert_eq!(scene.emitters, [Emitter::Constant { radiance: Rgb::WHITE }]);
     assert_eq!(
         scene.materials[scene.shapes[0].material.index()],
-        Material::TwoSided([buffon::ids::MaterialId(0); 2])
+        Material::TwoSided(TwoSided { sides: [buffon::ids::MaterialId(0); 2] })
     );
     assert_eq!(loaded.notes.len(), 1);
     let sensor = &scene.sensors[0];

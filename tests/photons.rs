@@ -8,7 +8,7 @@ use buffon::ids::MaterialId;
 use buffon::integrator::photon::{
     Cast, Caster, Deposit, EmissionGuide, GridPhoton, PathSequence, PhotonGrid, PhotonPaths, Until,
 };
-use buffon::material::{Interface, Material};
+use buffon::material::{Dielectric, Interface, Material, Null, TwoSided};
 use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
 use buffon::render::thread_pool;
 use buffon::sampling::{Sampler, SamplerKind};
@@ -65,7 +65,7 @@ fn floor(material: Material) -> Description {
 
 fn glass(int_ior: f32) -> Material {
     let interface = Interface { int_ior, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
-    Material::Dielectric(interface, Rgb::WHITE.into())
+    Material::Dielectric(Dielectric { interface, specular_transmittance: Rgb::WHITE.into() })
 }
 
 /// Irradiance at points from the density of photons around them.
@@ -174,7 +174,7 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
     let albedo = 0.6;
     let mut scene = Description::default();
     let walls = add(&mut scene, Shape::Cube, DAffine3::IDENTITY, diffuse(albedo));
-    scene.materials.push(Material::TwoSided([MaterialId(0); 2]));
+    scene.materials.push(Material::TwoSided(TwoSided { sides: [MaterialId(0); 2] }));
     scene.shapes[walls].material = MaterialId(1);
     scene.emitters.push(Emitter::Point { position: Vec3::new(0.3, -0.2, 0.1), intensity: Rgb::splat(0.25) });
     scene.sensors.push(camera(DVec3::ZERO, DVec3::X, 90.0, 8));
@@ -289,7 +289,7 @@ fn deposits_do_not_depend_on_threads() {
 /// Where no photon lands, tracing ends.
 #[test]
 fn tracing_ends_where_nothing_lands() {
-    let mut scene = floor(Material::Null);
+    let mut scene = floor(Material::Null(Null));
     scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 1.0, 0.0), intensity: Rgb::WHITE });
     let scene = compiled(scene, AccelKind::default());
     let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {

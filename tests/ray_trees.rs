@@ -10,7 +10,9 @@ use buffon::film::PixelRect;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{DistributionSettings, PathSettings, WhittedSettings};
 use buffon::loader::{LoadOptions, load};
-use buffon::material::{Distribution, Interface, Material, Metal, Roughness};
+use buffon::material::{
+    Conductor, Dielectric, Distribution, Interface, Material, Metal, RoughConductor, Roughness,
+};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
@@ -32,7 +34,7 @@ fn distribution(max_depth: u32, emitter_samples: u32, bsdf_samples: u32) -> Sett
 
 fn glass() -> Material {
     let interface = Interface { int_ior: 1.5, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
-    Material::Dielectric(interface, Rgb::WHITE.into())
+    Material::Dielectric(Dielectric { interface, specular_transmittance: Rgb::WHITE.into() })
 }
 
 fn metal() -> Metal {
@@ -161,7 +163,7 @@ fn mirrors_show_what_stands_before_them() {
             if mirror {
                 // A wall at y = 0, which faces the eye.
                 let wall = DAffine3::from_rotation_x(-PI / 2.0) * DAffine3::from_scale(DVec3::splat(5.0));
-                add(&mut scene, Shape::Rectangle, wall, Material::Conductor(metal()));
+                add(&mut scene, Shape::Rectangle, wall, Material::Conductor(Conductor { metal: metal() }));
             }
             // The point (0, 1, 0), or its mirror image (0, −1, 0).
             let target = DVec3::new(0.0, if mirror { -1.0 } else { 1.0 }, 0.0);
@@ -215,10 +217,14 @@ fn ball_over_floor(material: Material) -> Description {
 /// Every branching estimates the very picture that paths of equal length estimate.
 #[test]
 fn distribution_ray_tracing_is_path_tracing_in_expectation() {
-    let rough = Material::RoughConductor(
-        metal(),
-        Roughness { distribution: Distribution::Ggx, alpha: [0.3.into(), 0.3.into()], sample_visible: true },
-    );
+    let rough = Material::RoughConductor(RoughConductor {
+        metal: metal(),
+        roughness: Roughness {
+            distribution: Distribution::Ggx,
+            alpha: [0.3.into(), 0.3.into()],
+            sample_visible: true,
+        },
+    });
     let group = Means::of_images(3 * 3 * AccelKind::ALL.len(), 0.01);
     for &accel in AccelKind::ALL {
         for (name, material) in [("diffuse", diffuse(0.7)), ("glass", glass()), ("rough", rough.clone())] {

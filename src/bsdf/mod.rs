@@ -156,6 +156,25 @@ impl Lobes {
 }
 
 impl Bsdf<'_> {
+    /// The same BSDF, if it refers to nothing else.
+    pub fn owned(self) -> Option<Bsdf<'static>> {
+        Some(match self {
+            Bsdf::Null => Bsdf::Null,
+            Bsdf::Diffuse(b) => Bsdf::Diffuse(b),
+            Bsdf::Conductor(b) => Bsdf::Conductor(b),
+            Bsdf::RoughConductor(b) => Bsdf::RoughConductor(b),
+            Bsdf::Dielectric(b) => Bsdf::Dielectric(b),
+            Bsdf::ThinDielectric(b) => Bsdf::ThinDielectric(b),
+            Bsdf::RoughDielectric(b) => Bsdf::RoughDielectric(b),
+            Bsdf::Plastic(b) => Bsdf::Plastic(b),
+            Bsdf::Principled(b) => Bsdf::Principled(b),
+            Bsdf::PrincipledThin(b) => Bsdf::PrincipledThin(b),
+            Bsdf::RoughPlastic(_) | Bsdf::Blend(_) | Bsdf::Mask(_) | Bsdf::Tilted(_) | Bsdf::TwoSided(_) => {
+                return None;
+            }
+        })
+    }
+
     /// The lobes that it may scatter by.
     #[inline]
     pub fn lobes(&self) -> Lobes {

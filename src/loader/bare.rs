@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::ids::MaterialId;
 use crate::loader::mesh::{self, Format};
 use crate::loader::{Loaded, framing};
-use crate::material::Material;
+use crate::material::{Diffuse, TwoSided};
 use crate::math::DAffine3;
 use crate::memory::Budget;
 use crate::scene::description::{Description, PlacedShape};
@@ -39,8 +39,8 @@ pub fn load(path: &Path, memory: &Budget) -> Result<Loaded> {
         instances: Vec::new(),
         shapes: vec![shape],
         materials: vec![
-            Material::Diffuse { reflectance: Rgb::splat(0.5).into() },
-            Material::TwoSided([MaterialId(0); 2]),
+            Diffuse { reflectance: Rgb::splat(0.5).into() }.into(),
+            TwoSided::same(MaterialId(0)).into(),
         ],
         textures: Vec::new(),
         emitters: vec![framing::white_environment()],

@@ -9,7 +9,6 @@ mod framing;
 mod gltf;
 mod mesh;
 mod mitsuba;
-mod wording;
 
 use crate::error::{Error, Place, Result};
 use crate::integrator;

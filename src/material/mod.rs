@@ -1,9 +1,57 @@
-//! Materials: what a surface is made of, as plain data.
+//! Materials: what a surface is made of, one plugin of the scene language per file.
+//!
+//! A plugin's file has its parameters and their defaults ([`Plugin::read`]), the textures and materials that it refers to, and
+//! the BSDF that it makes of them at a surface point. The table at the end of this file names the plugins.
+
+mod bending;
+mod blend;
+mod bump_map;
+pub mod compiled;
+mod conductor;
+mod dielectric;
+mod diffuse;
+mod mask;
+mod normal_map;
+mod null;
+mod parts;
+mod plastic;
+mod principled;
+mod principled_thin;
+mod rough_conductor;
+mod rough_dielectric;
+mod rough_plastic;
+pub mod source;
+mod thin_dielectric;
+mod two_sided;
 
 pub use crate::bsdf::microfacet::Distribution;
+pub use bending::Bending;
+pub use blend::Blend;
+pub use bump_map::BumpMap;
+pub use compiled::{Context, Inputs, MaterialPoint, Materials, Sampling, Scattering, SceneMaterial};
+pub use conductor::Conductor;
+pub use dielectric::Dielectric;
+pub use diffuse::Diffuse;
+pub use mask::Mask;
+pub use normal_map::NormalMap;
+pub use null::Null;
+pub use parts::{Coated, Interface, Metal, Roughness};
+pub use plastic::Plastic;
+pub use principled::Principled;
+pub use principled_thin::PrincipledThin;
+pub use rough_conductor::RoughConductor;
+pub use rough_dielectric::RoughDielectric;
+pub use rough_plastic::RoughPlastic;
+pub use source::Source;
+pub use thin_dielectric::ThinDielectric;
+pub use two_sided::TwoSided;
 
-use crate::color::Rgb;
+use crate::bsdf::{Bsdf, RoughTransmittance};
+use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
+use crate::math::Vec2;
+use crate::texture::TexturePoint;
+use std::sync::Arc;
 
 /// A parameter that is the same everywhere, or read from a texture.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -38,310 +86,192 @@ impl<T: Copy> Input<T> {
     }
 }
 
-/// The normals of microfacets: their distribution and roughness.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Roughness {
-    /// The family.
-    pub distribution: Distribution,
-    /// Roughness along the surface's u and v directions, positive.
-    pub alpha: [Input<f32>; 2],
-    /// Whether to sample the visible normals (else all normals of the distribution).
-    pub sample_visible: bool,
+/// What a plugin computes once, when the scene is compiled.
+#[derive(Clone, Debug, Default)]
+pub struct Prepared {
+    /// Share of diffuse light that a smooth coat reflects back inside.
+    pub fdr_int: f32,
+    /// What a rough coat lets pass.
+    pub rough: Option<Arc<RoughTransmittance>>,
 }
 
-/// A boundary between two dielectrics.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Interface {
-    /// Index of refraction on the side that the normal points away from.
-    pub int_ior: f32,
-    /// Index of refraction on the side that the normal points to.
-    pub ext_ior: f32,
-    /// A factor on the reflection, 1 in nature.
-    pub specular_reflectance: Input<Rgb>,
-}
+/// A material of the scene language. Plugins that scatter by themselves implement [`bsdf`](Self::bsdf); those that are made of
+/// other materials implement [`inner`](Self::inner), [`sampling`](Self::sampling) and [`scattering`](Self::scattering).
+pub trait Plugin: Sized {
+    /// Its name in the scene language.
+    const NAME: &'static str;
 
-impl Interface {
-    /// The inner index over the outer one.
-    pub fn eta(&self) -> f32 {
-        self.int_ior / self.ext_ior
+    /// Reads its parameters.
+    ///
+    /// # Errors
+    /// If a parameter has another type, is out of range or missing.
+    fn read(source: &mut dyn Source) -> Result<Self>;
+
+    /// Returns the textures that it reads, by its own parameters.
+    fn textures(&self) -> Vec<TextureId> {
+        Vec::new()
+    }
+
+    /// Returns the materials that it is made of.
+    fn inner(&self) -> &[MaterialId] {
+        &[]
+    }
+
+    /// Returns whether light may pass through it, by itself (not by what it is made of).
+    fn transmits(&self) -> bool {
+        false
+    }
+
+    /// Returns whether the tangents of the shading frame matter: for lobes that are stretched and normals that are bent.
+    fn has_tangents(&self) -> bool {
+        false
+    }
+
+    /// Returns whether light may pass as if there were no surface.
+    fn has_holes(&self) -> bool {
+        false
+    }
+
+    /// Computes what is the same at all points.
+    fn prepare(&self) -> Prepared {
+        Prepared::default()
+    }
+
+    /// Returns the share of the surface that is there.
+    fn opacity(&self, _materials: &Materials, _point: &TexturePoint<'_>) -> f32 {
+        1.0
+    }
+
+    /// Returns the lobes, which no texture changes, and whether sampling chooses among them.
+    fn sampling(&self, prepared: &Prepared, materials: &Materials) -> Sampling {
+        let point = TexturePoint::at(Vec2::ZERO);
+        let bsdf = self.bsdf(prepared, &materials.inputs(&point));
+        Sampling { lobes: bsdf.lobes(), chooses_lobe: bsdf.chooses_lobe() }
+    }
+
+    /// Returns the BSDF of a material that is not made of others.
+    fn bsdf<'a>(&'a self, _prepared: &'a Prepared, _inputs: &Inputs<'_>) -> Bsdf<'a> {
+        Bsdf::Null
+    }
+
+    /// Returns what scatters at a point. What it refers to lives in the arena.
+    fn scattering<'a>(&'a self, prepared: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
+        Scattering { bsdf: self.bsdf(prepared, &context.inputs()), opacity: 1.0 }
     }
 }
 
-/// A conductor's complex index of refraction relative to the outside, and a factor on its reflection.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Metal {
-    /// Real part.
-    pub eta: Input<Rgb>,
-    /// Imaginary part (absorption), not negative.
-    pub k: Input<Rgb>,
-    /// A factor on the reflection, 1 in nature.
-    pub specular_reflectance: Input<Rgb>,
+/// Declares [`Material`] from the table of plugins.
+macro_rules! plugins {
+    ($($(#[$meta:meta])* $name:ident($plugin:ty),)*) => {
+        /// A material, as a scene names it.
+        #[derive(Clone, Debug, PartialEq, serde::Serialize)]
+        pub enum Material {
+            $($(#[$meta])* $name($plugin),)*
+        }
+
+        $(impl From<$plugin> for Material {
+            fn from(plugin: $plugin) -> Self {
+                Material::$name(plugin)
+            }
+        })*
+
+        impl Material {
+            /// The names of all plugins.
+            pub const NAMES: &[&str] = &[$(<$plugin>::NAME),*];
+
+            /// Reads the parameters of a plugin; `None` if there is none of the name.
+            ///
+            /// # Errors
+            /// As for [`Plugin::read`].
+            pub fn read(name: &str, source: &mut dyn Source) -> Result<Option<Self>> {
+                Ok(match name {
+                    $(<$plugin>::NAME => Some(Material::$name(<$plugin>::read(source)?)),)*
+                    _ => None,
+                })
+            }
+
+            /// The name of its kind in the scene language.
+            pub fn kind(&self) -> &'static str {
+                match self { $(Material::$name(_) => <$plugin>::NAME,)* }
+            }
+
+            /// As [`Plugin::textures`].
+            pub fn textures(&self) -> Vec<TextureId> {
+                match self { $(Material::$name(plugin) => plugin.textures(),)* }
+            }
+
+            /// As [`Plugin::inner`].
+            pub fn inner(&self) -> &[MaterialId] {
+                match self { $(Material::$name(plugin) => plugin.inner(),)* }
+            }
+
+            /// As [`Plugin::transmits`].
+            pub fn transmits(&self) -> bool {
+                match self { $(Material::$name(plugin) => plugin.transmits(),)* }
+            }
+
+            fn has_tangents(&self) -> bool {
+                match self { $(Material::$name(plugin) => plugin.has_tangents(),)* }
+            }
+
+            fn has_holes(&self) -> bool {
+                match self { $(Material::$name(plugin) => plugin.has_holes(),)* }
+            }
+
+            fn prepare(&self) -> Prepared {
+                match self { $(Material::$name(plugin) => plugin.prepare(),)* }
+            }
+
+            fn opacity(&self, materials: &Materials, point: &TexturePoint<'_>) -> f32 {
+                match self { $(Material::$name(plugin) => plugin.opacity(materials, point),)* }
+            }
+
+            fn sampling(&self, prepared: &Prepared, materials: &Materials) -> Sampling {
+                match self { $(Material::$name(plugin) => plugin.sampling(prepared, materials),)* }
+            }
+
+            fn bsdf<'a>(&'a self, prepared: &'a Prepared, inputs: &Inputs<'_>) -> Bsdf<'a> {
+                match self { $(Material::$name(plugin) => plugin.bsdf(prepared, inputs),)* }
+            }
+
+            fn scattering<'a>(&'a self, prepared: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
+                match self { $(Material::$name(plugin) => plugin.scattering(prepared, context),)* }
+            }
+        }
+    };
 }
 
-/// A material, as a scene names it.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub enum Material {
-    /// Ideal Lambertian reflection.
-    Diffuse {
-        /// Share of the light that is reflected, in [0, 1].
-        reflectance: Input<Rgb>,
-    },
-    /// A smooth conductor.
-    Conductor(Metal),
-    /// A rough conductor of microfacets.
-    RoughConductor(Metal, Roughness),
-    /// A smooth boundary between two dielectrics, and a factor on the transmission.
-    Dielectric(Interface, Input<Rgb>),
-    /// A pane of a dielectric without thickness, and a factor on the transmission.
-    ThinDielectric(Interface, Input<Rgb>),
-    /// A boundary of microfacets between two dielectrics, and a factor on the transmission.
-    RoughDielectric(Interface, Input<Rgb>, Roughness),
-    /// A diffuse base under a smooth dielectric coat.
-    Plastic(Interface, Coated),
-    /// A diffuse base under a rough dielectric coat.
-    RoughPlastic {
-        /// The coat.
-        interface: Interface,
-        /// The base.
-        base: Coated,
-        /// Distribution of the coat's microfacet normals.
-        distribution: Distribution,
-        /// Roughness of the coat, positive.
-        alpha: f32,
-        /// As for [`Roughness`].
-        sample_visible: bool,
-    },
-    /// The "principled" model. [Burley 2012, 2015]
-    Principled(Box<Principled>),
-    /// The "principled" model for sheets without thickness.
-    PrincipledThin(Box<PrincipledThin>),
-    /// A part of the surface is not there.
-    Mask {
-        /// The share that is there, in [0, 1].
-        opacity: Input<f32>,
-        /// What that is made of.
-        inner: MaterialId,
-    },
+plugins! {
     /// Two materials in parts.
-    Blend {
-        /// The share of the second, in [0, 1].
-        weight: Input<f32>,
-        /// The two.
-        inner: [MaterialId; 2],
-    },
-    /// A material whose normals are bent by a height field.
-    BumpMap {
-        /// The height.
-        height: TextureId,
-        /// Factor on the height.
-        scale: f32,
-        /// How the bent normals are used.
-        bending: Bending,
-        /// What bends.
-        inner: MaterialId,
-    },
-    /// A material whose normals are given by a texture.
-    NormalMap {
-        /// The local normals n as colours (n + 1) / 2.
-        normals: TextureId,
-        /// How the bent normals are used.
-        bending: Bending,
-        /// What bends.
-        inner: MaterialId,
-    },
-    /// One-sided materials on the front and on the back of the surface.
-    TwoSided([MaterialId; 2]),
+    Blend(Blend),
+    /// Normals bent by a height field.
+    BumpMap(BumpMap),
+    /// A smooth conductor.
+    Conductor(Conductor),
+    /// A smooth boundary between two dielectrics.
+    Dielectric(Dielectric),
+    /// Ideal Lambertian reflection.
+    Diffuse(Diffuse),
+    /// A part of the surface is not there.
+    Mask(Mask),
+    /// Normals given by a texture.
+    NormalMap(NormalMap),
     /// Nothing: light passes.
-    Null,
-}
-
-/// What lies under a dielectric coat.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Coated {
-    /// Reflectance of the base.
-    pub diffuse_reflectance: Input<Rgb>,
-    /// Whether the colour changes as light is scattered between base and coat.
-    pub nonlinear: bool,
-}
-
-/// How bent normals are used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct Bending {
-    /// Whether a normal that looks away from the viewer is mirrored to look at him. [Schüßler 2017]
-    pub flip_invalid: bool,
-    /// Whether the terminator is softened. [Estevez 2019]
-    pub soften: bool,
-}
-
-/// Parameters of the principled model, each in [0, 1] but where it says otherwise.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Principled {
-    /// Colour of the surface.
-    pub base_color: Input<Rgb>,
-    /// Square root of the microfacets' roughness.
-    pub roughness: Input<f32>,
-    /// How much the highlights are stretched.
-    pub anisotropic: Input<f32>,
-    /// How much it is a metal.
-    pub metallic: Input<f32>,
-    /// How much of the rest transmits light.
-    pub spec_trans: Input<f32>,
-    /// Index of refraction of the inside over the outside, greater than 0.
-    pub eta: f32,
-    /// How much the dielectric reflection takes the base colour.
-    pub spec_tint: Input<f32>,
-    /// Reflection at grazing angles, as of cloth.
-    pub sheen: Input<f32>,
-    /// How much the sheen takes the base colour.
-    pub sheen_tint: Input<f32>,
-    /// How much the diffuse reflection is as flat as of thin subsurface scattering.
-    pub flatness: Input<f32>,
-    /// Strength of a second, clear coat.
-    pub clearcoat: Input<f32>,
-    /// Gloss of the clear coat.
-    pub clearcoat_gloss: Input<f32>,
-}
-
-/// Parameters of the principled model for thin sheets, each in [0, 1] but where it says otherwise.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct PrincipledThin {
-    /// Colour of the surface.
-    pub base_color: Input<Rgb>,
-    /// Square root of the microfacets' roughness.
-    pub roughness: Input<f32>,
-    /// How much the highlights are stretched.
-    pub anisotropic: Input<f32>,
-    /// How much is transmitted specularly.
-    pub spec_trans: Input<f32>,
-    /// Index of refraction, greater than 0.
-    pub eta: Input<f32>,
-    /// How much the dielectric reflection takes the base colour.
-    pub spec_tint: Input<f32>,
-    /// Reflection at grazing angles.
-    pub sheen: Input<f32>,
-    /// How much the sheen takes the base colour.
-    pub sheen_tint: Input<f32>,
-    /// How flat the diffuse reflection is.
-    pub flatness: Input<f32>,
-    /// How much of the diffuse light is transmitted: 0 none, 1 half, 2 all.
-    pub diff_trans: Input<f32>,
-}
-
-impl Material {
-    /// The materials that it is made of.
-    pub fn inner(&self) -> &[MaterialId] {
-        match self {
-            Material::Mask { inner, .. }
-            | Material::BumpMap { inner, .. }
-            | Material::NormalMap { inner, .. } => std::slice::from_ref(inner),
-            Material::Blend { inner, .. } | Material::TwoSided(inner) => inner,
-            _ => &[],
-        }
-    }
-
-    /// The textures that it reads, by its own parameters.
-    pub fn textures(&self) -> impl Iterator<Item = TextureId> {
-        let mut found = Vec::new();
-        let mut color = |input: &Input<Rgb>| found.extend(input.texture());
-        match self {
-            Material::Diffuse { reflectance } => color(reflectance),
-            Material::Conductor(metal) => metal.colors().iter().for_each(color),
-            Material::RoughConductor(metal, roughness) => {
-                metal.colors().iter().for_each(color);
-                found.extend(roughness.alpha.iter().filter_map(Input::texture));
-            }
-            Material::Dielectric(interface, transmittance)
-            | Material::ThinDielectric(interface, transmittance) => {
-                [interface.specular_reflectance, *transmittance].iter().for_each(color);
-            }
-            Material::RoughDielectric(interface, transmittance, roughness) => {
-                [interface.specular_reflectance, *transmittance].iter().for_each(color);
-                found.extend(roughness.alpha.iter().filter_map(Input::texture));
-            }
-            Material::Plastic(interface, base) | Material::RoughPlastic { interface, base, .. } => {
-                [interface.specular_reflectance, base.diffuse_reflectance].iter().for_each(color);
-            }
-            Material::Principled(p) => {
-                color(&p.base_color);
-                let numbers = [
-                    p.roughness,
-                    p.anisotropic,
-                    p.metallic,
-                    p.spec_trans,
-                    p.spec_tint,
-                    p.sheen,
-                    p.sheen_tint,
-                    p.flatness,
-                    p.clearcoat,
-                    p.clearcoat_gloss,
-                ];
-                found.extend(numbers.iter().filter_map(Input::texture));
-            }
-            Material::PrincipledThin(p) => {
-                color(&p.base_color);
-                let numbers = [
-                    p.roughness,
-                    p.anisotropic,
-                    p.spec_trans,
-                    p.eta,
-                    p.spec_tint,
-                    p.sheen,
-                    p.sheen_tint,
-                    p.flatness,
-                    p.diff_trans,
-                ];
-                found.extend(numbers.iter().filter_map(Input::texture));
-            }
-            Material::Mask { opacity: share, .. } | Material::Blend { weight: share, .. } => {
-                found.extend(share.texture());
-            }
-            Material::BumpMap { height: texture, .. } | Material::NormalMap { normals: texture, .. } => {
-                found.push(*texture);
-            }
-            Material::TwoSided(_) | Material::Null => {}
-        }
-        found.into_iter()
-    }
-
-    /// Whether light may pass through it, by itself (not by what it is made of).
-    pub fn transmits(&self) -> bool {
-        match self {
-            Material::Dielectric(..)
-            | Material::ThinDielectric(..)
-            | Material::RoughDielectric(..)
-            | Material::PrincipledThin(_)
-            | Material::Mask { .. }
-            | Material::Null => true,
-            Material::Principled(p) => p.spec_trans != Input::Constant(0.0),
-            _ => false,
-        }
-    }
-
-    /// The name of its kind in the scene language.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Material::Diffuse { .. } => "diffuse",
-            Material::Conductor(_) => "conductor",
-            Material::RoughConductor(..) => "roughconductor",
-            Material::Dielectric(..) => "dielectric",
-            Material::ThinDielectric(..) => "thindielectric",
-            Material::RoughDielectric(..) => "roughdielectric",
-            Material::Plastic(..) => "plastic",
-            Material::RoughPlastic { .. } => "roughplastic",
-            Material::Principled(_) => "principled",
-            Material::PrincipledThin(_) => "principledthin",
-            Material::Mask { .. } => "mask",
-            Material::Blend { .. } => "blendbsdf",
-            Material::BumpMap { .. } => "bumpmap",
-            Material::NormalMap { .. } => "normalmap",
-            Material::TwoSided(_) => "twosided",
-            Material::Null => "null",
-        }
-    }
-}
-
-impl Metal {
-    fn colors(&self) -> [Input<Rgb>; 3] {
-        [self.eta, self.k, self.specular_reflectance]
-    }
+    Null(Null),
+    /// A diffuse base under a smooth dielectric coat.
+    Plastic(Plastic),
+    /// The principled model.
+    Principled(Box<Principled>),
+    /// The principled model for sheets without thickness.
+    PrincipledThin(Box<PrincipledThin>),
+    /// A conductor of microfacets.
+    RoughConductor(RoughConductor),
+    /// A boundary of microfacets between two dielectrics.
+    RoughDielectric(RoughDielectric),
+    /// A diffuse base under a rough dielectric coat.
+    RoughPlastic(RoughPlastic),
+    /// A pane of a dielectric without thickness.
+    ThinDielectric(ThinDielectric),
+    /// One-sided materials on front and back.
+    TwoSided(TwoSided),
 }

@@ -4,13 +4,11 @@ pub mod compile;
 pub mod description;
 mod holes;
 pub mod interaction;
-pub mod materials;
 pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile, compile_within};
 pub use description::Description;
 pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
-pub use materials::{Materials, SceneMaterial};
 pub use needs::Needs;
 
 use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
@@ -20,6 +18,7 @@ use crate::emitter::{
     self, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, SurfacePlace, Target,
 };
 use crate::ids::{EmitterId, MaterialId};
+use crate::material::{MaterialPoint, Materials, Scattering};
 use crate::math::lanes::{bits, mask_from_bits};
 use crate::math::ray::{offset_origin, offset_origin_x16};
 use crate::math::{Bounds, Frame, FrameX16, LANES, Ray, RayX16, Vec2, Vec3, Vec3x16, f32x16};
@@ -28,7 +27,6 @@ use crate::sensor::Camera;
 use crate::shape::{Placement, WorldShape};
 use bumpalo::Bump;
 use interaction::{CornersX16, SurfaceX16};
-use materials::{MaterialPoint, Scattering};
 use std::sync::Arc;
 
 /// A shape of the compiled scene.

@@ -8,7 +8,7 @@ use buffon::film::{ComponentFormat, FilmSettings, Filter, PixelFormat};
 use buffon::ids::MaterialId;
 use buffon::image::Image;
 use buffon::integrator::{self, Preparation, Settings};
-use buffon::material::Material;
+use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
 use buffon::memory::Budget;
 use buffon::render::output::replicate_images;
@@ -37,7 +37,7 @@ pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: 
 
 /// A grey diffuse material.
 pub fn diffuse(reflectance: f32) -> Material {
-    Material::Diffuse { reflectance: Rgb::splat(reflectance).into() }
+    Material::Diffuse(Diffuse { reflectance: Rgb::splat(reflectance).into() })
 }
 
 /// A sphere shape around the origin.

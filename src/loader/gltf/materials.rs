@@ -6,7 +6,7 @@ use super::textures::{Plane, TextureUse};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::MaterialId;
-use crate::material::{Bending, Input, Material, Principled};
+use crate::material::{Bending, Input, Mask, Material, NormalMap, Principled, TwoSided};
 use crate::texture::{Adjusted, MeshAttribute, Texture};
 use gltf::material::AlphaMode;
 use std::sync::Arc;
@@ -57,12 +57,12 @@ impl Builder<'_> {
         let emission = self.emission(material, &thing)?;
         let principled = self.principled(material, vertex, &thing)?;
         let transmits = principled.spec_trans != Input::Constant(0.0);
-        let mut id = self.add_material(Material::Principled(Box::new(principled)));
+        let mut id = self.add_material(Box::new(principled));
         if let Some(normals) = material.normal_texture() {
             id = self.normal_map(&normals, id)?;
         }
         if material.double_sided() && !transmits {
-            id = self.add_material(Material::TwoSided([id; 2]));
+            id = self.add_material(TwoSided::same(id));
         }
         if material.double_sided() && emission.is_some() {
             self.note("light comes from the front of double-sided materials only");
@@ -73,9 +73,9 @@ impl Builder<'_> {
         Ok(surface)
     }
 
-    fn add_material(&mut self, material: Material) -> MaterialId {
+    fn add_material(&mut self, material: impl Into<Material>) -> MaterialId {
         let materials = &mut self.loaded.description.materials;
-        materials.push(material);
+        materials.push(material.into());
         MaterialId::from(materials.len() - 1)
     }
 
@@ -184,7 +184,7 @@ impl Builder<'_> {
         }
         let normals = self.add_texture(texture);
         let bending = Bending { flip_invalid: true, soften: true };
-        Ok(self.add_material(Material::NormalMap { normals, bending, inner }))
+        Ok(self.add_material(NormalMap { normals, bending, inner }))
     }
 
     /// The material where alpha lets it be.
@@ -222,7 +222,7 @@ impl Builder<'_> {
         if opacity == Input::Constant(1.0) {
             return Ok(inner);
         }
-        Ok(self.add_material(Material::Mask { opacity, inner }))
+        Ok(self.add_material(Mask { opacity, inner }))
     }
 
     /// Radiance of the front; `None` where there is none.

@@ -3,9 +3,9 @@
 use super::xml::Spot;
 use crate::color::spectrum::Spectrum;
 use crate::error::{Error, Result};
-use crate::loader::wording;
-use crate::loader::wording::quoted;
 use crate::math::{DAffine3, DVec3, Motion};
+use crate::util::wording;
+use crate::util::wording::quoted;
 use std::collections::HashMap;
 
 /// Index of an object in its [`Graph`].

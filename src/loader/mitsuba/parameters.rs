@@ -1,7 +1,7 @@
 //! Scene parameters: `<default>`, `$name` and `-D name=value`.
 
 use crate::error::Error;
-use crate::loader::wording;
+use crate::util::wording;
 
 #[derive(Debug)]
 struct Parameter {

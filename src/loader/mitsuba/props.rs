@@ -2,9 +2,9 @@
 
 use super::graph::{Child, Graph, Object, ObjectId, Property, Value};
 use crate::error::{Error, Result};
-use crate::loader::wording;
-use crate::loader::wording::quoted;
 use crate::math::{DAffine3, DVec3, Motion};
+use crate::util::wording;
+use crate::util::wording::quoted;
 use std::cell::{Cell, RefCell};
 use std::ops::RangeInclusive;
 

@@ -6,10 +6,11 @@ use super::xml::{self, Attribute, Element};
 use super::{transform, upgrade, values};
 use crate::error::{Error, Result};
 use crate::loader::files::Folders;
-use crate::loader::wording::quoted;
-use crate::loader::{LoadOptions, framing, wording};
+use crate::loader::{LoadOptions, framing};
 use crate::math::{DAffine3, Motion};
 use crate::memory::Budget;
+use crate::util::wording;
+use crate::util::wording::quoted;
 use std::path::{Path, PathBuf};
 
 /// The version of the scene language that Buffon speaks.

@@ -2,8 +2,8 @@
 
 use crate::color::spectrum::Spectrum;
 use crate::color::srgb;
-use crate::loader::wording::quoted;
 use crate::math::DVec3;
+use crate::util::wording::quoted;
 
 /// A number: finite, in decimal or scientific notation.
 ///

@@ -1,7 +1,7 @@
 //! What is wrong with an OBJ file, and in which line.
 
 use crate::error::{Error, Place};
-use crate::loader::wording::quoted;
+use crate::util::wording::quoted;
 use std::path::Path;
 
 /// The error for a text that could not be read: the first malformed line, or else the first that refers to what is not

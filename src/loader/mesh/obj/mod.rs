@@ -270,7 +270,7 @@ fn report(survey: &Survey, path: &Path, warnings: &mut Vec<Error>) {
         warn("some corners of faces have no normals, so all are computed".to_owned(), 0);
     }
     if let Some((line, word)) = &survey.unknown {
-        warn(format!("lines that start with {} are ignored", crate::loader::wording::quoted(word)), *line);
+        warn(format!("lines that start with {} are ignored", crate::util::wording::quoted(word)), *line);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::header::{Element, Encoding, Kind, Number};
 use super::{Fault, malformed};
-use crate::loader::wording::quoted;
+use crate::util::wording::quoted;
 
 /// What is left of a file.
 #[derive(Clone, Debug)]

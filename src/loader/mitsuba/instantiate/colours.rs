@@ -7,8 +7,8 @@ use crate::error::Result;
 use crate::loader::mitsuba::graph::{ObjectId, Property, Value};
 use crate::loader::mitsuba::props::Props;
 use crate::loader::mitsuba::values;
-use crate::loader::wording::quoted;
 use crate::material::Input;
+use crate::util::wording::quoted;
 use std::ops::RangeInclusive;
 
 impl Builder<'_> {

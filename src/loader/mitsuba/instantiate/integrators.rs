@@ -10,8 +10,8 @@ use crate::integrator::settings::{
 };
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
-use crate::loader::wording;
-use crate::loader::wording::quoted;
+use crate::util::wording;
+use crate::util::wording::quoted;
 
 const SUPPORTED: [&str; 11] = [
     "aov",

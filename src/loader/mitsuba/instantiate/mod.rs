@@ -17,10 +17,11 @@ use crate::emitter::Emitter;
 use crate::error::{Error, Result};
 use crate::ids::{MaterialId, TextureId};
 use crate::image::TextureImage;
+use crate::loader::Loaded;
 use crate::loader::files::Folders;
-use crate::loader::{Loaded, wording};
 use crate::material::Material;
 use crate::memory::Budget;
+use crate::util::wording;
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -163,7 +164,7 @@ impl<'g> Builder<'g> {
         };
         let property = props
             .find(name)
-            .map(|p| p.error(format!("there is no file {}", crate::loader::wording::quoted(text))));
+            .map(|p| p.error(format!("there is no file {}", crate::util::wording::quoted(text))));
         let found = self.folders.find(props.object.spot.file(), text);
         if found.is_none() {
             self.missing.extend(property);

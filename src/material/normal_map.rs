@@ -1,0 +1,57 @@
+//! `normalmap`: a material whose normals are given by a texture.
+
+use super::{Bending, Context, Input, Materials, Plugin, Prepared, Sampling, Scattering, Source};
+use crate::color::spectrum::Quantity;
+use crate::error::Result;
+use crate::ids::{MaterialId, TextureId};
+use crate::math::Vec3;
+use crate::texture::TexturePoint;
+
+/// A material whose normals are given by a texture.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct NormalMap {
+    /// The local normals n as colours (n + 1) / 2.
+    pub normals: TextureId,
+    /// How the bent normals are used.
+    pub bending: Bending,
+    /// What bends.
+    pub inner: MaterialId,
+}
+
+impl Plugin for NormalMap {
+    const NAME: &'static str = "normalmap";
+
+    fn read(source: &mut dyn Source) -> Result<Self> {
+        let inner = source.only_inner()?;
+        let Input::Texture(normals) = source.color("normalmap", Quantity::Unbounded, 0.5)? else {
+            return Err(source.error("normalmap", "expected a texture"));
+        };
+        Ok(NormalMap { normals, bending: Bending::read(source)?, inner })
+    }
+
+    fn textures(&self) -> Vec<TextureId> {
+        vec![self.normals]
+    }
+
+    fn inner(&self) -> &[MaterialId] {
+        std::slice::from_ref(&self.inner)
+    }
+
+    fn has_tangents(&self) -> bool {
+        true
+    }
+
+    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>) -> f32 {
+        all.opacity(self.inner, point)
+    }
+
+    fn sampling(&self, _: &Prepared, all: &Materials) -> Sampling {
+        self.bending.sampling(all.sampling(self.inner))
+    }
+
+    fn scattering<'a>(&'a self, _: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
+        let n = context.materials.texture(self.normals).eval(&context.at.texture);
+        let n = Vec3::new(n.r, n.g, n.b) * 2.0 - Vec3::ONE;
+        self.bending.tilted(context, n, self.inner)
+    }
+}

@@ -1,0 +1,169 @@
+//! Groups of parameters that several plugins have.
+
+use super::source::{NumberOrName, Source};
+use super::{Input, Inputs};
+use crate::bsdf::fresnel::ConductorFresnel;
+use crate::bsdf::microfacet::{Distribution, Microfacets};
+use crate::color::conductors::{self, ComplexIor};
+use crate::color::spectrum::Quantity;
+use crate::color::{Rgb, ior};
+use crate::error::Result;
+use crate::ids::TextureId;
+use crate::util::wording::{did_you_mean, quoted};
+
+/// The least roughness: below it, squares of the roughness leave the range of `f32`.
+pub(super) const LEAST_ALPHA: f32 = 1e-4;
+/// The conductor when nothing is said: a perfect mirror.
+const DEFAULT_CONDUCTOR: &str = "none";
+
+/// The normals of microfacets: their distribution and roughness.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Roughness {
+    /// The family.
+    pub distribution: Distribution,
+    /// Roughness along the surface's u and v directions, positive.
+    pub alpha: [Input<f32>; 2],
+    /// Whether to sample the visible normals (else all normals of the distribution).
+    pub sample_visible: bool,
+}
+
+impl Roughness {
+    pub(super) fn read(source: &mut dyn Source) -> Result<Self> {
+        let alpha = match (source.has("alpha"), source.has("alpha_u"), source.has("alpha_v")) {
+            (_, false, false) => [alpha(source, "alpha")?; 2],
+            (false, true, true) => [alpha(source, "alpha_u")?, alpha(source, "alpha_v")?],
+            _ => return Err(source.object_error("expected either alpha or both alpha_u and alpha_v")),
+        };
+        let distribution = read_distribution(source)?;
+        Ok(Roughness { distribution, alpha, sample_visible: source.boolean("sample_visible", true)? })
+    }
+
+    pub(super) fn textures(&self) -> impl Iterator<Item = TextureId> {
+        self.alpha.iter().filter_map(Input::texture)
+    }
+
+    pub(super) fn is_anisotropic(&self) -> bool {
+        self.alpha[0] != self.alpha[1]
+    }
+
+    pub(super) fn at(&self, inputs: &Inputs<'_>) -> Microfacets {
+        let [alpha_x, alpha_y] = self.alpha.map(|alpha| inputs.number(&alpha).max(LEAST_ALPHA));
+        Microfacets { distribution: self.distribution, alpha_x, alpha_y, sample_visible: self.sample_visible }
+    }
+}
+
+fn alpha(source: &mut dyn Source, name: &'static str) -> Result<Input<f32>> {
+    source.number(name, 0.1, f32::MIN_POSITIVE..=f32::MAX)
+}
+
+pub(super) fn read_distribution(source: &mut dyn Source) -> Result<Distribution> {
+    let words = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
+    source.choice("distribution", &words, Distribution::Beckmann)
+}
+
+/// A boundary between two dielectrics.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Interface {
+    /// Index of refraction on the side that the normal points away from.
+    pub int_ior: f32,
+    /// Index of refraction on the side that the normal points to.
+    pub ext_ior: f32,
+    /// A factor on the reflection, 1 in nature.
+    pub specular_reflectance: Input<Rgb>,
+}
+
+impl Interface {
+    /// Reads the boundary between air and `inside`, unless the object says otherwise.
+    pub(super) fn read(source: &mut dyn Source, inside: &str) -> Result<Self> {
+        Ok(Interface {
+            int_ior: read_ior(source, "int_ior", inside)?,
+            ext_ior: read_ior(source, "ext_ior", "air")?,
+            specular_reflectance: source.reflectance("specular_reflectance", 1.0)?,
+        })
+    }
+
+    /// Returns the inner index over the outer one.
+    pub fn eta(&self) -> f32 {
+        self.int_ior / self.ext_ior
+    }
+}
+
+/// Reads an index of refraction: a number or the name of a dielectric.
+fn read_ior(source: &mut dyn Source, name: &'static str, default: &str) -> Result<f32> {
+    match source.number_or_name(name)? {
+        None => ior::dielectric(default)
+            .ok_or_else(|| source.object_error(&format!("unknown dielectric {}", quoted(default)))),
+        Some(NumberOrName::Number) => source.positive(name, 1.0),
+        Some(NumberOrName::Name(text)) => ior::dielectric(&text).ok_or_else(|| {
+            let near = did_you_mean(&text, ior::dielectric_names());
+            source.refusal(name, &format!("expected a number or the name of a dielectric{near}"))
+        }),
+    }
+}
+
+/// Reads a factor on the transmission.
+pub(super) fn read_transmittance(source: &mut dyn Source) -> Result<Input<Rgb>> {
+    source.reflectance("specular_transmittance", 1.0)
+}
+
+/// A conductor's complex index of refraction relative to the outside, and a factor on its reflection.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Metal {
+    /// Real part.
+    pub eta: Input<Rgb>,
+    /// Imaginary part (absorption), not negative.
+    pub k: Input<Rgb>,
+    /// A factor on the reflection, 1 in nature.
+    pub specular_reflectance: Input<Rgb>,
+}
+
+impl Metal {
+    /// Reads `material` by name, or `eta` and `k`.
+    pub(super) fn read(source: &mut dyn Source) -> Result<Self> {
+        let specular_reflectance = source.reflectance("specular_reflectance", 1.0)?;
+        let name = source.text("material")?;
+        let eta = source.color("eta", Quantity::Unbounded, 0.0)?;
+        let k = source.color("k", Quantity::Unbounded, 1.0)?;
+        let given = ["eta", "k"].into_iter().find(|name| source.has(name));
+        match (name, given) {
+            (Some(_), Some(other)) => {
+                Err(source.error(other, "expected either material or eta and k, found both"))
+            }
+            (None, Some(_)) => Ok(Metal { eta, k, specular_reflectance }),
+            (name, None) => {
+                let name = name.as_deref().unwrap_or(DEFAULT_CONDUCTOR);
+                let ComplexIor { eta, k } = conductors::conductor(name).ok_or_else(|| {
+                    let near = did_you_mean(name, conductors::conductor_names());
+                    source.refusal("material", &format!("expected the name of a conductor{near}"))
+                })?;
+                Ok(Metal { eta: eta.into(), k: k.into(), specular_reflectance })
+            }
+        }
+    }
+
+    pub(super) fn textures(&self) -> impl Iterator<Item = TextureId> {
+        [self.eta, self.k, self.specular_reflectance].into_iter().filter_map(|input| input.texture())
+    }
+
+    pub(super) fn fresnel(&self, inputs: &Inputs<'_>) -> ConductorFresnel {
+        ConductorFresnel { eta: inputs.color(&self.eta), k: inputs.color(&self.k) }
+    }
+}
+
+/// What lies under a dielectric coat.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Coated {
+    /// Reflectance of the base.
+    pub diffuse_reflectance: Input<Rgb>,
+    /// Whether the colour changes as light is scattered between base and coat.
+    pub nonlinear: bool,
+}
+
+impl Coated {
+    pub(super) fn read(source: &mut dyn Source) -> Result<Self> {
+        Ok(Coated {
+            diffuse_reflectance: source.reflectance("diffuse_reflectance", 0.5)?,
+            nonlinear: source.boolean("nonlinear", false)?,
+        })
+    }
+}

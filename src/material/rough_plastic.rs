@@ -1,0 +1,67 @@
+//! `roughplastic`: a diffuse base under a rough dielectric coat.
+
+use super::parts::{LEAST_ALPHA, read_distribution};
+use super::{Coated, Distribution, Input, Inputs, Interface, Plugin, Prepared, Source};
+use crate::bsdf::microfacet::Microfacets;
+use crate::bsdf::{self, Bsdf, RoughTransmittance};
+use crate::error::Result;
+use crate::ids::TextureId;
+use std::sync::Arc;
+
+/// A diffuse base under a rough dielectric coat.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RoughPlastic {
+    /// The coat.
+    pub interface: Interface,
+    /// The base.
+    pub base: Coated,
+    /// Distribution of the coat's microfacet normals.
+    pub distribution: Distribution,
+    /// Roughness of the coat, positive.
+    pub alpha: f32,
+    /// As for [`Roughness`](super::Roughness).
+    pub sample_visible: bool,
+}
+
+impl Plugin for RoughPlastic {
+    const NAME: &'static str = "roughplastic";
+
+    fn read(source: &mut dyn Source) -> Result<Self> {
+        Ok(RoughPlastic {
+            interface: Interface::read(source, "polypropylene")?,
+            base: Coated::read(source)?,
+            distribution: read_distribution(source)?,
+            alpha: source.positive("alpha", 0.1)?,
+            sample_visible: source.boolean("sample_visible", true)?,
+        })
+    }
+
+    fn textures(&self) -> Vec<TextureId> {
+        let colors = [self.interface.specular_reflectance, self.base.diffuse_reflectance];
+        colors.iter().filter_map(Input::texture).collect()
+    }
+
+    fn prepare(&self) -> Prepared {
+        let alpha = self.alpha.max(LEAST_ALPHA);
+        let rough = RoughTransmittance::new(self.distribution, alpha, self.interface.eta());
+        Prepared { rough: Some(Arc::new(rough)), ..Prepared::default() }
+    }
+
+    fn bsdf<'a>(&'a self, prepared: &'a Prepared, inputs: &Inputs<'_>) -> Bsdf<'a> {
+        let Some(transmittance) = &prepared.rough else { return Bsdf::Null };
+        let alpha = self.alpha.max(LEAST_ALPHA);
+        Bsdf::RoughPlastic(bsdf::RoughPlastic {
+            microfacets: Microfacets {
+                distribution: self.distribution,
+                alpha_x: alpha,
+                alpha_y: alpha,
+                sample_visible: self.sample_visible,
+            },
+            diffuse_reflectance: inputs.color(&self.base.diffuse_reflectance),
+            specular_reflectance: inputs.color(&self.interface.specular_reflectance),
+            eta: self.interface.eta(),
+            nonlinear: self.base.nonlinear,
+            transmittance,
+        })
+    }
+}
