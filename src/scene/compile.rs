@@ -3,7 +3,7 @@
 use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::Holes;
 use super::{Materials, Needs, Scene, SceneShape};
-use crate::accel::{self, AccelKind, Assembly, Filtered, Geometry, Instance, MAX_STEPS};
+use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::Lobes;
 use crate::color::Rgb;
 use crate::emitter::{
@@ -216,7 +216,7 @@ impl Builder {
             |(shape, holes): (&SceneShape, &bool)| holes.then(|| (shape.world.clone(), shape.material));
         let shapes = self.shapes.iter().zip(&geometry).map(shape).collect();
         let filter = Arc::new(Holes { shapes, materials: self.materials.clone() });
-        self.assembly.filter = Some(Filtered { filter, geometry });
+        self.assembly.filter = Some(GeometryFilter { filter, geometry });
     }
 
     fn finish(
