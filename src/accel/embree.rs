@@ -3,8 +3,8 @@
 use super::assembly::{Assembly, CheckedAssembly, FilterQuery, GeometryFilter, HitFilter, ray_id};
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, PrimitiveHit};
 use crate::embree::{
-    self, Candidate, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
-    SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
+    self, CandidateHit, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16,
+    Rays16, SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
@@ -179,8 +179,8 @@ struct MeshFilter {
 }
 
 impl TriangleFilter for MeshFilter {
-    fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool {
-        let Candidate { t, u, v, primitive } = *hit;
+    fn accepts(&self, ray: &UserRay, hit: &CandidateHit) -> bool {
+        let CandidateHit { t, u, v, primitive } = *hit;
         let instance = instance_of(ray, self.first_instance);
         self.filter.accepts(
             ray.id,

@@ -1,8 +1,8 @@
-//! Declarations of the C shim in `shim/`, which gives Buffon what it uses of OpenImageIO: reading all
-//! channels and metadata of a file, writing, and comparing. Nothing but declarations; what each function
-//! does and who owns what is said in `shim/buffon_oiio.h`. The safe wrapper is `buffon::image`.
+//! Declarations of the C shim in `shim/`, which exposes the part of OpenImageIO that Buffon uses: reading all
+//! channels and metadata of a file, writing, and comparing. The documentation and ownership rules of each function
+//! are in `shim/buffon_oiio.h`. The safe wrapper is `buffon::image`.
 //!
-//! `build.rs` gives the library's version to dependants' build scripts as `DEP_OIIO_VERSION`.
+//! The build scripts of dependent crates read the library's version from `DEP_OIIO_VERSION`.
 
 #![allow(non_camel_case_types, non_upper_case_globals, missing_docs)]
 
