@@ -1,9 +1,10 @@
-//! Irradiance caches in a file.
+//! The file format of irradiance caches.
 //!
-//! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and of the
-//! settings that records depend on (u64 each). Then how many views the records serve (u32) and the hash of each (u64), how many
-//! replicates there are (u32) and how many records in each of their caches (the fine ones, then the coarse ones; u64
-//! each), the records, 28 numbers (f32) each, and the CRC-32 (as u64) of everything before it.
+//! All numbers are little-endian. The file begins with `BUFFONIC`, the version (u32), and the hashes of the scene and
+//! of the settings on which records depend (u64 each). Then follow the number of views that the records serve (u32)
+//! and the hash of each (u64), the number of replicates (u32), and the number of records in each of their caches (the
+//! fine ones, then the coarse ones; u64 each). The records follow, 28 numbers (f32) each, and the CRC-32 (as u64) of
+//! everything before it.
 
 use super::hemisphere::Gradient;
 use super::record::Record;
@@ -16,57 +17,57 @@ use std::path::Path;
 
 const MAGIC: &[u8; 8] = b"BUFFONIC";
 const VERSION: u32 = 3;
-/// Numbers of a record.
+/// The number of `f32` values in a record.
 const NUMBERS: usize = 28;
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Kept {
-    /// Hash of the scene, without sensors.
+pub struct CacheContents {
+    /// Hash of the scene without its sensors.
     pub scene: u64,
-    /// Hash of the settings that records depend on.
+    /// Hash of the settings on which records depend.
     pub settings: u64,
-    /// Hashes of the views that the records were made for.
+    /// Hashes of the views for which the records were computed.
     pub views: Vec<u64>,
     /// The fine records of each replicate.
     pub fine: Vec<Vec<Record>>,
-    /// The coarse records of as many replicates.
+    /// The coarse records of each replicate.
     pub coarse: Vec<Vec<Record>>,
 }
 
-impl Kept {
+impl CacheContents {
     fn caches(&self) -> impl Iterator<Item = &Vec<Record>> {
         self.fine.iter().chain(&self.coarse)
     }
 }
 
-/// Writes caches to a file, whole or not at all.
+/// Writes caches to a file. A failed write leaves no partial file.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save(path: &Path, kept: &Kept) -> Result<()> {
-    let count: usize = kept.caches().map(Vec::len).sum();
+pub fn save(path: &Path, contents: &CacheContents) -> Result<()> {
+    let count: usize = contents.caches().map(Vec::len).sum();
     let mut bytes = Vec::with_capacity(count * NUMBERS * 4 + 128);
     bytes.extend(MAGIC);
     bytes.extend(VERSION.to_le_bytes());
-    bytes.extend(kept.scene.to_le_bytes());
-    bytes.extend(kept.settings.to_le_bytes());
-    bytes.extend((kept.views.len() as u32).to_le_bytes());
-    kept.views.iter().for_each(|view| bytes.extend(view.to_le_bytes()));
-    bytes.extend((kept.fine.len() as u32).to_le_bytes());
-    kept.caches().for_each(|records| bytes.extend((records.len() as u64).to_le_bytes()));
-    for record in kept.caches().flatten() {
+    bytes.extend(contents.scene.to_le_bytes());
+    bytes.extend(contents.settings.to_le_bytes());
+    bytes.extend((contents.views.len() as u32).to_le_bytes());
+    contents.views.iter().for_each(|view| bytes.extend(view.to_le_bytes()));
+    bytes.extend((contents.fine.len() as u32).to_le_bytes());
+    contents.caches().for_each(|records| bytes.extend((records.len() as u64).to_le_bytes()));
+    for record in contents.caches().flatten() {
         numbers(record).iter().for_each(|number| bytes.extend(number.to_le_bytes()));
     }
     bytes.extend(checksum(&bytes).to_le_bytes());
     replace(path, &bytes)
 }
 
-/// Reads the caches of a file.
+/// Reads the caches from a file.
 ///
 /// # Errors
-/// If the file cannot be read, holds something else, or is damaged.
-pub fn load(path: &Path) -> Result<Kept> {
+/// If the file cannot be read, has another format, or is damaged.
+pub fn load(path: &Path) -> Result<CacheContents> {
     let cannot = |e: std::io::Error| refuse(path, &format!("cannot be read: {e}"));
     if !std::fs::metadata(path).map_err(cannot)?.is_file() {
         return Err(refuse(path, "is not a file"));
@@ -80,7 +81,7 @@ pub fn load(path: &Path) -> Result<Kept> {
     };
     let damaged = || refuse(path, "is damaged; remove it, and it will be made anew");
     let (body, sum) = bytes.split_last_chunk::<8>().ok_or_else(damaged)?;
-    let mut reader = Reader(rest);
+    let mut reader = RecordReader(rest);
     let version = reader.u32().ok_or_else(damaged)?;
     if version != VERSION {
         return Err(refuse(
@@ -91,28 +92,28 @@ pub fn load(path: &Path) -> Result<Kept> {
     if checksum(body) != u64::from_le_bytes(*sum) {
         return Err(damaged());
     }
-    reader.kept().ok_or_else(damaged)
+    reader.contents().ok_or_else(damaged)
 }
 
 fn refuse(path: &Path, what: &str) -> Error {
     Error::output(format!("--cache {}: it {what}", path.display()))
 }
 
-/// Reads caches that must be those of a scene and of settings.
+/// Reads the caches from a file that must belong to the given scene and settings.
 ///
 /// # Errors
-/// As for [`load`], and if they belong to anything else.
-pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<Kept> {
-    let kept = load(path)?;
+/// As for [`load`], and if the file belongs to another scene or other settings.
+pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<CacheContents> {
+    let contents = load(path)?;
     let stale =
         |what| Err(refuse(path, &format!("holds records of {what}; remove it, or name another file")));
-    if kept.scene != scene {
+    if contents.scene != scene {
         return stale("another scene");
     }
-    if kept.settings != settings {
+    if contents.settings != settings {
         return stale("other settings of the integrator");
     }
-    Ok(kept)
+    Ok(contents)
 }
 
 fn checksum(bytes: &[u8]) -> u64 {
@@ -130,7 +131,7 @@ fn numbers(record: &Record) -> [f32; NUMBERS] {
     })
 }
 
-/// `None` for what no record can be.
+/// Converts the numbers of a record; `None` if they are invalid.
 fn record(n: &[f32; NUMBERS]) -> Option<Record> {
     let vector = |i: usize| Vec3::new(n[i], n[i + 1], n[i + 2]);
     let colour = |i: usize| Rgb::new(n[i], n[i + 1], n[i + 2]);
@@ -146,9 +147,9 @@ fn record(n: &[f32; NUMBERS]) -> Option<Record> {
     })
 }
 
-struct Reader<'a>(&'a [u8]);
+struct RecordReader<'a>(&'a [u8]);
 
-impl Reader<'_> {
+impl RecordReader<'_> {
     fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (first, rest) = self.0.split_first_chunk::<N>()?;
         self.0 = rest;
@@ -163,18 +164,19 @@ impl Reader<'_> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// What follows the version; nothing is allocated that the file has no bytes for.
-    fn kept(&mut self) -> Option<Kept> {
-        let mut kept = Kept { scene: self.u64()?, settings: self.u64()?, ..Kept::default() };
+    /// Reads everything after the version. Allocates no more than the file has bytes for.
+    fn contents(&mut self) -> Option<CacheContents> {
+        let mut contents =
+            CacheContents { scene: self.u64()?, settings: self.u64()?, ..CacheContents::default() };
         for _ in 0..self.u32()? {
-            kept.views.push(self.u64()?);
+            contents.views.push(self.u64()?);
         }
         let replicates = self.u32().filter(|n| *n <= SHARED_REPLICATES)?;
         let counts = (0..2 * replicates).map(|_| self.u64()).collect::<Option<Vec<u64>>>()?;
         let (fine, coarse) = counts.split_at(replicates as usize);
-        kept.fine = fine.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
-        kept.coarse = coarse.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
-        (self.0.len() == 8).then_some(kept)
+        contents.fine = fine.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
+        contents.coarse = coarse.iter().map(|&count| self.records(count)).collect::<Option<_>>()?;
+        (self.0.len() == 8).then_some(contents)
     }
 
     fn records(&mut self, count: u64) -> Option<Vec<Record>> {
@@ -196,7 +198,7 @@ mod tests {
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
 
-    fn kept() -> Kept {
+    fn contents() -> CacheContents {
         let record = |i: u32| {
             let along = |k: u32| [0, 1, 2].map(|c| Rgb::splat((i + k + c) as f32));
             Record {
@@ -209,22 +211,28 @@ mod tests {
             }
         };
         let caches = |counts: [u32; 2]| counts.map(|n| (0..n).map(record).collect()).to_vec();
-        Kept { scene: 1, settings: 2, views: vec![10, 11], fine: caches([3, 0]), coarse: caches([5, 1]) }
+        CacheContents {
+            scene: 1,
+            settings: 2,
+            views: vec![10, 11],
+            fine: caches([3, 0]),
+            coarse: caches([5, 1]),
+        }
     }
 
     #[test]
     fn what_is_kept_is_what_comes_back() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("cache");
-        save(&path, &kept()).expect("written");
-        assert_eq!(load_for(&path, 1, 2), Ok(kept()));
+        save(&path, &contents()).expect("written");
+        assert_eq!(load_for(&path, 1, 2), Ok(contents()));
     }
 
     #[test]
     fn stale_foreign_and_damaged_files_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("cache");
-        save(&path, &kept()).expect("written");
+        save(&path, &contents()).expect("written");
         let said = |scene, settings| load_for(&path, scene, settings).expect_err("refused").message;
         assert!(said(7, 2).contains("another scene"));
         assert!(said(1, 7).contains("other settings"));
@@ -242,7 +250,7 @@ mod tests {
             std::fs::write(&path, &whole[..length]).expect("written");
             load(&path).expect_err("refused");
         }
-        // A count that the file has no bytes for, with the right checksum.
+        // A count that exceeds the file's length, with a correct checksum.
         let mut bytes = whole[..whole.len() - 8].to_vec();
         bytes[52 + 7] = 0xff;
         let sum = checksum(&bytes);
@@ -267,8 +275,8 @@ mod tests {
             ..ProptestConfig::default()
         })]
 
-        /// Whatever becomes of a file, reading it ends with records that can be interpolated among or with a sentence; under a
-        /// checksum that was put right, too.
+        /// Reading a mutated file either returns records that can be interpolated or fails with an error. The
+        /// checksum is corrected in some cases.
         #[test]
         fn mutated_files_are_read_or_refused(
             edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
@@ -278,7 +286,7 @@ mod tests {
         ) {
             let folder = tempfile::tempdir().expect("a folder");
             let path = folder.path().join("cache");
-            save(&path, &kept()).expect("written");
+            save(&path, &contents()).expect("written");
             let mut bytes = std::fs::read(&path).expect("bytes");
             bytes.truncate(bytes.len() - 8);
             let reach = if in_header { 80 } else { bytes.len() - 4 };
@@ -291,12 +299,13 @@ mod tests {
             bytes.truncate(end.map_or(bytes.len(), |end| end.index(bytes.len())));
             std::fs::write(&path, &bytes).expect("written");
             match load(&path) {
-                Ok(kept) => {
+                Ok(contents) => {
                     let bounds = Bounds { min: Vec3::ZERO, max: Vec3::splat(2.0) };
-                    for records in kept.caches() {
+                    for records in contents.caches() {
                         let cache = Interpolation::new(records, bounds, 1.0);
                         for p in records.iter().map(|record| record.p).chain([Vec3::ONE, Vec3::splat(-9.0)]) {
-                            // A record far outside may bring what is no colour; a render drops and counts that.
+                            // Extrapolation of a distant record may give an invalid colour; a render drops and counts
+                            // it.
                             let _ = cache.irradiance(p, Vec3::Z, Vec3::Z);
                         }
                     }

@@ -1,9 +1,9 @@
-//! Photon maps in a file.
+//! The file format of photon maps.
 //!
-//! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), how many maps there are (u32), and the
-//! hashes of the scene and of all else that the photons depend on (u64 each). For each map follow what light it
-//! holds (u32), its replicate (u32), how many photons there are and how many light paths brought them (u64 each);
-//! then the photons of all maps, 24 bytes each; then the CRC-32 (as u64) of everything before it.
+//! All numbers are little-endian. The file begins with `BUFFONPM`, the version (u32), the number of maps (u32), and
+//! the hashes of the scene and of all other parameters on which the photons depend (u64 each). For each map follow
+//! the kind of light (u32), the replicate (u32), the number of photons and the number of emitted light paths (u64
+//! each). The photons of all maps follow, 24 bytes each, and the CRC-32 (as u64) of everything before it.
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result, counted};
@@ -19,73 +19,73 @@ const VERSION: u32 = 3;
 const HEADER_BYTES: u64 = 32;
 const ENTRY_BYTES: u64 = 24;
 const CHECKSUM_BYTES: u64 = 8;
-/// More maps no render has.
+/// The greatest number of maps of a render.
 const MOST_MAPS: u32 = 16;
-/// Photons that are read at once.
+/// The number of photons read at a time.
 const CHUNK: usize = 4096;
 
-/// What the photons of a file depend on.
+/// The input from which the photons of a file were computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Origin {
-    /// Hash of the scene, without sensors.
+pub struct MapOrigin {
+    /// Hash of the scene without its sensors.
     pub scene: u64,
-    /// Hash of everything else: settings, seed, sampler.
+    /// Hash of all other parameters: settings, seed, sampler.
     pub settings: u64,
 }
 
-/// Which light a map holds.
+/// The kind of light in a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Light {
-    /// All light but what comes from the emitters directly.
+pub enum MapKind {
+    /// All light except that which arrives directly from emitters.
     Global,
-    /// Light that Dirac deltas alone have scattered.
+    /// MapKind scattered by Dirac deltas only.
     Caustic,
 }
 
-impl Light {
-    /// Its name.
+impl MapKind {
+    /// Returns the name of the kind.
     pub fn name(self) -> &'static str {
         match self {
-            Light::Global => "global",
-            Light::Caustic => "caustic",
+            MapKind::Global => "global",
+            MapKind::Caustic => "caustic",
         }
     }
 }
 
-/// Which map of a file it is.
+/// The identification of a map in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Label {
-    /// Which light it holds.
-    pub light: Light,
-    /// For which replicate of the samples.
+pub struct MapLabel {
+    /// The kind of light.
+    pub light: MapKind,
+    /// The replicate of the samples that uses the map.
     pub replicate: u32,
 }
 
-/// What a file says of a map.
+/// The header of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Entry {
-    /// Which map it is.
-    pub label: Label,
-    /// How many photons there are.
+pub struct MapEntry {
+    /// The identification of the map.
+    pub label: MapLabel,
+    /// The number of photons.
     pub photons: u64,
-    /// How many light paths brought them.
+    /// The number of emitted light paths.
     pub emitted: u64,
 }
 
-/// What a file says of itself.
+/// The header of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Contents {
-    /// What the photons depend on.
-    pub origin: Origin,
+pub struct PhotonFileContents {
+    /// The input from which the photons were computed.
+    pub origin: MapOrigin,
     /// The maps.
-    pub maps: Vec<Entry>,
+    pub maps: Vec<MapEntry>,
 }
 
-/// Writes maps to a file, whole or not at all.
+/// Writes maps to a file. A failed write leaves no partial file.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result<()> {
+pub fn save(path: &Path, origin: MapOrigin, maps: &[(MapLabel, &PhotonMap)]) -> Result<()> {
     let photons: usize = maps.iter().map(|(_, map)| map.len()).sum();
     let mut bytes = Vec::with_capacity(photons * Photon::BYTES + 256);
     bytes.extend(MAGIC);
@@ -106,12 +106,12 @@ pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result
     replace(path, &bytes)
 }
 
-/// Reads the maps of a file, which must be those of `origin`.
+/// Reads the maps from a file, which must belong to `origin`.
 ///
 /// # Errors
 /// If the file cannot be read, is not a file of photon maps, is damaged, or belongs to another scene or other settings.
-pub fn load(path: &Path, origin: Origin) -> Result<Vec<(Label, PhotonMap)>> {
-    let mut reader = Reader::open(path)?;
+pub fn load(path: &Path, origin: MapOrigin) -> Result<Vec<(MapLabel, PhotonMap)>> {
+    let mut reader = PhotonFileReader::open(path)?;
     if reader.contents.origin.scene != origin.scene {
         return Err(bad(path, "it holds photons of another scene; remove it, or name another file"));
     }
@@ -122,17 +122,17 @@ pub fn load(path: &Path, origin: Origin) -> Result<Vec<(Label, PhotonMap)>> {
     reader.photons()
 }
 
-/// Reads what a file says of itself, and whether the rest of it is whole.
+/// Reads the header of a file and checks that the rest is complete.
 ///
 /// # Errors
-/// As those of [`load`], but for the origin.
-pub fn read_contents(path: &Path) -> Result<Contents> {
-    let mut reader = Reader::open(path)?;
+/// As for [`load`], except for the origin.
+pub fn read_contents(path: &Path) -> Result<PhotonFileContents> {
+    let mut reader = PhotonFileReader::open(path)?;
     reader.photons()?;
     Ok(reader.contents)
 }
 
-/// Whether a file begins as one of photon maps does.
+/// Returns whether a file begins with the identifier of photon maps.
 pub fn is_photon_file(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
     path.is_file()
@@ -144,15 +144,15 @@ fn bad(path: &Path, what: impl Into<String>) -> Error {
     Error::output(what).about("photon map").in_file(path)
 }
 
-/// A file whose header has been read, and whose length is what the header says.
-struct Reader<'a> {
+/// A file after its header was read and its length checked against the header.
+struct PhotonFileReader<'a> {
     path: &'a Path,
     file: BufReader<File>,
     checksum: Hasher,
-    contents: Contents,
+    contents: PhotonFileContents,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> PhotonFileReader<'a> {
     fn open(path: &'a Path) -> Result<Self> {
         let cannot = |e: io::Error| bad(path, format!("cannot be read: {e}"));
         let file = File::open(path).map_err(cannot)?;
@@ -160,13 +160,14 @@ impl<'a> Reader<'a> {
         if !metadata.is_file() {
             return Err(bad(path, "is not a file"));
         }
-        let contents = Contents { origin: Origin { scene: 0, settings: 0 }, maps: Vec::new() };
-        let mut reader = Reader { path, file: BufReader::new(file), checksum: Hasher::new(), contents };
+        let contents = PhotonFileContents { origin: MapOrigin { scene: 0, settings: 0 }, maps: Vec::new() };
+        let mut reader =
+            PhotonFileReader { path, file: BufReader::new(file), checksum: Hasher::new(), contents };
         reader.header(metadata.len())?;
         Ok(reader)
     }
 
-    /// Reads all but the photons; nothing is allocated for what the file has no room for.
+    /// Reads everything except the photons. Allocates no more than the file has bytes for.
     fn header(&mut self, length: u64) -> Result<()> {
         let magic: [u8; 8] = self.bytes()?;
         if magic != MAGIC {
@@ -179,7 +180,7 @@ impl<'a> Reader<'a> {
         if count > MOST_MAPS {
             return Err(bad(self.path, format!("has {count} maps, expected at most {MOST_MAPS}")));
         }
-        self.contents.origin = Origin { scene: self.u64()?, settings: self.u64()? };
+        self.contents.origin = MapOrigin { scene: self.u64()?, settings: self.u64()? };
         for _ in 0..count {
             let entry = self.entry()?;
             self.contents.maps.push(entry);
@@ -198,11 +199,11 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn entry(&mut self) -> Result<Entry> {
+    fn entry(&mut self) -> Result<MapEntry> {
         let (light, replicate) = (self.u32()?, self.u32()?);
         let light = match light {
-            0 => Light::Global,
-            1 => Light::Caustic,
+            0 => MapKind::Global,
+            1 => MapKind::Caustic,
             other => return Err(bad(self.path, format!("has a map of unknown light {other}"))),
         };
         if replicate >= SHARED_REPLICATES {
@@ -212,10 +213,10 @@ impl<'a> Reader<'a> {
                 format!("has a map for replicate {replicate}, expected at most {most}"),
             ));
         }
-        Ok(Entry { label: Label { light, replicate }, photons: self.u64()?, emitted: self.u64()? })
+        Ok(MapEntry { label: MapLabel { light, replicate }, photons: self.u64()?, emitted: self.u64()? })
     }
 
-    fn photons(&mut self) -> Result<Vec<(Label, PhotonMap)>> {
+    fn photons(&mut self) -> Result<Vec<(MapLabel, PhotonMap)>> {
         let mut maps = Vec::new();
         for entry in self.contents.maps.clone() {
             let mut left = entry.photons as usize;
@@ -237,7 +238,7 @@ impl<'a> Reader<'a> {
         maps.into_iter().map(|(entry, photons)| self.map(entry, photons)).collect()
     }
 
-    fn map(&self, entry: Entry, photons: Vec<Photon>) -> Result<(Label, PhotonMap)> {
+    fn map(&self, entry: MapEntry, photons: Vec<Photon>) -> Result<(MapLabel, PhotonMap)> {
         let map = PhotonMap::new(photons, entry.emitted);
         if map.dropped() > 0 || (entry.emitted == 0 && !map.is_empty()) {
             return Err(bad(self.path, "holds photons that no light path has left"));
@@ -278,15 +279,15 @@ fn photon(bytes: &[u8; Photon::BYTES]) -> Photon {
 mod tests {
     use super::*;
     use crate::color::Rgb;
-    use crate::integrator::photon::kdtree::Nearest;
-    use crate::integrator::photon::{DensityEstimator, Kernel, Place};
+    use crate::integrator::photon::kdtree::NeighbourBuffer;
+    use crate::integrator::photon::{DensityEstimator, Kernel, LookupPoint};
     use crate::math::Vec3;
     use crate::sampling::hash::{combine, to_unit};
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
     use std::fs;
 
-    const ORIGIN: Origin = Origin { scene: 0x1234_5678_9abc_def0, settings: 7 };
+    const ORIGIN: MapOrigin = MapOrigin { scene: 0x1234_5678_9abc_def0, settings: 7 };
 
     fn map(n: u32, seed: u32) -> PhotonMap {
         let unit = |i: u32, c: u32| to_unit(combine(combine(seed, i), c));
@@ -298,16 +299,16 @@ mod tests {
         PhotonMap::new((0..n).map(photon).collect(), u64::from(n) + 3)
     }
 
-    fn label(light: Light, replicate: u32) -> Label {
-        Label { light, replicate }
+    fn label(light: MapKind, replicate: u32) -> MapLabel {
+        MapLabel { light, replicate }
     }
 
-    /// A folder with a file of two maps.
+    /// Creates a folder with a file of two maps.
     fn saved() -> (tempfile::TempDir, std::path::PathBuf, [PhotonMap; 2]) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("photons.bpm");
         let maps = [map(1000, 1), map(10, 2)];
-        let labels = [label(Light::Global, 0), label(Light::Caustic, 1)];
+        let labels = [label(MapKind::Global, 0), label(MapKind::Caustic, 1)];
         save(&path, ORIGIN, &[(labels[0], &maps[0]), (labels[1], &maps[1])]).unwrap();
         (folder, path, maps)
     }
@@ -317,7 +318,7 @@ mod tests {
         let (_folder, path, maps) = saved();
         assert!(is_photon_file(&path) && !is_photon_file(path.parent().unwrap()));
         let loaded = load(&path, ORIGIN).unwrap();
-        assert_eq!([loaded[0].0, loaded[1].0], [label(Light::Global, 0), label(Light::Caustic, 1)]);
+        assert_eq!([loaded[0].0, loaded[1].0], [label(MapKind::Global, 0), label(MapKind::Caustic, 1)]);
         for (map, (_, loaded)) in maps.iter().zip(&loaded) {
             assert!(map.photons().eq(loaded.photons()), "in the same order, too");
             assert_eq!((map.emitted(), map.tree()), (loaded.emitted(), loaded.tree()));
@@ -331,14 +332,14 @@ mod tests {
         let (_folder, path, _) = saved();
         let refused = |origin| load(&path, origin).err().unwrap().to_string();
         assert_eq!(
-            refused(Origin { scene: 1, ..ORIGIN }),
+            refused(MapOrigin { scene: 1, ..ORIGIN }),
             format!(
                 "{}: photon map: it holds photons of another scene; remove it, or name another file",
                 path.display()
             )
         );
         assert_eq!(
-            refused(Origin { settings: 8, ..ORIGIN }),
+            refused(MapOrigin { settings: 8, ..ORIGIN }),
             format!(
                 "{}: photon map: it holds photons of other settings (integrator, sampler or seed); remove it, or \
                  name another file",
@@ -378,7 +379,7 @@ mod tests {
         for at in [16, 24, 48, 80, 100, good.len() - 100, good.len() - 1] {
             assert_eq!(with(at, &[good[at] ^ 1]), damaged);
         }
-        // NaN for a position, under a checksum that is right.
+        // A position of NaN, with a correct checksum.
         let mut bytes = good[..good.len() - 8].to_vec();
         bytes[80..84].copy_from_slice(&f32::NAN.to_le_bytes());
         bytes.extend(u64::from(crc32fast::hash(&bytes)).to_le_bytes());
@@ -394,8 +395,8 @@ mod tests {
             ..ProptestConfig::default()
         })]
 
-        /// Whatever becomes of a file, reading it ends with maps that can be asked or with a sentence; under a checksum
-        /// that was put right, too.
+        /// Reading a mutated file either returns maps that can be queried or fails with an error. The checksum is
+        /// corrected in some cases.
         #[test]
         fn mutated_files_are_read_or_refused(
             edits in prop::collection::vec((any::<prop::sample::Index>(), any::<[u8; 4]>(), 1usize..=4), 1..4),
@@ -418,8 +419,8 @@ mod tests {
                 Ok(maps) => {
                     let estimator = DensityEstimator { kernel: Kernel::Cone, lookup_size: 9, lookup_radius: 0.5 };
                     for (_, map) in maps {
-                        let at = Place { p: Vec3::splat(0.5), n: Vec3::Z };
-                        let found = estimator.irradiance(&map, at, &mut Nearest::default());
+                        let at = LookupPoint { p: Vec3::splat(0.5), n: Vec3::Z };
+                        let found = estimator.irradiance(&map, at, &mut NeighbourBuffer::default());
                         prop_assert!(found.radius.is_finite());
                     }
                 }
