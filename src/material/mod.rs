@@ -1,16 +1,16 @@
-//! Materials: what a surface is made of, as plain data.
+//! Materials: the surface properties of shapes, as plain data.
 
 pub use crate::bsdf::microfacet::Distribution;
 
 use crate::color::Rgb;
 use crate::ids::{MaterialId, TextureId};
 
-/// A parameter that is the same everywhere, or read from a texture.
+/// A parameter that is constant or read from a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Input<T> {
-    /// The same everywhere.
+    /// The same value everywhere.
     Constant(T),
-    /// The texture's value at the point: its colour, or the luminance where a number is wanted.
+    /// The texture's value at the point: its colour, or its luminance for a scalar parameter.
     Texture(TextureId),
 }
 
@@ -21,7 +21,7 @@ impl<T> From<T> for Input<T> {
 }
 
 impl<T: Copy> Input<T> {
-    /// The value, if it is the same everywhere.
+    /// Returns the value if it is constant.
     pub fn constant(&self) -> Option<T> {
         match self {
             Input::Constant(value) => Some(*value),
@@ -29,7 +29,7 @@ impl<T: Copy> Input<T> {
         }
     }
 
-    /// The texture, if there is one.
+    /// Returns the texture if there is one.
     pub fn texture(&self) -> Option<TextureId> {
         match self {
             Input::Constant(_) => None,
@@ -38,30 +38,30 @@ impl<T: Copy> Input<T> {
     }
 }
 
-/// The normals of microfacets: their distribution and roughness.
+/// A microfacet distribution and its roughness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Roughness {
-    /// The family.
+    /// The family of distributions.
     pub distribution: Distribution,
     /// Roughness along the surface's u and v directions, positive.
     pub alpha: [Input<f32>; 2],
-    /// Whether to sample the visible normals (else all normals of the distribution).
+    /// Whether visible normals are sampled; otherwise all normals of the distribution.
     pub sample_visible: bool,
 }
 
 /// A boundary between two dielectrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interface {
-    /// Index of refraction on the side that the normal points away from.
+    /// Index of refraction on the side opposite to the normal.
     pub int_ior: f32,
-    /// Index of refraction on the side that the normal points to.
+    /// Index of refraction on the side of the normal.
     pub ext_ior: f32,
-    /// A factor on the reflection, 1 in nature.
+    /// Factor on the reflection, physically 1.
     pub specular_reflectance: Input<Rgb>,
 }
 
 impl Interface {
-    /// The inner index over the outer one.
+    /// Returns the inner index divided by the outer one.
     pub fn eta(&self) -> f32 {
         self.int_ior / self.ext_ior
     }
@@ -74,27 +74,27 @@ pub struct Metal {
     pub eta: Input<Rgb>,
     /// Imaginary part (absorption), not negative.
     pub k: Input<Rgb>,
-    /// A factor on the reflection, 1 in nature.
+    /// Factor on the reflection, physically 1.
     pub specular_reflectance: Input<Rgb>,
 }
 
-/// A material, as a scene names it.
+/// A material of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Material {
     /// Ideal Lambertian reflection.
     Diffuse {
-        /// Share of the light that is reflected, in [0, 1].
+        /// Fraction of the light that is reflected, in [0, 1].
         reflectance: Input<Rgb>,
     },
     /// A smooth conductor.
     Conductor(Metal),
-    /// A rough conductor of microfacets.
+    /// A rough conductor with a microfacet distribution.
     RoughConductor(Metal, Roughness),
     /// A smooth boundary between two dielectrics, and a factor on the transmission.
     Dielectric(Interface, Input<Rgb>),
-    /// A pane of a dielectric without thickness, and a factor on the transmission.
+    /// An infinitely thin sheet of a dielectric, and a factor on the transmission.
     ThinDielectric(Interface, Input<Rgb>),
-    /// A boundary of microfacets between two dielectrics, and a factor on the transmission.
+    /// A rough boundary between two dielectrics, and a factor on the transmission.
     RoughDielectric(Interface, Input<Rgb>, Roughness),
     /// A diffuse base under a smooth dielectric coat.
     Plastic(Interface, Coated),
@@ -108,127 +108,127 @@ pub enum Material {
         distribution: Distribution,
         /// Roughness of the coat, positive.
         alpha: f32,
-        /// As for [`Roughness`].
+        /// As in [`Roughness`].
         sample_visible: bool,
     },
     /// The "principled" model. [Burley 2012, 2015]
     Principled(Box<Principled>),
-    /// The "principled" model for sheets without thickness.
+    /// The "principled" model for infinitely thin sheets.
     PrincipledThin(Box<PrincipledThin>),
-    /// A part of the surface is not there.
+    /// A material with holes.
     Mask {
-        /// The share that is there, in [0, 1].
+        /// The fraction of the surface that exists, in [0, 1].
         opacity: Input<f32>,
-        /// What that is made of.
+        /// The material of that fraction.
         inner: MaterialId,
     },
-    /// Two materials in parts.
+    /// A linear combination of two materials.
     Blend {
-        /// The share of the second, in [0, 1].
+        /// The weight of the second material, in [0, 1].
         weight: Input<f32>,
-        /// The two.
+        /// The two materials.
         inner: [MaterialId; 2],
     },
-    /// A material whose normals are bent by a height field.
+    /// A material with normals perturbed by a height field.
     BumpMap {
         /// The height.
         height: TextureId,
         /// Factor on the height.
         scale: f32,
-        /// How the bent normals are used.
+        /// The treatment of perturbed normals.
         bending: Bending,
-        /// What bends.
+        /// The perturbed material.
         inner: MaterialId,
     },
-    /// A material whose normals are given by a texture.
+    /// A material with normals from a texture.
     NormalMap {
         /// The local normals n as colours (n + 1) / 2.
         normals: TextureId,
-        /// How the bent normals are used.
+        /// The treatment of perturbed normals.
         bending: Bending,
-        /// What bends.
+        /// The perturbed material.
         inner: MaterialId,
     },
     /// One-sided materials on the front and on the back of the surface.
     TwoSided([MaterialId; 2]),
-    /// Nothing: light passes.
+    /// No surface: light passes unchanged.
     Null,
 }
 
-/// What lies under a dielectric coat.
+/// The diffuse base under a dielectric coat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coated {
     /// Reflectance of the base.
     pub diffuse_reflectance: Input<Rgb>,
-    /// Whether the colour changes as light is scattered between base and coat.
+    /// Whether the colour shifts due to multiple scattering between base and coat.
     pub nonlinear: bool,
 }
 
-/// How bent normals are used.
+/// The treatment of perturbed normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bending {
-    /// Whether a normal that looks away from the viewer is mirrored to look at him. [Schüßler 2017]
+    /// Whether a normal that faces away from the viewer is mirrored to face the viewer. [Schüßler 2017]
     pub flip_invalid: bool,
-    /// Whether the terminator is softened. [Estevez 2019]
+    /// Whether the shadow terminator is softened. [Estevez 2019]
     pub soften: bool,
 }
 
-/// Parameters of the principled model, each in [0, 1] but where it says otherwise.
+/// Parameters of the principled model, in [0, 1] unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
     /// Colour of the surface.
     pub base_color: Input<Rgb>,
     /// Square root of the microfacets' roughness.
     pub roughness: Input<f32>,
-    /// How much the highlights are stretched.
+    /// Anisotropy of the highlights.
     pub anisotropic: Input<f32>,
-    /// How much it is a metal.
+    /// Weight of the metal lobe.
     pub metallic: Input<f32>,
-    /// How much of the rest transmits light.
+    /// Weight of specular transmission in the rest.
     pub spec_trans: Input<f32>,
-    /// Index of refraction of the inside over the outside, greater than 0.
+    /// Index of refraction of the inside relative to the outside, greater than 0.
     pub eta: f32,
-    /// How much the dielectric reflection takes the base colour.
+    /// Weight of the base colour in the dielectric reflection.
     pub spec_tint: Input<f32>,
-    /// Reflection at grazing angles, as of cloth.
+    /// Additional reflection at grazing angles, as of cloth.
     pub sheen: Input<f32>,
-    /// How much the sheen takes the base colour.
+    /// Weight of the base colour in the sheen.
     pub sheen_tint: Input<f32>,
-    /// How much the diffuse reflection is as flat as of thin subsurface scattering.
+    /// Weight of the approximation of thin subsurface scattering in the diffuse reflection.
     pub flatness: Input<f32>,
-    /// Strength of a second, clear coat.
+    /// Weight of a second, clear coat.
     pub clearcoat: Input<f32>,
     /// Gloss of the clear coat.
     pub clearcoat_gloss: Input<f32>,
 }
 
-/// Parameters of the principled model for thin sheets, each in [0, 1] but where it says otherwise.
+/// Parameters of the principled model for thin sheets, in [0, 1] unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrincipledThin {
     /// Colour of the surface.
     pub base_color: Input<Rgb>,
     /// Square root of the microfacets' roughness.
     pub roughness: Input<f32>,
-    /// How much the highlights are stretched.
+    /// Anisotropy of the highlights.
     pub anisotropic: Input<f32>,
-    /// How much is transmitted specularly.
+    /// Weight of specular transmission.
     pub spec_trans: Input<f32>,
     /// Index of refraction, greater than 0.
     pub eta: Input<f32>,
-    /// How much the dielectric reflection takes the base colour.
+    /// Weight of the base colour in the dielectric reflection.
     pub spec_tint: Input<f32>,
-    /// Reflection at grazing angles.
+    /// Additional reflection at grazing angles.
     pub sheen: Input<f32>,
-    /// How much the sheen takes the base colour.
+    /// Weight of the base colour in the sheen.
     pub sheen_tint: Input<f32>,
-    /// How flat the diffuse reflection is.
+    /// Weight of the approximation of thin subsurface scattering in the diffuse reflection.
     pub flatness: Input<f32>,
-    /// How much of the diffuse light is transmitted: 0 none, 1 half, 2 all.
+    /// Diffuse transmission: 0 none, 1 half, 2 all of the diffuse light.
     pub diff_trans: Input<f32>,
 }
 
 impl Material {
-    /// The materials that it is made of.
+    /// Returns the nested materials.
     pub fn inner(&self) -> &[MaterialId] {
         match self {
             Material::Mask { inner, .. }
@@ -239,7 +239,7 @@ impl Material {
         }
     }
 
-    /// The textures that it reads, by its own parameters.
+    /// Returns the textures used by the material's own parameters.
     pub fn textures(&self) -> impl Iterator<Item = TextureId> {
         let mut found = Vec::new();
         let mut color = |input: &Input<Rgb>| found.extend(input.texture());
@@ -303,7 +303,7 @@ impl Material {
         found.into_iter()
     }
 
-    /// Whether light may pass through it, by itself (not by what it is made of).
+    /// Returns whether the material itself transmits light, without regard to nested materials.
     pub fn transmits(&self) -> bool {
         match self {
             Material::Dielectric(..)
@@ -317,7 +317,7 @@ impl Material {
         }
     }
 
-    /// The name of its kind in the scene language.
+    /// Returns the name of the material's type in the scene language.
     pub fn kind(&self) -> &'static str {
         match self {
             Material::Diffuse { .. } => "diffuse",

@@ -1,4 +1,4 @@
-//! Materials of a compiled scene: from a material and a surface point to a BSDF.
+//! The materials of a compiled scene, which convert a material and a surface point to a BSDF.
 
 use crate::bsdf::fresnel::ConductorFresnel;
 use crate::bsdf::microfacet::Microfacets;
@@ -16,35 +16,35 @@ use crate::texture::{Texture, TexturePoint};
 use bumpalo::Bump;
 use std::sync::Arc;
 
-/// The least roughness: below it, squares of the roughness leave the range of `f32`.
-const LEAST_ALPHA: f32 = 1e-4;
+/// The least roughness. Squares of smaller values underflow in `f32`.
+const MIN_ALPHA: f32 = 1e-4;
 
 /// A material of the compiled scene.
 #[derive(Clone)]
 pub struct SceneMaterial {
-    /// What the scene says of it; without the outermost [`Material::TwoSided`] of a single material.
+    /// The scene's material, without an outer [`Material::TwoSided`] if both sides are equal.
     material: Material,
     coat: Coat,
-    /// Its BSDF, where that is the same everywhere.
+    /// The BSDF, if it is constant over the surface.
     pub constant: Option<Bsdf<'static>>,
-    /// Whether the back scatters as the front does: surface points turn their frames to the ray then.
+    /// Whether the back scatters as the front does. Surface interactions then flip their frame to the ray's side.
     pub two_sided: bool,
-    /// Whether the tangents of the local frame matter.
+    /// Whether the BSDF depends on the tangents of the local frame.
     pub tangents: bool,
-    /// Whether light may pass as if there were no surface.
+    /// Whether rays may pass as if there were no surface.
     pub holes: bool,
-    /// Its lobes. Holes are none: see [`lobes_of`](Self::lobes_of).
+    /// The lobes, without holes: see [`lobes_of`](Self::lobes_of).
     lobes: Lobes,
     /// Whether sampling chooses among lobes.
     lobe_choice: bool,
 }
 
-/// What a dielectric coat lets pass, computed once.
+/// Precomputed transmittance of a dielectric coat.
 #[derive(Clone, Default)]
 struct Coat {
-    /// Share of diffuse light that a smooth coat reflects back inside.
+    /// The fraction of diffuse light that a smooth coat reflects back inside.
     fdr_int: f32,
-    /// The same and more for a rough coat.
+    /// The transmittance of a rough coat.
     rough: Option<Arc<RoughTransmittance>>,
 }
 
@@ -56,7 +56,7 @@ impl Coat {
                 rough: None,
             },
             Material::RoughPlastic { interface, distribution, alpha, .. } => {
-                let rough = RoughTransmittance::new(*distribution, alpha.max(LEAST_ALPHA), interface.eta());
+                let rough = RoughTransmittance::new(*distribution, alpha.max(MIN_ALPHA), interface.eta());
                 Coat { fdr_int: 0.0, rough: Some(Arc::new(rough)) }
             }
             _ => Coat::default(),
@@ -70,42 +70,43 @@ pub struct Materials {
     textures: Vec<Arc<Texture>>,
 }
 
-/// A surface point as materials see it.
+/// A surface point as input of material evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct MaterialPoint<'a> {
-    /// For textures.
+    /// The input of textures.
     pub texture: TexturePoint<'a>,
     /// The shading frame.
     pub frame: Frame,
     /// Geometric normal.
     pub ng: Vec3,
-    /// Derivatives of the position by the texture coordinates.
+    /// Derivatives of the position with respect to the texture coordinates.
     pub dp_duv: [Vec3; 2],
-    /// Where the viewer is, in the shading frame; `None` where light is scattered to viewers yet unknown.
+    /// The direction to the viewer in the shading frame; `None` if light is scattered towards unknown viewers.
     pub wo: Option<Vec3>,
 }
 
 impl MaterialPoint<'_> {
-    /// The point as the back's material sees it: the local frame is mirrored in the surface.
-    fn behind(&self) -> Self {
+    /// Returns the point for the material of the back side, whose local frame is mirrored at the surface.
+    fn on_back(&self) -> Self {
         MaterialPoint { wo: self.wo.map(mirrored), ..*self }
     }
 }
 
-/// What scatters at a point, and the share of the surface that is there.
+/// The BSDF at a point and the opacity.
 #[derive(Clone, Copy, Debug)]
 pub struct Scattering<'a> {
-    /// The BSDF of what is there.
+    /// The BSDF of the surface where it exists.
     pub bsdf: Bsdf<'a>,
-    /// The share, in [0, 1]; the rest lets light pass.
+    /// The opacity, in [0, 1]; the remaining fraction of the light passes.
     pub opacity: f32,
 }
 
 impl Materials {
-    /// Checks materials and prepares them.
+    /// Validates and prepares materials.
     ///
     /// # Errors
-    /// If an index is out of range, a material contains itself, or one inside a two-sided one transmits light.
+    /// If an index is out of range, a material contains itself, or a two-sided material contains one that transmits
+    /// light.
     pub fn new(materials: Vec<Material>, textures: Vec<Arc<Texture>>) -> Result<Self> {
         check_references(&materials, textures.len())?;
         let mut list: Vec<SceneMaterial> = Vec::with_capacity(materials.len());
@@ -146,8 +147,8 @@ impl Materials {
         Ok(all)
     }
 
-    /// The lobes of a material, and whether sampling chooses among them; those of its BSDF, whose lobes no texture
-    /// changes.
+    /// Returns the lobes of a material and whether sampling chooses among them. Textures do not change the lobes of a
+    /// BSDF.
     fn sampling(&self, entry: &SceneMaterial) -> (Lobes, bool) {
         let inner = entry.material.inner();
         let inner = inner.iter().map(|id| self.sampling(self.get(*id)));
@@ -157,48 +158,48 @@ impl Materials {
         };
         let (lobes, choice) = inner.fold((Lobes::default(), false), both);
         match &entry.material {
-            // Without a surface there is nothing that scatters; on emitters it is a hole.
+            // A null material scatters nothing. On an emitter it is a hole.
             Material::Null => (Lobes::default(), false),
             Material::Mask { .. } | Material::Blend { .. } => (lobes, true),
             Material::TwoSided(_) => (lobes, choice),
-            // Light tries both normals.
+            // Scattering of light considers both normals.
             Material::BumpMap { bending, .. } | Material::NormalMap { bending, .. } => {
                 (lobes, choice || bending.flip_invalid)
             }
-            leaf => {
-                let bsdf = self.leaf(leaf, &entry.coat, &TexturePoint::at(Vec2::ZERO));
+            simple => {
+                let bsdf = self.simple(simple, &entry.coat, &TexturePoint::at(Vec2::ZERO));
                 (bsdf.lobes(), bsdf.chooses_lobe())
             }
         }
     }
 
-    /// A material.
+    /// Returns a material.
     #[inline]
     pub fn get(&self, id: MaterialId) -> &SceneMaterial {
         &self.list[id.index()]
     }
 
-    /// How many there are.
+    /// Returns the number of materials.
     pub fn len(&self) -> usize {
         self.list.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no materials.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
 
-    /// All of them.
+    /// Iterates over all materials.
     pub fn iter(&self) -> impl Iterator<Item = &SceneMaterial> {
         self.list.iter()
     }
 
-    /// The textures.
+    /// Returns the textures.
     pub fn textures(&self) -> &[Arc<Texture>] {
         &self.textures
     }
 
-    /// The share of the surface that is there.
+    /// Returns the opacity of the surface at a point.
     pub fn opacity(&self, id: MaterialId, point: &TexturePoint<'_>) -> f32 {
         self.opacity_of(&self.get(id).material, point)
     }
@@ -206,9 +207,11 @@ impl Materials {
     fn opacity_of(&self, material: &Material, point: &TexturePoint<'_>) -> f32 {
         match material {
             Material::Null => 0.0,
-            Material::Mask { opacity, inner } => self.share(opacity, point) * self.opacity(*inner, point),
+            Material::Mask { opacity, inner } => {
+                self.unit_value(opacity, point) * self.opacity(*inner, point)
+            }
             Material::Blend { weight, inner: [a, b] } => {
-                let w = self.share(weight, point);
+                let w = self.unit_value(weight, point);
                 (1.0 - w) * self.opacity(*a, point) + w * self.opacity(*b, point)
             }
             Material::BumpMap { inner, .. } | Material::NormalMap { inner, .. } => {
@@ -218,7 +221,7 @@ impl Materials {
         }
     }
 
-    /// What scatters at a point. What it is made of lives in the arena.
+    /// Evaluates the material at a point. Nested BSDFs are allocated in the arena.
     pub fn scattering<'a>(
         &'a self,
         id: MaterialId,
@@ -234,10 +237,10 @@ impl Materials {
             Material::Null => Scattering { bsdf: Bsdf::Null, opacity: 0.0 },
             Material::Mask { opacity, inner } => {
                 let inner = self.inner(*inner, at, arena);
-                Scattering { opacity: inner.opacity * self.share(opacity, point), ..inner }
+                Scattering { opacity: inner.opacity * self.unit_value(opacity, point), ..inner }
             }
             Material::Blend { weight, inner } => {
-                let w = self.share(weight, point);
+                let w = self.unit_value(weight, point);
                 let [a, b] = inner.map(|id| self.inner(id, at, arena));
                 let (share_a, share_b) = ((1.0 - w) * a.opacity, w * b.opacity);
                 let opacity = share_a + share_b;
@@ -265,12 +268,12 @@ impl Materials {
                     self.both_sides(at, arena, |side, at| self.scattering(sides[side], at, arena).bsdf);
                 Scattering { bsdf, opacity: 1.0 }
             }
-            leaf => Scattering { bsdf: self.leaf(leaf, &entry.coat, point), opacity: 1.0 },
+            simple => Scattering { bsdf: self.simple(simple, &entry.coat, point), opacity: 1.0 },
         }
     }
 
-    /// What scatters of a material inside another, or of light that goes to any viewer. Frames are turned to the ray
-    /// for the outermost material only, so one that is two-sided gets both of its sides here.
+    /// Evaluates a nested material, or a material for light scattered towards unknown viewers. Only the frame of the
+    /// outermost material is flipped to the ray's side, so a two-sided material is evaluated for both sides here.
     pub fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
         if !self.get(id).two_sided {
             return self.scattering(id, at, arena);
@@ -279,8 +282,8 @@ impl Materials {
         Scattering { bsdf, opacity: 1.0 }
     }
 
-    /// What is made for the front (0) and for the back (1), each from the point as that side sees it. Of a viewer who
-    /// is known only the side is made that he sees.
+    /// Creates a BSDF from those for the front (0) and the back (1), each evaluated at the point as seen from that
+    /// side. If the viewer is known, only the BSDF of the visible side is created.
     fn both_sides<'a>(
         &'a self,
         at: &MaterialPoint<'a>,
@@ -288,7 +291,7 @@ impl Materials {
         make: impl Fn(usize, &MaterialPoint<'a>) -> Bsdf<'a>,
     ) -> Bsdf<'a> {
         let side = |side: usize| -> &'a Bsdf<'a> {
-            let at = if side == 0 { *at } else { at.behind() };
+            let at = if side == 0 { *at } else { at.on_back() };
             arena.alloc(make(side, &at))
         };
         let sides = match at.wo {
@@ -298,7 +301,7 @@ impl Materials {
         Bsdf::TwoSided(TwoSided { sides })
     }
 
-    /// The inner material around the local normal `n`, which need not be of unit length.
+    /// Evaluates the nested material around the local normal `n`, which need not be of unit length.
     fn tilted<'a>(
         &'a self,
         at: &MaterialPoint<'a>,
@@ -332,8 +335,8 @@ impl Materials {
         Scattering { bsdf: Bsdf::Tilted(tilted), opacity }
     }
 
-    /// The BSDF of a material that is not made of others.
-    fn leaf<'a>(&'a self, material: &'a Material, coat: &'a Coat, point: &TexturePoint<'_>) -> Bsdf<'a> {
+    /// Evaluates a material without nested materials.
+    fn simple<'a>(&'a self, material: &'a Material, coat: &'a Coat, point: &TexturePoint<'_>) -> Bsdf<'a> {
         match material {
             Material::Diffuse { reflectance } => {
                 Bsdf::Diffuse(Diffuse { reflectance: self.color(reflectance, point) })
@@ -374,33 +377,33 @@ impl Materials {
             }),
             Material::Principled(p) => Bsdf::Principled(Principled {
                 base_color: self.color(&p.base_color, point),
-                roughness: self.share(&p.roughness, point),
-                anisotropy: self.share(&p.anisotropic, point),
-                metallic: self.share(&p.metallic, point),
-                spec_trans: self.share(&p.spec_trans, point),
+                roughness: self.unit_value(&p.roughness, point),
+                anisotropy: self.unit_value(&p.anisotropic, point),
+                metallic: self.unit_value(&p.metallic, point),
+                spec_trans: self.unit_value(&p.spec_trans, point),
                 eta: p.eta,
-                spec_tint: self.share(&p.spec_tint, point),
-                sheen: self.share(&p.sheen, point),
-                sheen_tint: self.share(&p.sheen_tint, point),
-                flatness: self.share(&p.flatness, point),
-                clearcoat: self.share(&p.clearcoat, point),
-                clearcoat_gloss: self.share(&p.clearcoat_gloss, point),
+                spec_tint: self.unit_value(&p.spec_tint, point),
+                sheen: self.unit_value(&p.sheen, point),
+                sheen_tint: self.unit_value(&p.sheen_tint, point),
+                flatness: self.unit_value(&p.flatness, point),
+                clearcoat: self.unit_value(&p.clearcoat, point),
+                clearcoat_gloss: self.unit_value(&p.clearcoat_gloss, point),
             }),
             Material::PrincipledThin(p) => Bsdf::PrincipledThin(PrincipledThin {
                 base_color: self.color(&p.base_color, point),
-                roughness: self.share(&p.roughness, point),
-                anisotropy: self.share(&p.anisotropic, point),
-                spec_trans: self.share(&p.spec_trans, point),
+                roughness: self.unit_value(&p.roughness, point),
+                anisotropy: self.unit_value(&p.anisotropic, point),
+                spec_trans: self.unit_value(&p.spec_trans, point),
                 eta: self.number(&p.eta, point),
-                spec_tint: self.share(&p.spec_tint, point),
-                sheen: self.share(&p.sheen, point),
-                sheen_tint: self.share(&p.sheen_tint, point),
-                flatness: self.share(&p.flatness, point),
+                spec_tint: self.unit_value(&p.spec_tint, point),
+                sheen: self.unit_value(&p.sheen, point),
+                sheen_tint: self.unit_value(&p.sheen_tint, point),
+                flatness: self.unit_value(&p.flatness, point),
                 diff_trans: self.number(&p.diff_trans, point).clamp(0.0, 2.0),
             }),
             Material::RoughPlastic { interface, base, distribution, alpha, sample_visible } => {
                 let Some(transmittance) = &coat.rough else { return Bsdf::Null };
-                let alpha = alpha.max(LEAST_ALPHA);
+                let alpha = alpha.max(MIN_ALPHA);
                 Bsdf::RoughPlastic(RoughPlastic {
                     microfacets: Microfacets {
                         distribution: *distribution,
@@ -429,7 +432,7 @@ impl Materials {
     }
 
     fn microfacets(&self, roughness: &Roughness, point: &TexturePoint<'_>) -> Microfacets {
-        let [alpha_x, alpha_y] = [0, 1].map(|i| self.number(&roughness.alpha[i], point).max(LEAST_ALPHA));
+        let [alpha_x, alpha_y] = [0, 1].map(|i| self.number(&roughness.alpha[i], point).max(MIN_ALPHA));
         Microfacets {
             distribution: roughness.distribution,
             alpha_x,
@@ -438,13 +441,13 @@ impl Materials {
         }
     }
 
-    /// The BSDF of a leaf whose inputs are all constant.
+    /// Returns the BSDF of a material without nested materials, if all its inputs are constant.
     fn constant(&self, material: &Material, coat: &Coat) -> Option<Bsdf<'static>> {
         if !material.inner().is_empty() || inputs_vary(material) {
             return None;
         }
-        // Those that refer to something are put together at each point.
-        match self.leaf(material, coat, &TexturePoint::at(Vec2::ZERO)) {
+        // BSDFs that refer to other data are created at each point.
+        match self.simple(material, coat, &TexturePoint::at(Vec2::ZERO)) {
             Bsdf::Diffuse(b) => Some(Bsdf::Diffuse(b)),
             Bsdf::Conductor(b) => Some(Bsdf::Conductor(b)),
             Bsdf::RoughConductor(b) => Some(Bsdf::RoughConductor(b)),
@@ -481,37 +484,37 @@ impl Materials {
         }
     }
 
-    /// A number in [0, 1]: textures may overshoot.
-    fn share(&self, input: &Input<f32>, point: &TexturePoint<'_>) -> f32 {
+    /// Evaluates an input and clamps it to [0, 1], because textures may exceed the range.
+    fn unit_value(&self, input: &Input<f32>, point: &TexturePoint<'_>) -> f32 {
         self.number(input, point).clamp(0.0, 1.0)
     }
 }
 
 impl SceneMaterial {
-    /// Its lobes on a surface that emits light or does not. Holes in what emits are deltas, for rays
-    /// meet all of it; holes elsewhere are not met.
+    /// Returns the lobes on a surface that emits or does not emit light. On emitting surfaces, holes are Dirac
+    /// deltas, because rays hit the whole surface. On other surfaces, rays do not hit the holes.
     pub fn lobes_of(&self, emits: bool) -> Lobes {
         if emits && self.holes { self.lobes.and(Lobes::deltas(1)) } else { self.lobes }
     }
 
-    /// Whether sampling chooses among lobes on a surface that emits light or does not.
+    /// Returns whether sampling chooses among lobes on a surface that emits or does not emit light.
     pub fn chooses_lobe(&self, emits: bool) -> bool {
         self.lobe_choice || (emits && self.holes)
     }
 
-    /// Whether there is nothing anywhere.
+    /// Returns whether the material is null, so that the surface does not exist.
     pub fn is_absent(&self) -> bool {
         matches!(self.material, Material::Null)
     }
 
-    /// The name of its kind in the scene language.
+    /// Returns the name of the material's type in the scene language.
     pub fn kind(&self) -> &'static str {
         self.material.kind()
     }
 }
 
-/// The local normal of a surface that is raised by a height with the given derivatives by the texture coordinates.
-/// [Blinn 1978, without the derivative of the surface's own normal]
+/// Returns the local normal of a surface displaced by a height with the given derivatives with respect to the texture
+/// coordinates. [Blinn 1978, without the derivative of the surface's own normal]
 fn bumped_normal(at: &MaterialPoint<'_>, gradient: Vec2) -> Vec3 {
     let n = at.frame.n;
     let [du, dv] = [0, 1].map(|i| {
@@ -527,12 +530,12 @@ fn inputs_vary(material: &Material) -> bool {
     material.textures().next().is_some()
 }
 
-/// Whether something holds for a material or one that it is made of.
+/// Returns whether a predicate holds for a material or one nested in it.
 fn is_made_of(all: &[Material], material: &Material, f: fn(&Material) -> bool) -> bool {
     f(material) || material.inner().iter().any(|id| is_made_of(all, &all[id.index()], f))
 }
 
-/// Whether the tangents matter: lobes that are stretched, normals that lean.
+/// Returns whether the material depends on the tangents: anisotropic lobes or perturbed normals.
 fn has_tangents(material: &Material) -> bool {
     match material {
         Material::RoughConductor(_, roughness) | Material::RoughDielectric(_, _, roughness) => {
@@ -553,9 +556,9 @@ fn has_holes(material: &Material) -> bool {
     }
 }
 
-/// Refuses indices that do not exist, and materials that contain themselves.
+/// Rejects indices out of range and materials that contain themselves.
 fn check_references(materials: &[Material], textures: usize) -> Result<()> {
-    // A material's depth is known once that of those inside it is.
+    // The depth of a material is known once the depths of its nested materials are.
     let mut known = vec![false; materials.len()];
     loop {
         let mut progress = false;

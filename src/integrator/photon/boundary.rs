@@ -209,7 +209,7 @@ impl<'a> BoundaryTracer<'a> {
             let hit = |i: usize| hits.get(i).copied().flatten().unwrap_or(*any);
             let at = scene.interactions(&RayX16::load(rays, first), &std::array::from_fn(hit));
             normals.extend((0..hits.len()).map(|i| at.ng.lane(i)));
-            weights.extend((0..hits.len()).map(|i| scene.share_met(&at.lane(i)).recip()));
+            weights.extend((0..hits.len()).map(|i| scene.hit_probability(&at.lane(i)).recip()));
         }
     }
 

@@ -197,7 +197,7 @@ impl PhotonBounce<'_> {
             ng: vertex.at.ng,
             // Only this fraction of the photons hits a surface with holes. Rays that look up the density hit the
             // surface with the same probability, so the density must represent the whole irradiance.
-            power: power * self.scene.share_met(&vertex.at).recip(),
+            power: power * self.scene.hit_probability(&vertex.at).recip(),
             cosine_ratio: (vertex.wo.z / vertex.wo_ng).abs(),
             edges: self.edges,
             caustic: specular_only && self.edges > 1,
