@@ -8,7 +8,8 @@ use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance
 use crate::bsdf::Lobes;
 use crate::color::Rgb;
 use crate::emitter::{
-    AreaEmitter, BoundingSphere, Directional, Emission, Emitter, Environment, Light, Point, Projector, Spot,
+    AreaEmitter, BoundingSphere, DirectionalEmitter, Emission, Emitter, Environment, Light, PointEmitter,
+    ProjectorEmitter, SpotEmitter,
 };
 use crate::error::{Error, Place, Result};
 use crate::ids::{EmitterId, ShapeId, TextureId};
@@ -273,20 +274,22 @@ impl SceneCompiler {
             }
             let light = match emitter {
                 Emitter::Point { position, intensity } => {
-                    Light::Point(Point { position: *position, intensity: *intensity })
+                    Light::Point(PointEmitter { position: *position, intensity: *intensity })
                 }
                 Emitter::Spot { to_world, intensity, texture, cutoff_angle, beam_width } => {
                     let texture = texture.map(|id| self.texture(id)).transpose()?;
-                    Light::Spot(Spot::new(to_world, *intensity, texture, *cutoff_angle, *beam_width))
+                    Light::Spot(SpotEmitter::new(to_world, *intensity, texture, *cutoff_angle, *beam_width))
                 }
-                Emitter::Directional { direction, irradiance } => {
-                    Light::Directional(Directional { direction: *direction, irradiance: *irradiance, scene })
-                }
+                Emitter::Directional { direction, irradiance } => Light::Directional(DirectionalEmitter {
+                    direction: *direction,
+                    irradiance: *irradiance,
+                    scene,
+                }),
                 Emitter::Constant { radiance } => Light::Environment(Environment::constant(*radiance, scene)),
                 Emitter::EnvironmentMap(map) => Light::Environment(Environment::map(map.clone(), scene)),
                 Emitter::Projector { to_world, irradiance, scale, half_extents } => {
                     let irradiance = self.texture(*irradiance)?;
-                    Light::Projector(Projector::new(to_world, irradiance, *scale, *half_extents))
+                    Light::Projector(ProjectorEmitter::new(to_world, irradiance, *scale, *half_extents))
                 }
             };
             self.lights.push(light);

@@ -17,7 +17,7 @@ use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::{
-    self, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, SurfacePlace, Target,
+    self, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::math::lanes::{bits, mask_from_bits};
@@ -257,7 +257,7 @@ impl Scene {
         match &self.lights[emitter.index()] {
             Light::Area(area) => {
                 let local = self.local_point(&at.hit, at.time, at.p);
-                let place = SurfacePlace { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
+                let place = EmitterHit { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
                 self.light_choice.pmf(emitter.index()) * area.pdf(from, &place)
             }
             _ => 0.0,
@@ -342,8 +342,8 @@ impl Scene {
     /// Returns the shadow ray from a surface point to a sampled emitter.
     pub fn shadow_ray(&self, at: &SurfaceInteraction, sample: &EmitterSample) -> Ray {
         match sample.target {
-            Target::Point(target) => self.shadow_ray_to(at, target, sample.wi),
-            Target::Infinity => self.spawn_ray(at, sample.wi, at.time),
+            ShadowTarget::Point(target) => self.shadow_ray_to(at, target, sample.wi),
+            ShadowTarget::Infinity => self.spawn_ray(at, sample.wi, at.time),
         }
     }
 
