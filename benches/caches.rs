@@ -1,4 +1,4 @@
-//! Nearest photons: `cargo bench --bench caches [-- LARGEST]`, with up to LARGEST points (10 million if nothing is said).
+//! NeighbourBuffer photons: `cargo bench --bench caches [-- LARGEST]`, with up to LARGEST points (10 million if nothing is said).
 //!
 //! Our kd-tree beside kiddo's `ImmutableKdTree`, from one thread; each figure is the shortest of several rounds, so
 //! that what else the machine does in between is not measured.
@@ -11,7 +11,7 @@
 //! * Ours does not say which of several equally far points it takes; neither does kiddo's.
 //! * Bytes are those that the process has more of after building, where there are a million points or more.
 
-use buffon::integrator::photon::kdtree::{Built, Euclidean, KdTree, Nearest};
+use buffon::integrator::photon::kdtree::{BuiltTree, Euclidean, KdTree, NeighbourBuffer};
 use buffon::math::Vec3;
 use kiddo::SquaredEuclidean;
 use kiddo::immutable::float::kdtree::ImmutableKdTree;
@@ -101,8 +101,8 @@ fn kiddo_row<const LEAF: usize>(points: &[[f32; 3]], queries: &[Vec3]) -> (f64, 
 }
 
 fn our_row(points: &[Vec3], queries: &[Vec3]) -> (f64, f64, Vec<(f64, f64)>) {
-    let (Built { tree, .. }, seconds, _) = built(|| KdTree::build(points.len(), |i| points[i]));
-    let mut buffer = Nearest::default();
+    let (BuiltTree { tree, .. }, seconds, _) = built(|| KdTree::build(points.len(), |i| points[i]));
+    let mut buffer = NeighbourBuffer::default();
     let row = K.map(|k| {
         ns_per_query(&queries[..QUERIES / k.min(10)], |q| match k {
             1 => {
@@ -119,8 +119,8 @@ fn our_row(points: &[Vec3], queries: &[Vec3]) -> (f64, f64, Vec<(f64, f64)>) {
 
 /// Compares the farthest of the nearest k with a search of all points, for a few queries.
 fn check(points: &[Vec3], queries: &[Vec3]) {
-    let Built { tree, .. } = KdTree::build(points.len(), |i| points[i]);
-    let mut buffer = Nearest::default();
+    let BuiltTree { tree, .. } = KdTree::build(points.len(), |i| points[i]);
+    let mut buffer = NeighbourBuffer::default();
     for q in &queries[..5] {
         let mut all: Vec<f32> = points.iter().map(|p| (*p - *q).length_squared()).collect();
         for k in K {

@@ -1,8 +1,8 @@
 //! The safe wrapper of Embree keeps its promises: layouts, padding, panics in callbacks, order of drops.
 
 use buffon::embree::{
-    Candidate, Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Isa, Mask16, RayHit1, RayHits16,
-    Rays16, SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
+    CandidateHit, Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Isa, Mask16, RayHit1,
+    RayHits16, Rays16, SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use buffon::memory::{Budget, Limit};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -371,7 +371,7 @@ fn instances_of_another_device_and_without_numbers_are_refused() {
 struct Even;
 
 impl TriangleFilter for Even {
-    fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool {
+    fn accepts(&self, ray: &UserRay, hit: &CandidateHit) -> bool {
         assert!(ray.id != 99, "the filter is shut");
         assert_eq!((ray.instance, hit.primitive, ray.origin), (20, 0, [0.25, 0.25, 0.5]));
         assert!(near(hit.u, 0.25) && near(hit.t, 1.0), "{hit:?}");

@@ -4,7 +4,7 @@ use crate::support::chi2::{check_directions, check_square};
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
-use buffon::emitter::{AreaEmitter, Emission, Light, Target};
+use buffon::emitter::{AreaEmitter, Emission, Light, ShadowTarget};
 use buffon::ids::{EmitterId, TextureId};
 use buffon::image::TextureImage;
 use buffon::material::Input;
@@ -328,7 +328,7 @@ fn environment_samples_follow_their_density() {
         EMITTER_TESTS,
         |u_choice, u| {
             let s = scene.sample_emitter(Vec3::new(0.0, 0.0, 2.0), u_choice, u, 0.0)?;
-            assert!(s.target == Target::Infinity && s.radiance == Rgb::splat(2.0));
+            assert!(s.target == ShadowTarget::Infinity && s.radiance == Rgb::splat(2.0));
             assert_eq!(s.pdf, scene.environment_pdf(s.wi));
             Some(s.wi)
         },

@@ -6,8 +6,8 @@ use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::integrator::irrcache::IrradianceCache;
-use buffon::integrator::photon::kdtree::{Disc, Euclidean, KdTree, Nearest, each};
-use buffon::integrator::photon::{DensityEstimator, IrradianceMap, Kernel, Photon, PhotonMap, Place};
+use buffon::integrator::photon::kdtree::{EllipsoidMetric, Euclidean, KdTree, NeighbourBuffer, each};
+use buffon::integrator::photon::{DensityEstimator, IrradianceMap, Kernel, LookupPoint, Photon, PhotonMap};
 use buffon::integrator::settings::{IrrcacheSettings, PathSettings, PhotonmapperSettings};
 use buffon::integrator::{Integrator, Preparation, Settings};
 use buffon::material::Material;
@@ -30,8 +30,8 @@ fn a_million_points_in_one_place_make_a_tree() {
     let tree = KdTree::build(PHOTONS, |_| place).tree;
     let built = started.elapsed();
     assert!(tree.memory_bytes() < 14 * PHOTONS, "{}", tree.memory_bytes());
-    let mut buffer = Nearest::default();
-    let disc = Disc { normal: Vec3::Z, flatness: 3.0 };
+    let mut buffer = NeighbourBuffer::default();
+    let disc = EllipsoidMetric { normal: Vec3::Z, flatness: 3.0 };
     let started = Instant::now();
     for (at, distance_squared) in [(place, 0.0), (place + Vec3::X, 1.0), (place - Vec3::Z * 2.0, 4.0)] {
         for k in [1, 50, 1000] {
@@ -77,8 +77,8 @@ fn a_million_photons_in_one_point_leave_the_rest_as_it_is() {
     let map = PhotonMap::new(photons, 1);
     let built = started.elapsed();
     let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 50, lookup_radius: 0.1 };
-    let mut buffer = Nearest::default();
-    let mut at = |p: Vec3| estimator.irradiance(&map, Place { p, n: Vec3::Z }, &mut buffer);
+    let mut buffer = NeighbourBuffer::default();
+    let mut at = |p: Vec3| estimator.irradiance(&map, LookupPoint { p, n: Vec3::Z }, &mut buffer);
     let started = Instant::now();
     let mut furthest = 0.0f32;
     for i in 0..10_000 {
@@ -103,7 +103,7 @@ fn a_million_photons_in_one_point_leave_the_rest_as_it_is() {
     println!("{} irradiances beforehand in {:.3} s", known.len(), started.elapsed().as_secs_f64());
     let all = (0..100).map(|i| Vec3::new(0.2, 0.006 * i as f32 + 0.2, 0.0));
     for p in all.chain([place]) {
-        let known = known.nearest(Place { p, n: Vec3::Z }).expect("there are points");
+        let known = known.nearest(LookupPoint { p, n: Vec3::Z }).expect("there are points");
         assert!(known.value.is_valid(), "{p}: {:?}", known.value);
     }
 }

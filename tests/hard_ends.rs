@@ -6,7 +6,7 @@ use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::bsdf::{Bsdf, BsdfSample, Lobe};
 use buffon::color::Rgb;
-use buffon::emitter::{Emitter, EnvMap, Light, SurfacePlace};
+use buffon::emitter::{Emitter, EmitterHit, EnvMap, Light};
 use buffon::film::{Filter, FilterSampler};
 use buffon::ids::TextureId;
 use buffon::image::TextureImage;
@@ -175,7 +175,7 @@ fn every_emitter_samples_the_ends_of_its_square() {
                         if scene.emitter_at(&at).map(|e| e.index()) != Some(i) {
                             continue;
                         }
-                        let place = SurfacePlace { p: at.p, n: at.ng, hit, local: at.p, time: 0.0 };
+                        let place = EmitterHit { p: at.p, n: at.ng, hit, local: at.p, time: 0.0 };
                         area.pdf(from, &place)
                     }
                     _ => {

@@ -5,7 +5,7 @@ use crate::support::quadrature::over_square;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
-use buffon::emitter::{AreaEmitter, Emission, Emitter, EnvMap, Light, SurfacePlace, lanes};
+use buffon::emitter::{AreaEmitter, Emission, Emitter, EmitterHit, EnvMap, Light, lanes};
 use buffon::ids::EmitterId;
 use buffon::image::TextureImage;
 use buffon::math::{DAffine3, DQuat, DVec3, LANES, Ray, Vec2, Vec3, Vec3x16, f32x16};
@@ -476,7 +476,7 @@ fn a_triangle_from_a_millionth_away_has_its_light_by_both_techniques() {
             let ray = Ray::new(from, w);
             if let Some(hit) = scene.accel.intersect(&ray) {
                 let at = scene.interaction(&ray, &hit);
-                let place = SurfacePlace { p: at.p, n: at.ng, hit, local: at.p, time: 0.0 };
+                let place = EmitterHit { p: at.p, n: at.ng, hit, local: at.p, time: 0.0 };
                 sum += PI * balance(bsdf_pdf(w), area.pdf(from, &place));
             }
         }

@@ -6,7 +6,7 @@
 use crate::meshes::{Mesh, Random, cube, soup, sphere};
 use buffon::accel::brute_force::BruteForce;
 use buffon::accel::{
-    Accel, AccelKind, Assembly, Coherence, Filtered, Geometry, Hit, HitFilter, Instance, NO_INSTANCE,
+    Accel, AccelKind, Assembly, Coherence, Geometry, GeometryFilter, Hit, HitFilter, Instance, NO_INSTANCE,
     Primitive, build, cylinder_frame, ray_id,
 };
 use buffon::math::{DAffine3, DMat3, DQuat, DVec3, Ray, Vec3};
@@ -296,7 +296,7 @@ impl HitFilter for ByChance {
 
 fn filtered(mut scene: Scene, filter: impl HitFilter + 'static, marked: impl Fn(usize) -> bool) -> Scene {
     let geometry = (0..scene.assembly.geometry.len()).map(marked).collect();
-    scene.assembly.filter = Some(Filtered { filter: Arc::new(filter), geometry });
+    scene.assembly.filter = Some(GeometryFilter { filter: Arc::new(filter), geometry });
     scene
 }
 
@@ -345,7 +345,7 @@ fn the_far_side_is_hit_where_the_near_side_is_refused_and_the_filter_sees_the_gr
                 Instance::new(0, &[placed([2.0; 3], DVec3::Z, 0.0, [10.0, 0.0, 0.0])]),
                 Instance::new(1, &[placed([2.0; 3], DVec3::Z, 0.0, [100.0, 0.0, 0.0])]),
             ],
-            filter: Some(Filtered { filter: Arc::new(FromInside), geometry: vec![true; 2] }),
+            filter: Some(GeometryFilter { filter: Arc::new(FromInside), geometry: vec![true; 2] }),
         };
         let mut accels = vec![Box::new(BruteForce::new(assembly.clone()).expect("built")) as Box<dyn Accel>];
         accels.extend(

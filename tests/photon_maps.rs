@@ -8,8 +8,8 @@ use buffon::emitter::Emitter;
 use buffon::image::{Image, read};
 use buffon::integrator::photon::boundary::Boundary;
 use buffon::integrator::photon::{
-    Caster, DensityEstimator, IrradianceMap, Kernel, PathSequence, Photon, PhotonMap, PhotonPaths, Place,
-    Until, kdtree::Nearest,
+    DensityEstimator, IrradianceMap, Kernel, LightPathTracer, LookupPoint, PathLimit, PathSequence, Photon,
+    PhotonMap, PhotonPaths, kdtree::NeighbourBuffer,
 };
 use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
 use buffon::render::thread_pool;
@@ -31,7 +31,7 @@ fn lit_floor(height: f32) -> Scene {
 fn map(scene: &Scene, count: u64, threads: usize) -> PhotonMap {
     let pool = thread_pool(threads).expect("the threads start");
     let sampler = Sampler::new(SamplerKind::Sobol, None);
-    let caster = Caster {
+    let tracer = LightPathTracer {
         scene,
         sampler,
         guide: None,
@@ -41,13 +41,13 @@ fn map(scene: &Scene, count: u64, threads: usize) -> PhotonMap {
     };
     let paths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
     let sequence = PathSequence { seed: 1, stream: 0, number: 0, first: 0 };
-    let cast = caster.cast(&paths, sequence, Until { paths: u64::MAX, kept: Some(count) }, |d, _| {
+    let cast = tracer.cast(&paths, sequence, PathLimit { paths: u64::MAX, kept: Some(count) }, |d, _| {
         Photon::new(d.p, d.shading_power(), d.wi, d.ng)
     });
     pool.install(|| PhotonMap::new(cast.kept, cast.emitted))
 }
 
-const UP: fn(f32) -> Place = |x| Place { p: Vec3::new(x, 0.0, 0.0), n: Vec3::Y };
+const UP: fn(f32) -> LookupPoint = |x| LookupPoint { p: Vec3::new(x, 0.0, 0.0), n: Vec3::Y };
 
 #[test]
 fn the_map_alone_knows_the_irradiance_below_a_point_light() {
@@ -58,7 +58,7 @@ fn the_map_alone_knows_the_irradiance_below_a_point_light() {
     for kernel in Kernel::ALL {
         let estimator = DensityEstimator { kernel, lookup_size: 4000, lookup_radius: 0.2 };
         for x in [0.0, 0.3, 0.6] {
-            let value = estimator.irradiance(&photons, UP(x), &mut Nearest::default()).value.g;
+            let value = estimator.irradiance(&photons, UP(x), &mut NeighbourBuffer::default()).value.g;
             let expected = height / (height * height + x * x).powf(1.5);
             assert!((value / expected - 1.0).abs() < 0.01, "{kernel} at {x}: {value}, not {expected}");
         }
@@ -81,7 +81,7 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
         let ratio = |t: f32| {
             let p = place(t);
             let expected = 6.0 / (36.0 + p.length_squared()).powf(1.5);
-            map.nearest(Place { p, n: Vec3::Y }).expect("there are points").value.g / expected
+            map.nearest(LookupPoint { p, n: Vec3::Y }).expect("there are points").value.g / expected
         };
         (0..40).map(|i| f64::from(ratio(i as f32 / 40.0 - 0.5))).sum::<f64>() / 40.0
     };
@@ -125,7 +125,7 @@ fn light_does_not_pass_below_a_wall() {
         let (mut sum, mut known) = (0.0, 0);
         for i in 0..400 {
             let p = Vec3::new(side * 0.002 * (i / 5) as f32, 0.0, 0.2 * (i % 5) as f32 - 0.4);
-            let found = map.nearest(Place { p: p + Vec3::X * side * 0.001, n: Vec3::Y });
+            let found = map.nearest(LookupPoint { p: p + Vec3::X * side * 0.001, n: Vec3::Y });
             // Where what is known lies beyond the wall it is said not to be free.
             let Some(found) = found.filter(|f| f.radius.is_finite() && (f.free || f.at.p.x * side > 0.0))
             else {

@@ -6,7 +6,8 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::ids::MaterialId;
 use buffon::integrator::photon::{
-    Cast, Caster, Deposit, EmissionGuide, GridPhoton, PathSequence, PhotonGrid, PhotonPaths, Until,
+    Deposit, EmissionGuide, GridPhoton, LightPathTracer, PathLimit, PathSequence, PhotonGrid, PhotonPaths,
+    TracedPaths,
 };
 use buffon::material::{Dielectric, Interface, Material, Null, TwoSided};
 use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
@@ -24,10 +25,10 @@ fn with_caster<T>(
     scene: &Scene,
     threads: usize,
     sampler: SamplerKind,
-    f: impl FnOnce(&Caster<'_>) -> T,
+    f: impl FnOnce(&LightPathTracer<'_>) -> T,
 ) -> T {
     let pool = thread_pool(threads).expect("the threads start");
-    f(&Caster {
+    f(&LightPathTracer {
         scene,
         sampler: Sampler::new(sampler, None),
         guide: None,
@@ -38,14 +39,14 @@ fn with_caster<T>(
 }
 
 /// All deposits of so many paths.
-fn deposits(scene: &Scene, paths: &PhotonPaths, count: u64) -> Cast<Deposit> {
-    with_caster(scene, 2, SamplerKind::Sobol, |caster| {
-        caster.cast(paths, SEQUENCE, Until { paths: count, kept: None }, |d, _| Some(*d))
+fn deposits(scene: &Scene, paths: &PhotonPaths, count: u64) -> TracedPaths<Deposit> {
+    with_caster(scene, 2, SamplerKind::Sobol, |tracer| {
+        tracer.cast(paths, SEQUENCE, PathLimit { paths: count, kept: None }, |d, _| Some(*d))
     })
 }
 
 /// The power of the deposits that are counted, W.
-fn power(cast: &Cast<Deposit>, counted: impl Fn(&Deposit) -> bool) -> f64 {
+fn power(cast: &TracedPaths<Deposit>, counted: impl Fn(&Deposit) -> bool) -> f64 {
     let powers = cast.kept.iter().filter(|d| counted(d)).map(|d| f64::from(d.power.g));
     powers.sum::<f64>() / cast.emitted as f64
 }
@@ -69,7 +70,7 @@ fn glass(int_ior: f32) -> Material {
 }
 
 /// Irradiance at points from the density of photons around them.
-fn densities(cast: &Cast<Deposit>, radius: f32, points: &[Vec3]) -> Vec<f64> {
+fn densities(cast: &TracedPaths<Deposit>, radius: f32, points: &[Vec3]) -> Vec<f64> {
     let photons: Vec<GridPhoton> = cast.kept.iter().map(GridPhoton::new).collect();
     let grid = PhotonGrid::new(&photons, radius);
     let density = |p: &Vec3| {
@@ -123,8 +124,8 @@ fn only_who_asks_for_deposits_is_given_up_on() {
     let scene = compiled(scene, AccelKind::default());
     let most = (1 << 20) + 500_000;
     for (kept, all) in [(None, true), (Some(10), false)] {
-        let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
-            caster.cast(&PATHS, SEQUENCE, Until { paths: most, kept }, |d, _| Some(*d))
+        let cast = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
+            tracer.cast(&PATHS, SEQUENCE, PathLimit { paths: most, kept }, |d, _| Some(*d))
         });
         assert!(cast.kept.is_empty() && (cast.emitted == most) == all, "{kept:?}: {} paths", cast.emitted);
     }
@@ -181,12 +182,12 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
     let scene = compiled(scene, AccelKind::default());
     let (emitted, albedo) = (PI, f64::from(albedo));
     for guided in [false, true] {
-        let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
+        let cast = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
             let wanted = |d: &Deposit| d.p.x > 0.9;
             let guide =
-                guided.then(|| EmissionGuide::learn(caster, &PATHS, 1, wanted).expect("light is there"));
-            let caster = Caster { guide: guide.as_ref(), ..*caster };
-            caster.cast(&PATHS, SEQUENCE, Until { paths: 1 << 19, kept: None }, |d, _| Some(*d))
+                guided.then(|| EmissionGuide::learn(tracer, &PATHS, 1, wanted).expect("light is there"));
+            let tracer = LightPathTracer { guide: guide.as_ref(), ..*tracer };
+            tracer.cast(&PATHS, SEQUENCE, PathLimit { paths: 1 << 19, kept: None }, |d, _| Some(*d))
         });
         assert_eq!(cast.invalid, 0);
         for edges in 1..=8 {
@@ -245,12 +246,12 @@ fn a_guide_finds_glass_and_changes_no_power() {
     let scene = compiled(scene, AccelKind::default());
     let caustics = PhotonPaths { direct: false, indirect: false, ..PATHS };
     let unguided = deposits(&scene, &caustics, 1 << 25);
-    let guided = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
-        let guide = EmissionGuide::learn(caster, &caustics, 1, |_| true).expect("light is there");
-        let caster = Caster { guide: Some(&guide), ..*caster };
-        caster.cast(&caustics, SEQUENCE, Until { paths: 1 << 25, kept: None }, |d, _| Some(*d))
+    let guided = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
+        let guide = EmissionGuide::learn(tracer, &caustics, 1, |_| true).expect("light is there");
+        let tracer = LightPathTracer { guide: Some(&guide), ..*tracer };
+        tracer.cast(&caustics, SEQUENCE, PathLimit { paths: 1 << 25, kept: None }, |d, _| Some(*d))
     });
-    let share = |cast: &Cast<Deposit>| cast.kept.len() as f64 / cast.emitted as f64;
+    let share = |cast: &TracedPaths<Deposit>| cast.kept.len() as f64 / cast.emitted as f64;
     assert!(share(&guided) > 10.0 * share(&unguided), "{} {}", share(&guided), share(&unguided));
     assert_near("power", power(&guided, |_| true), power(&unguided, |_| true), 0.02);
 }
@@ -262,24 +263,25 @@ fn deposits_do_not_depend_on_threads() {
     scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 1.0, 0.0), intensity: Rgb::WHITE });
     let scene = compiled(scene, AccelKind::default());
     for sampler in [SamplerKind::Sobol, SamplerKind::Independent] {
-        let cast = |threads: usize, sequence: PathSequence, until: Until| {
-            with_caster(&scene, threads, sampler, |caster| {
-                caster.cast(&PATHS, sequence, until, |d, path| Some((*d, path)))
+        let cast = |threads: usize, sequence: PathSequence, until: PathLimit| {
+            with_caster(&scene, threads, sampler, |tracer| {
+                tracer.cast(&PATHS, sequence, until, |d, path| Some((*d, path)))
             })
         };
-        let all = Until { paths: 40_000, kept: None };
+        let all = PathLimit { paths: 40_000, kept: None };
         let once = cast(1, SEQUENCE, all);
         for threads in [2, 5] {
             assert!(cast(threads, SEQUENCE, all).kept == once.kept);
         }
         assert_eq!(once.emitted, 40_000);
-        let rest = cast(2, PathSequence { first: 20_480, ..SEQUENCE }, Until { paths: 19_520, kept: None });
+        let rest =
+            cast(2, PathSequence { first: 20_480, ..SEQUENCE }, PathLimit { paths: 19_520, kept: None });
         let later: Vec<Deposit> =
             once.kept.iter().filter(|(_, path)| *path >= 20_480).map(|(d, _)| *d).collect();
         let rest: Vec<Deposit> = rest.kept.iter().map(|(d, _)| *d).collect();
         assert!(rest == later);
         // Enough is enough, and at the same place.
-        let some = Until { paths: u64::MAX, kept: Some(5000) };
+        let some = PathLimit { paths: u64::MAX, kept: Some(5000) };
         let (one, five) = (cast(1, SEQUENCE, some), cast(5, SEQUENCE, some));
         assert!(one.kept == five.kept && one.emitted == five.emitted);
         assert!((5000..5000 + 2 * 2048).contains(&one.kept.len()), "{}", one.kept.len());
@@ -292,9 +294,9 @@ fn tracing_ends_where_nothing_lands() {
     let mut scene = floor(Material::Null(Null));
     scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 1.0, 0.0), intensity: Rgb::WHITE });
     let scene = compiled(scene, AccelKind::default());
-    let cast = with_caster(&scene, 2, SamplerKind::Sobol, |caster| {
-        assert!(EmissionGuide::learn(caster, &PATHS, 1, |_| true).is_none());
-        caster.cast(&PATHS, SEQUENCE, Until { paths: u64::MAX, kept: Some(1000) }, |d, _| Some(*d))
+    let cast = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
+        assert!(EmissionGuide::learn(tracer, &PATHS, 1, |_| true).is_none());
+        tracer.cast(&PATHS, SEQUENCE, PathLimit { paths: u64::MAX, kept: Some(1000) }, |d, _| Some(*d))
     });
     assert!(cast.kept.is_empty() && (1 << 20..1 << 22).contains(&cast.emitted), "{}", cast.emitted);
 }

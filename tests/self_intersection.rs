@@ -4,7 +4,7 @@ use crate::meshes::Random;
 use crate::support::scenes::{add, compiled, diffuse, sphere};
 use buffon::accel::{AccelKind, Coherence, Hit};
 use buffon::color::Rgb;
-use buffon::emitter::Target;
+use buffon::emitter::ShadowTarget;
 use buffon::math::{DAffine3, DVec3, Frame, Ray, Vec2, Vec3};
 use buffon::scene::{Description, Scene};
 use buffon::shape::{Mesh, Shape};
@@ -126,7 +126,7 @@ fn lamps_do_not_shadow_themselves() {
                 let from = (target.translation + away * 1.8).as_vec3();
                 let u = Vec2::new(random.unit(), random.unit());
                 let Some(sample) = scene.sample_emitter(from, 0.5, u, 0.0) else { continue };
-                let Target::Point(end) = sample.target else { panic!("a lamp is somewhere") };
+                let ShadowTarget::Point(end) = sample.target else { panic!("a lamp is somewhere") };
                 samples += 1;
                 blocked +=
                     usize::from(scene.accel.occluded(&Ray { t_max: 1.0, ..Ray::new(from, end - from) }));

@@ -1,4 +1,4 @@
-//! What an accelerator is built from: geometries, groups of them, instances of the groups, and a filter of hits.
+//! The input of an accelerator: geometries, groups of geometries, instances of the groups, and a filter of hits.
 
 use super::instance::{Instance, check_reach};
 use super::{COORDINATE_LIMIT, Geometry, Hit, geometry};
@@ -6,49 +6,50 @@ use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray};
 use std::sync::Arc;
 
-/// What an accelerator is built from.
+/// The input from which an accelerator is built.
 #[derive(Clone, Default)]
 pub struct Assembly {
     /// Geometries; the index is [`Hit::geometry`].
     pub geometry: Vec<Geometry>,
-    /// Groups of geometries (by index) that stand in the world only where an instance puts them. A geometry is in at
-    /// most one group; those in none stand in the world themselves.
+    /// Groups of geometries, by index. An instance places a group in world space. A geometry belongs to at most one
+    /// group; a geometry in no group is in world space itself.
     pub groups: Vec<Vec<u32>>,
     /// The instances; the index is [`Hit::instance`].
     pub instances: Vec<Instance>,
-    /// Decides which hits count, for the geometries marked in it.
-    pub filter: Option<Filtered>,
+    /// Accepts or rejects the hits of the geometries marked in it. `None` accepts every hit.
+    pub filter: Option<GeometryFilter>,
 }
 
 impl From<Vec<Geometry>> for Assembly {
-    /// All geometries in the world, and all hits count.
+    /// An assembly without groups, instances or a filter: all geometries are in world space and all hits are
+    /// accepted.
     fn from(geometry: Vec<Geometry>) -> Self {
         Assembly { geometry, ..Assembly::default() }
     }
 }
 
-/// Decides which hits count: a surface with holes, or one that is there by chance.
+/// Accepts or rejects hits, for a surface with holes or with stochastic opacity.
 pub trait HitFilter: Send + Sync {
-    /// Whether a hit counts.
+    /// Returns whether a hit is accepted.
     ///
-    /// `id` is the ray's [`ray_id`], so that a decision by chance is the same however often and in whatever order it
-    /// is asked. `ray` is the ray in the coordinates of the geometry's group (of the world, if it is in none), with
-    /// the hit's distance as its `t_max`. The answer may depend on nothing else.
+    /// `id` is the ray's [`ray_id`]. A stochastic decision made from it is the same in every query order and number
+    /// of queries. `ray` is the ray in the space of the geometry's group (world space if it is in none); its `t_max`
+    /// is the distance of the hit. The answer must depend on nothing else.
     ///
     /// A panic reaches the caller of the query.
     fn accepts(&self, id: u32, ray: &Ray, hit: &Hit) -> bool;
 }
 
-/// A filter, and the geometries whose hits it is asked about.
+/// A filter and the geometries to which it applies.
 #[derive(Clone)]
-pub struct Filtered {
+pub struct GeometryFilter {
     /// The filter.
     pub filter: Arc<dyn HitFilter>,
-    /// By geometry: whether its hits are subject to the filter. As long as the list of geometries.
+    /// For each geometry, whether its hits go through the filter. The length is that of the list of geometries.
     pub geometry: Vec<bool>,
 }
 
-/// The number of a ray for [`HitFilter`]: a hash of the bits of its origin and direction in the world.
+/// Returns the ray's identifier for [`HitFilter`]: a hash of the bits of its origin and direction in world space.
 /// [Appleby 2011, "MurmurHash3", 32 bits]
 #[inline]
 pub fn ray_id(ray: &Ray) -> u32 {
@@ -63,27 +64,27 @@ pub fn ray_id(ray: &Ray) -> u32 {
     h ^ (h >> 16)
 }
 
-/// The question to the filter during one query of one ray.
+/// The filter during one query of one ray.
 #[derive(Clone, Copy)]
-pub(super) struct Question<'a> {
-    filter: Option<&'a Filtered>,
+pub(super) struct FilterQuery<'a> {
+    filter: Option<&'a GeometryFilter>,
     id: u32,
 }
 
-impl<'a> Question<'a> {
-    /// For a ray in the world; without a filter nothing is computed.
+impl<'a> FilterQuery<'a> {
+    /// Prepares the filter for a ray in world space. The identifier is computed only if there is a filter.
     #[inline]
-    pub fn new(filter: Option<&'a Filtered>, ray: &Ray) -> Self {
-        Question { filter, id: if filter.is_some() { ray_id(ray) } else { 0 } }
+    pub fn new(filter: Option<&'a GeometryFilter>, ray: &Ray) -> Self {
+        FilterQuery { filter, id: if filter.is_some() { ray_id(ray) } else { 0 } }
     }
 
-    /// For a ray whose number is known.
+    /// Prepares the filter for a ray whose identifier is known.
     #[cfg(feature = "embree")]
-    pub fn with_id(filter: Option<&'a Filtered>, id: u32) -> Self {
-        Question { filter, id }
+    pub fn with_id(filter: Option<&'a GeometryFilter>, id: u32) -> Self {
+        FilterQuery { filter, id }
     }
 
-    /// Whether the hit counts; `ray` is that in the group's coordinates.
+    /// Returns whether the hit is accepted; `ray` is in the space of the group.
     #[inline]
     pub fn accepts(&self, ray: &Ray, hit: &Hit) -> bool {
         match self.filter {
@@ -95,27 +96,27 @@ impl<'a> Question<'a> {
     }
 }
 
-/// What [`Assembly::check`] finds.
-pub(super) struct Checked {
-    /// Primitives that no back end will hit.
+/// The result of [`Assembly::check`].
+pub(super) struct CheckedAssembly {
+    /// The number of primitives that no back end can hit.
     pub dropped: usize,
-    /// The box around all that stands in the world, at any time.
+    /// The bounding box of everything in world space, over all times.
     pub bounds: Bounds,
-    /// The geometries that are in no group.
+    /// The indices of the geometries that are in no group.
     pub world: Vec<u32>,
-    /// By instance: its box in the world over all times.
+    /// For each instance, its bounding box in world space over all times.
     pub instances: Vec<Bounds>,
-    /// The greatest component of a valid ray in the world.
+    /// The greatest magnitude of a component of a valid ray in world space.
     pub ray_limit: f32,
 }
 
 impl Assembly {
-    /// Checks everything and makes the geometries safe for every back end, as [`geometry::check`] does.
+    /// Checks the assembly and makes the geometries safe for every back end, as [`geometry::check`] does.
     ///
     /// # Errors
-    /// If an index is out of range, a geometry is in two groups, the filter's marks are not one for each geometry, or
-    /// an instance's transform is refused (see [`build`](super::build)).
-    pub(super) fn check(&mut self) -> Result<Checked> {
+    /// If an index is out of range, a geometry is in two groups, the filter has not one mark for each geometry, or an
+    /// instance's transform is rejected (see [`build`](super::build)).
+    pub(super) fn check(&mut self) -> Result<CheckedAssembly> {
         let internal = |message: String| Err(Error::internal(message));
         let count = self.geometry.len();
         let mut grouped = vec![false; count];
@@ -131,7 +132,7 @@ impl Assembly {
         if let Some(marks) = self.filter.as_ref().map(|f| f.geometry.len()).filter(|&n| n != count) {
             return internal(format!("expected a mark for each of {count} geometries, found {marks}"));
         }
-        let mut checked = Checked {
+        let mut checked = CheckedAssembly {
             dropped: 0,
             bounds: Bounds::EMPTY,
             world: (0..).zip(&grouped).filter(|(_, grouped)| !**grouped).map(|(i, _)| i).collect(),

@@ -1,20 +1,21 @@
-//! Every ray against every primitive, in double precision: the oracle that tests hold the other back ends against.
+//! A back end that tests every ray against every primitive in double precision. Tests compare the other back ends
+//! with it.
 
-use super::assembly::{Assembly, Checked, Question};
+use super::assembly::{Assembly, CheckedAssembly, FilterQuery};
 use super::geometry::valid_triangle;
-use super::primitive::Line;
+use super::primitive::RayF64;
 use super::{Accel, Geometry, Hit, NO_INSTANCE, is_valid_ray};
 use crate::error::Result;
 use crate::math::{Bounds, DVec3, Ray, Vec3};
 
-/// A back end without any structure. Its cost is linear in the number of primitives.
+/// An accelerator without a data structure. Its cost is linear in the number of primitives.
 pub struct BruteForce {
     assembly: Assembly,
-    checked: Checked,
+    checked: CheckedAssembly,
 }
 
 impl BruteForce {
-    /// Takes the assembly as it is; nothing is built.
+    /// Stores the assembly; nothing is built.
     ///
     /// # Errors
     /// As [`build`](super::build).
@@ -24,11 +25,11 @@ impl BruteForce {
         Ok(BruteForce { assembly, checked })
     }
 
-    /// The nearest accepted hit of one geometry. `line` is `ray` in the coordinates of the geometry's group.
+    /// Returns the nearest accepted hit of one geometry. `line` is `ray` in the space of the geometry's group.
     fn intersect_geometry(
         &self,
         (geometry, instance): (u32, u32),
-        line: &mut Line,
+        line: &mut RayF64,
         ask: &dyn Fn(&Hit) -> bool,
     ) -> Option<Hit> {
         let mut nearest = None;
@@ -72,22 +73,22 @@ impl Accel for BruteForce {
         if !is_valid_ray(ray, self.checked.ray_limit) {
             return None;
         }
-        let question = Question::new(self.assembly.filter.as_ref(), ray);
+        let query = FilterQuery::new(self.assembly.filter.as_ref(), ray);
         let mut nearest = None;
-        let mut line = Line::from(ray);
+        let mut line = RayF64::from(ray);
         for &geometry in &self.checked.world {
-            let ask = |hit: &Hit| question.accepts(ray, hit);
+            let ask = |hit: &Hit| query.accepts(ray, hit);
             nearest = self.intersect_geometry((geometry, NO_INSTANCE), &mut line, &ask).or(nearest);
         }
         for (i, instance) in (0..).zip(&self.assembly.instances) {
             let inverse = instance.world_inverse(ray.time);
-            let mut local = Line {
+            let mut local = RayF64 {
                 o: inverse.transform_point3(line.o),
                 d: inverse.transform_vector3(line.d),
                 t_max: line.t_max,
             };
             let local_ray = Ray { o: local.o.as_vec3(), d: local.d.as_vec3(), ..*ray };
-            let ask = |hit: &Hit| question.accepts(&local_ray, hit);
+            let ask = |hit: &Hit| query.accepts(&local_ray, hit);
             for &geometry in &self.assembly.groups[instance.group as usize] {
                 nearest = self.intersect_geometry((geometry, i), &mut local, &ask).or(nearest);
             }
@@ -101,9 +102,9 @@ impl Accel for BruteForce {
     }
 }
 
-/// A triangle by signed volumes in double precision, edges included. Returns t and the barycentric weights of the
-/// second and third corner.
-fn intersect_triangle(corners: [Vec3; 3], line: &Line) -> Option<(f32, f32, f32)> {
+/// Intersects a triangle by signed volumes in double precision, edges included. Returns t and the barycentric weights
+/// of the second and third corner.
+fn intersect_triangle(corners: [Vec3; 3], line: &RayF64) -> Option<(f32, f32, f32)> {
     let (o, d) = (line.o, line.d);
     let [a, b, c] = corners.map(|p| p.as_dvec3() - o);
     let volume = |p: DVec3, q: DVec3| d.dot(q.cross(p));
@@ -127,11 +128,11 @@ mod tests {
         let p = corners[1] * 0.25 + corners[2] * 0.5;
         for side in [1.0, -1.0] {
             let ray = Ray::new(p + Vec3::Z * side, -Vec3::Z * side);
-            let (t, u, v) = intersect_triangle(corners, &Line::from(&ray)).expect("hit from both sides");
+            let (t, u, v) = intersect_triangle(corners, &RayF64::from(&ray)).expect("hit from both sides");
             assert!((t - 1.0).abs() < 1e-6 && (u - 0.25).abs() < 1e-6 && (v - 0.5).abs() < 1e-6);
         }
         assert_eq!(
-            intersect_triangle(corners, &Line::from(&Ray::new(Vec3::new(-0.1, 1.0, 1.0), -Vec3::Z))),
+            intersect_triangle(corners, &RayF64::from(&Ray::new(Vec3::new(-0.1, 1.0, 1.0), -Vec3::Z))),
             None
         );
     }

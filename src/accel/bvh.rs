@@ -1,62 +1,62 @@
 //! The pure-Rust back end: obvhs builds eight-wide compressed BVHs, and Buffon traverses their nodes.
 //!
 //! obvhs' own traversal is not used for rendering: it clamps 1/d, starts at a fixed distance, does not round its
-//! slabs outwards and returns no barycentric coordinates. Here every box test is conservative and every triangle
-//! test watertight, so the nearest hit is that over all triangles, whatever the shape of the tree; of hits at
-//! equal distance the one with the least (geometry, primitive, instance) counts.
+//! slabs outwards and returns no barycentric coordinates. Here every box test is conservative and every triangle test
+//! is watertight. The nearest hit is therefore the nearest over all triangles for any shape of the tree. Among hits
+//! at equal distance, the one with the smallest (geometry, primitive, instance) is reported.
 //!
-//! One tree holds what stands in the world, instances among it; each group has its own, in which the ray goes on in
-//! the group's coordinates.
+//! One tree holds the geometries in world space and the instances. Each group has its own tree, which the traversal
+//! enters with the ray in the space of the group.
 
-use super::assembly::{Assembly, Checked, Filtered, Question};
+use super::assembly::{Assembly, CheckedAssembly, FilterQuery, GeometryFilter};
 use super::instance::{Instance, local_ray};
 use super::triangle::ShearedRay;
 use super::{Accel, COORDINATE_LIMIT, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
 use crate::error::{Error, Result, counted};
 use crate::math::{Bounds, DAffine3, Ray};
 use crate::memory::Budget;
-use build::{ANALYTIC, Entry, INSTANCE, Tree};
+use build::{ANALYTIC, BvhTree, INSTANCE, LeafPrimitive};
 use node::BoxTest;
 
 mod build;
-mod crowd;
+mod lbvh;
 mod node;
 
-/// The BVH over an assembly.
+/// The BVH of an assembly.
 pub struct Bvh {
-    world: Tree,
-    groups: Vec<Tree>,
-    instances: Vec<Placed>,
-    /// By geometry; empty if there is no analytic surface.
+    world: BvhTree,
+    groups: Vec<BvhTree>,
+    instances: Vec<TraversalInstance>,
+    /// The analytic surface of each geometry; empty if there is none.
     surfaces: Vec<Option<Primitive>>,
-    filter: Option<Filtered>,
+    filter: Option<GeometryFilter>,
     bounds: Bounds,
     ray_limit: f32,
 }
 
-/// An instance as the traversal needs it.
-struct Placed {
+/// The data of an instance that traversal needs.
+struct TraversalInstance {
     group: u32,
-    /// From the world; that at time 0 for a moving instance.
+    /// The transform from world space to group space; for a moving instance, at time 0.
     inverse: DAffine3,
     moving: Option<Instance>,
 }
 
-/// What stays the same during the query of one tree.
+/// The values that are constant during the query of one tree.
 #[derive(Clone, Copy)]
-struct Ask<'a> {
-    filter: Question<'a>,
+struct TreeQuery<'a> {
+    filter: FilterQuery<'a>,
     instance: u32,
 }
 
 impl Bvh {
-    /// Builds the BVH with `threads` threads (0 for all cores). The assembly must be checked.
+    /// Builds the BVH with `threads` threads (0: all cores). The assembly must have been checked.
     ///
     /// # Errors
-    /// If there are 2^32 primitives or more, no threads can be started, or the budget has too little memory left.
+    /// If there are 2^32 primitives or more, threads cannot be started, or the memory budget is exceeded.
     pub(super) fn new(
         assembly: Assembly,
-        checked: &Checked,
+        checked: &CheckedAssembly,
         threads: usize,
         memory: &Budget,
     ) -> Result<Self> {
@@ -74,11 +74,12 @@ impl Bvh {
             .build()
             .map_err(|e| Error::internal(format!("starting the threads that build the BVH: {e}")))?;
         let (world, groups) = pool.install(|| {
-            let groups: Vec<Tree> = groups.iter().map(|members| Tree::new(&geometry, members, &[])).collect();
-            (Tree::new(&geometry, &checked.world, &checked.instances), groups)
+            let groups: Vec<BvhTree> =
+                groups.iter().map(|members| BvhTree::new(&geometry, members, &[])).collect();
+            (BvhTree::new(&geometry, &checked.world, &checked.instances), groups)
         });
-        building.keep((world.bytes() + groups.iter().map(Tree::bytes).sum::<usize>()) as u64);
-        let place = |instance: Instance| Placed {
+        building.keep((world.bytes() + groups.iter().map(BvhTree::bytes).sum::<usize>()) as u64);
+        let place = |instance: Instance| TraversalInstance {
             group: instance.group,
             inverse: instance.world_inverse(0.0),
             moving: instance.is_moving().then_some(instance),
@@ -94,35 +95,49 @@ impl Bvh {
         })
     }
 
-    /// With `ANY` it stops at the first hit, whichever that is.
+    /// Returns the nearest hit or, with `ANY`, the first hit found.
     #[inline]
     fn query<const ANY: bool>(&self, ray: &Ray) -> Option<Hit> {
         if !is_valid_ray(ray, self.ray_limit) {
             return None;
         }
-        let ask = Ask { filter: Question::new(self.filter.as_ref(), ray), instance: NO_INSTANCE };
-        self.traverse::<ANY>(&self.world, ray, ask, Nearest { t: ray.t_max, hit: None }).hit
+        let query = TreeQuery { filter: FilterQuery::new(self.filter.as_ref(), ray), instance: NO_INSTANCE };
+        self.traverse::<ANY>(&self.world, ray, query, BvhHit { t: ray.t_max, hit: None }).hit
     }
 
-    /// Visits the leaves of a tree along the ray, which is valid in the tree's coordinates.
+    /// Visits the leaves along a ray that is valid in the space of the tree.
     #[inline]
-    fn traverse<const ANY: bool>(&self, tree: &Tree, ray: &Ray, ask: Ask<'_>, nearest: Nearest) -> Nearest {
-        let nearest = self.visit::<ANY>(tree, ray, ask, nearest);
-        match &tree.crowd {
-            Some(crowd) if !(ANY && nearest.hit.is_some()) => self.visit::<ANY>(crowd, ray, ask, nearest),
+    fn traverse<const ANY: bool>(
+        &self,
+        tree: &BvhTree,
+        ray: &Ray,
+        query: TreeQuery<'_>,
+        nearest: BvhHit,
+    ) -> BvhHit {
+        let nearest = self.visit::<ANY>(tree, ray, query, nearest);
+        match &tree.overlapping {
+            Some(overlapping) if !(ANY && nearest.hit.is_some()) => {
+                self.visit::<ANY>(overlapping, ray, query, nearest)
+            }
             _ => nearest,
         }
     }
 
-    fn visit<const ANY: bool>(&self, tree: &Tree, ray: &Ray, ask: Ask<'_>, mut nearest: Nearest) -> Nearest {
+    fn visit<const ANY: bool>(
+        &self,
+        tree: &BvhTree,
+        ray: &Ray,
+        query: TreeQuery<'_>,
+        mut nearest: BvhHit,
+    ) -> BvhHit {
         if tree.nodes.nodes.is_empty() {
             return nearest;
         }
         let sheared = ShearedRay::new(ray);
         let test = BoxTest::new(ray);
         let mut stack = Stack::default();
-        // A group of nodes: the index of its first, and (high byte) which are to be visited, (low byte) which
-        // children are inner nodes. The root is a group of one.
+        // A group of sibling nodes: the index of its first node, a mask of the nodes still to be visited (high byte),
+        // and a mask of the children that are inner nodes (low byte). The root is a group of one.
         let mut group = (0u32, 0x8000_0000u32);
         loop {
             while group.1 & 0xff00_0000 == 0 {
@@ -145,7 +160,7 @@ impl Bvh {
             while leaves != 0 {
                 let entry = &tree.entries[(node.primitive_base_idx + leaves.trailing_zeros()) as usize];
                 leaves &= leaves - 1;
-                self.intersect_entry::<ANY>(entry, ray, &sheared, &ask, &mut nearest);
+                self.intersect_entry::<ANY>(entry, ray, &sheared, &query, &mut nearest);
                 if ANY && nearest.hit.is_some() {
                     return nearest;
                 }
@@ -156,27 +171,27 @@ impl Bvh {
     #[inline]
     fn intersect_entry<const ANY: bool>(
         &self,
-        entry: &Entry,
+        entry: &LeafPrimitive,
         ray: &Ray,
         sheared: &ShearedRay,
-        ask: &Ask<'_>,
-        nearest: &mut Nearest,
+        query: &TreeQuery<'_>,
+        nearest: &mut BvhHit,
     ) {
         if entry.primitive >= INSTANCE {
             return match entry.primitive {
-                ANALYTIC => self.intersect_surface(entry.geometry, ray, ask, nearest),
-                _ => self.enter::<ANY>(entry.geometry, ray, ask, nearest),
+                ANALYTIC => self.intersect_surface(entry.geometry, ray, query, nearest),
+                _ => self.traverse_instance::<ANY>(entry.geometry, ray, query, nearest),
             };
         }
         if let Some((t, u, v)) = sheared.intersect(&entry.corners, nearest.t) {
-            let Entry { geometry, primitive, .. } = *entry;
-            let hit = Hit { t, u, v, geometry, primitive, instance: ask.instance };
-            nearest.offer(hit, ray.t_max, |hit| ask.filter.accepts(ray, hit));
+            let LeafPrimitive { geometry, primitive, .. } = *entry;
+            let hit = Hit { t, u, v, geometry, primitive, instance: query.instance };
+            nearest.replace_if_nearer(hit, ray.t_max, |hit| query.filter.accepts(ray, hit));
         }
     }
 
     #[inline]
-    fn intersect_surface(&self, geometry: u32, ray: &Ray, ask: &Ask<'_>, nearest: &mut Nearest) {
+    fn intersect_surface(&self, geometry: u32, ray: &Ray, query: &TreeQuery<'_>, nearest: &mut BvhHit) {
         let Some(surface) = self.surfaces[geometry as usize] else { return };
         let place = |h: &super::PrimitiveHit| Hit {
             t: h.t,
@@ -184,28 +199,34 @@ impl Bvh {
             v: h.v,
             geometry,
             primitive: 0,
-            instance: ask.instance,
+            instance: query.instance,
         };
-        // The bound is exclusive, and a hit at the nearest distance so far must be seen.
+        // The bound is exclusive. The next float keeps hits at exactly the nearest distance, which may win by order.
         let within = Ray { t_max: nearest.t.next_up(), ..*ray };
-        let found = surface.intersect_where(&within, |h| ask.filter.accepts(ray, &place(h)));
+        let found = surface.intersect_where(&within, |h| query.filter.accepts(ray, &place(h)));
         if let Some(found) = found {
-            nearest.offer(place(&found), ray.t_max, |_| true);
+            nearest.replace_if_nearer(place(&found), ray.t_max, |_| true);
         }
     }
 
-    /// Goes on in the tree of an instance's group.
+    /// Continues the traversal in the tree of an instance's group.
     #[inline(never)]
-    fn enter<const ANY: bool>(&self, instance: u32, ray: &Ray, ask: &Ask<'_>, nearest: &mut Nearest) {
+    fn traverse_instance<const ANY: bool>(
+        &self,
+        instance: u32,
+        ray: &Ray,
+        query: &TreeQuery<'_>,
+        nearest: &mut BvhHit,
+    ) {
         let placed = &self.instances[instance as usize];
         let local = match &placed.moving {
             None => local_ray(&placed.inverse, ray),
             Some(moving) => local_ray(&moving.world_inverse(ray.time), ray),
         };
-        // A direction that is next to nothing may vanish in the group's coordinates.
+        // A direction close to zero may become zero in group space.
         if is_valid_ray(&local, COORDINATE_LIMIT) {
             let tree = &self.groups[placed.group as usize];
-            *nearest = self.traverse::<ANY>(tree, &local, Ask { instance, ..*ask }, *nearest);
+            *nearest = self.traverse::<ANY>(tree, &local, TreeQuery { instance, ..*query }, *nearest);
         }
     }
 }
@@ -220,7 +241,7 @@ impl Accel for Bvh {
     }
 
     fn memory_bytes(&self) -> usize {
-        let trees = self.world.bytes() + self.groups.iter().map(Tree::bytes).sum::<usize>();
+        let trees = self.world.bytes() + self.groups.iter().map(BvhTree::bytes).sum::<usize>();
         trees + size_of_val(&self.instances[..]) + size_of_val(&self.surfaces[..])
     }
 
@@ -235,17 +256,17 @@ impl Accel for Bvh {
 
 /// The nearest hit so far.
 #[derive(Clone, Copy)]
-struct Nearest {
-    /// Its parameter, or the ray's bound.
+struct BvhHit {
+    /// The ray parameter of the hit, or the ray's `t_max` if there is none.
     t: f32,
     hit: Option<Hit>,
 }
 
-impl Nearest {
-    /// Takes a hit with `0 < t ≤ self.t` if it is below the ray's bound and nearer, or equally near and first in order,
-    /// and accepted.
+impl BvhHit {
+    /// Replaces the nearest hit by one with `0 < t ≤ self.t`, if that is below `t_max`, is nearer (or equally near
+    /// and first in order), and is accepted.
     #[inline]
-    fn offer(&mut self, hit: Hit, t_max: f32, accept: impl FnOnce(&Hit) -> bool) {
+    fn replace_if_nearer(&mut self, hit: Hit, t_max: f32, accept: impl FnOnce(&Hit) -> bool) {
         let order = |hit: &Hit| (hit.geometry, hit.primitive, hit.instance);
         let nearer = match &self.hit {
             None => hit.t < t_max,
@@ -258,18 +279,18 @@ impl Nearest {
     }
 }
 
-/// Groups of nodes that are still to be visited: one for each level of the tree.
+/// The traversal stack: groups of nodes still to be visited, at most one for each level of the tree.
 struct Stack {
     groups: [(u32, u32); Stack::DEPTH],
     len: usize,
-    /// Only for trees that are deeper than any real scene's.
-    more: Vec<(u32, u32)>,
+    /// Overflow for trees deeper than [`Stack::DEPTH`].
+    overflow: Vec<(u32, u32)>,
 }
 
 impl Default for Stack {
     #[inline]
     fn default() -> Self {
-        Stack { groups: [(0, 0); Stack::DEPTH], len: 0, more: Vec::new() }
+        Stack { groups: [(0, 0); Stack::DEPTH], len: 0, overflow: Vec::new() }
     }
 }
 
@@ -283,13 +304,13 @@ impl Stack {
                 *top = group;
                 self.len += 1;
             }
-            None => self.more.push(group),
+            None => self.overflow.push(group),
         }
     }
 
     #[inline]
     fn pop(&mut self) -> Option<(u32, u32)> {
-        if let Some(group) = self.more.pop() {
+        if let Some(group) = self.overflow.pop() {
             return Some(group);
         }
         self.len = self.len.checked_sub(1)?;

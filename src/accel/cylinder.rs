@@ -1,20 +1,21 @@
-//! The open cylinder: a tube without caps.
+//! An open cylinder, without caps.
 
-use super::primitive::{Line, PrimitiveHit};
+use super::primitive::{PrimitiveHit, RayF64};
 use crate::math::{Bounds, DVec3, Vec3};
 use std::f64::consts::TAU;
 
-/// The frame of the cylinder from `p0` to `p1`: unit vectors x and y across, and along the axis; right-handed.
+/// Returns the frame of the cylinder from `p0` to `p1`: unit vectors x and y across the axis, and the unit axis. It
+/// is right-handed.
 ///
-/// The point with the coordinates u and v is `p0 + v·(p1 − p0) + radius·(cos(2πu)·x + sin(2πu)·y)`. x and y are a
-/// function of the axis alone. [Duff et al. 2017, "Building an Orthonormal Basis, Revisited"]
+/// The point with the coordinates u and v is `p0 + v·(p1 − p0) + radius·(cos(2πu)·x + sin(2πu)·y)`. x and y depend on
+/// the axis alone. [Duff et al. 2017, "Building an Orthonormal Basis, Revisited"]
 pub fn cylinder_frame(p0: Vec3, p1: Vec3) -> [DVec3; 3] {
     let axis = (p1.as_dvec3() - p0.as_dvec3()).normalize();
     let (x, y) = axis.any_orthonormal_pair();
     [x, y, axis]
 }
 
-/// A box around the cylinder, before rounding.
+/// Returns a box around the cylinder, before rounding.
 pub(super) fn bounds(p0: Vec3, p1: Vec3, radius: f32) -> (DVec3, DVec3) {
     let w = cylinder_frame(p0, p1)[2];
     // The sine of the angle between the axis and each coordinate axis, without cancellation.
@@ -24,16 +25,16 @@ pub(super) fn bounds(p0: Vec3, p1: Vec3, radius: f32) -> (DVec3, DVec3) {
     (ends.min.as_dvec3() - extent, ends.max.as_dvec3() + extent)
 }
 
-/// Whether the cylinder has an extent.
+/// Returns whether the cylinder has a positive length and radius.
 pub(super) fn is_valid(p0: Vec3, p1: Vec3, radius: f32) -> bool {
     radius > 0.0 && p0 != p1
 }
 
-/// The nearest accepted hit: the circle's quadratic across the axis, then the height. The quadratic has the form of
-/// the sphere's, for the same reasons.
+/// Returns the nearest accepted hit. Solves the circle's quadratic across the axis, then checks the height. The
+/// quadratic has the form of [`circle`], which avoids cancellation.
 pub(super) fn intersect(
     (p0, p1, radius): (Vec3, Vec3, f32),
-    line: &Line,
+    line: &RayF64,
     mut accept: impl FnMut(&PrimitiveHit) -> bool,
 ) -> Option<PrimitiveHit> {
     let [x, y, axis] = cylinder_frame(p0, p1);
@@ -52,7 +53,7 @@ pub(super) fn intersect(
     roots.into_iter().filter_map(hit).find(|hit| accept(hit))
 }
 
-/// The parameters at which `f + t·d` is `radius` away from the origin, the nearer first.
+/// Returns the parameters at which `f + t·d` has the distance `radius` from the origin, the nearer first.
 /// [Haines, Günther, Akenine-Möller 2019, "Precision Improvements for Ray/Sphere Intersection", Eq. 5 and 10]
 #[inline]
 pub(super) fn circle(f: DVec3, d: DVec3, radius: f64) -> Option<[f64; 2]> {
@@ -65,7 +66,7 @@ pub(super) fn circle(f: DVec3, d: DVec3, radius: f64) -> Option<[f64; 2]> {
     }
     let c = f.length_squared() - r2;
     let q = b + (a * discriminant).sqrt().copysign(b);
-    // c/q is the root nearer to the origin of the line's parameter, q/a the other one.
+    // c/q is the root of smaller magnitude, q/a the other one.
     let (t0, t1) = (c / q, q / a);
     Some(if t0 < t1 { [t0, t1] } else { [t1, t0] })
 }
@@ -86,7 +87,7 @@ mod tests {
         assert_eq!(hit(Vec3::ZERO, -Vec3::X * 0.5), Some(4.0));
         assert_eq!(hit(Vec3::new(0.5, 0.5, -9.0), Vec3::Z), None);
         assert_eq!(hit(Vec3::new(5.0, 0.0, 3.1), -Vec3::X), None);
-        // Through the open end onto the inside.
+        // The ray enters through the open end and hits the inner side.
         let through = TUBE.intersect(&Ray::new(Vec3::new(-4.0, 0.0, 5.0), Vec3::new(2.0, 0.0, -1.0)));
         assert_eq!(through.map(|h| h.t), Some(3.0));
         assert_eq!(hit(Vec3::new(5.0, 2.1, 0.0), -Vec3::X), None);

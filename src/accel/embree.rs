@@ -1,43 +1,43 @@
 //! The back end on Embree 3: single rays, and waves in packets of sixteen.
 
-use super::assembly::{Assembly, Checked, Filtered, HitFilter, Question, ray_id};
+use super::assembly::{Assembly, CheckedAssembly, FilterQuery, GeometryFilter, HitFilter, ray_id};
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, PrimitiveHit};
 use crate::embree::{
-    self, Candidate, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16, Rays16,
-    SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
+    self, CandidateHit, CommittedScene, Device, DeviceOptions, INVALID_ID, Mask16, RayHit1, RayHits16,
+    Rays16, SceneBuilder, SceneOptions, TriangleFilter, UserHit, UserPrimitives, UserRay, WIDTH,
 };
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};
 use crate::memory::Budget;
 use std::sync::Arc;
 
-/// Embree over an assembly. Vertex and index arrays are shared with it.
+/// An Embree scene over an assembly. It shares the vertex and index arrays.
 ///
-/// In the scene of the world a mesh keeps its place in the list as its Embree id; in the scene of a group it has its
-/// place in the group. (Embree keeps an array over all ids for each scene.) The analytic surfaces of a scene are one
-/// user geometry, whose id is the first after the meshes' and whose hits report the surface's place in the list as
-/// their primitive. The instances' ids come next.
+/// In the scene of world space, the Embree id of a mesh is its index in the list of geometries; in the scene of a
+/// group it is its index in the group. (Embree keeps an array over all ids for each scene.) The analytic surfaces of
+/// a scene are one user geometry, whose id follows those of the meshes; its hits report the surface's index in the
+/// list as their primitive. The ids of instances follow.
 pub struct EmbreeAccel {
     scene: CommittedScene,
     bounds: Bounds,
-    /// Whether hits are filtered, so that rays need numbers.
+    /// Whether hits are filtered, which needs [`ray_id`] for each ray.
     filtered: bool,
-    /// The id of the analytic surfaces in the world.
+    /// The Embree id of the analytic surfaces in world space.
     surfaces_id: u32,
-    /// The groups one after the other, each followed by [`INVALID_ID`] for its analytic surfaces.
+    /// The members of all groups, concatenated; [`INVALID_ID`] for the analytic surfaces ends each group.
     members: Vec<u32>,
-    /// By instance: where in `members` its group begins.
+    /// For each instance, the index in `members` of the first member of its group.
     first_members: Vec<u32>,
 }
 
 impl EmbreeAccel {
-    /// Builds the scenes with `threads` threads (0 for all cores). The assembly must be checked.
+    /// Builds the scenes with `threads` threads (0: all cores). The assembly must have been checked.
     ///
     /// # Errors
-    /// If Embree cannot be started or needs more memory than there is.
+    /// If Embree cannot be started or memory runs out.
     pub(super) fn new(
         assembly: Assembly,
-        checked: &Checked,
+        checked: &CheckedAssembly,
         threads: usize,
         robust: bool,
         memory: &Budget,
@@ -52,7 +52,7 @@ impl EmbreeAccel {
         }
         let device = Device::within(DeviceOptions { threads, ..DeviceOptions::default() }, memory.clone())?;
         let surfaces_id = geometry.len() as u32;
-        let parts = Parts { geometry, filter: filter.map(Arc::new), first_instance: surfaces_id + 1 };
+        let parts = SceneParts { geometry, filter: filter.map(Arc::new), first_instance: surfaces_id + 1 };
         let mut members = Vec::new();
         let mut scenes = Vec::with_capacity(groups.len());
         for group in &groups {
@@ -83,7 +83,7 @@ impl EmbreeAccel {
         })
     }
 
-    /// The hit that Embree's numbers stand for.
+    /// Converts Embree's ids to a hit.
     #[inline]
     fn hit(&self, (t, u, v): (f32, f32, f32), [geometry, primitive, instance]: [u32; 3]) -> Hit {
         let (mesh, instance) = match instance {
@@ -107,7 +107,7 @@ impl EmbreeAccel {
         Some(self.hit((packet.rays.t_far[i], packet.u[i], packet.v[i]), ids))
     }
 
-    /// A single ray, with its number if that is asked for.
+    /// Prepares the query of a single ray, with its identifier if hits are filtered.
     #[inline]
     fn single(&self, ray: &Ray) -> RayHit1 {
         let mut query = RayHit1::new(bytemuck::cast_ref(ray));
@@ -117,9 +117,9 @@ impl EmbreeAccel {
         query
     }
 
-    /// Gives the rays of a packet their numbers if those are asked for.
+    /// Sets the identifiers of the rays in a packet if hits are filtered.
     #[inline]
-    fn number(&self, rays: &[[f32; 8]], packet: &mut Rays16) {
+    fn set_ids(&self, rays: &[[f32; 8]], packet: &mut Rays16) {
         if self.filtered {
             for (id, ray) in packet.id.iter_mut().zip(rays) {
                 *id = ray_id(bytemuck::cast_ref(ray));
@@ -128,16 +128,17 @@ impl EmbreeAccel {
     }
 }
 
-/// What scenes are put together from.
-struct Parts {
+/// The data from which scenes are assembled.
+struct SceneParts {
     geometry: Vec<Geometry>,
-    filter: Option<Arc<Filtered>>,
-    /// The id of the first instance.
+    filter: Option<Arc<GeometryFilter>>,
+    /// The Embree id of the first instance.
     first_instance: u32,
 }
 
-impl Parts {
-    /// Adds geometries, given as (Embree's id, place in the list), and their analytic surfaces as `surfaces_id`.
+impl SceneParts {
+    /// Adds geometries, given as (Embree id, index in the list), and their analytic surfaces under the id
+    /// `surfaces_id`.
     fn add(
         &self,
         members: impl Iterator<Item = (u32, u32)>,
@@ -158,7 +159,7 @@ impl Parts {
         }
         if !surfaces.is_empty() {
             let (filter, first_instance) = (self.filter.clone(), self.first_instance);
-            builder.add_user(surfaces_id, Arc::new(Surfaces { surfaces, filter, first_instance }))?;
+            builder.add_user(surfaces_id, Arc::new(AnalyticSurfaces { surfaces, filter, first_instance }))?;
         }
         Ok(())
     }
@@ -178,8 +179,8 @@ struct MeshFilter {
 }
 
 impl TriangleFilter for MeshFilter {
-    fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool {
-        let Candidate { t, u, v, primitive } = *hit;
+    fn accepts(&self, ray: &UserRay, hit: &CandidateHit) -> bool {
+        let CandidateHit { t, u, v, primitive } = *hit;
         let instance = instance_of(ray, self.first_instance);
         self.filter.accepts(
             ray.id,
@@ -193,7 +194,7 @@ fn to_ray(ray: &UserRay) -> Ray {
     Ray { o: Vec3::from(ray.origin), t_max: ray.t_far, d: Vec3::from(ray.direction), time: ray.time }
 }
 
-/// The number of the instance in whose coordinates the ray is.
+/// Returns the index of the instance in whose space the ray is.
 fn instance_of(ray: &UserRay, first_instance: u32) -> u32 {
     if ray.instance == INVALID_ID { NO_INSTANCE } else { ray.instance - first_instance }
 }
@@ -240,12 +241,12 @@ impl Accel for EmbreeAccel {
         let (hits, hits_tail) = hits.as_chunks_mut::<WIDTH>();
         for (rays, hits) in rays.iter().zip(hits) {
             packet.rays.load(rays);
-            self.number(rays, &mut packet.rays);
+            self.set_ids(rays, &mut packet.rays);
             trace(&mut packet, hits);
         }
         if !rays_tail.is_empty() {
             packet.rays.load_tail(rays_tail);
-            self.number(rays_tail, &mut packet.rays);
+            self.set_ids(rays_tail, &mut packet.rays);
             trace(&mut packet, hits_tail);
         }
     }
@@ -264,12 +265,12 @@ impl Accel for EmbreeAccel {
         let (occluded, occluded_tail) = occluded.as_chunks_mut::<WIDTH>();
         for (rays, occluded) in rays.iter().zip(occluded) {
             packet.load(rays);
-            self.number(rays, &mut packet);
+            self.set_ids(rays, &mut packet);
             trace(&mut packet, occluded);
         }
         if !rays_tail.is_empty() {
             packet.load_tail(rays_tail);
-            self.number(rays_tail, &mut packet);
+            self.set_ids(rays_tail, &mut packet);
             trace(&mut packet, occluded_tail);
         }
     }
@@ -284,14 +285,14 @@ impl From<Coherence> for embree::Coherence {
     }
 }
 
-/// The analytic surfaces of one scene as Embree's user geometry, each with its place in the list.
-struct Surfaces {
+/// The analytic surfaces of one scene as an Embree user geometry, each with its index in the list.
+struct AnalyticSurfaces {
     surfaces: Vec<(u32, Primitive)>,
-    filter: Option<Arc<Filtered>>,
+    filter: Option<Arc<GeometryFilter>>,
     first_instance: u32,
 }
 
-impl UserPrimitives for Surfaces {
+impl UserPrimitives for AnalyticSurfaces {
     fn count(&self) -> u32 {
         self.surfaces.len() as u32
     }
@@ -304,10 +305,10 @@ impl UserPrimitives for Surfaces {
     fn intersect(&self, i: u32, user_ray: &UserRay) -> Option<UserHit> {
         let (geometry, surface) = self.surfaces[i as usize];
         let ray = to_ray(user_ray);
-        let question = Question::with_id(self.filter.as_deref(), user_ray.id);
+        let query = FilterQuery::with_id(self.filter.as_deref(), user_ray.id);
         let instance = instance_of(user_ray, self.first_instance);
         let hit = surface.intersect_where(&ray, |&PrimitiveHit { t, u, v }| {
-            question.accepts(&ray, &Hit { t, u, v, geometry, primitive: 0, instance })
+            query.accepts(&ray, &Hit { t, u, v, geometry, primitive: 0, instance })
         })?;
         Some(UserHit { t: hit.t, u: hit.u, v: hit.v, primitive: geometry })
     }

@@ -1,29 +1,31 @@
-//! The neutral description that accelerators are built from, and its check.
+//! The neutral description of geometry that accelerators are built from, and its validation.
 
 use super::primitive::Primitive;
 use crate::math::{Bounds, Vec3};
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// A vertex or a ray beyond this in any component makes a primitive or a ray invalid, as in Embree.
+/// The greatest valid magnitude of a component of a vertex or ray, as in Embree. A primitive or ray beyond it is
+/// invalid.
 pub const COORDINATE_LIMIT: f32 = 1.844e18;
 
-/// Vertex positions, followed by padding: Embree reads 16 bytes at the last one. Derefs to the positions alone.
+/// Vertex positions followed by padding, because Embree reads 16 bytes at the last position. Dereferences to the
+/// positions without padding.
 #[derive(Clone, Debug)]
 pub struct VertexBuffer {
-    /// The positions and one element of padding; its own `Arc`, for Embree shares it and knows no `Vec3`.
+    /// The positions and one element of padding. Embree shares this array and does not depend on `Vec3`.
     data: Arc<Vec<[f32; 3]>>,
 }
 
 impl VertexBuffer {
-    /// The positions and the padding after them as plain arrays.
+    /// Returns the positions and the padding as plain arrays.
     pub fn padded(&self) -> &Arc<Vec<[f32; 3]>> {
         &self.data
     }
 }
 
 impl From<Vec<Vec3>> for VertexBuffer {
-    /// Takes the memory over; it grows by one element.
+    /// Takes over the memory; the vector grows by one element.
     fn from(mut positions: Vec<Vec3>) -> Self {
         positions.reserve_exact(1);
         positions.push(Vec3::ZERO);
@@ -46,10 +48,11 @@ impl Deref for VertexBuffer {
     }
 }
 
-/// One entry of the list that an accelerator is built from. Its index in the list is [`Hit::geometry`](super::Hit).
+/// One element of the list from which an accelerator is built. Its index in the list is
+/// [`Hit::geometry`](super::Hit).
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// A triangle mesh; the arrays are shared with the accelerator where it can.
+    /// A triangle mesh. Accelerators share its arrays if they can.
     Triangles {
         /// Vertex positions.
         positions: Arc<VertexBuffer>,
@@ -61,12 +64,12 @@ pub enum Geometry {
 }
 
 impl Geometry {
-    /// A geometry that no ray hits.
+    /// Returns a geometry without primitives.
     pub fn nothing() -> Self {
         Geometry::Triangles { positions: Arc::new(Vec::new().into()), indices: Arc::new(Vec::new()) }
     }
 
-    /// The number of primitives, valid or not.
+    /// Returns the number of primitives, valid or invalid.
     pub fn len(&self) -> usize {
         match self {
             Geometry::Triangles { indices, .. } => indices.len(),
@@ -74,14 +77,14 @@ impl Geometry {
         }
     }
 
-    /// Whether there is no primitive.
+    /// Returns whether there is no primitive.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// The corners of a triangle, or `None` if it is invalid: an index out of range, or a vertex that is not finite
-/// or beyond [`COORDINATE_LIMIT`].
+/// Returns the corners of a triangle, or `None` if it is invalid: an index out of range, or a vertex that is not
+/// finite or exceeds [`COORDINATE_LIMIT`].
 #[inline]
 pub fn valid_triangle(positions: &[Vec3], triangle: [u32; 3]) -> Option<[Vec3; 3]> {
     let mut corners = [Vec3::ZERO; 3];
@@ -91,24 +94,24 @@ pub fn valid_triangle(positions: &[Vec3], triangle: [u32; 3]) -> Option<[Vec3; 3
     corners.iter().all(|&p| is_valid(p)).then_some(corners)
 }
 
-/// Whether all components are finite and within [`COORDINATE_LIMIT`]. False for NaN.
+/// Returns whether all components are finite and within [`COORDINATE_LIMIT`]. False for NaN.
 #[inline]
 pub fn is_valid(p: Vec3) -> bool {
     p.abs().cmplt(Vec3::splat(COORDINATE_LIMIT)).all()
 }
 
-/// What [`check`] finds in one geometry.
-pub(super) struct Checked {
-    /// Primitives that no back end will hit.
+/// The result of [`check`] for one geometry.
+pub(super) struct CheckedGeometry {
+    /// The number of primitives that no back end can hit.
     pub dropped: usize,
-    /// The box around all others.
+    /// The bounding box of the valid primitives.
     pub bounds: Bounds,
 }
 
-/// Counts the invalid primitives and makes the geometry safe for every back end: a mesh with indices out of range
-/// gets its own index array, in which each such triangle is a single point. Triangle numbers do not change.
-pub(super) fn check(geometry: &mut Geometry) -> Checked {
-    let mut result = Checked { dropped: 0, bounds: Bounds::EMPTY };
+/// Counts the invalid primitives and makes the geometry safe for every back end. A mesh with indices out of range
+/// gets its own index array, in which each such triangle is a single point. Triangle indices do not change.
+pub(super) fn check(geometry: &mut Geometry) -> CheckedGeometry {
+    let mut result = CheckedGeometry { dropped: 0, bounds: Bounds::EMPTY };
     match geometry {
         Geometry::Triangles { positions, indices } => check_mesh(positions, indices, &mut result),
         Geometry::Analytic(primitive) if primitive.is_valid() => result.bounds = primitive.bounds(),
@@ -117,7 +120,7 @@ pub(super) fn check(geometry: &mut Geometry) -> Checked {
     result
 }
 
-fn check_mesh(positions: &VertexBuffer, indices: &mut Arc<Vec<[u32; 3]>>, result: &mut Checked) {
+fn check_mesh(positions: &VertexBuffer, indices: &mut Arc<Vec<[u32; 3]>>, result: &mut CheckedGeometry) {
     let count = positions.len();
     let mut out_of_range = false;
     for &triangle in indices.iter() {

@@ -1,51 +1,54 @@
-//! Instances: where in the world a group of geometries stands, at any time.
+//! Instances: transforms of a group of geometries to world space, at rest or moving.
 
 use super::geometry::{COORDINATE_LIMIT, is_valid};
 use crate::error::{Error, Result};
 use crate::math::robust::{UNIT_ROUNDOFF, gamma};
 use crate::math::{Bounds, DAffine3, DMat3, DVec3, Ray, Vec3};
 
-/// The most steps of a moving instance (Embree's limit).
+/// The greatest number of motion steps of an instance (Embree's limit).
 pub const MAX_STEPS: usize = 129;
 
-/// The axes of a group may become so short and so long in the world: their products stay normal numbers in `f32`.
-const LENGTHS: [f64; 2] = [1e-9, 1e9];
+/// The valid range of the length of a group's axis in world space. Products of such lengths stay normal numbers in
+/// `f32`.
+const AXIS_LENGTHS: [f64; 2] = [1e-9, 1e9];
 
-/// One transform as its columns: three axes and the translation.
-type Columns = [f32; 12];
+/// An affine transform as its columns: three axes and the translation.
+type AffineColumns = [f32; 12];
 
-/// A group of geometries put into the world, at rest or moving.
+/// A placement of a group of geometries in world space, at rest or moving.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Instance {
     /// Index of the group.
     pub group: u32,
-    /// The group's coordinates to the world at equally spaced times over [0, 1]; one step: at rest.
-    steps: Vec<Columns>,
+    /// The transforms from group to world space at equally spaced times over [0, 1]; a single one for an instance at
+    /// rest.
+    steps: Vec<AffineColumns>,
 }
 
 impl Instance {
-    /// An instance of a group. `steps` takes the group's coordinates to the world, at equally spaced times over
-    /// [0, 1]; with one step it does not move. They are rounded to `f32`.
+    /// Creates an instance of a group. `steps` are the transforms from group to world space at equally spaced times
+    /// over [0, 1]; with one step the instance does not move. They are rounded to `f32`.
     ///
     /// # Panics
-    /// If there are no steps or more than [`MAX_STEPS`].
+    /// If `steps` is empty or longer than [`MAX_STEPS`].
     pub fn new(group: u32, steps: &[DAffine3]) -> Instance {
         assert!((1..=MAX_STEPS).contains(&steps.len()), "1 to {MAX_STEPS} steps, found {}", steps.len());
         let steps = steps.iter().map(|m| m.to_cols_array().map(|x| x as f32)).collect();
         Instance { group, steps }
     }
 
-    /// Whether there is more than one step.
+    /// Returns whether there is more than one step.
     pub fn is_moving(&self) -> bool {
         self.steps.len() > 1
     }
 
-    /// The steps: three axes and the translation each.
+    /// Returns the steps, each as three axes and the translation.
     pub fn steps(&self) -> &[[f32; 12]] {
         &self.steps
     }
 
-    /// The step at or before a time in [0, 1] (but not the last) and the share of the next one, as Embree has them.
+    /// Returns the step at or before a time in [0, 1] (never the last) and the weight of the next one, as Embree
+    /// computes them.
     fn segment(&self, time: f32) -> (usize, f32) {
         let last = self.steps.len() - 1;
         if last == 0 {
@@ -56,7 +59,7 @@ impl Instance {
         (first as usize, scaled - first)
     }
 
-    /// The transform to the world at a time in [0, 1]: linear between the steps' matrices.
+    /// Returns the transform to world space at a time in [0, 1]: a linear interpolation of the steps' matrices.
     pub fn to_world(&self, time: f32) -> DAffine3 {
         let (first, share) = self.segment(time);
         let a = widen(&self.steps[first]);
@@ -66,29 +69,29 @@ impl Instance {
         }
     }
 
-    /// The transform from the world at a time in [0, 1].
+    /// Returns the transform from world space at a time in [0, 1].
     pub(super) fn world_inverse(&self, time: f32) -> DAffine3 {
         self.to_world(time).inverse()
     }
 
-    /// A bound on how far, in the world and per component, a ray's origin near the world point `p` is off after the
-    /// back ends' transform to the group's coordinates. A hit point of the group takes it as part of its error, so
-    /// that a ray that leaves from there starts on its side of the surface in the group's coordinates, too.
+    /// Returns a bound, in world space and per component, on the error of a ray origin near the world-space point `p`
+    /// after a back end's transform to group space. A hit point of the group includes it in its error bound, so that
+    /// a ray that leaves the point starts on the correct side of the surface in group space, too.
     ///
-    /// Derivation, with A the matrix, t the translation and u the unit roundoff of `f32`. Embree, which rounds most
-    /// (our BVH and brute force transform in double precision), computes in `f32`:
-    /// * A = (1−s)·A₀ + s·A₁, if it moves: off by γ₄·((1−s)|A₀| + s|A₁|), and as s itself is off by u·(time·steps), by
-    ///   that times |A₁ − A₀|;
-    /// * L = A⁻¹ = adj A / det A: a minor is off by γ₂ of its permanent, the determinant by γ₅ of its, and the
-    ///   quotient by γ₄ of itself: |δL| ≤ γ₂·per-adj/|det| + |L|·(γ₅·per/|det| + γ₄);
-    /// * L·p + (−L·t): off by γ₇·|L|·(|p| + |t|) besides.
+    /// Derivation, with A the matrix, t the translation and u the unit roundoff of `f32`. Embree has the largest
+    /// error because it computes in `f32`; the BVH and brute force transform in double precision.
+    /// - A = (1−s)·A₀ + s·A₁, for a moving instance: the error is γ₄·((1−s)|A₀| + s|A₁|), plus u·(time·steps)·|A₁ −
+    ///   A₀| from the rounding of s;
+    /// - L = A⁻¹ = adj A / det A: the error of a minor is γ₂ times its permanent, that of the determinant γ₅ times
+    ///   its permanent, that of the quotient γ₄ times itself: |δL| ≤ γ₂·per-adj/|det| + |L|·(γ₅·per/|det| + γ₄);
+    /// - L·p + (−L·t): the additional error is γ₇·|L|·(|p| + |t|).
     ///
-    /// γ₁₆ in place of all of these covers the terms of second order. |A| takes the error back to the world.
-    /// [Higham 2002, sections 3.1 and 3.5]
+    /// γ₁₆ in place of all these constants covers the terms of second order. Multiplication by |A| transforms the
+    /// error back to world space. [Higham 2002, sections 3.1 and 3.5]
     pub fn transform_error(&self, time: f32, p: Vec3) -> Vec3 {
         let (first, share) = self.segment(time);
         let world = self.to_world(time);
-        let inverse = Inverse::new(&world.matrix3);
+        let inverse = InverseTerms::new(&world.matrix3);
         let (p, t) = (p.as_dvec3(), world.translation);
         let g = f64::from(gamma(16));
         let l = inverse.entries();
@@ -111,13 +114,13 @@ impl Instance {
         error.as_vec3().map(f32::next_up)
     }
 
-    /// The box in the world, over all times, around what lies in `bounds` in the group's coordinates; rounded
-    /// outwards by [`transform_error`](Self::transform_error). Empty for an empty box.
+    /// Returns the bounding box in world space, over all times, of the box `bounds` in group space. It is rounded
+    /// outwards by [`transform_error`](Self::transform_error). The result is empty for an empty box.
     pub(super) fn bounds(&self, bounds: Bounds) -> Bounds {
         if bounds.is_empty() {
             return Bounds::EMPTY;
         }
-        // Between two steps every point moves along a straight line.
+        // Between two steps every point moves along a straight line, so the boxes at the steps contain it.
         let last = (self.steps.len() - 1).max(1) as f32;
         let at = |i: usize| {
             let time = i as f32 / last;
@@ -135,12 +138,12 @@ impl Instance {
         (0..self.steps.len()).map(at).fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Checks that the transform can be inverted at every time, and returns the greatest component of a ray in the
-    /// world that stays within [`COORDINATE_LIMIT`] in the group's coordinates.
+    /// Checks that the transform is invertible at every time. Returns the greatest component of a world-space ray
+    /// that stays within [`COORDINATE_LIMIT`] in group space.
     ///
     /// # Errors
-    /// If a step is not finite, an axis is shorter or longer than [`LENGTHS`], or the transform is singular to within
-    /// the rounding of `f32` at a step or between two.
+    /// If a step is not finite, the length of an axis is outside [`AXIS_LENGTHS`], or the transform is singular to
+    /// within the rounding of `f32` at a step or between two steps.
     pub(super) fn check(&self) -> Result<f32> {
         for (i, step) in self.steps.iter().enumerate() {
             if !step.iter().all(|x| x.abs() < COORDINATE_LIMIT) {
@@ -148,8 +151,8 @@ impl Instance {
             }
             let m = widen(step).matrix3;
             for length in [m.x_axis, m.y_axis, m.z_axis].map(DVec3::length) {
-                if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
-                    let [least, greatest] = LENGTHS;
+                if !(AXIS_LENGTHS[0]..=AXIS_LENGTHS[1]).contains(&length) {
+                    let [least, greatest] = AXIS_LENGTHS;
                     return Err(Error::scene(format!(
                         "expected a transform that scales by {least:e} to {greatest:e}, found {length:e} (step {i})"
                     )));
@@ -162,7 +165,7 @@ impl Instance {
         for (i, pair) in pairs.enumerate() {
             let (a, b) = (widen(&pair[0]), widen(&pair[1]));
             let widest = |x: DVec3, y: DVec3| x.abs().max(y.abs());
-            let greatest = Inverse::new(&DMat3::from_cols(
+            let greatest = InverseTerms::new(&DMat3::from_cols(
                 widest(a.matrix3.x_axis, b.matrix3.x_axis),
                 widest(a.matrix3.y_axis, b.matrix3.y_axis),
                 widest(a.matrix3.z_axis, b.matrix3.z_axis),
@@ -191,8 +194,7 @@ impl Instance {
     }
 }
 
-/// A ray in the coordinates that `inverse` leads to: computed in double precision, rounded once. Distances along the
-/// ray stay the same.
+/// Transforms a ray by `inverse` in double precision, with one rounding. Ray parameters are unchanged.
 #[inline]
 pub(super) fn local_ray(inverse: &DAffine3, ray: &Ray) -> Ray {
     let o = inverse.transform_point3(ray.o.as_dvec3()).as_vec3();
@@ -200,7 +202,7 @@ pub(super) fn local_ray(inverse: &DAffine3, ray: &Ray) -> Ray {
     Ray { o, d, ..*ray }
 }
 
-/// Checks that a box lies within [`COORDINATE_LIMIT`], or is empty.
+/// Checks that a box is empty or lies within [`COORDINATE_LIMIT`].
 ///
 /// # Errors
 /// If it does not.
@@ -211,11 +213,11 @@ pub(super) fn check_reach(b: Bounds) -> Result<()> {
     }
 }
 
-fn widen(columns: &Columns) -> DAffine3 {
+fn widen(columns: &AffineColumns) -> DAffine3 {
     DAffine3::from_cols_array(&columns.map(f64::from))
 }
 
-/// (1−s)·a + s·b
+/// Returns (1−s)·a + s·b.
 fn blend(a: &DAffine3, b: &DAffine3, s: f64) -> DAffine3 {
     DAffine3 {
         matrix3: a.matrix3 * (1.0 - s) + b.matrix3 * s,
@@ -227,11 +229,11 @@ fn absolute(m: &DMat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
 }
 
-/// The parts of an inverse that its error depends on.
-struct Inverse {
-    /// The cross products of the axes, one in each row: the adjugate.
+/// The terms of an inverse on which its error depends.
+struct InverseTerms {
+    /// The adjugate: the cross products of the axes, one in each row.
     adjugate: DMat3,
-    /// The same with the absolute values of all products added.
+    /// The adjugate with the absolute values of all products added.
     minors: DMat3,
     /// The determinant's absolute value.
     det: f64,
@@ -239,14 +241,14 @@ struct Inverse {
     permanent: f64,
 }
 
-impl Inverse {
+impl InverseTerms {
     fn new(m: &DMat3) -> Self {
         let (a, b, c) = (m.x_axis, m.y_axis, m.z_axis);
         let sum = |p: DVec3, q: DVec3| {
             let (p, q) = (p.abs(), q.abs());
             DVec3::new(p.y * q.z + p.z * q.y, p.z * q.x + p.x * q.z, p.x * q.y + p.y * q.x)
         };
-        Inverse {
+        InverseTerms {
             adjugate: DMat3::from_cols(b.cross(c), c.cross(a), a.cross(b)).transpose(),
             minors: DMat3::from_cols(sum(b, c), sum(c, a), sum(a, b)).transpose(),
             det: a.dot(b.cross(c)).abs(),
@@ -254,7 +256,7 @@ impl Inverse {
         }
     }
 
-    /// The absolute values of the inverse's entries.
+    /// Returns the absolute values of the inverse's entries.
     fn entries(&self) -> DMat3 {
         absolute(&self.adjugate) * (1.0 / self.det)
     }
@@ -264,7 +266,8 @@ impl Inverse {
     }
 }
 
-/// The least determinant of (1−s)·a + s·b over s in [0, 1], times the sign of a's: a cubic in s.
+/// Returns the minimum over s in [0, 1] of the determinant of (1−s)·a + s·b, times the sign of det a. The determinant
+/// is a cubic in s.
 fn least_determinant(a: &DMat3, b: &DMat3) -> f64 {
     let d = *b - *a;
     let det = |x: DVec3, y: DVec3, z: DVec3| x.dot(y.cross(z));
@@ -277,7 +280,7 @@ fn least_determinant(a: &DMat3, b: &DMat3) -> f64 {
         + det(a.x_axis, d.y_axis, d.z_axis);
     let c3 = det(d.x_axis, d.y_axis, d.z_axis);
     let at = |s: f64| (((c3 * s + c2) * s + c1) * s + c0) * c0.signum();
-    // Roots of the derivative 3·c3·s² + 2·c2·s + c1, in the form that does not cancel.
+    // Roots of the derivative 3·c3·s² + 2·c2·s + c1, in the form without cancellation.
     let q = -(c2 + (c2 * c2 - 3.0 * c3 * c1).max(0.0).sqrt().copysign(c2));
     let inside = [q / (3.0 * c3), c1 / q].into_iter().filter(|s| *s > 0.0 && *s < 1.0);
     inside.chain([0.0, 1.0]).map(at).fold(f64::INFINITY, f64::min)
@@ -322,7 +325,7 @@ mod tests {
         assert!(Instance::new(0, &[DAffine3::from_scale(DVec3::new(1.0, -1.0, 1e-8))]).check().is_ok());
     }
 
-    /// Emulates Embree's inverse and product in `f32` and compares with double precision.
+    /// Emulates Embree's inverse and product in `f32` and compares them with double precision.
     #[test]
     fn the_transforms_error_is_within_its_bound_and_not_far_below() {
         let mut worst = 0f64;

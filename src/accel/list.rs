@@ -1,45 +1,48 @@
-//! A list instead of a tree: scenes of a few dozen flat or analytic surfaces, each tested against eight rays at a time.
+//! A linear list instead of a tree, for scenes of a few dozen flat or analytic surfaces. Each surface is tested
+//! against eight rays at a time.
 //!
-//! Two triangles that make a parallelogram are tested as one. A lane computes the plane's distance and the coordinates
-//! of the point that the ray meets; where their rounding could decide (near an edge, at a grazing angle, for an
-//! origin far outside the scene), the triangles themselves are asked with the watertight test that the pure-Rust BVH
-//! uses. So the list is as watertight as that, and a walk through a tree, which costs more than a few dozen planes,
-//! is saved. Analytic surfaces are asked, by the code that all back ends share, where a ray meets a ball around them.
+//! Two triangles that make a parallelogram are tested as one. A lane computes the distance to the plane and the
+//! coordinates of the intersection in it. Where the rounding of these could change the result (near an edge, at a
+//! grazing angle, for an origin far outside the scene), the triangles are tested with the watertight test of the
+//! pure-Rust BVH. The list is therefore as watertight as the BVH, and it saves the tree traversal, which costs more
+//! than a few dozen planes. An analytic surface is tested, by the code that all back ends share, if a ray intersects
+//! its bounding sphere.
 
-use super::assembly::{Assembly, Checked};
+use super::assembly::{Assembly, CheckedAssembly};
 use super::geometry::valid_triangle;
 use super::triangle::ShearedRay;
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16};
 use crate::math::robust::gamma;
 use crate::math::{Bounds, Ray, RayX16, Vec3};
-use facet::{Facet, Half, Made, Triangle, facet};
+use facet::{Facet, FacetResult, HalfFacet, ListTriangle, facet};
 use wide::{f32x8, i32x8};
 
 mod facet;
 
-/// The costs of a facet and of an analytic surface, and the greatest sum of them for a list. With 19 facets a list answers
-/// twice as many rays in all directions as Embree; that it still wins at the limit is extrapolated, not measured.
-const COST_OF_FACET: usize = 1;
-const COST_OF_SURFACE: usize = 2;
-const GREATEST_COST: usize = 48;
-/// Origins within so many radii of the scene's bounding ball are computed in lanes.
+/// The costs of a facet and of an analytic surface, and the greatest total cost of a list. With 19 facets, a list
+/// answers twice as many rays in random directions as Embree. That it is still faster at the limit is extrapolated,
+/// not measured.
+const FACET_COST: usize = 1;
+const SURFACE_COST: usize = 2;
+const MAX_COST: usize = 48;
+/// The distance of a ray origin from the scene's centre, in radii of the bounding sphere, up to which lanes are used.
 const REACH: f32 = 4.0;
 
-/// The list over an assembly.
+/// The list of an assembly.
 pub struct List {
-    /// Parallelograms, then single triangles.
+    /// Parallelograms first, then single triangles.
     facets: Vec<Facet>,
     quads: usize,
-    surfaces: Vec<Surface>,
+    surfaces: Vec<BoundedSurface>,
     bounds: Bounds,
     center: Vec3,
     reach: f32,
     ray_limit: f32,
 }
 
-/// An analytic surface and a ball around it.
-struct Surface {
+/// An analytic surface and its bounding sphere.
+struct BoundedSurface {
     geometry: u32,
     primitive: Primitive,
     center: Vec3,
@@ -47,22 +50,23 @@ struct Surface {
 }
 
 impl List {
-    /// The list over a checked assembly, if that is small and simple enough: no instances, no filter, no slivers.
-    pub(super) fn new(assembly: &Assembly, checked: &Checked) -> Option<Self> {
+    /// Creates the list of a checked assembly that has no instances, no filter, no very thin triangles and a small
+    /// total cost. Returns `None` for any other assembly.
+    pub(super) fn new(assembly: &Assembly, checked: &CheckedAssembly) -> Option<Self> {
         let count: usize = assembly.geometry.iter().map(Geometry::len).sum();
         let simple = assembly.groups.is_empty() && assembly.instances.is_empty() && assembly.filter.is_none();
-        if !simple || count > 2 * GREATEST_COST || checked.bounds.is_empty() {
+        if !simple || count > 2 * MAX_COST || checked.bounds.is_empty() {
             return None;
         }
         let center = checked.bounds.center();
         let reach = REACH * checked.bounds.radius();
-        let (quads, lone) = facets(triangles(assembly), reach)?;
-        let surfaces: Vec<Surface> = surfaces(assembly, reach).collect();
-        let cost = COST_OF_FACET * (quads.len() + lone.len()) + COST_OF_SURFACE * surfaces.len();
-        let usable = cost <= GREATEST_COST && reach.is_finite() && reach < checked.ray_limit;
+        let (quads, single) = facets(triangles(assembly), reach)?;
+        let surfaces: Vec<BoundedSurface> = surfaces(assembly, reach).collect();
+        let cost = FACET_COST * (quads.len() + single.len()) + SURFACE_COST * surfaces.len();
+        let usable = cost <= MAX_COST && reach.is_finite() && reach < checked.ray_limit;
         usable.then(|| List {
             quads: quads.len(),
-            facets: quads.into_iter().chain(lone).collect(),
+            facets: quads.into_iter().chain(single).collect(),
             surfaces,
             bounds: checked.bounds,
             center,
@@ -71,13 +75,13 @@ impl List {
         })
     }
 
-    /// Answers for a wave: by `of_lane` for rays that lanes can compute, by `of_hit` for the others.
+    /// Traces a wave: `of_lane` gives the answer for rays computed in lanes, `of_hit` for the others.
     #[inline(always)]
     fn trace<const ANY: bool, T>(
         &self,
         rays: &[Ray],
         answers: &mut [T],
-        of_lane: impl Fn(&Found, &Exact, usize) -> T,
+        of_lane: impl Fn(&HitX8, &ExactHits, usize) -> T,
         of_hit: impl Fn(Option<Hit>) -> T,
     ) {
         assert_eq!(rays.len(), answers.len(), "one answer for each ray");
@@ -87,7 +91,7 @@ impl List {
             let rays = &rays[first..rays.len().min(first + LANES)];
             let answers = &mut answers[first..first + rays.len()];
             for (half, (rays, answers)) in rays.chunks(8).zip(answers.chunks_mut(8)).enumerate() {
-                let (lanes, found, far) = Lanes::new(self, rays, &block, half);
+                let (lanes, found, far) = RayX8::new(self, rays, &block, half);
                 let found = lanes.test_all::<ANY>(self, found, &mut exact);
                 for (lane, answer) in answers.iter_mut().enumerate() {
                     *answer = of_lane(&found, &exact, lane);
@@ -99,75 +103,76 @@ impl List {
         }
     }
 
-    /// The nearest hit by asking every triangle and surface itself.
+    /// Returns the nearest hit by testing every triangle and surface itself, without lanes.
     fn intersect_exactly(&self, ray: &Ray) -> Option<Hit> {
         if !is_valid_ray(ray, self.ray_limit) {
             return None;
         }
-        let mut nearest = Nearest { t: ray.t_max, hit: None };
+        let mut nearest = ListHit { t: ray.t_max, hit: None };
         let sheared = ShearedRay::new(ray);
         for (i, facet) in self.facets.iter().enumerate() {
-            nearest.ask(&sheared, facet, i < self.quads);
+            nearest.test_exactly(&sheared, facet, i < self.quads);
         }
         for surface in &self.surfaces {
-            nearest.ask_surface(ray, surface);
+            nearest.test_surface(ray, surface);
         }
         nearest.hit
     }
 }
 
-/// All valid triangles, in the order of the assembly.
-fn triangles(assembly: &Assembly) -> Vec<Triangle> {
+/// Returns all valid triangles, in the order of the assembly.
+fn triangles(assembly: &Assembly) -> Vec<ListTriangle> {
     let mut triangles = Vec::new();
     for (geometry, of_list) in (0..).zip(&assembly.geometry) {
         let Geometry::Triangles { positions, indices } = of_list else { continue };
         for (primitive, &indices) in (0..).zip(indices.iter()) {
             let corners = valid_triangle(positions, indices);
-            triangles.extend(corners.map(|corners| Triangle { geometry, primitive, corners }));
+            triangles.extend(corners.map(|corners| ListTriangle { geometry, primitive, corners }));
         }
     }
     triangles
 }
 
-/// Parallelograms of neighbours in the list, and what is left; `None` if a triangle is too thin.
-fn facets(triangles: Vec<Triangle>, reach: f32) -> Option<(Vec<Facet>, Vec<Facet>)> {
-    let (mut quads, mut lone) = (Vec::new(), Vec::new());
+/// Returns the parallelograms made of consecutive triangles, and the remaining triangles; `None` if a triangle is too
+/// thin.
+fn facets(triangles: Vec<ListTriangle>, reach: f32) -> Option<(Vec<Facet>, Vec<Facet>)> {
+    let (mut quads, mut single) = (Vec::new(), Vec::new());
     let mut rest = &triangles[..];
     while let [first, following @ ..] = rest {
         let partner = following.first().filter(|next| next.geometry == first.geometry);
         let pair = partner.map(|next| facet(*first, Some(*next), reach));
-        if let Some(Made::Quad(quad)) = pair {
+        if let Some(FacetResult::Quad(quad)) = pair {
             quads.push(quad);
             rest = &following[1..];
             continue;
         }
         match facet(*first, None, reach) {
-            Made::Lone(triangle) => lone.push(triangle),
+            FacetResult::Single(triangle) => single.push(triangle),
             _ => return None,
         }
         rest = following;
     }
-    Some((quads, lone))
+    Some((quads, single))
 }
 
-fn surfaces(assembly: &Assembly, reach: f32) -> impl Iterator<Item = Surface> {
+fn surfaces(assembly: &Assembly, reach: f32) -> impl Iterator<Item = BoundedSurface> {
     (0..).zip(&assembly.geometry).filter_map(move |(geometry, of_list)| {
         let &Geometry::Analytic(primitive) = of_list else { return None };
         let bounds = primitive.bounds();
         let center = bounds.center();
-        // Wider by more than the rounding of the test.
+        // The margin exceeds the rounding error of the test.
         let radius_squared = (bounds.max - center).length_squared() * 1.01 + 1e-5 * reach * reach;
-        primitive.is_valid().then_some(Surface { geometry, primitive, center, radius_squared })
+        primitive.is_valid().then_some(BoundedSurface { geometry, primitive, center, radius_squared })
     })
 }
 
 /// The nearest hit so far.
-struct Nearest {
+struct ListHit {
     t: f32,
     hit: Option<Hit>,
 }
 
-impl Nearest {
+impl ListHit {
     #[inline]
     fn found(&mut self, hit: Hit) {
         if hit.t < self.t {
@@ -176,18 +181,18 @@ impl Nearest {
         }
     }
 
-    /// Asks the triangles of a facet.
-    fn ask(&mut self, ray: &ShearedRay, facet: &Facet, both: bool) {
-        for Half { triangle, .. } in &facet.halves[..1 + usize::from(both)] {
+    /// Tests the triangles of a facet.
+    fn test_exactly(&mut self, ray: &ShearedRay, facet: &Facet, both: bool) {
+        for HalfFacet { triangle, .. } in &facet.halves[..1 + usize::from(both)] {
             let corners = triangle.corners.map(|p| p.to_array());
             if let Some((t, u, v)) = ray.intersect(&corners, self.t) {
-                let Triangle { geometry, primitive, .. } = *triangle;
+                let ListTriangle { geometry, primitive, .. } = *triangle;
                 self.found(Hit { t, u, v, geometry, primitive, instance: NO_INSTANCE });
             }
         }
     }
 
-    fn ask_surface(&mut self, ray: &Ray, surface: &Surface) {
+    fn test_surface(&mut self, ray: &Ray, surface: &BoundedSurface) {
         let ray = Ray { t_max: self.t, ..*ray };
         if let Some(hit) = surface.primitive.intersect(&ray) {
             let geometry = surface.geometry;
@@ -201,7 +206,7 @@ impl Nearest {
 struct Vec3x8([f32x8; 3]);
 
 impl Vec3x8 {
-    /// r − c for eight r.
+    /// Returns r − c for each vector r.
     #[inline(always)]
     fn relative_to(self, c: Vec3) -> Self {
         let [x, y, z] = self.0;
@@ -220,7 +225,7 @@ impl Vec3x8 {
         x.mul_add(a, y.mul_add(b, z * c))
     }
 
-    /// Where all components are at most `limit` in magnitude; false for NaN.
+    /// Returns a mask of the vectors whose components have magnitudes of at most `limit`; false for NaN.
     #[inline(always)]
     fn is_within(self, limit: f32x8) -> f32x8 {
         let [x, y, z] = self.0.map(|c| c.abs().simd_le(limit));
@@ -229,41 +234,41 @@ impl Vec3x8 {
 }
 
 /// Eight rays.
-struct Lanes<'a> {
+struct RayX8<'a> {
     rays: &'a [Ray],
     o: Vec3x8,
     d: Vec3x8,
-    /// The sum of the direction's components' magnitudes: at least its length.
+    /// The L1 norm of the direction, an upper bound of its length.
     length: f32x8,
-    /// Below this |d·n| may be off by its rounding.
+    /// The bound on the rounding error of d·n. If |d·n| is below it, its sign is uncertain.
     grazing: f32x8,
 }
 
-/// What eight rays have found; a value, so that it stays in registers.
+/// The hits of eight rays so far. It is passed by value so that it stays in registers.
 #[derive(Clone, Copy)]
-struct Found {
-    /// The distance of the nearest hit; 0 for rays that have ended or are not for lanes.
+struct HitX8 {
+    /// The distance of the nearest hit; 0 for inactive lanes and for rays that have ended.
     t: f32x8,
-    /// The nearest facet, or what else there is to say: [`NOTHING`], [`EXACT`].
+    /// The index of the nearest facet, or [`NOTHING`], or [`EXACT`].
     facet: i32x8,
-    /// The coordinates on the facet.
+    /// The coordinates in the facet.
     s: f32x8,
     r: f32x8,
 }
 
 /// No hit.
 const NOTHING: i32 = -1;
-/// A hit that was found by asking about a single ray.
+/// The hit was found by an exact test of a single ray and is in [`ExactHits`].
 const EXACT: i32 = -2;
 
-/// Those hits.
-type Exact = [Option<Hit>; 8];
+/// The hits found by exact tests.
+type ExactHits = [Option<Hit>; 8];
 
-impl<'a> Lanes<'a> {
-    /// Half of a block, the rays that can be computed in lanes, and the bits of those that are valid but start too
-    /// far away.
+impl<'a> RayX8<'a> {
+    /// Returns half of a block, the initial hits with the lanes that can be computed here active, and a mask of the
+    /// valid rays whose origin is too far away.
     #[inline(always)]
-    fn new(list: &List, rays: &'a [Ray], block: &RayX16, half: usize) -> (Self, Found, u32) {
+    fn new(list: &List, rays: &'a [Ray], block: &RayX16, half: usize) -> (Self, HitX8, u32) {
         let pick = |v: f32x16| bytemuck::cast::<f32x16, [f32x8; 2]>(v)[half];
         let three = |v: Vec3x16| Vec3x8([v.x, v.y, v.z].map(pick));
         let (o, d, t_max, time) = (three(block.o), three(block.d), pick(block.t_max), pick(block.time));
@@ -277,21 +282,21 @@ impl<'a> Lanes<'a> {
             & time.simd_ge(f32x8::ZERO)
             & time.simd_le(f32x8::ONE);
         let near = o.relative_to(list.center).is_within(f32x8::splat(list.reach));
-        let lanes = Lanes { rays, o, d, length, grazing: length * gamma(4) };
+        let lanes = RayX8 { rays, o, d, length, grazing: length * gamma(4) };
         let found =
-            Found { t: t_max & (valid & near), facet: i32x8::splat(NOTHING), s: f32x8::ZERO, r: f32x8::ZERO };
+            HitX8 { t: t_max & (valid & near), facet: i32x8::splat(NOTHING), s: f32x8::ZERO, r: f32x8::ZERO };
         (lanes, found, valid.to_bitmask() & !near.to_bitmask())
     }
 
-    /// Tests a facet; `LONE` for one with a single half. With `ANY` a hit ends a ray.
+    /// Tests a facet; `SINGLE` marks one with a single triangle. With `ANY`, a hit ends a ray.
     #[inline(always)]
-    fn test<const LONE: bool, const ANY: bool>(
+    fn test<const SINGLE: bool, const ANY: bool>(
         &self,
         facet: &Facet,
         index: usize,
-        mut found: Found,
-        exact: &mut Exact,
-    ) -> Found {
+        mut found: HitX8,
+        exact: &mut ExactHits,
+    ) -> HitX8 {
         let from_center = self.o.relative_to(facet.center);
         let (height, slope) = (from_center.dot(facet.normal), self.d.dot(facet.normal));
         let per_slope = f32x8::ONE / slope;
@@ -299,7 +304,7 @@ impl<'a> Lanes<'a> {
         let s = t.mul_add(self.d.dot(facet.du), from_center.dot(facet.du));
         let r = t.mul_add(self.d.dot(facet.dv), from_center.dot(facet.dv));
         let mut outside = s.abs().fast_max(r.abs()) - 0.5;
-        if LONE {
+        if SINGLE {
             outside = outside.fast_max(s + r);
         }
         let margin = (self.length * per_slope).abs() * facet.margin;
@@ -314,14 +319,19 @@ impl<'a> Lanes<'a> {
         if uncertain == 0 {
             return found;
         }
-        self.ask::<ANY>(uncertain, found, exact, |ray, nearest| {
-            nearest.ask(&ShearedRay::new(ray), facet, !LONE);
+        self.test_exactly::<ANY>(uncertain, found, exact, |ray, nearest| {
+            nearest.test_exactly(&ShearedRay::new(ray), facet, !SINGLE);
         })
     }
 
-    /// Tests an analytic surface where a ray meets the ball around it.
+    /// Tests an analytic surface for the rays that intersect its bounding sphere.
     #[inline(always)]
-    fn test_surface<const ANY: bool>(&self, surface: &Surface, found: Found, exact: &mut Exact) -> Found {
+    fn test_surface<const ANY: bool>(
+        &self,
+        surface: &BoundedSurface,
+        found: HitX8,
+        exact: &mut ExactHits,
+    ) -> HitX8 {
         let from_center = self.o.relative_to(surface.center);
         let b = from_center.dot_x8(self.d);
         let c = from_center.dot_x8(from_center) - surface.radius_squared;
@@ -331,32 +341,32 @@ impl<'a> Lanes<'a> {
         if candidates == 0 {
             return found;
         }
-        self.ask::<ANY>(candidates, found, exact, |ray, nearest| nearest.ask_surface(ray, surface))
+        self.test_exactly::<ANY>(candidates, found, exact, |ray, nearest| nearest.test_surface(ray, surface))
     }
 
-    /// Asks about some lanes one by one. What has been found is taken apart and put together again here, so that
-    /// it need not have an address.
+    /// Tests the selected lanes one by one. `found` is copied to arrays and back here, so that it has no address
+    /// elsewhere and stays in registers.
     #[inline(always)]
-    fn ask<const ANY: bool>(
+    fn test_exactly<const ANY: bool>(
         &self,
         lanes: u32,
-        mut found: Found,
-        exact: &mut Exact,
-        question: impl Fn(&Ray, &mut Nearest),
-    ) -> Found {
+        mut found: HitX8,
+        exact: &mut ExactHits,
+        query: impl Fn(&Ray, &mut ListHit),
+    ) -> HitX8 {
         let (mut t, mut facet) = (found.t.to_array(), found.facet.to_array());
-        ask_each::<ANY>(self.rays, lanes, (&mut t, &mut facet), exact, question);
+        test_each_exactly::<ANY>(self.rays, lanes, (&mut t, &mut facet), exact, query);
         (found.t, found.facet) = (f32x8::new(t), i32x8::new(facet));
         found
     }
 
     #[inline(always)]
-    fn test_all<const ANY: bool>(&self, list: &List, mut found: Found, exact: &mut Exact) -> Found {
-        let (quads, lone) = list.facets.split_at(list.quads);
+    fn test_all<const ANY: bool>(&self, list: &List, mut found: HitX8, exact: &mut ExactHits) -> HitX8 {
+        let (quads, single) = list.facets.split_at(list.quads);
         for (i, facet) in quads.iter().enumerate() {
             found = self.test::<false, ANY>(facet, i, found, exact);
         }
-        for (i, facet) in lone.iter().enumerate() {
+        for (i, facet) in single.iter().enumerate() {
             found = self.test::<true, ANY>(facet, quads.len() + i, found, exact);
         }
         for surface in &list.surfaces {
@@ -367,16 +377,16 @@ impl<'a> Lanes<'a> {
 }
 
 #[inline(never)]
-fn ask_each<const ANY: bool>(
+fn test_each_exactly<const ANY: bool>(
     rays: &[Ray],
     lanes: u32,
     (t, facet): (&mut [f32; 8], &mut [i32; 8]),
-    exact: &mut Exact,
-    question: impl Fn(&Ray, &mut Nearest),
+    exact: &mut ExactHits,
+    query: impl Fn(&Ray, &mut ListHit),
 ) {
     for lane in bits(lanes) {
-        let mut nearest = Nearest { t: t[lane], hit: None };
-        question(&rays[lane], &mut nearest);
+        let mut nearest = ListHit { t: t[lane], hit: None };
+        query(&rays[lane], &mut nearest);
         if let Some(hit) = nearest.hit {
             t[lane] = if ANY { 0.0 } else { hit.t };
             facet[lane] = EXACT;
@@ -386,16 +396,17 @@ fn ask_each<const ANY: bool>(
 }
 
 impl List {
-    /// The nearest hit of a lane.
+    /// Returns the nearest hit of a lane.
     #[inline]
-    fn hit(&self, found: &Found, exact: &Exact, lane: usize) -> Option<Hit> {
+    fn hit(&self, found: &HitX8, exact: &ExactHits, lane: usize) -> Option<Hit> {
         let i = match found.facet.as_array()[lane] {
             NOTHING => return None,
             EXACT => return exact[lane],
             i => i as usize,
         };
         let (s, r) = (found.s.as_array()[lane], found.r.as_array()[lane]);
-        let Half { triangle, u, v } = &self.facets[i].halves[usize::from(i < self.quads && s + r >= 0.0)];
+        let HalfFacet { triangle, u, v } =
+            &self.facets[i].halves[usize::from(i < self.quads && s + r >= 0.0)];
         Some(Hit {
             t: found.t.as_array()[lane],
             u: (u[0] + u[1] * s + u[2] * r).max(0.0),
@@ -437,7 +448,7 @@ impl Accel for List {
     }
 
     fn occluded_wave(&self, rays: &[Ray], occluded: &mut [bool], _coherence: Coherence) {
-        let is_hit = |found: &Found, _: &Exact, lane: usize| found.facet.as_array()[lane] != NOTHING;
+        let is_hit = |found: &HitX8, _: &ExactHits, lane: usize| found.facet.as_array()[lane] != NOTHING;
         self.trace::<true, _>(rays, occluded, is_hit, |hit| hit.is_some());
     }
 }

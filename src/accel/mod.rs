@@ -1,8 +1,8 @@
-//! Ray traversal behind one seam: an [`Assembly`] goes in, preliminary [`Hit`]s come out.
+//! Ray traversal behind one interface: built from an [`Assembly`], it returns preliminary [`Hit`]s.
 //!
-//! A back end knows no shape, material or scene; it is built from neutral geometry and answers queries for
-//! single rays and for waves of rays. All back ends agree on what a hit is:
-//! `0 < t < t_max`, both sides of every surface, no backface culling.
+//! A back end does not depend on shapes, materials or the scene. It is built from neutral geometry and answers
+//! queries for single rays and for waves of rays. All back ends use the same definition of a hit: `0 < t < t_max`,
+//! from both sides of every surface, without backface culling.
 
 pub mod assembly;
 pub mod brute_force;
@@ -16,7 +16,7 @@ pub mod list;
 pub mod primitive;
 mod triangle;
 
-pub use assembly::{Assembly, Filtered, HitFilter, ray_id};
+pub use assembly::{Assembly, GeometryFilter, HitFilter, ray_id};
 pub use cylinder::cylinder_frame;
 pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer, valid_triangle};
 pub use instance::{Instance, MAX_STEPS};
@@ -51,37 +51,38 @@ pub struct Hit {
     pub instance: u32,
 }
 
-/// What the caller knows about the rays of a wave that follow each other.
+/// The coherence of consecutive rays in a wave, as known by the caller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coherence {
-    /// Neighbours start at about one point and point in about one direction (camera rays, shadow rays to a point).
+    /// Neighbouring rays have nearly the same origin and direction (camera rays, shadow rays to a point).
     Coherent,
-    /// Neighbours have nothing in common (diffuse bounces).
+    /// Neighbouring rays are unrelated (diffuse bounces).
     Incoherent,
 }
 
-/// A built acceleration structure: immutable, asked from any number of threads.
+/// A built acceleration structure. It is immutable and can be queried from any number of threads.
 ///
-/// A ray with a component of origin or direction that is NaN or beyond [`COORDINATE_LIMIT`], with a zero direction,
-/// with `t_max` not above 0 or a time outside [0, 1] hits nothing. Where an instance's transform could take a ray
-/// beyond the limit, the limit in the world is less. Directions need not be of unit length.
+/// A ray hits nothing if a component of its origin or direction is NaN or exceeds [`COORDINATE_LIMIT`], its direction
+/// is zero, `t_max` is not above 0, or its time is outside [0, 1]. The limit in world space is lower where an
+/// instance's transform could take a ray beyond [`COORDINATE_LIMIT`] in group space. Directions need not be of unit
+/// length.
 pub trait Accel: Send + Sync {
-    /// The name of the back end, for statistics.
+    /// Returns the name of the back end, for statistics.
     fn name(&self) -> &'static str;
 
-    /// The box around all valid primitives in the world, at any time; empty when there are none.
+    /// Returns the bounding box of all valid primitives in world space, over all times; empty if there are none.
     fn bounds(&self) -> Bounds;
 
-    /// Bytes of the acceleration structure itself, without the shared vertex and index arrays.
+    /// Returns the bytes of the acceleration structure itself, without the shared vertex and index arrays.
     fn memory_bytes(&self) -> usize;
 
-    /// The nearest hit with `0 < t < t_max`.
+    /// Returns the nearest hit with `0 < t < t_max`.
     fn intersect(&self, ray: &Ray) -> Option<Hit>;
 
-    /// Whether there is any hit with `0 < t < t_max`.
+    /// Returns whether there is any hit with `0 < t < t_max`.
     fn occluded(&self, ray: &Ray) -> bool;
 
-    /// [`intersect`](Self::intersect) for a wave of rays: `hits[i]` answers `rays[i]`.
+    /// Computes [`intersect`](Self::intersect) for a wave of rays: `hits[i]` is the answer for `rays[i]`.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -92,7 +93,7 @@ pub trait Accel: Send + Sync {
         }
     }
 
-    /// [`occluded`](Self::occluded) for a wave of rays: `occluded[i]` answers `rays[i]`.
+    /// Computes [`occluded`](Self::occluded) for a wave of rays: `occluded[i]` is the answer for `rays[i]`.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -104,7 +105,7 @@ pub trait Accel: Send + Sync {
     }
 }
 
-/// Whether a ray can hit anything, `limit` being the greatest valid component: see [`Accel`].
+/// Returns whether a ray can hit anything; `limit` is the greatest valid component: see [`Accel`].
 #[inline]
 fn is_valid_ray(ray: &Ray, limit: f32) -> bool {
     let within = |v: Vec3| v.abs().cmple(Vec3::splat(limit)).all();
@@ -118,7 +119,8 @@ fn is_valid_ray(ray: &Ray, limit: f32) -> bool {
 /// The back ends that a scene can be rendered with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AccelKind {
-    /// A [`list`] for a scene of a few dozen surfaces; else Embree, if it is compiled in.
+    /// The [`list`] for a scene of a few dozen surfaces; otherwise Embree, if it is compiled in, or the pure-Rust
+    /// BVH.
     #[default]
     Auto,
     /// Embree 3.
@@ -129,7 +131,7 @@ pub enum AccelKind {
 }
 
 impl AccelKind {
-    /// What can be chosen in this build.
+    /// The values that can be chosen in this build.
     pub const CHOICES: &[AccelKind] = &[
         AccelKind::Auto,
         #[cfg(feature = "embree")]
@@ -137,7 +139,7 @@ impl AccelKind {
         AccelKind::Obvhs,
     ];
 
-    /// The back ends of this build that take any scene, the fastest first.
+    /// The back ends of this build that accept any scene, the fastest first.
     pub const ALL: &[AccelKind] = &[
         #[cfg(feature = "embree")]
         AccelKind::Embree,
@@ -171,39 +173,45 @@ impl FromStr for AccelKind {
     }
 }
 
-/// What [`build`] returns.
-pub struct Built {
+/// The result of [`build`].
+pub struct BuiltAccel {
     /// The acceleration structure.
     pub accel: Box<dyn Accel>,
-    /// Primitives that can never be hit and were left out: an index out of range, a coordinate that is not finite
-    /// or beyond [`COORDINATE_LIMIT`], an analytic surface without extent. The same for every back end.
+    /// The number of primitives that can never be hit and are left out: an index out of range, a coordinate that is
+    /// not finite or exceeds [`COORDINATE_LIMIT`], or an analytic surface without extent. It is the same for every
+    /// back end.
     pub dropped: usize,
 }
 
-/// Builds an acceleration structure of any size: see [`build_within`].
+/// Builds an acceleration structure without a memory limit: see [`build_within`].
 ///
 /// # Errors
 /// As [`build_within`].
-pub fn build(kind: AccelKind, assembly: impl Into<Assembly>, threads: usize, robust: bool) -> Result<Built> {
+pub fn build(
+    kind: AccelKind,
+    assembly: impl Into<Assembly>,
+    threads: usize,
+    robust: bool,
+) -> Result<BuiltAccel> {
     build_within(kind, assembly, threads, robust, &Budget::unlimited())
 }
 
-/// Builds an acceleration structure, whose memory is charged to the budget.
+/// Builds an acceleration structure and charges its memory to the budget.
 ///
-/// `threads` is the number of threads that build, 0 for all cores. `robust` makes Embree watertight along edges;
-/// it is false only to measure what that costs. The pure-Rust BVH is always watertight.
+/// `threads` is the number of build threads; 0 uses all cores. `robust` makes Embree watertight along edges. It is
+/// false only for measuring the cost of that. The pure-Rust BVH is always watertight.
 ///
 /// # Errors
-/// If the back end cannot be started or needs more memory than the budget has left, or if there are 2^32 primitives or more. If an index of
-/// the assembly is out of range. If an instance's transform, at any time, is not finite, cannot be inverted in `f32`,
-/// scales beyond a factor of 10^9, or leads beyond [`COORDINATE_LIMIT`].
+/// If the back end cannot be started, needs more memory than the budget has left, or is given 2^32 primitives or
+/// more. If an index of the assembly is out of range. If an instance's transform, at any time, is not finite, is not
+/// invertible in `f32`, scales by more than a factor of 10^9, or leads beyond [`COORDINATE_LIMIT`].
 pub fn build_within(
     kind: AccelKind,
     assembly: impl Into<Assembly>,
     threads: usize,
     robust: bool,
     memory: &Budget,
-) -> Result<Built> {
+) -> Result<BuiltAccel> {
     let mut assembly = assembly.into();
     let checked = assembly.check()?;
     let dropped = checked.dropped;
@@ -213,14 +221,14 @@ pub fn build_within(
         (None, AccelKind::Auto) => tree(AccelKind::ALL[0], assembly, &checked, threads, robust, memory)?,
         (None, kind) => tree(kind, assembly, &checked, threads, robust, memory)?,
     };
-    Ok(Built { accel, dropped })
+    Ok(BuiltAccel { accel, dropped })
 }
 
-/// Embree's, or that of the pure-Rust BVH for any other kind.
+/// Builds with Embree, or the pure-Rust BVH for any other kind.
 fn tree(
     kind: AccelKind,
     assembly: Assembly,
-    checked: &assembly::Checked,
+    checked: &assembly::CheckedAssembly,
     threads: usize,
     robust: bool,
     memory: &Budget,

@@ -1,10 +1,10 @@
-//! Analytic surfaces that are intersected without tessellation, by the same function in every back end.
+//! Analytic surfaces. Every back end intersects them by the same function, without tessellation.
 
 use super::cylinder;
 use super::geometry::is_valid;
 use crate::math::{Bounds, DVec3, Ray, Vec3};
 
-/// An analytic surface, in the coordinates of its group (of the world, if it is in none).
+/// An analytic surface in the space of its group (world space if it is in none).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Primitive {
     /// A sphere.
@@ -23,18 +23,18 @@ pub enum Primitive {
         /// Image of the unit disk's y axis; need not be perpendicular to `du`.
         dv: Vec3,
     },
-    /// A tube without caps.
+    /// An open cylinder, without caps.
     Cylinder {
-        /// The axis' end at height 0.
+        /// The end of the axis at height 0.
         p0: Vec3,
-        /// The axis' other end.
+        /// The other end of the axis.
         p1: Vec3,
         /// Radius, greater than zero.
         radius: f32,
     },
 }
 
-/// A hit of an analytic surface.
+/// A hit on an analytic surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PrimitiveHit {
     /// Ray parameter, `0 < t < t_max`.
@@ -46,24 +46,24 @@ pub struct PrimitiveHit {
 }
 
 /// A ray in double precision.
-pub(super) struct Line {
+pub(super) struct RayF64 {
     /// Origin.
     pub o: DVec3,
     /// Direction.
     pub d: DVec3,
-    /// The upper bound of the parameter.
+    /// Upper bound of the ray parameter.
     pub t_max: f32,
 }
 
-impl From<&Ray> for Line {
+impl From<&Ray> for RayF64 {
     #[inline]
     fn from(ray: &Ray) -> Self {
-        Line { o: ray.o.as_dvec3(), d: ray.d.as_dvec3(), t_max: ray.t_max }
+        RayF64 { o: ray.o.as_dvec3(), d: ray.d.as_dvec3(), t_max: ray.t_max }
     }
 }
 
-impl Line {
-    /// `t` as `f32` if it is within the ray.
+impl RayF64 {
+    /// Returns `t` as `f32` if it is within the ray's extent.
     #[inline]
     pub fn within(&self, t: f64) -> Option<f32> {
         let t = t as f32;
@@ -72,8 +72,8 @@ impl Line {
 }
 
 impl Primitive {
-    /// Whether the surface can be hit: finite and within the coordinate limit, positive radius, axes that span a plane
-    /// or a height.
+    /// Returns whether the surface can be hit: all values are finite and within
+    /// [`COORDINATE_LIMIT`](super::COORDINATE_LIMIT), the radius is positive, and the axes span a plane or a height.
     pub fn is_valid(&self) -> bool {
         let b = self.bounds();
         let spans = match *self {
@@ -84,7 +84,7 @@ impl Primitive {
         spans && is_valid(b.min) && is_valid(b.max)
     }
 
-    /// A box around the surface, rounded outwards.
+    /// Returns a bounding box, rounded outwards.
     pub fn bounds(&self) -> Bounds {
         let around = |center: Vec3, extent: DVec3| (center.as_dvec3() - extent, center.as_dvec3() + extent);
         let (min, max) = match *self {
@@ -99,23 +99,23 @@ impl Primitive {
         Bounds { min: min.map(f32::next_down), max: max.map(f32::next_up) }
     }
 
-    /// The nearest hit with `0 < t < t_max`, from either side.
+    /// Returns the nearest hit with `0 < t < t_max`, from either side.
     ///
-    /// For a sphere `u` and `v` are 0: the caller finds its coordinates from the direction to the hit. For a disk
+    /// For a sphere, `u` and `v` are 0; the caller computes the coordinates from the direction to the hit. For a disk
     /// they are the coordinates of the hit in the basis (du, dv): the point is `center + u·du + v·dv`. For a
-    /// cylinder u in [0, 1) is the angle and v in [0, 1] the height, both as shares, in the frame of
+    /// cylinder, u in [0, 1) is the angle divided by 2π and v in [0, 1] the relative height, in the frame of
     /// [`cylinder_frame`](super::cylinder_frame).
     ///
-    /// It computes in double precision, so the only rounding of `t` that matters is that to `f32`. An origin that
-    /// was moved off the surface by an error bound lies strictly on one side here, too: a ray that leaves a
-    /// sphere to the outside misses it, and one that goes inside hits its far side.
+    /// The computation uses double precision, so the only significant rounding of `t` is that to `f32`. An origin
+    /// that was moved off the surface by an error bound therefore lies strictly on one side: a ray that leaves a
+    /// sphere to the outside misses it, and a ray that enters it hits the far side.
     #[inline]
     pub fn intersect(&self, ray: &Ray) -> Option<PrimitiveHit> {
         self.intersect_where(ray, |_| true)
     }
 
-    /// As [`intersect`](Self::intersect), but of the hits for which `accept` holds: a sphere and a cylinder may be
-    /// hit at the far side where the near side is refused. Nearer hits are asked about first.
+    /// Computes [`intersect`](Self::intersect) over the hits for which `accept` returns true. A sphere or cylinder
+    /// may be hit on the far side if the near side is rejected. `accept` is called for nearer hits first.
     #[inline]
     pub fn intersect_where(
         &self,
@@ -125,11 +125,11 @@ impl Primitive {
         self.intersect_line(&ray.into(), accept)
     }
 
-    /// As [`intersect_where`](Self::intersect_where), for a ray that is known more precisely.
+    /// Computes [`intersect_where`](Self::intersect_where) for a ray in double precision.
     #[inline]
     pub(super) fn intersect_line(
         &self,
-        line: &Line,
+        line: &RayF64,
         accept: impl FnMut(&PrimitiveHit) -> bool,
     ) -> Option<PrimitiveHit> {
         match *self {
@@ -144,7 +144,7 @@ impl Primitive {
     }
 }
 
-fn intersect_disk(center: Vec3, du: Vec3, dv: Vec3, line: &Line) -> Option<PrimitiveHit> {
+fn intersect_disk(center: Vec3, du: Vec3, dv: Vec3, line: &RayF64) -> Option<PrimitiveHit> {
     let (du, dv, d) = (du.as_dvec3(), dv.as_dvec3(), line.d);
     let n = du.cross(dv);
     let to_center = center.as_dvec3() - line.o;

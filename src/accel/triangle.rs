@@ -3,8 +3,8 @@
 use crate::math::robust::gamma;
 use crate::math::{DVec3, Ray, Vec3};
 
-/// A ray prepared for the test: the axes in the order that makes z the dominant one, and the shear that makes the
-/// direction the z axis.
+/// A ray prepared for the test: a permutation of the axes that makes z the dominant one, and the shear that maps the
+/// direction to the z axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ShearedRay {
     o: [f32; 3],
@@ -20,7 +20,7 @@ impl ShearedRay {
         let d = ray.d.to_array();
         let z = ray.d.abs().max_position();
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        // Keeps the winding; it does not matter for the answer, but keeps the signs of the paper.
+        // Keeps the winding. The result does not depend on it, but the signs are then those of the paper.
         if d[z] < 0.0 {
             (x, y) = (y, x);
         }
@@ -28,7 +28,7 @@ impl ShearedRay {
         ShearedRay { o: ray.o.to_array(), d: ray.d, axes: [x, y, z], shear }
     }
 
-    /// A corner relative to the origin, sheared: (x, y, unscaled z).
+    /// Transforms a corner to coordinates relative to the origin, sheared: (x, y, unscaled z).
     #[inline]
     fn transform(&self, corner: &[f32; 3]) -> [f32; 3] {
         let relative = |axis: usize| corner[axis] - self.o[axis];
@@ -36,10 +36,10 @@ impl ShearedRay {
         [x - self.shear[0] * z, y - self.shear[1] * z, z]
     }
 
-    /// The hit's parameter and the barycentric weights of the second and third corner, if `0 < t ≤ t_max`.
+    /// Returns the ray parameter and the barycentric weights of the second and third corner, if `0 < t ≤ t_max`.
     ///
-    /// Two triangles with a common edge get the same edge function up to its sign, and where `f32` makes it zero
-    /// it is computed again without rounding: no ray passes between them. Both sides are hit.
+    /// Two triangles with a common edge compute the same edge function up to its sign. Where it is zero in `f32`, it
+    /// is computed again without rounding, so no ray passes between the triangles. Both sides are hit.
     #[inline]
     pub fn intersect(&self, corners: &[[f32; 3]; 3], t_max: f32) -> Option<(f32, f32, f32)> {
         let [a, b, c] = [&corners[0], &corners[1], &corners[2]].map(|p| self.transform(p));
@@ -58,8 +58,9 @@ impl ShearedRay {
         }
         let mut t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2] / det;
         let largest = |axis: usize| a[axis].abs().max(b[axis].abs()).max(c[axis].abs());
-        // The bound on the error of t, in the manner of [pbrt 6.8.7], generously. It grows with the triangle's size, which
-        // may be many times the distance: where it could decide whether the hit is within the ray, it may not.
+        // A generous bound on the error of t, as in [pbrt 6.8.7]. It grows with the size of the triangle, which may
+        // be many times the distance. If the error could change whether t is within the ray's extent, t is computed
+        // in double precision.
         let error = ROUNDING * largest(0) * largest(1) * largest(2) * self.shear[2].abs();
         if t.min((t_max - t).abs()) * det.abs() <= error {
             t = self.distance_exact(corners);
@@ -67,8 +68,9 @@ impl ShearedRay {
         (t > 0.0 && t <= t_max).then(|| (t, v / det, w / det))
     }
 
-    /// The parameter at which the ray meets the triangle's plane, where rounding in `f32` could decide on which side
-    /// of it the ray starts or ends; 0 for a ray in the plane.
+    /// Returns the parameter at which the ray intersects the triangle's plane, in double precision. It is used where
+    /// rounding in `f32` could change the side of the plane on which the ray starts or ends. Returns 0 for a ray in
+    /// the plane.
     #[cold]
     fn distance_exact(&self, corners: &[[f32; 3]; 3]) -> f32 {
         let [a, b, c] = corners.map(|p| Vec3::from(p).as_dvec3());
@@ -78,17 +80,17 @@ impl ShearedRay {
     }
 }
 
-/// The share of rounding in a distance: 9 roundings in the products of an edge function and their sum, 8 in the
-/// coordinates that they are made of, 3 in the interpolation; three edges.
+/// The relative rounding error of a distance: 9 roundings in the products of an edge function and their sum, 8 in the
+/// coordinates from which they are computed, 3 in the interpolation; for three edges.
 const ROUNDING: f32 = 3.0 * gamma(20);
 
-/// The edge function of the projected corners p and q: exactly antisymmetric.
+/// Returns the edge function of the projected corners p and q, which is exactly antisymmetric.
 #[inline]
 fn edge(p: [f32; 3], q: [f32; 3]) -> f32 {
     p[0] * q[1] - p[1] * q[0]
 }
 
-/// The edge function with the exact sign: the products of two `f32` are exact in `f64`.
+/// Returns the edge function with the exact sign: the products of two `f32` are exact in `f64`.
 #[cold]
 fn edge_exact(p: [f32; 3], q: [f32; 3]) -> f32 {
     let (px, py, qx, qy) = (f64::from(p[0]), f64::from(p[1]), f64::from(q[0]), f64::from(q[1]));
@@ -111,7 +113,7 @@ mod tests {
         }
     }
 
-    /// A ray that starts on a plane, or as near to it as `f32` can say, meets it only if the plane lies ahead.
+    /// A ray that starts on a plane, or as near to it as `f32` can represent, hits it only if the plane lies ahead.
     #[test]
     fn the_side_on_which_a_ray_starts_is_certain() {
         let tiny = 1.8e-16;
@@ -132,8 +134,8 @@ mod tests {
         }
     }
 
-    /// A ray that ends before a large triangle, by more than `f32` can say but by less than the triangle's size times its
-    /// rounding, does not meet it, and one that ends behind it does.
+    /// A ray that ends before a large triangle does not hit it, and a ray that ends behind it does. The distances are
+    /// representable in `f32` but smaller than the rounding error relative to the triangle's size.
     #[test]
     fn the_side_on_which_a_ray_ends_is_certain() {
         let height = 1e-3;

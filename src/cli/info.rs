@@ -50,7 +50,7 @@ pub fn run(args: &InfoArgs) -> Result<u8> {
 }
 
 /// What a file of photon maps says; its checksum has been found right.
-fn describe_photons(contents: &photon::file::Contents) -> String {
+fn describe_photons(contents: &photon::file::PhotonFileContents) -> String {
     let mut text = String::new();
     for (what, hash) in [("scene", contents.origin.scene), ("settings", contents.origin.settings)] {
         let _ = writeln!(text, "{what:<12} {hash:016x}");

@@ -1,6 +1,6 @@
 //! What there is to say where light paths have left no photons.
 
-use crate::integrator::Fact;
+use crate::integrator::Statistic;
 
 /// Light paths, the photons that they have left, and what is missing where there are none.
 const MAPS: [[&str; 3]; 3] = [
@@ -22,7 +22,7 @@ const MAPS: [[&str; 3]; 3] = [
 ];
 
 /// A sentence for each kind of photons of which paths were traced and none has landed.
-pub fn photon_notes(facts: &[Fact]) -> Vec<&'static str> {
+pub fn photon_notes(facts: &[Statistic]) -> Vec<&'static str> {
     let fact = |name: &str| facts.iter().find(|fact| fact.name == name).map(|fact| fact.value);
     let missing = |[paths, photons, _]: &&[&str; 3]| {
         fact(paths).is_some_and(|paths| paths > 0.0) && fact(photons) == Some(0.0)
@@ -37,7 +37,7 @@ mod tests {
     #[test]
     fn photons_are_missed_where_paths_were_traced_for_them() {
         let notes = |paths: f64, photons: f64| {
-            let fact = |name, value| Fact { name, value };
+            let fact = |name, value| Statistic { name, value };
             photon_notes(&[fact("caustic_light_paths", paths), fact("caustic_photons", photons)])
         };
         assert!(notes(0.0, 0.0).is_empty() && notes(9.0, 1.0).is_empty() && photon_notes(&[]).is_empty());

@@ -174,7 +174,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     if !args.quiet {
         eprintln!("{}", summary(&target, &rendered));
-        photon_notes(&rendered.facts).iter().for_each(|note| eprintln!("buffon: note: {note}"));
+        photon_notes(&rendered.statistics).iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     warn_of_values(args, &target, &rendered, report.clamped_half)?;
     rendered.kept.map(|()| code)

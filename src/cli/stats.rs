@@ -83,7 +83,7 @@ impl Account<'_> {
                 "write": seconds.write,
                 "total": seconds.total,
             },
-            "prepared": rendered.facts.iter().map(|f| (f.name.to_owned(), f.value.into())).collect::<Map<_, _>>(),
+            "prepared": rendered.statistics.iter().map(|f| (f.name.to_owned(), f.value.into())).collect::<Map<_, _>>(),
             "cpu_seconds": ProcessTime::now().as_duration().as_secs_f64(),
             "accel_thread_seconds": {
                 "closest": counters.closest_time.as_secs_f64(),

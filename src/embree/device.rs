@@ -1,4 +1,4 @@
-//! The Embree device: options, errors and the count of its memory.
+//! The Embree device: options, errors and memory accounting.
 
 use crate::error::{Error, Result};
 use crate::memory::{Budget, Refusal};
@@ -8,25 +8,26 @@ use std::ptr;
 use std::sync::atomic::{AtomicIsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The most threads that a device may be asked for.
+/// The greatest number of threads of a device.
 const MAX_THREADS: usize = 4096;
 
-/// The version of the Embree headers that Buffon was built with, e.g. `3.13.5`.
+/// Returns the version of the Embree headers that Buffon was built with, e.g. `3.13.5`.
 pub fn version() -> &'static str {
     let bytes: &'static [u8] = sys::RTC_VERSION_STRING;
     CStr::from_bytes_with_nul(bytes).ok().and_then(|s| s.to_str().ok()).unwrap_or("3")
 }
 
-/// How a device is made. Embree silently accepts options that it does not know, so there is no free text here.
+/// The options of a device. They are typed because Embree silently accepts unknown option strings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DeviceOptions {
-    /// Threads that build scenes; 0 means all cores. Embree's limit is process-wide: the last device wins.
+    /// The number of threads that build scenes; 0 uses all cores. Embree has one limit per process, set by the last
+    /// device.
     pub threads: usize,
-    /// Instructions that Embree does without, though the CPU may have them.
+    /// The highest instruction set that Embree uses, even if the CPU has a higher one.
     pub max_isa: Option<Isa>,
 }
 
-/// Sets of instructions, each with all before it.
+/// Instruction sets; each includes all before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Isa {
     /// SSE up to 4.2: four lanes.
@@ -40,10 +41,10 @@ pub enum Isa {
 }
 
 impl Isa {
-    /// All of them.
+    /// All instruction sets.
     pub const ALL: [Isa; 4] = [Isa::Sse42, Isa::Avx, Isa::Avx2, Isa::Avx512];
 
-    /// Embree's name.
+    /// Returns Embree's name of the instruction set.
     fn name(self) -> &'static str {
         match self {
             Isa::Sse42 => "sse4.2",
@@ -55,7 +56,7 @@ impl Isa {
 }
 
 impl DeviceOptions {
-    /// The configuration string of `rtcNewDevice`.
+    /// Returns the configuration string of `rtcNewDevice`.
     fn config(&self) -> Result<CString> {
         if self.threads > MAX_THREADS {
             let message = format!("expected at most {MAX_THREADS} threads, found {}", self.threads);
@@ -68,12 +69,12 @@ impl DeviceOptions {
     }
 }
 
-/// What Embree's callbacks write to.
+/// The state to which Embree's callbacks write.
 struct CallbackState {
     bytes: AtomicIsize,
     messages: Mutex<Vec<String>>,
     budget: Budget,
-    /// The first allocation that the budget refused.
+    /// The first allocation that the budget rejected.
     refusal: Mutex<Option<Refusal>>,
 }
 
@@ -82,7 +83,7 @@ pub struct Device {
     handle: Arc<DeviceHandle>,
 }
 
-/// The one owner of the C handle; shared by the device and its scenes.
+/// The single owner of the C handle, shared by the device and its scenes.
 pub(super) struct DeviceHandle {
     raw: sys::RTCDevice,
     state: Box<CallbackState>,
@@ -95,7 +96,7 @@ unsafe impl Send for DeviceHandle {}
 unsafe impl Sync for DeviceHandle {}
 
 impl Device {
-    /// Makes a device whose memory has no limit.
+    /// Creates a device without a memory limit.
     ///
     /// # Errors
     /// As [`within`](Self::within).
@@ -103,10 +104,10 @@ impl Device {
         Device::within(options, Budget::unlimited())
     }
 
-    /// Makes a device. What its scenes take is charged to the budget, and building one fails where that refuses.
+    /// Creates a device. The memory of its scenes is charged to the budget; a build that exceeds the budget fails.
     ///
     /// # Errors
-    /// If the options are out of range, or if Embree cannot run here (its message is passed on).
+    /// If the options are out of range, or if Embree cannot run here (the error has Embree's message).
     pub fn within(options: DeviceOptions, budget: Budget) -> Result<Self> {
         let config = options.config()?;
         // SAFETY: `config` is a NUL-terminated string that outlives the call.
@@ -140,19 +141,19 @@ impl Device {
         self.handle.memory_bytes()
     }
 
-    /// Whether packets of 16 rays are traced 16 wide on this machine.
+    /// Returns whether packets of 16 rays are traced with 16 lanes on this machine.
     pub fn has_native_packets16(&self) -> bool {
         self.handle.has_native_packets16()
     }
 
-    /// The shared owner of the handle.
+    /// Returns the shared owner of the handle.
     pub(super) fn handle(&self) -> &Arc<DeviceHandle> {
         &self.handle
     }
 }
 
 impl DeviceHandle {
-    /// The C handle; valid while `self` lives.
+    /// Returns the C handle, which is valid while `self` lives.
     pub(super) fn raw(&self) -> sys::RTCDevice {
         self.raw
     }
@@ -169,7 +170,7 @@ impl DeviceHandle {
         self.state.bytes.load(Ordering::Relaxed).max(0) as usize
     }
 
-    /// Reads and clears this thread's error; `doing` says what was being done.
+    /// Reads and clears this thread's error; `doing` names the operation for the message.
     pub(super) fn check(&self, doing: &str) -> Result<()> {
         // SAFETY: the device is live.
         let code = unsafe { sys::rtcGetDeviceError(self.raw) };
@@ -196,7 +197,7 @@ impl Drop for DeviceHandle {
     }
 }
 
-/// An error code in words.
+/// Describes an error code.
 fn describe(code: sys::RTCError) -> &'static str {
     match code {
         sys::RTCError::RTC_ERROR_NONE => "no error",
@@ -209,7 +210,7 @@ fn describe(code: sys::RTCError) -> &'static str {
     }
 }
 
-/// Embree's error callback: keeps the message until [`DeviceHandle::check`] reads the code.
+/// Embree's error callback: stores the message until [`DeviceHandle::check`] reads the code.
 unsafe extern "C" fn on_error(user: *mut c_void, _code: sys::RTCError, text: *const c_char) {
     if user.is_null() || text.is_null() {
         return;
@@ -221,8 +222,8 @@ unsafe extern "C" fn on_error(user: *mut c_void, _code: sys::RTCError, text: *co
     state.messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
 }
 
-/// Embree's memory monitor: counts what is allocated (`bytes` > 0; `post` if that is done) and freed, and forbids what the
-/// budget refuses.
+/// Embree's memory monitor: counts allocations (`bytes` > 0; `post` if already done) and deallocations, and rejects
+/// allocations that exceed the budget.
 unsafe extern "C" fn on_memory(user: *mut c_void, bytes: isize, post: bool) -> bool {
     if user.is_null() {
         return true;
@@ -235,7 +236,7 @@ unsafe extern "C" fn on_memory(user: *mut c_void, bytes: isize, post: bool) -> b
     } else if let Err(refusal) = state.budget.charge(amount) {
         state.refusal.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(refusal);
         if post {
-            // Embree will report that it frees what it has.
+            // Embree will report the deallocation of the memory that it already has.
             state.budget.record(amount);
             state.bytes.fetch_add(bytes, Ordering::Relaxed);
         }

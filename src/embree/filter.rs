@@ -1,32 +1,32 @@
-//! Filters: Rust code decides which hits of a triangle mesh count, called back by Embree.
+//! Hit filters of triangle meshes: Rust code, called back by Embree, that accepts or rejects hits.
 
-use super::user::{Lane, UserRay, for_lanes};
+use super::user::{CallbackLane, UserRay, for_lanes};
 use buffon_embree_sys as sys;
 use std::sync::Arc;
 
-/// A hit of a triangle that a filter decides about.
+/// A hit of a triangle that a filter accepts or rejects.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Candidate {
+pub struct CandidateHit {
     /// Ray parameter.
     pub t: f32,
     /// First surface coordinate.
     pub u: f32,
     /// Second surface coordinate.
     pub v: f32,
-    /// The triangle's number.
+    /// The index of the triangle.
     pub primitive: u32,
 }
 
-/// Decides which hits of a mesh count.
+/// Accepts or rejects the hits of a mesh.
 ///
-/// The answer must depend on the ray and the hit alone: Embree asks in any order, and may ask twice. The function
-/// may panic: the panic reaches the caller of the query, never Embree.
+/// The answer must depend on the ray and the hit alone: Embree calls the filter in any order, possibly twice for one
+/// hit. The function may panic; the panic reaches the caller of the query and never unwinds through Embree.
 pub trait TriangleFilter: Send + Sync {
-    /// Whether the hit counts.
-    fn accepts(&self, ray: &UserRay, hit: &Candidate) -> bool;
+    /// Returns whether the hit is accepted.
+    fn accepts(&self, ray: &UserRay, hit: &CandidateHit) -> bool;
 }
 
-/// What the callback reads; boxed, for Embree holds its address.
+/// The state that the callback reads. It is boxed because Embree holds its address.
 pub(super) struct FilterState(pub Arc<dyn TriangleFilter>);
 
 /// Fields of `RTCHitN`: each is an array of N 4-byte values.
@@ -36,17 +36,17 @@ mod field {
     pub const PRIMITIVE: usize = 5;
 }
 
-/// `RTCFilterFunctionN`, for intersection and occlusion alike.
+/// The `RTCFilterFunctionN` of intersection and occlusion queries.
 pub(super) unsafe extern "C" fn on_filter(args: *const sys::RTCFilterFunctionNArguments) {
     // SAFETY: Embree passes valid arguments; the user pointer is the mesh's `FilterState`.
     let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<FilterState>()) };
-    let one = |lane: Lane, instance: u32| {
-        let of_hit = Lane { base: args.hit.cast(), ..lane };
+    let one = |lane: CallbackLane, instance: u32| {
+        let of_hit = CallbackLane { base: args.hit.cast(), ..lane };
         // SAFETY: `ray` is an `RTCRayN` of N rays, and the lane is one of them.
         let ray = unsafe { lane.ray(instance) };
         // SAFETY: `hit` is an `RTCHitN` of N hits; their fields are arrays of N values as a ray's are.
         let hit = unsafe {
-            Candidate {
+            CandidateHit {
                 t: ray.t_far,
                 u: of_hit.get(field::U),
                 v: of_hit.get(field::V),

@@ -1,17 +1,17 @@
-//! Rays and hits in Embree's own layouts, as plain arrays.
+//! Rays and hits in Embree's memory layouts, as plain arrays.
 
 use super::INVALID_ID;
 use buffon_embree_sys as sys;
 use std::mem::{align_of, offset_of, size_of};
 
-/// Rays in a packet.
+/// The number of rays in a packet.
 pub const WIDTH: usize = 16;
 
 /// The greatest absolute value of a component of a vertex or a ray; Embree's `FLT_LARGE`.
 pub const COMPONENT_LIMIT: f32 = 1.844e18;
 
-/// The smallest normal number: Embree counts hits at `t_near` itself, but a ray that starts exactly in the plane of
-/// a triangle (a floor at height 0) must not hit it at distance 0.
+/// The smallest normal number. Embree accepts hits at `t_near` itself, but a ray that starts exactly in the plane of
+/// a triangle (such as a floor at height 0) must not hit it at distance 0.
 pub const T_NEAR: f32 = f32::MIN_POSITIVE;
 
 /// A ray and its hit: `RTCRayHit`.
@@ -20,16 +20,16 @@ pub const T_NEAR: f32 = f32::MIN_POSITIVE;
 pub struct RayHit1 {
     /// Origin.
     pub origin: [f32; 3],
-    /// Least parameter of a hit.
+    /// Lower bound of a hit's parameter.
     pub t_near: f32,
     /// Direction, of any length.
     pub direction: [f32; 3],
     /// Time in [0, 1].
     pub time: f32,
-    /// Greatest parameter of a hit; after a query the hit's, or -∞ for an occluded ray.
+    /// Upper bound of a hit's parameter; after a query the parameter of the hit, or -∞ for an occluded ray.
     pub t_far: f32,
     mask: u32,
-    /// A number for the callbacks.
+    /// An identifier for the callbacks.
     pub id: u32,
     flags: u32,
     normal: [f32; 3],
@@ -46,7 +46,7 @@ pub struct RayHit1 {
 }
 
 impl RayHit1 {
-    /// A ray from 8 floats (origin, t_far, direction, time) that has hit nothing yet; `t_near` is [`T_NEAR`].
+    /// Creates a ray without a hit from 8 floats (origin, t_far, direction, time); `t_near` is [`T_NEAR`].
     #[inline]
     pub fn new(ray: &[f32; 8]) -> Self {
         RayHit1 {
@@ -68,22 +68,22 @@ impl RayHit1 {
     }
 }
 
-/// Sixteen rays, one array a component: `RTCRay16`.
+/// Sixteen rays, one array for each component: `RTCRay16`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Rays16 {
     /// Origins.
     pub origin: [[f32; WIDTH]; 3],
-    /// Least parameters of a hit.
+    /// Lower bounds of a hit's parameter.
     pub t_near: [f32; WIDTH],
     /// Directions, of any length.
     pub direction: [[f32; WIDTH]; 3],
     /// Times in [0, 1].
     pub time: [f32; WIDTH],
-    /// Greatest parameters of a hit; after an occlusion query -∞ for an occluded ray.
+    /// Upper bounds of a hit's parameter; after an occlusion query -∞ for an occluded ray.
     pub t_far: [f32; WIDTH],
     mask: [u32; WIDTH],
-    /// Numbers for the callbacks.
+    /// Identifiers for the callbacks.
     pub id: [u32; WIDTH],
     flags: [u32; WIDTH],
 }
@@ -107,16 +107,16 @@ pub struct RayHits16 {
     pub instance: [u32; WIDTH],
 }
 
-/// A choice of the rays of a packet. Aligned like the packet, as Embree demands.
+/// A mask of the active rays of a packet. It is aligned to 64 bytes, as Embree requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C, align(64))]
 pub struct Mask16([i32; WIDTH]);
 
 impl Mask16 {
-    /// All rays.
+    /// All rays are active.
     pub const ALL: Mask16 = Mask16([-1; WIDTH]);
 
-    /// The rays for which `chosen` holds.
+    /// Creates a mask of the rays for which `active` returns true.
     #[inline]
     pub fn from_fn(mut chosen: impl FnMut(usize) -> bool) -> Self {
         let mut mask = [0; WIDTH];
@@ -126,13 +126,13 @@ impl Mask16 {
         Mask16(mask)
     }
 
-    /// Whether ray `i` is chosen.
+    /// Returns whether ray `i` is active.
     #[inline]
     pub fn get(&self, i: usize) -> bool {
         self.0[i] != 0
     }
 
-    /// For the C call: 16 values 0 or -1 on a 64-byte boundary.
+    /// Returns the pointer for the C call: 16 values of 0 or -1, aligned to 64 bytes.
     #[inline]
     pub(super) fn as_ptr(&self) -> *const i32 {
         self.0.as_ptr()
@@ -140,7 +140,7 @@ impl Mask16 {
 }
 
 impl Default for Rays16 {
-    /// Rays of zero direction, visible to every mask, with `t_near` at [`T_NEAR`].
+    /// Returns rays with direction zero, visible to every mask, with `t_near` = [`T_NEAR`].
     fn default() -> Self {
         let zero = [0.0; WIDTH];
         Rays16 {
@@ -172,7 +172,7 @@ impl Default for RayHits16 {
 }
 
 impl RayHits16 {
-    /// Forgets the hits, before a packet is used again.
+    /// Resets the hits, so that the packet can be used again.
     #[inline]
     pub fn clear_hits(&mut self) {
         self.geometry = [INVALID_ID; WIDTH];
@@ -189,7 +189,7 @@ impl Rays16 {
         transpose(rays, [x, y, z, &mut self.t_far, dx, dy, dz, &mut self.time]);
     }
 
-    /// The first `rays.len()` of a packet, as [`load`](Self::load); the others become invalid rays.
+    /// Fills the first `rays.len()` rays of the packet as [`load`](Self::load) does; the others become invalid rays.
     ///
     /// # Panics
     /// If there are more rays than a packet holds.
@@ -199,11 +199,11 @@ impl Rays16 {
         self.load(&padded);
     }
 
-    /// Those of the wanted rays that are valid: see [`CommittedScene`](super::CommittedScene).
+    /// Returns the active rays that are valid: see [`CommittedScene`](super::CommittedScene).
     #[inline]
-    pub(super) fn valid(&self, wanted: &Mask16, limit: f32) -> Mask16 {
+    pub(super) fn valid(&self, active: &Mask16, limit: f32) -> Mask16 {
         let ([x, y, z], [dx, dy, dz]) = (&self.origin, &self.direction);
-        let mut mask = wanted.0;
+        let mut mask = active.0;
         for (i, lane) in mask.iter_mut().enumerate() {
             let ray = [x[i], y[i], z[i], dx[i], dy[i], dz[i]];
             *lane &= -i32::from(is_valid(ray, limit, self.t_near[i], self.t_far[i], self.time[i]));
@@ -213,7 +213,7 @@ impl Rays16 {
 }
 
 impl RayHit1 {
-    /// Whether the ray is valid: see [`CommittedScene`](super::CommittedScene).
+    /// Returns whether the ray is valid: see [`CommittedScene`](super::CommittedScene).
     #[inline]
     pub(super) fn is_valid(&self, limit: f32) -> bool {
         let ([x, y, z], [dx, dy, dz]) = (self.origin, self.direction);
@@ -221,8 +221,8 @@ impl RayHit1 {
     }
 }
 
-/// All components of origin and direction within `limit`, a direction that is not zero, `0 ≤ t_near < t_far`, and
-/// a time in [0, 1]. False for NaN.
+/// Returns whether all components of origin and direction are within `limit`, the direction is not zero, `0 ≤ t_near
+/// < t_far`, and the time is in [0, 1]. False for NaN.
 #[inline]
 fn is_valid([x, y, z, dx, dy, dz]: [f32; 6], limit: f32, t_near: f32, t_far: f32, time: f32) -> bool {
     let mut valid = (t_near >= 0.0) & (t_far > t_near);
@@ -234,7 +234,7 @@ fn is_valid([x, y, z, dx, dy, dz]: [f32; 6], limit: f32, t_near: f32, t_far: f32
     valid & ((dx != 0.0) | (dy != 0.0) | (dz != 0.0))
 }
 
-/// `columns[k][i] = rows[i][k]`.
+/// Computes `columns[k][i] = rows[i][k]`.
 #[cfg(all(target_arch = "x86_64", target_feature = "avx2"))]
 #[inline]
 fn transpose(rows: &[[f32; 8]; WIDTH], columns: [&mut [f32; WIDTH]; 8]) {
@@ -242,8 +242,8 @@ fn transpose(rows: &[[f32; 8]; WIDTH], columns: [&mut [f32; WIDTH]; 8]) {
     let columns = columns.map(|c| c.as_mut_ptr());
     for half in [0, 8] {
         let row = |i: usize| rows[half + i].as_ptr();
-        // Row i's four floats from `k` below row i+4's.
-        // SAFETY: AVX is there (cfg). Each load reads four floats at k = 0 or 4 of a row of eight.
+        // Loads four floats of row i, from `k`, into the low half, and those of row i+4 into the high half.
+        // SAFETY: the `cfg` ensures AVX2. Each load reads four floats at k = 0 or 4 of a row of eight.
         let pair = |i: usize, k: usize| unsafe {
             _mm256_insertf128_ps::<1>(
                 _mm256_castps128_ps256(_mm_loadu_ps(row(i).add(k))),
@@ -251,7 +251,8 @@ fn transpose(rows: &[[f32; 8]; WIDTH], columns: [&mut [f32; WIDTH]; 8]) {
             )
         };
         for k in [0, 4] {
-            // SAFETY: AVX is there (cfg). Each store writes eight floats at `half` = 0 or 8 of a column of sixteen.
+            // SAFETY: the `cfg` ensures AVX2. Each store writes eight floats at `half` = 0 or 8 of a column of
+            // sixteen.
             unsafe {
                 let (a, b, c, d) = (pair(0, k), pair(1, k), pair(2, k), pair(3, k));
                 let (ab_lo, ab_hi) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
@@ -266,7 +267,7 @@ fn transpose(rows: &[[f32; 8]; WIDTH], columns: [&mut [f32; WIDTH]; 8]) {
     }
 }
 
-/// `columns[k][i] = rows[i][k]`.
+/// Computes `columns[k][i] = rows[i][k]`.
 #[cfg(not(all(target_arch = "x86_64", target_feature = "avx2")))]
 #[inline]
 fn transpose(rows: &[[f32; 8]; WIDTH], columns: [&mut [f32; WIDTH]; 8]) {
@@ -277,7 +278,7 @@ fn transpose(rows: &[[f32; 8]; WIDTH], columns: [&mut [f32; WIDTH]; 8]) {
     }
 }
 
-// The layouts are Embree's.
+// The layouts must be equal to Embree's.
 const _: () = {
     assert!(size_of::<RayHit1>() == size_of::<sys::RTCRayHit>());
     assert!(align_of::<RayHit1>() == align_of::<sys::RTCRayHit>());

@@ -1,4 +1,4 @@
-//! Scenes: a builder that is consumed, and the immutable scene that answers queries.
+//! Scenes: a builder that `commit` consumes, and the immutable scene that answers queries.
 
 use super::device::{Device, DeviceHandle};
 use super::filter::{FilterState, TriangleFilter, on_filter};
@@ -8,16 +8,16 @@ use crate::error::{Error, Result};
 use buffon_embree_sys as sys;
 use std::sync::Arc;
 
-/// The most steps of an instance's motion.
+/// The greatest number of motion steps of an instance.
 const MAX_STEPS: usize = sys::RTC_MAX_TIME_STEP_COUNT as usize;
 
-/// How a scene is built.
+/// The options of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Watertight along edges, at some cost (`RTC_SCENE_FLAG_ROBUST`). Off only to measure that cost.
+    /// Whether edges are watertight, at some cost (`RTC_SCENE_FLAG_ROBUST`). False only for measuring that cost.
     pub robust: bool,
-    /// The greatest absolute value of a valid ray's components, up to [`COMPONENT_LIMIT`]: less where the inverse of
-    /// an instance's transform would take a ray beyond that.
+    /// The greatest absolute value of a component of a valid ray, at most [`COMPONENT_LIMIT`]. It is lower where the
+    /// inverse of an instance's transform would take a ray beyond that.
     pub ray_limit: f32,
 }
 
@@ -27,12 +27,12 @@ impl Default for SceneOptions {
     }
 }
 
-/// What the caller knows about the rays of successive queries.
+/// The coherence of the rays of successive queries, as known by the caller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coherence {
-    /// Neighbours start at about one point and point in about one direction.
+    /// Neighbouring rays have nearly the same origin and direction.
     Coherent,
-    /// Neighbours have nothing in common.
+    /// Neighbouring rays are unrelated.
     Incoherent,
 }
 
@@ -46,7 +46,7 @@ impl Coherence {
     }
 }
 
-/// The one owner of a scene's C handle.
+/// The single owner of a scene's C handle.
 struct SceneHandle {
     raw: sys::RTCScene,
     device: Arc<DeviceHandle>,
@@ -65,12 +65,12 @@ impl Drop for SceneHandle {
     }
 }
 
-/// What Embree reads for as long as the scene lives.
+/// The data that Embree reads while the scene lives.
 #[derive(Default)]
-struct Kept {
+struct EmbreeData {
     vertices: Vec<Arc<Vec<[f32; 3]>>>,
     indices: Vec<Arc<Vec<[u32; 3]>>>,
-    // Boxed: Embree holds the address.
+    // Boxed because Embree holds the address.
     #[expect(clippy::vec_box)]
     users: Vec<Box<UserState>>,
     // As above.
@@ -79,7 +79,7 @@ struct Kept {
     scenes: Vec<Arc<CommittedScene>>,
 }
 
-/// The one owner of a geometry's C handle until it is attached.
+/// The single owner of a geometry's C handle until it is attached.
 struct GeometryHandle(sys::RTCGeometry);
 
 impl Drop for GeometryHandle {
@@ -89,19 +89,19 @@ impl Drop for GeometryHandle {
     }
 }
 
-/// A scene to which geometries are added.
+/// A scene under construction.
 pub struct SceneBuilder {
-    // Declared first, so dropped before what it reads.
+    // Declared first so that it is dropped before the data that it reads.
     scene: SceneHandle,
-    kept: Kept,
+    data: EmbreeData,
     ray_limit: f32,
 }
 
 impl SceneBuilder {
-    /// An empty scene.
+    /// Creates an empty scene.
     ///
     /// # Errors
-    /// If Embree cannot make one (no memory).
+    /// If Embree has no memory for it.
     pub fn new(device: &Device, options: SceneOptions) -> Result<Self> {
         let device = Arc::clone(device.handle());
         // SAFETY: the device is live.
@@ -118,16 +118,21 @@ impl SceneBuilder {
         // SAFETY: the scene is live and not committed.
         unsafe { sys::rtcSetSceneFlags(scene.raw, flags) };
         scene.device.check("setting the scene's flags")?;
-        Ok(SceneBuilder { scene, kept: Kept::default(), ray_limit: options.ray_limit.min(COMPONENT_LIMIT) })
+        Ok(SceneBuilder {
+            scene,
+            data: EmbreeData::default(),
+            ray_limit: options.ray_limit.min(COMPONENT_LIMIT),
+        })
     }
 
     /// Adds a triangle mesh as geometry `id`. The arrays are shared with Embree, not copied.
     ///
-    /// The first `count` elements of `vertices` are the vertices. At least one more element must follow them:
-    /// Embree reads 16 bytes at the last vertex, of which 12 are its own. A filter decides which hits count.
+    /// The first `count` elements of `vertices` are the vertices. At least one more element must follow them, because
+    /// Embree reads 16 bytes at the last vertex, of which only 12 belong to it. The filter, if any, accepts or
+    /// rejects the hits.
     ///
     /// # Errors
-    /// If the padding is missing, an index is out of range, or Embree refuses (an id used twice).
+    /// If the padding is missing, an index is out of range, or Embree reports an error (an id used twice).
     pub fn add_triangles(
         &mut self,
         id: u32,
@@ -147,7 +152,7 @@ impl SceneBuilder {
             return Err(Error::internal(message).about("Embree"));
         }
         let geometry = self.new_geometry(sys::RTCGeometryType::RTC_GEOMETRY_TYPE_TRIANGLE)?;
-        // SAFETY: the geometry is live. Both arrays lie behind an `Arc<Vec>` that `kept` holds until after the
+        // SAFETY: the geometry is live. Both arrays lie behind an `Arc<Vec>` that `data` holds until after the
         // scene is released; nobody can change or move a `Vec` behind a shared `Arc`. All indices are below
         // `count` and an element follows the last vertex, so what Embree reads lies inside.
         unsafe {
@@ -172,19 +177,19 @@ impl SceneBuilder {
                 indices.len(),
             );
         }
-        self.kept.vertices.push(vertices);
-        self.kept.indices.push(indices);
+        self.data.vertices.push(vertices);
+        self.data.indices.push(indices);
         if let Some(filter) = filter {
             let state = Box::new(FilterState(filter));
             let pointer: *const FilterState = &*state;
-            // SAFETY: the geometry is live; `state` is boxed and held by `kept` until after the scene is released; the
+            // SAFETY: the geometry is live; `state` is boxed and held by `data` until after the scene is released; the
             // callback reads it only, and has the signature that Embree calls.
             unsafe {
                 sys::rtcSetGeometryUserData(geometry.0, pointer.cast_mut().cast());
                 sys::rtcSetGeometryIntersectFilterFunction(geometry.0, Some(on_filter));
                 sys::rtcSetGeometryOccludedFilterFunction(geometry.0, Some(on_filter));
             }
-            self.kept.filters.push(state);
+            self.data.filters.push(state);
         }
         self.attach(&geometry, id)
     }
@@ -192,12 +197,12 @@ impl SceneBuilder {
     /// Adds user primitives as geometry `id`.
     ///
     /// # Errors
-    /// If Embree refuses (an id used twice).
+    /// If Embree reports an error (an id used twice).
     pub fn add_user(&mut self, id: u32, primitives: Arc<dyn UserPrimitives>) -> Result<()> {
         let state = Box::new(UserState::new(primitives));
         let geometry = self.new_geometry(sys::RTCGeometryType::RTC_GEOMETRY_TYPE_USER)?;
         let pointer: *const UserState = &*state;
-        // SAFETY: the geometry is live; `state` is boxed and held by `kept` until after the scene is released; the
+        // SAFETY: the geometry is live; `state` is boxed and held by `data` until after the scene is released; the
         // callbacks read it only, and have the signatures that Embree calls.
         unsafe {
             sys::rtcSetGeometryUserPrimitiveCount(geometry.0, state.count());
@@ -206,26 +211,26 @@ impl SceneBuilder {
             sys::rtcSetGeometryIntersectFunction(geometry.0, Some(on_intersect));
             sys::rtcSetGeometryOccludedFunction(geometry.0, Some(on_occluded));
         }
-        self.kept.users.push(state);
+        self.data.users.push(state);
         self.attach(&geometry, id)
     }
 
-    /// Adds an instance of a scene as geometry `id`; hits report it as their instance. A scene that holds instances
-    /// itself is not traversed to the second level.
+    /// Adds an instance of a scene as geometry `id`; hits report it as their instance. Instances inside the instanced
+    /// scene are not traversed.
     ///
-    /// `steps` are the transforms of the scene's coordinates into this one's at equally spaced times over [0, 1]:
-    /// three axes and the translation each, linear in between. They must be invertible at all times, and the scene's
-    /// [`ray_limit`](SceneOptions::ray_limit) such that no inverse leads beyond [`COMPONENT_LIMIT`]: a build of Embree
-    /// with assertions aborts the process otherwise.
+    /// `steps` are the transforms from the space of the instanced scene to that of this scene, at equally spaced
+    /// times over [0, 1], each as three axes and the translation. They are interpolated linearly. They must be
+    /// invertible at all times. The scene's [`ray_limit`](SceneOptions::ray_limit) must be such that no inverse takes
+    /// a ray beyond [`COMPONENT_LIMIT`]; otherwise a build of Embree with assertions aborts the process.
     ///
     /// # Errors
-    /// If the scene is another device's, there are no steps or more than 129, one is not finite, or Embree refuses
-    /// (an id used twice).
+    /// If the scene belongs to another device, there are no steps or more than 129, a step is not finite, or Embree
+    /// reports an error (an id used twice).
     pub fn add_instance(&mut self, id: u32, scene: Arc<CommittedScene>, steps: &[[f32; 12]]) -> Result<()> {
         if !Arc::ptr_eq(&scene.scene.device, &self.scene.device) {
             return Err(Error::internal("expected a scene of the same device").about("Embree"));
         }
-        // Embree reads what is not there if the number of steps is out of range.
+        // With a number of steps out of range, Embree reads beyond its arrays.
         if !(1..=MAX_STEPS).contains(&steps.len()) {
             let message = format!("expected 1 to {MAX_STEPS} transforms, found {}", steps.len());
             return Err(Error::internal(message).about("Embree"));
@@ -236,7 +241,7 @@ impl SceneBuilder {
             );
         }
         let geometry = self.new_geometry(sys::RTCGeometryType::RTC_GEOMETRY_TYPE_INSTANCE)?;
-        // SAFETY: the geometry and the instanced scene are live and of one device; the scene is committed and `kept`
+        // SAFETY: the geometry and the instanced scene are live and of one device; the scene is committed and `data`
         // holds it until after this one is released. Embree copies the 12 floats of each step.
         unsafe {
             sys::rtcSetGeometryInstancedScene(geometry.0, scene.scene.raw);
@@ -246,7 +251,7 @@ impl SceneBuilder {
                 sys::rtcSetGeometryTransform(geometry.0, i, format, step.as_ptr().cast());
             }
         }
-        self.kept.scenes.push(scene);
+        self.data.scenes.push(scene);
         self.attach(&geometry, id)
     }
 
@@ -258,8 +263,8 @@ impl SceneBuilder {
         // SAFETY: the scene is live, and `self` is owned: no query runs.
         unsafe { sys::rtcCommitScene(self.scene.raw) };
         self.scene.device.check("building the scene")?;
-        let sees_masks = self.scene.device.has_native_packets16();
-        Ok(CommittedScene { scene: self.scene, kept: self.kept, ray_limit: self.ray_limit, sees_masks })
+        let honours_masks = self.scene.device.has_native_packets16();
+        Ok(CommittedScene { scene: self.scene, data: self.data, ray_limit: self.ray_limit, honours_masks })
     }
 
     fn new_geometry(&self, kind: sys::RTCGeometryType) -> Result<GeometryHandle> {
@@ -283,23 +288,23 @@ impl SceneBuilder {
     }
 }
 
-/// A scene that is built. It does not change any more; queries may come from any number of threads.
+/// A built, immutable scene. It can be queried from any number of threads.
 ///
-/// An invalid ray hits nothing and is left as it was: one with a component of origin or direction that is NaN or
-/// beyond [`SceneOptions::ray_limit`], with a zero direction, without `0 ≤ t_near < t_far` or a time in [0, 1].
-/// Embree itself does not look: a build with assertions, such as Debian's, aborts the process.
+/// A ray is invalid if a component of its origin or direction is NaN or exceeds [`SceneOptions::ray_limit`], its
+/// direction is zero, `0 ≤ t_near < t_far` is false, or its time is outside [0, 1]. An invalid ray hits nothing and
+/// is not changed. Embree itself does not check this; a build with assertions, such as Debian's, aborts the process.
 pub struct CommittedScene {
-    // Declared first, so dropped before what it reads.
+    // Declared first so that it is dropped before the data that it reads.
     scene: SceneHandle,
-    kept: Kept,
+    data: EmbreeData,
     ray_limit: f32,
-    /// Whether Embree looks at the mask of a packet. Where it has no packets of sixteen it does not: it takes them apart, and
-    /// traces every ray whose `t_near` is not above its `t_far`.
-    sees_masks: bool,
+    /// Whether Embree honours the mask of a packet. A device without native packets of sixteen does not: it splits
+    /// them and traces every ray with `t_near` ≤ `t_far`.
+    honours_masks: bool,
 }
 
 impl CommittedScene {
-    /// The box (least corner, greatest corner) around everything; least > greatest when the scene is empty.
+    /// Returns the bounding box of the scene (least corner, greatest corner); least > greatest if the scene is empty.
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         let mut b = sys::RTCBounds {
             lower_x: f32::INFINITY,
@@ -316,12 +321,13 @@ impl CommittedScene {
         ([b.lower_x, b.lower_y, b.lower_z], [b.upper_x, b.upper_y, b.upper_z])
     }
 
-    /// Bytes that Embree holds for the scene's device; the scene's alone when it is the device's only one.
+    /// Returns the bytes that Embree holds for the scene's device, which are the scene's own if the device has no
+    /// other scene.
     pub fn memory_bytes(&self) -> usize {
         self.scene.device.memory_bytes()
     }
 
-    /// Finds the nearest hit. A miss leaves the ray as it was.
+    /// Finds the nearest hit. A miss leaves the ray unchanged.
     #[inline]
     pub fn intersect1(&self, ray: &mut RayHit1, coherence: Coherence) {
         if !ray.is_valid(self.ray_limit) {
@@ -333,7 +339,7 @@ impl CommittedScene {
         context.finish();
     }
 
-    /// Whether anything is hit.
+    /// Returns whether the ray hits anything.
     #[inline]
     pub fn occluded1(&self, ray: &mut RayHit1, coherence: Coherence) -> bool {
         if !ray.is_valid(self.ray_limit) {
@@ -346,49 +352,49 @@ impl CommittedScene {
         ray.t_far == f32::NEG_INFINITY
     }
 
-    /// Finds the nearest hits of the wanted rays of a packet. A miss leaves a ray as it was.
-    /// Returns which rays were traced: the wanted ones that are valid.
+    /// Finds the nearest hits of the active rays of a packet. A miss leaves a ray unchanged. Returns a mask of the
+    /// rays that were traced: the active ones that are valid.
     #[inline]
-    pub fn intersect16(&self, wanted: &Mask16, rays: &mut RayHits16, coherence: Coherence) -> Mask16 {
-        let valid = rays.rays.valid(wanted, self.ray_limit);
-        let held_back = self.hold_back(&valid, &mut rays.rays);
+    pub fn intersect16(&self, active: &Mask16, rays: &mut RayHits16, coherence: Coherence) -> Mask16 {
+        let valid = rays.rays.valid(active, self.ray_limit);
+        let t_near_before = self.deactivate(&valid, &mut rays.rays);
         let mut context = coherence.context();
         let (context_ptr, packet) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `RayHits16` is `RTCRayHit16` in size, alignment and layout, and the mask
         // is aligned alike.
         unsafe { sys::rtcIntersect16(valid.as_ptr(), self.scene.raw, context_ptr, packet.cast()) };
-        if let Some(t_near) = held_back {
+        if let Some(t_near) = t_near_before {
             rays.rays.t_near = t_near;
         }
         context.finish();
         valid
     }
 
-    /// Finds whether the wanted rays of a packet hit anything: then `t_far` becomes -∞.
-    /// Returns which rays were traced: the wanted ones that are valid.
+    /// Finds whether the active rays of a packet hit anything; `t_far` of such a ray becomes -∞. Returns a mask of
+    /// the rays that were traced: the active ones that are valid.
     #[inline]
-    pub fn occluded16(&self, wanted: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
-        let valid = rays.valid(wanted, self.ray_limit);
+    pub fn occluded16(&self, active: &Mask16, rays: &mut Rays16, coherence: Coherence) -> Mask16 {
+        let valid = rays.valid(active, self.ray_limit);
         // Embree 3.13.5 does not return from a coherent `rtcOccluded16` that enters an instance.
-        let coherence = if self.kept.scenes.is_empty() { coherence } else { Coherence::Incoherent };
-        let held_back = self.hold_back(&valid, rays);
+        let coherence = if self.data.scenes.is_empty() { coherence } else { Coherence::Incoherent };
+        let t_near_before = self.deactivate(&valid, rays);
         let mut context = coherence.context();
         let (context_ptr, packet) = (context.as_mut_ptr(), &raw mut *rays);
         // SAFETY: the scene is committed; `Rays16` is `RTCRay16` in size, alignment and layout, and the mask is
         // aligned alike.
         unsafe { sys::rtcOccluded16(valid.as_ptr(), self.scene.raw, context_ptr, packet.cast()) };
-        if let Some(t_near) = held_back {
+        if let Some(t_near) = t_near_before {
             rays.t_near = t_near;
         }
         context.finish();
         valid
     }
 
-    /// Makes rays that are not to be traced such as Embree does not trace, mask or no mask; gives the `t_near` that they
-    /// had.
+    /// Sets `t_near` of the inactive rays to NaN, so that Embree does not trace them even if it ignores the mask. Returns
+    /// the previous values of `t_near`.
     #[inline]
-    fn hold_back(&self, valid: &Mask16, rays: &mut Rays16) -> Option<[f32; WIDTH]> {
-        if self.sees_masks || *valid == Mask16::ALL {
+    fn deactivate(&self, valid: &Mask16, rays: &mut Rays16) -> Option<[f32; WIDTH]> {
+        if self.honours_masks || *valid == Mask16::ALL {
             return None;
         }
         let before = rays.t_near;

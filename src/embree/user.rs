@@ -1,26 +1,26 @@
-//! User geometry: primitives that Rust code bounds and intersects, called back by Embree.
+//! User geometry: primitives whose bounds and intersections Rust code computes, called back by Embree.
 
 use buffon_embree_sys as sys;
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 
-/// A ray as a user primitive sees it. A hit counts for `t_near < t < t_far`.
+/// A ray as passed to a user primitive. A hit is valid for `t_near < t < t_far`.
 #[derive(Clone, Copy, Debug)]
 pub struct UserRay {
     /// Origin.
     pub origin: [f32; 3],
     /// Direction, of any length.
     pub direction: [f32; 3],
-    /// Least parameter of a hit.
+    /// Lower bound of a hit's parameter.
     pub t_near: f32,
-    /// Greatest parameter of a hit: that of the nearest hit found so far.
+    /// Upper bound of a hit's parameter: that of the nearest hit so far.
     pub t_far: f32,
     /// Time in [0, 1].
     pub time: f32,
-    /// The number that the caller of the query gave the ray.
+    /// The identifier that the caller of the query gave the ray.
     pub id: u32,
-    /// The instance in whose coordinates the ray is, or [`INVALID_ID`](super::INVALID_ID).
+    /// The instance in whose space the ray is, or [`INVALID_ID`](super::INVALID_ID).
     pub instance: u32,
 }
 
@@ -33,47 +33,47 @@ pub struct UserHit {
     pub u: f32,
     /// Second surface coordinate.
     pub v: f32,
-    /// What the query reports as the hit's primitive.
+    /// The value that the query reports as the hit's primitive.
     pub primitive: u32,
 }
 
 /// A set of primitives behind one geometry id.
 ///
-/// The functions may panic: the panic reaches the caller of the query, never Embree.
+/// The functions may panic; the panic reaches the caller of the query and never unwinds through Embree.
 pub trait UserPrimitives: Send + Sync {
-    /// How many primitives there are.
+    /// Returns the number of primitives.
     fn count(&self) -> u32;
-    /// The box (least corner, greatest corner) around primitive `i`.
+    /// Returns the bounding box (least corner, greatest corner) of primitive `i`.
     fn bounds(&self, i: u32) -> ([f32; 3], [f32; 3]);
-    /// The nearest hit of primitive `i` within the ray's bounds.
+    /// Returns the nearest hit of primitive `i` within the ray's bounds.
     fn intersect(&self, i: u32, ray: &UserRay) -> Option<UserHit>;
-    /// Whether primitive `i` has a hit within the ray's bounds.
+    /// Returns whether primitive `i` has a hit within the ray's bounds.
     fn occluded(&self, i: u32, ray: &UserRay) -> bool {
         self.intersect(i, ray).is_some()
     }
 }
 
-/// What the callbacks read. The boxes are computed before the build: Embree calls back for them from its own
-/// threads, with denormals switched off, which Rust code must not see.
+/// The state that the callbacks read. The boxes are computed before the build: Embree's own threads, which call back
+/// for them, flush denormals to zero, and Rust code must not run in that mode.
 pub(super) struct UserState {
     primitives: Arc<dyn UserPrimitives>,
     bounds: Vec<([f32; 3], [f32; 3])>,
 }
 
 impl UserState {
-    /// Computes the boxes; a panic of [`UserPrimitives::bounds`] passes through, for no C frame is below.
+    /// Computes the boxes. A panic of [`UserPrimitives::bounds`] may unwind, because no C frame is on the stack.
     pub(super) fn new(primitives: Arc<dyn UserPrimitives>) -> Self {
         let bounds = (0..primitives.count()).map(|i| primitives.bounds(i)).collect();
         UserState { primitives, bounds }
     }
 
-    /// How many primitives there are.
+    /// Returns the number of primitives.
     pub(super) fn count(&self) -> u32 {
         self.bounds.len() as u32
     }
 }
 
-/// Embree's context of a query, followed by what a callback has to hand back to the query.
+/// Embree's query context, followed by the result that callbacks return to the query.
 #[repr(C)]
 pub(super) struct QueryContext {
     embree: sys::RTCIntersectContext,
@@ -81,19 +81,19 @@ pub(super) struct QueryContext {
 }
 
 impl QueryContext {
-    /// A context with the given flags.
+    /// Creates a context with the given flags.
     #[inline]
     pub(super) fn new(flags: sys::RTCIntersectContextFlags) -> Self {
         QueryContext { embree: sys::intersect_context(flags), panic: None }
     }
 
-    /// For the C call; the pointer covers the whole structure, so that the callbacks can reach `panic`.
+    /// Returns the pointer for the C call. It covers the whole structure, so that the callbacks can access `panic`.
     #[inline]
     pub(super) fn as_mut_ptr(&mut self) -> *mut sys::RTCIntersectContext {
         (&raw mut *self).cast()
     }
 
-    /// Lets a panic of a callback go on, after the query.
+    /// Resumes a panic of a callback after the query.
     #[inline]
     pub(super) fn finish(self) {
         if let Some(payload) = self.panic {
@@ -120,17 +120,17 @@ mod field {
 
 /// One lane of N rays in structure-of-arrays layout.
 #[derive(Clone, Copy)]
-pub(super) struct Lane {
+pub(super) struct CallbackLane {
     pub base: *mut f32,
     pub n: usize,
     pub i: usize,
 }
 
-impl Lane {
+impl CallbackLane {
     /// # Safety
     /// `base` must point to `RTCRayN` (or `RTCRayHitN` for the fields of a hit) of `n` rays, and `i < n`.
     pub unsafe fn get(self, field: usize) -> f32 {
-        // SAFETY: the caller vouches for the layout; field `field` of ray `i` is the value number field·n + i.
+        // SAFETY: the caller guarantees the layout; field `field` of ray `i` is the value with the index field·n + i.
         unsafe { *self.base.add(field * self.n + self.i) }
     }
 
@@ -155,33 +155,33 @@ impl Lane {
         unsafe { *self.base.add(field * self.n + self.i).cast::<u32>() = value }
     }
 
-    /// The ray, which is in the coordinates of `instance`.
+    /// Returns the ray, which is in the space of `instance`.
     ///
     /// # Safety
     /// As [`get`](Self::get).
     pub unsafe fn ray(self, instance: u32) -> UserRay {
         let three = |f: usize| {
-            // SAFETY: passed on to the caller.
+            // SAFETY: the caller's obligation.
             unsafe { [self.get(f), self.get(f + 1), self.get(f + 2)] }
         };
         UserRay {
             origin: three(field::ORIGIN),
             direction: three(field::DIRECTION),
-            // SAFETY: passed on to the caller.
+            // SAFETY: the caller's obligation.
             t_near: unsafe { self.get(field::T_NEAR) },
-            // SAFETY: passed on to the caller.
+            // SAFETY: the caller's obligation.
             t_far: unsafe { self.get(field::T_FAR) },
-            // SAFETY: passed on to the caller.
+            // SAFETY: the caller's obligation.
             time: unsafe { self.get(field::TIME) },
-            // SAFETY: passed on to the caller.
+            // SAFETY: the caller's obligation.
             id: unsafe { self.get_u32(field::ID) },
             instance,
         }
     }
 }
 
-/// Calls `f` with the valid lanes and the instance that the rays are in; a panic goes into the context, and the
-/// remaining lanes are left as they are.
+/// Calls `f` with the valid lanes and the instance in whose space the rays are. A panic is stored in the context, and
+/// the remaining lanes are skipped.
 ///
 /// # Safety
 /// The pointers must be those of Embree's arguments, in a query started with a [`QueryContext`].
@@ -190,7 +190,7 @@ pub(super) unsafe fn for_lanes(
     context: *mut sys::RTCIntersectContext,
     base: *mut f32,
     n: usize,
-    mut f: impl FnMut(Lane, u32),
+    mut f: impl FnMut(CallbackLane, u32),
 ) {
     // SAFETY: every query of this module passes a `QueryContext`, whose first field this points to; the query's
     // thread is this one, and it does not touch the context until the query returns.
@@ -203,14 +203,14 @@ pub(super) unsafe fn for_lanes(
         for i in 0..n {
             // SAFETY: `valid` has n values.
             if unsafe { *valid.add(i) } != 0 {
-                f(Lane { base, n, i }, instance);
+                f(CallbackLane { base, n, i }, instance);
             }
         }
     }));
     *panic = caught.err();
 }
 
-/// `RTCBoundsFunction`: copies the box that was computed before.
+/// The `RTCBoundsFunction`: returns the box computed beforehand.
 pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArguments) {
     // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
     let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
@@ -221,11 +221,11 @@ pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArg
     [out.upper_x, out.upper_y, out.upper_z] = *max;
 }
 
-/// `RTCIntersectFunctionN`.
+/// The `RTCIntersectFunctionN` of user geometry.
 pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunctionNArguments) {
     // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
     let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
-    let one = |lane: Lane, instance: u32| {
+    let one = |lane: CallbackLane, instance: u32| {
         // SAFETY: `rayhit` is an `RTCRayHitN` of N rays, and the lane is one of them.
         let ray = unsafe { lane.ray(instance) };
         let Some(hit) = state.primitives.intersect(args.primID, &ray) else { return };
@@ -246,11 +246,11 @@ pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunct
     unsafe { for_lanes(args.valid, args.context, args.rayhit.cast(), args.N as usize, one) };
 }
 
-/// `RTCOccludedFunctionN`.
+/// The `RTCOccludedFunctionN` of user geometry.
 pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctionNArguments) {
     // SAFETY: Embree passes valid arguments; the user pointer is the geometry's `UserState`.
     let (args, state) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<UserState>()) };
-    let one = |lane: Lane, instance: u32| {
+    let one = |lane: CallbackLane, instance: u32| {
         // SAFETY: `ray` is an `RTCRayN` of N rays, and the lane is one of them.
         let ray = unsafe { lane.ray(instance) };
         if state.primitives.occluded(args.primID, &ray) {

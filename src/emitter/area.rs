@@ -1,8 +1,8 @@
-//! Emitting surfaces.
+//! Area emitters: emitting surfaces.
 
-use super::seen_sphere::SeenSphere;
-use super::spherical_rectangle::{Rectangle, RectangleX16, SeenPointX16};
-use super::{Emission, EmitterSample, LightRay, Target, centre};
+use super::spherical_cap::SphericalCap;
+use super::spherical_rectangle::{Rectangle, RectanglePointX16, RectangleX16};
+use super::{Emission, EmitterSample, LightRay, ShadowTarget, centre};
 use crate::accel::{Hit, Instance, NO_INSTANCE, valid_triangle};
 use crate::color::Rgb;
 use crate::math::ray::{end_error, offset_origin, plane_error};
@@ -15,103 +15,105 @@ use crate::texture::TexturePoint;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-/// A shape whose front emits, with the same radiance in every direction.
+/// A shape whose front side emits the same radiance in every direction.
 pub struct AreaEmitter {
-    pub(super) surface: Surface,
+    pub(super) surface: EmitterSurface,
     pub(super) emission: Emission,
     area: f64,
-    /// The shape, for texture coordinates, where there is a texture.
+    /// The shape, for texture coordinates; only with a texture.
     shape: Option<WorldShape>,
-    /// Over a rectangle's texture coordinates: where to sample a texture's light.
+    /// The sampling density over the texture coordinates of a textured rectangle.
     light: Option<Distribution2D>,
-    /// Where it is over time, if the shape is not in the world but in coordinates that move.
+    /// The motion of the shape's space, if it is not world space.
     pub(super) motion: Option<Instance>,
 }
 
-/// How its points are sampled.
-pub(super) enum Surface {
-    /// Uniformly in the solid angle.
+/// The surface, which determines how points on it are sampled.
+pub(super) enum EmitterSurface {
+    /// Uniform in solid angle.
     Rectangle(RectangleSurface),
-    /// Uniformly in the solid angle from outside, in the area from inside.
+    /// Uniform in solid angle from outside, uniform in area from inside.
     Sphere { center: Vec3, radius: f32, inward: bool },
-    /// Uniformly in the area.
+    /// Uniform in area.
     Disk { center: Vec3, du: Vec3, dv: Vec3, normal: Vec3 },
-    /// Uniformly in the area.
+    /// Uniform in area.
     Cylinder { p0: Vec3, axis: Vec3, side: [Vec3; 2], inward: bool },
-    /// A triangle by its area, with an even share for each, then uniformly in the triangle.
+    /// A triangle in proportion to its area, with an equal minimum share for each, then uniform in the triangle.
     Mesh {
         mesh: Arc<TriangleMesh>,
         triangles: Distribution1D,
-        /// Its centre of mass, if it lies in a plane.
+        /// The centre of mass of a planar mesh.
         centre: Option<Vec3>,
     },
 }
 
-/// What sampling a rectangle needs.
+/// The data needed to sample a rectangle.
 pub(super) struct RectangleSurface {
     pub rectangle: Rectangle,
-    /// Unit normal of the front.
+    /// Unit normal of the front side.
     pub normal: Vec3,
     /// Bound on the distance of a sampled point from the surface.
     pub error: f32,
-    /// Density per unit area of a point that is uniform in the area.
+    /// PointDensity per unit area of uniform sampling.
     pub inverse_area: f32,
 }
 
-/// A point on an emitting surface that a ray has found.
+/// A point on an emitting surface that a ray hit.
 #[derive(Clone, Copy, Debug)]
-pub struct SurfacePlace {
-    /// Position in the world.
+pub struct EmitterHit {
+    /// Position in world space.
     pub p: Vec3,
     /// Unit geometric normal.
     pub n: Vec3,
     /// The hit.
     pub hit: Hit,
-    /// The position in the shape's own coordinates, if they move; else that in the world.
+    /// The position in the shape's space.
     pub local: Vec3,
     /// Time in [0, 1] over the shutter interval.
     pub time: f32,
 }
 
 /// A sampled point on an emitting surface.
-pub(super) struct SurfacePoint {
+pub(super) struct SampledPoint {
     pub p: Vec3,
     /// Bound on the distance of `p` from the surface.
     pub error: f32,
-    /// Unit normal of the front.
+    /// Unit normal of the front side.
     pub n: Vec3,
-    pub pdf: Density,
-    place: Place,
-    /// The vector to it, where that is known better than by the difference of the points.
+    pub pdf: PointDensity,
+    place: PointLocation,
+    /// The vector from the receiver to the point, if it is known more precisely than as the difference of the two.
     to: Option<Vec3>,
 }
 
-/// Where a sampled point is on its surface.
-pub(super) enum Place {
-    /// At a triangle's or surface's coordinates.
+/// The location of a sampled point on its surface.
+pub(super) enum PointLocation {
+    /// At the coordinates of a hit.
     Hit(Hit),
     /// At texture coordinates.
     Uv(Vec2),
 }
 
-/// A density of points on a surface.
+/// The density of a sampled point.
 #[derive(Clone, Copy)]
-pub(super) enum Density {
+pub(super) enum PointDensity {
     PerSolidAngle(f32),
     PerArea(f32),
 }
 
 impl AreaEmitter {
-    /// Whether its points are drawn by the solid angle that they are seen under.
+    /// Returns whether points are sampled uniformly in the solid angle that the surface subtends.
     pub fn is_sampled_by_solid_angle(&self) -> bool {
         match self.surface {
-            Surface::Rectangle(_) => true,
-            Surface::Sphere { inward, .. } => !inward,
-            Surface::Disk { .. } | Surface::Cylinder { .. } | Surface::Mesh { .. } => false,
+            EmitterSurface::Rectangle(_) => true,
+            EmitterSurface::Sphere { inward, .. } => !inward,
+            EmitterSurface::Disk { .. } | EmitterSurface::Cylinder { .. } | EmitterSurface::Mesh { .. } => {
+                false
+            }
         }
     }
 
-    /// The emitter on `shape`; `None` where the shape has no area. With `motion`, the shape is in coordinates that move.
+    /// Creates the emitter of `shape`; `None` if the shape has no area. `motion` is that of the shape's space.
     pub fn new(shape: &WorldShape, emission: Emission, motion: Option<Instance>) -> Option<Self> {
         let (surface, area) = match shape {
             WorldShape::Rectangle { mesh, corner, edge_x, edge_y, normal } => {
@@ -123,7 +125,7 @@ impl AreaEmitter {
                         let inverse_area = (1.0 / area) as f32;
                         let normal = *normal;
                         let surface = RectangleSurface { rectangle, normal, error, inverse_area };
-                        (Surface::Rectangle(surface), area)
+                        (EmitterSurface::Rectangle(surface), area)
                     }
                     None => mesh_surface(mesh)?,
                 }
@@ -131,26 +133,26 @@ impl AreaEmitter {
             WorldShape::Mesh(mesh) => mesh_surface(mesh)?,
             WorldShape::Sphere { center, radius, inward, .. } => {
                 let area = 4.0 * std::f64::consts::PI * f64::from(*radius).powi(2);
-                (Surface::Sphere { center: *center, radius: *radius, inward: *inward }, area)
+                (EmitterSurface::Sphere { center: *center, radius: *radius, inward: *inward }, area)
             }
             WorldShape::Disk { center, du, dv, normal } => {
                 let area = std::f64::consts::PI * du.as_dvec3().cross(dv.as_dvec3()).length();
-                (Surface::Disk { center: *center, du: *du, dv: *dv, normal: *normal }, area)
+                (EmitterSurface::Disk { center: *center, du: *du, dv: *dv, normal: *normal }, area)
             }
             WorldShape::Cylinder { p0, p1, side, inward } => {
                 let axis = *p1 - *p0;
                 let around = std::f64::consts::TAU * side[0].as_dvec3().length();
                 let area = around * axis.as_dvec3().length();
-                (Surface::Cylinder { p0: *p0, axis, side: *side, inward: *inward }, area)
+                (EmitterSurface::Cylinder { p0: *p0, axis, side: *side, inward: *inward }, area)
             }
         };
         let textured = emission.constant().is_none();
         let light = match (&surface, &emission) {
-            (Surface::Rectangle(_), Emission::Texture(texture)) => texture.uv_distribution(),
+            (EmitterSurface::Rectangle(_), Emission::Texture(texture)) => texture.uv_distribution(),
             _ => None,
         };
         let shape = textured.then(|| shape.clone());
-        // The density of its points is a number of `f32`.
+        // The density must be representable in `f32`.
         let density = (1.0 / area) as f32;
         (density > 0.0 && density.is_finite()).then_some(AreaEmitter {
             surface,
@@ -162,7 +164,7 @@ impl AreaEmitter {
         })
     }
 
-    /// Emitted radiance at a point of the surface, given in the shape's own coordinates if they move.
+    /// Returns the emitted radiance at a point of the surface, given in the shape's space.
     #[inline]
     pub fn radiance(&self, hit: &Hit, p: Vec3) -> Rgb {
         match (&self.emission, &self.shape) {
@@ -172,33 +174,33 @@ impl AreaEmitter {
         }
     }
 
-    fn radiance_at(&self, point: &SurfacePoint) -> Rgb {
+    fn radiance_at(&self, point: &SampledPoint) -> Rgb {
         match &point.place {
-            Place::Hit(hit) => self.radiance(hit, point.p),
-            Place::Uv(uv) => self.emission.eval(&TexturePoint::at(*uv)),
+            PointLocation::Hit(hit) => self.radiance(hit, point.p),
+            PointLocation::Uv(uv) => self.emission.eval(&TexturePoint::at(*uv)),
         }
     }
 
-    /// Area of the surface, in its own coordinates if they move.
+    /// Returns the area of the surface, in the shape's space.
     pub fn area(&self) -> f64 {
         self.area
     }
 
-    /// About the emitted power, W.
+    /// Returns an estimate of the emitted power, W.
     pub fn power(&self) -> Rgb {
         self.emission.mean() * (self.area * std::f64::consts::PI) as f32
     }
 
-    /// The surface and its radiance, if it is a rectangle of constant radiance.
+    /// Returns the surface and its radiance, if it is a rectangle at rest with constant radiance.
     #[inline]
     pub(super) fn rectangle(&self) -> Option<(&RectangleSurface, Rgb)> {
         match (&self.surface, self.emission.constant(), &self.motion) {
-            (Surface::Rectangle(rectangle), Some(radiance), None) => Some((rectangle, radiance)),
+            (EmitterSurface::Rectangle(rectangle), Some(radiance), None) => Some((rectangle, radiance)),
             _ => None,
         }
     }
 
-    /// Draws a point as seen from `from`, at a time in [0, 1] over the shutter interval.
+    /// Samples a point as seen from `from`, at a time in [0, 1] over the shutter interval.
     #[inline]
     pub fn sample(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
         let (point, radiance) = self.sample_at(Some(from), u, time)?;
@@ -206,25 +208,25 @@ impl AreaEmitter {
         let distance_squared = to.length_squared();
         let wi = to / distance_squared.sqrt();
         let cos = -wi.dot(point.n);
-        // Not a number where `from` is the point itself.
+        // NaN if `from` is the point itself.
         if cos.is_nan() || cos <= 0.0 {
             return None;
         }
         let pdf = match point.pdf {
-            Density::PerSolidAngle(pdf) => pdf,
-            Density::PerArea(pdf) => area_to_solid_angle(pdf, distance_squared, cos),
+            PointDensity::PerSolidAngle(pdf) => pdf,
+            PointDensity::PerArea(pdf) => area_to_solid_angle(pdf, distance_squared, cos),
         };
         Some(EmitterSample {
             wi,
-            target: Target::Point(offset_origin(point.p, point.error + end_error(to), point.n, -wi)),
+            target: ShadowTarget::Point(offset_origin(point.p, point.error + end_error(to), point.n, -wi)),
             radiance,
             pdf,
             delta: false,
         })
     }
 
-    /// A point in the world at a time, and the radiance there.
-    pub(super) fn sample_at(&self, from: Option<Vec3>, u: Vec2, time: f32) -> Option<(SurfacePoint, Rgb)> {
+    /// Samples a point in world space at a time, and evaluates its radiance.
+    pub(super) fn sample_at(&self, from: Option<Vec3>, u: Vec2, time: f32) -> Option<(SampledPoint, Rgb)> {
         let Some(motion) = &self.motion else {
             let point = self.sample_point(from, u)?;
             let radiance = self.radiance_at(&point);
@@ -233,20 +235,20 @@ impl AreaEmitter {
         let point = self.sample_point(None, u)?;
         let radiance = self.radiance_at(&point);
         let placed = Placement::new(motion, time);
-        let Density::PerArea(pdf) = point.pdf else { return None };
+        let PointDensity::PerArea(pdf) = point.pdf else { return None };
         let world = placed.surface(motion, time, point.p, point.error, point.n);
-        let pdf = Density::PerArea(pdf / placed.stretch(point.n));
-        let SurfacePoint { place, to, .. } = point;
-        Some((SurfacePoint { p: world.p, error: world.error, n: world.n, pdf, place, to }, radiance))
+        let pdf = PointDensity::PerArea(pdf / placed.stretch(point.n));
+        let SampledPoint { place, to, .. } = point;
+        Some((SampledPoint { p: world.p, error: world.error, n: world.n, pdf, place, to }, radiance))
     }
 
-    /// The density per unit solid angle with which [`sample`](Self::sample) draws a point of the surface as seen from
-    /// `from`.
+    /// Returns the density per unit solid angle with which [`sample`](Self::sample) samples a point of the surface as
+    /// seen from `from`.
     #[inline]
-    pub fn pdf(&self, from: Vec3, at: &SurfacePlace) -> f32 {
+    pub fn pdf(&self, from: Vec3, at: &EmitterHit) -> f32 {
         let to = at.p - from;
         let distance_squared = to.length_squared();
-        // No sample is drawn of the point itself.
+        // The point itself is never sampled.
         if distance_squared == 0.0 {
             return 0.0;
         }
@@ -257,16 +259,16 @@ impl AreaEmitter {
             return area_to_solid_angle(pdf, distance_squared, cos);
         }
         match &self.surface {
-            Surface::Rectangle(surface) if self.light.is_none() => {
+            EmitterSurface::Rectangle(surface) if self.light.is_none() => {
                 let rectangle = RectangleX16::splat(&surface.rectangle);
-                let seen = rectangle.seen_from(Vec3x16::splat(from));
-                if seen.resolved().to_bitmask() & 1 == 1 {
-                    return 1.0 / seen.solid_angle().as_array()[0];
+                let projection = rectangle.projected_from(Vec3x16::splat(from));
+                if projection.resolved().to_bitmask() & 1 == 1 {
+                    return 1.0 / projection.solid_angle().as_array()[0];
                 }
             }
-            Surface::Sphere { center, radius, inward } => {
-                if let Some(seen) = SeenSphere::new(*center, *radius, *inward, from) {
-                    return seen.pdf();
+            EmitterSurface::Sphere { center, radius, inward } => {
+                if let Some(projection) = SphericalCap::new(*center, *radius, *inward, from) {
+                    return projection.pdf();
                 }
             }
             _ => {}
@@ -274,21 +276,21 @@ impl AreaEmitter {
         area_to_solid_angle(self.density(&at.hit, at.local), distance_squared, cos)
     }
 
-    /// Draws a ray: a point uniform in the area, a direction in proportion to the cosine.
+    /// Samples a ray with a uniform point on the area and a cosine-distributed direction.
     pub fn sample_ray(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
         let (point, radiance) = self.sample_at(None, u_point, time)?;
-        let Density::PerArea(pdf) = point.pdf else { return None };
+        let PointDensity::PerArea(pdf) = point.pdf else { return None };
         let d = Frame::from_normal(point.n).to_world(warp::square_to_cosine_hemisphere(u_direction));
         let o = offset_origin(point.p, point.error, point.n, point.n);
         let power = radiance * (PI / pdf);
         Some(LightRay { ray: Ray { o, t_max: f32::INFINITY, d, time }, power })
     }
 
-    /// As [`sample_ray`](Self::sample_ray), of the same density; but where the shape is a sphere that neither moves nor has
-    /// a texture, the world direction depends on `u_direction` alone: it is uniform over all directions, and `u_point`
-    /// is a point of the disk that the sphere shows there.
+    /// Samples a ray as [`sample_ray`](Self::sample_ray) does, with the same density. For a sphere at rest without a
+    /// texture, however, the world-space direction depends on `u_direction` only: it is uniform over all directions,
+    /// and `u_point` selects a point on the disk that the sphere presents in that direction.
     pub fn sample_ray_by_direction(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
-        let (Surface::Sphere { center, radius, inward: false }, Some(radiance), None) =
+        let (EmitterSurface::Sphere { center, radius, inward: false }, Some(radiance), None) =
             (&self.surface, self.emission.constant(), &self.motion)
         else {
             return self.sample_ray(u_point, u_direction, time);
@@ -303,104 +305,109 @@ impl AreaEmitter {
         Some(LightRay { ray, power: radiance * (PI / self.uniform()) })
     }
 
-    /// Density per unit area of a point that is uniform in the area.
+    /// Returns the density per unit area of uniform sampling.
     fn uniform(&self) -> f32 {
         (1.0 / self.area) as f32
     }
 
-    /// Density per unit area with which a point is drawn that is not drawn by solid angle.
+    /// Returns the density per unit area of a point, for surfaces not sampled by solid angle.
     fn density(&self, hit: &Hit, p: Vec3) -> f32 {
         match (&self.surface, &self.light, &self.shape) {
-            // On a border rounding may leave the square.
+            // Rounding may give coordinates outside the unit square at its border.
             (_, Some(light), Some(shape)) => {
                 self.uniform() * light.pdf(shape.uv(hit, p).clamp(Vec2::ZERO, Vec2::ONE))
             }
-            (Surface::Mesh { mesh, triangles, .. }, ..) => {
+            (EmitterSurface::Mesh { mesh, triangles, .. }, ..) => {
                 density_of_triangle(mesh, triangles, hit.primitive as usize)
             }
             _ => self.uniform(),
         }
     }
 
-    /// Draws a point: as seen from another, or, from nowhere, uniformly in the area.
-    fn sample_point(&self, from: Option<Vec3>, u: Vec2) -> Option<SurfacePoint> {
-        let uniform = Density::PerArea(self.uniform());
+    /// Samples a point as seen from another point or, without one, uniformly in area.
+    fn sample_point(&self, from: Option<Vec3>, u: Vec2) -> Option<SampledPoint> {
+        let uniform = PointDensity::PerArea(self.uniform());
         Some(match &self.surface {
-            Surface::Rectangle(surface) => {
+            EmitterSurface::Rectangle(surface) => {
                 let (p, to, pdf) = match from {
                     _ if self.light.is_some() => {
                         let (uv, pdf) = self.light.as_ref()?.sample(u)?;
-                        (surface.rectangle.point(uv), None, Density::PerArea(self.uniform() * pdf))
+                        (surface.rectangle.point(uv), None, PointDensity::PerArea(self.uniform() * pdf))
                     }
                     None => (surface.rectangle.point(u), None, uniform),
                     Some(from) => {
                         let rectangle = RectangleX16::splat(&surface.rectangle);
-                        let seen = rectangle.seen_from(Vec3x16::splat(from));
-                        let SeenPointX16 { p, to } = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]);
+                        let projection = rectangle.projected_from(Vec3x16::splat(from));
+                        let RectanglePointX16 { p, to } =
+                            projection.sample([f32x16::splat(u.x), f32x16::splat(u.y)]);
                         let (p, to) = (p.lane(0), Some(to.lane(0)));
-                        match seen.resolved().to_bitmask() & 1 {
-                            1 => (p, to, Density::PerSolidAngle(1.0 / seen.solid_angle().as_array()[0])),
+                        match projection.resolved().to_bitmask() & 1 {
+                            1 => (
+                                p,
+                                to,
+                                PointDensity::PerSolidAngle(1.0 / projection.solid_angle().as_array()[0]),
+                            ),
                             _ => (p, to, uniform),
                         }
                     }
                 };
-                let place = Place::Uv(surface.rectangle.shares(p));
-                SurfacePoint { p, error: surface.error, n: surface.normal, pdf, place, to }
+                let place = PointLocation::Uv(surface.rectangle.fractions(p));
+                SampledPoint { p, error: surface.error, n: surface.normal, pdf, place, to }
             }
-            Surface::Sphere { center, radius, inward } => {
-                let seen = from.and_then(|from| SeenSphere::new(*center, *radius, *inward, from));
-                let (n, to, pdf) = match seen {
-                    Some(seen) => {
-                        let (n, to) = seen.sample(u);
-                        (n, Some(to), Density::PerSolidAngle(seen.pdf()))
+            EmitterSurface::Sphere { center, radius, inward } => {
+                let projection = from.and_then(|from| SphericalCap::new(*center, *radius, *inward, from));
+                let (n, to, pdf) = match projection {
+                    Some(projection) => {
+                        let (n, to) = projection.sample(u);
+                        (n, Some(to), PointDensity::PerSolidAngle(projection.pdf()))
                     }
                     None => (warp::square_to_sphere(u), None, uniform),
                 };
-                SurfacePoint {
+                SampledPoint {
                     p: *center + n * *radius,
                     error: plane_error((center.abs() + Vec3::splat(*radius)) * gamma(8), n),
                     n: if *inward { -n } else { n },
                     pdf,
-                    place: Place::Hit(hit_at(0, 0.0, 0.0)),
+                    place: PointLocation::Hit(hit_at(0, 0.0, 0.0)),
                     to,
                 }
             }
-            Surface::Disk { center, du, dv, normal } => {
+            EmitterSurface::Disk { center, du, dv, normal } => {
                 let d = warp::square_to_disk(u);
-                SurfacePoint {
+                SampledPoint {
                     p: *center + *du * d.x + *dv * d.y,
                     error: plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), *normal),
                     n: *normal,
                     pdf: uniform,
-                    place: Place::Hit(hit_at(0, d.x, d.y)),
+                    place: PointLocation::Hit(hit_at(0, d.x, d.y)),
                     to: None,
                 }
             }
-            Surface::Cylinder { p0, axis, side, inward } => {
+            EmitterSurface::Cylinder { p0, axis, side, inward } => {
                 let (sin, cos) = (u.x * std::f32::consts::TAU).sin_cos();
                 let out = side[0] * cos + side[1] * sin;
                 let n = out.normalize();
                 let reach = p0.abs() + axis.abs() + side[0].abs() + side[1].abs();
-                SurfacePoint {
+                SampledPoint {
                     p: *p0 + *axis * u.y + out,
                     error: plane_error(reach * gamma(10), n),
                     n: if *inward { -n } else { n },
                     pdf: uniform,
-                    place: Place::Hit(hit_at(0, u.x, u.y)),
+                    place: PointLocation::Hit(hit_at(0, u.x, u.y)),
                     to: None,
                 }
             }
-            Surface::Mesh { mesh, triangles, .. } => {
+            EmitterSurface::Mesh { mesh, triangles, .. } => {
                 let choice = triangles.sample(u.x)?;
                 let b = warp::square_to_triangle(Vec2::new(choice.u, u.y));
                 let [p0, p1, p2] = mesh.triangle(choice.index);
                 let n = front_of(mesh, choice.index);
-                SurfacePoint {
+                SampledPoint {
                     p: p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y,
                     error: plane_error(p0.abs().max(p1.abs()).max(p2.abs()) * gamma(10), n),
                     n,
-                    pdf: Density::PerArea(density_of_triangle(mesh, triangles, choice.index)),
-                    place: Place::Hit(hit_at(choice.index as u32, b.x, b.y)),
+                    pdf: PointDensity::PerArea(density_of_triangle(mesh, triangles, choice.index)),
+                    place: PointLocation::Hit(hit_at(choice.index as u32, b.x, b.y)),
                     to: None,
                 }
             }
@@ -408,12 +415,12 @@ impl AreaEmitter {
     }
 }
 
-/// A place on a surface without a ray that leads there.
+/// Creates a hit for coordinates on a surface, without a ray.
 fn hit_at(primitive: u32, u: f32, v: f32) -> Hit {
     Hit { t: 0.0, u, v, geometry: 0, primitive, instance: NO_INSTANCE }
 }
 
-/// The area of a triangle of a mesh; 0 for one that no ray can hit.
+/// Returns the area of a triangle of a mesh; 0 for a triangle that no ray can hit.
 fn area_of_triangle(mesh: &TriangleMesh, i: usize) -> f64 {
     valid_triangle(&mesh.positions, mesh.indices[i]).map_or(0.0, |corners| {
         let [a, b, c] = corners.map(Vec3::as_dvec3);
@@ -421,7 +428,8 @@ fn area_of_triangle(mesh: &TriangleMesh, i: usize) -> f64 {
     })
 }
 
-/// Density per unit area of a point of triangle `i`: the probability with which it is drawn over its area.
+/// Returns the density per unit area of a point of triangle `i`: the probability of choosing the triangle divided by
+/// its area.
 fn density_of_triangle(mesh: &TriangleMesh, triangles: &Distribution1D, i: usize) -> f32 {
     match triangles.pmf(i) {
         0.0 => 0.0,
@@ -429,21 +437,23 @@ fn density_of_triangle(mesh: &TriangleMesh, triangles: &Distribution1D, i: usize
     }
 }
 
-/// The share of the samples of a mesh that its triangles get evenly, whatever their areas: the largest one may be
-/// turned away from what the others light.
-const EVEN_SHARE: f64 = 0.1;
+/// The fraction of the samples that is distributed equally over the triangles, regardless of their areas. The largest
+/// triangle may face away from the surfaces that others illuminate.
+const UNIFORM_FRACTION: f64 = 0.1;
 
-fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(Surface, f64)> {
+fn mesh_surface(mesh: &Arc<TriangleMesh>) -> Option<(EmitterSurface, f64)> {
     let areas: Vec<f64> = (0..mesh.indices.len()).map(|i| area_of_triangle(mesh, i)).collect();
     let area: f64 = areas.iter().sum();
     let each = area / Distribution1D::count(&areas).max(1) as f64;
-    let share = |area: &f64| if *area > 0.0 { (1.0 - EVEN_SHARE) * area + EVEN_SHARE * each } else { 0.0 };
+    let share = |area: &f64| {
+        if *area > 0.0 { (1.0 - UNIFORM_FRACTION) * area + UNIFORM_FRACTION * each } else { 0.0 }
+    };
     let triangles = Distribution1D::new(&areas.iter().map(share).collect::<Vec<_>>());
     let centre = centre::of_plane(mesh, &areas);
-    (!triangles.is_empty()).then(|| (Surface::Mesh { mesh: mesh.clone(), triangles, centre }, area))
+    (!triangles.is_empty()).then(|| (EmitterSurface::Mesh { mesh: mesh.clone(), triangles, centre }, area))
 }
 
-/// The unit normal of a triangle, on the side of its vertex normals where it has them.
+/// Returns the unit normal of a triangle, on the side of its vertex normals if it has them.
 pub(super) fn front_of(mesh: &TriangleMesh, i: usize) -> Vec3 {
     let [a, b, c] = mesh.triangle(i);
     let n = (b - a).cross(c - a).normalize_or_zero();

@@ -1,18 +1,18 @@
-//! Lights as if they were points: all of their light comes from the middle, so that shadows are hard.
+//! Emitters as point lights: all light comes from the centre, so shadows are hard.
 
-use super::area::{Density, Surface, front_of};
-use super::{AreaEmitter, EmitterSample, Light, Target};
+use super::area::{EmitterSurface, PointDensity, front_of};
+use super::{AreaEmitter, EmitterSample, Light, ShadowTarget};
 use crate::math::ray::{end_error, offset_origin, plane_error};
 use crate::math::robust::gamma;
 use crate::math::{DVec3, Vec2, Vec3};
 use crate::shape::TriangleMesh;
 use std::f32::consts::PI;
 
-/// How nearly parallel the normals of a mesh in a plane are: sum of vectors over sum of lengths.
+/// The threshold for a planar mesh: length of the sum of its normal vectors divided by the sum of their lengths.
 const PLANAR: f64 = 1.0 - 1e-6;
 
-/// A flat piece of surface that stands for a whole emitter.
-struct Piece {
+/// A flat surface element that represents the whole emitter.
+struct SurfaceElement {
     p: Vec3,
     /// Bound on the distance of `p` from the emitter's surface.
     error: f32,
@@ -22,14 +22,14 @@ struct Piece {
 }
 
 impl Light {
-    /// The light as seen from `from` if all of it came from its middle. It has the form of a delta light: radiance is
-    /// integrated over the solid angle, the density is 1.
+    /// Samples the emitter as if all of its light came from its centre. The sample has the form of a delta light:
+    /// radiance is integrated over the solid angle, and the density is 1.
     ///
-    /// - A rectangle, a disk or a mesh in a plane shines from its centre of mass.
-    /// - A sphere or cylinder seen from outside shines from the point of its surface before its middle, with the area
-    ///   that a distant receiver sees.
-    /// - Any other surface shines from the point that the middle of its sampling square is mapped to.
-    /// - The environment has no middle: `None`.
+    /// - A rectangle, a disk or a planar mesh emits from its centre of mass.
+    /// - A sphere or cylinder seen from outside emits from the point of its surface nearest to the receiver, with the
+    ///   area that a distant receiver sees.
+    /// - Any other surface emits from the point to which the centre of its sampling square is mapped.
+    /// - The environment has no centre: `None`.
     ///
     /// `time` is in [0, 1] over the shutter interval.
     pub fn sample_centre(&self, from: Vec3, time: f32) -> Option<EmitterSample> {
@@ -45,46 +45,52 @@ impl Light {
 
 impl AreaEmitter {
     fn sample_centre(&self, from: Vec3, time: f32) -> Option<EmitterSample> {
-        let (piece, radiance) = match self.piece(from) {
-            Some(piece) => (piece, self.emission.mean()),
+        let (element, radiance) = match self.element(from) {
+            Some(element) => (element, self.emission.mean()),
             None => {
                 let (point, radiance) = self.sample_at(None, Vec2::splat(0.5), time)?;
-                let Density::PerArea(pdf) = point.pdf else { return None };
-                (Piece { p: point.p, error: point.error, n: point.n, area: 1.0 / pdf }, radiance)
+                let PointDensity::PerArea(pdf) = point.pdf else { return None };
+                (SurfaceElement { p: point.p, error: point.error, n: point.n, area: 1.0 / pdf }, radiance)
             }
         };
-        let to = piece.p - from;
+        let to = element.p - from;
         let distance_squared = to.length_squared();
         let wi = to / distance_squared.sqrt();
-        let cos = -wi.dot(piece.n);
-        // Not a number where `from` is the point itself.
+        let cos = -wi.dot(element.n);
+        // NaN if `from` is the point itself.
         if cos.is_nan() || cos <= 0.0 {
             return None;
         }
         Some(EmitterSample {
             wi,
-            target: Target::Point(offset_origin(piece.p, piece.error + end_error(to), piece.n, -wi)),
-            radiance: radiance * (piece.area * cos / distance_squared),
+            target: ShadowTarget::Point(offset_origin(
+                element.p,
+                element.error + end_error(to),
+                element.n,
+                -wi,
+            )),
+            radiance: radiance * (element.area * cos / distance_squared),
             pdf: 1.0,
             delta: true,
         })
     }
 
-    /// What stands for the surface, if it does not move and has a middle.
-    fn piece(&self, from: Vec3) -> Option<Piece> {
+    /// Returns the surface element that represents the surface, if the surface is at rest and has a centre.
+    fn element(&self, from: Vec3) -> Option<SurfaceElement> {
         if self.motion.is_some() {
             return None;
         }
         match &self.surface {
-            Surface::Sphere { center, radius, inward: false } => {
+            EmitterSurface::Sphere { center, radius, inward: false } => {
                 let n = (from - *center).normalize_or_zero();
                 let distance = (from - *center).length();
                 let error = plane_error((center.abs() + Vec3::splat(*radius)) * gamma(8), n);
-                // The point is nearer than the middle, from which the light falls off.
+                // The point is nearer than the centre, to which the inverse square law applies; the area compensates
+                // for this.
                 let area = PI * (radius * (1.0 - radius / distance)).powi(2);
-                (distance > *radius).then(|| Piece { p: *center + n * *radius, error, n, area })
+                (distance > *radius).then(|| SurfaceElement { p: *center + n * *radius, error, n, area })
             }
-            Surface::Cylinder { p0, axis, side, inward: false } => {
+            EmitterSurface::Cylinder { p0, axis, side, inward: false } => {
                 let (middle, radius) = (*p0 + *axis * 0.5, side[0].length());
                 let along = axis.normalize_or_zero();
                 let across = (from - middle) - along * (from - middle).dot(along);
@@ -94,20 +100,22 @@ impl AreaEmitter {
                 let p = middle + n * radius;
                 let nearer = (from - p).length_squared() / (from - middle).length_squared();
                 let area = 2.0 * radius * axis.length() * nearer;
-                (across.length() > radius).then_some(Piece { p, error, n, area })
+                (across.length() > radius).then_some(SurfaceElement { p, error, n, area })
             }
-            Surface::Mesh { mesh, triangles, centre: Some(centre) } => {
+            EmitterSurface::Mesh { mesh, triangles, centre: Some(centre) } => {
                 let n = front_of(mesh, triangles.sample(0.0)?.index);
                 let error = plane_error(centre.abs() * gamma(10), n);
-                Some(Piece { p: *centre, error, n, area: self.area() as f32 })
+                Some(SurfaceElement { p: *centre, error, n, area: self.area() as f32 })
             }
-            Surface::Sphere { .. } | Surface::Cylinder { .. } | Surface::Mesh { .. } => None,
-            Surface::Rectangle(_) | Surface::Disk { .. } => None,
+            EmitterSurface::Sphere { .. } | EmitterSurface::Cylinder { .. } | EmitterSurface::Mesh { .. } => {
+                None
+            }
+            EmitterSurface::Rectangle(_) | EmitterSurface::Disk { .. } => None,
         }
     }
 }
 
-/// The centre of mass of a mesh with the given areas of its triangles, if all of it faces the same way.
+/// Returns the centre of mass of a mesh with the given triangle areas, if all its triangles have the same normal.
 pub(super) fn of_plane(mesh: &TriangleMesh, areas: &[f64]) -> Option<Vec3> {
     let (mut vector, mut moment, mut total) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for (i, &area) in areas.iter().enumerate().filter(|(_, area)| **area > 0.0) {
@@ -144,7 +152,7 @@ mod tests {
         assert!(sample.delta && sample.pdf == 1.0);
     }
 
-    /// A sphere of radiance L lights a surface that faces it with πL(r/d)², near or far.
+    /// A sphere with the radiance L causes the irradiance πL(r/d)² on a surface that faces it, at any distance.
     #[test]
     fn a_sphere_shines_as_its_disk() {
         let center = Vec3::new(1.0, 2.0, 3.0);
@@ -155,7 +163,7 @@ mod tests {
         }
     }
 
-    /// Two triangles of a unit square shine from the square's centre, whichever of them is larger.
+    /// The triangles of a unit square emit from the square's centre, although their areas differ.
     #[test]
     fn a_mesh_in_a_plane_shines_from_its_centre() {
         let corners = [[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.5, 0.0]];

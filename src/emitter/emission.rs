@@ -1,4 +1,4 @@
-//! What a surface emits.
+//! The radiance emitted by a surface.
 
 use crate::color::Rgb;
 use crate::texture::{Texture, TexturePoint};
@@ -7,14 +7,14 @@ use std::sync::Arc;
 /// Radiance of an emitting surface, W·m⁻²·sr⁻¹, the same in every direction.
 #[derive(Clone, Debug)]
 pub enum Emission {
-    /// The same everywhere.
+    /// The same radiance everywhere.
     Constant(Rgb),
-    /// As a texture says.
+    /// The radiance of a texture.
     Texture(Arc<Texture>),
 }
 
 impl Emission {
-    /// The radiance, if it is the same everywhere.
+    /// Returns the radiance if it is constant.
     #[inline]
     pub fn constant(&self) -> Option<Rgb> {
         match self {
@@ -23,7 +23,7 @@ impl Emission {
         }
     }
 
-    /// The radiance at a point.
+    /// Returns the radiance at a point.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         match self {
             Emission::Constant(radiance) => *radiance,
@@ -31,11 +31,11 @@ impl Emission {
         }
     }
 
-    /// About the mean radiance. Not black for whatever may shine.
+    /// Returns an estimate of the mean radiance, which is not black if any point may emit.
     pub fn mean(&self) -> Rgb {
         match self {
             Emission::Constant(radiance) => *radiance,
-            Emission::Texture(texture) => super::at_least_a_little(texture.mean()),
+            Emission::Texture(texture) => super::never_black(texture.mean()),
         }
     }
 }

@@ -1,12 +1,12 @@
-//! Light from infinity, from an image of all directions.
+//! Environment maps: light from infinity given by an image.
 //!
-//! The image is in latitude and longitude, as Mitsuba 3.9.1 has it: the first row is the direction +y, the last −y;
-//! columns go round from −z over +x, +z and −x, the centre of column j at the longitude 2π (j + ½)/width, while the
-//! first and the last row lie on the poles. Radiance is bilinear between them.
+//! The image uses latitude and longitude as in Mitsuba 3.9.1. The first row is the direction +y, the last −y. Columns
+//! go from −z through +x, +z and −x; the centre of column j is at the longitude 2π (j + ½)/width, while the first and
+//! the last row are at the poles. Radiance is interpolated bilinearly.
 //!
-//! Directions are drawn from a density per unit solid angle that is bilinear in the longitude and in
-//! h = ½ (1 − cos θ), the share of the sphere above a direction. It has no singularity at the poles, and in the bands
-//! between two rows it is proportional to the luminance but for the curvature of h(θ).
+//! Directions are sampled from a density per unit solid angle that is bilinear in the longitude and in h = ½ (1 − cos
+//! θ), the fraction of the sphere above a direction. It has no singularity at the poles. Between two rows it is
+//! proportional to the luminance except for the curvature of h(θ).
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,7 +16,7 @@ use crate::image::TextureImage;
 use crate::math::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
 use crate::sampling::BilinearDistribution2D;
 
-/// How far from orthogonal the axes of a rotation may be.
+/// The tolerance for the orthogonality of a rotation's axes.
 const ORTHOGONAL: f64 = 1e-4;
 
 /// An image of the radiance from all directions.
@@ -24,34 +24,35 @@ const ORTHOGONAL: f64 = 1e-4;
 pub struct EnvMap {
     image: TextureImage,
     scale: f32,
-    /// A rotation, maybe with a reflection.
+    /// A rotation, possibly with a reflection.
     to_world: Mat3,
-    /// Over the longitude in turns from the first column's centre, and h.
+    /// The density over the longitude, in turns from the first column's centre, and h.
     distribution: BilinearDistribution2D,
     mean: Rgb,
 }
 
-/// A direction drawn from an [`EnvMap`].
+/// A direction sampled from an [`EnvMap`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EnvMapSample {
-    /// Unit direction towards the map.
+    /// Unit direction towards the environment.
     pub wi: Vec3,
-    /// Radiance from there.
+    /// Radiance from that direction.
     pub radiance: Rgb,
-    /// Density per unit solid angle.
+    /// PointDensity per unit solid angle.
     pub pdf: f32,
 }
 
 impl EnvMap {
-    /// Bytes that the distribution of directions takes for each texel while it is made: weights, densities and their sums.
+    /// The memory needed to build the distribution of directions, in bytes per texel: weights, densities and their
+    /// sums.
     pub const BYTES_PER_TEXEL: u64 = 12;
 
-    /// The map that shows `image` times `scale`, turned by `to_world`. Of `to_world` only the rotation and reflection
-    /// count: the map is infinitely far and large.
+    /// Creates the map of `image` times `scale`, rotated by `to_world`. Only the rotation and reflection of
+    /// `to_world` matter, because the map is at infinity.
     ///
     /// # Errors
-    /// If a radiance or the scale is not finite, the scale is negative, or `to_world` shears or scales differently
-    /// along different axes.
+    /// If a radiance or the scale is not finite, the scale is negative, or `to_world` has shear or non-uniform
+    /// scaling.
     pub fn new(image: TextureImage, scale: f32, to_world: &DAffine3) -> Result<EnvMap> {
         if !(scale >= 0.0 && scale.is_finite()) {
             return Err(Error::scene(format!("expected a finite scale of at least 0, found {scale}")));
@@ -73,21 +74,21 @@ impl EnvMap {
         Ok(EnvMap { image, scale, to_world: rotation.as_mat3(), distribution, mean })
     }
 
-    /// The radiance from a unit direction.
+    /// Returns the radiance from a unit direction.
     pub fn eval(&self, direction: Vec3) -> Rgb {
         let d = self.to_world.transpose() * direction;
         let theta = d.x.hypot(d.z).atan2(d.y);
         self.at(self.turns(d.as_dvec3()), f64::from(theta))
     }
 
-    /// The longitude in turns, in [0, 1], from the first column's centre.
+    /// Returns the longitude in turns, in [0, 1], from the first column's centre.
     #[inline]
     fn turns(&self, d: DVec3) -> f64 {
         let turns = d.x.atan2(-d.z) / TAU - 0.5 / self.image.width() as f64;
         turns - turns.floor()
     }
 
-    /// The radiance at a longitude in turns from the first column's centre and an angle from the pole.
+    /// Returns the radiance at a longitude, in turns from the first column's centre, and an angle from the pole.
     #[inline]
     fn at(&self, turns: f64, theta: f64) -> Rgb {
         let (width, height) = (self.image.width(), self.image.height());
@@ -101,7 +102,7 @@ impl EnvMap {
         lerp(row_at(row), row_at((row + 1).min(height - 1)), t) * self.scale
     }
 
-    /// Draws a direction; `None` if the map is black, and where it is.
+    /// Samples a direction; `None` if the map is black, or is black in the direction.
     pub fn sample(&self, u: Vec2) -> Option<EnvMapSample> {
         if self.scale == 0.0 {
             return None;
@@ -115,13 +116,13 @@ impl EnvMap {
         Some(EnvMapSample { wi, radiance, pdf: pdf_square * SQUARE_TO_SPHERE })
     }
 
-    /// The density per unit solid angle with which [`sample`](Self::sample) draws a direction.
+    /// Returns the density per unit solid angle with which [`sample`](Self::sample) samples a direction.
     pub fn pdf(&self, direction: Vec3) -> f32 {
         if self.scale == 0.0 {
             return 0.0;
         }
         let d = (self.to_world.transpose() * direction).as_dvec3();
-        // The share of the sphere above d is sin² (θ/2), of which no difference of nearly equal numbers is left.
+        // The fraction of the sphere above d is sin² (θ/2), computed without cancellation.
         let (up, across) = (d.y, d.x * d.x + d.z * d.z);
         let length = (across + up * up).sqrt();
         let cap = 0.5 * across / (length * (length + up.abs()));
@@ -129,27 +130,27 @@ impl EnvMap {
         self.distribution.pdf([self.turns(d), h]) * SQUARE_TO_SPHERE
     }
 
-    /// The mean radiance over all directions.
+    /// Returns the mean radiance over all directions.
     pub fn mean_radiance(&self) -> Rgb {
         self.mean
     }
 
-    /// The power that enters a sphere of this radius, W.
+    /// Returns the power that enters a sphere of the given radius, W.
     pub fn power(&self, scene_radius: f32) -> Rgb {
         let pi = std::f32::consts::PI;
         self.mean * (4.0 * pi * pi * scene_radius * scene_radius)
     }
 
-    /// The memory that the image and its distribution take.
+    /// Returns the bytes of the image and its distribution.
     pub fn memory_bytes(&self) -> usize {
         self.image.memory_bytes() + self.distribution.memory_bytes()
     }
 }
 
-/// The density per unit solid angle of a unit density over longitude in turns and share of the sphere: 1/4π.
+/// The density per unit solid angle of a unit density over longitude in turns and fraction of the sphere: 1/4π.
 const SQUARE_TO_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
 
-/// The rotation or reflection in a matrix; `None` if there is more to it than a scale.
+/// Returns the rotation or reflection in a matrix; `None` if it has more than a uniform scale in addition.
 fn rotation(matrix: &DMat3) -> Option<DMat3> {
     let scale = matrix.determinant().abs().cbrt();
     if !(scale > 0.0 && scale.is_finite()) {
@@ -160,10 +161,10 @@ fn rotation(matrix: &DMat3) -> Option<DMat3> {
     (off.to_cols_array().iter().all(|v| v.abs() < ORTHOGONAL)).then_some(rotation)
 }
 
-/// The distribution of luminance over longitude and share of the sphere.
+/// Creates the distribution of luminance over longitude and fraction of the sphere.
 fn distribution(image: &TextureImage) -> BilinearDistribution2D {
     let (width, height) = (image.width(), image.height());
-    // The first column stands at both ends. Negative radiance is found, too.
+    // The first column is repeated at the end. Negative radiance has a positive density too.
     let row = |y: usize| -> Vec<f32> {
         (0..=width).map(|x| Rgb::from(image.rgb(x % width, y)).map(f32::abs).luminance()).collect()
     };
@@ -180,8 +181,8 @@ fn distribution(image: &TextureImage) -> BilinearDistribution2D {
                 continue;
             }
         };
-        // Around a pole h grows as θ²: of all densities that are linear in h, this one comes nearest to a radiance
-        // that is linear in θ, with the other row as it is. Where either row shines it is positive.
+        // Near a pole, h grows as θ². With the other row fixed, this is the best approximation of a radiance linear
+        // in θ among densities linear in h. It is positive if either row is.
         weights.extend(row(y).iter().zip(row(neighbour)).map(|(pole, other)| 0.7 * pole + 0.3 * other));
     }
     let bands = (height - 1) as f64;
@@ -189,7 +190,7 @@ fn distribution(image: &TextureImage) -> BilinearDistribution2D {
     BilinearDistribution2D::new(width + 1, (0..height).map(above).collect(), &weights)
 }
 
-/// The mean over all directions of an image's interpolated colour.
+/// Returns the mean over all directions of an image's interpolated colour.
 fn mean(image: &TextureImage) -> Rgb {
     let (width, height) = (image.width(), image.height());
     let mut sum = [0.0f64; 3];
@@ -204,7 +205,7 @@ fn mean(image: &TextureImage) -> Rgb {
     Rgb::from(sum.map(|s| s as f32))
 }
 
-/// The share of the sphere that belongs to a row: half the integral of sin θ times the row's hat function.
+/// Returns the fraction of the sphere that belongs to a row: half the integral of sin θ times the row's hat function.
 fn row_share(y: usize, height: usize) -> f64 {
     if height == 1 {
         return 1.0;

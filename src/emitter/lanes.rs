@@ -1,31 +1,31 @@
-//! Emitter samples for sixteen points at a time.
+//! Emitter sampling for sixteen points at a time.
 //!
-//! Rectangles, the lights of most scenes, are sampled side by side; other lights one lane after the other.
+//! Rectangles, the most frequent emitters, are sampled in parallel lanes; other emitters one lane after the other.
 
 use super::area::RectangleSurface;
-use super::spherical_rectangle::{RectangleX16, SeenPointX16};
-use super::{EmitterSample, Light, Target};
+use super::spherical_rectangle::{RectanglePointX16, RectangleX16};
+use super::{EmitterSample, Light, ShadowTarget};
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::ray::{end_error_x16, offset_origin_x16};
 use crate::math::{Vec2, Vec3};
 
-/// As [`EmitterSample`], in sixteen lanes.
+/// An [`EmitterSample`] in each of sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct EmitterSampleX16 {
     /// Unit directions from the receivers.
     pub wi: Vec3x16,
-    /// The ends of the shadow rays, but where `at_infinity`.
+    /// The ends of the shadow rays; undefined for lanes `at_infinity`.
     pub target: Vec3x16,
-    /// A mask: the shadow ray has no end.
+    /// Mask of the lanes whose shadow ray has no end.
     pub at_infinity: f32x16,
     /// Incident radiance by channel.
     pub radiance: [f32x16; 3],
     /// Densities per unit solid angle.
     pub pdf: f32x16,
-    /// A mask: no other technique can find this light.
+    /// Mask of the lanes whose light no other technique can sample.
     pub delta: f32x16,
-    /// A mask: there is a sample.
+    /// Mask of the lanes with a sample.
     pub valid: f32x16,
 }
 
@@ -41,14 +41,14 @@ impl EmitterSampleX16 {
         valid: f32x16::ZERO,
     };
 
-    /// Replaces one lane.
+    /// Replaces the sample of one lane.
     fn set_lane(&mut self, i: usize, sample: Option<EmitterSample>) {
         let mask = |set: bool| f32::from_bits(if set { u32::MAX } else { 0 });
         self.valid.as_mut_array()[i] = mask(sample.is_some());
         let Some(sample) = sample else { return };
         let (target, at_infinity) = match sample.target {
-            Target::Point(p) => (p, false),
-            Target::Infinity => (Vec3::ZERO, true),
+            ShadowTarget::Point(p) => (p, false),
+            ShadowTarget::Infinity => (Vec3::ZERO, true),
         };
         self.wi.set_lane(i, sample.wi);
         self.target.set_lane(i, target);
@@ -96,32 +96,32 @@ impl RectanglesX16 {
         }
     }
 
-    /// As [`AreaEmitter::sample`](super::AreaEmitter::sample).
+    /// Computes [`AreaEmitter::sample`](super::AreaEmitter::sample) in each lane.
     #[inline(always)]
     fn sample(&self, from: Vec3x16, u: [f32x16; 2]) -> EmitterSampleX16 {
-        let seen = self.rectangle.seen_from(from);
-        let SeenPointX16 { p, to } = seen.sample(u);
+        let projection = self.rectangle.projected_from(from);
+        let RectanglePointX16 { p, to } = projection.sample(u);
         let distance_squared = to.length_squared();
         let wi = to * (f32x16::ONE / distance_squared.sqrt());
         let cos = -wi.dot(self.normal);
-        let mut pdf = f32x16::ONE / seen.solid_angle();
-        if !seen.resolved().all() {
+        let mut pdf = f32x16::ONE / projection.solid_angle();
+        if !projection.resolved().all() {
             let by_area = self.inverse_area * distance_squared / cos.abs();
-            pdf = seen.resolved().select(pdf, by_area);
+            pdf = projection.resolved().select(pdf, by_area);
         }
         EmitterSampleX16 {
             wi,
             target: offset_origin_x16(p, self.error + end_error_x16(to), self.normal, -wi),
             radiance: self.radiance,
             pdf,
-            // False where `from` is the point itself.
+            // False if `from` is the point itself.
             valid: cos.simd_gt(f32x16::ZERO),
             ..EmitterSampleX16::NONE
         }
     }
 }
 
-/// The surface and the radiance of a rectangular emitter.
+/// Returns the surface and radiance of a rectangular emitter.
 #[inline]
 fn rectangle(light: &Light) -> Option<(&RectangleSurface, Rgb)> {
     match light {
@@ -130,7 +130,7 @@ fn rectangle(light: &Light) -> Option<(&RectangleSurface, Rgb)> {
     }
 }
 
-/// Draws a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the bits of `active`.
+/// Samples a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the mask `active`.
 #[inline]
 pub fn sample_x16(
     lights: [&Light; LANES],

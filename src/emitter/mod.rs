@@ -1,6 +1,6 @@
-//! Emitters: where light comes from, and how to sample it.
+//! Emitters and their sampling.
 //!
-//! A scene describes an [`Emitter`]; the compiled scene holds [`Light`]s, which can be sampled.
+//! A scene description has an [`Emitter`]; the compiled scene has [`Light`]s, which can be sampled.
 
 pub mod area;
 mod centre;
@@ -11,19 +11,19 @@ pub mod environment_map;
 pub mod lanes;
 pub mod point;
 pub mod projector;
-mod seen_sphere;
+mod spherical_cap;
 pub mod spherical_rectangle;
 pub mod spot;
 
-pub use area::{AreaEmitter, SurfacePlace};
-pub use directional::Directional;
+pub use area::{AreaEmitter, EmitterHit};
+pub use directional::DirectionalEmitter;
 pub use emission::Emission;
 pub use environment::Environment;
 pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
-pub use point::Point;
-pub use projector::Projector;
-pub use spot::Spot;
+pub use point::PointEmitter;
+pub use projector::ProjectorEmitter;
+pub use spot::SpotEmitter;
 
 use crate::color::Rgb;
 use crate::ids::TextureId;
@@ -31,34 +31,34 @@ use crate::math::{DAffine3, Ray, Vec2, Vec3};
 use crate::texture::Texture;
 use std::sync::Arc;
 
-/// An emitter that is not a shape, as a scene names it. (An area emitter belongs to its shape.)
+/// An emitter that is not a shape, as described by a scene. (An area emitter belongs to its shape.)
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Emitter {
-    /// An isotropic point.
+    /// An isotropic point emitter.
     Point {
-        /// Position in the world.
+        /// Position in world space.
         position: Vec3,
         /// Radiant intensity, W·sr⁻¹.
         intensity: Rgb,
     },
-    /// A point that shines into a cone around its +z axis.
+    /// A point that emits into a cone around its +z axis.
     Spot {
-        /// Its coordinates to the world.
+        /// The transform from object space to world space.
         to_world: DAffine3,
         /// Radiant intensity along the axis, W·sr⁻¹.
         intensity: Rgb,
-        /// A factor on it, over the cross section of the cone.
+        /// A factor on the intensity, over the cross section of the cone.
         texture: Option<TextureId>,
-        /// Angle to the axis, in radians, from which on it is dark.
+        /// Angle to the axis, in radians, beyond which the intensity is zero.
         cutoff_angle: f32,
-        /// Angle to the axis, in radians, up to which it is as bright as at the axis.
+        /// Angle to the axis, in radians, within which the intensity is constant.
         beam_width: f32,
     },
-    /// Parallel light from far away.
+    /// Parallel light from infinity.
     Directional {
-        /// Direction in the world in which the light travels.
+        /// Direction of propagation in world space.
         direction: Vec3,
-        /// Irradiance of a surface that faces it, W·m⁻².
+        /// Irradiance of a surface perpendicular to the direction, W·m⁻².
         irradiance: Rgb,
     },
     /// The same radiance from every direction.
@@ -68,13 +68,13 @@ pub enum Emitter {
     },
     /// An image of the radiance from every direction.
     EnvironmentMap(Arc<EnvMap>),
-    /// A pinhole that casts an image.
+    /// A pinhole that projects an image.
     Projector {
-        /// Its coordinates to the world.
+        /// The transform from object space to world space.
         to_world: DAffine3,
-        /// Irradiance on the plane at distance 1, up to a factor of π.
+        /// Irradiance on the plane at distance 1, divided by π.
         irradiance: TextureId,
-        /// A factor on it.
+        /// A factor on the irradiance.
         scale: f32,
         /// Tangents of half the field of view along x and y.
         half_extents: [f32; 2],
@@ -82,34 +82,34 @@ pub enum Emitter {
 }
 
 impl Emitter {
-    /// Whether it shines from every direction; a scene has room for one such.
+    /// Returns whether the emitter is an environment; a scene has at most one.
     pub fn is_environment(&self) -> bool {
         matches!(self, Emitter::Constant { .. } | Emitter::EnvironmentMap(_))
     }
 }
 
-/// An emitter ready for sampling.
+/// An emitter prepared for sampling.
 pub enum Light {
-    /// A surface.
+    /// An emitting surface.
     Area(Box<AreaEmitter>),
-    /// An isotropic point.
-    Point(Point),
-    /// A point with a cone of light.
-    Spot(Spot),
-    /// Parallel light.
-    Directional(Directional),
+    /// An isotropic point emitter.
+    Point(PointEmitter),
+    /// A point that emits into a cone.
+    Spot(SpotEmitter),
+    /// Parallel light from infinity.
+    Directional(DirectionalEmitter),
     /// Light from every direction.
     Environment(Environment),
-    /// A pinhole that casts an image.
-    Projector(Projector),
+    /// A pinhole that projects an image.
+    Projector(ProjectorEmitter),
 }
 
-/// Where a shadow ray ends.
+/// The end of a shadow ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Target {
-    /// At a point, already moved off its surface towards the receiver.
+pub enum ShadowTarget {
+    /// A point, already offset from its surface towards the receiver.
     Point(Vec3),
-    /// Nowhere: the direction is all.
+    /// Infinity; only the direction is defined.
     Infinity,
 }
 
@@ -119,26 +119,26 @@ pub struct EmitterSample {
     /// Unit direction from the receiver.
     pub wi: Vec3,
     /// The end of the shadow ray.
-    pub target: Target,
+    pub target: ShadowTarget,
     /// Incident radiance; for a delta light it is integrated over the solid angle.
     pub radiance: Rgb,
-    /// Density per unit solid angle; 1 for a delta light.
+    /// PointDensity per unit solid angle; 1 for a delta light.
     pub pdf: f32,
-    /// Whether no other technique can find this light.
+    /// Whether no other technique can sample this light.
     pub delta: bool,
 }
 
-/// A sampled ray of light.
+/// A sampled light ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightRay {
-    /// The ray, from the emitter or, for distant ones, from outside of the scene.
+    /// The ray, which starts at the emitter or, for an emitter at infinity, outside the scene.
     pub ray: Ray,
-    /// Radiance times the cosine at the emitter over the density of position and direction: the power that the ray
-    /// stands for, W.
+    /// Radiance times the cosine at the emitter, divided by the density of position and direction: the power that the
+    /// ray represents, W.
     pub power: Rgb,
 }
 
-/// A sphere around everything that distant light can meet.
+/// A bounding sphere of everything that light from infinity can hit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundingSphere {
     /// Centre.
@@ -148,8 +148,8 @@ pub struct BoundingSphere {
 }
 
 impl Light {
-    /// Draws a direction as seen from `from`; `None` where the light does not shine there. `time` is in [0, 1] over the
-    /// shutter interval.
+    /// Samples a direction as seen from `from`; `None` if the emitter does not illuminate that point. `time` is in
+    /// [0, 1] over the shutter interval.
     #[inline]
     pub fn sample(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
         match self {
@@ -162,7 +162,7 @@ impl Light {
         }
     }
 
-    /// Draws a ray of light; `None` where there is none.
+    /// Samples a light ray; `None` if nothing is emitted for these numbers.
     pub fn sample_ray(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
         match self {
             Light::Area(area) => area.sample_ray(u_point, u_direction, time),
@@ -174,8 +174,8 @@ impl Light {
         }
     }
 
-    /// As [`sample_ray`](Self::sample_ray), of the same density, but with directions in the world that depend on
-    /// `u_direction` as little on `u_point` as the emitter allows.
+    /// Samples a ray as [`sample_ray`](Self::sample_ray) does, with the same density. The dependence of its
+    /// world-space direction on `u_point` is as small as the emitter permits.
     pub fn sample_ray_by_direction(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
         match self {
             Light::Area(area) => area.sample_ray_by_direction(u_point, u_direction, time),
@@ -183,8 +183,8 @@ impl Light {
         }
     }
 
-    /// About the emitted power, W; of distant light that which enters the scene's bounding sphere. Not black for
-    /// whatever may shine.
+    /// Returns an estimate of the emitted power, W; for an emitter at infinity, of the power that enters the scene's
+    /// bounding sphere. It is not black if the emitter may emit anything.
     pub fn power(&self) -> Rgb {
         match self {
             Light::Area(area) => area.power(),
@@ -196,7 +196,8 @@ impl Light {
         }
     }
 
-    /// Whether samples of it are spread evenly over what is seen of it, so that no other technique is needed beside.
+    /// Returns whether samples are uniform in the solid angle of the visible surface, so that no other technique is
+    /// needed.
     pub fn is_sampled_by_solid_angle(&self) -> bool {
         match self {
             Light::Area(area) => area.is_sampled_by_solid_angle(),
@@ -205,7 +206,7 @@ impl Light {
         }
     }
 
-    /// The name of its kind in the scene language.
+    /// Returns the name of the emitter's type in the scene language.
     pub fn kind(&self) -> &'static str {
         match self {
             Light::Area(_) => "area",
@@ -218,7 +219,7 @@ impl Light {
     }
 }
 
-/// The colour of a texture with a factor, or of the factor alone.
+/// Returns the colour of a texture times a factor, or the factor alone.
 fn textured(factor: Rgb, texture: Option<&Arc<Texture>>, uv: Vec2) -> Rgb {
     match texture {
         Some(texture) => factor * texture.eval(&crate::texture::TexturePoint::at(uv)),
@@ -226,7 +227,7 @@ fn textured(factor: Rgb, texture: Option<&Arc<Texture>>, uv: Vec2) -> Rgb {
     }
 }
 
-/// A mean that is never black: an estimate of what a texture sends may be, although the texture is not.
-fn at_least_a_little(mean: Rgb) -> Rgb {
+/// Returns a mean that is never black: the estimated mean of a texture may be black although the texture is not.
+fn never_black(mean: Rgb) -> Rgb {
     if mean.is_valid() && mean.luminance() > 0.0 { mean } else { Rgb::splat(f32::MIN_POSITIVE.sqrt()) }
 }

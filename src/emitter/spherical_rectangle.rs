@@ -8,25 +8,25 @@ use crate::sampling::warp::{argument_x16, sin_cos_turn_x16};
 #[repr(C)]
 pub struct Rectangle {
     corner: Vec3,
-    /// Vectors along the edges, and their cross product: world to local coordinates, of which the unit is the
-    /// diagonal, so that products of eight lengths stay within the range of `f32` wherever it matters.
+    /// The edge directions and their cross product, which transform world to local coordinates. The local unit of
+    /// length is the diagonal, so that products of eight lengths stay in the range of `f32` where it matters.
     x: Vec3,
     y: Vec3,
     z: Vec3,
     /// The edges.
     edge_x: Vec3,
     edge_y: Vec3,
-    /// Lengths of the edges in diagonals.
+    /// Lengths of the edges, in units of the diagonal.
     length_x: f32,
     length_y: f32,
-    /// Their reciprocals.
+    /// Reciprocals of the lengths.
     per_length_x: f32,
     per_length_y: f32,
     /// The square of the diagonal.
     diagonal_squared: f32,
 }
 
-/// Numbers that make up a [`Rectangle`].
+/// The number of `f32` values in a [`Rectangle`].
 const NUMBERS: usize = size_of::<Rectangle>() / size_of::<f32>();
 
 /// Sixteen rectangles, one for each lane.
@@ -45,13 +45,13 @@ pub struct RectangleX16 {
     diagonal_squared: f32x16,
 }
 
-/// Below this (steradians) the area is sampled instead: the rounding of `f32` would show in the density, of which
-/// an error of 5e-7 is 1e-4.
+/// The solid angle in steradians below which the area is sampled instead. Its absolute error in `f32` of 5e-7 is then
+/// a relative error of the density of 1e-4.
 const MINIMUM_SOLID_ANGLE: f32 = 5e-3;
 
 impl Rectangle {
-    /// The rectangle at `corner` with the given edges; `None` unless they are orthogonal to within rounding,
-    /// because only then is the map exact.
+    /// Creates the rectangle at `corner` with the given edges. Returns `None` unless they are orthogonal to within
+    /// rounding, because the map is exact only then.
     pub fn new(corner: Vec3, edge_x: Vec3, edge_y: Vec3) -> Option<Self> {
         let (long_x, long_y) = (edge_x.as_dvec3(), edge_y.as_dvec3());
         let (length_x, length_y) = (long_x.length(), long_y.length());
@@ -75,27 +75,27 @@ impl Rectangle {
 }
 
 impl Rectangle {
-    /// The point at shares `u` of the edges.
+    /// Returns the point at the fractions `u` of the edges.
     pub fn point(&self, u: Vec2) -> Vec3 {
         self.corner + self.edge_x * u.x + self.edge_y * u.y
     }
 
-    /// The shares of the edges at a point.
-    pub fn shares(&self, p: Vec3) -> Vec2 {
+    /// Returns the fractions of the edges at a point.
+    pub fn fractions(&self, p: Vec3) -> Vec2 {
         let d = p - self.corner;
         Vec2::new(d.dot(self.x) * self.per_length_x, d.dot(self.y) * self.per_length_y)
     }
 }
 
 impl RectangleX16 {
-    /// The same rectangle in every lane.
+    /// Creates sixteen copies of a rectangle.
     #[inline]
     pub fn splat(r: &Rectangle) -> Self {
         let numbers: [f32; NUMBERS] = bytemuck::cast(*r);
         RectangleX16::from_numbers(numbers.map(f32x16::splat))
     }
 
-    /// One rectangle in each lane.
+    /// Creates sixteen lanes from different rectangles.
     #[inline]
     pub fn gather(rectangles: [&Rectangle; LANES]) -> Self {
         let mut numbers = [f32x16::ZERO; NUMBERS];
@@ -125,23 +125,23 @@ impl RectangleX16 {
         }
     }
 
-    /// The rectangles as seen from `p`.
+    /// Computes the rectangles' projections onto the unit sphere around `p`.
     #[inline(always)]
-    pub fn seen_from(&self, p: Vec3x16) -> SphericalRectangleX16<'_> {
+    pub fn projected_from(&self, p: Vec3x16) -> SphericalRectangleX16<'_> {
         let d = self.corner - p;
         let (x0, y0, z0) = (d.dot(self.x), d.dot(self.y), d.dot(self.z));
         let (x1, y1) = (x0 + self.length_x, y0 + self.length_y);
         let z = z0.abs();
         let z2 = z * z;
-        // The planes through p and the edges: sᵢ² = eᵢ² + z² are squared distances of p from the edges' lines, and
-        // eᵢ/sᵢ the z components of the planes' unit normals. [Ureña 2013, section 3.2]
+        // The planes through p and the edges: sᵢ² = eᵢ² + z² are the squared distances of p from the edges' lines,
+        // and eᵢ/sᵢ are the z components of the planes' unit normals. [Ureña 2013, section 3.2]
         let edges = [-y0, x1, y1, -x0];
         let squares = edges.map(|e| e * e);
         let [s0, s2] = [0, 2].map(|i| (squares[i] + z2).sqrt());
         let [q1, q3] = [1, 3].map(|i| squares[i] + z2);
-        // The internal angles γ have cos γ₀ = −n₀n₁ and so on. As complex numbers of length s₀s₁ they are
-        // −e₀e₁ + i·z·r, with the distance r of p from the corner: no cancellation. The sum of the angles is the
-        // argument of their product: one arctangent instead of four arccosines.
+        // The internal angles γ satisfy cos γ₀ = −n₀n₁ and so on. As complex numbers of length s₀s₁ they are −e₀e₁ +
+        // i·z·r, where r is the distance of p from the corner; this form has no cancellation. The sum of the angles
+        // is the argument of their product, so one arctangent replaces four arccosines.
         let corner = |i: usize, j: usize| (-(edges[i] * edges[j]), z * (squares[i] + squares[j] + z2).sqrt());
         let s02 = s0 * s2;
         let inverse = f32x16::ONE / (s02 * s02 * (q1 * q3));
@@ -149,7 +149,7 @@ impl RectangleX16 {
         let g23 = scale(multiply(corner(2, 3), corner(3, 0)), inverse * (q1 * s02));
         let (re, im) = multiply(g01, g23);
         let solid_angle = argument_x16(re, im);
-        // False for the NaN of a point in the plane on the border, too.
+        // Also false for NaN, which results from a point on the border.
         let resolved = solid_angle.simd_gt(f32x16::splat(MINIMUM_SOLID_ANGLE)) & z2.simd_gt(f32x16::ZERO);
         let per_s = inverse * (q1 * q3 * s02);
         let per_s0 = per_s * s2;
@@ -180,23 +180,23 @@ fn multiply(a: (f32x16, f32x16), b: (f32x16, f32x16)) -> (f32x16, f32x16) {
     (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
-/// Points of rectangles, and the vectors to them from where they are seen.
+/// Points of rectangles, and the vectors to them from the reference points.
 #[derive(Clone, Copy)]
-pub struct SeenPointX16 {
-    /// The points, in the planes to the rounding of the rectangles themselves.
+pub struct RectanglePointX16 {
+    /// The points, whose distance to the rectangle's plane is a rounding error of the rectangle itself.
     pub p: Vec3x16,
-    /// The vectors; where a rectangle is [resolved](SphericalRectangleX16::resolved), their directions are right to the
-    /// rounding of `f32` however near it is.
+    /// The vectors. If a rectangle is [resolved](SphericalRectangleX16::resolved), their directions are accurate to
+    /// the rounding of `f32` at any distance.
     pub to: Vec3x16,
 }
 
-/// Rectangles as seen from points.
+/// Rectangles projected onto unit spheres around reference points.
 #[derive(Clone, Copy)]
 pub struct SphericalRectangleX16<'a> {
     rectangle: &'a RectangleX16,
-    /// The points that they are seen from.
+    /// The reference points.
     from: Vec3x16,
-    /// The plane's signed distance, and its magnitude.
+    /// The signed distance of the plane, and its magnitude.
     z0: f32x16,
     z: f32x16,
     x: [f32x16; 2],
@@ -212,28 +212,28 @@ pub struct SphericalRectangleX16<'a> {
 }
 
 impl SphericalRectangleX16<'_> {
-    /// The solid angles, in steradians, where they are [resolved](Self::resolved).
+    /// Returns the solid angles in steradians, which are valid if [resolved](Self::resolved).
     #[inline(always)]
     pub fn solid_angle(&self) -> f32x16 {
         self.solid_angle
     }
 
-    /// A mask: false where a rectangle subtends so little (far away, or nearly edge-on) that `f32` cannot resolve
-    /// its solid angle.
+    /// Returns a mask that is false for rectangles whose solid angle is too small for `f32` (far away, or nearly
+    /// edge-on).
     #[inline(always)]
     pub fn resolved(&self) -> f32x16 {
         self.resolved
     }
 
-    /// Points of the rectangles: with directions uniform in the solid angle [Ureña 2013, Eq. 6 to 15] where it is
-    /// [resolved](Self::resolved), else uniform in the area.
+    /// Samples points of the rectangles: uniformly in solid angle [Ureña 2013, Eq. 6 to 15] if
+    /// [resolved](Self::resolved), otherwise uniformly in area.
     #[inline(always)]
-    pub fn sample(&self, [u, v]: [f32x16; 2]) -> SeenPointX16 {
+    pub fn sample(&self, [u, v]: [f32x16; 2]) -> RectanglePointX16 {
         let r = self.rectangle;
         let one = f32x16::ONE;
         let (sin, cos) = sin_cos_turn_x16(u * self.solid_angle);
         let (cos_au, sin_au) = multiply(self.k, (cos, sin));
-        // With f = N/sin, c = sign f/√(f² + b₀²) and x = c·z/√(1 − c²) the division and one root drop out.
+        // With f = N/sin, c = sign f/√(f² + b₀²) and x = c·z/√(1 − c²), the division and one square root cancel.
         let n = cos_au * self.b0 - self.b1;
         let w = sin_au * self.z_per_s0;
         let root = ((n - w) * (n + w)).fast_max(f32x16::ZERO).sqrt();
@@ -248,13 +248,14 @@ impl SphericalRectangleX16<'_> {
         let rest = (one - hv) * (one + hv);
         let yv = rest.simd_gt(f32x16::ZERO).select(hv * (d2 / rest).sqrt(), self.y[1]);
         let yv = yv.fast_max(self.y[0]).fast_min(self.y[1]);
-        // From the corner, so that the point lies in the plane to the rounding of the rectangle itself.
+        // Computed from the corner, so that the point's distance to the plane is a rounding error of the rectangle
+        // itself.
         let along_x = self.resolved.select((xu - self.x[0]) * r.per_length_x, u);
         let along_y = self.resolved.select((yv - self.y[0]) * r.per_length_y, v);
         let p = r.corner + r.edge_x * along_x + r.edge_y * along_y;
-        // A difference of nearly equal points would have lost its direction.
+        // Avoids the cancellation in the difference of two nearly equal points.
         let near = (r.x * xu + r.y * yv + r.z * self.z0) * r.diagonal_squared;
-        SeenPointX16 { p, to: Vec3x16::select(self.resolved, near, p - self.from) }
+        RectanglePointX16 { p, to: Vec3x16::select(self.resolved, near, p - self.from) }
     }
 }
 
@@ -267,16 +268,17 @@ mod tests {
         Rectangle::new(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0).unwrap()
     }
 
-    /// The solid angle from `p`, if it is resolved, and the sample at `u`.
-    fn seen(r: &Rectangle, p: Vec3, u: Vec2) -> (Option<f32>, Vec3) {
+    /// Returns the solid angle from `p`, if it is resolved, and the sample at `u`.
+    fn projection(r: &Rectangle, p: Vec3, u: Vec2) -> (Option<f32>, Vec3) {
         let r = RectangleX16::splat(r);
-        let seen = r.seen_from(Vec3x16::splat(p));
-        let q = seen.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).p.lane(6);
-        let resolved = seen.resolved().to_bitmask() & 1 == 1;
-        (resolved.then_some(seen.solid_angle().as_array()[0]), q)
+        let projection = r.projected_from(Vec3x16::splat(p));
+        let q = projection.sample([f32x16::splat(u.x), f32x16::splat(u.y)]).p.lane(6);
+        let resolved = projection.resolved().to_bitmask() & 1 == 1;
+        (resolved.then_some(projection.solid_angle().as_array()[0]), q)
     }
 
-    /// The solid angle of [x0, x1] × [y0, y1] in the plane z = 0 from p by the four-corner arctangent formula.
+    /// Returns the solid angle of [x0, x1] × [y0, y1] in the plane z = 0 from p by the four-corner arctangent
+    /// formula.
     fn exact(p: DVec3, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2]) -> f64 {
         let f = |x: f64, y: f64| (x * y / (p.z * (x * x + y * y + p.z * p.z).sqrt())).atan();
         let (x0, x1, y0, y1) = (x0 - p.x, x1 - p.x, y0 - p.y, y1 - p.y);
@@ -297,21 +299,21 @@ mod tests {
             Vec3::new(1.0, 1.0, 0.1),
             Vec3::new(5.0, -7.0, 9.0),
         ] {
-            let found = seen(&r, p, Vec2::ZERO).0.expect("resolved");
+            let found = projection(&r, p, Vec2::ZERO).0.expect("resolved");
             let exact = exact(p.as_dvec3(), [-1.0, 1.0], [-1.0, 1.0]);
             assert!((f64::from(found) / exact - 1.0).abs() < 1e-4, "{p}: {found} {exact}");
         }
-        // In the plane, nearly edge-on, and far away.
+        // Points in the plane, nearly edge-on, and far away.
         for p in
             [Vec3::new(3.0, 0.0, 0.0), Vec3::new(3.0, 0.0, 1e-4), Vec3::Z * 50.0, Vec3::new(1.0, 0.0, 0.0)]
         {
-            let (solid_angle, q) = seen(&r, p, Vec2::new(0.25, 0.75));
+            let (solid_angle, q) = projection(&r, p, Vec2::new(0.25, 0.75));
             assert_eq!(solid_angle, None, "{p}");
             assert_eq!(q, Vec3::new(-0.5, 0.5, 0.0), "uniform in the area");
         }
     }
 
-    /// The share of samples in a sub-rectangle is its share of the solid angle.
+    /// The fraction of samples in a sub-rectangle is equal to its fraction of the solid angle.
     #[test]
     fn samples_are_uniform_in_solid_angle() {
         let r = unit_square();
@@ -326,7 +328,7 @@ mod tests {
             let mut count = 0;
             for i in 0..n * n {
                 let u = Vec2::new(((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32);
-                let q = seen(&r, p, u).1;
+                let q = projection(&r, p, u).1;
                 assert!(
                     q.x.abs() <= 1.00001 && q.y.abs() <= 1.00001 && q.z.abs() < 1e-5 * (1.0 + p.z.abs()),
                     "{q}"
@@ -334,7 +336,7 @@ mod tests {
                 count += usize::from(inside(q));
             }
             let part = exact(p.as_dvec3(), [-1.0, 0.25], [-0.5, 1.0]);
-            let share = part as f32 / seen(&r, p, Vec2::ZERO).0.expect("resolved");
+            let share = part as f32 / projection(&r, p, Vec2::ZERO).0.expect("resolved");
             let found = count as f32 / (n * n) as f32;
             assert!((found - share).abs() < 2e-3, "{p}: {found} {share}");
         }
@@ -347,9 +349,9 @@ mod tests {
         let mut rectangles = [&unit; LANES];
         rectangles[5] = &small;
         let gathered = RectangleX16::gather(rectangles);
-        let both = gathered.seen_from(p).solid_angle().to_array();
+        let both = gathered.projected_from(p).solid_angle().to_array();
         let [alone, other] =
-            [small, unit].map(|r| RectangleX16::splat(&r).seen_from(p).solid_angle().to_array()[0]);
+            [small, unit].map(|r| RectangleX16::splat(&r).projected_from(p).solid_angle().to_array()[0]);
         assert_eq!((both[5], both[4]), (alone, other));
     }
 

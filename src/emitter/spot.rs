@@ -1,7 +1,7 @@
-//! A point light with a cone of light.
+//! A spot emitter: a point that emits into a cone.
 
 use super::point::towards;
-use super::{EmitterSample, LightRay, Target, at_least_a_little, textured};
+use super::{EmitterSample, LightRay, ShadowTarget, never_black, textured};
 use crate::color::Rgb;
 use crate::math::{DAffine3, Mat3, Ray, Vec2, Vec3};
 use crate::sampling::warp;
@@ -9,11 +9,12 @@ use crate::texture::Texture;
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
-/// A point that shines into a cone around its axis: constant in the beam, then linear in the angle down to nothing.
+/// A point that emits into a cone around its axis. The intensity is constant in the beam and then falls linearly with
+/// the angle to zero.
 #[derive(Clone, Debug)]
-pub struct Spot {
+pub struct SpotEmitter {
     position: Vec3,
-    /// World directions of its own axes; the third is that of the cone.
+    /// The object-space axes in world space; the third is the axis of the cone.
     axes: Mat3,
     intensity: Rgb,
     texture: Option<Arc<Texture>>,
@@ -21,8 +22,8 @@ pub struct Spot {
     beam_width: f32,
 }
 
-impl Spot {
-    /// A spot; angles to the axis in radians, `beam_width ≤ cutoff_angle < π/2` where there is a texture.
+impl SpotEmitter {
+    /// Creates a spot. Angles to the axis are in radians; with a texture, `beam_width ≤ cutoff_angle < π/2`.
     pub fn new(
         to_world: &DAffine3,
         intensity: Rgb,
@@ -32,7 +33,7 @@ impl Spot {
     ) -> Self {
         let m = to_world.matrix3;
         let axes = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.normalize().as_vec3());
-        Spot {
+        SpotEmitter {
             position: to_world.translation.as_vec3(),
             axes: Mat3::from_cols(axes[0], axes[1], axes[2]),
             intensity,
@@ -42,7 +43,7 @@ impl Spot {
         }
     }
 
-    /// Radiant intensity in the local direction `d`, W·sr⁻¹.
+    /// Returns the radiant intensity in the local direction `d`, W·sr⁻¹.
     fn intensity(&self, d: Vec3) -> Rgb {
         let angle = d.x.hypot(d.y).atan2(d.z);
         if angle >= self.cutoff_angle {
@@ -57,26 +58,26 @@ impl Spot {
         textured(self.intensity, self.texture.as_ref(), uv) * falloff
     }
 
-    /// The one direction.
+    /// Samples the only direction.
     pub fn sample(&self, from: Vec3) -> Option<EmitterSample> {
         let (wi, distance_squared) = towards(self.position, from)?;
         let radiance = self.intensity(self.axes.transpose() * -wi) / distance_squared;
         (!radiance.is_black()).then_some(EmitterSample {
             wi,
-            target: Target::Point(self.position),
+            target: ShadowTarget::Point(self.position),
             radiance,
             pdf: 1.0,
             delta: true,
         })
     }
 
-    /// `1 − cos` of the cone.
+    /// Returns `1 − cos` of the cone's half angle.
     fn cap(&self) -> f32 {
         let half = (0.5 * self.cutoff_angle).sin();
         2.0 * half * half
     }
 
-    /// A ray in a direction uniform in the cone.
+    /// Samples a ray with a uniform direction in the cone.
     pub fn sample_ray(&self, u: Vec2, time: f32) -> Option<LightRay> {
         let local = warp::square_to_cone(u, self.cap());
         let power = self.intensity(local) / warp::square_to_cone_pdf(self.cap());
@@ -84,10 +85,10 @@ impl Spot {
         (!power.is_black()).then_some(LightRay { ray, power })
     }
 
-    /// About the emitted power, W.
+    /// Returns an estimate of the emitted power, W.
     pub fn power(&self) -> Rgb {
-        let mean = self.texture.as_ref().map_or(Rgb::WHITE, |t| at_least_a_little(t.mean()));
-        // Half of the light of the rim. 1 − cos α = 2 sin² (α/2): the cosine of a narrow beam's angle is 1.
+        let mean = self.texture.as_ref().map_or(Rgb::WHITE, |t| never_black(t.mean()));
+        // The falloff counts half. The formula 1 − cos α = 2 sin² (α/2) avoids cancellation for narrow beams.
         let half = (0.25 * (self.beam_width + self.cutoff_angle)).sin();
         self.intensity * mean * (2.0 * TAU * half * half)
     }

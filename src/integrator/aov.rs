@@ -1,4 +1,4 @@
-//! Layers of surface features at the first hit.
+//! Arbitrary output variables: image layers of surface features at the first hit.
 
 use super::settings::Aov;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
@@ -8,7 +8,7 @@ use crate::math::Ray;
 use crate::scene::Scene;
 use bumpalo::Bump;
 
-/// The image of an `aov` integrator without a child: black, and transparent where rays meet nothing.
+/// The image of an `aov` integrator without a child: black, with alpha 0 where rays hit nothing.
 pub struct NoImage;
 
 impl Integrator for NoImage {
@@ -32,7 +32,7 @@ impl Integrator for NoImage {
 }
 
 impl Aov {
-    /// The suffixes of its channels.
+    /// Returns the suffixes of the layer's channels.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Aov::Albedo | Aov::Variance | Aov::StandardError | Aov::BlockVariance => &["R", "G", "B"],
@@ -45,7 +45,7 @@ impl Aov {
         }
     }
 
-    /// The layer of that name on the command line.
+    /// Returns the layer with the given name on the command line.
     pub fn by_name(name: &str) -> Option<Aov> {
         Some(match name {
             "albedo" => Aov::Albedo,
@@ -65,13 +65,13 @@ impl Aov {
         })
     }
 
-    /// Its name, which [`by_name`](Self::by_name) knows.
+    /// Returns the layer's name, as accepted by [`by_name`](Self::by_name).
     pub fn name(self) -> &'static str {
         let mut names = Self::NAMES.into_iter();
         names.find(|name| Self::by_name(name) == Some(self)).unwrap_or_default()
     }
 
-    /// The names that [`by_name`](Self::by_name) knows, one for each layer.
+    /// The names accepted by [`by_name`](Self::by_name), one for each layer.
     pub const NAMES: [&'static str; 13] = [
         "albedo",
         "N",
@@ -88,12 +88,12 @@ impl Aov {
         "record_radius",
     ];
 
-    /// Whether it is averaged over the samples of a pixel (else it comes from the film itself).
+    /// Returns whether the layer is averaged over the samples of a pixel; otherwise the film computes it.
     pub fn is_sampled(self) -> bool {
         !matches!(self, Aov::Variance | Aov::StandardError | Aov::BlockVariance | Aov::Samples)
     }
 
-    /// Its value at the hit of a camera ray, in as many numbers as it has channels; zero where there is none.
+    /// Evaluates the layer at the hit of a camera ray, one number for each channel; zero if there is no hit.
     pub fn evaluate(self, scene: &Scene, ray: &Ray, hit: Option<&Hit>, out: &mut [f32]) {
         out.fill(0.0);
         let Some(hit) = hit else { return };
@@ -107,7 +107,7 @@ impl Aov {
             Aov::GeometricNormal => out.copy_from_slice(&at.ng.to_array()),
             Aov::ShadingNormal => {
                 let arena = Bump::new();
-                // As in Mitsuba, a normal or bump map counts where nothing is around it.
+                // As in Mitsuba, a normal or bump map applies only if it is the outermost BSDF.
                 let n = match scene.bsdf(&at, Some(at.frame.to_local(-ray.d)), &arena) {
                     Bsdf::Tilted(tilted) => at.frame.to_world(tilted.frame.n),
                     _ => at.frame.n,

@@ -1,4 +1,4 @@
-//! Sixteen neighbours of a wave at the surfaces that they hit.
+//! Blocks of sixteen consecutive paths of a wave at the surfaces that they hit.
 
 use crate::accel::Hit;
 use crate::bsdf::Bsdf;
@@ -6,35 +6,36 @@ use crate::math::{LANES, Ray, RayX16, Vec3x16};
 use crate::scene::{Scene, SurfaceInteractionX16};
 use bumpalo::Bump;
 
-/// Up to sixteen surface points of a wave, ready for scattering.
-pub struct Block<'a> {
-    /// The place of the first in the wave.
+/// Up to sixteen surface points of a wave, prepared for scattering.
+pub struct ShadingBlock<'a> {
+    /// The index of the block's first path in the wave.
     pub first: usize,
-    /// Bits: the lanes in use, from the lowest.
+    /// Mask of the active lanes, from the lowest.
     pub active: u32,
-    /// The rays that hit.
+    /// The rays that hit the surfaces.
     pub rays: RayX16,
     /// The surface points.
     pub at: SurfaceInteractionX16,
-    /// What scatters there.
+    /// The BSDFs at the surface points.
     pub bsdfs: [&'a Bsdf<'a>; LANES],
-    /// Bits: the lanes in use whose BSDF has a finite lobe.
+    /// Mask of the active lanes whose BSDF has a finite lobe.
     pub finite: u32,
-    /// Where the rays came from, in the local frames.
+    /// The directions towards the rays' origins, in the local frames.
     pub wo: Vec3x16,
 }
 
-impl<'a> Block<'a> {
-    /// The block from place `first` of a wave of rays of which each hits something.
+impl<'a> ShadingBlock<'a> {
+    /// Creates the block that starts at index `first` of a wave in which every ray has a hit.
     ///
     /// # Panics
-    /// If a ray hits nothing.
+    /// If a ray has no hit.
     #[inline(always)]
     pub fn new(scene: &'a Scene, arena: &'a Bump, rays: &[Ray], hits: &[Option<Hit>], first: usize) -> Self {
-        Block::of(scene, arena, rays, hits, first, true)
+        ShadingBlock::of(scene, arena, rays, hits, first, true)
     }
 
-    /// As [`new`](Self::new), for rays of light: where they came from is not where their viewer is.
+    /// Creates a block as [`new`](Self::new) does, for light paths: the origin of the ray is not the viewer's
+    /// position.
     pub fn of_light(
         scene: &'a Scene,
         arena: &'a Bump,
@@ -42,7 +43,7 @@ impl<'a> Block<'a> {
         hits: &[Option<Hit>],
         first: usize,
     ) -> Self {
-        Block::of(scene, arena, rays, hits, first, false)
+        ShadingBlock::of(scene, arena, rays, hits, first, false)
     }
 
     #[inline(always)]
@@ -58,7 +59,7 @@ impl<'a> Block<'a> {
         let active = (1 << count) - 1;
         let rays = RayX16::load(rays, first);
         let hits = &hits[first..first + count];
-        // The lanes not in use repeat the last hit.
+        // Inactive lanes repeat the last hit.
         let hit = |i: usize| hits[i.min(count - 1)].expect("rays without a hit are squeezed out");
         let hits = match hits.first_chunk::<LANES>() {
             Some(chunk) => chunk.map(|hit| hit.expect("rays without a hit are squeezed out")),
@@ -74,16 +75,16 @@ impl<'a> Block<'a> {
             }),
         };
         let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
-        Block { first, active, rays, at, bsdfs, finite: finite & active, wo }
+        ShadingBlock { first, active, rays, at, bsdfs, finite: finite & active, wo }
     }
 
-    /// The blocks of a wave of rays of which each hits something.
+    /// Returns the blocks of a wave in which every ray has a hit.
     pub fn all(
         scene: &'a Scene,
         arena: &'a Bump,
         rays: &[Ray],
         hits: &[Option<Hit>],
-    ) -> impl Iterator<Item = Block<'a>> {
-        (0..hits.len()).step_by(LANES).map(move |first| Block::new(scene, arena, rays, hits, first))
+    ) -> impl Iterator<Item = ShadingBlock<'a>> {
+        (0..hits.len()).step_by(LANES).map(move |first| ShadingBlock::new(scene, arena, rays, hits, first))
     }
 }

@@ -4,8 +4,8 @@ use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::color::Rgb;
 use crate::scene::Scene;
 
-/// Shows the distance along the ray to the first surface, measured from the near clipping plane, and 0 where
-/// there is none.
+/// Returns the distance along the ray to the first surface, measured from the near clipping plane, and 0 if there is
+/// none.
 pub struct DepthIntegrator;
 
 impl Integrator for DepthIntegrator {

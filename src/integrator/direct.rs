@@ -1,6 +1,6 @@
 //! Direct illumination: emitted light and light scattered once.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::path::first_hits;
 use super::settings::DirectSettings;
@@ -13,22 +13,23 @@ use crate::sampling::Dimension;
 use crate::scene::Scene;
 use bumpalo::Bump;
 
-/// Samples emitters and the BSDF at the first surface, each as often as told, weighted by the power heuristic.
+/// Samples the emitters and the BSDF at the first surface, with a given number of samples each, weighted by the power
+/// heuristic.
 pub struct DirectIntegrator {
     settings: DirectSettings,
     counts: TechniqueCounts,
 }
 
 impl DirectIntegrator {
-    /// The integrator with its settings.
+    /// Creates the integrator.
     pub fn new(settings: DirectSettings) -> Self {
         let counts =
             TechniqueCounts { emitter: settings.emitter_samples as f32, bsdf: settings.bsdf_samples as f32 };
         DirectIntegrator { settings, counts }
     }
 
-    /// Emitter sample `i` of every path in hand.
-    fn emitter_sample(&self, scene: &Scene, i: u32, blocks: &[Block<'_>], worker: &mut Worker) {
+    /// Adds emitter sample `i` of every path in the current wave.
+    fn emitter_sample(&self, scene: &Scene, i: u32, blocks: &[ShadingBlock<'_>], worker: &mut Worker) {
         let Worker { sampler, paths, numbers, shadows, .. } = worker;
         draw_1d(*sampler, Dimension::emitter_choice(0).repeat(i), &paths.keys, &mut numbers.emitter_choice);
         draw_2d(*sampler, Dimension::emitter_point(0).repeat(i), &paths.keys, &mut numbers.emitter_point);
@@ -40,12 +41,12 @@ impl DirectIntegrator {
         }
     }
 
-    /// BSDF sample `i` of every path in hand.
+    /// Adds BSDF sample `i` of every path in the current wave.
     fn bsdf_sample(
         &self,
         scene: &Scene,
         i: u32,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         worker: &mut Worker,
         scattered: &mut PathWave,
         out: &mut [Radiance],
@@ -80,7 +81,7 @@ impl DirectIntegrator {
             let le = lighting::environment(scene, paths.rays[i].d, paths.pdf[i], counts);
             out[paths.slots[i] as usize].value += paths.beta(i) * le;
         });
-        for block in Block::all(scene, &Bump::new(), &scattered.rays, hits) {
+        for block in ShadingBlock::all(scene, &Bump::new(), &scattered.rays, hits) {
             for (i, le) in lighting::emitted(scene, &block, &scattered.pdf, counts) {
                 let i = block.first + i;
                 out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
@@ -119,7 +120,7 @@ impl Integrator for DirectIntegrator {
             }
         });
         let arena = Bump::new();
-        let blocks: Vec<Block<'_>> = Block::all(scene, &arena, &paths.rays, hits).collect();
+        let blocks: Vec<ShadingBlock<'_>> = ShadingBlock::all(scene, &arena, &paths.rays, hits).collect();
         if see {
             for block in &blocks {
                 for (i, le) in lighting::emitted(scene, block, &paths.pdf, self.counts) {

@@ -1,19 +1,19 @@
-//! Distribution ray tracing: several rays into every integral. [Cook 1984]
+//! Distribution ray tracing: several rays for each integral. [Cook 1984]
 //!
-//! At each surface several shadow rays go to points of the emitters, and several rays into the BSDF: glossy lobes,
-//! refraction and the hemisphere alike, combined by the power heuristic as in [`super::path`]. Surfaces with Dirac
-//! deltas only (mirrors, smooth glass) get one ray for each, as long as that does not make more than
-//! [`MAX_RAYS`](DistributionSettings::MAX_RAYS) rays of a camera ray; beyond, one ray goes on from each surface. The
-//! camera's samples do the same for the pixel, the lens and time.
+//! At each surface, several shadow rays go to points on the emitters, and several rays sample the BSDF: glossy lobes,
+//! refraction and the hemisphere alike, combined by the power heuristic as in [`super::path`]. A surface whose BSDF
+//! has only Dirac deltas (mirrors, smooth glass) sends one ray into each delta, as long as a camera ray's tree has at
+//! most [`MAX_RAYS`](DistributionSettings::MAX_RAYS) rays in its last level; beyond that, each surface continues with
+//! one ray. The camera's samples distribute rays over the pixel, the lens and time.
 //!
-//! The expectation is that of the path integrator at the same `max_depth`. The cost is not: a tree of n BSDF samples
-//! has n^(max_depth − 1) rays at its last level, which carry the least light. Tracing one of them and more camera rays
-//! is path tracing [Kajiya 1986].
+//! The expected value is that of the path integrator with the same `max_depth`, but the cost differs: a tree with n
+//! BSDF samples has n^(max_depth − 1) rays at its last level, which carry the least light. Path tracing [Kajiya 1986]
+//! traces one of them and more camera rays instead.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::settings::DistributionSettings;
-use super::tree::{Branching, Tree, split};
+use super::tree::{RayTree, TreeStrategy, split};
 use super::worker::{Continuation, PathWave, draw_1d, draw_2d};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::bsdf;
@@ -26,50 +26,50 @@ pub struct DistributionIntegrator {
     settings: DistributionSettings,
 }
 
-/// The tree of one wave.
-struct Spread {
+/// The ray tree of one wave.
+struct DistributionTree {
     settings: DistributionSettings,
-    /// Emitter samples at each surface.
+    /// The number of emitter samples at each surface.
     emitter_samples: u32,
-    /// Scattering events from which on one ray goes on from each surface.
+    /// The number of scattering events from which each surface continues with one ray.
     single_from: u32,
 }
 
 impl DistributionIntegrator {
-    /// The integrator with its settings.
+    /// Creates the integrator.
     pub fn new(settings: DistributionSettings) -> Self {
         DistributionIntegrator { settings }
     }
 }
 
-impl Spread {
+impl DistributionTree {
     fn new(settings: DistributionSettings, scene: &Scene) -> Self {
         let emitter_samples = if scene.needs.emitter_sampling { settings.emitter_samples } else { 0 };
-        // A surface sends a ray into each of its deltas, or, if it has finite lobes, as many as are asked for.
+        // A surface sends one ray into each of its deltas or, if it has finite lobes, `bsdf_samples` rays.
         let most = u64::from(settings.bsdf_samples.max(scene.needs.deltas));
         let grows = |depth: &u32| most.saturating_pow(*depth) <= DistributionSettings::MAX_RAYS;
         let single_from = if most > 1 { (0..64).take_while(grows).last().unwrap_or(0) } else { u32::MAX };
-        Spread { settings, emitter_samples, single_from }
+        DistributionTree { settings, emitter_samples, single_from }
     }
 
-    /// Whether one ray goes on from each surface.
+    /// Returns whether each surface continues with one ray.
     fn is_single(&self, depth: u32) -> bool {
         depth >= self.single_from
     }
 
-    /// The keys of the `i`-th of `n` samples of each parent.
+    /// Computes the keys of sample `i` of `n` of each parent.
     fn split_keys(&self, parents: &PathWave, n: u32, i: u32, keys: &mut Vec<SampleKey>) {
         keys.clear();
         keys.extend(parents.keys.iter().map(|&key| split(key, n, i)));
     }
 }
 
-impl Branching for Spread {
+impl TreeStrategy for DistributionTree {
     fn counts(&self, depth: u32) -> TechniqueCounts {
         TechniqueCounts { emitter: self.emitter_samples as f32, bsdf: self.rays(depth) as f32 }
     }
 
-    fn delta_lanes(&self, depth: u32, block: &Block<'_>) -> u32 {
+    fn delta_lanes(&self, depth: u32, block: &ShadingBlock<'_>) -> u32 {
         if self.is_single(depth) { 0 } else { block.active & !block.finite }
     }
 
@@ -79,9 +79,9 @@ impl Branching for Spread {
 
     fn light(
         &self,
-        tree: &Tree<'_>,
+        tree: &RayTree<'_>,
         depth: u32,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
         worker: &mut Worker,
         out: &mut [Radiance],
@@ -105,13 +105,13 @@ impl Branching for Spread {
         }
     }
 
-    /// A ray from each point with a finite lobe; from every point where one ray goes on.
+    /// Samples a ray from each point with a finite lobe, or from every point if surfaces continue with one ray.
     fn scatter(
         &self,
-        tree: &Tree<'_>,
+        tree: &RayTree<'_>,
         depth: u32,
         i: u32,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
         worker: &mut Worker,
     ) -> PathWave {
@@ -168,7 +168,7 @@ impl Integrator for DistributionIntegrator {
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);
         let DistributionSettings { max_depth, hide_emitters, .. } = self.settings;
-        let tree = Tree { scene, query, coherence: wave.coherence, max_depth, hide_emitters };
-        tree.follow(&Spread::new(self.settings, scene), worker, out);
+        let tree = RayTree { scene, query, coherence: wave.coherence, max_depth, hide_emitters };
+        tree.trace(&DistributionTree::new(self.settings, scene), worker, out);
     }
 }

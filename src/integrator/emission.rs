@@ -1,13 +1,13 @@
-//! Emitters that the camera is not to see.
+//! Emitters that are hidden from the camera.
 
 use super::worker::{Counters, intersect};
 use crate::accel::{Coherence, Hit};
 use crate::math::Ray;
 use crate::scene::Scene;
 
-/// Lets camera rays pass through emitting shapes: a ray that met one goes on behind it, until it meets a
-/// surface that does not emit, or nothing. Rays and hits become those of the last leg; returned is how far each
-/// ray had come before it.
+/// Lets camera rays pass through emitting shapes. A ray that hits an emitting shape is continued behind it, until it
+/// hits a surface that does not emit, or nothing. Rays and hits are replaced by those of the last segment. Returns
+/// the distance of each ray before its last segment.
 pub fn skip_emitters(
     scene: &Scene,
     rays: &mut [Ray],

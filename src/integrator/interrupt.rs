@@ -1,19 +1,19 @@
-//! A request to stop, shared between whoever makes it and everything that may take long.
+//! A stop request, shared between its source and every long computation.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A flag that is raised once. Clones are the same flag.
+/// A flag that is raised at most once. Clones share the flag.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Asks everything that has the flag to stop.
+    /// Requests that every computation with this flag stops.
     pub fn raise(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether to stop. What has been computed in part is to be thrown away.
+    /// Returns whether to stop. Partial results must then be discarded.
     #[inline]
     pub fn is_raised(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -1,6 +1,6 @@
-//! Light paths: how they begin at emitters and scatter forward. Light tracing and photon tracing share it.
+//! Light paths: emission and scattering, shared by light tracing and photon tracing.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use super::photon::EmissionGuide;
 use super::worker::{Continuation, PathWave, Worker, draw_1d, draw_2d};
 use crate::bsdf::{Bsdf, Lobe};
@@ -10,8 +10,8 @@ use crate::math::{Ray, RayX16, Vec2, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SurfaceInteraction};
 
-/// Begins a light path for each key: rays into `worker.paths`, with the key's place as their slot, and the power of each, W,
-/// by slot. A key whose emitter sends nothing begins no path.
+/// Starts a light path for each key: pushes rays to `worker.paths`, with the key's index as their slot, and returns
+/// the power of each slot in W. A key whose emitter emits nothing starts no path.
 pub(super) fn emit(
     scene: &Scene,
     keys: &[SampleKey],
@@ -40,20 +40,20 @@ pub(super) fn emit(
     powers
 }
 
-/// The random numbers that light paths begin with.
+/// The random numbers used to start light paths.
 #[derive(Default)]
 pub(super) struct EmissionNumbers {
-    /// Which emitter.
+    /// Choice of the emitter.
     pub choice: Vec<f32>,
     points: [Vec<f32>; 2],
     directions: [Vec<f32>; 2],
     times: Vec<f32>,
-    /// The time of all paths, if they share it.
+    /// The time of all paths, if it is shared.
     time: Option<f32>,
 }
 
 impl EmissionNumbers {
-    /// Draws them for every key.
+    /// Draws the numbers for every key.
     pub fn draw(&mut self, scene: &Scene, keys: &[SampleKey], worker: &Worker) {
         draw_1d(worker.sampler, Dimension::LIGHT, keys, &mut self.choice);
         draw_2d(worker.sampler, Dimension::LIGHT_POINT, keys, &mut self.points);
@@ -64,61 +64,61 @@ impl EmissionNumbers {
         }
     }
 
-    /// Where on the emitter, and in which direction.
+    /// Returns the numbers for the position on the emitter and for the direction.
     pub fn pairs(&self, i: usize) -> [Vec2; 2] {
         [&self.points, &self.directions].map(|pair| Vec2::new(pair[0][i], pair[1][i]))
     }
 
-    /// When, in [0, 1] over the shutter interval.
+    /// Returns the time, in [0, 1] over the shutter interval.
     pub fn time(&self, i: usize) -> f32 {
         self.time.unwrap_or_else(|| self.times.get(i).copied().unwrap_or(0.0))
     }
 }
 
-/// A surface point on a light path.
-pub(super) struct Vertex<'a> {
+/// A surface vertex of a light path.
+pub(super) struct LightVertex<'a> {
     pub at: SurfaceInteraction,
     pub bsdf: &'a Bsdf<'a>,
-    /// Towards the light, in the shading frame.
+    /// The direction towards the light, in the shading frame.
     pub wo: Vec3,
-    /// Cosine of that to the geometric normal.
+    /// The cosine between that direction and the geometric normal.
     pub wo_ng: f32,
 }
 
-/// Where light goes on to from a surface point.
+/// A sample of the direction in which a light path continues.
 pub(super) struct ScatteredLight {
-    /// The direction in the world.
+    /// The direction in world space.
     pub wi: Vec3,
-    /// What the light's power is multiplied by.
+    /// The factor on the path's power.
     pub weight: Rgb,
-    /// Relative index of refraction, as that of a [`BsdfSample`](crate::bsdf::BsdfSample).
+    /// The relative index of refraction, as in [`BsdfSample`](crate::bsdf::BsdfSample).
     pub eta: f32,
-    /// By which lobe.
+    /// The sampled lobe.
     pub lobe: Lobe,
 }
 
-impl<'a> Vertex<'a> {
-    /// Lane `i` of a block.
-    pub fn new(block: &Block<'a>, i: usize) -> Self {
+impl<'a> LightVertex<'a> {
+    /// Creates the vertex of lane `i` of a block.
+    pub fn new(block: &ShadingBlock<'a>, i: usize) -> Self {
         let at = block.at.lane(i);
         let wo_ng = -block.rays.d.lane(i).dot(at.ng);
-        Vertex { at, bsdf: block.bsdfs[i], wo: block.wo.lane(i), wo_ng }
+        LightVertex { at, bsdf: block.bsdfs[i], wo: block.wo.lane(i), wo_ng }
     }
 
-    /// What a viewer's cosine is multiplied by, so that shading normals mean the same to light paths as to camera
-    /// paths. [Veach 1997, Eq. 5.19]
+    /// Returns the corrected cosine of the direction towards the viewer, for which light paths and camera paths agree
+    /// at shading normals. [Veach 1997, Eq. 5.19]
     fn cosine(&self, wi: Vec3) -> f32 {
         (wi.dot(self.at.ng) * self.wo.z / self.wo_ng).abs()
     }
 
-    /// What is scattered into the world direction `wi`, with the cosine.
+    /// Returns the BSDF times the corrected cosine for scattering into the world-space direction `wi`.
     pub fn eval(&self, wi: Vec3) -> Rgb {
-        // The viewer's is the known direction.
+        // `wo` of the BSDF is the direction towards the viewer.
         let f = self.bsdf.eval(self.at.frame.to_local(wi), self.wo).f;
         if f.is_black() { f } else { f * self.cosine(wi) }
     }
 
-    /// Draws where the light goes on to.
+    /// Samples the direction in which the light path continues.
     pub fn scatter(&self, u_lobe: f32, u: Vec2) -> Option<ScatteredLight> {
         let sample = self.bsdf.sample_adjoint(self.wo, u_lobe, u)?;
         let wi = self.at.frame.to_world(sample.wi).normalize();
@@ -127,7 +127,7 @@ impl<'a> Vertex<'a> {
     }
 }
 
-/// The paths of a block that go on.
+/// The paths of a block that continue.
 pub(super) struct Survivors {
     rays: [Ray; LANES],
     next: Continuation,
@@ -135,7 +135,7 @@ pub(super) struct Survivors {
 }
 
 impl Survivors {
-    /// None yet.
+    /// Creates an empty set.
     pub fn none() -> Self {
         let ray = Ray::new(Vec3::ZERO, Vec3::Z);
         let next = Continuation {
@@ -147,7 +147,7 @@ impl Survivors {
         Survivors { rays: [ray; LANES], next, lanes: 0 }
     }
 
-    /// Lane `i` goes on along a ray.
+    /// Adds the continuation of lane `i`.
     pub fn push(&mut self, i: usize, ray: Ray, beta: Rgb, eta: f32) {
         self.rays[i] = ray;
         for (channel, value) in self.next.beta.iter_mut().zip(beta.to_array()) {
@@ -157,7 +157,7 @@ impl Survivors {
         self.lanes |= 1 << i;
     }
 
-    /// As [`PathWave::compact`].
+    /// Compacts the paths as [`PathWave::compact`] does.
     pub fn compact(mut self, paths: &mut PathWave, first: usize, to: usize) -> usize {
         self.next.rays = RayX16::load(&self.rays, 0);
         paths.compact(first, to, &self.next, self.lanes)

@@ -1,13 +1,13 @@
-//! Direct lighting at surface points: emitter samples and BSDF samples, weighted against each other.
+//! Direct lighting at surface points: emitter samples and BSDF samples, combined by multiple importance sampling.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use crate::color::Rgb;
 use crate::math::lanes::{bits, f32x16};
 use crate::math::{RayX16, Vec3};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
 
-/// How many samples each technique draws at a point, for the weights.
+/// The number of samples of each technique at a point, for the weights.
 #[derive(Clone, Copy, Debug)]
 pub struct TechniqueCounts {
     /// Emitter samples.
@@ -17,31 +17,31 @@ pub struct TechniqueCounts {
 }
 
 impl TechniqueCounts {
-    /// One sample of each.
+    /// One sample of each technique.
     pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0 };
 }
 
-/// Shadow rays, and what they bring if they are free.
+/// Shadow rays and their contributions if they are unoccluded.
 pub struct ShadowRays {
     /// The rays.
     pub rays: RayX16,
     /// Reflected radiance by channel.
     pub value: [f32x16; 3],
-    /// Bits: the lanes that bring anything.
+    /// Mask of the lanes with a contribution.
     pub lanes: u32,
 }
 
-/// One emitter sample at each point: a shadow ray, and what it brings (over the number of emitter samples) if it
-/// is free.
+/// Draws one emitter sample at each point. Returns the shadow rays and their contributions if unoccluded, divided by
+/// the number of emitter samples.
 #[inline(always)]
 pub fn sample_emitters(
     scene: &Scene,
-    block: &Block<'_>,
+    block: &ShadingBlock<'_>,
     u_choice: f32x16,
     u_point: [f32x16; 2],
     counts: TechniqueCounts,
 ) -> ShadowRays {
-    let Block { at, .. } = block;
+    let ShadingBlock { at, .. } = block;
     let sample = scene.sample_emitters(at.p, u_choice, u_point, block.rays.time, block.finite);
     let wi = at.frame.to_local(sample.wi);
     let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
@@ -55,12 +55,12 @@ pub fn sample_emitters(
     ShadowRays { rays: scene.shadow_rays(at, &sample, block.rays.time), value, lanes }
 }
 
-/// The weighted radiance that the rays of the block find at the emitters they hit, given their densities (see
-/// [`emitted_at`]): lanes that find any, one by one.
+/// Returns the weighted radiance of the emitters hit by the rays of the block, for the given densities (see
+/// [`emitted_at`]), as pairs of a lane and a value.
 #[inline(always)]
 pub fn emitted<'a>(
     scene: &'a Scene,
-    block: &'a Block<'_>,
+    block: &'a ShadingBlock<'_>,
     pdf: &'a [f32],
     counts: TechniqueCounts,
 ) -> impl Iterator<Item = (usize, Rgb)> + 'a {
@@ -69,8 +69,8 @@ pub fn emitted<'a>(
     })
 }
 
-/// The weighted radiance that a ray of density `pdf` (per unit solid angle; infinite for delta lobes and the
-/// camera) finds at the emitter it hit, seen from the ray's origin. Black where nothing is emitted.
+/// Returns the radiance of the emitter hit by a ray, seen from the ray's origin, times the weight for the ray's
+/// density `pdf` (per unit solid angle; infinite for delta lobes and the camera). Black if nothing is emitted.
 pub fn emitted_at(
     scene: &Scene,
     at: &SurfaceInteraction,
@@ -89,7 +89,7 @@ pub fn emitted_at(
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }
 
-/// The weighted radiance that a ray in the unit direction `d` finds when it leaves the scene.
+/// Returns the weighted radiance of the environment for a ray that leaves the scene in the unit direction `d`.
 #[inline]
 pub fn environment(scene: &Scene, d: Vec3, pdf: f32, counts: TechniqueCounts) -> Rgb {
     let radiance = scene.environment_radiance(d);

@@ -1,7 +1,7 @@
-//! Integrators: estimators of the radiance that arrives along a wave of rays.
+//! Integrators: estimators of the incident radiance along a wave of rays.
 //!
-//! The one seam is [`Integrator::li`]: a wave of rays in, radiance out. The camera's samples are a wave, and so
-//! are the rays with which one integrator asks another.
+//! All integrators implement [`Integrator::li`], which takes a wave of rays and returns radiance. A wave may hold
+//! camera rays, or rays with which one integrator queries another.
 
 pub mod aov;
 pub mod block;
@@ -32,8 +32,8 @@ pub use interrupt::Interrupt;
 pub use irrcache::IrradianceCache;
 pub use path::PathIntegrator;
 pub use photon::Photonmapper;
-pub use preparation::{Fact, Preparation};
-pub use progressive::{Begun, Progressive, SamplePass};
+pub use preparation::{Preparation, Statistic};
+pub use progressive::{PreparedPass, Progressive, SamplePass};
 pub use ptracer::{Ptracer, Splat};
 pub use settings::Settings;
 pub use sppm::Sppm;
@@ -51,28 +51,28 @@ use crate::sampling::{SHARED_REPLICATES, SampleKey, SamplerKind};
 use crate::scene::Scene;
 use std::sync::Arc;
 
-/// A wave of rays, each with the key of the sample that it belongs to.
+/// A wave of rays, each with the key of its sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Wave<'a> {
     /// The rays.
     pub rays: &'a [Ray],
-    /// As many keys: they decide every random number of the path that a ray begins.
+    /// One key for each ray. The key determines every random number of the path that the ray starts.
     pub keys: &'a [SampleKey],
-    /// What is known about neighbouring rays.
+    /// The coherence of neighbouring rays.
     pub coherence: Coherence,
 }
 
-/// Which light is wanted, by the number of edges between the ray's origin and the emitter.
+/// A selection of light by the number of edges between the ray's origin and the emitter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RadianceQuery {
-    /// Light emitted by what the ray meets first: one edge.
+    /// Light emitted by the first surface that the ray hits: one edge.
     pub emitted: bool,
     /// Light scattered once: two edges.
     pub direct: bool,
     /// Light scattered more than once.
     pub indirect: bool,
-    /// Light that comes from the emitter to the ray's origin by specular lobes only, one or more: it is neither direct
-    /// nor indirect here. Integrators that cannot tell it from the rest take it as they take the rest.
+    /// Light that reaches the ray's origin from the emitter through one or more specular lobes only. It then counts
+    /// as neither direct nor indirect. Integrators that cannot separate it treat it as other light.
     pub caustic: bool,
 }
 
@@ -81,7 +81,7 @@ impl RadianceQuery {
     pub const ALL: RadianceQuery =
         RadianceQuery { emitted: true, direct: true, indirect: true, caustic: true };
 
-    /// Whether light of a path with that many edges is wanted.
+    /// Returns whether the query includes light from paths with the given number of edges.
     #[inline]
     pub fn wants(&self, edges: u32) -> bool {
         match edges {
@@ -91,68 +91,70 @@ impl RadianceQuery {
         }
     }
 
-    /// Whether caustics have to be told from other light.
+    /// Returns whether caustics must be separated from other light.
     pub fn separates_caustics(&self) -> bool {
         self.caustic != self.direct || self.caustic != self.indirect
     }
 }
 
-/// What arrives along a ray.
+/// The incident radiance along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Radiance {
     /// Radiance, W·m⁻²·sr⁻¹.
     pub value: Rgb,
-    /// Ray parameter of the first surface, infinite where the ray met nothing.
+    /// Ray parameter of the first surface; infinite if the ray hits nothing.
     pub distance: f32,
 }
 
 impl Radiance {
-    /// Nothing, from nowhere.
+    /// No radiance and no surface.
     pub const NONE: Radiance = Radiance { value: Rgb::BLACK, distance: f32::INFINITY };
 }
 
 /// An estimator of radiance.
 pub trait Integrator: Send + Sync {
-    /// Its name in the scene language.
+    /// Returns the integrator's name in the scene language.
     fn name(&self) -> &'static str;
 
-    /// Whether rays that meet nothing show the environment; its alpha is 1 then.
+    /// Returns whether rays that hit nothing show the environment with alpha 1.
     fn shows_environment(&self) -> bool {
         false
     }
 
-    /// Whether errors of different pixels have causes in common: photons, caches, light paths.
+    /// Returns whether the errors of different pixels are correlated, because pixels share photons, caches or light
+    /// paths.
     fn shares_noise(&self) -> bool {
         false
     }
 
-    /// Refuses scenes that it cannot render rightly, before any work is done.
+    /// Rejects scenes that the integrator cannot render correctly, before any work is done.
     ///
     /// # Errors
-    /// With a sentence that says why.
+    /// If the scene is rejected; the message gives the reason.
     fn check(&self, _scene: &Scene) -> Result<()> {
         Ok(())
     }
 
-    /// Computes what does not depend on the camera's samples: caches, maps. Once, before the first wave.
+    /// Computes everything that does not depend on the camera's samples: caches and maps. It is called once, before
+    /// the first wave.
     ///
     /// # Errors
-    /// If a file that it is to read or write cannot be, or if the scene cannot be prepared for.
+    /// If a file cannot be read or written, or if the preparation for this scene is impossible.
     fn prepare(&mut self, _preparation: &Preparation<'_>) -> Result<()> {
         Ok(())
     }
 
-    /// Whether there is anything that it prepares.
+    /// Returns whether [`prepare`](Self::prepare) does anything.
     fn prepares(&self) -> bool {
-        self.keeps_caches()
+        self.supports_cache_file()
     }
 
-    /// Whether what it prepares can be kept in a file.
-    fn keeps_caches(&self) -> bool {
+    /// Returns whether the result of [`prepare`](Self::prepare) can be stored in a file.
+    fn supports_cache_file(&self) -> bool {
         false
     }
 
-    /// The value of an image layer at the hit of a camera ray, which belongs to a sample of the given key.
+    /// Returns the value of an image layer at the hit of a camera ray with the given sample key.
     fn layer(
         &self,
         layer: Aov,
@@ -166,27 +168,27 @@ pub trait Integrator: Send + Sync {
         layer.evaluate(scene, ray, hit, out);
     }
 
-    /// What there is to say about what was prepared.
-    fn facts(&self) -> Vec<Fact> {
+    /// Returns statistics of the preparation.
+    fn statistics(&self) -> Vec<Statistic> {
         Vec::new()
     }
 
-    /// The caustics that are known at every surface since it was prepared, if there are any.
+    /// Returns the caustic maps, if the preparation computed them.
     fn caustics(&self) -> Option<Arc<CausticMaps>> {
         None
     }
 
-    /// What traces light paths besides, if anything does.
+    /// Returns the light tracer that runs in addition, if any.
     fn light_tracer(&self) -> Option<&Ptracer> {
         None
     }
 
-    /// What has to be computed before every sample of the pixels, if anything has.
+    /// Returns the computation required before each sample of the pixels, if any.
     fn progressive(&self) -> Option<&dyn Progressive> {
         None
     }
 
-    /// Estimates the radiance along each ray of `wave` into `out`, which has as many entries.
+    /// Estimates the radiance along each ray of `wave`. `out` has one entry for each ray.
     fn li(
         &self,
         scene: &Scene,
@@ -197,14 +199,14 @@ pub trait Integrator: Send + Sync {
     );
 }
 
-/// How many replicates the samples of a render are divided among: two tell how large the errors of pixels are, where
-/// these are independent; eight tell also what pixels share.
+/// Returns the number of replicates among which the samples of a render are divided. Two estimate the error of pixels
+/// with independent errors; eight also estimate the error that pixels share.
 pub fn replicates(integrator: &dyn Integrator, sampler: SamplerKind) -> u32 {
     const { assert!(SHARED_REPLICATES as usize <= MOST_REPLICATES) };
     if integrator.shares_noise() || sampler.shares_noise() { SHARED_REPLICATES } else { 2 }
 }
 
-/// The integrator that the settings describe; the layers of `aov` are the render job's business.
+/// Creates the integrator described by the settings. The render job handles the layers of `aov`.
 pub fn create(settings: &Settings) -> Box<dyn Integrator> {
     match settings {
         Settings::Path(path) => Box::new(PathIntegrator::new(*path)),

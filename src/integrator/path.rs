@@ -1,14 +1,14 @@
 //! The path integrator. [Kajiya 1986; Veach 1997]
 //!
-//! A wave of paths advances one bounce at a time: all nearest hits, then shading in blocks of sixteen (each path
-//! emits at most one shadow ray with its pending contribution, and one next ray; the dead are squeezed out), then
-//! all shadow rays.
+//! A wave of paths advances one bounce at a time: it finds all nearest hits, then shades in blocks of sixteen, then
+//! traces all shadow rays. In shading, each path adds at most one shadow ray with its pending contribution and at
+//! most one next ray, and terminated paths are removed.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
 use super::settings::PathSettings;
-use super::worker::{Continuation, Numbers, ShadowQueue, draw_1d, draw_2d, intersect};
+use super::worker::{Continuation, RandomNumbers, ShadowQueue, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
 use crate::accel::Coherence;
 use crate::bsdf;
@@ -21,37 +21,43 @@ pub struct PathIntegrator {
     settings: PathSettings,
 }
 
-/// What every path of a bounce has in common.
-struct Bounce<'a> {
+/// The state shared by all paths of a bounce.
+struct PathBounce<'a> {
     scene: &'a Scene,
-    /// Scattering events so far.
+    /// The number of scattering events so far.
     depth: u32,
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
-    /// Whether light found by the rays of this bounce is wanted.
+    /// Whether emission found by the rays of this bounce is added.
     add_emission: bool,
-    /// Whether it is wanted of rays that have met specular lobes only, where that is told apart.
+    /// Whether emission is added for rays with specular lobes only, if caustics are separated.
     add_caustics: Option<bool>,
-    /// Roulette, if it is played at this bounce.
+    /// Russian roulette, if it applies at this bounce.
     roulette: Option<Roulette>,
 }
 
 impl PathIntegrator {
-    /// The integrator with its settings.
+    /// Creates the integrator.
     pub fn new(settings: PathSettings) -> Self {
         PathIntegrator { settings }
     }
 
-    /// Whether a path may have that many edges.
+    /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
         self.settings.max_depth.is_none_or(|max| edges <= max)
     }
 
-    /// Draws the numbers that this bounce's shading uses, and no others.
-    fn draw(&self, bounce: &Bounce<'_>, sampler: Sampler, keys: &[SampleKey], numbers: &mut Numbers) {
+    /// Draws the random numbers that the shading of this bounce uses, and no others.
+    fn draw(
+        &self,
+        bounce: &PathBounce<'_>,
+        sampler: Sampler,
+        keys: &[SampleKey],
+        numbers: &mut RandomNumbers,
+    ) {
         let depth = bounce.depth;
         if bounce.next_event {
-            // With a single emitter there is nothing to choose.
+            // A single emitter needs no random choice.
             if bounce.scene.lights.len() > 1 {
                 draw_1d(sampler, Dimension::emitter_choice(depth), keys, &mut numbers.emitter_choice);
             } else {
@@ -101,7 +107,7 @@ impl Integrator for PathIntegrator {
             if depth == 0 {
                 first_hits(scene, self.settings.hide_emitters, worker, out);
             }
-            let bounce = Bounce {
+            let bounce = PathBounce {
                 scene,
                 depth,
                 next_event: scene.needs.emitter_sampling && self.allows(depth + 2) && query.wants(depth + 2),
@@ -123,7 +129,7 @@ impl Integrator for PathIntegrator {
     }
 }
 
-/// Writes the distances of the first surfaces, behind emitters that are to be hidden.
+/// Writes the distances of the first surfaces, behind hidden emitters if `hide_emitters` is true.
 pub(super) fn first_hits(scene: &Scene, hide_emitters: bool, worker: &mut Worker, out: &mut [Radiance]) {
     for (out, hit) in out.iter_mut().zip(&worker.hits) {
         out.distance = hit.map_or(f32::INFINITY, |h| h.t);
@@ -137,8 +143,8 @@ pub(super) fn first_hits(scene: &Scene, hide_emitters: bool, worker: &mut Worker
     }
 }
 
-impl Bounce<'_> {
-    /// Whether the light found by path `i` is wanted.
+impl PathBounce<'_> {
+    /// Returns whether emission found by the path of a slot is added.
     #[inline(always)]
     fn adds(&self, specular_only: &[bool], slot: u32) -> bool {
         match self.add_caustics {
@@ -147,13 +153,13 @@ impl Bounce<'_> {
         }
     }
 
-    /// Whether light found by any path may be wanted.
+    /// Returns whether emission may be added for any path.
     #[inline(always)]
     fn may_add(&self) -> bool {
         self.add_emission || self.add_caustics == Some(true)
     }
 
-    /// Takes the paths that hit nothing out of the wave, with the light that they found there.
+    /// Removes the paths that hit nothing from the wave and adds the environment's radiance for them.
     fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
         let Worker { paths, hits, specular_only, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
@@ -165,13 +171,13 @@ impl Bounce<'_> {
         });
     }
 
-    /// Shades every path of the wave, block by block, and moves the survivors to the front.
+    /// Shades every path of the wave, block by block, and moves the continuing paths to the front.
     fn shade(&self, scatter: bool, worker: &mut Worker, out: &mut [Radiance]) {
         let Worker { hits, shadows, paths, numbers, arena, specular_only, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::new(self.scene, arena, &paths.rays, hits, first);
+            let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
             if self.may_add() {
                 for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
                     let slot = paths.slots[first + i];
@@ -202,10 +208,10 @@ impl Bounce<'_> {
     #[inline(always)]
     fn light(
         &self,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         beta: &[f32x16; 3],
         slots: &[u32],
-        numbers: &Numbers,
+        numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
     ) {
         let u_choice = load(&numbers.emitter_choice, block.first);
@@ -216,14 +222,14 @@ impl Bounce<'_> {
         shadows.push(&sampled.rays, slots, &value, sampled.lanes);
     }
 
-    /// Samples the BSDFs and plays roulette; the bits are the lanes that go on.
+    /// Samples the BSDFs and applies Russian roulette; returns the continuations and a mask of the surviving lanes.
     #[inline(always)]
     fn scatter(
         &self,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         beta: [f32x16; 3],
         eta: f32x16,
-        numbers: &Numbers,
+        numbers: &RandomNumbers,
     ) -> (Continuation, u32) {
         let u_lobe = load(&numbers.bsdf_lobe, block.first);
         let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
@@ -233,7 +239,7 @@ impl Bounce<'_> {
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
         if let Some(roulette) = self.roulette {
-            // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
+            // `eta²` removes the scaling of radiance inside a dielectric, which does not change a path's importance.
             let on;
             (beta, on) = roulette.play_x16(beta, eta * eta, load(&numbers.roulette, block.first));
             alive &= on;

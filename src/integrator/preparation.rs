@@ -1,4 +1,4 @@
-//! What an integrator may compute before the camera's samples are taken.
+//! The input of the computations that an integrator does before the camera's samples.
 
 use super::{Counters, Interrupt, Worker};
 use crate::error::{Error, Result};
@@ -9,40 +9,40 @@ use crate::sensor::Camera;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-/// What caches and maps are computed from. They must not depend on anything else, least of all on threads.
+/// The input from which caches and maps are computed. They must depend on nothing else, in particular not on threads.
 pub struct Preparation<'a> {
     /// The scene.
     pub scene: &'a Scene,
-    /// From where it is rendered, and onto which film.
+    /// The camera and film of the render.
     pub camera: &'a Camera,
     /// The sampler of the render.
     pub sampler: Sampler,
     /// The seed of the render.
     pub seed: u64,
-    /// The threads to work with.
+    /// The threads to use.
     pub pool: &'a rayon::ThreadPool,
-    /// Whether to stop early, with whatever there is.
+    /// A request to stop early, with a partial result.
     pub interrupt: &'a Interrupt,
-    /// Where to read what was computed before, and else to keep it.
+    /// The file from which earlier results are read, or in which new ones are stored.
     pub cache: Option<CacheFile>,
-    /// What is planned of memory.
+    /// The memory budget.
     pub memory: &'a Budget,
 }
 
-/// A file that holds what a preparation has computed.
+/// A file that stores the result of a preparation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CacheFile {
-    /// Where it is, or is to be.
+    /// The path of the file.
     pub path: PathBuf,
-    /// Hash of the scene that it belongs to, without sensors.
+    /// Hash of the scene without its sensors.
     pub scene: u64,
     /// Hash of the sensor and its film.
     pub view: u64,
 }
 
-/// A number that a preparation has to say: how many records, how many seconds.
+/// A statistic of a preparation, such as the number of records or seconds.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Fact {
+pub struct Statistic {
     /// Its name in `--stats`.
     pub name: &'static str,
     /// Its value.
@@ -55,13 +55,13 @@ pub struct Workers {
 }
 
 impl Workers {
-    /// Workers for the pool's threads.
+    /// Creates one worker for each thread of the pool.
     pub fn new(pool: &rayon::ThreadPool, sampler: Sampler, interrupt: &Interrupt) -> Self {
         let worker = |_| Mutex::new(Worker::new(sampler).with_interrupt(interrupt));
         Workers { workers: (0..pool.current_num_threads()).map(worker).collect() }
     }
 
-    /// The same, for rays that all are of one time.
+    /// Sets the time of all rays, if they share it.
     #[must_use]
     pub fn at_time(mut self, time: Option<f32>) -> Self {
         for worker in &mut self.workers {
@@ -70,13 +70,13 @@ impl Workers {
         self
     }
 
-    /// Calls `f` with the worker of the thread that runs it.
+    /// Calls `f` with the worker of the current thread.
     pub fn with<T>(&self, f: impl FnOnce(&mut Worker) -> T) -> T {
         let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
         f(&mut self.workers[thread].lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The counts of all threads.
+    /// Returns the sum of the counters of all threads.
     pub fn counters(self) -> Counters {
         let mut sum = Counters::default();
         for worker in self.workers {
@@ -86,8 +86,8 @@ impl Workers {
     }
 }
 
-/// Refuses a scene whose surfaces move, for an integrator that keeps light on surfaces without its time.
-pub(super) fn refuse_motion(integrator: &str, kept: &str, scene: &Scene) -> Result<()> {
+/// Rejects a scene with moving surfaces, for an integrator that stores light on surfaces without its time.
+pub(super) fn reject_motion(integrator: &str, kept: &str, scene: &Scene) -> Result<()> {
     match scene.needs.motion {
         false => Ok(()),
         true => Err(Error::scene(format!(

@@ -1,19 +1,19 @@
-//! Integrators that compute something anew for every sample of the pixels.
+//! Integrators that compute shared data anew for each sample of the pixels.
 
 use super::{Counters, Preparation};
 
-/// One sample of every pixel, about to be taken.
+/// One sample of every pixel, before it is taken.
 pub struct SamplePass<'a> {
-    /// What it may be computed from.
+    /// The input of the computation.
     pub preparation: &'a Preparation<'a>,
     /// The index of the sample.
     pub sample: u64,
 }
 
-/// What it took to prepare a sample.
+/// The result of the computation before a sample.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Begun {
-    /// Rays, and the time for them.
+pub struct PreparedPass {
+    /// The counts of rays and their times.
     pub counters: Counters,
     /// Photons that were dropped because they were not finite.
     pub invalid: u64,
@@ -21,8 +21,9 @@ pub struct Begun {
     pub time: Option<f32>,
 }
 
-/// What is computed before each sample of the pixels. All pixels take a sample before the next one begins.
+/// A computation before each sample of the pixels. All pixels take a sample before the next one begins.
 pub trait Progressive: Sync {
-    /// Computes what the sample needs; it must depend on nothing but the scene, the seed and the sample's index.
-    fn begin_sample(&self, pass: &SamplePass<'_>) -> Begun;
+    /// Computes the data that the sample needs. It must depend on nothing but the scene, the seed and the sample's
+    /// index.
+    fn begin_sample(&self, pass: &SamplePass<'_>) -> PreparedPass;
 }

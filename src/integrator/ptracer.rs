@@ -1,11 +1,12 @@
 //! Light tracing: paths that begin at emitters and are connected to the camera at every surface point.
 //! [Arvo 1986; Veach 1997, 8.3]
 //!
-//! Emitters that the camera sees directly are found by camera rays, as in every other integrator; light paths bring all
-//! that is scattered. What is seen in a mirror or through glass is black: no light path that ends so can be connected.
+//! Emitters that the camera sees directly are found by camera rays, as in every other integrator. Light paths
+//! contribute all scattered light. Surfaces seen in a mirror or through smooth glass are black, because no light path
+//! that ends there can be connected to the camera.
 
-use super::block::Block;
-use super::light_path::{self, Survivors, Vertex};
+use super::block::ShadingBlock;
+use super::light_path::{self, LightVertex, Survivors};
 use super::roulette::Roulette;
 use super::settings::{PathSettings, PtracerSettings};
 use super::worker::{draw_1d, draw_2d, intersect};
@@ -18,24 +19,24 @@ use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use crate::sensor::Camera;
 
-/// Light that arrives at the film.
+/// A contribution of light to the film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
     /// Position on the film in pixels from the top left corner of the full image.
     pub film: DVec2,
-    /// What it adds to the sum of a pixel's samples, before the reconstruction filter.
+    /// The contribution to the sum of a pixel's samples, before the reconstruction filter.
     pub value: Rgb,
 }
 
 /// Traces paths from the emitters.
 pub struct Ptracer {
     settings: PtracerSettings,
-    /// Shows the emitters.
+    /// Renders the directly visible emitters.
     emitters: PathIntegrator,
 }
 
 impl Ptracer {
-    /// The integrator with its settings.
+    /// Creates the integrator.
     pub fn new(settings: PtracerSettings) -> Self {
         let emitters = PathSettings {
             max_depth: Some(settings.max_depth.map_or(1, |depth| depth.min(1))),
@@ -45,13 +46,13 @@ impl Ptracer {
         Ptracer { settings, emitters: PathIntegrator::new(emitters) }
     }
 
-    /// Whether a path may have that many edges.
+    /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
         self.settings.max_depth.is_none_or(|max| edges <= max)
     }
 
-    /// Traces a light path for each key and adds what arrives at the film. `margin` is how far beside the image, in pixels,
-    /// the reconstruction filter reaches.
+    /// Traces a light path for each key and adds its contributions to the film. `margin` is the extent of the
+    /// reconstruction filter beyond the image, in pixels.
     pub fn trace(
         &self,
         scene: &Scene,
@@ -77,7 +78,7 @@ impl Ptracer {
             films.clear();
             let roulette = Roulette::at(depth + 1, self.settings.rr_depth);
             let hide_emitters = self.settings.hide_emitters && scene.needs.hit_emitters;
-            let bounce = Bounce { scene, camera, margin, roulette, hide_emitters };
+            let bounce = LightBounce { scene, camera, margin, roulette, hide_emitters };
             bounce.shade(self.allows(depth + 3), &powers, worker, &mut films);
             let splat = |slot: usize, value| out.push(Splat { film: films[slot], value });
             match hide_emitters {
@@ -128,28 +129,28 @@ impl Integrator for Ptracer {
     }
 }
 
-/// What every light path of a bounce has in common.
-struct Bounce<'a> {
+/// The state shared by all light paths of a bounce.
+struct LightBounce<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     margin: f64,
     roulette: Option<Roulette>,
-    /// Whether the camera looks through emitting shapes.
+    /// Whether emitting shapes are invisible to the camera.
     hide_emitters: bool,
 }
 
-impl Bounce<'_> {
-    /// Connects every path to the camera, and moves those that go on to the front.
+impl LightBounce<'_> {
+    /// Connects every path to the camera and moves the continuing paths to the front.
     fn shade(&self, go_on: bool, powers: &[Rgb], worker: &mut Worker, films: &mut Vec<DVec2>) {
         let Worker { hits, paths, numbers, shadows, arena, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::of_light(self.scene, arena, &paths.rays, hits, first);
+            let block = ShadingBlock::of_light(self.scene, arena, &paths.rays, hits, first);
             let mut survivors = Survivors::none();
             for i in bits(block.active) {
                 let j = first + i;
-                let vertex = Vertex::new(&block, i);
+                let vertex = LightVertex::new(&block, i);
                 let beta = paths.beta(j);
                 let u_lens = match self.camera.has_lens() {
                     true => Vec2::new(numbers.emitter_point[0][j], numbers.emitter_point[1][j]),
@@ -180,8 +181,9 @@ impl Bounce<'_> {
         paths.truncate(alive);
     }
 
-    /// The ray from a surface point to the camera, where it arrives on the film, and what a path of power 1 adds there.
-    fn connect(&self, vertex: &Vertex<'_>, u_lens: Vec2) -> Option<(Ray, DVec2, Rgb)> {
+    /// Returns the ray from a surface point to the camera, its position on the film, and the contribution of a path
+    /// with power 1.
+    fn connect(&self, vertex: &LightVertex<'_>, u_lens: Vec2) -> Option<(Ray, DVec2, Rgb)> {
         if vertex.bsdf.is_specular() {
             return None;
         }

@@ -1,47 +1,49 @@
-//! Russian roulette: which paths go on, and with what.
+//! Russian roulette.
 
 use crate::color::Rgb;
 use crate::math::f32x16;
 use crate::sampling::hash::{probability_below, probability_below_x16};
 
-/// The most likely survival of a path that may end at an edge, the number of its edges being `edges`.
+/// Returns the upper limit of the survival probability at an edge, where `edges` is the number of edges of the path.
 ///
-/// A constant limit c < 1 makes light without end die also where nothing is absorbed, but the weights of long paths
-/// grow as (ρ/c)^k in a closed room of reflectance ρ, and their variance is infinite where ρ² > c. This limit tends to 1:
-/// 1 − 2/(k + 35), 0.95 at the fifth edge. Of paths that lose nothing a share of (38/k)·(39/k) is left after k ≫ 1 edges, so their
-/// mean length is finite, and weights grow as k², so that the variance is finite for every ρ < 1.
+/// A constant limit c < 1 terminates paths even if nothing is absorbed. In a closed room of reflectance ρ, however,
+/// the weights of long paths grow as (ρ/c)^k, and their variance is infinite for ρ² > c. This limit tends to 1: it is
+/// 1 − 2/(k + 35), which is 0.95 at the fifth edge. Of paths without absorption, a fraction of (38/k)·(39/k) remains
+/// after k ≫ 1 edges. Their mean length is therefore finite; weights grow as k², so the variance is finite for every
+/// ρ < 1.
 #[inline]
-fn most_survival(edges: u32) -> f32 {
+fn survival_limit(edges: u32) -> f32 {
     1.0 - 2.0 / (edges as f32 + 35.0)
 }
 
-/// Russian roulette at an edge of a path.
+/// Russian roulette at one edge of a path.
 #[derive(Clone, Copy, Debug)]
 pub struct Roulette {
-    /// The most likely survival.
-    most: f32,
+    /// The upper limit of the survival probability.
+    limit: f32,
 }
 
 impl Roulette {
-    /// The roulette of paths with so many edges; `None` before `rr_depth`.
+    /// Returns the roulette for paths with the given number of edges; `None` before `rr_depth`.
     pub fn at(edges: u32, rr_depth: u32) -> Option<Self> {
-        (edges >= rr_depth).then(|| Roulette { most: most_survival(edges) })
+        (edges >= rr_depth).then(|| Roulette { limit: survival_limit(edges) })
     }
 
-    /// The throughput of a path that goes on; `None` where the random number `u` ends it. It survives with the
-    /// probability of its strongest channel times `importance`, up to a limit.
+    /// Returns the throughput of a surviving path, or `None` if the random number `u` terminates it. The survival
+    /// probability is the largest channel of `beta` times `importance`, up to the limit.
     #[inline]
     pub fn play(self, beta: Rgb, importance: f32, u: f32) -> Option<Rgb> {
-        let survival = probability_below((beta.max_component() * importance).min(self.most));
-        // A throughput that is no number lives: the sample is to be counted as invalid.
+        let survival = probability_below((beta.max_component() * importance).min(self.limit));
+        // A path with NaN throughput survives, so that the sample is counted as invalid.
         if u >= survival { None } else { Some(beta * (1.0 / survival)) }
     }
 
-    /// As [`play`](Self::play), for sixteen paths: their throughputs by channel, and a mask of those that go on.
+    /// Computes [`play`](Self::play) for sixteen paths. Returns their throughputs by channel and a mask of the
+    /// surviving paths.
     #[inline(always)]
     pub fn play_x16(self, beta: [f32x16; 3], importance: f32x16, u: f32x16) -> ([f32x16; 3], f32x16) {
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
-        let survival = probability_below_x16((strongest * importance).fast_min(f32x16::splat(self.most)));
+        let survival = probability_below_x16((strongest * importance).fast_min(f32x16::splat(self.limit)));
         let per_survival = f32x16::ONE / survival;
         (beta.map(|channel| channel * per_survival), !u.simd_ge(survival))
     }
@@ -52,13 +54,13 @@ mod tests {
     use super::*;
     use crate::sampling::hash::to_unit;
 
-    /// Mean length of lossless paths, and the second moment of the weights in a room of reflectance 0.999.
+    /// Tests the mean length of lossless paths, and the second moment of the weights in a room of reflectance 0.999.
     #[test]
     fn lossless_paths_end_and_weights_have_a_variance() {
-        assert_eq!(most_survival(5), 0.95);
+        assert_eq!(survival_limit(5), 0.95);
         let (mut left, mut length, mut moment) = (1.0f64, 0.0, 0.0);
         for edges in 5..40_000 {
-            left *= f64::from(most_survival(edges));
+            left *= f64::from(survival_limit(edges));
             length += left;
             moment += 0.999f64.powi(2 * edges as i32) / left;
         }
@@ -66,14 +68,14 @@ mod tests {
         assert!((1e5..1e6).contains(&moment), "{moment}");
     }
 
-    /// However small the throughput is, survivors times their throughputs are what went in.
+    /// The expected throughput is conserved for throughputs of any size.
     #[test]
     fn nothing_is_gained_or_lost() {
         for strongest in [1e-12f32, 1e-10, 1e-7, 1e-6, 1e-3, 0.3, 0.9, 1.0, 7.0] {
             let beta = Rgb::new(strongest, 0.5 * strongest, 0.0);
             let roulette = Roulette::at(9, 5).expect("played from the fifth edge on");
             let on = roulette.play(beta, 1.0, 0.0).expect("the least number lets every path live");
-            // The share of the hashes whose number lets the path live.
+            // The fraction of hashes whose number lets the path survive.
             let (mut low, mut high) = (0u64, 1u64 << 32);
             while low < high {
                 let middle = (low + high) / 2;

@@ -1,17 +1,17 @@
-//! What a scene file or the command line says about an integrator.
+//! The parameters of integrators, as given in a scene file or on the command line.
 
 use super::photon::Kernel;
 
 /// A feature of the first surface that a camera ray meets, written as an image layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Aov {
-    /// Share of the light that a diffuse white illumination would send back.
+    /// Directional albedo under uniform white illumination.
     Albedo,
-    /// Geometric normal in the world.
+    /// Geometric normal in world space.
     GeometricNormal,
-    /// Shading normal in the world.
+    /// Shading normal in world space.
     ShadingNormal,
-    /// Position in the world.
+    /// Position in world space.
     Position,
     /// Distance from the camera along the ray.
     Depth,
@@ -21,21 +21,21 @@ pub enum Aov {
     PrimitiveIndex,
     /// Index of the shape within the scene.
     ShapeIndex,
-    /// Variance of the pixel's mean, from the replicates: two, so with one degree of freedom, or eight where pixels
+    /// Variance of the pixel's mean, estimated from the replicates: two (one degree of freedom), or eight if pixels
     /// share noise.
     Variance,
-    /// Standard error of the pixel's mean: the root of its variance.
+    /// Standard error of the pixel's mean: the square root of its variance.
     StandardError,
-    /// Variance of the sum over the block of 4 x 4 pixels that the pixel is in, counted from the image's first pixel,
-    /// over the number of its pixels. It knows what the pixels share.
+    /// Variance of the sum over the pixel's block of 4 x 4 pixels, divided by the number of its pixels. Blocks are
+    /// counted from the image's first pixel. It includes the error that pixels share.
     BlockVariance,
     /// Number of samples of the pixel.
     Samples,
-    /// Radius of the irradiance records that reach the surface, by their weights.
+    /// Weighted mean radius of the irradiance records that apply at the surface.
     RecordRadius,
 }
 
-/// An image layer: its name in the file and what it holds.
+/// An image layer: its name in the file and its content.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Layer {
     /// Prefix of the channel names.
@@ -47,9 +47,10 @@ pub struct Layer {
 /// Path integrator. [Kajiya 1986; Veach 1997]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PathSettings {
-    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
+    /// is unbounded.
     pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may end a path.
+    /// Depth from which Russian roulette may terminate a path.
     pub rr_depth: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
@@ -81,17 +82,17 @@ impl Default for DirectSettings {
 /// Hard shadows, mirrors and glass. [Whitted 1980]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct WhittedSettings {
-    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light (ray casting). At most
-    /// [`MAX_DEPTH`](Self::MAX_DEPTH).
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light (ray
+    /// casting). At most [`MAX_DEPTH`](Self::MAX_DEPTH).
     pub max_depth: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
 }
 
 impl WhittedSettings {
-    /// The longest path there may be: glass doubles the rays at every level.
+    /// The upper limit of `max_depth`: glass doubles the number of rays at every level.
     pub const MAX_DEPTH: u32 = 20;
-    /// The most rays that a camera ray may have at the last level of its tree.
+    /// The greatest number of rays at the last level of a camera ray's tree.
     pub const MAX_RAYS: u64 = 1 << 20;
 }
 
@@ -104,22 +105,22 @@ impl Default for WhittedSettings {
 /// Distribution ray tracing. [Cook 1984]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct DistributionSettings {
-    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light.
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light.
     pub max_depth: u32,
     /// Samples of the emitters at each surface.
     pub emitter_samples: u32,
-    /// Rays into the BSDF at each surface, at least 1; Dirac deltas get one each.
+    /// BSDF samples at each surface, at least 1; each Dirac delta gets one.
     pub bsdf_samples: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
 }
 
 impl DistributionSettings {
-    /// The most rays that a camera ray may have at the last level of its tree. Where more would come of Dirac deltas,
-    /// one ray goes on from each surface.
+    /// The greatest number of rays at the last level of a camera ray's tree. If Dirac deltas would exceed it, each
+    /// surface continues with one ray.
     pub const MAX_RAYS: u64 = 1 << 20;
 
-    /// The most rays that a camera ray has at the last level of its tree, but for Dirac deltas.
+    /// Returns the greatest number of rays at the last level of a camera ray's tree, Dirac deltas excepted.
     pub fn rays_at_last_level(&self) -> u64 {
         u64::from(self.bsdf_samples).saturating_pow(self.max_depth.saturating_sub(1))
     }
@@ -134,9 +135,10 @@ impl Default for DistributionSettings {
 /// Light tracing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PtracerSettings {
-    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
+    /// is unbounded.
     pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may end a path.
+    /// Depth from which Russian roulette may terminate a path.
     pub rr_depth: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
@@ -151,26 +153,27 @@ impl Default for PtracerSettings {
 /// Irradiance caching around another integrator. [Ward 1988]
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct IrrcacheSettings {
-    /// Rings of elevation of a record's hemisphere, at least 2; there are π times as many sectors of azimuth. Each of
-    /// the eight replicates has records of its own.
+    /// Number of elevation strata of a record's hemisphere, at least 2; there are π times as many azimuth strata.
+    /// Each of the eight replicates has its own records.
     pub resolution: u32,
-    /// Accuracy, positive: radii of records fall as its reciprocal, so their number rises as its square.
+    /// Accuracy, positive. The radii of records are inversely proportional to it, so their number grows with its
+    /// square.
     pub quality: f32,
-    /// Whether records change between their places by their gradients.
+    /// Whether interpolation uses the records' gradients.
     pub gradients: bool,
-    /// Whether a record reaches no farther than a neighbour of it would have it. [Křivánek 2006]
+    /// Whether a record's radius is limited by its neighbours' radii. [Křivánek 2006]
     pub clamp_neighbor: bool,
-    /// Whether distances between records are bounded in pixels, from below and from above.
+    /// Whether the radii of records are clamped to a range in pixels.
     pub clamp_screen: bool,
-    /// Whether the image is searched for places that need records. Without, only a cache file brings any.
+    /// Whether an overture pass creates records over the image. Otherwise records come only from a cache file.
     pub overture: bool,
-    /// Factor on the quality when the cache is read, in (0, 1]: less averages over more records.
+    /// Factor on the quality when the cache is used, in (0, 1]; a smaller factor averages more records.
     pub quality_adjustment: f32,
-    /// Whether only what the cache serves is shown.
+    /// Whether only the light from the cache is shown.
     pub indirect_only: bool,
-    /// Whether the places of records are drawn over the image.
+    /// Whether the positions of records are drawn over the image.
     pub debug: bool,
-    /// Traces the light that records gather.
+    /// The integrator of the light that records gather.
     pub child: Box<Settings>,
 }
 
@@ -194,43 +197,44 @@ impl Default for IrrcacheSettings {
 /// Photon maps and final gathering. [Jensen 2001]
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PhotonmapperSettings {
-    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
+    /// is unbounded.
     pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may end a path, of the camera or of light.
+    /// Depth from which Russian roulette may terminate a camera path or light path.
     pub rr_depth: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
-    /// Samples of the emitters at the first surface that is not specular, at least 1.
+    /// Emitter samples at the first surface that is not specular, at least 1.
     pub direct_samples: u32,
-    /// Rays into the BSDF there if it has glossy lobes only, at least 1.
+    /// BSDF samples at that surface if all its lobes are glossy, at least 1.
     pub glossy_samples: u32,
-    /// Rays into the BSDF there if it has a diffuse part, at least 1: the final gather.
+    /// BSDF samples at that surface if it has a diffuse lobe, at least 1: the final gather.
     pub gather_samples: u32,
-    /// Photons of each global map.
+    /// Number of photons in each global map.
     pub global_photons: u32,
-    /// Photons of each caustic map.
+    /// Number of photons in each caustic map.
     pub caustic_photons: u32,
-    /// How far photons of the global map are searched for, over the radius of the scene; positive.
+    /// Maximum lookup radius in the global map, relative to the radius of the scene; positive.
     pub global_lookup_radius: f32,
-    /// How far those of the caustic map are.
+    /// Maximum lookup radius in the caustic map, relative to the radius of the scene; positive.
     pub caustic_lookup_radius: f32,
-    /// How many photons are searched for, at least 2.
+    /// Number of photons in a lookup, at least 2.
     pub lookup_size: u32,
-    /// How photons count by their distance.
+    /// The kernel that weights photons by their distance.
     pub kernel: Kernel,
-    /// What is shown instead of the picture.
+    /// The debug image to show instead of the rendered image.
     pub debug: PhotonDebug,
 }
 
-/// What a photon mapper shows.
+/// The output of a photon mapper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum PhotonDebug {
-    /// The picture.
+    /// The rendered image.
     #[default]
     None,
-    /// The photons of the global map as points of their colours.
+    /// The photons of the global map as coloured points.
     Photons,
-    /// The radiance that these make of the first surface, without direct sampling or final gathering.
+    /// The radiance estimate of the global map at the first surface, without direct sampling or final gathering.
     Radiance,
 }
 
@@ -257,19 +261,21 @@ impl Default for PhotonmapperSettings {
 /// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SppmSettings {
-    /// Longest path in edges, camera to light: 1 shows emitters only, 2 direct light; `None` is unbounded.
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
+    /// is unbounded.
     pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may end a path, of the camera or of light.
+    /// Depth from which Russian roulette may terminate a camera path or light path.
     pub rr_depth: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
-    /// Light paths of each pass, one pass for each sample of the pixels; 0 takes one for each pixel of the full image.
+    /// Light paths in each pass, with one pass for each sample of the pixels; 0 selects one for each pixel of the
+    /// full image.
     pub photon_count: u32,
-    /// Radius of the first pass in scene units; 0 takes three widths of a pixel.
+    /// Radius of the first pass in scene units; 0 selects three pixel widths.
     pub initial_radius: f32,
-    /// Whether a pilot learns where light paths should begin so that their photons are seen.
+    /// Whether a pilot pass learns how to emit light paths whose photons are visible.
     pub guided: bool,
-    /// How slowly radii shrink, in (0, 1]: 1 keeps them, and keeps the blur.
+    /// Exponent of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
     pub alpha: f32,
 }
 
@@ -308,11 +314,11 @@ pub enum Settings {
     Photonmapper(PhotonmapperSettings),
     /// Stochastic progressive photon mapping.
     Sppm(SppmSettings),
-    /// Layers of surface features, beside the image of another integrator if there is one.
+    /// Layers of surface features, optionally in addition to the image of another integrator.
     Aov {
         /// The layers in file order.
         layers: Vec<Layer>,
-        /// The integrator that makes the image; `None` for a black image.
+        /// The integrator of the image; `None` for a black image.
         image: Option<Box<Settings>>,
     },
 }
@@ -324,7 +330,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The integrator's name in the scene language.
+    /// Returns the integrator's name in the scene language.
     pub fn name(&self) -> &'static str {
         match self {
             Settings::Path(_) => "path",

@@ -1,11 +1,11 @@
-//! Trees of rays, advanced level by level: what `whitted` and `distribution` have in common.
+//! Ray trees, traversed level by level: the common part of `whitted` and `distribution`.
 //!
-//! A wave of rays that all have the same number of edges behind them is one level. Its children are waves of at most
-//! one ray for each parent, taken one after the other, so that the memory of a tree grows with its depth and never
-//! with its branching. The levels that are under way are a list and not a recursion: paths may have any number of
+//! One level is a wave of rays with the same number of edges before them. Its children are waves with at most one ray
+//! for each parent, which are traced one after the other. The memory of a tree therefore grows with its depth but not
+//! with its branching factor. The pending levels are in a list, without recursion, so paths may have any number of
 //! edges.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::path::first_hits;
 use super::worker::{PathWave, intersect};
@@ -17,76 +17,76 @@ use crate::sampling::hash::combine;
 use crate::scene::Scene;
 use bumpalo::Bump;
 
-/// Rays of children that are made at a time, about: what is known of their parents' surfaces is found anew for the
-/// next ones.
+/// The approximate number of child rays that are created at a time. Their parents' surface interactions are computed
+/// again for the next ones.
 const RAYS_AT_ONCE: usize = 1 << 15;
 
-/// What every ray of a tree has in common.
+/// The state shared by all rays of a tree.
 #[derive(Clone, Copy)]
-pub(super) struct Tree<'a> {
+pub(super) struct RayTree<'a> {
     pub scene: &'a Scene,
     pub query: RadianceQuery,
-    /// What is known about the rays of the first level.
+    /// The coherence of the rays of the first level.
     pub coherence: Coherence,
-    /// Longest path in edges.
+    /// Greatest number of edges of a path.
     pub max_depth: u32,
     /// Whether emitters are invisible to the camera.
     pub hide_emitters: bool,
 }
 
-/// What an integrator does at the surfaces of a tree.
-pub(super) trait Branching {
-    /// Samples by either technique at a point with so many scattering events before it, for the weights.
+/// The sampling strategy of an integrator at the surfaces of a tree.
+pub(super) trait TreeStrategy {
+    /// Returns the number of samples of each technique at a point after `depth` scattering events, for the weights.
     fn counts(&self, depth: u32) -> TechniqueCounts;
 
-    /// The lanes of a block that send a ray into each of their Dirac deltas.
-    fn delta_lanes(&self, depth: u32, block: &Block<'_>) -> u32;
+    /// Returns a mask of the lanes of a block that send a ray into each of their Dirac deltas.
+    fn delta_lanes(&self, depth: u32, block: &ShadingBlock<'_>) -> u32;
 
-    /// How many more rays leave each surface.
+    /// Returns the number of other rays from each surface.
     fn rays(&self, depth: u32) -> u32;
 
-    /// Adds the light of emitters that are sampled.
+    /// Adds the light of sampled emitters.
     fn light(
         &self,
-        tree: &Tree<'_>,
+        tree: &RayTree<'_>,
         depth: u32,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
         worker: &mut Worker,
         out: &mut [Radiance],
     );
 
-    /// The `i`-th of the rays that leave the surfaces.
+    /// Samples the `i`-th ray from each surface.
     fn scatter(
         &self,
-        tree: &Tree<'_>,
+        tree: &RayTree<'_>,
         depth: u32,
         i: u32,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
         worker: &mut Worker,
     ) -> PathWave;
 }
 
-/// A level with children that have not been followed.
-struct Level {
-    /// Scattering events before its surfaces.
+/// A level with untraced children.
+struct TreeLevel {
+    /// The number of scattering events before its surfaces.
     depth: u32,
     parents: PathWave,
     hits: Vec<Option<Hit>>,
-    /// Children that are made, the next one last.
+    /// Children that have been created, the next one last.
     ready: Vec<PathWave>,
-    /// How many of the rays besides those into deltas are made.
+    /// The number of sampled rays created so far, without those into deltas.
     scattered: u32,
 }
 
-impl Level {
-    /// Makes children until there are enough for a while.
+impl TreeLevel {
+    /// Creates children until there are about [`RAYS_AT_ONCE`] rays.
     fn make(
         &mut self,
-        tree: &Tree<'_>,
-        branching: &impl Branching,
-        blocks: &[Block<'_>],
+        tree: &RayTree<'_>,
+        branching: &impl TreeStrategy,
+        blocks: &[ShadingBlock<'_>],
         worker: &mut Worker,
     ) {
         let mut rays = 0;
@@ -100,21 +100,26 @@ impl Level {
     }
 }
 
-impl<'a> Tree<'a> {
-    /// Follows the wave in the worker's hand and all that comes of it.
-    pub fn follow(&self, branching: &impl Branching, worker: &mut Worker, out: &mut [Radiance]) {
-        let mut levels: Vec<Level> = Vec::new();
+impl<'a> RayTree<'a> {
+    /// Traces the worker's current wave and all its descendants.
+    pub fn trace(&self, branching: &impl TreeStrategy, worker: &mut Worker, out: &mut [Radiance]) {
+        let mut levels: Vec<TreeLevel> = Vec::new();
         let mut depth = 0;
         while !worker.interrupt.is_raised() {
-            levels.extend(self.enter(branching, depth, worker, out));
+            levels.extend(self.trace_level(branching, depth, worker, out));
             let Some(next) = self.next(branching, &mut levels, worker) else { break };
             depth = next;
         }
     }
 
-    /// Puts the next wave into the worker's hand; returns the number of its scattering events, `None` if there is no
-    /// wave left.
-    fn next(&self, branching: &impl Branching, levels: &mut Vec<Level>, worker: &mut Worker) -> Option<u32> {
+    /// Makes the next wave the worker's current one. Returns the number of its scattering events, or `None` if no
+    /// wave is left.
+    fn next(
+        &self,
+        branching: &impl TreeStrategy,
+        levels: &mut Vec<TreeLevel>,
+        worker: &mut Worker,
+    ) -> Option<u32> {
         loop {
             let level = levels.last_mut()?;
             let depth = level.depth + 1;
@@ -132,23 +137,23 @@ impl<'a> Tree<'a> {
                 }
                 None => {
                     let arena = Bump::new();
-                    let blocks: Vec<Block<'_>> =
-                        Block::all(self.scene, &arena, &level.parents.rays, &level.hits).collect();
+                    let blocks: Vec<ShadingBlock<'_>> =
+                        ShadingBlock::all(self.scene, &arena, &level.parents.rays, &level.hits).collect();
                     level.make(self, branching, &blocks, worker);
                 }
             }
         }
     }
 
-    /// Traces the wave in the worker's hand, which has `depth` scattering events behind it, adds the light that it
-    /// finds, and gives it back with its first children if it has any.
-    fn enter(
+    /// Traces the worker's current wave, which has `depth` scattering events behind it, and adds the light that it
+    /// finds. Returns its level with the first children, if it has any.
+    fn trace_level(
         &self,
-        branching: &impl Branching,
+        branching: &impl TreeStrategy,
         depth: u32,
         worker: &mut Worker,
         out: &mut [Radiance],
-    ) -> Option<Level> {
+    ) -> Option<TreeLevel> {
         let arena = Bump::new();
         let counts = branching.counts(depth.saturating_sub(1));
         let blocks = self.hit_surfaces(&arena, depth, counts, worker, out);
@@ -161,28 +166,28 @@ impl<'a> Tree<'a> {
             return None;
         }
         let ready = self.delta_children(&blocks, &parents, |block| branching.delta_lanes(depth, block));
-        let mut level = Level { depth, parents, hits, ready, scattered: 0 };
+        let mut level = TreeLevel { depth, parents, hits, ready, scattered: 0 };
         level.make(self, branching, &blocks, worker);
         Some(level)
     }
 
-    /// What is known about the rays with so many scattering events behind them.
+    /// Returns the coherence of rays after `depth` scattering events.
     pub fn coherence(&self, depth: u32) -> Coherence {
         if depth == 0 { self.coherence } else { Coherence::Incoherent }
     }
 
-    /// Whether light with so many edges is wanted from emitters that are sampled after `depth` scattering events.
+    /// Returns whether the query includes light from emitters sampled after `depth` scattering events.
     fn samples_lights(&self, depth: u32) -> bool {
         depth + 2 <= self.max_depth && self.query.wants(depth + 2)
     }
 
-    /// Whether rays go on after `depth` scattering events.
+    /// Returns whether paths continue after `depth` scattering events.
     fn goes_on(&self, depth: u32) -> bool {
         depth + 2 <= self.max_depth && (self.query.direct || self.query.indirect)
     }
 
-    /// Traces the wave in the worker's hand, adds the light that its rays find at emitters, and gives the surfaces that
-    /// they hit. The wave in hand is left with those rays.
+    /// Traces the worker's current wave, adds the emission found, and returns the blocks of surfaces that were hit.
+    /// The current wave keeps only the rays with hits.
     fn hit_surfaces<'b>(
         &self,
         arena: &'b Bump,
@@ -190,7 +195,7 @@ impl<'a> Tree<'a> {
         counts: TechniqueCounts,
         worker: &mut Worker,
         out: &mut [Radiance],
-    ) -> Vec<Block<'b>>
+    ) -> Vec<ShadingBlock<'b>>
     where
         'a: 'b,
     {
@@ -207,7 +212,7 @@ impl<'a> Tree<'a> {
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
             }
         });
-        let blocks: Vec<Block<'b>> = Block::all(scene, arena, &paths.rays, hits).collect();
+        let blocks: Vec<ShadingBlock<'b>> = ShadingBlock::all(scene, arena, &paths.rays, hits).collect();
         if add_emission {
             for block in &blocks {
                 for (i, le) in lighting::emitted(scene, block, &paths.pdf, counts) {
@@ -219,13 +224,13 @@ impl<'a> Tree<'a> {
         blocks
     }
 
-    /// The rays into every Dirac delta of the lanes that `lanes` picks in each block: wave k holds the k-th delta of
-    /// each parent that has so many.
+    /// Creates the rays into every Dirac delta of the lanes that `lanes` selects in each block. Wave k has the k-th
+    /// delta of each parent.
     fn delta_children(
         &self,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
-        lanes: impl Fn(&Block<'_>) -> u32,
+        lanes: impl Fn(&ShadingBlock<'_>) -> u32,
     ) -> Vec<PathWave> {
         let mut children: Vec<PathWave> = Vec::new();
         for block in blocks {
@@ -240,7 +245,7 @@ impl<'a> Tree<'a> {
                     let beta = parents.beta(parent) * lobe.weight;
                     if !beta.is_black() {
                         let ray = self.scene.spawn_ray(&at, at.frame.to_world(lobe.wi), at.time);
-                        let key = branch(parents.keys[parent], k as u32);
+                        let key = branch_key(parents.keys[parent], k as u32);
                         children[k].push(
                             ray,
                             key,
@@ -257,15 +262,15 @@ impl<'a> Tree<'a> {
     }
 }
 
-/// The key of branch `k` of a sample: a sequence of its own.
-fn branch(key: SampleKey, k: u32) -> SampleKey {
+/// Returns the key of branch `k` of a sample, with a sequence of its own.
+fn branch_key(key: SampleKey, k: u32) -> SampleKey {
     SampleKey { scramble: combine(key.scramble, k), ..key }
 }
 
-/// The key of the `i`-th of `n` samples that are drawn where one sample branches: n neighbouring points of its
-/// sequence, so that they are stratified among themselves.
+/// Returns the key of sample `i` of `n` where one sample branches: the n samples are consecutive points of its
+/// sequence, so they are stratified among themselves.
 ///
-/// Where the index leaves the range of 32 bits, an independently scrambled sequence begins.
+/// An index beyond 32 bits continues with an independently scrambled sequence.
 pub(super) fn split(key: SampleKey, n: u32, i: u32) -> SampleKey {
     let index = u64::from(key.index) * u64::from(n) + u64::from(i);
     let scramble = match (index >> 32) as u32 {
@@ -280,7 +285,7 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
-    /// Eight levels of three-fold splits of eight samples, past the range of 32 bits at the end.
+    /// Eight levels of three-fold splits of eight samples; the last index exceeds 32 bits.
     #[test]
     fn no_two_nodes_of_a_level_share_a_key() {
         let mut level: Vec<SampleKey> =
@@ -291,6 +296,6 @@ mod tests {
             assert_eq!(distinct.len(), level.len(), "level {depth}");
         }
         assert!(level.iter().all(|k| k.scramble != SampleKey::new(1, 2, 3, 0).scramble));
-        assert_ne!(branch(level[0], 0), branch(level[0], 1));
+        assert_ne!(branch_key(level[0], 0), branch_key(level[0], 1));
     }
 }

@@ -1,18 +1,18 @@
-//! Ray tracing after Whitted: hard shadows, mirrors and glass. [Whitted 1980]
+//! Whitted ray tracing: hard shadows, mirrors and glass. [Whitted 1980]
 //!
-//! At each surface one shadow ray goes to the middle of each emitter, and one ray into each Dirac delta of the BSDF:
-//! both the reflection and the refraction of glass, weighted by their shares, so that rays form a binary tree. Nothing
-//! is drawn at random but the position in the pixel, on the lens and in time.
+//! At each surface, one shadow ray goes to the centre of each emitter, and one ray into each Dirac delta of the BSDF.
+//! For glass these are both the reflection and the refraction, weighted by the Fresnel reflectance and transmittance,
+//! so the rays form a binary tree. Only the position in the pixel, on the lens and in time is random.
 //!
-//! This is biased by design, and no number of samples makes up for it. Missing are: penumbrae, because every emitter
-//! is a point ([`Light::sample_centre`](crate::emitter::Light::sample_centre)); light between diffuse or glossy surfaces;
-//! reflections in glossy surfaces but the highlights of emitters' middles; light that reaches a surface through glass
-//! or by a mirror (caustics); and the environment, except where it is seen directly, in mirrors or through glass.
+//! The result is biased for any number of samples. It lacks penumbrae, because every emitter is a point
+//! ([`Light::sample_centre`](crate::emitter::Light::sample_centre)); light between diffuse or glossy surfaces; glossy
+//! reflections other than highlights of emitter centres; light that reaches a surface through glass or a mirror
+//! (caustics); and the environment, except where it is seen directly, in mirrors or through glass.
 
-use super::block::Block;
+use super::block::ShadingBlock;
 use super::lighting::TechniqueCounts;
 use super::settings::WhittedSettings;
-use super::tree::{Branching, Tree};
+use super::tree::{RayTree, TreeStrategy};
 use super::worker::PathWave;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::emitter::Light;
@@ -20,23 +20,23 @@ use crate::error::{Error, Result};
 use crate::math::lanes::bits;
 use crate::scene::Scene;
 
-/// Direct light from points, mirrors and glass.
+/// Direct light from point emitters, mirrors and glass.
 pub struct WhittedIntegrator {
     settings: WhittedSettings,
 }
 
 impl WhittedIntegrator {
-    /// The integrator with its settings.
+    /// Creates the integrator.
     pub fn new(settings: WhittedSettings) -> Self {
         WhittedIntegrator { settings }
     }
 
-    /// Queues a shadow ray from each point with a finite lobe to the middle of the light.
+    /// Queues a shadow ray to the emitter's centre from each point with a finite lobe.
     fn queue(
         &self,
         scene: &Scene,
         light: &Light,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
         worker: &mut Worker,
     ) {
@@ -57,13 +57,13 @@ impl WhittedIntegrator {
     }
 }
 
-impl Branching for WhittedIntegrator {
+impl TreeStrategy for WhittedIntegrator {
     fn counts(&self, _depth: u32) -> TechniqueCounts {
-        // All rays go into Dirac deltas, which no other technique finds.
+        // All rays go into Dirac deltas, which no other technique samples.
         TechniqueCounts::ONE_EACH
     }
 
-    fn delta_lanes(&self, _depth: u32, block: &Block<'_>) -> u32 {
+    fn delta_lanes(&self, _depth: u32, block: &ShadingBlock<'_>) -> u32 {
         block.active
     }
 
@@ -73,9 +73,9 @@ impl Branching for WhittedIntegrator {
 
     fn light(
         &self,
-        tree: &Tree<'_>,
+        tree: &RayTree<'_>,
         depth: u32,
-        blocks: &[Block<'_>],
+        blocks: &[ShadingBlock<'_>],
         parents: &PathWave,
         worker: &mut Worker,
         out: &mut [Radiance],
@@ -88,10 +88,10 @@ impl Branching for WhittedIntegrator {
 
     fn scatter(
         &self,
-        _tree: &Tree<'_>,
+        _tree: &RayTree<'_>,
         _depth: u32,
         _i: u32,
-        _blocks: &[Block<'_>],
+        _blocks: &[ShadingBlock<'_>],
         _parents: &PathWave,
         _worker: &mut Worker,
     ) -> PathWave {
@@ -133,13 +133,13 @@ impl Integrator for WhittedIntegrator {
     ) {
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);
-        let tree = Tree {
+        let tree = RayTree {
             scene,
             query,
             coherence: wave.coherence,
             max_depth: self.settings.max_depth,
             hide_emitters: self.settings.hide_emitters,
         };
-        tree.follow(self, worker, out);
+        tree.trace(self, worker, out);
     }
 }

@@ -1,4 +1,4 @@
-//! What belongs to one thread: its sampler, its counters and its buffers.
+//! The data of one thread: sampler, counters and buffers.
 
 use super::Interrupt;
 use super::emission::skip_emitters;
@@ -12,23 +12,23 @@ use bumpalo::Bump;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Counts of one worker; merged at the end.
+/// The counters of one worker, merged at the end.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Counters {
-    /// Queries for the nearest hit.
+    /// Number of nearest-hit queries.
     pub closest_rays: u64,
-    /// Queries for occlusion.
+    /// Number of occlusion queries.
     pub occlusion_rays: u64,
-    /// Camera paths.
+    /// Number of camera paths.
     pub paths: u64,
-    /// Time inside the accelerator, nearest hits.
+    /// Time in the accelerator for nearest hits.
     pub closest_time: Duration,
-    /// Time inside the accelerator, occlusion.
+    /// Time in the accelerator for occlusion.
     pub occlusion_time: Duration,
 }
 
 impl Counters {
-    /// Adds another worker's counts.
+    /// Adds the counts of another worker.
     pub fn merge(&mut self, other: &Counters) {
         self.closest_rays += other.closest_rays;
         self.occlusion_rays += other.occlusion_rays;
@@ -38,7 +38,7 @@ impl Counters {
     }
 }
 
-/// Shadow rays with what they bring if nothing is in their way.
+/// Shadow rays with their contributions if unoccluded.
 #[derive(Default)]
 pub struct ShadowQueue {
     rays: Vec<Ray>,
@@ -47,8 +47,8 @@ pub struct ShadowQueue {
 }
 
 impl ShadowQueue {
-    /// Adds the rays of the lanes in the bits of `lanes`; lane `i`'s value, by channel, goes to entry `slots[i]`
-    /// if the ray is free.
+    /// Adds the rays of the lanes in the mask `lanes`. The value of lane `i`, by channel, is added to entry
+    /// `slots[i]` if the ray is unoccluded.
     #[inline(always)]
     pub fn push(&mut self, rays: &RayX16, slots: &[u32], value: &[f32x16; 3], lanes: u32) {
         let rays = rays.to_rays();
@@ -61,47 +61,47 @@ impl ShadowQueue {
 }
 
 impl ShadowQueue {
-    /// Adds one ray; its value goes to entry `slot` if the ray is free.
+    /// Adds one ray; its value is added to entry `slot` if the ray is unoccluded.
     pub fn push_one(&mut self, ray: Ray, slot: u32, value: Rgb) {
         self.rays.push(ray);
         self.pending.push((slot, value));
     }
 }
 
-/// One thread's state. Nothing in it changes the result of a sample.
+/// The state of one thread. It does not influence the result of a sample.
 pub struct Worker {
     /// The sampler.
     pub sampler: Sampler,
     /// The counts so far.
     pub counters: Counters,
-    /// Nearest hits of the wave in hand.
+    /// Nearest hits of the current wave.
     pub hits: Vec<Option<Hit>>,
-    /// Shadow rays of the wave in hand.
+    /// Shadow rays of the current wave.
     pub shadows: ShadowQueue,
-    /// The wave in hand, for integrators that scatter.
+    /// The current wave, for integrators that scatter.
     pub paths: PathWave,
-    /// Random numbers of the wave in hand.
-    pub numbers: Numbers,
-    /// By entry of the output: whether the path has met specular lobes only. Empty where nothing asks.
+    /// Random numbers of the current wave.
+    pub numbers: RandomNumbers,
+    /// For each entry of the output, whether the path has had specular lobes only. Empty if unused.
     pub specular_only: Vec<bool>,
-    /// By entry of the output: whether the path looks for emitters only. For integrators that send such paths.
+    /// For each entry of the output, whether the path only searches for emitters. Empty if unused.
     pub probing: Vec<bool>,
-    /// Where BSDFs that are not the same everywhere live while they are used.
+    /// Memory for the BSDFs of the current wave that vary over the surface.
     pub arena: Bump,
-    /// The time of all rays that begin, in [0, 1] over the shutter interval; `None` where each sample draws its own.
+    /// The time of all new rays, in [0, 1] over the shutter interval; `None` if each sample draws its own.
     pub time: Option<f32>,
-    /// Whether to leave the wave in hand unfinished: whoever asked for it throws it away then.
+    /// A request to stop, after which the result of the current wave is discarded.
     pub interrupt: Interrupt,
 }
 
-/// Random numbers of one bounce, drawn for a whole wave.
+/// The random numbers of one bounce, for a whole wave.
 #[derive(Default)]
-pub struct Numbers {
-    /// Which emitter.
+pub struct RandomNumbers {
+    /// Choice of the emitter.
     pub emitter_choice: Vec<f32>,
-    /// Where on the emitter.
+    /// Position on the emitter.
     pub emitter_point: [Vec<f32>; 2],
-    /// Which lobe.
+    /// Choice of the lobe.
     pub bsdf_lobe: Vec<f32>,
     /// Direction within the lobe.
     pub bsdf_direction: [Vec<f32>; 2],
@@ -116,19 +116,18 @@ pub struct PathWave {
     pub rays: Vec<Ray>,
     /// The sample's key.
     pub keys: Vec<SampleKey>,
-    /// Entry of the output that the path contributes to.
+    /// The entry of the output to which the path contributes.
     pub slots: Vec<u32>,
     /// Throughput by channel: the product of the weights so far.
     pub beta: [Vec<f32>; 3],
-    /// Density per unit solid angle with which the ray's direction was drawn; infinite after a camera or a
-    /// specular lobe.
+    /// Density per unit solid angle of the ray's direction; infinite after the camera or a specular lobe.
     pub pdf: Vec<f32>,
     /// Product of the relative indices of refraction along the path.
     pub eta: Vec<f32>,
 }
 
 impl PathWave {
-    /// Begins a path on every ray.
+    /// Starts a path on every ray.
     pub fn begin(&mut self, rays: &[Ray], keys: &[SampleKey]) {
         assert_eq!(rays.len(), keys.len());
         let n = rays.len();
@@ -146,7 +145,7 @@ impl PathWave {
         }
     }
 
-    /// Adds a path whose last ray goes into a Dirac delta.
+    /// Adds a path whose last ray was sampled from a Dirac delta.
     pub fn push(&mut self, ray: Ray, key: SampleKey, slot: u32, beta: Rgb, eta: f32) {
         self.rays.push(ray);
         self.keys.push(key);
@@ -158,7 +157,7 @@ impl PathWave {
         self.eta.push(eta);
     }
 
-    /// Becomes a copy of another wave.
+    /// Copies another wave.
     pub fn copy_from(&mut self, other: &PathWave) {
         self.rays.clone_from(&other.rays);
         self.keys.clone_from(&other.keys);
@@ -178,14 +177,14 @@ impl PathWave {
         self.eta.truncate(n);
     }
 
-    /// The throughput of path `i`.
+    /// Returns the throughput of path `i`.
     #[inline]
     pub fn beta(&self, i: usize) -> Rgb {
         Rgb::new(self.beta[0][i], self.beta[1][i], self.beta[2][i])
     }
 
-    /// Writes the continuations of paths `first..first + 16`, for the lanes in the bits of `lanes`, to the places
-    /// from `to` on; returns the place after the last. The wave must have been read before, up to `first + 16`.
+    /// Writes the continuations of paths `first..first + 16`, for the lanes in the mask `lanes`, to the indices from
+    /// `to` on. Returns the index after the last. The paths up to `first + 16` must have been read before.
     #[inline(always)]
     pub fn compact(&mut self, first: usize, mut to: usize, next: &Continuation, lanes: u32) -> usize {
         let rays = next.rays.to_rays();
@@ -203,7 +202,7 @@ impl PathWave {
         to
     }
 
-    /// Squeezes out the paths, and their entries in `hits`, that hit nothing, after handing each to `missed`.
+    /// Removes the paths that hit nothing, and their entries in `hits`, after calling `missed` for each.
     pub fn keep_hits(&mut self, hits: &mut Vec<Option<Hit>>, mut missed: impl FnMut(&PathWave, usize)) {
         if hits.iter().all(Option::is_some) {
             return;
@@ -228,20 +227,20 @@ impl PathWave {
     }
 }
 
-/// What sixteen paths go on with.
+/// The continuations of sixteen paths.
 pub struct Continuation {
     /// The next rays.
     pub rays: RayX16,
     /// The throughputs by channel.
     pub beta: [f32x16; 3],
-    /// The densities of the rays' directions.
+    /// The densities of the directions.
     pub pdf: f32x16,
     /// The products of the relative indices of refraction.
     pub eta: f32x16,
 }
 
 impl Worker {
-    /// A worker with empty buffers.
+    /// Creates a worker with empty buffers.
     pub fn new(sampler: Sampler) -> Self {
         Worker {
             sampler,
@@ -249,7 +248,7 @@ impl Worker {
             hits: Vec::new(),
             shadows: ShadowQueue::default(),
             paths: PathWave::default(),
-            numbers: Numbers::default(),
+            numbers: RandomNumbers::default(),
             specular_only: Vec::new(),
             probing: Vec::new(),
             arena: Bump::new(),
@@ -258,18 +257,18 @@ impl Worker {
         }
     }
 
-    /// The same worker, which stops when a flag is raised.
+    /// Returns the worker with the given stop request.
     #[must_use]
     pub fn with_interrupt(self, interrupt: &Interrupt) -> Self {
         Worker { interrupt: interrupt.clone(), ..self }
     }
 
-    /// Finds the nearest hits of `rays` into `self.hits`.
+    /// Finds the nearest hits of `rays` and stores them in `self.hits`.
     pub fn intersect(&mut self, scene: &Scene, rays: &[Ray], coherence: Coherence) {
         intersect(scene, rays, coherence, &mut self.hits, &mut self.counters);
     }
 
-    /// Traces the queued shadow rays, hands `add` the free ones in the order of pushing, and empties the queue.
+    /// Traces the queued shadow rays, calls `add` for the unoccluded ones in queue order, and empties the queue.
     pub fn trace_shadows(&mut self, scene: &Scene, coherence: Coherence, mut add: impl FnMut(usize, Rgb)) {
         let ShadowQueue { rays, pending, occluded } = &mut self.shadows;
         occluded.clear();
@@ -289,7 +288,7 @@ impl Worker {
 }
 
 impl Worker {
-    /// As [`trace_shadows`](Self::trace_shadows), of rays that pass through shapes that emit.
+    /// Computes [`trace_shadows`](Self::trace_shadows) for rays that pass through emitting shapes.
     pub fn trace_shadows_past_emitters(&mut self, scene: &Scene, mut add: impl FnMut(usize, Rgb)) {
         let Worker { shadows: ShadowQueue { rays, pending, .. }, hits, counters, .. } = self;
         intersect(scene, rays, Coherence::Incoherent, hits, counters);
@@ -304,7 +303,7 @@ impl Worker {
     }
 }
 
-/// Finds nearest hits; a free function, so that the rays may be a worker's own.
+/// Finds nearest hits. A free function, so that `rays` may belong to the worker.
 pub fn intersect(
     scene: &Scene,
     rays: &[Ray],
@@ -320,7 +319,7 @@ pub fn intersect(
     counters.closest_rays += rays.len() as u64;
 }
 
-/// Draws a number for each key into `out`.
+/// Draws one number for each key into `out`.
 pub fn draw_1d(
     sampler: Sampler,
     dimension: crate::sampling::Dimension,
@@ -331,7 +330,7 @@ pub fn draw_1d(
     sampler.fill_1d(dimension, keys, &mut out[..keys.len()]);
 }
 
-/// Draws a pair for each key into `out`.
+/// Draws a pair of numbers for each key into `out`.
 pub fn draw_2d(
     sampler: Sampler,
     dimension: crate::sampling::Dimension,

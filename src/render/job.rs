@@ -8,7 +8,7 @@ use super::tracing::InvalidSample;
 use crate::error::{Error, Result};
 use crate::film::{FilterSampler, PixelRect, Tile};
 use crate::integrator::settings::{Aov, Layer};
-use crate::integrator::{Counters, Fact, Integrator};
+use crate::integrator::{Counters, Integrator, Statistic};
 use crate::sampling::Sampler;
 use crate::scene::Scene;
 use crate::sensor::Camera;
@@ -79,7 +79,7 @@ pub struct Rendered {
     /// Wall time of what the integrator computed before.
     pub prepared: Duration,
     /// What there is to say about it.
-    pub facts: Vec<Fact>,
+    pub statistics: Vec<Statistic>,
     /// Wall time of sampling.
     pub elapsed: Duration,
     /// Counts of all threads.
@@ -140,7 +140,7 @@ impl Rendered {
             relmse: None,
             relmse_interval: None,
             prepared: Duration::ZERO,
-            facts: Vec::new(),
+            statistics: Vec::new(),
             elapsed: state.elapsed,
             counters: state.counters,
             invalid: state.invalid,

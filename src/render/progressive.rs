@@ -3,7 +3,7 @@
 use super::job::Job;
 use super::tracing::CameraWorker;
 use crate::film::Tile;
-use crate::integrator::{Begun, Preparation, Progressive, SamplePass};
+use crate::integrator::{Preparation, PreparedPass, Progressive, SamplePass};
 use crate::memory::Budget;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -18,7 +18,7 @@ pub fn render(
     workers: &[Mutex<CameraWorker>],
     tiles: &mut [Tile],
     samples: Range<u64>,
-) -> Begun {
+) -> PreparedPass {
     // What passes take was planned when the integrator prepared.
     let memory = Budget::unlimited();
     let preparation = Preparation {
@@ -31,7 +31,7 @@ pub fn render(
         cache: None,
         memory: &memory,
     };
-    let mut sum = Begun::default();
+    let mut sum = PreparedPass::default();
     for sample in samples {
         if job.progress.is_interrupted() {
             break;

@@ -1,13 +1,15 @@
-//! From a description to a scene: transforms applied, emitters made samplable, the accelerator built.
+//! Compilation of a description to a scene: applies transforms, prepares emitters for sampling and builds the
+//! accelerator.
 
 use super::description::{Description, PlacedGroup, PlacedShape};
-use super::holes::Holes;
+use super::holes::OpacityFilter;
 use super::{Materials, Needs, Scene, SceneShape};
-use crate::accel::{self, AccelKind, Assembly, Filtered, Geometry, Instance, MAX_STEPS};
+use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::Lobes;
 use crate::color::Rgb;
 use crate::emitter::{
-    AreaEmitter, BoundingSphere, Directional, Emission, Emitter, Environment, Light, Point, Projector, Spot,
+    AreaEmitter, BoundingSphere, DirectionalEmitter, Emission, Emitter, Environment, Light, PointEmitter,
+    ProjectorEmitter, SpotEmitter,
 };
 use crate::error::{Error, Place, Result};
 use crate::ids::{EmitterId, ShapeId, TextureId};
@@ -21,32 +23,32 @@ use crate::texture::Texture;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// How to compile.
+/// The options of compilation.
 #[derive(Clone, Copy, Debug)]
 pub struct CompileOptions {
     /// The accelerator.
     pub accel: AccelKind,
-    /// Threads for building it.
+    /// The number of threads that build it.
     pub threads: usize,
-    /// Which sensor's shutter decides when things move.
+    /// The index of the sensor whose shutter interval is used for motion.
     pub sensor: usize,
 }
 
-/// What happened on the way.
+/// The diagnostics of compilation.
 #[derive(Clone, Debug, Default)]
 pub struct CompileReport {
-    /// Invalid primitives (not finite, out of range) that no ray can hit.
+    /// The number of invalid primitives (not finite, or out of range), which no ray can hit.
     pub dropped_primitives: usize,
     /// Emitters that cannot emit (no area, no power), with the reason.
     pub warnings: Vec<Error>,
-    /// Seconds spent building the accelerator.
+    /// Time spent building the accelerator, in seconds.
     pub build_seconds: f64,
 }
 
-/// Linear steps depart from a motion by at most this share of the size of what moves.
+/// The tolerance of linear motion steps, relative to the size of the moving object.
 const MOTION_TOLERANCE: f64 = 2.5e-4;
 
-/// Compiles a description of any size: see [`compile_within`].
+/// Compiles a description without a memory limit: see [`compile_within`].
 ///
 /// # Errors
 /// As [`compile_within`].
@@ -54,17 +56,17 @@ pub fn compile(description: Description, options: CompileOptions) -> Result<(Sce
     compile_within(description, options, &Budget::unlimited())
 }
 
-/// Compiles a description. The accelerator's memory is charged to the budget.
+/// Compiles a description and charges the accelerator's memory to the budget.
 ///
 /// # Errors
-/// If a transform is not finite, a sphere is squeezed, a sensor is singular, an index is out of range, or the accelerator
-/// cannot be built, for want of memory among others.
+/// If a transform is not finite, a sphere is scaled non-uniformly, a sensor is singular, an index is out of range, or
+/// the accelerator cannot be built, for example due to the memory limit.
 pub fn compile_within(
     description: Description,
     options: CompileOptions,
     memory: &Budget,
 ) -> Result<(Scene, CompileReport)> {
-    let mut builder = Builder {
+    let mut builder = SceneCompiler {
         materials: Arc::new(Materials::new(description.materials, description.textures)?),
         shutter: description.sensors.get(options.sensor).map_or([0.0; 2], |sensor| sensor.shutter),
         shapes: Vec::new(),
@@ -86,41 +88,41 @@ pub fn compile_within(
     builder.finish(&description.emitters, &description.sensors, options, memory)
 }
 
-/// A scene in the making.
-struct Builder {
+/// A scene under construction.
+struct SceneCompiler {
     materials: Arc<Materials>,
-    /// When the shutter opens and closes.
+    /// The times at which the shutter opens and closes.
     shutter: [f64; 2],
     shapes: Vec<SceneShape>,
     assembly: Assembly,
-    /// The place in the assembly of the description's first group; before it are those of single moving shapes.
+    /// The assembly's index of the description's first group. The groups before it are single moving shapes.
     first_group: usize,
     lights: Vec<Light>,
     report: CompileReport,
 }
 
-impl Builder {
-    /// A shape of the world; one that moves becomes a group of its own.
+impl SceneCompiler {
+    /// Adds a shape in world space. A moving shape becomes a group of its own.
     fn shape(&mut self, placed: PlacedShape) -> Result<()> {
         let steps = self.steps(&placed.to_world);
         if let [to_world] = steps[..] {
-            self.place(placed, &to_world, None)?;
+            self.add_shape(placed, &to_world, None)?;
             return Ok(());
         }
         check_finite(&steps).map_err(|e| locate(e, &placed.name, placed.place.as_ref()))?;
         let group = self.assembly.groups.len();
         let instance = Instance::new(group as u32, &steps);
-        // The order of a faceted mesh's vertices says which side is its front: a mirror exchanges the sides.
+        // The vertex order of a faceted mesh defines its front side. A reflection exchanges the sides.
         let faceted = matches!(&placed.shape, Shape::Mesh(mesh) if mesh.normals.is_empty());
         let mirrored = steps[0].matrix3.determinant() < 0.0;
         let placed = PlacedShape { flip_normals: placed.flip_normals != (faceted && mirrored), ..placed };
-        let id = self.place(placed, &DAffine3::IDENTITY, Some(&instance))?;
+        let id = self.add_shape(placed, &DAffine3::IDENTITY, Some(&instance))?;
         self.assembly.groups.push(vec![id.0]);
         self.assembly.instances.push(instance);
         Ok(())
     }
 
-    /// A group of shapes, which stands nowhere yet.
+    /// Adds a group of shapes without an instance.
     fn group(&mut self, shapes: Vec<PlacedShape>) -> Result<()> {
         let mut members = Vec::with_capacity(shapes.len());
         for placed in shapes {
@@ -132,7 +134,7 @@ impl Builder {
                 let error = Error::scene("a shape inside a group cannot emit light");
                 return Err(locate(error, &placed.name, placed.place.as_ref()));
             }
-            members.push(self.place(placed, &to_world, None)?.0);
+            members.push(self.add_shape(placed, &to_world, None)?.0);
         }
         self.assembly.groups.push(members);
         Ok(())
@@ -147,14 +149,14 @@ impl Builder {
         Ok(())
     }
 
-    /// A motion as transforms at equally spaced times while the shutter is open.
+    /// Converts a motion to transforms at equally spaced times over the shutter interval.
     fn steps(&self, motion: &Motion) -> Vec<DAffine3> {
         let [open, close] = self.shutter;
         motion.steps(open, close, MOTION_TOLERANCE, MAX_STEPS)
     }
 
-    /// Adds a shape to the list; `motion` is that of its coordinates.
-    fn place(
+    /// Adds a shape to the list; `motion` is that of the shape's space.
+    fn add_shape(
         &mut self,
         placed: PlacedShape,
         to_world: &DAffine3,
@@ -205,7 +207,7 @@ impl Builder {
         texture.ok_or_else(|| Error::internal(format!("there is no texture {}", id.0)))
     }
 
-    /// Marks the shapes with holes; hits of those that emit count everywhere, for they emit everywhere.
+    /// Marks the shapes with holes. Emitting shapes are not marked: they emit everywhere and must be hit everywhere.
     fn filter(&mut self) {
         let holes = |shape: &SceneShape| shape.emitter.is_none() && self.materials.get(shape.material).holes;
         let geometry: Vec<bool> = self.shapes.iter().map(holes).collect();
@@ -215,8 +217,8 @@ impl Builder {
         let shape =
             |(shape, holes): (&SceneShape, &bool)| holes.then(|| (shape.world.clone(), shape.material));
         let shapes = self.shapes.iter().zip(&geometry).map(shape).collect();
-        let filter = Arc::new(Holes { shapes, materials: self.materials.clone() });
-        self.assembly.filter = Some(Filtered { filter, geometry });
+        let filter = Arc::new(OpacityFilter { shapes, materials: self.materials.clone() });
+        self.assembly.filter = Some(GeometryFilter { filter, geometry });
     }
 
     fn finish(
@@ -261,7 +263,7 @@ impl Builder {
     }
 
     fn add_emitters(&mut self, emitters: &[Emitter], bounds: Bounds) -> Result<Option<EmitterId>> {
-        // A scene without extent still has light around it.
+        // A scene without extent needs a positive radius for infinite emitters.
         let radius = bounds.radius().max(f32::MIN_POSITIVE.sqrt());
         let center = if bounds.radius() > 0.0 { bounds.center() } else { Vec3::ZERO };
         let scene = BoundingSphere { center, radius };
@@ -272,20 +274,22 @@ impl Builder {
             }
             let light = match emitter {
                 Emitter::Point { position, intensity } => {
-                    Light::Point(Point { position: *position, intensity: *intensity })
+                    Light::Point(PointEmitter { position: *position, intensity: *intensity })
                 }
                 Emitter::Spot { to_world, intensity, texture, cutoff_angle, beam_width } => {
                     let texture = texture.map(|id| self.texture(id)).transpose()?;
-                    Light::Spot(Spot::new(to_world, *intensity, texture, *cutoff_angle, *beam_width))
+                    Light::Spot(SpotEmitter::new(to_world, *intensity, texture, *cutoff_angle, *beam_width))
                 }
-                Emitter::Directional { direction, irradiance } => {
-                    Light::Directional(Directional { direction: *direction, irradiance: *irradiance, scene })
-                }
+                Emitter::Directional { direction, irradiance } => Light::Directional(DirectionalEmitter {
+                    direction: *direction,
+                    irradiance: *irradiance,
+                    scene,
+                }),
                 Emitter::Constant { radiance } => Light::Environment(Environment::constant(*radiance, scene)),
                 Emitter::EnvironmentMap(map) => Light::Environment(Environment::map(map.clone(), scene)),
                 Emitter::Projector { to_world, irradiance, scale, half_extents } => {
                     let irradiance = self.texture(*irradiance)?;
-                    Light::Projector(Projector::new(to_world, irradiance, *scale, *half_extents))
+                    Light::Projector(ProjectorEmitter::new(to_world, irradiance, *scale, *half_extents))
                 }
             };
             self.lights.push(light);
@@ -294,9 +298,10 @@ impl Builder {
     }
 }
 
-/// Which emitter to sample, in proportion to power; whatever shines is drawn.
+/// Returns the distribution for choosing an emitter, in proportion to power. Every emitter with power has a positive
+/// probability.
 fn choice_among(lights: &[Light]) -> Result<Distribution1D> {
-    // A power beyond the range of `f32` counts as the largest number there is.
+    // A power beyond the range of `f32` is replaced by its largest number.
     let power = |light: &Light| f64::from(light.power().luminance().min(f32::MAX));
     let powers: Vec<f64> = lights.iter().map(power).collect();
     let (count, most) = (Distribution1D::count(&powers), Distribution1D::MOST);
@@ -306,7 +311,7 @@ fn choice_among(lights: &[Light]) -> Result<Distribution1D> {
     Ok(Distribution1D::new(&powers))
 }
 
-/// Says which shape an error is about.
+/// Adds the shape's name and location to an error.
 fn locate(error: Error, name: &str, place: Option<&Place>) -> Error {
     match place {
         Some(place) => error.at(place.clone()),

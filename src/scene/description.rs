@@ -1,4 +1,4 @@
-//! A scene as plain data, the way a scene file or a program builds it; [`compile`](super::compile()) checks it.
+//! A scene as plain data, created by a scene file or a program. [`compile`](super::compile()) validates it.
 
 use crate::color::Rgb;
 use crate::emitter::Emitter;
@@ -11,46 +11,46 @@ use crate::shape::Shape;
 use crate::texture::Texture;
 use std::sync::Arc;
 
-/// A shape placed in the world.
+/// A shape with its transform to world space.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PlacedShape {
-    /// The scene file's name for it; may be empty.
+    /// The shape's name in the scene file; may be empty.
     pub name: String,
-    /// Where the scene file says it, for messages; no part of what the scene is.
+    /// The shape's location in the scene file, for messages.
     #[serde(skip)]
     pub place: Option<Place>,
-    /// The shape in its own coordinates.
+    /// The shape in its object space.
     pub shape: Shape,
-    /// Its own coordinates to the world.
+    /// The transform from object space to world space.
     pub to_world: Motion,
-    /// Whether front and back are exchanged.
+    /// Whether front and back sides are exchanged.
     pub flip_normals: bool,
-    /// What it is made of.
+    /// The material.
     pub material: MaterialId,
-    /// Radiance emitted by its front, W·m⁻²·sr⁻¹; `None` where it does not emit.
+    /// Radiance emitted by the front side, W·m⁻²·sr⁻¹; `None` if it does not emit.
     pub emission: Option<Input<Rgb>>,
 }
 
-/// A group of shapes placed in the world.
+/// An instance of a group of shapes.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PlacedGroup {
-    /// The scene file's name for it; may be empty.
+    /// The instance's name in the scene file; may be empty.
     pub name: String,
-    /// Where the scene file says it, for messages; no part of what the scene is.
+    /// The instance's location in the scene file, for messages.
     #[serde(skip)]
     pub place: Option<Place>,
     /// The group, as an index into [`Description::groups`].
     pub group: usize,
-    /// The group's coordinates to the world.
+    /// The transform from group space to world space.
     pub to_world: Motion,
 }
 
-/// A whole scene, before it is compiled.
+/// A complete scene before compilation.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Description {
     /// The shapes in file order.
     pub shapes: Vec<PlacedShape>,
-    /// Groups of shapes that stand in the world only where an instance places them; none emits.
+    /// Groups of shapes that only instances place in world space. Shapes in groups do not emit.
     pub groups: Vec<Vec<PlacedShape>>,
     /// The instances of groups.
     pub instances: Vec<PlacedGroup>,
@@ -58,8 +58,8 @@ pub struct Description {
     pub materials: Vec<Material>,
     /// The textures; materials and emitters refer to them by index.
     pub textures: Vec<Arc<Texture>>,
-    /// The emitters that are no shapes.
+    /// The emitters that are not shapes.
     pub emitters: Vec<Emitter>,
-    /// The sensors in file order; a scene to render has at least one.
+    /// The sensors in file order. Rendering needs at least one.
     pub sensors: Vec<SensorSettings>,
 }

@@ -1,4 +1,4 @@
-//! Surfaces that are there by chance: which hits of materials with holes count.
+//! The hit filter of materials with holes.
 
 use super::Materials;
 use crate::accel::{Hit, HitFilter};
@@ -7,16 +7,16 @@ use crate::math::{Ray, Vec3};
 use crate::shape::WorldShape;
 use std::sync::Arc;
 
-/// Accepts a hit with the probability of the material's opacity there. A ray that passes goes on unchanged, so that
-/// emitters behind are found, and weighted, as if there were nothing between.
-pub struct Holes {
-    /// By geometry: the shape and material of those that have holes.
+/// Accepts a hit with a probability equal to the material's opacity. A rejected hit leaves the ray unchanged, so
+/// emitters behind the surface are found and weighted as if it did not exist.
+pub struct OpacityFilter {
+    /// For each geometry with holes, its shape and material.
     pub shapes: Vec<Option<(WorldShape, MaterialId)>>,
     /// The materials.
     pub materials: Arc<Materials>,
 }
 
-impl HitFilter for Holes {
+impl HitFilter for OpacityFilter {
     fn accepts(&self, id: u32, ray: &Ray, hit: &Hit) -> bool {
         let Some((shape, material)) = &self.shapes[hit.geometry as usize] else { return true };
         let p = ray.o + ray.d * hit.t;
@@ -27,13 +27,13 @@ impl HitFilter for Holes {
         let side = u32::from(enters(shape, p, ray.d));
         let words = [hit.geometry, hit.primitive, hit.instance, side];
         let hash = words.into_iter().fold(id, |h, word| mix(h ^ mix(word.wrapping_add(0x9e37_79b9))));
-        // The least opacities need more than 32 bits.
+        // Very small opacities need more than 32 random bits.
         let u = (f64::from(hash) + f64::from(mix(hash ^ 0x68bc_21eb)) * 2f64.powi(-32)) * 2f64.powi(-32);
         u < f64::from(opacity)
     }
 }
 
-/// Tells the two hits of a ray with a curved surface apart.
+/// Distinguishes the two hits of a ray with a curved surface.
 fn enters(shape: &WorldShape, p: Vec3, d: Vec3) -> bool {
     match shape {
         WorldShape::Sphere { center, .. } => d.dot(p - *center) < 0.0,
@@ -46,7 +46,7 @@ fn enters(shape: &WorldShape, p: Vec3, d: Vec3) -> bool {
     }
 }
 
-/// A hash of 32 bits. [Wellons 2018, "lowbias32"]
+/// A 32-bit hash. [Wellons 2018, "lowbias32"]
 fn mix(mut x: u32) -> u32 {
     x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
     x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);

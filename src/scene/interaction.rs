@@ -1,4 +1,4 @@
-//! Surface points: everything about a hit that shading needs, recomputed from the hit's coordinates.
+//! AnalyticPoint interactions: all data of a hit that shading needs, recomputed from the hit's surface coordinates.
 
 use crate::accel::Hit;
 use crate::ids::{MaterialId, ShapeId};
@@ -10,17 +10,17 @@ use crate::shape::TriangleMesh;
 /// A point on a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceInteraction {
-    /// Position in the world.
+    /// Position in world space.
     pub p: Vec3,
     /// Bound on the distance of `p` from the surface.
     pub error: f32,
-    /// Geometric normal of the front, unit length.
+    /// Geometric normal of the front side, of unit length.
     pub ng: Vec3,
     /// Shading frame.
     pub frame: Frame,
-    /// Whether the shape emits on the side that the ray came from: on its geometric front.
+    /// Whether the shape emits towards the ray's origin, which must be on its geometric front side.
     pub emitting: bool,
-    /// The hit that it was computed from.
+    /// The hit from which it was computed.
     pub hit: Hit,
     /// Time in [0, 1] over the shutter interval.
     pub time: f32,
@@ -31,17 +31,17 @@ pub struct SurfaceInteraction {
 /// Sixteen surface points.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfaceInteractionX16 {
-    /// Positions in the world.
+    /// Positions in world space.
     pub p: Vec3x16,
     /// Bounds on the distances of `p` from the surfaces.
     pub error: f32x16,
-    /// Geometric normals of the fronts, unit length.
+    /// Geometric normals of the front sides, of unit length.
     pub ng: Vec3x16,
     /// Shading frames.
     pub frame: FrameX16,
-    /// Bits: the shape emits on the side that the ray came from, its geometric front.
+    /// Mask of the shapes that emit towards the ray's origin, which must be on their geometric front side.
     pub emitting: u32,
-    /// The hits that they were computed from.
+    /// The hits from which they were computed.
     pub hit: [Hit; LANES],
     /// Times in [0, 1] over the shutter interval.
     pub time: f32x16,
@@ -50,14 +50,14 @@ pub struct SurfaceInteractionX16 {
 }
 
 impl SurfaceInteraction {
-    /// The shape.
+    /// Returns the shape.
     pub fn shape(&self) -> ShapeId {
         ShapeId(self.hit.geometry)
     }
 }
 
 impl SurfaceInteractionX16 {
-    /// The surface point of one lane.
+    /// Returns the surface point of one lane.
     pub fn lane(&self, i: usize) -> SurfaceInteraction {
         SurfaceInteraction {
             p: self.p.lane(i),
@@ -72,20 +72,20 @@ impl SurfaceInteractionX16 {
     }
 }
 
-/// Position, bound on its distance from the surface, and normals of an analytic surface.
-pub(super) struct Surface {
+/// A point on an analytic surface: position, bound on its distance from the surface, and normals.
+pub(super) struct AnalyticPoint {
     pub p: Vec3,
     pub error: f32,
     pub n: Vec3,
 }
 
-/// The corners of sixteen triangles, and the normals at them where there are any (else zero).
+/// The corners of sixteen triangles and their vertex normals, which are zero if the mesh has none.
 pub(super) struct CornersX16 {
     positions: [[[f32; LANES]; 3]; 3],
     normals: Option<[[[f32; LANES]; 3]; 3]>,
 }
 
-/// Positions, bounds on their distances from the surfaces, geometric and shading normals.
+/// Positions, bounds on their distances from the surfaces, and geometric and shading normals.
 pub(super) struct SurfaceX16 {
     pub p: Vec3x16,
     pub error: f32x16,
@@ -94,13 +94,13 @@ pub(super) struct SurfaceX16 {
 }
 
 impl CornersX16 {
-    /// No triangles.
+    /// Creates an empty set.
     #[inline(always)]
     pub fn new() -> Self {
         CornersX16 { positions: [[[0.0; LANES]; 3]; 3], normals: None }
     }
 
-    /// Puts a triangle into lane `i`.
+    /// Sets the triangle of lane `i`.
     #[inline(always)]
     pub fn set_lane(&mut self, i: usize, mesh: &TriangleMesh, primitive: u32) {
         let indices = mesh.indices[primitive as usize];
@@ -116,7 +116,7 @@ impl CornersX16 {
         }
     }
 
-    /// The points with the barycentric weights `u`, `v` of the second and third corners.
+    /// Computes the points with the barycentric weights `u`, `v` of the second and third corners.
     #[inline(always)]
     pub fn surface(&self, u: f32x16, v: f32x16) -> SurfaceX16 {
         let vector =
@@ -130,44 +130,45 @@ impl CornersX16 {
             let n = (n0 * w + n1 * u + n2 * v).normalize_or_zero();
             let usable = n.length_squared().simd_gt(f32x16::ZERO);
             ns = Vec3x16::select(usable, n, ng);
-            // Vertex normals say which side is the front, of a triangle as a whole.
+            // Vertex normals define the front side of a triangle.
             ng = Vec3x16::select(ng.dot(n0 + n1 + n2).simd_lt(f32x16::ZERO), -ng, ng);
         }
-        // [pbrt 6.8.5] bounds the interpolation by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the
-        // distance to the plane from differences to the corners, so their size counts, however small their weight.
+        // [pbrt 6.8.5] bounds the interpolation error by γ(7)·(|w p0| + |u p1| + |v p2|). A back end computes the
+        // distance to the plane from differences with the corners, so the bound uses the corners' magnitudes without
+        // their weights.
         let p_error = p0.abs().max(p1.abs()).max(p2.abs()) * f32x16::splat(gamma(12));
         SurfaceX16 { p: p0 * w + p1 * u + p2 * v, error: plane_error_x16(p_error, ng), ng, ns }
     }
 }
 
-/// The point of a sphere at or near `p`, moved onto the sphere.
-pub(super) fn sphere_point(center: Vec3, radius: f32, inward: bool, p: Vec3) -> Surface {
+/// Moves a point at or near `p` onto the sphere.
+pub(super) fn sphere_point(center: Vec3, radius: f32, inward: bool, p: Vec3) -> AnalyticPoint {
     let n = (p - center).normalize_or(Vec3::Z);
-    Surface {
+    AnalyticPoint {
         p: center + n * radius,
         error: plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n),
         n: if inward { -n } else { n },
     }
 }
 
-/// The point of a disk with coordinates `u`, `v` along `du` and `dv`.
-pub(super) fn disk_point(center: Vec3, du: Vec3, dv: Vec3, normal: Vec3, u: f32, v: f32) -> Surface {
-    Surface {
+/// Returns the point of a disk with the coordinates `u`, `v` along `du` and `dv`.
+pub(super) fn disk_point(center: Vec3, du: Vec3, dv: Vec3, normal: Vec3, u: f32, v: f32) -> AnalyticPoint {
+    AnalyticPoint {
         p: center + du * u + dv * v,
         error: plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), normal),
         n: normal,
     }
 }
 
-/// The point of a cylinder at or near `p`, moved onto its surface.
-pub(super) fn cylinder_point(ends: [Vec3; 2], side: [Vec3; 2], inward: bool, p: Vec3) -> Surface {
+/// Moves a point at or near `p` onto the cylinder.
+pub(super) fn cylinder_point(ends: [Vec3; 2], side: [Vec3; 2], inward: bool, p: Vec3) -> AnalyticPoint {
     let axis = (ends[1] - ends[0]).normalize();
     let q = p - ends[0];
     let height = q.dot(axis);
     let n = (q - axis * height).normalize_or(side[0].normalize());
     let radius = side[0].length();
     let reach = ends[0].abs().max(ends[1].abs()) + Vec3::splat(radius);
-    Surface {
+    AnalyticPoint {
         p: ends[0] + axis * height + n * radius,
         error: plane_error(reach * gamma(16), n),
         n: if inward { -n } else { n },

@@ -1,4 +1,4 @@
-//! The scene: described as plain data, compiled to arrays and ids.
+//! The scene: a description as plain data, compiled to arrays and ids.
 
 pub mod compile;
 pub mod description;
@@ -15,7 +15,7 @@ use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::{
-    self, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, SurfacePlace, Target,
+    self, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering};
@@ -31,45 +31,46 @@ use std::sync::Arc;
 
 /// A shape of the compiled scene.
 pub struct SceneShape {
-    /// Its geometry.
+    /// The geometry in world space or group space.
     pub world: WorldShape,
-    /// Its material.
+    /// The material.
     pub material: MaterialId,
-    /// Its emitter, if its front emits.
+    /// The emitter, if the front side emits.
     pub emitter: Option<EmitterId>,
 }
 
-/// A compiled scene: arrays, ids and an accelerator. It is `Sync` and never changes.
+/// A compiled scene: arrays, ids and an accelerator. It is `Sync` and immutable.
 pub struct Scene {
-    /// Answers ray queries.
+    /// The accelerator of ray queries.
     pub accel: Box<dyn Accel>,
-    /// The shapes; a hit's geometry index is a shape's id.
+    /// The shapes. The geometry index of a hit is a shape's id.
     pub shapes: Vec<SceneShape>,
-    /// Where groups of shapes stand in the world; a hit's instance is an index into them.
+    /// The instances of groups of shapes, indexed by a hit's instance.
     pub instances: Vec<Instance>,
     /// The materials.
     pub materials: Arc<Materials>,
     /// The emitters.
     pub lights: Vec<Light>,
-    /// Which emitter to sample, in proportion to power.
+    /// The distribution for choosing an emitter, in proportion to power.
     pub light_choice: Distribution1D,
-    /// The emitter that rays find when they leave the scene.
+    /// The emitter of rays that leave the scene.
     pub environment: Option<EmitterId>,
     /// The sensors.
     pub sensors: Vec<Camera>,
-    /// The box around all shapes.
+    /// The bounding box of all shapes.
     pub bounds: Bounds,
-    /// What the scene uses.
+    /// The features that the scene uses.
     pub needs: Needs,
 }
 
 impl Scene {
-    /// The surface point of a hit of `ray`. The frame of a two-sided material looks to the ray's side.
+    /// Computes the surface interaction of a hit of `ray`. The frame of a two-sided material is flipped to the ray's
+    /// side.
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {
         self.interactions(&RayX16::splat(ray), &[*hit; LANES]).lane(0)
     }
 
-    /// As [`interaction`](Self::interaction), for sixteen rays.
+    /// Computes [`interaction`](Self::interaction) for sixteen rays.
     #[inline]
     pub fn interactions(&self, rays: &RayX16, hits: &[Hit; LANES]) -> SurfaceInteractionX16 {
         let mut corners = CornersX16::new();
@@ -116,14 +117,14 @@ impl Scene {
             ns.set_lane(i, placement.normal(ns.lane(i)));
         }
         let front = ns.dot(rays.d).simd_lt(f32x16::ZERO).to_bitmask();
-        // Light leaves the geometric front, as emitter samples have it.
+        // Light leaves the geometric front side, as in emitter sampling.
         let emitting = emitters & ng.dot(rays.d).simd_lt(f32x16::ZERO).to_bitmask();
         let mut frame = FrameX16::from_normal(ns);
         for i in bits(tangents) {
             let [tangent, _] = self.partials(&hits[i], rays.time.as_array()[i], p.lane(i));
             frame.set_lane(i, Frame::from_normal_tangent(ns.lane(i), tangent));
         }
-        // The back of a two-sided material sees the frame mirrored in the surface.
+        // On the back of a two-sided material, the frame is mirrored at the surface.
         let flip = two_sided & !front;
         if flip != 0 {
             let flip = mask_from_bits(flip);
@@ -133,8 +134,8 @@ impl Scene {
         SurfaceInteractionX16 { p, error, ng, frame, emitting, hit: *hits, time: rays.time, material }
     }
 
-    /// The point of a sphere or disk; `at` is the ray's point at the hit.
-    fn analytic_surface(&self, hit: &Hit, at: &dyn Fn() -> Vec3) -> interaction::Surface {
+    /// Returns the point of an analytic surface; `at` computes the ray's point at the hit.
+    fn analytic_surface(&self, hit: &Hit, at: &dyn Fn() -> Vec3) -> interaction::AnalyticPoint {
         match &self.shapes[hit.geometry as usize].world {
             WorldShape::Sphere { center, radius, inward, .. } => {
                 interaction::sphere_point(*center, *radius, *inward, at())
@@ -149,7 +150,7 @@ impl Scene {
         }
     }
 
-    /// A world point of a hit in the coordinates of its shape.
+    /// Transforms a hit point from world space to the shape's space.
     fn local_point(&self, hit: &Hit, time: f32, p: Vec3) -> Vec3 {
         match self.instances.get(hit.instance as usize) {
             Some(instance) => Placement::new(instance, time).local_point(p),
@@ -157,7 +158,7 @@ impl Scene {
         }
     }
 
-    /// The derivatives of the world position by the texture coordinates at a hit.
+    /// Returns the derivatives of the world-space position with respect to the texture coordinates at a hit.
     fn partials(&self, hit: &Hit, time: f32, p: Vec3) -> [Vec3; 2] {
         let shape = &self.shapes[hit.geometry as usize].world;
         match self.instances.get(hit.instance as usize) {
@@ -169,8 +170,9 @@ impl Scene {
         }
     }
 
-    /// What scatters at a surface point, seen along `wo` in its frame; without `wo`, for light that goes to any
-    /// viewer (see [`Bsdf::sample_adjoint`]). What is not the same everywhere lives in the arena.
+    /// Returns the BSDF at a surface point for the direction `wo` to the viewer, in the point's frame; without `wo`,
+    /// for light scattered towards unknown viewers (see [`Bsdf::sample_adjoint`]). A BSDF that varies over the
+    /// surface is allocated in the arena.
     #[inline]
     pub fn bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Option<Vec3>, arena: &'a Bump) -> &'a Bsdf<'a> {
         match &self.materials.get(at.material).constant {
@@ -179,16 +181,16 @@ impl Scene {
         }
     }
 
-    /// The BSDF of a material that is the same everywhere.
+    /// Returns the BSDF of a material that is constant over the surface.
     ///
     /// # Panics
-    /// If it is not.
+    /// If it varies.
     #[inline]
     pub fn constant_bsdf(&self, material: MaterialId) -> &Bsdf<'_> {
         self.materials.get(material).constant.as_ref().expect("the material is the same everywhere")
     }
 
-    /// The BSDF at a point of a material that is not the same everywhere.
+    /// Returns the BSDF of a varying material at a point.
     fn varying_bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Option<Vec3>, arena: &'a Bump) -> Bsdf<'a> {
         let shape = &self.shapes[at.shape().index()];
         let point = MaterialPoint {
@@ -203,18 +205,20 @@ impl Scene {
         };
         let Scattering { bsdf, opacity } = match wo {
             Some(_) => self.materials.scattering(at.material, &point, arena),
-            // The frame is turned to the light. The viewer may be on the other side, so the BSDF has both.
+            // The frame is flipped to the light's side. The viewer may be on the other side, so the BSDF covers both.
             None => self.materials.inner(at.material, &point, arena),
         };
-        // Elsewhere rays meet only what is there. What emits is met everywhere, for it emits everywhere.
+        // On surfaces that do not emit, rays hit only where the surface exists. Emitting surfaces are hit everywhere,
+        // because they emit everywhere.
         if opacity < 1.0 && shape.emitter.is_some() {
             return Bsdf::Mask(Mask { opacity, inner: arena.alloc(bsdf) });
         }
         bsdf
     }
 
-    /// The probability that a ray through a surface point hits the surface, in [0, 1]: its opacity, but 1 if it emits.
-    pub fn share_met(&self, at: &SurfaceInteraction) -> f32 {
+    /// Returns the probability, in [0, 1], that a ray through a surface point hits the surface: the opacity, or 1 if
+    /// the surface emits.
+    pub fn hit_probability(&self, at: &SurfaceInteraction) -> f32 {
         let shape = &self.shapes[at.shape().index()];
         if !self.materials.get(at.material).holes || shape.emitter.is_some() {
             return 1.0;
@@ -223,19 +227,19 @@ impl Scene {
         self.materials.opacity(at.material, &point)
     }
 
-    /// Texture coordinates of a surface point.
+    /// Returns the texture coordinates of a surface point.
     pub fn uv(&self, at: &SurfaceInteraction) -> Vec2 {
         let p = self.local_point(&at.hit, at.time, at.p);
         self.shapes[at.shape().index()].world.uv(&at.hit, p)
     }
 
-    /// The emitter of the surface, if it emits on the side that the ray came from.
+    /// Returns the emitter of the surface, if it emits towards the ray's origin.
     #[inline]
     pub fn emitter_at(&self, at: &SurfaceInteraction) -> Option<EmitterId> {
         self.shapes[at.shape().index()].emitter.filter(|_| at.emitting)
     }
 
-    /// Radiance of the area emitter at a point of its surface.
+    /// Returns the radiance of the area emitter at a point of its surface.
     #[inline]
     pub fn emitted(&self, emitter: EmitterId, at: &SurfaceInteraction) -> Rgb {
         match &self.lights[emitter.index()] {
@@ -244,28 +248,28 @@ impl Scene {
         }
     }
 
-    /// The density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) finds the surface
-    /// point `at` from `from`.
+    /// Returns the density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) samples the
+    /// surface point `at` from `from`.
     #[inline]
     pub fn emitter_pdf(&self, emitter: EmitterId, from: Vec3, at: &SurfaceInteraction) -> f32 {
         match &self.lights[emitter.index()] {
             Light::Area(area) => {
                 let local = self.local_point(&at.hit, at.time, at.p);
-                let place = SurfacePlace { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
+                let place = EmitterHit { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
                 self.light_choice.pmf(emitter.index()) * area.pdf(from, &place)
             }
             _ => 0.0,
         }
     }
 
-    /// Radiance of the environment from the unit direction `d`; black where there is none.
+    /// Returns the radiance of the environment in the unit direction `d`; black if there is none.
     #[inline]
     pub fn environment_radiance(&self, d: Vec3) -> Rgb {
         self.environment_light().map_or(Rgb::BLACK, |(_, environment)| environment.eval(d))
     }
 
-    /// The density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) draws the direction `d`
-    /// of the environment.
+    /// Returns the density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) samples the
+    /// direction `d` of the environment.
     #[inline]
     pub fn environment_pdf(&self, d: Vec3) -> f32 {
         self.environment_light()
@@ -280,7 +284,7 @@ impl Scene {
         }
     }
 
-    /// Draws an emitter and a direction to it as seen from `from`; densities include the choice.
+    /// Samples an emitter and a direction to it as seen from `from`. Densities include the choice.
     #[inline]
     pub fn sample_emitter(&self, from: Vec3, u_choice: f32, u: Vec2, time: f32) -> Option<EmitterSample> {
         let choice = self.light_choice.sample(u_choice)?;
@@ -289,7 +293,7 @@ impl Scene {
         Some(sample)
     }
 
-    /// As [`sample_emitter`](Self::sample_emitter), from sixteen points, for the lanes in the bits of `active`.
+    /// Computes [`sample_emitter`](Self::sample_emitter) for sixteen points, for the lanes in the mask `active`.
     #[inline]
     pub fn sample_emitters(
         &self,
@@ -321,7 +325,7 @@ impl Scene {
         samples
     }
 
-    /// Shadow rays from surface points to emitters. They end short of the emitter by no more than rounding.
+    /// Returns shadow rays from surface points to emitters. They end short of the emitter by at most the rounding error.
     #[inline]
     pub fn shadow_rays(&self, at: &SurfaceInteractionX16, sample: &EmitterSampleX16, time: f32x16) -> RayX16 {
         let o = offset_origin_x16(at.p, at.error, at.ng, sample.wi);
@@ -333,28 +337,28 @@ impl Scene {
         }
     }
 
-    /// The shadow ray from a surface point to a sampled emitter.
+    /// Returns the shadow ray from a surface point to a sampled emitter.
     pub fn shadow_ray(&self, at: &SurfaceInteraction, sample: &EmitterSample) -> Ray {
         match sample.target {
-            Target::Point(target) => self.shadow_ray_to(at, target, sample.wi),
-            Target::Infinity => self.spawn_ray(at, sample.wi, at.time),
+            ShadowTarget::Point(target) => self.shadow_ray_to(at, target, sample.wi),
+            ShadowTarget::Infinity => self.spawn_ray(at, sample.wi, at.time),
         }
     }
 
-    /// The rays that leave surface points in the world directions `wi`.
+    /// Returns the rays from surface points in the world-space directions `wi`.
     #[inline]
     pub fn spawn_rays(&self, at: &SurfaceInteractionX16, wi: Vec3x16, time: f32x16) -> RayX16 {
         let o = offset_origin_x16(at.p, at.error, at.ng, wi);
         RayX16 { o, t_max: f32x16::splat(f32::INFINITY), d: wi, time }
     }
 
-    /// The ray that leaves a surface point in the world direction `wi`.
+    /// Returns the ray from a surface point in the world-space direction `wi`.
     #[inline]
     pub fn spawn_ray(&self, at: &SurfaceInteraction, wi: Vec3, time: f32) -> Ray {
         Ray { o: offset_origin(at.p, at.error, at.ng, wi), t_max: f32::INFINITY, d: wi, time }
     }
 
-    /// Draws a ray of light; its power is over the choice of the emitter, too.
+    /// Samples a light ray. Its power is divided by the probability of choosing the emitter.
     pub fn sample_light_ray(
         &self,
         u_choice: f32,
@@ -367,18 +371,18 @@ impl Scene {
         Some(LightRay { power: light.power / choice.pmf, ..light })
     }
 
-    /// The ray from a surface point to a point in the direction `wi`.
+    /// Returns the shadow ray from a surface point to another point, which is in the direction `wi`.
     pub fn shadow_ray_to(&self, at: &SurfaceInteraction, target: Vec3, wi: Vec3) -> Ray {
         let o = offset_origin(at.p, at.error, at.ng, wi);
         Ray { o, t_max: 1.0, d: target - o, time: at.time }
     }
 
-    /// Triangles of all shapes.
+    /// Returns the number of triangles in all shapes.
     pub fn triangle_count(&self) -> usize {
         self.shapes.iter().map(|s| s.world.triangle_count()).sum()
     }
 
-    /// Bytes of the shapes' arrays.
+    /// Returns the bytes of the shapes' arrays.
     pub fn mesh_bytes(&self) -> usize {
         self.shapes.iter().map(|s| s.world.memory_bytes()).sum()
     }

@@ -1,40 +1,40 @@
-//! What a scene needs; what it does not need is not sampled, traced, allocated or built.
+//! The features that a scene uses. Unused features are not sampled, traced, allocated or built.
 
 use std::fmt;
 
-/// The features that a scene uses, found out when it is compiled.
+/// The features that a scene uses, determined during compilation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Needs {
-    /// Some emitter can be sampled: next-event estimation is worth its rays.
+    /// Some emitter can be sampled, so next-event estimation is useful.
     pub emitter_sampling: bool,
     /// Some emitter can be hit by a scattered ray.
     pub hit_emitters: bool,
-    /// Rays that leave the scene bring light.
+    /// Rays that leave the scene carry light.
     pub environment: bool,
-    /// Some material has a finite lobe that emitters can be sampled for.
+    /// Some material has a finite lobe, for which emitters can be sampled.
     pub finite_lobes: bool,
-    /// Some material scatters into Dirac deltas only.
+    /// Some material has only Dirac deltas.
     pub specular_lobes: bool,
-    /// The most Dirac deltas that a material has among its lobes: above 0 there may be caustics.
+    /// The greatest number of Dirac deltas in a material. If it is above 0, caustics are possible.
     pub deltas: u32,
-    /// Some material chooses among lobes.
+    /// Some material's sampling chooses among lobes.
     pub lobe_choice: bool,
     /// Some material depends on the tangents of the surface.
     pub tangents: bool,
-    /// Some material is not the same everywhere: textures are read, or materials combined, at each point.
+    /// Some material varies over the surface: textures are read, or materials combined, at each point.
     pub varying_materials: bool,
-    /// Something moves while the shutter is open, be it the camera alone.
+    /// Something moves during the shutter interval, possibly only the camera.
     pub time: bool,
-    /// Surfaces move while the shutter is open.
+    /// Surfaces move during the shutter interval.
     pub motion: bool,
-    /// Some surface has holes: hits are filtered.
+    /// Some surface has holes, so hits are filtered.
     pub holes: bool,
-    /// Some shapes stand in the world as instances.
+    /// Some shapes are instanced.
     pub instances: bool,
 }
 
 impl Needs {
-    /// The features with their names, in a fixed order.
+    /// Returns the features with their names, in a fixed order.
     pub fn list(&self) -> [(&'static str, bool); 13] {
         [
             ("emitter_sampling", self.emitter_sampling),

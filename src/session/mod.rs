@@ -230,7 +230,7 @@ impl Session {
             .with_begin(begin)
             .with_keeper(keeper)
             .run_with(pool);
-        Ok(Rendered { prepared, facts: integrator.facts(), ..rendered })
+        Ok(Rendered { prepared, statistics: integrator.statistics(), ..rendered })
     }
 
     /// The image of a render, with layers and metadata.

@@ -95,7 +95,7 @@ impl Session {
                 created.name()
             )));
         }
-        if choices.cache.is_some() && !created.keeps_caches() {
+        if choices.cache.is_some() && !created.supports_cache_file() {
             return Err(Error::usage(format!(
                 "--cache: {} computes nothing beforehand that a file could keep",
                 created.name()

@@ -1,4 +1,4 @@
-//! Textures whose values are changed before they are used.
+//! Textures that modify the values of other textures.
 
 use std::sync::Arc;
 
@@ -6,21 +6,22 @@ use super::{Texture, TexturePoint};
 use crate::color::Rgb;
 use crate::math::Vec2;
 
-/// Another texture's values times a factor plus an offset; where a threshold is given, 1 from there on and 0 below.
+/// The values of another texture times a factor plus an offset. With a threshold, the value is 1 at or above it and 0
+/// below.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Adjusted {
-    /// What is adjusted.
+    /// The texture to modify.
     pub texture: Arc<Texture>,
-    /// What its values are multiplied by.
+    /// The factor.
     pub factor: Rgb,
-    /// What is added to the products.
+    /// The offset, added to the product.
     pub offset: Rgb,
-    /// From where on a value counts as 1.
+    /// The least value that becomes 1.
     pub threshold: Option<f32>,
 }
 
 impl Adjusted {
-    /// A texture times a factor.
+    /// Creates a texture times a factor.
     pub fn scaled(texture: Arc<Texture>, factor: Rgb) -> Self {
         Adjusted { texture, factor, offset: Rgb::BLACK, threshold: None }
     }
@@ -38,19 +39,19 @@ impl Adjusted {
         Rgb::from([self.adjust(c.r, f.r, o.r), self.adjust(c.g, f.g, o.g), self.adjust(c.b, f.b, o.b)])
     }
 
-    /// Whether every channel is treated as the others are.
+    /// Returns whether all channels are treated equally.
     fn is_grey(&self) -> bool {
         let grey = |c: Rgb| c.r == c.g && c.g == c.b;
         grey(self.factor) && grey(self.offset)
     }
 
-    /// The colour at a point.
+    /// Returns the colour at a point.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         self.adjust_color(self.texture.eval(point))
     }
 
-    /// The number at a point: the other texture's, adjusted, or the luminance of the adjusted colour where the
-    /// channels are treated differently.
+    /// Returns the scalar at a point: the adjusted scalar of the other texture or, if channels are treated
+    /// differently, the luminance of the adjusted colour.
     pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         match self.is_grey() {
             true => self.adjust(self.texture.eval_scalar(point), self.factor.r, self.offset.r),
@@ -58,8 +59,8 @@ impl Adjusted {
         }
     }
 
-    /// The derivatives of the number by the texture coordinates: those of the other texture times the luminance of the
-    /// factor; zero with a threshold.
+    /// Returns the derivatives of the scalar with respect to the texture coordinates: those of the other texture
+    /// times the luminance of the factor; zero with a threshold.
     pub fn gradient(&self, point: &TexturePoint<'_>) -> Vec2 {
         match self.threshold {
             Some(_) => Vec2::ZERO,
@@ -68,7 +69,7 @@ impl Adjusted {
         }
     }
 
-    /// The adjusted mean; with a threshold an estimate.
+    /// Returns the adjusted mean; with a threshold, an estimate.
     pub fn mean(&self) -> Rgb {
         match self.threshold {
             Some(_) => Rgb::splat(0.5),
@@ -82,23 +83,23 @@ impl Adjusted {
 pub struct Product(pub [Arc<Texture>; 2]);
 
 impl Product {
-    /// The colour at a point.
+    /// Returns the colour at a point.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         self.0[0].eval(point) * self.0[1].eval(point)
     }
 
-    /// The product of the numbers at a point.
+    /// Returns the product of the scalars at a point.
     pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         self.0[0].eval_scalar(point) * self.0[1].eval_scalar(point)
     }
 
-    /// The derivatives of the number by the texture coordinates.
+    /// Returns the derivatives of the scalar with respect to the texture coordinates.
     pub fn gradient(&self, point: &TexturePoint<'_>) -> Vec2 {
         let [a, b] = &self.0;
         a.gradient(point) * b.eval_scalar(point) + b.gradient(point) * a.eval_scalar(point)
     }
 
-    /// The product of the means: an estimate.
+    /// Returns the product of the means, which is an estimate.
     pub fn mean(&self) -> Rgb {
         self.0[0].mean() * self.0[1].mean()
     }
@@ -111,7 +112,7 @@ mod tests {
     use crate::math::Affine2;
     use crate::texture::{Bitmap, FilterType, WrapMode};
 
-    /// A row of two texels, of one channel or of three.
+    /// A row of two texels with one or three channels.
     fn row(channels: usize) -> Arc<Texture> {
         let values = (1..=2 * channels).map(|i| i as f32 / 8.0).collect();
         let image = Arc::new(TextureImage::from_floats(2, 1, channels, values).unwrap());

@@ -1,26 +1,26 @@
-//! Values that a mesh file gives to vertices or faces.
+//! Mesh attributes: values for each vertex or face of a mesh.
 
 use super::TexturePoint;
 use crate::color::Rgb;
 
-/// One, two, three or more numbers for each vertex or each face of a mesh.
+/// An attribute with one or more channels for each vertex or each face of a mesh.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Attribute {
-    /// Its name, with the prefix `vertex_` or `face_`.
+    /// The name, with the prefix `vertex_` or `face_`.
     pub name: String,
-    /// Numbers for each.
+    /// The number of channels.
     pub channels: usize,
-    /// By vertex or face, then by channel.
+    /// The values, grouped by vertex or face.
     pub values: Vec<f32>,
 }
 
 impl Attribute {
-    /// Whether it belongs to faces (else to vertices).
+    /// Returns whether the values belong to faces, not to vertices.
     pub fn is_per_face(&self) -> bool {
         self.name.starts_with("face_")
     }
 
-    /// Channel `c` at a point, interpolated between vertices.
+    /// Returns channel `c` at a point, interpolated between vertices.
     pub fn eval(&self, point: &TexturePoint<'_>, c: usize) -> f32 {
         let at = |i: u32| self.values.get(i as usize * self.channels + c).copied().unwrap_or(0.0);
         if self.is_per_face() {
@@ -32,22 +32,23 @@ impl Attribute {
     }
 }
 
-/// A texture that reads an attribute of the mesh that it lies on.
+/// A texture that reads an attribute of the mesh to which it is applied.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct MeshAttribute {
     /// The attribute's name.
     pub name: String,
-    /// What its numbers are multiplied by.
+    /// The factor on the values.
     pub scale: f32,
 }
 
 impl MeshAttribute {
-    /// The attribute among those of a mesh.
+    /// Finds the attribute among those of a mesh.
     pub fn find<'a>(&self, attributes: &'a [Attribute]) -> Option<&'a Attribute> {
         attributes.iter().find(|a| a.name == self.name)
     }
 
-    /// The colour at a point: three numbers, or one in every channel. Black without such an attribute.
+    /// Returns the colour at a point, from three channels, or from one for all channels. Black if there is no such
+    /// attribute.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         let Some(attribute) = self.find(point.attributes) else { return Rgb::BLACK };
         let color = match attribute.channels {
@@ -57,7 +58,7 @@ impl MeshAttribute {
         color * self.scale
     }
 
-    /// The number at a point: of three numbers the luminance. Zero without such an attribute.
+    /// Returns the scalar at a point; for three channels, the luminance. Zero if there is no such attribute.
     pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         match self.find(point.attributes) {
             Some(a) if a.channels == 3 => self.eval(point).luminance(),
@@ -72,7 +73,7 @@ mod tests {
     use super::*;
     use crate::math::Vec2;
 
-    /// Two triangles of a square, as Mitsuba 3.9.1 evaluates them at (0.2, 0.3) and (0.8, 0.7).
+    /// Two triangles of a square, as evaluated by Mitsuba 3.9.1 at (0.2, 0.3) and (0.8, 0.7).
     #[test]
     fn values_agree_with_the_scene_languages_mesh_attributes() {
         let attribute = |name: &str, channels: usize, values: &[f32]| Attribute {

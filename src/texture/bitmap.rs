@@ -1,4 +1,4 @@
-//! Images as textures.
+//! Bitmap textures.
 
 use std::sync::Arc;
 
@@ -7,30 +7,30 @@ use crate::color::Rgb;
 use crate::image::TextureImage;
 use crate::math::{Affine2, Vec2};
 
-/// How values between texels' centres are found.
+/// The interpolation between the centres of texels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum FilterType {
-    /// Interpolated bilinearly between the four nearest centres.
+    /// Bilinear interpolation of the four nearest texels.
     #[default]
     Bilinear,
-    /// That of the texel around the point.
+    /// The texel that contains the point.
     Nearest,
 }
 
-/// What lies outside of the unit square.
+/// The extension of the image outside the unit square.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum WrapMode {
     /// Copies of the image.
     #[default]
     Repeat,
-    /// Copies, every second one mirrored.
+    /// Copies of the image, alternately mirrored.
     Mirror,
-    /// The colours of its border.
+    /// The colours of the image's border.
     Clamp,
 }
 
 impl WrapMode {
-    /// The column or row, of `n`, that stands at an index.
+    /// Returns the column or row, of `n`, for an index outside the image.
     #[inline]
     fn wrap(self, i: i64, n: usize) -> usize {
         let n = n as i64;
@@ -46,29 +46,29 @@ impl WrapMode {
     }
 }
 
-/// An image over the unit square: its first row touches v = 0, its first column u = 0, and texel (i, j) has its centre
-/// at ((i + ½)/width, (j + ½)/height).
+/// An image over the unit square. Its first row is at v = 0, its first column at u = 0, and the centre of texel (i,
+/// j) is at ((i + ½)/width, (j + ½)/height).
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Bitmap {
     image: Arc<TextureImage>,
     filter_type: FilterType,
-    /// Along u and v.
+    /// The wrap modes along u and v.
     wrap_modes: [WrapMode; 2],
     to_uv: Affine2,
     mean: Rgb,
 }
 
-/// The four texels around a point, and where between their centres it is.
-struct Corners {
-    /// By row, then by column.
+/// The four texels around a point, and the position of the point between their centres.
+struct TexelQuad {
+    /// The colours, by row, then by column.
     colors: [[Rgb; 2]; 2],
-    /// From the first to the second column and row, in [0, 1].
+    /// The weights of the second column and row, in [0, 1].
     at: Vec2,
 }
 
 impl Bitmap {
-    /// A texture that looks an image up at `to_uv` of the texture coordinates. Values that are not colours are in an
-    /// image taken [`as_linear`](TextureImage::as_linear).
+    /// Creates a texture that evaluates an image at `to_uv` times the texture coordinates. Values that are not
+    /// colours need an image read [`as_linear`](TextureImage::as_linear).
     pub fn new(
         image: Arc<TextureImage>,
         filter_type: FilterType,
@@ -88,12 +88,12 @@ impl Bitmap {
         Bitmap { image, filter_type, wrap_modes: [wrap_mode; 2], to_uv, mean }
     }
 
-    /// The same with its own wrap mode along u and along v.
+    /// Sets separate wrap modes along u and v.
     pub fn wrapped(self, wrap_modes: [WrapMode; 2]) -> Self {
         Bitmap { wrap_modes, ..self }
     }
 
-    /// The colour of a texel, inside or outside of the image.
+    /// Returns the colour of a texel, inside or outside the image.
     #[inline]
     fn texel(&self, x: i64, y: i64) -> Rgb {
         let image = &self.image;
@@ -101,51 +101,52 @@ impl Bitmap {
         Rgb::from(image.rgb(along_u.wrap(x, image.width()), along_v.wrap(y, image.height())))
     }
 
-    /// Columns and rows of the image.
+    /// Returns the numbers of columns and rows of the image.
     pub fn size(&self) -> [usize; 2] {
         [self.image.width(), self.image.height()]
     }
 
-    /// The image's size.
+    /// Returns the image's size.
     fn resolution(&self) -> Vec2 {
         Vec2::new(self.image.width() as f32, self.image.height() as f32)
     }
 
-    fn corners(&self, uv: Vec2) -> Corners {
+    fn corners(&self, uv: Vec2) -> TexelQuad {
         let p = self.to_uv.transform_point2(uv) * self.resolution() - 0.5;
         let low = p.floor();
         let (x, y) = (index(low.x), index(low.y));
         let row = |y| [self.texel(x, y), self.texel(x + 1, y)];
-        Corners { colors: [row(y), row(y + 1)], at: p - low }
+        TexelQuad { colors: [row(y), row(y + 1)], at: p - low }
     }
 
-    /// The colour at a point.
+    /// Returns the colour at a point.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         if self.filter_type == FilterType::Nearest {
             let p = (self.to_uv.transform_point2(point.uv) * self.resolution()).floor();
             return self.texel(index(p.x), index(p.y));
         }
-        let Corners { colors: [top, bottom], at } = self.corners(point.uv);
+        let TexelQuad { colors: [top, bottom], at } = self.corners(point.uv);
         let lerp = |a: Rgb, b: Rgb, t: f32| a * (1.0 - t) + b * t;
         lerp(lerp(top[0], top[1], at.x), lerp(bottom[0], bottom[1], at.x), at.y)
     }
 
-    /// The number of a colour: its luminance, or the value itself of a grey image.
+    /// Returns the scalar of a colour: its luminance, or the value of a grey image.
     fn scalar(&self, color: Rgb) -> f32 {
         if self.image.is_grey() { color.r } else { color.luminance() }
     }
 
-    /// The number at a point.
+    /// Returns the scalar at a point.
     pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         self.scalar(self.eval(point))
     }
 
-    /// The derivatives of [`eval_scalar`](Self::eval_scalar) by the texture coordinates; 0 without interpolation.
+    /// Returns the derivatives of [`eval_scalar`](Self::eval_scalar) with respect to the texture coordinates; 0
+    /// without interpolation.
     pub fn gradient(&self, point: &TexturePoint<'_>) -> Vec2 {
         if self.filter_type == FilterType::Nearest {
             return Vec2::ZERO;
         }
-        let Corners { colors, at } = self.corners(point.uv);
+        let TexelQuad { colors, at } = self.corners(point.uv);
         let [[f00, f10], [f01, f11]] = colors.map(|row| row.map(|c| self.scalar(c)));
         let by_texel = Vec2::new(
             (1.0 - at.y) * (f10 - f00) + at.y * (f11 - f01),
@@ -154,17 +155,17 @@ impl Bitmap {
         self.to_uv.matrix2.transpose() * (by_texel * self.resolution())
     }
 
-    /// The mean of the texels.
+    /// Returns the mean of the texels.
     pub fn mean(&self) -> Rgb {
         self.mean
     }
 
-    /// The memory that the texels take.
+    /// Returns the bytes of the texels.
     pub fn memory_bytes(&self) -> usize {
         self.image.memory_bytes()
     }
 
-    /// How many texels lie along the unit square's sides, at most.
+    /// Returns the greatest number of texels along the sides of the unit square.
     pub(super) fn detail(&self) -> Vec2 {
         let [by_u, by_v] = [self.to_uv.matrix2.x_axis, self.to_uv.matrix2.y_axis];
         let size = self.resolution();
@@ -172,7 +173,7 @@ impl Bitmap {
     }
 }
 
-/// A whole number as an index; far from the image precision is lost, but nothing overflows.
+/// Converts a whole number to an index. Far from the image it is imprecise, but does not overflow.
 #[inline]
 fn index(v: f32) -> i64 {
     i64::from(v as i32)
@@ -189,14 +190,14 @@ mod tests {
         Arc::new(TextureImage::from_floats(4, 3, channels, values).unwrap())
     }
 
-    /// Scales by (1.5, −2) and moves by (0.1, 0.3).
+    /// A scale by (1.5, −2) and a translation by (0.1, 0.3).
     fn moved() -> Affine2 {
         Affine2::from_cols_array(&[1.5, 0.0, 0.0, -2.0, 0.1, 0.3])
     }
 
     const POINTS: [[f32; 2]; 4] = [[0.3, 0.4], [0.01, 0.98], [-1.37, 2.71], [1.9, -0.45]];
 
-    /// What Mitsuba 3.9.1 computes at a point: colour, number, gradient.
+    /// The result of Mitsuba 3.9.1 at a point: colour, scalar, gradient.
     type Expected = ([f32; 3], f32, [f32; 2]);
 
     fn check(what: &str, bitmap: &Bitmap, expected: [Expected; 4]) {
@@ -293,7 +294,7 @@ mod tests {
         assert!((grey(Nearest, Clamp, moved()).mean().g - 0.619791).abs() < 1e-5);
     }
 
-    /// Codes are decoded before they are interpolated. Values of Mitsuba 3.9.1.
+    /// Bytes are decoded before interpolation. The expected values are from Mitsuba 3.9.1.
     #[test]
     fn bytes_are_interpolated_in_linear_light() {
         let codes = vec![200, 100, 50, 10, 20, 30, 255, 0, 128, 64, 32, 16];
@@ -313,7 +314,7 @@ mod tests {
         }
     }
 
-    /// Also where the transform mixes the axes of an image that is not square.
+    /// Includes transforms that mix the axes of an image that is not square.
     #[test]
     fn gradients_are_derivatives() {
         let to_uv = Affine2::from_cols_array(&[0.7, -1.1, 0.4, 0.9, 0.1, 0.2]);

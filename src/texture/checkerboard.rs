@@ -1,10 +1,10 @@
-//! Squares of two textures in turn.
+//! Checkerboard textures.
 
 use super::{Texture, TexturePoint};
 use crate::color::Rgb;
 use crate::math::{Affine2, Vec2};
 
-/// Two textures in squares of half a unit; the first lies around (¼, ¼).
+/// A checkerboard of two textures, with squares of half a unit; the square around (¼, ¼) shows the first.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Checkerboard {
     colors: Box<[Texture; 2]>,
@@ -12,56 +12,58 @@ pub struct Checkerboard {
 }
 
 impl Checkerboard {
-    /// A board in the coordinates that `to_uv` gives. The textures on it see the coordinates themselves.
+    /// Creates a checkerboard in the coordinates `to_uv` times the texture coordinates. The two textures use the
+    /// untransformed coordinates.
     pub fn new(color0: Texture, color1: Texture, to_uv: Affine2) -> Self {
         Checkerboard { colors: Box::new([color0, color1]), to_uv }
     }
 
-    /// Whether a point lies on a square of the second texture.
+    /// Returns whether a point is on a square of the second texture.
     fn is_second(&self, point: &TexturePoint<'_>) -> bool {
         let uv = self.to_uv.transform_point2(point.uv);
         let upper = (uv - uv.floor()).cmpgt(Vec2::splat(0.5));
         upper.x != upper.y
     }
 
-    /// The colour at a point.
+    /// Returns the colour at a point.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         self.colors[usize::from(self.is_second(point))].eval(point)
     }
 
-    /// The texture that numbers come from: Mitsuba 3.9.1, whose scenes these are, has the two textures the other way
-    /// round for numbers than for colours.
+    /// Returns the texture for scalars: Mitsuba 3.9.1, which defines the scene language, exchanges the two textures
+    /// for scalars.
     fn of_scalars(&self, point: &TexturePoint<'_>) -> &Texture {
         &self.colors[usize::from(!self.is_second(point))]
     }
 
-    /// The number at a point: from the first texture where [`eval`](Self::eval) has the colour of the second, and
-    /// from the second where it has that of the first.
+    /// Returns the scalar at a point: from the first texture where [`eval`](Self::eval) uses the second, and vice
+    /// versa.
     pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         self.of_scalars(point).eval_scalar(point)
     }
 
-    /// The derivatives of [`eval_scalar`](Self::eval_scalar) by the texture coordinates, inside of the squares.
+    /// Returns the derivatives of [`eval_scalar`](Self::eval_scalar) with respect to the texture coordinates, inside
+    /// the squares.
     pub fn gradient(&self, point: &TexturePoint<'_>) -> Vec2 {
         self.of_scalars(point).gradient(point)
     }
 
-    /// The mean of the two textures' means.
+    /// Returns the mean of the two textures' means.
     pub fn mean(&self) -> Rgb {
         (self.colors[0].mean() + self.colors[1].mean()) * 0.5
     }
 
-    /// The memory that the two textures take.
+    /// Returns the bytes of the two textures.
     pub fn memory_bytes(&self) -> usize {
         self.colors.iter().map(Texture::memory_bytes).sum()
     }
 
-    /// Whether a texture on the board is read from a mesh.
+    /// Returns whether one of the textures reads a mesh attribute.
     pub(super) fn needs_mesh(&self) -> bool {
         self.colors.iter().any(Texture::needs_mesh)
     }
 
-    /// How many squares or texels lie along the unit square's sides, at most.
+    /// Returns the greatest number of squares or texels along the sides of the unit square.
     pub(super) fn detail(&self) -> Vec2 {
         let [by_u, by_v] = [self.to_uv.matrix2.x_axis, self.to_uv.matrix2.y_axis];
         let squares = Vec2::new(by_u.abs().max_element(), by_v.abs().max_element()) * 2.0;
@@ -76,7 +78,7 @@ mod tests {
     use crate::texture::{Bitmap, FilterType, WrapMode};
     use std::sync::Arc;
 
-    /// Values that Mitsuba 3.9.1 computes.
+    /// The expected values are from Mitsuba 3.9.1.
     #[test]
     fn squares_agree_with_the_scene_languages_board() {
         let [first, second] = [Rgb::new(1.0, 0.5, 0.25), Rgb::new(0.1, 0.2, 0.3)];

@@ -1,7 +1,7 @@
-//! Textures: functions of a surface point that colours and numbers of materials and emitters are read from.
+//! Textures: functions on surfaces that provide colours and scalars to materials and emitters.
 //!
-//! They mean what Mitsuba 3.9.1 makes of its plugins `bitmap`, `checkerboard` and `mesh_attribute`; those of
-//! [`adjusted`] make of them what other scene formats ask for.
+//! They match the plugins `bitmap`, `checkerboard` and `mesh_attribute` of Mitsuba 3.9.1. The textures of
+//! [`adjusted`] modify them as other scene formats require.
 
 pub mod adjusted;
 pub mod attribute;
@@ -17,12 +17,12 @@ pub use checkerboard::Checkerboard;
 use crate::color::Rgb;
 use crate::math::Vec2;
 
-/// A surface point as textures see it.
+/// A surface point as input of textures.
 #[derive(Clone, Copy, Debug)]
 pub struct TexturePoint<'a> {
     /// Texture coordinates.
     pub uv: Vec2,
-    /// The mesh's attributes; empty where it has none.
+    /// The mesh's attributes; empty if it has none.
     pub attributes: &'a [Attribute],
     /// The triangle.
     pub face: u32,
@@ -33,7 +33,7 @@ pub struct TexturePoint<'a> {
 }
 
 impl TexturePoint<'_> {
-    /// A point that has texture coordinates only.
+    /// Creates a point with texture coordinates only.
     pub fn at(uv: Vec2) -> Self {
         TexturePoint { uv, attributes: &[], face: 0, vertices: [0; 3], barycentric: Vec2::ZERO }
     }
@@ -42,13 +42,13 @@ impl TexturePoint<'_> {
 /// A texture.
 #[derive(Clone, Debug, serde::Serialize)]
 pub enum Texture {
-    /// The same everywhere.
+    /// The same colour everywhere.
     Constant(Rgb),
     /// An image.
     Bitmap(Bitmap),
-    /// Squares of two textures in turn.
+    /// Squares of two textures.
     Checkerboard(Checkerboard),
-    /// Values that a mesh file gives to vertices or faces.
+    /// An attribute of the mesh.
     MeshAttribute(MeshAttribute),
     /// Another texture times a factor plus an offset.
     Adjusted(Adjusted),
@@ -57,7 +57,7 @@ pub enum Texture {
 }
 
 impl Texture {
-    /// The colour at a point.
+    /// Returns the colour at a point.
     #[inline]
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         match self {
@@ -70,8 +70,8 @@ impl Texture {
         }
     }
 
-    /// The number at a point: the luminance of an image's or a mesh's colour, but the mean of the channels of a
-    /// constant one.
+    /// Returns the scalar at a point: the luminance of an image's or mesh attribute's colour, but the mean of the
+    /// channels of a constant.
     #[inline]
     pub fn eval_scalar(&self, point: &TexturePoint<'_>) -> f32 {
         match self {
@@ -85,8 +85,8 @@ impl Texture {
         }
     }
 
-    /// The derivatives of [`eval_scalar`](Self::eval_scalar) by the texture coordinates; zero for values of a mesh,
-    /// which do not depend on them.
+    /// Returns the derivatives of [`eval_scalar`](Self::eval_scalar) with respect to the texture coordinates; zero
+    /// for mesh attributes, which do not depend on them.
     pub fn gradient(&self, point: &TexturePoint<'_>) -> Vec2 {
         match self {
             Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ZERO,
@@ -97,8 +97,8 @@ impl Texture {
         }
     }
 
-    /// The mean over the texture: of an image's texels, of both textures of a board. Half of the scale for values of a
-    /// mesh, which are not known here.
+    /// Returns the mean over the texture: that of an image's texels, or of both textures of a checkerboard. For mesh
+    /// attributes, whose values are unknown here, it is half of the scale.
     pub fn mean(&self) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
@@ -110,12 +110,12 @@ impl Texture {
         }
     }
 
-    /// Whether it is the same everywhere.
+    /// Returns whether the texture is constant.
     pub fn is_constant(&self) -> bool {
         matches!(self, Texture::Constant(_))
     }
 
-    /// The memory that its texels take. Textures that share an image count it each.
+    /// Returns the bytes of the texels. An image shared by several textures counts for each of them.
     pub fn memory_bytes(&self) -> usize {
         match self {
             Texture::Constant(_) | Texture::MeshAttribute(_) => 0,
@@ -126,7 +126,7 @@ impl Texture {
         }
     }
 
-    /// Whether it, or a texture on it, is read from a mesh.
+    /// Returns whether the texture, or one that it contains, reads a mesh attribute.
     fn needs_mesh(&self) -> bool {
         match self {
             Texture::Constant(_) | Texture::Bitmap(_) => false,
@@ -137,7 +137,7 @@ impl Texture {
         }
     }
 
-    /// Its width and height in texels; 1 and 1 for what has none.
+    /// Returns the width and height in texels; 1 and 1 if there are no texels.
     pub fn resolution(&self) -> [f64; 2] {
         match self {
             Texture::Bitmap(bitmap) => bitmap.size().map(|n| n as f64),
@@ -146,7 +146,7 @@ impl Texture {
         }
     }
 
-    /// How many different pieces lie along the unit square's sides, at most.
+    /// Returns the greatest number of different cells along the sides of the unit square.
     fn detail(&self) -> Vec2 {
         match self {
             Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ONE,

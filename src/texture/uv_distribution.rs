@@ -1,31 +1,32 @@
-//! Where on the unit square of texture coordinates a texture shines, for emitters that sample it.
+//! Sampling densities over the unit square of texture coordinates, for textured emitters.
 
 use super::{Texture, TexturePoint};
 use crate::color::Rgb;
 use crate::math::Vec2;
 use crate::sampling::Distribution2D;
 
-/// The most cells along a side of the square.
-const CELLS: usize = 512;
-/// The most points along a side of a cell at which the texture is looked at.
-const POINTS: usize = 8;
-/// What every cell gets, as a share of the mean, so that nothing that shines between the points is left out.
+/// The greatest number of cells along a side of the square.
+const MAX_CELLS: usize = 512;
+/// The greatest number of points along a side of a cell at which the texture is evaluated.
+const MAX_POINTS: usize = 8;
+/// The minimum density of a cell relative to the mean, so that no emission between the points is missed.
 const FLOOR: f64 = 0.01;
 
 impl Texture {
-    /// A distribution over the unit square of texture coordinates in proportion to luminance, up to what varies within
-    /// its cells, whatever the texture repeats or transforms. Wherever the texture shines in the square the density is
-    /// positive; a black texture has an empty distribution. `None` for a constant, which has no need of one, and for a
-    /// texture that is read from a mesh.
+    /// Returns a distribution over the unit square of texture coordinates that is proportional to the mean luminance
+    /// of its cells. It includes repetition and the transform of the texture. The density is positive wherever the
+    /// texture is not black; a black texture has an empty distribution. Returns `None` for a constant, which needs no
+    /// distribution, and for a texture that reads a mesh attribute.
     pub fn uv_distribution(&self) -> Option<Distribution2D> {
         if self.is_constant() || self.needs_mesh() {
             return None;
         }
-        // Two points for each texel, at which a bilinear function has its mean; one where there are too many.
+        // Two points for each texel, whose mean is the mean of a bilinear function; one point if there are too many
+        // texels.
         let axis = |detail: f32| {
             let texels = (detail.ceil() as usize).max(1);
-            let cells = texels.min(CELLS);
-            (cells, if texels <= CELLS { 2 } else { texels.div_ceil(cells).min(POINTS) })
+            let cells = texels.min(MAX_CELLS);
+            (cells, if texels <= MAX_CELLS { 2 } else { texels.div_ceil(cells).min(MAX_POINTS) })
         };
         let detail = self.detail();
         let ((width, along_x), (height, along_y)) = (axis(detail.x), axis(detail.y));
@@ -41,7 +42,7 @@ impl Texture {
         Some(Distribution2D::new(width, height, &weights))
     }
 
-    /// The mean brightness of a cell at `points` equally spaced along its sides.
+    /// Returns the mean brightness of a cell at `points` equally spaced points along its sides.
     fn mean_of_cell(&self, cell: [usize; 2], cells: [usize; 2], points: [usize; 2]) -> f64 {
         let at = |axis: usize, i: usize| {
             ((cell[axis] as f64 + (i as f64 + 0.5) / points[axis] as f64) / cells[axis] as f64) as f32
@@ -56,7 +57,7 @@ impl Texture {
     }
 }
 
-/// The luminance of a colour, counting what is negative as positive and what is not finite as nothing.
+/// Returns the luminance of the absolute values of a colour's channels, or 0 if it is not finite.
 fn brightness(color: Rgb) -> f64 {
     let luminance = color.map(f32::abs).luminance();
     if luminance.is_finite() { f64::from(luminance) } else { 0.0 }
@@ -106,7 +107,7 @@ mod tests {
         }
     }
 
-    /// Estimates of the texture's integral have its value.
+    /// Estimates of the texture's integral have the correct expected value.
     #[test]
     fn estimates_are_unbiased_whatever_the_transform() {
         let turned = Affine2::from_cols_array(&[1.7, 0.6, -0.9, 2.3, 0.2, 0.4]);
@@ -124,7 +125,7 @@ mod tests {
             let d = texture.uv_distribution().unwrap();
             let (mut estimate, mut integral) = (0.0, 0.0);
             for i in 1..=500_000 {
-                // Of equal distances, which resonate with no grid.
+                // A low-discrepancy sequence, which has no resonance with a grid.
                 let u = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
                 let u =
                     Vec2::from(u.map(|a: f64| (a * f64::from(i)).fract() as f32)).min(Vec2::splat(0.999_999));

@@ -1,7 +1,7 @@
-//! Finds Embree 3, checks its version and writes the declarations of its C interface.
+//! Finds Embree 3, checks its version and generates the declarations of its C interface.
 //!
 //! `EMBREE_DIR` names an installation (a folder with `include/` and `lib/`); without it the system's folders are
-//! searched. Embree 3 ships no pkg-config file. The version goes to dependents as `DEP_EMBREE3_VERSION`.
+//! searched. Embree 3 has no pkg-config file. Dependent crates get the version as `DEP_EMBREE3_VERSION`.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
@@ -34,7 +34,7 @@ fn run() -> Result<(), String> {
     write_bindings(&include)
 }
 
-/// The include folder that has `embree3/rtcore_config.h`.
+/// Returns the include folder that contains `embree3/rtcore_config.h`.
 fn find_include(root: Option<&Path>) -> Result<PathBuf, String> {
     let candidates: Vec<PathBuf> = match root {
         Some(root) => vec![root.join("include")],
@@ -52,7 +52,7 @@ fn find_include(root: Option<&Path>) -> Result<PathBuf, String> {
     })
 }
 
-/// Major, minor and patch number, as the header defines them.
+/// Returns the major, minor and patch number defined in the header.
 fn read_version(config: &Path) -> Result<[u32; 3], String> {
     let text = fs::read_to_string(config).map_err(|e| format!("{}: {e}", config.display()))?;
     let number = |name: &str| {

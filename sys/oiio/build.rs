@@ -4,7 +4,7 @@ use std::env;
 use std::path::PathBuf;
 use std::process::Command;
 
-/// The versions this crate is written for: `ImageInput`/`ImageOutput` of 2.4 up to 3.x.
+/// The oldest supported version; the shim uses `ImageInput`/`ImageOutput` as they are from 2.4 to 3.x.
 const AT_LEAST: &str = "2.4";
 
 fn main() {
@@ -36,7 +36,7 @@ fn main() {
         .std("c++17")
         .file("shim/buffon_oiio.cpp")
         .includes(&library.include_paths)
-        // OpenImageIO's own headers are not free of these.
+        // OpenImageIO's own headers cause these warnings.
         .flag_if_supported("-Wno-unused-parameter")
         .flag_if_supported("-Wno-deprecated-declarations")
         .compile_intermediates();

@@ -3,12 +3,12 @@
 use crate::math::{Ray, Vec3, robust::UNIT_ROUNDOFF};
 use obvhs::cwbvh::node::CwBvhNode;
 
-/// A direction component below this share of the greatest one is raised to it, so that 1/d is finite. The ray then
-/// leaves its true course by this share of the distance, which the error bound of a box covers many times over.
-const LEAST_SHARE: f32 = 1e-25;
+/// The smallest ratio of a direction component to the greatest one. Smaller components are raised to it, so that 1/d
+/// is finite. The ray then deviates by this ratio times the distance, which is far below the error bound of a box.
+const MIN_RATIO: f32 = 1e-25;
 
 /// The bound on the error of a slab's parameter, in units of |b| + 255·|a| (see [`BoxTest::children`]): 3 roundings
-/// in b, 2 in q·a, 1 in their sum and 1 in the box's own quantisation; doubled.
+/// in b, 2 in q·a, 1 in their sum and 1 in the quantisation of the box; times two.
 const SLAB_ERROR: f32 = 14.0 * UNIT_ROUNDOFF;
 
 /// A ray prepared for box tests.
@@ -22,7 +22,7 @@ impl BoxTest {
     /// Prepares a ray with a direction that is finite and not zero.
     #[inline]
     pub fn new(ray: &Ray) -> Self {
-        let least = ray.d.abs().max_element() * LEAST_SHARE;
+        let least = ray.d.abs().max_element() * MIN_RATIO;
         let raised = |d: f32| if d.abs() < least { least.copysign(d) } else { d };
         let inverse = [ray.d.x, ray.d.y, ray.d.z].map(|d| 1.0 / raised(d));
         let bit = |axis: usize, bits: u32| if inverse[axis] < 0.0 { 0 } else { bits };
@@ -30,19 +30,20 @@ impl BoxTest {
         BoxTest { o: ray.o.to_array(), inverse, octant }
     }
 
-    /// The inverted octant of the direction in each byte: the order in which a node's children are visited.
+    /// Returns the inverted octant of the direction in each byte, which defines the order in which children are
+    /// visited.
     /// [Ylitie, Karras, Laine 2017, section 3.2]
     #[inline]
     pub fn octant(&self) -> u32 {
         self.octant
     }
 
-    /// The children whose box the ray may meet within `0 ≤ t ≤ t_max`: inner nodes in the high byte, in the order
-    /// of visit; the primitives of leaves in the low 24 bits, counted from the node's first.
+    /// Returns the children whose box the ray may intersect for `0 ≤ t ≤ t_max`. The high byte has the inner nodes,
+    /// in visiting order. The low 24 bits have the primitives of leaves, counted from the node's first.
     ///
-    /// On each axis a box's planes are at the parameters q·a + b, q being its quantised coordinate. Near planes are
-    /// moved nearer and far ones farther by the bound on the rounding error. Comparisons are such that a NaN
-    /// (0·∞, for a ray in a plane of the box) excludes nothing.
+    /// The planes of a box on one axis are at the parameters q·a + b, where q is the quantised coordinate. Near
+    /// planes are moved nearer and far planes farther by the bound on the rounding error. The comparisons are such
+    /// that a NaN (0·∞, for a ray in a plane of the box) never excludes a child.
     #[inline]
     pub fn children(&self, node: &CwBvhNode, t_max: f32) -> u32 {
         let extent = Vec3::from(node.compute_extent()).to_array();

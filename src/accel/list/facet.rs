@@ -1,72 +1,72 @@
-//! Flat pieces of a list: parallelograms, made of two triangles each, and triangles that have no partner.
+//! The flat surfaces of a list: parallelograms made of two triangles, and single triangles.
 
 use crate::math::robust::gamma;
 use crate::math::{DVec3, Vec3};
 
-/// A triangle by its place in the assembly.
+/// A triangle with its indices in the assembly.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Triangle {
+pub(super) struct ListTriangle {
     pub geometry: u32,
     pub primitive: u32,
     pub corners: [Vec3; 3],
 }
 
-/// A parallelogram or half of one, in coordinates relative to the parallelogram's centre: a point r of its plane has
-/// the coordinates (r·du, r·dv), within ±½ inside.
+/// A parallelogram or half of one. In coordinates relative to its centre, a point r of the plane has the coordinates
+/// (r·du, r·dv), which are within ±½ inside the parallelogram.
 #[derive(Clone, Debug)]
 pub(super) struct Facet {
     pub center: Vec3,
     pub normal: Vec3,
     pub du: Vec3,
     pub dv: Vec3,
-    /// By so much the coordinates of a ray along the normal may be off; of others, by this over the cosine.
+    /// The error bound of the coordinates for a ray along the normal. For other rays it is divided by the cosine.
     pub margin: f32,
-    /// The half where the coordinates add up to less than 0, and the other one.
-    pub halves: [Half; 2],
+    /// The triangle with s + t < 0, and the other one.
+    pub halves: [HalfFacet; 2],
 }
 
-/// A triangle of a facet, and its second and third barycentric weights as linear functions of the coordinates.
+/// A triangle of a facet, with its second and third barycentric weights as linear functions of the coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Half {
-    pub triangle: Triangle,
+pub(super) struct HalfFacet {
+    pub triangle: ListTriangle,
     /// u = u[0] + u[1]·s + u[2]·t
     pub u: [f32; 3],
     pub v: [f32; 3],
 }
 
-/// What a pair of triangles or a single one becomes.
-pub(super) enum Made {
-    /// Both halves are there.
+/// The result of [`facet`].
+pub(super) enum FacetResult {
+    /// Two triangles that make a parallelogram.
     Quad(Facet),
-    /// The second half repeats the first and is never hit.
-    Lone(Facet),
-    /// Too thin for the precision that is needed, or without area.
-    Refused,
+    /// A single triangle. The second half repeats the first and is never hit.
+    Single(Facet),
+    /// Too thin for the required precision, or without area, or not a parallelogram.
+    Unusable,
 }
 
-/// A facet of `first`, and of `second` if the two make a parallelogram. `reach` is the distance from the
-/// scene's middle of the farthest ray origin for which coordinates are computed.
-pub(super) fn facet(first: Triangle, second: Option<Triangle>, reach: f32) -> Made {
+/// Creates a facet of `first`, and of `second` if the two make a parallelogram. `reach` is the distance from the
+/// scene's centre of the farthest ray origin that lanes compute.
+pub(super) fn facet(first: ListTriangle, second: Option<ListTriangle>, reach: f32) -> FacetResult {
     let Some(turn) = second.map_or(Some(0), |second| shared_edge(&first, &second)) else {
-        return Made::Refused;
+        return FacetResult::Unusable;
     };
-    // a is the corner that the triangles do not share.
+    // a is the corner of `first` that is not shared.
     let [a, b, c] = [0, 1, 2].map(|i| first.corners[(turn + i) % 3].as_dvec3());
     let (e1, e2) = (b - a, c - a);
     let n = e1.cross(e2);
     let n2 = n.length_squared();
     let (du, dv) = (e2.cross(n) / n2, n.cross(e1) / n2);
     let steepness = du.length().max(dv.length()) as f32;
-    // The distance of the plane, the slope of the ray and the coordinates themselves have five roundings each, of sums
-    // whose terms' magnitudes add up to at most 3.4 times `reach`.
+    // The distance to the plane, the slope of the ray and the coordinates have five roundings each. The magnitudes of
+    // the summed terms add up to at most 3.4 times `reach`.
     let margin = gamma(40) * 2.0 * reach * steepness;
-    // False for a triangle without area, too.
-    let usable = n2 > 0.0 && margin <= MOST_MARGIN;
+    // Also false for a triangle without area.
+    let usable = n2 > 0.0 && margin <= MAX_MARGIN;
     if !usable {
-        return Made::Refused;
+        return FacetResult::Unusable;
     }
     let corner = |i: usize| [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]][(i + 3 - turn) % 3];
-    let half = Half::new(first, [0, 1, 2].map(corner));
+    let half = HalfFacet::new(first, [0, 1, 2].map(corner));
     let make = |other| Facet {
         center: (a + 0.5 * (e1 + e2)).as_vec3(),
         normal: n.normalize().as_vec3(),
@@ -75,19 +75,19 @@ pub(super) fn facet(first: Triangle, second: Option<Triangle>, reach: f32) -> Ma
         margin,
         halves: [half, other],
     };
-    let Some(second) = second else { return Made::Lone(make(half)) };
+    let Some(second) = second else { return FacetResult::Single(make(half)) };
     let place = |p: Vec3| {
         let r = p.as_dvec3() - a - 0.5 * (e1 + e2);
         [r.dot(du).round_to_corner(), r.dot(dv).round_to_corner()]
     };
-    Made::Quad(make(Half::new(second, second.corners.map(place))))
+    FacetResult::Quad(make(HalfFacet::new(second, second.corners.map(place))))
 }
 
-/// The widest margin that is still worth while.
-const MOST_MARGIN: f32 = 0.02;
+/// The widest useful margin: wider ones would send too many rays to the exact test.
+const MAX_MARGIN: f32 = 0.02;
 
 trait RoundToCorner {
-    /// −½ or ½, whichever is nearer.
+    /// Returns −½ or ½, whichever is nearer.
     fn round_to_corner(self) -> f32;
 }
 
@@ -97,25 +97,26 @@ impl RoundToCorner for f64 {
     }
 }
 
-impl Half {
-    /// A triangle whose corners have the given coordinates.
-    fn new(triangle: Triangle, at: [[f32; 2]; 3]) -> Self {
+impl HalfFacet {
+    /// Creates a half of a triangle whose corners have the given coordinates.
+    fn new(triangle: ListTriangle, at: [[f32; 2]; 3]) -> Self {
         let [p, q, r] = at;
         let (q, r) = ([q[0] - p[0], q[1] - p[1]], [r[0] - p[0], r[1] - p[1]]);
         let det = q[0] * r[1] - q[1] * r[0];
         let through = |x: f32, y: f32| [-(x * p[0] + y * p[1]) / det, x / det, y / det];
-        Half { triangle, u: through(r[1], -r[0]), v: through(-q[1], q[0]) }
+        HalfFacet { triangle, u: through(r[1], -r[0]), v: through(-q[1], q[0]) }
     }
 }
 
-/// Which corner of `first` is not in `second`, if the two share the other two and make a parallelogram.
-fn shared_edge(first: &Triangle, second: &Triangle) -> Option<usize> {
+/// Returns the index of the corner of `first` that is not in `second`, if the two triangles share the other two
+/// corners and make a parallelogram.
+fn shared_edge(first: &ListTriangle, second: &ListTriangle) -> Option<usize> {
     (0..3).find(|&turn| {
         let [a, b, c] = [0, 1, 2].map(|i| first.corners[(turn + i) % 3]);
         let others: Vec<Vec3> = second.corners.into_iter().filter(|p| *p != b && *p != c).collect();
         let [d] = others[..] else { return false };
         let exact: DVec3 = b.as_dvec3() + c.as_dvec3() - a.as_dvec3();
-        // As flat, and with sides as parallel, as its rounded corners can be.
+        // The tolerance is the rounding error of the corners.
         let rounding = a.abs().max(b.abs()).max(c.abs()).max(d.abs()) * (4.0 * f32::EPSILON);
         (d.as_dvec3() - exact).abs().cmple(rounding.as_dvec3()).all()
     })
@@ -125,8 +126,8 @@ fn shared_edge(first: &Triangle, second: &Triangle) -> Option<usize> {
 mod tests {
     use super::*;
 
-    fn triangle(corners: [Vec3; 3]) -> Triangle {
-        Triangle { geometry: 0, primitive: 0, corners }
+    fn triangle(corners: [Vec3; 3]) -> ListTriangle {
+        ListTriangle { geometry: 0, primitive: 0, corners }
     }
 
     #[test]
@@ -137,7 +138,7 @@ mod tests {
             for back in 0..3 {
                 let turned = |corners: [Vec3; 3], by: usize| [0, 1, 2].map(|i| corners[(i + by) % 3]);
                 let pair = [triangle(turned([a, b, c], turn)), triangle(turned([d, c, b], back))];
-                let Made::Quad(quad) = facet(pair[0], Some(pair[1]), 10.0) else { panic!() };
+                let FacetResult::Quad(quad) = facet(pair[0], Some(pair[1]), 10.0) else { panic!() };
                 for (half, own) in quad.halves.iter().zip(pair) {
                     assert_eq!(half.triangle, own);
                     let p = own.corners[0] * 0.25 + own.corners[1] * 0.6 + own.corners[2] * 0.15;
@@ -155,10 +156,10 @@ mod tests {
         let first = triangle([Vec3::ZERO, Vec3::X, Vec3::Y]);
         for corner in [Vec3::new(1.0, 1.001, 0.0), Vec3::new(1.0, 1.0, 0.001), Vec3::NAN] {
             let second = triangle([Vec3::X, corner, Vec3::Y]);
-            assert!(matches!(facet(first, Some(second), 10.0), Made::Refused));
+            assert!(matches!(facet(first, Some(second), 10.0), FacetResult::Unusable));
         }
         let needle = triangle([Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-5, 0.0)]);
-        assert!(matches!(facet(needle, None, 10.0), Made::Refused));
-        assert!(matches!(facet(triangle([Vec3::X; 3]), None, 10.0), Made::Refused));
+        assert!(matches!(facet(needle, None, 10.0), FacetResult::Unusable));
+        assert!(matches!(facet(triangle([Vec3::X; 3]), None, 10.0), FacetResult::Unusable));
     }
 }

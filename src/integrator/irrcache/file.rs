@@ -1,4 +1,4 @@
-//! Irradiance caches in a file.
+//! The file format of irradiance caches.
 //!
 //! A [container](crate::util::container). Its header has the hashes of the scene, of the settings that records depend on and
 //! of the views that the records serve, and how many records the fine and the coarse cache of each replicate have. Its body
@@ -29,32 +29,32 @@ struct Header {
     coarse: Vec<u64>,
 }
 
-/// What a file holds.
+/// The content of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Kept {
-    /// Hash of the scene, without sensors.
+pub struct CacheContents {
+    /// Hash of the scene without its sensors.
     pub scene: u64,
-    /// Hash of the settings that records depend on.
+    /// Hash of the settings on which records depend.
     pub settings: u64,
-    /// Hashes of the views that the records were made for.
+    /// Hashes of the views for which the records were computed.
     pub views: Vec<u64>,
     /// The fine records of each replicate.
     pub fine: Vec<Vec<Record>>,
-    /// The coarse records of as many replicates.
+    /// The coarse records of each replicate.
     pub coarse: Vec<Vec<Record>>,
 }
 
-impl Kept {
+impl CacheContents {
     fn caches(&self) -> impl Iterator<Item = &Vec<Record>> {
         self.fine.iter().chain(&self.coarse)
     }
 }
 
-/// Writes caches to a file, whole or not at all.
+/// Writes caches to a file. A failed write leaves no partial file.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save(path: &Path, kept: &Kept) -> Result<()> {
+pub fn save(path: &Path, kept: &CacheContents) -> Result<()> {
     let counts = |caches: &[Vec<Record>]| caches.iter().map(|records| records.len() as u64).collect();
     let header = Header {
         scene: kept.scene,
@@ -69,15 +69,15 @@ pub fn save(path: &Path, kept: &Kept) -> Result<()> {
     })
 }
 
-/// Reads the caches of a file.
+/// Reads the caches from a file.
 ///
 /// # Errors
 /// If the file cannot be read, holds something else, or is damaged.
-pub fn load(path: &Path) -> Result<Kept> {
+pub fn load(path: &Path) -> Result<CacheContents> {
     read(path).map_err(|why| refuse(path, &format!("{why}; remove it, or name another file")))
 }
 
-fn read(path: &Path) -> Result<Kept, String> {
+fn read(path: &Path) -> Result<CacheContents, String> {
     let (header, mut body) = FORMAT.open::<Header>(path)?;
     let Header { scene, settings, views, fine, coarse } = header;
     let replicates = fine.len();
@@ -88,7 +88,7 @@ fn read(path: &Path) -> Result<Kept, String> {
     body.expect_length(count.and_then(|count| count.checked_mul(RECORD_BYTES as u64)))?;
     let mut caches = |counts: Vec<u64>| counts.into_iter().map(|count| records(&mut body, count)).collect();
     let (fine, coarse): (Result<_, String>, Result<_, String>) = (caches(fine), caches(coarse));
-    let kept = Kept { scene, settings, views, fine: fine?, coarse: coarse? };
+    let kept = CacheContents { scene, settings, views, fine: fine?, coarse: coarse? };
     body.finish()?;
     Ok(kept)
 }
@@ -109,21 +109,21 @@ fn refuse(path: &Path, what: &str) -> Error {
     Error::output(format!("--cache {}: it {what}", path.display()))
 }
 
-/// Reads caches that must be those of a scene and of settings.
+/// Reads the caches from a file that must belong to the given scene and settings.
 ///
 /// # Errors
-/// As for [`load`], and if they belong to anything else.
-pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<Kept> {
-    let kept = load(path)?;
+/// As for [`load`], and if the file belongs to another scene or other settings.
+pub fn load_for(path: &Path, scene: u64, settings: u64) -> Result<CacheContents> {
+    let contents = load(path)?;
     let stale =
         |what| Err(refuse(path, &format!("holds records of {what}; remove it, or name another file")));
-    if kept.scene != scene {
+    if contents.scene != scene {
         return stale("another scene");
     }
-    if kept.settings != settings {
+    if contents.settings != settings {
         return stale("other settings of the integrator");
     }
-    Ok(kept)
+    Ok(contents)
 }
 
 fn numbers(record: &Record) -> [f32; NUMBERS] {
@@ -137,7 +137,7 @@ fn numbers(record: &Record) -> [f32; NUMBERS] {
     })
 }
 
-/// `None` for what no record can be.
+/// Converts the numbers of a record; `None` if they are invalid.
 fn record(n: &[f32; NUMBERS]) -> Option<Record> {
     let vector = |i: usize| Vec3::new(n[i], n[i + 1], n[i + 2]);
     let colour = |i: usize| Rgb::new(n[i], n[i + 1], n[i + 2]);
@@ -161,7 +161,7 @@ mod tests {
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
 
-    fn kept() -> Kept {
+    fn contents() -> CacheContents {
         let record = |i: u32| {
             let along = |k: u32| [0, 1, 2].map(|c| Rgb::splat((i + k + c) as f32));
             Record {
@@ -174,22 +174,28 @@ mod tests {
             }
         };
         let caches = |counts: [u32; 2]| counts.map(|n| (0..n).map(record).collect()).to_vec();
-        Kept { scene: 1, settings: 2, views: vec![10, 11], fine: caches([3, 0]), coarse: caches([5, 1]) }
+        CacheContents {
+            scene: 1,
+            settings: 2,
+            views: vec![10, 11],
+            fine: caches([3, 0]),
+            coarse: caches([5, 1]),
+        }
     }
 
     #[test]
     fn what_is_kept_is_what_comes_back() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("cache");
-        save(&path, &kept()).expect("written");
-        assert_eq!(load_for(&path, 1, 2), Ok(kept()));
+        save(&path, &contents()).expect("written");
+        assert_eq!(load_for(&path, 1, 2), Ok(contents()));
     }
 
     #[test]
     fn stale_and_damaged_files_are_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("cache");
-        save(&path, &kept()).expect("written");
+        save(&path, &contents()).expect("written");
         let said = |scene, settings| load_for(&path, scene, settings).expect_err("refused").message;
         assert!(said(7, 2).contains("another scene"));
         assert!(said(1, 7).contains("other settings"));
@@ -231,7 +237,7 @@ mod tests {
         ) {
             let folder = tempfile::tempdir().expect("a folder");
             let path = folder.path().join("cache");
-            let all = kept();
+            let all = contents();
             let numbers = all.caches().flatten().flat_map(numbers);
             let mut bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
             for (at, new) in edits {
@@ -241,12 +247,13 @@ mod tests {
             let header = Header { scene: 1, settings: 2, views: vec![], fine, coarse };
             FORMAT.save(&path, &header, |body| body.write_all(&bytes)).expect("written");
             match load(&path) {
-                Ok(kept) => {
+                Ok(contents) => {
                     let bounds = Bounds { min: Vec3::ZERO, max: Vec3::splat(2.0) };
-                    for records in kept.caches() {
+                    for records in contents.caches() {
                         let cache = Interpolation::new(records, bounds, 1.0);
                         for p in records.iter().map(|record| record.p).chain([Vec3::ONE, Vec3::splat(-9.0)]) {
-                            // A record far outside may bring what is no colour; a render drops and counts that.
+                            // Extrapolation of a distant record may give an invalid colour; a render drops and counts
+                            // it.
                             let _ = cache.irradiance(p, Vec3::Z, Vec3::Z);
                         }
                     }

@@ -1,19 +1,19 @@
-//! What a point sees of the hemisphere above it, in strata: irradiance, its gradients, and how near surfaces are.
+//! The stratified sampling of the hemisphere above a point: irradiance, its gradients, and the distances of surfaces.
 //!
-//! The hemisphere is divided into `m` rings of elevation and `n` sectors of azimuth, so that every cell receives the same
-//! share of a uniform light: the ring j is between sin²θ = j/m and (j+1)/m. [Ward and Heckbert 1992]
+//! The hemisphere is divided into `m` rings of elevation and `n` sectors of azimuth. Every cell has the same
+//! projected solid angle: ring j is between sin²θ = j/m and (j+1)/m. [Ward and Heckbert 1992]
 
 use crate::color::Rgb;
 use crate::math::{Frame, Vec3};
 use crate::sampling::hash::{pcg3d, to_unit};
 use std::f32::consts::{PI, TAU};
 
-/// How a hemisphere is divided.
+/// The division of a hemisphere into cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Strata {
-    /// Rings of elevation.
+    /// Number of rings of elevation.
     pub rings: usize,
-    /// Sectors of azimuth.
+    /// Number of sectors of azimuth.
     pub sectors: usize,
 }
 
@@ -25,41 +25,42 @@ pub struct Gradient {
 }
 
 impl Gradient {
-    /// Adds a change of the colour in the direction `v`.
+    /// Adds a derivative of the colour along the direction `v`.
     fn add(&mut self, v: Vec3, change: Rgb) {
         for (sum, v) in self.along.iter_mut().zip(v.to_array()) {
             *sum += change * v;
         }
     }
 
-    /// The change of the colour over the vector `v`.
+    /// Returns the change of the colour along the vector `v`.
     pub fn dot(&self, v: Vec3) -> Rgb {
         self.along[0] * v.x + self.along[1] * v.y + self.along[2] * v.z
     }
 
-    /// The gradient of the colour's luminance.
+    /// Returns the gradient of the colour's luminance.
     pub fn luminance(&self) -> Vec3 {
         Vec3::from_array(self.along.map(|colour| colour.luminance()))
     }
 
-    /// A multiple of it.
+    /// Returns the gradient times `factor`.
     pub fn scaled(&self, factor: f32) -> Gradient {
         Gradient { along: self.along.map(|colour| colour * factor) }
     }
 }
 
 impl Strata {
-    /// About as many sectors as make cells square: π for each ring. [Ward and Heckbert 1992]
+    /// Chooses the number of sectors such that cells are about square: π for each ring. [Ward and Heckbert 1992]
     pub fn new(rings: u32) -> Self {
         Strata { rings: rings as usize, sectors: (rings as f32 * PI).round() as usize }
     }
 
-    /// Cells.
+    /// Returns the number of cells.
     pub fn cells(&self) -> usize {
         self.rings * self.sectors
     }
 
-    /// A direction in each cell, ring by ring, in the local frame of the surface; `scramble` decides where in the cell.
+    /// Samples a direction in each cell, ring by ring, in the local frame of the surface; `scramble` seeds the
+    /// position in the cell.
     pub fn directions(&self, scramble: u32) -> impl Iterator<Item = Vec3> + use<> {
         let Strata { rings, sectors } = *self;
         (0..rings * sectors).map(move |cell| {
@@ -73,18 +74,18 @@ impl Strata {
     }
 }
 
-/// The light of a hemisphere, one sample in each cell.
+/// The radiance samples of a hemisphere, one in each cell.
 #[derive(Clone, Debug)]
 pub struct Hemisphere<'a> {
-    /// Its cells.
+    /// The cells.
     pub strata: Strata,
     /// The surface's frame.
     pub frame: Frame,
-    /// Direction in each cell, in that frame.
+    /// The direction in each cell, in the surface's frame.
     pub directions: &'a [Vec3],
-    /// Radiance from each cell.
+    /// The radiance from each cell.
     pub radiance: &'a [Rgb],
-    /// Distance of what is seen in each cell, infinite where there is nothing.
+    /// The distance of the surface hit in each cell; infinite if there is none.
     pub distance: &'a [f32],
 }
 
@@ -94,13 +95,13 @@ impl Hemisphere<'_> {
         (self.radiance[cell], self.distance[cell])
     }
 
-    /// The tangent at azimuth `sectors` (in sectors, from the frame's first axis).
+    /// Returns the tangent vector at the azimuth `sectors`, in sectors from the frame's first axis.
     fn tangent(&self, sectors: f32) -> Vec3 {
         let (sin, cos) = (sectors * (TAU / self.strata.sectors as f32)).sin_cos();
         self.frame.s * cos + self.frame.t * sin
     }
 
-    /// Irradiance, W·m⁻².
+    /// Returns the irradiance, W·m⁻².
     pub fn irradiance(&self) -> Rgb {
         let sum = self.radiance.iter().fold([0.0f64; 3], |sum, l| {
             [sum[0] + f64::from(l.r), sum[1] + f64::from(l.g), sum[2] + f64::from(l.b)]
@@ -110,17 +111,19 @@ impl Hemisphere<'_> {
         Rgb::new(r, g, b)
     }
 
-    /// The mean of the distances of what is seen, harmonic, so that near surfaces count most: infinite under an empty sky.
+    /// Returns the harmonic mean of the distances, in which near surfaces have the largest weight; infinite if
+    /// nothing is hit.
     pub fn harmonic_mean_distance(&self) -> f32 {
         let sum: f64 = self.distance.iter().map(|d| 1.0 / f64::from(*d)).sum();
         (self.strata.cells() as f64 / sum) as f32
     }
 
-    /// The change of the irradiance with the surface's normal: the normal n′ sees about `gradient·(n × n′)` more.
-    /// [Ward and Heckbert 1992]
+    /// Returns the gradient of the irradiance with respect to the normal: for the normal n′ the irradiance changes by
+    /// about `gradient·(n × n′)`. [Ward and Heckbert 1992]
     pub fn rotation_gradient(&self) -> Gradient {
         let Strata { rings, sectors } = self.strata;
-        // The integral of tan θ over sin²θ from 0 to `sin2`: in the lowest ring it is half as large again as in its middle.
+        // The integral of tan θ over sin²θ from 0 to `sin2`. In the lowest ring it is 1.5 times the value from the
+        // ring's middle.
         let tangents = |sin2: f32| sin2.sqrt().min(1.0).asin() - (sin2 * (1.0 - sin2)).max(0.0).sqrt();
         let mut gradient = Gradient::default();
         for k in 0..sectors {
@@ -134,8 +137,8 @@ impl Hemisphere<'_> {
         gradient.scaled(PI / sectors as f32)
     }
 
-    /// The change of the irradiance along the surface: what moves in front of what, as the nearer of two neighbouring cells
-    /// covers the farther one. [Ward and Heckbert 1992; Křivánek 2005]
+    /// Returns the gradient of the irradiance with respect to a translation along the surface. It is due to parallax:
+    /// the nearer of two neighbouring cells occludes the farther one. [Ward and Heckbert 1992; Křivánek 2005]
     pub fn translation_gradient(&self) -> Gradient {
         let Strata { rings, sectors } = self.strata;
         let sin2 = |ring: usize| ring as f32 / rings as f32;
@@ -165,10 +168,10 @@ impl Hemisphere<'_> {
 mod tests {
     use super::*;
 
-    /// What is seen along a ray from `o` in the direction `d`: radiance and distance.
-    type View = fn(Vec3, Vec3) -> (f32, f32);
+    /// A test scene: returns radiance and distance along a ray from `o` in the direction `d`.
+    type TestScene = fn(Vec3, Vec3) -> (f32, f32);
 
-    /// A white wall x = 0 of height 1 under a black sky, which ends nowhere.
+    /// A white wall x = 0 of height 1 and infinite length, under a black sky.
     fn wall(o: Vec3, d: Vec3) -> (f32, f32) {
         let t = -o.x / d.x;
         let seen = t > 0.0 && o.z + t * d.z < 1.0;
@@ -182,7 +185,13 @@ mod tests {
         if seen { (0.0, t) } else { (1.0, f32::INFINITY) }
     }
 
-    fn hemisphere<T>(view: View, o: Vec3, n: Vec3, scramble: u32, f: impl FnOnce(&Hemisphere<'_>) -> T) -> T {
+    fn hemisphere<T>(
+        view: TestScene,
+        o: Vec3,
+        n: Vec3,
+        scramble: u32,
+        f: impl FnOnce(&Hemisphere<'_>) -> T,
+    ) -> T {
         let strata = Strata::new(64);
         let frame = Frame::from_normal(n);
         let directions: Vec<Vec3> = strata.directions(scramble).collect();
@@ -192,14 +201,15 @@ mod tests {
     }
 
     /// The mean over many scrambles.
-    fn mean(view: View, o: Vec3, n: Vec3, f: impl Fn(&Hemisphere<'_>) -> f32) -> f32 {
+    fn mean(view: TestScene, o: Vec3, n: Vec3, f: impl Fn(&Hemisphere<'_>) -> f32) -> f32 {
         (0..64).map(|i| hemisphere(view, o, n, i, &f)).sum::<f32>() / 64.0
     }
 
-    /// [an infinite strip seen from the floor, and a half-plane above it: Howell, configuration factors B-71 and A-3]
+    /// Closed forms: an infinite strip seen from the floor and a half-plane above it [Howell, configuration factors
+    /// B-71 and A-3].
     #[test]
     fn irradiance_and_gradients_of_a_wall_and_under_a_roof_are_those_of_the_closed_forms() {
-        for (view, sign) in [(wall as View, 1.0), (roof as View, -1.0)] {
+        for (view, sign) in [(wall as TestScene, 1.0), (roof as TestScene, -1.0)] {
             for x in [0.3, 0.7, 1.5] {
                 let o = Vec3::new(x, 0.0, 0.0);
                 let root = (1.0 + x * x).sqrt();
@@ -217,13 +227,13 @@ mod tests {
         }
     }
 
-    /// The rotation gradient against the difference of two hemispheres that lean a little.
+    /// Compares the rotation gradient with the difference of two hemispheres with slightly tilted normals.
     #[test]
     fn rotation_gradients_are_finite_differences() {
         let o = Vec3::new(0.5, 0.0, 0.0);
         for axis in [Vec3::X, Vec3::Y] {
             let lean = |angle: f32| (Vec3::Z + axis * angle).normalize();
-            // Both see the wall above the floor only.
+            // Both normals see only the wall above the floor.
             let e = |n: Vec3| mean(wall, o, n, |h| h.irradiance().r);
             let difference = (e(lean(0.05)) - e(lean(-0.05))) / 0.1;
             let foretold = mean(wall, o, Vec3::Z, |h| {

@@ -1,40 +1,42 @@
-//! How the irradiance bends around a point: its second derivatives along the surface, with what moves in front of what.
+//! The Hessian of the irradiance with respect to a translation along the surface, including changes of occlusion.
 //!
-//! What the hemisphere's rays have found are the vertices of a mesh: neighbouring cells are joined, the lowest ring stands on the
-//! surface's horizon, the highest is closed by a cap. A triangle has the radiance of its farthest vertex, so that nearer surfaces move in
-//! front of it. [Schwarzhaupt et al. 2012] The mesh's irradiance at a point x is a sum over its edges, each with the
-//! difference of the radiances on both sides: E(x) = ½ Σ ΔL θ·n·(r₀ × r₁)/|r₀ × r₁|, where r₀ and r₁ lead from x to the edge's ends
-//! and θ is the angle between them [Lambert 1760], and is differentiated as such.
+//! The ray hits of the hemisphere are the vertices of a mesh. Neighbouring cells are connected, the lowest ring ends
+//! at the surface's horizon, and a cap closes the highest ring. A triangle has the radiance of its farthest vertex,
+//! so that nearer surfaces occlude it. [Schwarzhaupt et al. 2012] The mesh's irradiance at a point x is a sum over
+//! its edges, each with the difference ΔL of the radiances on both sides: E(x) = ½ Σ ΔL θ·n·(r₀ × r₁)/|r₀ × r₁|,
+//! where r₀ and r₁ are the vectors from x to the edge's ends and θ is the angle between them. [Lambert 1760] The
+//! Hessian is the second derivative of this sum.
 
 use super::hemisphere::Hemisphere;
 use glam::DVec3;
 
-/// Second derivatives of the irradiance's luminance along the axes of the surface's frame, W·m⁻² per square of a unit of length.
+/// The second derivatives of the irradiance's luminance along the axes of the surface's frame, in W·m⁻² per squared
+/// unit of length.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hessian {
-    /// Along the first axis.
+    /// The second derivative along the first axis.
     pub xx: f64,
-    /// Along both.
+    /// The mixed derivative.
     pub xy: f64,
-    /// Along the second axis.
+    /// The second derivative along the second axis.
     pub yy: f64,
 }
 
-/// How far away nothing is, in multiples of the farthest distance of what is seen.
+/// The distance of cells without a hit, relative to the farthest hit.
 const FAR: f64 = 1e3;
 
 impl Hessian {
-    /// That of what the hemisphere sees.
+    /// Computes the Hessian of a hemisphere.
     pub fn of(hemisphere: &Hemisphere<'_>) -> Self {
-        // The mesh is scaled so that powers of distances stay within the range of numbers.
+        // The mesh is scaled such that powers of distances neither overflow nor underflow.
         let unit = f64::from(hemisphere.harmonic_mean_distance().max(f32::MIN_POSITIVE));
         if !unit.is_finite() {
             return Hessian::default();
         }
-        Mesh::new(hemisphere, unit).hessian().scaled(1.0 / (unit * unit))
+        HemisphereMesh::new(hemisphere, unit).hessian().scaled(1.0 / (unit * unit))
     }
 
-    /// The sum of the absolute values of its eigenvalues.
+    /// Returns the sum of the absolute eigenvalues.
     pub fn curvature(&self) -> f64 {
         let between = (0.25 * (self.xx - self.yy).powi(2) + self.xy * self.xy).sqrt();
         (self.xx + self.yy).abs().max(2.0 * between)
@@ -51,19 +53,19 @@ impl Hessian {
     }
 }
 
-/// What is seen, as a mesh in the surface's frame. A cell's square goes from it to the next ring outwards and the next sector, and is
-/// divided by the diagonal from the cell.
-struct Mesh {
+/// The mesh of the surfaces that the hemisphere sees, in the surface's frame. The quadrilateral of a cell connects it
+/// with the next ring outwards and the next sector. The diagonal from the cell divides it into two triangles.
+struct HemisphereMesh {
     rings: usize,
     sectors: usize,
     vertices: Vec<DVec3>,
-    /// By cell: distance and luminance.
+    /// For each cell, distance and luminance.
     seen: Vec<(f64, f64)>,
-    /// Luminance above the highest ring.
+    /// Mean luminance of the highest ring, for the cap.
     cap: f64,
 }
 
-impl Mesh {
+impl HemisphereMesh {
     fn new(hemisphere: &Hemisphere<'_>, unit: f64) -> Self {
         let distances = || hemisphere.distance.iter().map(|d| f64::from(d.max(f32::MIN_POSITIVE)) / unit);
         let far = FAR * distances().filter(|d| d.is_finite()).fold(0.0, f64::max);
@@ -72,27 +74,28 @@ impl Mesh {
         let vertices = hemisphere.directions.iter().zip(&seen).map(|(d, (t, _))| d.as_dvec3() * *t).collect();
         let (rings, sectors) = (hemisphere.strata.rings, hemisphere.strata.sectors);
         let cap = seen[..sectors].iter().map(|(_, luminance)| luminance).sum::<f64>() / sectors as f64;
-        Mesh { rings, sectors, vertices, seen, cap }
+        HemisphereMesh { rings, sectors, vertices, seen, cap }
     }
 
     fn cell(&self, ring: usize, sector: usize) -> usize {
         ring * self.sectors + sector % self.sectors
     }
 
-    /// The luminance of the farthest of the cells.
+    /// Returns the luminance of the farthest of three cells.
     fn farthest(&self, cells: [usize; 3]) -> f64 {
         let [a, b, c] = cells.map(|cell| self.seen[cell]);
         let ab = if a.0 >= b.0 { a } else { b };
         if ab.0 >= c.0 { ab.1 } else { c.1 }
     }
 
-    /// The luminance of the half of the cell's square that lies along the cell's ring; of the lowest ring, down to the horizon.
+    /// Returns the luminance of the triangle with an edge along the cell's ring; for the lowest ring, that of the
+    /// part down to the horizon.
     fn inner(&self, j: usize, k: usize) -> f64 {
         let outwards = self.cell((j + 1).min(self.rings - 1), k + 1);
         self.farthest([self.cell(j, k), self.cell(j, k + 1), outwards])
     }
 
-    /// The luminance of the other half.
+    /// Returns the luminance of the cell's other triangle.
     fn outer(&self, j: usize, k: usize) -> f64 {
         self.farthest([self.cell(j, k), self.cell(j + 1, k), self.cell(j + 1, k + 1)])
     }
@@ -105,13 +108,13 @@ impl Mesh {
                 let before = k + self.sectors - 1;
                 let (inner, inner_before) = (self.inner(j, k), self.inner(j, before));
                 let v = self.vertices[self.cell(j, k)];
-                let beside = self.vertices[self.cell(j, k + 1)];
+                let next_sector = self.vertices[self.cell(j, k + 1)];
                 let above = if j == 0 { self.cap } else { self.outer(j - 1, k) };
-                sum.add(edge(v, beside), above - inner);
+                sum.add(edge(v, next_sector), above - inner);
                 if j == last {
                     let foot = |v: DVec3| DVec3::new(v.x, v.y, 0.0);
                     sum.add(edge(v, foot(v)), inner - inner_before);
-                    sum.add(edge(foot(v), foot(beside)), inner);
+                    sum.add(edge(foot(v), foot(next_sector)), inner);
                 } else {
                     let outer = self.outer(j, k);
                     sum.add(edge(v, self.vertices[self.cell(j + 1, k)]), outer - inner_before);
@@ -123,12 +126,12 @@ impl Mesh {
     }
 }
 
-/// For an edge whose ends have the dot product `d` and a cross product of the squared length `s`: the first and the
-/// second derivative of arctan(√s / d)/√s by `s`.
+/// Returns the first and second derivative of arctan(√s / d)/√s with respect to `s`, for an edge whose end vectors
+/// have the dot product `d` and a cross product with the squared length `s`.
 fn angle(s: f64, d: f64) -> [f64; 2] {
     let t = s / (d * d);
     if d > 0.0 && t < 0.05 {
-        // Where the closed form loses its digits, six terms of the series have six of them.
+        // Here the closed form suffers from cancellation. Six terms of the series give six digits.
         let f_s = -1.0 / 3.0
             + t * (2.0 / 5.0 + t * (-3.0 / 7.0 + t * (4.0 / 9.0 + t * (-5.0 / 11.0 + t * 6.0 / 13.0))));
         let f_ss = 2.0 / 5.0
@@ -144,20 +147,20 @@ fn angle(s: f64, d: f64) -> [f64; 2] {
     [f_s, (-0.5 * d * per_product * per_product - 1.5 * f_s) / s]
 }
 
-/// Second derivatives of ½ θ n·(r₀ × r₁)/|r₀ × r₁| by the place that the vectors `r0` and `r1` begin at, moved along the first two
-/// axes; n is the third.
+/// Returns the second derivatives of ½ θ n·(r₀ × r₁)/|r₀ × r₁| with respect to the common origin of the vectors `r0`
+/// and `r1`, along the first two axes; n is the third.
 fn edge(r0: DVec3, r1: DVec3) -> Hessian {
     let (c, d, w) = (r0.cross(r1), r0.dot(r1), r1 - r0);
     let s = c.length_squared();
     if s == 0.0 {
-        // An edge that is seen end-on, or as a point, lies in every plane: its neighbours know.
+        // An edge seen end-on, or of zero length, does not contribute: its direction is undefined.
         return Hessian::default();
     }
     let [f_s, f_ss] = angle(s, d);
     let per_product = 1.0 / (s + d * d);
     let (f_d, f_sd) = (-per_product, per_product * per_product);
     let f_dd = 2.0 * d * f_sd;
-    // The cross product is affine in the place, its square and the dot product are quadratic.
+    // The cross product is affine in the origin; its square and the dot product are quadratic.
     let (c_x, c_y) = (DVec3::new(0.0, w.z, -w.y), DVec3::new(-w.z, 0.0, w.x));
     let (s_x, s_y) = (2.0 * c.dot(c_x), 2.0 * c.dot(c_y));
     let (d_x, d_y) = (-(r0.x + r1.x), -(r0.y + r1.y));
@@ -183,7 +186,7 @@ mod tests {
     use crate::math::{Frame, Vec3};
     use std::f64::consts::PI;
 
-    /// The edge's part of the irradiance.
+    /// The contribution of one edge to the irradiance.
     fn value(r0: DVec3, r1: DVec3) -> f64 {
         let c = r0.cross(r1);
         0.5 * c.length().atan2(r0.dot(r1)) * c.z / c.length()
@@ -223,7 +226,7 @@ mod tests {
         }
     }
 
-    /// The mean over many scrambles of the Hessian seen from `o`, above which z is, in the axes of the world.
+    /// The mean over many scrambles of the Hessian at `o` with the normal z, in world-space axes.
     fn mean(o: Vec3, view: impl Fn(Vec3, Vec3) -> (f32, f32)) -> Hessian {
         let (strata, frame) = (Strata::new(64), Frame::from_normal(Vec3::Z));
         let mut sum = Hessian::default();
@@ -248,7 +251,7 @@ mod tests {
         Hessian { xx: along(|v| v.x, |v| v.x), xy: along(|v| v.x, |v| v.y), yy: along(|v| v.y, |v| v.y) }
     }
 
-    /// The scenes of the gradients' test: the second derivative of π/2·(1 ∓ x/√(1 + x²)).
+    /// The test scenes of the gradients, with the second derivative of π/2·(1 ∓ x/√(1 + x²)).
     #[test]
     fn the_hessians_of_a_wall_and_under_a_roof_are_those_of_the_closed_forms() {
         let wall = |o: Vec3, d: Vec3| {
@@ -270,7 +273,8 @@ mod tests {
         }
     }
 
-    /// Under a ceiling whose radiance is a cosine, so is the irradiance: ∫ cos u/(1 + u² + v²)² du dv = π K₁(1).
+    /// Under a ceiling with a cosine-shaped radiance, the irradiance is a cosine too: ∫ cos u/(1 + u² + v²)² du dv =
+    /// π K₁(1).
     #[test]
     fn the_hessian_under_a_smooth_ceiling_is_that_of_the_closed_form() {
         let ceiling = |o: Vec3, d: Vec3| {

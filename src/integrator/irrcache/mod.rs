@@ -1,19 +1,21 @@
 //! The irradiance cache. [Ward 1988; Ward and Heckbert 1992; Křivánek 2005; Schwarzhaupt et al. 2012]
 //!
-//! Indirect light on diffuse surfaces changes slowly. It is gathered at few places by whole hemispheres of another integrator's
-//! rays, and interpolated everywhere else; direct light, caustics and what glossy surfaces reflect are sampled as ever, but for caustics
-//! that the child knows everywhere (`photonmapper`'s are the density of its photons). A
-//! record's hemisphere asks the child for all light but what is emitted towards the record (direct light) and caustics, with any
-//! number of bounces: so nothing is missing and nothing is counted twice.
+//! Indirect light on diffuse surfaces varies slowly. The cache gathers it at few points, each with a full hemisphere
+//! of rays of another integrator, and interpolates it elsewhere. Direct light, caustics and glossy reflections are
+//! sampled as usual. The only exception are caustics for which the child has a map (`photonmapper` has the density of
+//! its photons). The hemisphere of a record queries the child for all light, with any number of bounces, except
+//! caustics and the light emitted towards the record (direct light). No light is therefore lost or counted twice.
 //!
-//! The overture goes over the image from coarse to fine and adds records where there are none, in batches of fixed size whose records
-//! are computed in parallel and merged in order: the cache depends on the scene, the view and the seed, never on threads. The
-//! final render only reads. Where no record reaches, the path goes on as if there were no cache.
+//! The overture pass goes over the image from coarse to fine and adds records where no record covers the surface. It
+//! works in batches of fixed size, whose records are computed in parallel and merged in order, so the cache depends
+//! on the scene, the view and the seed, but not on threads. The final render only reads the cache. Where no record
+//! covers a point, the path continues as without a cache.
 //!
-//! Each replicate of the image's samples has a cache of its own, so that their differences know the caches' noise and
-//! what pixels share of it. What interpolation smooths away, all miss alike: that is the bias, and it is what
-//! `quality` is for.
+//! Each replicate of the image's samples has its own cache, so the differences between replicates include the noise
+//! of the caches, also where pixels share it. The smoothing of the interpolation is the same in all replicates. It is
+//! the bias, which `quality` controls.
 
+mod diffuse_points;
 mod file;
 mod gathering;
 pub mod hemisphere;
@@ -21,14 +23,13 @@ pub mod hessian;
 pub mod interpolation;
 pub mod octree;
 mod overture;
-mod places;
 pub mod record;
 mod shading;
 pub mod weight;
 
-use super::preparation::refuse_motion;
+use super::preparation::reject_motion;
 use super::settings::{Aov, IrrcacheSettings, PathSettings, PhotonmapperSettings, Settings};
-use super::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker, create};
+use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, create};
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -36,32 +37,32 @@ use crate::math::{Bounds, DVec2, Ray, Vec2, Vec3};
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
 use crate::util::digest;
-use file::Kept;
+use file::CacheContents;
 use interpolation::Interpolation;
-use overture::Level;
+use overture::RecordLevel;
 use rayon::prelude::*;
 use record::Record;
 use shading::CachedPath;
 
-/// Interpolates the indirect light of diffuse surfaces.
+/// An integrator that interpolates the indirect light of diffuse surfaces.
 pub struct IrradianceCache {
     settings: IrrcacheSettings,
-    /// Traces what coarse records gather. Its paths begin two surfaces later than the camera's, and `path` counts so; photon maps count
-    /// from the record.
+    /// The integrator of the light that coarse records gather. Its paths begin two surfaces after the camera's; the
+    /// depth limits of `path` take this into account, while photon maps count from the record.
     child: Box<dyn Integrator>,
-    /// Renders with the fine caches.
+    /// The integrator of the image, which uses the fine caches.
     fine: CachedPath,
     /// The records of the fine caches.
     records: Vec<Vec<Record>>,
-    /// Size of a pixel where camera rays begin, and how much it grows per unit of length.
+    /// The size of a pixel at the origin of camera rays, and its growth per unit of length.
     pixel: [f32; 2],
-    facts: Vec<Fact>,
+    statistics: Vec<Statistic>,
 }
 
 impl IrradianceCache {
-    /// The integrator with its settings, and an empty cache.
+    /// Creates the integrator with an empty cache.
     pub fn new(settings: &IrrcacheSettings) -> Self {
-        // The camera's paths, and what records gather: emitters are hidden from the camera only.
+        // Emitters are hidden from the camera only, not from the rays of records.
         let (path, gathered) = match settings.child.as_ref() {
             Settings::Path(path) => (*path, Settings::Path(from_surface(path, 2))),
             Settings::Photonmapper(mapper) => {
@@ -79,16 +80,16 @@ impl IrradianceCache {
             fine,
             records: Vec::new(),
             pixel: [0.0; 2],
-            facts: Vec::new(),
+            statistics: Vec::new(),
         }
     }
 
-    /// The records of each replicate.
+    /// Returns the records of each replicate.
     pub fn records(&self) -> &[Vec<Record>] {
         &self.records
     }
 
-    /// Draws a dot over the image wherever the rays meet a record's place.
+    /// Draws a dot where a ray hits the surface near a record.
     fn draw_records(&self, scene: &Scene, wave: Wave<'_>, worker: &mut Worker, out: &mut [Radiance]) {
         worker.intersect(scene, wave.rays, wave.coherence);
         for (i, hit) in worker.hits.iter().enumerate() {
@@ -102,7 +103,7 @@ impl IrradianceCache {
         }
     }
 
-    /// What records depend on, but for the scene.
+    /// Returns the hash of the settings on which records depend.
     fn origin(&self, preparation: &Preparation<'_>) -> u64 {
         let replicates = preparation.sampler.replicates();
         let IrrcacheSettings { resolution, quality, gradients, clamp_neighbor, clamp_screen, child, .. } =
@@ -110,49 +111,56 @@ impl IrradianceCache {
         digest(&(resolution, quality, gradients, clamp_neighbor, clamp_screen, child, replicates))
     }
 
-    /// What the file has, or nothing yet.
-    fn kept(&self, preparation: &Preparation<'_>) -> Result<Kept> {
+    /// Returns the content of the cache file, or an empty cache.
+    fn contents(&self, preparation: &Preparation<'_>) -> Result<CacheContents> {
         match &preparation.cache {
             Some(file) if file.path.exists() => {
                 let length = std::fs::metadata(&file.path).map_or(0, |about| about.len());
-                // Its bytes, and the records that they are.
+                // The factor accounts for the file's bytes and the decoded records.
                 let _reserved = preparation.memory.reserve(length.saturating_mul(3)).map_err(|refusal| {
                     let message = refusal.sentence("reading its records", "remove it");
                     Error::output(message).in_file(&file.path)
                 })?;
                 file::load_for(&file.path, file.scene, self.origin(preparation))
             }
-            Some(file) => {
-                Ok(Kept { scene: file.scene, settings: self.origin(preparation), ..Kept::default() })
-            }
-            None if self.settings.overture => Ok(Kept::default()),
+            Some(file) => Ok(CacheContents {
+                scene: file.scene,
+                settings: self.origin(preparation),
+                ..CacheContents::default()
+            }),
+            None if self.settings.overture => Ok(CacheContents::default()),
             None => Err(Error::scene(
                 "irrcache: without an overture the records must come from a file: expected --cache FILE",
             )),
         }
     }
 
-    /// Adds the records that the view needs, the coarse ones first: the hemispheres of the fine ones look light up in them.
-    fn extend(&self, kept: &mut Kept, preparation: &Preparation<'_>) {
+    /// Adds the records that the view needs. The coarse ones come first, because the hemispheres of the fine ones use
+    /// them.
+    fn extend(&self, contents: &mut CacheContents, preparation: &Preparation<'_>) {
         let bounds = preparation.scene.bounds;
         let replicates = preparation.sampler.replicates();
-        kept.fine.resize(replicates as usize, Vec::new());
-        kept.coarse.resize(replicates as usize, Vec::new());
+        contents.fine.resize(replicates as usize, Vec::new());
+        contents.coarse.resize(replicates as usize, Vec::new());
         let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
-        // All replicates at once: where one has little to compute in parallel, the others have some more.
-        let all =
-            |settings: &IrrcacheSettings, child: &dyn Integrator, level: Level, known: Vec<Vec<Record>>| {
-                let run =
-                    |(replicate, known)| overture::run(preparation, settings, child, replicate, level, known);
-                let known: Vec<_> = (0..replicates).zip(known).collect();
-                preparation.pool.install(|| known.into_par_iter().map(run).collect::<Vec<_>>())
-            };
-        kept.coarse = all(&settings, self.child.as_ref(), Level::Coarse, std::mem::take(&mut kept.coarse));
-        let caches = kept.coarse.iter().map(|records| Interpolation::new(records, bounds, 1.0)).collect();
+        // All replicates run at the same time, so that threads stay busy while one replicate has little parallel
+        // work.
+        let all = |settings: &IrrcacheSettings,
+                   child: &dyn Integrator,
+                   level: RecordLevel,
+                   known: Vec<Vec<Record>>| {
+            let run =
+                |(replicate, known)| overture::run(preparation, settings, child, replicate, level, known);
+            let known: Vec<_> = (0..replicates).zip(known).collect();
+            preparation.pool.install(|| known.into_par_iter().map(run).collect::<Vec<_>>())
+        };
+        contents.coarse =
+            all(&settings, self.child.as_ref(), RecordLevel::Coarse, std::mem::take(&mut contents.coarse));
+        let caches = contents.coarse.iter().map(|records| Interpolation::new(records, bounds, 1.0)).collect();
         let path = from_surface(&self.fine.path, 1);
         let caustics = self.fine.caustics.clone();
         let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
-        kept.fine = all(&self.settings, &traced, Level::Fine, std::mem::take(&mut kept.fine));
+        contents.fine = all(&self.settings, &traced, RecordLevel::Fine, std::mem::take(&mut contents.fine));
     }
 }
 
@@ -170,29 +178,29 @@ impl Integrator for IrradianceCache {
     }
 
     fn check(&self, scene: &Scene) -> Result<()> {
-        refuse_motion("irrcache", "records", scene)
+        reject_motion("irrcache", "records", scene)
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         self.check(preparation.scene)?;
-        // The file is for the records.
+        // The cache file stores only the records.
         self.child.prepare(&Preparation { cache: None, ..*preparation })?;
         self.fine.caustics = self.child.caustics();
         let (camera, film) = (preparation.camera, preparation.camera.film);
         let centre = DVec2::new(film.width.into(), film.height.into()) * 0.5;
         let [a, b] = [centre, centre + DVec2::X].map(|p| camera.ray(p, Vec2::splat(0.5), 0.0));
         self.pixel = [(b.o - a.o).length(), (b.d - a.d).length()];
-        let mut kept = self.kept(preparation)?;
+        let mut contents = self.contents(preparation)?;
         let view = preparation.cache.as_ref().map_or(0, |file| file.view);
-        if self.settings.overture && !kept.views.contains(&view) {
-            self.extend(&mut kept, preparation);
-            kept.views.push(view);
+        if self.settings.overture && !contents.views.contains(&view) {
+            self.extend(&mut contents, preparation);
+            contents.views.push(view);
             if let Some(file) = preparation.cache.as_ref().filter(|_| !preparation.interrupt.is_raised()) {
-                file::save(&file.path, &kept)?;
+                file::save(&file.path, &contents)?;
             }
         }
-        let coarse_count = kept.coarse.iter().map(Vec::len).sum::<usize>();
-        self.records = kept.fine;
+        let coarse_count = contents.coarse.iter().map(Vec::len).sum::<usize>();
+        self.records = contents.fine;
         self.records.resize(preparation.sampler.replicates() as usize, Vec::new());
         let bounds = preparation.scene.bounds;
         let scale = 1.0 / self.settings.quality_adjustment;
@@ -200,20 +208,20 @@ impl Integrator for IrradianceCache {
         self.fine.caches = self.records.iter().map(cache).collect();
         let count = self.records.iter().map(Vec::len).sum::<usize>();
         let bytes = self.fine.caches.iter().map(Interpolation::memory_bytes).sum::<usize>();
-        self.facts = vec![
-            Fact { name: "irradiance_records", value: count as f64 },
-            Fact { name: "irradiance_records_coarse", value: coarse_count as f64 },
-            Fact { name: "irradiance_cache_bytes", value: bytes as f64 },
+        self.statistics = vec![
+            Statistic { name: "irradiance_records", value: count as f64 },
+            Statistic { name: "irradiance_records_coarse", value: coarse_count as f64 },
+            Statistic { name: "irradiance_cache_bytes", value: bytes as f64 },
         ];
-        self.facts.extend(self.child.facts());
+        self.statistics.extend(self.child.statistics());
         Ok(())
     }
 
-    fn facts(&self) -> Vec<Fact> {
-        self.facts.clone()
+    fn statistics(&self) -> Vec<Statistic> {
+        self.statistics.clone()
     }
 
-    fn keeps_caches(&self) -> bool {
+    fn supports_cache_file(&self) -> bool {
         true
     }
 
@@ -252,12 +260,12 @@ impl Integrator for IrradianceCache {
 
 /// Radius of a record's dot in pixels.
 const DOT: f32 = 1.0;
-/// Colour of a record's dot: the customary yellow.
+/// Colour of a record's dot: the traditional yellow.
 const DOT_COLOUR: Rgb = Rgb::new(1.0, 0.9, 0.0);
-/// Quality of the coarse caches, as a share of that of the fine ones: what they miss is averaged over hemispheres.
+/// The quality of the coarse caches relative to that of the fine ones. Their error is averaged over hemispheres.
 const COARSE: f32 = 0.7;
 
-/// The settings of paths that begin so many surfaces later than the camera's.
+/// Returns the settings of paths that begin the given number of surfaces after the camera's.
 fn from_surface(path: &PathSettings, surfaces: u32) -> PathSettings {
     let max_depth = path.max_depth.map(|depth| depth.saturating_sub(surfaces));
     PathSettings { max_depth, hide_emitters: false, ..*path }

@@ -1,24 +1,24 @@
-//! Which records reach a point: an octree over plain arrays. [Ward 1988]
+//! An octree, in plain arrays, that finds the records covering a point. [Ward 1988]
 //!
-//! A record is listed in every leaf that the flat body in which it has weight may touch, so that a point has one leaf to look at.
+//! Every leaf lists all records whose volume of positive weight may overlap it, so a lookup visits a single leaf.
 
 use super::record::Record;
 use super::weight::THICKNESS;
 use crate::math::{Bounds, Vec3};
 
-/// A leaf with more records than this is divided, unless they all cover it anyway.
+/// The number of records above which a leaf is split, unless all of them cover the whole leaf.
 const FULL: usize = 16;
-/// The most levels: where f32 has no more bits to tell places apart.
+/// The greatest depth of the tree, at which `f32` positions cannot be separated any more.
 const MAX_DEPTH: u32 = 20;
-/// The bit of a node that is a leaf.
+/// The bit that marks a leaf.
 const LEAF: u32 = 1 << 31;
 
-/// An octree of records, which are known by their index in an array.
+/// An octree of records, which are referenced by index.
 #[derive(Clone, Debug)]
 pub struct Octree {
     center: Vec3,
     half: f32,
-    /// By node: the first of its eight children, or with [`LEAF`] the leaf that it is.
+    /// For each node, the index of the first of its eight children, or [`LEAF`] plus the index of the leaf.
     nodes: Vec<u32>,
     leaves: Vec<Vec<u32>>,
     /// The factor on all radii.
@@ -39,39 +39,39 @@ impl Cube {
         Cube { center: self.center + Vec3::new(sign(0), sign(1), sign(2)), half }
     }
 
-    /// Which child holds `p`.
+    /// Returns the child that contains `p`.
     #[inline(always)]
     fn octant(self, p: Vec3) -> usize {
         let above = p.cmpge(self.center);
         above.bitmask() as usize
     }
 
-    /// Whether the flat body of a record may touch the cube.
+    /// Returns whether the volume of positive weight of a record may overlap the cube.
     fn touches(self, record: &Record, scale: f32) -> bool {
         let radius = record.radius * scale;
         let to = record.p - self.center;
         let outside = (to.abs() - Vec3::splat(self.half)).max(Vec3::ZERO);
-        // The cube's extent along the normal.
+        // The half extent of the cube along the normal.
         let extent = self.half * record.n.abs().element_sum();
         outside.length_squared() <= radius * radius && to.dot(record.n).abs() <= extent + THICKNESS * radius
     }
 }
 
 impl Octree {
-    /// An empty tree over everything within the bounds; radii count `scale` times.
+    /// Creates an empty tree over the bounds; radii are multiplied by `scale`.
     pub fn new(bounds: Bounds, scale: f32) -> Self {
         let half = (0.5 * (bounds.max - bounds.min).max_element()).max(f32::MIN_POSITIVE);
         Octree { center: bounds.center(), half, nodes: vec![LEAF], leaves: vec![Vec::new()], scale }
     }
 
-    /// The tree of all records.
+    /// Creates the tree of all records.
     pub fn of(records: &[Record], bounds: Bounds, scale: f32) -> Self {
         let mut tree = Octree::new(bounds, scale);
         (0..records.len()).for_each(|i| tree.insert(i as u32, records));
         tree
     }
 
-    /// Lists record `i` of `records` wherever it reaches.
+    /// Inserts record `i` of `records` into every leaf that it may overlap.
     pub fn insert(&mut self, i: u32, records: &[Record]) {
         self.insert_into(0, Cube { center: self.center, half: self.half }, 0, i, records);
     }
@@ -90,7 +90,7 @@ impl Octree {
         let leaf = (self.nodes[node] & !LEAF) as usize;
         self.leaves[leaf].push(i);
         let list = &self.leaves[leaf];
-        // Dividing helps where some record is smaller than the cube.
+        // Splitting is useful only if some record is smaller than the cube.
         let least = list.iter().map(|&i| records[i as usize].radius).fold(f32::INFINITY, f32::min);
         if list.len() <= FULL || depth >= MAX_DEPTH || least * self.scale > 2.0 * cube.half {
             return;
@@ -102,17 +102,17 @@ impl Octree {
             let child = cube.child(k);
             let of_child: Vec<u32> =
                 list.iter().copied().filter(|&i| child.touches(&records[i as usize], self.scale)).collect();
-            // The divided leaf's place is used again.
-            let place = if k == 0 { leaf } else { self.leaves.len() };
+            // The first child reuses the index of the split leaf.
+            let index = if k == 0 { leaf } else { self.leaves.len() };
             if k > 0 {
                 self.leaves.push(Vec::new());
             }
-            self.leaves[place] = of_child;
-            self.nodes.push(LEAF | place as u32);
+            self.leaves[index] = of_child;
+            self.nodes.push(LEAF | index as u32);
         }
     }
 
-    /// The leaf that holds `p`.
+    /// Returns the leaf that contains `p`.
     #[inline]
     pub fn leaf(&self, p: Vec3) -> usize {
         let mut cube = Cube { center: self.center, half: self.half };
@@ -125,17 +125,17 @@ impl Octree {
         (node & !LEAF) as usize
     }
 
-    /// The records that may reach `p`.
+    /// Returns the records that may cover `p`.
     pub fn near(&self, p: Vec3) -> &[u32] {
         &self.leaves[self.leaf(p)]
     }
 
-    /// The lists of all leaves.
+    /// Returns the record lists of all leaves.
     pub fn leaves(&self) -> &[Vec<u32>] {
         &self.leaves
     }
 
-    /// Bytes of nodes and lists.
+    /// Returns the bytes of nodes and lists.
     pub fn memory_bytes(&self) -> usize {
         let lists: usize = self.leaves.iter().map(|l| l.capacity() * 4 + size_of::<Vec<u32>>()).sum();
         self.nodes.capacity() * 4 + lists
@@ -152,8 +152,8 @@ mod tests {
         Vec3::from_array(pcg3d(i, k, 1).map(to_unit))
     }
 
-    /// No record with weight at a point is missing in the point's leaf, also at the corners of the bounds and after a
-    /// record has shrunk.
+    /// The leaf of a point lists every record with positive weight there, also at the corners of the bounds and after
+    /// a record's radius was reduced.
     #[test]
     fn the_leaf_of_a_point_lists_every_record_that_reaches_it() {
         let mut records: Vec<Record> = (0..2000)

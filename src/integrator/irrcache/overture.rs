@@ -1,8 +1,8 @@
-//! The overture: records wherever the image needs any, before it is rendered.
+//! The overture pass: creates the records that the image needs before it is rendered.
 
+use super::diffuse_points::{self, DiffusePoint, RayCone};
 use super::gathering::Gathering;
 use super::octree::Octree;
-use super::places::{self, Place, Sight};
 use super::record::Record;
 use super::weight::weight;
 use crate::integrator::preparation::Workers;
@@ -13,37 +13,37 @@ use crate::sampling::hash::{combine, pcg3d, to_unit};
 use crate::sampling::{SampleKey, warp};
 use rayon::prelude::*;
 
-/// Places that are looked up in the cache before what is missing is computed.
+/// The number of film points that are looked up in the cache before missing records are computed.
 const BATCH: usize = 2048;
-/// Camera rays of a task.
+/// The number of camera rays in a task.
 const CHUNK: usize = 256;
 
-/// What records are for.
+/// The level of a cache.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// What the camera sees.
+pub enum RecordLevel {
+    /// Records at surfaces seen by the camera.
     Fine,
-    /// What is seen from there.
+    /// Records at surfaces seen from the fine records.
     Coarse,
 }
 
-impl Level {
-    /// Distance in pixels between the places that are looked at, pass after pass.
+impl RecordLevel {
+    /// Returns the distances in pixels between the film points of each pass.
     fn strides(self) -> &'static [u32] {
         match self {
-            Level::Fine => &[32, 16, 8, 4, 2],
-            Level::Coarse => &[32, 16, 8, 6],
+            RecordLevel::Fine => &[32, 16, 8, 4, 2],
+            RecordLevel::Coarse => &[32, 16, 8, 6],
         }
     }
 }
 
-/// Adds what the view needs to the known records of a cache for one replicate of the samples, and returns all.
+/// Adds the records that the view needs to the existing records of a replicate's cache. Returns all records.
 pub fn run(
     preparation: &Preparation<'_>,
     settings: &IrrcacheSettings,
     child: &dyn Integrator,
     replicate: u32,
-    level: Level,
+    level: RecordLevel,
     known: Vec<Record>,
 ) -> Vec<Record> {
     let Preparation { scene, pool, seed, sampler, .. } = *preparation;
@@ -66,7 +66,7 @@ pub fn run(
                 if preparation.interrupt.is_raised() {
                     return;
                 }
-                overture.serve(batch);
+                overture.process_batch(batch);
             }
         }
     });
@@ -82,7 +82,7 @@ struct Overture<'a> {
     clamp: bool,
 }
 
-/// A place on the film, with its number in the pass.
+/// A point on the film, with the key of its random numbers.
 #[derive(Clone, Copy)]
 struct FilmPoint {
     at: DVec2,
@@ -90,8 +90,8 @@ struct FilmPoint {
 }
 
 impl Overture<'_> {
-    /// The points of a pass, one in each square of `stride` pixels, in an order that leads everywhere at once: two that follow each
-    /// other are seldom neighbours, so a batch computes few records that another of it would have made needless.
+    /// Returns the film points of a pass, one in each square of `stride` pixels, in a random order. Consecutive
+    /// points are therefore seldom neighbours, and a batch computes few redundant records.
     fn points(&self, pass: u32, stride: u32) -> Vec<FilmPoint> {
         let rect = self.preparation.camera.film.rect();
         let (columns, rows) = (rect.width.div_ceil(stride), rect.height.div_ceil(stride));
@@ -114,68 +114,69 @@ impl Overture<'_> {
         points.into_iter().map(|(_, point)| point).collect()
     }
 
-    /// Looks a batch up in the cache, computes what is missing and merges it in order.
-    fn serve(&mut self, batch: &[FilmPoint]) {
+    /// Looks up a batch in the cache, computes the missing records and merges them in order.
+    fn process_batch(&mut self, batch: &[FilmPoint]) {
         let this = &*self;
-        let missing: Vec<Vec<Place>> = batch.par_chunks(CHUNK).map(|points| this.missing(points)).collect();
-        let missing: Vec<Place> = missing.into_iter().flatten().collect();
-        // No thread is to wait for a wave that another one could have shared.
+        let missing: Vec<Vec<DiffusePoint>> =
+            batch.par_chunks(CHUNK).map(|points| this.missing(points)).collect();
+        let missing: Vec<DiffusePoint> = missing.into_iter().flatten().collect();
+        // Waves are kept small enough that every thread gets work.
         let shared = missing.len().div_ceil(2 * rayon::current_num_threads());
         let per_wave = this.gathering.records_per_wave().min(shared).max(1);
         let first = this.records.len();
         let computed: Vec<Vec<Record>> = missing
             .par_chunks(per_wave)
             .enumerate()
-            .map(|(i, places)| {
-                this.workers.with(|worker| this.gathering.records(places, first + i * per_wave, worker))
+            .map(|(i, points)| {
+                this.workers.with(|worker| this.gathering.records(points, first + i * per_wave, worker))
             })
             .collect();
         computed.into_iter().flatten().for_each(|record| self.merge(record));
     }
 
-    /// The places that the points see and that no record reaches.
-    fn missing(&self, points: &[FilmPoint]) -> Vec<Place> {
+    /// Returns the surface points seen from the film points that no record covers.
+    fn missing(&self, points: &[FilmPoint]) -> Vec<DiffusePoint> {
         let Preparation { scene, camera, .. } = self.preparation;
-        let sights = points.iter().map(|point| {
+        let cones = points.iter().map(|point| {
             let time = if scene.needs.time { to_unit(combine(point.key.scramble, 0x7469_6d65)) } else { 0.0 };
             let ray = camera.ray(point.at, Vec2::splat(0.5), time);
             let beside = camera.ray(point.at + DVec2::X, Vec2::splat(0.5), time);
             let (size, growth) = ((beside.o - ray.o).length(), (beside.d - ray.d).length());
-            Sight { ray, key: point.key, size, growth }
+            RayCone { ray, key: point.key, size, growth }
         });
         let mut found = Vec::new();
         let deep = (scene.needs.deltas > 0) || scene.needs.lobe_choice || scene.needs.varying_materials;
-        self.workers.with(|worker| places::find(scene, sights.collect(), deep, worker, &mut found));
-        if self.gathering.level == Level::Coarse {
-            found = self.seen_from(found, deep);
+        self.workers.with(|worker| diffuse_points::find(scene, cones.collect(), deep, worker, &mut found));
+        if self.gathering.level == RecordLevel::Coarse {
+            found = self.visible_from(found, deep);
         }
-        found.retain(|place| !self.reached(place));
+        found.retain(|point| !self.is_covered(point));
         found
     }
 
-    /// One place that is seen from each of the places, in a direction drawn by its cosine.
-    fn seen_from(&self, places: Vec<Place>, deep: bool) -> Vec<Place> {
-        let sights = places.iter().enumerate().map(|(i, place)| {
+    /// Returns one point seen from each of the given points, in a cosine-distributed random direction.
+    fn visible_from(&self, points: Vec<DiffusePoint>, deep: bool) -> Vec<DiffusePoint> {
+        let cones = points.iter().enumerate().map(|(i, point)| {
             let [a, b, scramble] =
-                pcg3d(place.p.x.to_bits() ^ place.p.y.to_bits(), place.p.z.to_bits(), i as u32);
+                pcg3d(point.p.x.to_bits() ^ point.p.y.to_bits(), point.p.z.to_bits(), i as u32);
             let d = warp::square_to_cosine_hemisphere(Vec2::new(to_unit(a), to_unit(b)));
-            let ray = place.ray(&Frame::from_normal(place.n), d);
+            let ray = point.ray(&Frame::from_normal(point.n), d);
             let key = SampleKey { scramble, index: 0, replicate: self.gathering.replicate };
-            Sight { ray, key, size: place.pixel, growth: place.growth }
+            RayCone { ray, key, size: point.pixel, growth: point.growth }
         });
         let mut found = Vec::new();
         let scene = self.preparation.scene;
-        self.workers.with(|worker| places::find(scene, sights.collect(), deep, worker, &mut found));
+        self.workers.with(|worker| diffuse_points::find(scene, cones.collect(), deep, worker, &mut found));
         found
     }
 
-    fn reached(&self, place: &Place) -> bool {
-        let weight = |i: &u32| weight(&self.records[*i as usize], 1.0, place.p, place.n);
-        self.tree.near(place.p).iter().any(|i| weight(i) > 0.0)
+    fn is_covered(&self, point: &DiffusePoint) -> bool {
+        let weight = |i: &u32| weight(&self.records[*i as usize], 1.0, point.p, point.n);
+        self.tree.near(point.p).iter().any(|i| weight(i) > 0.0)
     }
 
-    /// Adds a record. No two neighbours' radii differ by more than their distance: what one has found near by, the other one cannot
-    /// have farther away. [Křivánek 2006]
+    /// Adds a record. With clamping, the radii of two neighbours differ by at most their distance, because a surface
+    /// near one record is at most that much farther from the other. [Křivánek 2006]
     fn merge(&mut self, mut record: Record) {
         if self.clamp {
             for &i in self.tree.near(record.p) {

@@ -1,22 +1,24 @@
 //! Rendering with a finished cache.
 //!
-//! A path ends at the first diffuse surface, whose indirect light the cache knows. Direct light there is that of emitter samples alone
-//! where they are spread over the solid angle; where they are not, or where there may be caustics, one more ray looks for
-//! emitters, directly (weighted against the emitter sample) and by way of specular lobes. Where photons have brought the
-//! caustics, these are their density, and no ray looks for them.
+//! A path ends at the first diffuse surface, whose indirect light the cache provides. Direct light there comes from
+//! emitter samples alone if all emitters are sampled by solid angle. Otherwise, or if there may be caustics, one more
+//! ray searches for emitters, directly (weighted against the emitter sample) and through specular lobes. With caustic
+//! photon maps, caustics are a density estimate of these, and no ray searches for them.
 
 use super::interpolation::Interpolation;
 use crate::accel::Coherence;
 use crate::bsdf::{self, BsdfEval, Lobe, SpecularLobe, Split};
 use crate::color::Rgb;
-use crate::integrator::block::Block;
+use crate::integrator::block::ShadingBlock;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::CausticMaps;
-use crate::integrator::photon::kdtree::Nearest;
+use crate::integrator::photon::kdtree::NeighbourBuffer;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathSettings;
-use crate::integrator::worker::{Continuation, Numbers, PathWave, ShadowQueue, draw_1d, draw_2d, intersect};
+use crate::integrator::worker::{
+    Continuation, PathWave, RandomNumbers, ShadowQueue, draw_1d, draw_2d, intersect,
+};
 use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::math::{Ray, RayX16, Vec2, Vec3};
@@ -25,30 +27,37 @@ use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 use std::sync::Arc;
 
-/// An integrator that looks indirect light up.
+/// An integrator that takes indirect light from caches.
 pub struct CachedPath {
-    /// The caches of the replicates of the samples: as many as there are, a power of two.
+    /// The caches of the replicates; their number is a power of two.
     pub caches: Vec<Interpolation>,
-    /// How long paths may be, and which emitters are seen.
+    /// The settings for path length and visible emitters.
     pub path: PathSettings,
-    /// Whether only what the caches serve is shown.
+    /// Whether only the cached light is shown.
     pub only_cached: bool,
-    /// Caustics that photons have brought; without them paths look for them.
+    /// Caustic photon maps; without them, paths search for caustics.
     pub caustics: Option<Arc<CausticMaps>>,
-    /// Whether surfaces nearer to the rays' origins than their records are spread are not served.
+    /// Whether the cache is not used at surfaces that are nearer to the ray's origin than the records' mean radius.
     pub far_only: bool,
 }
 
 impl CachedPath {
-    /// The cache of a sample's replicate.
+    /// Returns the cache of a sample's replicate.
     #[inline]
     pub fn cache(&self, key: SampleKey) -> &Interpolation {
         &self.caches[key.replicate as usize % self.caches.len()]
     }
 
-    /// The cached irradiance of lane `i`.
+    /// Returns the cached irradiance of lane `i`.
     #[inline]
-    fn irradiance(&self, block: &Block<'_>, i: usize, key: SampleKey, n: Vec3, facing: Vec3) -> Option<Rgb> {
+    fn irradiance(
+        &self,
+        block: &ShadingBlock<'_>,
+        i: usize,
+        key: SampleKey,
+        n: Vec3,
+        facing: Vec3,
+    ) -> Option<Rgb> {
         let (cache, p) = (self.cache(key), block.at.p.lane(i));
         match self.far_only {
             true => {
@@ -60,27 +69,27 @@ impl CachedPath {
     }
 }
 
-/// What every path of a bounce has in common.
-struct Bounce<'a> {
+/// The state shared by all paths of a bounce.
+struct CachedBounce<'a> {
     cached: &'a CachedPath,
     scene: &'a Scene,
-    /// Scattering events so far.
+    /// The number of scattering events so far.
     depth: u32,
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
-    /// Whether light found by the rays of this bounce is wanted.
+    /// Whether emission found by the rays of this bounce is added.
     add_emission: bool,
-    /// Whether it is wanted of rays that have met specular lobes only, where that is told apart.
+    /// Whether emission is added for rays with specular lobes only, if caustics are separated.
     add_caustics: Option<bool>,
-    /// Whether the cache's light is wanted at this bounce.
+    /// Whether cached light is added at this bounce.
     add_cached: bool,
-    /// The caustics to add at this bounce.
+    /// The caustic maps to use at this bounce.
     caustics: Option<&'a CausticMaps>,
-    /// Whether diffuse surfaces send a ray to look for emitters.
+    /// Whether diffuse surfaces send a probe ray that searches for emitters.
     probes: bool,
-    /// Whether paths may go on.
+    /// Whether paths may continue.
     scatter: bool,
-    /// Whether roulette is played at this bounce.
+    /// Russian roulette, if it applies at this bounce.
     roulette: Option<Roulette>,
 }
 
@@ -106,9 +115,9 @@ impl Integrator for CachedPath {
         worker.probing.clear();
         worker.probing.resize(out.len(), false);
         worker.specular_only.clear();
-        let told_apart = query.separates_caustics() || self.caustics.is_some();
-        worker.specular_only.resize(if told_apart { out.len() } else { 0 }, true);
-        let mut photons = Nearest::default();
+        let separate = query.separates_caustics() || self.caustics.is_some();
+        worker.specular_only.resize(if separate { out.len() } else { 0 }, true);
+        let mut photons = NeighbourBuffer::default();
         let mut depth = 0;
         while !worker.paths.rays.is_empty() && allows(depth + 1) && !worker.interrupt.is_raised() {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
@@ -116,7 +125,7 @@ impl Integrator for CachedPath {
             if depth == 0 {
                 first_hits(scene, path.hide_emitters, worker, out);
             }
-            let bounce = Bounce {
+            let bounce = CachedBounce {
                 cached: self,
                 scene,
                 depth,
@@ -140,37 +149,37 @@ impl Integrator for CachedPath {
     }
 }
 
-/// How a path goes on from one lane.
-struct Onward {
+/// The continuation of the path of one lane.
+struct PathContinuation {
     wi: Vec3,
     weight: Rgb,
     pdf: f32,
     eta: f32,
 }
 
-/// A diffuse lane whose indirect light is known, and what other lobes it has.
-struct Lane<'a> {
+/// The lobes of a lane: the diffuse part, whose indirect light is cached, and the rest.
+struct CachedLane<'a> {
     diffuse: Option<&'a bsdf::Bsdf<'a>>,
     rest: Option<&'a bsdf::Bsdf<'a>>,
-    /// The probability that the path goes on as a probe from the diffuse part.
+    /// The probability that the path continues as a probe ray from the diffuse part.
     probe: f32,
 }
 
-impl Bounce<'_> {
-    /// Whether the light is wanted that a ray of that density finds.
+impl CachedBounce<'_> {
+    /// Returns whether emission found by a ray with the density `pdf` is added.
     #[inline(always)]
     fn adds(&self, specular_only: &[bool], slot: u32, pdf: f32) -> bool {
         let only = specular_only.get(slot as usize).copied();
         match self.add_caustics {
             Some(caustics) if only == Some(true) => caustics,
-            // Photons have brought it.
+            // The caustic maps contain this light.
             _ if only == Some(false) && pdf.is_infinite() && self.cached.caustics.is_some() => false,
             _ => self.add_emission,
         }
     }
 
-    fn draw(&self, sampler: Sampler, keys: &[SampleKey], numbers: &mut Numbers) {
-        let Bounce { depth, scene, .. } = *self;
+    fn draw(&self, sampler: Sampler, keys: &[SampleKey], numbers: &mut RandomNumbers) {
+        let CachedBounce { depth, scene, .. } = *self;
         if self.next_event {
             if scene.lights.len() > 1 {
                 draw_1d(sampler, Dimension::emitter_choice(depth), keys, &mut numbers.emitter_choice);
@@ -200,13 +209,13 @@ impl Bounce<'_> {
         });
     }
 
-    /// Shades every path of the wave, and moves those that go on to the front.
-    fn shade(&self, worker: &mut Worker, photons: &mut Nearest, out: &mut [Radiance]) {
+    /// Shades every path of the wave and moves the continuing paths to the front.
+    fn shade(&self, worker: &mut Worker, photons: &mut NeighbourBuffer, out: &mut [Radiance]) {
         let Worker { hits, shadows, paths, numbers, arena, probing, specular_only, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::new(self.scene, arena, &paths.rays, hits, first);
+            let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
             if self.add_emission || self.add_caustics == Some(true) {
                 for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
                     let slot = paths.slots[first + i];
@@ -227,14 +236,22 @@ impl Bounce<'_> {
                     }
                 }
             }
-            let served = self.serve(&block, paths, probing, out);
-            if self.next_event && served != 0 {
-                self.light_served(&block, served, paths, numbers, shadows);
+            let done = self.add_cached_light(&block, paths, probing, out);
+            if self.next_event && done != 0 {
+                self.sample_emitters_at(&block, done, paths, numbers, shadows);
             }
-            let others = block.active & !served;
-            if others != 0 {
-                let (next, survivors) =
-                    self.others(&block, others, paths, numbers, probing, shadows, out, arena);
+            let shade_remaining = block.active & !done;
+            if shade_remaining != 0 {
+                let (next, survivors) = self.shade_remaining(
+                    &block,
+                    shade_remaining,
+                    paths,
+                    numbers,
+                    probing,
+                    shadows,
+                    out,
+                    arena,
+                );
                 if !specular_only.is_empty() {
                     for i in bits(survivors) {
                         let only = &mut specular_only[paths.slots[first + i] as usize];
@@ -247,14 +264,20 @@ impl Bounce<'_> {
         paths.truncate(alive);
     }
 
-    /// Adds the cached light of the lanes that are nothing but diffuse and need no probe; the bits are the lanes that are done but for
-    /// their emitter sample.
+    /// Adds the cached light of purely diffuse lanes that need no probe ray. Returns a mask of the lanes that need
+    /// only an emitter sample.
     #[inline]
-    fn serve(&self, block: &Block<'_>, paths: &PathWave, probing: &[bool], out: &mut [Radiance]) -> u32 {
+    fn add_cached_light(
+        &self,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        probing: &[bool],
+        out: &mut [Radiance],
+    ) -> u32 {
         if self.probes {
             return 0;
         }
-        let mut served = 0;
+        let mut done = 0;
         for i in bits(block.active) {
             let bsdf::Bsdf::Diffuse(diffuse) = block.bsdfs[i] else { continue };
             let slot = paths.slots[block.first + i] as usize;
@@ -264,53 +287,54 @@ impl Bounce<'_> {
             let wo = block.wo.lane(i);
             let factor = block.bsdfs[i].radiance_per_irradiance(wo);
             if !self.add_cached || factor.is_black() || diffuse.reflectance.is_black() {
-                served |= 1 << i;
+                done |= 1 << i;
                 continue;
             }
             let n = block.at.frame.n.lane(i);
             let known = self.cached.irradiance(block, i, paths.keys[block.first + i], n, n);
             if let Some(irradiance) = known {
                 out[slot].value += paths.beta(block.first + i) * factor * irradiance;
-                served |= 1 << i;
+                done |= 1 << i;
             }
         }
-        served
+        done
     }
 
-    /// Queues shadow rays from the lanes that are served: no other technique looks for emitters there.
+    /// Queues shadow rays for the lanes that end here. Emitter samples have weight 1, because no other technique
+    /// searches for emitters.
     #[inline]
-    fn light_served(
+    fn sample_emitters_at(
         &self,
-        block: &Block<'_>,
-        served: u32,
+        block: &ShadingBlock<'_>,
+        done: u32,
         paths: &PathWave,
-        numbers: &Numbers,
+        numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
     ) {
         let at = &block.at;
         let u_choice = load(&numbers.emitter_choice, block.first);
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-        let sample = self.scene.sample_emitters(at.p, u_choice, u_point, block.rays.time, served);
+        let sample = self.scene.sample_emitters(at.p, u_choice, u_point, block.rays.time, done);
         let wi = at.frame.to_local(sample.wi);
-        let scattered = bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, served);
+        let scattered = bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, done);
         let factor = wi.z.abs() / sample.pdf;
         let value: [f32x16; 3] = std::array::from_fn(|c| {
             load(&paths.beta[c], block.first) * scattered.f[c] * sample.radiance[c] * factor
         });
         let some = value.iter().fold(f32x16::ZERO, |some, v| some | v.simd_gt(f32x16::ZERO));
-        let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & served;
+        let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & done;
         let rays = self.scene.shadow_rays(at, &sample, block.rays.time);
         shadows.push(&rays, &paths.slots[block.first..], &value, lanes);
     }
 
-    /// Shades all other lanes, one by one.
+    /// Shades the remaining lanes, one by one.
     #[allow(clippy::too_many_arguments)]
-    fn others<'a>(
+    fn shade_remaining<'a>(
         &self,
-        block: &Block<'a>,
-        others: u32,
+        block: &ShadingBlock<'a>,
+        shade_remaining: u32,
         paths: &PathWave,
-        numbers: &Numbers,
+        numbers: &RandomNumbers,
         probing: &mut [bool],
         shadows: &mut ShadowQueue,
         out: &mut [Radiance],
@@ -324,23 +348,23 @@ impl Bounce<'_> {
         };
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::Z); LANES];
         let mut survivors = 0;
-        for i in bits(others) {
+        for i in bits(shade_remaining) {
             let j = block.first + i;
             let slot = paths.slots[j] as usize;
             let u_lobe = numbers.bsdf_lobe[j];
             let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
-            let onward = if probing[slot] && self.cached.caustics.is_some() {
+            let continuation = if probing[slot] && self.cached.caustics.is_some() {
                 None
             } else if probing[slot] {
                 specular_sample(block.bsdfs[i], block.wo.lane(i), u_lobe)
             } else {
-                let lane = self.lane(block, i, paths, out, arena);
+                let lane = self.split_lane(block, i, paths, out, arena);
                 if self.next_event && block.finite >> i & 1 == 1 {
-                    self.light_lane(block, i, &lane, paths, numbers, shadows);
+                    self.sample_emitter_at(block, i, &lane, paths, numbers, shadows);
                 }
                 lane.sample(block.wo.lane(i), u_lobe, u, &mut probing[slot])
             };
-            let Some(Onward { wi, weight, pdf, eta }) = onward else { continue };
+            let Some(PathContinuation { wi, weight, pdf, eta }) = continuation else { continue };
             let (mut beta, eta) = (paths.beta(j) * weight, paths.eta[j] * eta);
             if let Some(roulette) = self.roulette {
                 let Some(on) = roulette.play(beta, eta * eta, numbers.roulette[j]) else { continue };
@@ -362,17 +386,18 @@ impl Bounce<'_> {
         (next, survivors)
     }
 
-    /// The lobes of a lane; what the cache knows of it is added. Where it knows nothing, all lobes are traced.
-    fn lane<'a>(
+    /// Splits the BSDF of a lane and adds the cached light of its diffuse part. Without cached light, all lobes are
+    /// traced.
+    fn split_lane<'a>(
         &self,
-        block: &Block<'a>,
+        block: &ShadingBlock<'a>,
         i: usize,
         paths: &PathWave,
         out: &mut [Radiance],
         arena: &'a bumpalo::Bump,
-    ) -> Lane<'a> {
+    ) -> CachedLane<'a> {
         let (bsdf, wo) = (block.bsdfs[i], block.wo.lane(i));
-        let traced = Lane { diffuse: None, rest: Some(bsdf), probe: 0.0 };
+        let traced = CachedLane { diffuse: None, rest: Some(bsdf), probe: 0.0 };
         let Split { diffuse: Some(diffuse), rest } = bsdf.split(wo, arena) else { return traced };
         if self.add_cached {
             let frame = block.at.frame.lane(i);
@@ -389,17 +414,17 @@ impl Bounce<'_> {
             (true, true) => 0.5,
             (true, false) => 1.0,
         };
-        Lane { diffuse: Some(diffuse), rest, probe }
+        CachedLane { diffuse: Some(diffuse), rest, probe }
     }
 
-    /// Queues a shadow ray from one lane, for all of its lobes.
-    fn light_lane(
+    /// Queues a shadow ray for all lobes of one lane.
+    fn sample_emitter_at(
         &self,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         i: usize,
-        lane: &Lane<'_>,
+        lane: &CachedLane<'_>,
         paths: &PathWave,
-        numbers: &Numbers,
+        numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
     ) {
         let j = block.first + i;
@@ -420,9 +445,9 @@ impl Bounce<'_> {
     }
 }
 
-impl Lane<'_> {
-    /// Draws how the path goes on: by a probe from the diffuse part, or by the other lobes.
-    fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, probing: &mut bool) -> Option<Onward> {
+impl CachedLane<'_> {
+    /// Samples the continuation of the path: a probe ray from the diffuse part, or a ray from the other lobes.
+    fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2, probing: &mut bool) -> Option<PathContinuation> {
         let (bsdf, probability, u_lobe) = match u_lobe < self.probe {
             true => (self.diffuse?, self.probe, u_lobe / self.probe),
             false => (self.rest?, 1.0 - self.probe, (u_lobe - self.probe) / (1.0 - self.probe)),
@@ -432,12 +457,12 @@ impl Lane<'_> {
             && sample.lobe == Lobe::Diffuse
             && self.diffuse.is_some_and(|d| std::ptr::eq(d, bsdf));
         let weight = sample.weight / probability;
-        Some(Onward { wi: sample.wi, weight, pdf: sample.pdf * probability, eta: sample.eta })
+        Some(PathContinuation { wi: sample.wi, weight, pdf: sample.pdf * probability, eta: sample.eta })
     }
 }
 
-/// One of the Dirac deltas, drawn in proportion to its share.
-fn specular_sample(bsdf: &bsdf::Bsdf<'_>, wo: Vec3, u: f32) -> Option<Onward> {
+/// Samples one of the Dirac deltas in proportion to its weight.
+fn specular_sample(bsdf: &bsdf::Bsdf<'_>, wo: Vec3, u: f32) -> Option<PathContinuation> {
     let mut sum = 0.0;
     bsdf.specular_lobes(wo, &mut |lobe| sum += lobe.weight.mean());
     let mut left = u * sum;
@@ -450,6 +475,6 @@ fn specular_sample(bsdf: &bsdf::Bsdf<'_>, wo: Vec3, u: f32) -> Option<Onward> {
     });
     chosen.map(|lobe| {
         let weight = lobe.weight * (sum / lobe.weight.mean());
-        Onward { wi: lobe.wi, weight, pdf: f32::INFINITY, eta: lobe.eta }
+        PathContinuation { wi: lobe.wi, weight, pdf: f32::INFINITY, eta: lobe.eta }
     })
 }

@@ -1,62 +1,66 @@
-//! How much a record counts at a point near it.
+//! The weight of a record at a point.
 //!
-//! The weight is 1 − max(εₚ, εₙ): it falls linearly to zero where the position or the normal is as different as the record
-//! allows, so that records come and go without a step. [Tabellion and Lamorlette 2004, 4.2] εₚ is the distance over the record's
-//! radius; distance along the normal counts three times, so that a record does not reach the other side of a wall, nor a step
-//! of stairs. εₙ is the root of (1 − n·n′)/(1 − cos α).
+//! The weight is 1 − max(εₚ, εₙ). It falls linearly to zero as the position or the normal reaches the record's limit,
+//! so the interpolated irradiance is continuous. [Tabellion and Lamorlette 2004, 4.2] εₚ is the distance divided by
+//! the record's radius. Distance along the normal counts three times, so that a record does not reach the other side
+//! of a wall or the next step of stairs. εₙ is the square root of (1 − n·n′)/(1 − cos α).
 
 use super::record::Record;
 use crate::math::Vec3;
 use crate::math::lanes::{LANES, Vec3x16, f32x16};
 
-/// The factor on the square of the distance along the normal, less 1.
+/// The factor on the squared distance along the normal, minus 1.
 const ALONG_NORMAL: f32 = 8.0;
-/// How far a record reaches along its normal, as a share of its radius.
+/// The extent of a record along its normal, relative to its radius.
 pub const THICKNESS: f32 = 1.0 / 3.0;
-/// 1 / (1 − cos α), where α is the angle between normals from which on they have nothing in common: 20°.
+/// 1 / (1 − cos α), where α = 20° is the angle between normals at which the weight becomes zero.
 const PER_ANGLE: f32 = 16.581_72;
 
-/// The weight of a record at the point `p` of a surface with the normal `n`, with radii `scale` times as large: in [0, 1].
+/// Returns the weight, in [0, 1], of a record at the point `p` of a surface with the normal `n`; the radius is
+/// multiplied by `scale`.
 pub fn weight(record: &Record, scale: f32, p: Vec3, n: Vec3) -> f32 {
     let to = p - record.p;
     let along = to.dot(record.n);
     let radius = record.radius * scale;
-    let place = (to.length_squared() + ALONG_NORMAL * along * along) / (radius * radius);
+    let distance = (to.length_squared() + ALONG_NORMAL * along * along) / (radius * radius);
     let turn = (1.0 - n.dot(record.n)) * PER_ANGLE;
-    (1.0 - place.max(turn).max(0.0).sqrt()).max(0.0)
+    (1.0 - distance.max(turn).max(0.0).sqrt()).max(0.0)
 }
 
-/// Sixteen records' places, to weigh them side by side. Unused lanes have a reciprocal radius of infinity.
+/// The positions, normals and radii of sixteen records. Inactive lanes have a reciprocal radius of infinity.
 #[derive(Clone, Copy, Debug)]
-pub struct Places {
+pub struct RecordsX16 {
     p: Vec3x16,
     n: Vec3x16,
     per_radius: f32x16,
 }
 
-impl Places {
-    /// Up to sixteen records, with radii `scale` times as large.
+impl RecordsX16 {
+    /// Stores up to sixteen records; the radii are multiplied by `scale`.
     pub fn new<'a>(records: impl IntoIterator<Item = &'a Record>, scale: f32) -> Self {
-        let mut places =
-            Places { p: Vec3x16::default(), n: Vec3x16::default(), per_radius: f32x16::splat(f32::INFINITY) };
+        let mut points = RecordsX16 {
+            p: Vec3x16::default(),
+            n: Vec3x16::default(),
+            per_radius: f32x16::splat(f32::INFINITY),
+        };
         for (i, record) in records.into_iter().take(LANES).enumerate() {
-            places.p.set_lane(i, record.p);
-            places.n.set_lane(i, record.n);
-            places.per_radius.as_mut_array()[i] = 1.0 / (record.radius * scale);
+            points.p.set_lane(i, record.p);
+            points.n.set_lane(i, record.n);
+            points.per_radius.as_mut_array()[i] = 1.0 / (record.radius * scale);
         }
-        places
+        points
     }
 
-    /// As [`weight`], for all of them.
+    /// Computes [`weight`] for all records.
     #[inline(always)]
     pub fn weights(&self, p: Vec3x16, n: Vec3x16) -> f32x16 {
         let to = p - self.p;
         let along = to.dot(self.n);
-        let place = (to.length_squared() + f32x16::splat(ALONG_NORMAL) * along * along)
+        let distance = (to.length_squared() + f32x16::splat(ALONG_NORMAL) * along * along)
             * (self.per_radius * self.per_radius);
         let turn = (f32x16::ONE - n.dot(self.n)) * f32x16::splat(PER_ANGLE);
         let used = self.per_radius.simd_lt(f32x16::splat(f32::INFINITY));
-        let far = place.fast_max(turn).fast_max(f32x16::ZERO);
+        let far = distance.fast_max(turn).fast_max(f32x16::ZERO);
         (f32x16::ONE - far.sqrt()).fast_max(f32x16::ZERO) & used
     }
 }
@@ -89,9 +93,9 @@ mod tests {
     fn sixteen_weights_are_those_of_the_records() {
         let records: Vec<Record> =
             (0..5).map(|i| Record { radius: 0.2 + 0.1 * i as f32, ..record() }).collect();
-        let places = Places::new(&records, 1.5);
+        let points = RecordsX16::new(&records, 1.5);
         let (p, n) = (Vec3::new(1.2, 2.1, 3.05), Vec3::new(0.1, 0.0, 0.995));
-        let weights = places.weights(Vec3x16::splat(p), Vec3x16::splat(n)).to_array();
+        let weights = points.weights(Vec3x16::splat(p), Vec3x16::splat(n)).to_array();
         for (i, w) in weights.into_iter().enumerate() {
             let expected = records.get(i).map_or(0.0, |record| weight(record, 1.5, p, n));
             assert!((w - expected).abs() < 1e-6, "lane {i}: {w} instead of {expected}");

@@ -1,4 +1,4 @@
-//! Many light paths on many threads, and what they leave in an order that does not depend on threads.
+//! Parallel photon tracing with results in an order that does not depend on threads.
 
 use super::EmissionGuide;
 use super::tracing::{Deposit, PhotonPaths};
@@ -8,89 +8,91 @@ use crate::sampling::{SampleKey, Sampler};
 use crate::scene::Scene;
 use rayon::prelude::*;
 
-/// Light paths of a batch.
+/// The number of light paths in a batch.
 const BATCH: u64 = 2048;
-/// Batches that are traced before they are looked at, at most: enough work for many threads, little memory.
+/// The greatest number of batches between two checks for completion. It gives enough work to many threads and limits
+/// memory.
 const AT_ONCE: u64 = 256;
-/// A caller that asks for deposits gets none if so many paths have left none.
+/// If the caller limits the number of deposits, tracing stops after this number of paths without any.
 const GIVE_UP: u64 = 1 << 20;
 
-/// Where light paths take their random numbers from.
+/// The sequence of random numbers of light paths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathSequence {
     /// The render's seed.
     pub seed: u64,
-    /// Sequences of different streams have nothing in common: a pilot is a stream of its own.
+    /// Different streams are independent. A pilot has its own stream.
     pub stream: u32,
-    /// Which of the independent sequences of the stream: that of a half of the samples, or of a replicate.
+    /// The index of the independent sequence in the stream: that of a half of the samples, or of a replicate.
     pub number: u32,
     /// The index of the first path in the sequence.
     pub first: u64,
 }
 
 impl PathSequence {
-    /// The key of the `i`-th path.
+    /// Returns the key of path `i`.
     pub fn key(&self, i: u64) -> SampleKey {
-        // No camera path has these pixels.
+        // Camera paths never have these pixel coordinates.
         SampleKey::of(self.seed, u32::MAX, u32::MAX - self.stream, self.number, self.first + i)
     }
 }
 
-/// When there are enough light paths.
+/// The termination criterion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Until {
-    /// The most paths.
+pub struct PathLimit {
+    /// The greatest number of paths.
     pub paths: u64,
-    /// Enough of what they leave: no batch of paths begins after that, so there may be a little more.
+    /// The number of deposits after which no further batch starts. The result may have a few more.
     pub kept: Option<u64>,
 }
 
-/// What light paths have left.
+/// The result of tracing light paths.
 #[derive(Clone, Debug)]
-pub struct Cast<T> {
-    /// What they left, in the order of the paths' batches.
+pub struct TracedPaths<T> {
+    /// The deposits kept, in the order of the paths' batches.
     pub kept: Vec<T>,
-    /// How many paths were emitted: the number to divide powers by.
+    /// The number of emitted paths, by which powers are to be divided.
     pub emitted: u64,
-    /// How many deposits were dropped because they were not finite.
+    /// The number of deposits dropped because they were not finite.
     pub invalid: u64,
-    /// Rays, and the time for them.
+    /// The counts of rays and their times.
     pub counters: Counters,
 }
 
-/// What is needed to trace light paths.
-pub struct Caster<'a> {
+/// The input of photon tracing.
+pub struct LightPathTracer<'a> {
     /// The scene.
     pub scene: &'a Scene,
     /// The sampler.
     pub sampler: Sampler,
-    /// Where paths should begin; in proportion to the emitters' light without.
+    /// The density for starting paths; without one, it is proportional to the emitters' power.
     pub guide: Option<&'a EmissionGuide>,
-    /// The threads to work with.
+    /// The threads to use.
     pub pool: &'a rayon::ThreadPool,
-    /// Whether to stop early, with what there is.
+    /// A request to stop early, with a partial result.
     pub interrupt: &'a Interrupt,
-    /// The time of all paths, if they share it.
+    /// The time of all paths, if it is shared.
     pub time: Option<f32>,
 }
 
-impl Caster<'_> {
-    /// Traces the paths of a sequence until there are enough of them, and keeps what `keep` makes of their
-    /// deposits and the indices of their paths, from 0. Where it is asked for deposits, it ends early if a million
-    /// paths leave none. `emitted` says how many paths it took.
+impl LightPathTracer<'_> {
+    /// Traces the paths of a sequence until the termination criterion holds. `keep` converts a deposit and the index
+    /// of its path, counted from 0, to a result. If the number of deposits is limited, tracing ends early after about
+    /// a million paths without any. The result's `emitted` is the number of paths traced.
     pub fn cast<T: Send>(
         &self,
         paths: &PhotonPaths,
         sequence: PathSequence,
-        until: Until,
+        until: PathLimit,
         keep: impl Fn(&Deposit, u64) -> Option<T> + Sync,
-    ) -> Cast<T> {
+    ) -> TracedPaths<T> {
         let workers = Workers::new(self.pool, self.sampler, self.interrupt).at_time(self.time);
-        let mut cast = Cast { kept: Vec::new(), emitted: 0, invalid: 0, counters: Counters::default() };
-        let enough = |cast: &Cast<T>| {
+        let mut cast =
+            TracedPaths { kept: Vec::new(), emitted: 0, invalid: 0, counters: Counters::default() };
+        let enough = |cast: &TracedPaths<T>| {
             cast.emitted >= until.paths
                 || until.kept.is_some_and(|n| cast.kept.len() as u64 >= n)
-                // Only where deposits are asked for: a mean over a number of paths needs all of them.
+                // Only if deposits are limited: a mean over a given number of paths needs all of them.
                 || (until.kept.is_some() && cast.emitted >= GIVE_UP && cast.kept.is_empty())
         };
         let mut round = 8;
@@ -113,7 +115,7 @@ impl Caster<'_> {
                 };
                 batches.par_iter().map(trace).collect()
             });
-            // Batches may have been left unfinished.
+            // Some batches may be incomplete.
             if self.interrupt.is_raised() {
                 break;
             }

@@ -1,86 +1,89 @@
 //! Density estimation: light at a surface point from the photons around it. [Jensen 1996; Jensen 2001, 7.2]
 //!
-//! The nearest k photons are searched for among those that belong to the surface: their normal is within 60 degrees
-//! of the point's, on the side that is asked for, and distances along the normal count three times. So light does not
-//! leak around corners or to the other side of a thin wall, and from a parallel surface only where that is nearer than a third of
-//! the radius. It does leak along a surface that goes on behind a wall which stands on it, but for where [`boundary`](super::boundary) looks. The farthest photon only says how large the disc is, and does not count: on a plane under uniform light the
-//! estimate is then unbiased for every kernel, and where fewer than k lie within the lookup radius, too. (The squared radius
-//! around k photons of a Poisson process has the mean of its reciprocal with k − 1, not with k.)
+//! The nearest k photons are searched among those that belong to the surface: their normal is within 60 degrees of
+//! the point's normal, on the requested side, and distances along the normal count three times. Light therefore does
+//! not leak around corners or to the other side of a thin wall, and leaks from a parallel surface only if that is
+//! nearer than a third of the radius. It does leak along a surface that continues behind a wall on it, except where
+//! [`boundary`](super::boundary) corrects it. The farthest photon only determines the radius of the disc and is not
+//! part of the sum. On a plane under uniform light the estimate is then unbiased for every kernel, also if fewer than
+//! k photons are within the lookup radius. (The reciprocal of the squared radius around k photons of a Poisson
+//! process has an expected value with k − 1 in place of k.)
 //!
-//! What is biased:
-//! - Light is blurred over the disc: by its curvature, where it is smooth, by half of the step at the border of a shadow.
-//! - Where the surface ends within the disc, what lies beyond counts as dark: an edge is too dark by half, a corner
-//!   by three quarters. [`boundary`](super::boundary) corrects this, too, where irradiance is computed beforehand.
-//! - On a sphere of radius R the estimate is low by 2 (r / R)², as the ellipsoid's section with it is larger or smaller
-//!   than the disc of the radius r: by half a percent at r = R / 20.
-//! - Photons at the same point have no density; k of them count as none.
+//! The sources of bias are:
+//! - Light is blurred over the disc. The error is proportional to the curvature where the irradiance is smooth, and
+//!   half of the step at the border of a shadow.
+//! - Where the surface ends within the disc, the missing part counts as dark: an edge loses half of the irradiance, a
+//!   corner three quarters. [`boundary`](super::boundary) corrects this too, for irradiance computed in advance.
+//! - On a sphere of radius R, the estimate is low by 2 (r / R)², because the ellipsoid's intersection with the sphere
+//!   differs in area from a disc of radius r. This is half a percent for r = R / 20.
+//! - Photons at a single point have no density; if all k are at one point, the estimate is zero.
 
 use super::PhotonMap;
-use super::kdtree::{Disc, Nearest};
+use super::kdtree::{EllipsoidMetric, NeighbourBuffer};
 use super::kernel::Kernel;
 use crate::color::Rgb;
 use crate::math::Vec3;
 use crate::math::lanes::{LANES, f32x16};
 
-/// How many times a distance along the normal counts.
+/// The factor on distances along the normal.
 pub const FLATNESS: f32 = 3.0;
-/// The squared cosine between normals above which they belong to one surface.
+/// The squared cosine between the normals of photon and point above which the photon belongs to the surface.
 pub const COMPATIBLE: f32 = 0.25;
 
-/// How photons become light.
+/// The parameters of density estimation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DensityEstimator {
-    /// The weights of photons by their distance.
+    /// The kernel that weights photons by their distance.
     pub kernel: Kernel,
-    /// How many photons are searched for, at least 2.
+    /// The number of photons in a lookup, at least 2.
     pub lookup_size: usize,
-    /// How far they may be, scene units; positive.
+    /// The maximum lookup radius in scene units; positive.
     pub lookup_radius: f32,
 }
 
-/// A point of a surface, and the side that is asked about.
+/// A surface point and one side of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct LookupPoint {
     /// Position.
     pub p: Vec3,
-    /// Geometric normal of that side, unit length.
+    /// Geometric normal on that side, of unit length.
     pub n: Vec3,
 }
 
-/// Which photons of a surface count.
+/// The selection of photons by the side on which they arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sides {
-    /// Those that came to the side that is asked about.
+    /// Photons that arrived on the side of the point's normal.
     Front,
-    /// All: the surface lets light through.
+    /// All photons, for a surface that transmits light.
     Both,
 }
 
-/// Irradiance, and what it was estimated from.
+/// An irradiance estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Irradiance {
     /// W·m⁻².
     pub value: Rgb,
-    /// The photons in the disc.
+    /// The number of photons in the disc.
     pub photons: usize,
-    /// The disc's radius, scene units.
+    /// The radius of the disc in scene units.
     pub radius: f32,
 }
 
 impl DensityEstimator {
-    /// Irradiance at a place, for light that arrives at its side.
-    pub fn irradiance(&self, map: &PhotonMap, at: Place, buffer: &mut Nearest) -> Irradiance {
+    /// Estimates the irradiance at a point, for light that arrives on its side.
+    pub fn irradiance(&self, map: &PhotonMap, at: LookupPoint, buffer: &mut NeighbourBuffer) -> Irradiance {
         self.irradiance_by(map, at, None, buffer)
     }
 
-    /// Irradiance at a place, by all photons but one: at the place of a photon it does not count itself, for it is
-    /// there by choice, not by chance.
+    /// Estimates the irradiance without one photon. At the position of a photon, that photon must be excluded: its
+    /// position is not random relative to the point.
     pub fn irradiance_by(
         &self,
         map: &PhotonMap,
-        at: Place,
+        at: LookupPoint,
         except: Option<usize>,
-        buffer: &mut Nearest,
+        buffer: &mut NeighbourBuffer,
     ) -> Irradiance {
         let mut value = Rgb::BLACK;
         let (photons, radius) = self.gather(map, at, Sides::Front, except, buffer, |slot, weight| {
@@ -89,15 +92,16 @@ impl DensityEstimator {
         Irradiance { value, photons, radius }
     }
 
-    /// Radiance that the surface sends on, given the bare BSDF `f` of the direction to where light comes from: W·m⁻²·sr⁻¹.
+    /// Estimates the radiance scattered by the surface, W·m⁻²·sr⁻¹. `f` is the bare BSDF for the direction towards
+    /// the incident light.
     ///
-    /// Powers are taken as the shading frame sees them: see [`Deposit`](super::Deposit).
+    /// Powers are relative to the shading frame: see [`Deposit`](super::Deposit).
     pub fn reflected(
         &self,
         map: &PhotonMap,
-        at: Place,
+        at: LookupPoint,
         sides: Sides,
-        buffer: &mut Nearest,
+        buffer: &mut NeighbourBuffer,
         mut f: impl FnMut(Vec3) -> Rgb,
     ) -> Rgb {
         let mut value = Rgb::BLACK;
@@ -107,19 +111,19 @@ impl DensityEstimator {
         value
     }
 
-    /// Hands `add` the slots of the photons around a place, but `except`, with their weights: power times
-    /// weight is a part of the density, m⁻². Returns how many photons there are, and the disc's radius.
+    /// Calls `add` for the slots of the photons around a point, except `except`, with their weights; power times
+    /// weight is a contribution to the density, m⁻². Returns the number of photons and the radius of the disc.
     #[inline]
     pub(super) fn gather(
         &self,
         map: &PhotonMap,
-        at: Place,
+        at: LookupPoint,
         sides: Sides,
         except: Option<usize>,
-        buffer: &mut Nearest,
+        buffer: &mut NeighbourBuffer,
         mut add: impl FnMut(usize, f32),
     ) -> (usize, f32) {
-        let metric = Disc { normal: at.n, flatness: FLATNESS };
+        let metric = EllipsoidMetric { normal: at.n, flatness: FLATNESS };
         let bound = self.lookup_radius * self.lookup_radius;
         let excluded = |first: usize| match except {
             Some(slot) if slot / LANES == first / LANES => 1 << (slot % LANES),
@@ -135,7 +139,7 @@ impl DensityEstimator {
         };
         let found = map.tree().nearest(at.p, self.lookup_size, bound, metric, belongs, buffer);
         let farthest = found.iter().max().copied();
-        // Where too few are found, the disc is all that was searched, if that has an end.
+        // If fewer than k photons were found, the disc is the whole search region, provided that it is bounded.
         let rim = farthest.filter(|_| found.len() == self.lookup_size || bound.is_infinite());
         let squared = rim.map_or(bound, |rim| rim.distance_squared());
         if farthest.is_none() || squared == 0.0 {

@@ -1,6 +1,6 @@
-//! Photon maps in a file.
+//! The file format of photon maps.
 //!
-//! A [container](crate::util::container). Its header is [`Contents`]; its body is the photons of all maps, 24 bytes each.
+//! A [container](crate::util::container). Its header is [`PhotonFileContents`]; its body is the photons of all maps, 24 bytes each.
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result};
@@ -15,83 +15,83 @@ const CHUNK: usize = 4096;
 
 /// What the photons of a file depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Origin {
+pub struct MapOrigin {
     /// Hash of the scene, without sensors.
     pub scene: u64,
-    /// Hash of everything else: settings, seed, sampler.
+    /// Hash of all other parameters: settings, seed, sampler.
     pub settings: u64,
 }
 
 /// Which light a map holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Light {
+pub enum MapKind {
     /// All light but what comes from the emitters directly.
     Global,
-    /// Light that Dirac deltas alone have scattered.
+    /// Light scattered by Dirac deltas only.
     Caustic,
 }
 
-impl Light {
-    /// Its name.
+impl MapKind {
+    /// Returns the name of the kind.
     pub fn name(self) -> &'static str {
         match self {
-            Light::Global => "global",
-            Light::Caustic => "caustic",
+            MapKind::Global => "global",
+            MapKind::Caustic => "caustic",
         }
     }
 }
 
 /// Which map of a file it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Label {
+pub struct MapLabel {
     /// Which light it holds.
-    pub light: Light,
+    pub light: MapKind,
     /// For which replicate of the samples.
     pub replicate: u32,
 }
 
 /// What a file says of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Entry {
+pub struct MapEntry {
     /// Which map it is.
-    pub label: Label,
+    pub label: MapLabel,
     /// How many photons there are.
     pub photons: u64,
-    /// How many light paths brought them.
+    /// The number of emitted light paths.
     pub emitted: u64,
 }
 
 /// What a file says of itself.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Contents {
+pub struct PhotonFileContents {
     /// What the photons depend on.
-    pub origin: Origin,
+    pub origin: MapOrigin,
     /// The maps.
-    pub maps: Vec<Entry>,
+    pub maps: Vec<MapEntry>,
 }
 
-/// Writes maps to a file, whole or not at all.
+/// Writes maps to a file. A failed write leaves no partial file.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save(path: &Path, origin: Origin, maps: &[(Label, &PhotonMap)]) -> Result<()> {
-    let entry = |(label, map): &(Label, &PhotonMap)| Entry {
+pub fn save(path: &Path, origin: MapOrigin, maps: &[(MapLabel, &PhotonMap)]) -> Result<()> {
+    let entry = |(label, map): &(MapLabel, &PhotonMap)| MapEntry {
         label: *label,
         photons: map.len() as u64,
         emitted: map.emitted(),
     };
-    let contents = Contents { origin, maps: maps.iter().map(entry).collect() };
+    let contents = PhotonFileContents { origin, maps: maps.iter().map(entry).collect() };
     FORMAT.save(path, &contents, |body| {
         let mut photons = maps.iter().flat_map(|(_, map)| map.photons());
         photons.try_for_each(|photon| body.write_all(bytemuck::bytes_of(&photon.to_words().map(u32::to_le))))
     })
 }
 
-/// Reads the maps of a file, which must be those of `origin`.
+/// Reads the maps from a file, which must belong to `origin`.
 ///
 /// # Errors
 /// If the file cannot be read, is not a file of photon maps, is damaged, or belongs to another scene or other settings.
-pub fn load(path: &Path, origin: Origin) -> Result<Vec<(Label, PhotonMap)>> {
+pub fn load(path: &Path, origin: MapOrigin) -> Result<Vec<(MapLabel, PhotonMap)>> {
     let (contents, body) = open(path)?;
     if contents.origin.scene != origin.scene {
         return Err(bad(path, "it holds photons of another scene; remove it, or name another file"));
@@ -107,7 +107,7 @@ pub fn load(path: &Path, origin: Origin) -> Result<Vec<(Label, PhotonMap)>> {
 ///
 /// # Errors
 /// As those of [`load`], but for the origin.
-pub fn read_contents(path: &Path) -> Result<Contents> {
+pub fn read_contents(path: &Path) -> Result<PhotonFileContents> {
     let (contents, body) = open(path)?;
     read(&contents, body).map_err(|why| bad(path, why))?;
     Ok(contents)
@@ -119,8 +119,8 @@ pub fn is_photon_file(path: &Path) -> bool {
 }
 
 /// Reads a header, and checks it before anything is allocated for the photons.
-fn open(path: &Path) -> Result<(Contents, Body)> {
-    let (contents, body) = FORMAT.open::<Contents>(path).map_err(|why| bad(path, why))?;
+fn open(path: &Path) -> Result<(PhotonFileContents, Body)> {
+    let (contents, body) = FORMAT.open::<PhotonFileContents>(path).map_err(|why| bad(path, why))?;
     if let Some(map) = contents.maps.iter().find(|map| map.label.replicate >= SHARED_REPLICATES) {
         let (replicate, most) = (map.label.replicate, SHARED_REPLICATES - 1);
         return Err(bad(path, format!("has a map for replicate {replicate}, expected at most {most}")));
@@ -131,7 +131,7 @@ fn open(path: &Path) -> Result<(Contents, Body)> {
     Ok((contents, body))
 }
 
-fn read(contents: &Contents, mut body: Body) -> Result<Vec<(Label, PhotonMap)>, String> {
+fn read(contents: &PhotonFileContents, mut body: Body) -> Result<Vec<(MapLabel, PhotonMap)>, String> {
     let mut maps = Vec::new();
     let mut chunk = [0; CHUNK * Photon::BYTES];
     for entry in &contents.maps {
@@ -150,7 +150,7 @@ fn read(contents: &Contents, mut body: Body) -> Result<Vec<(Label, PhotonMap)>, 
     maps.into_iter().map(|(entry, photons)| map(entry, photons)).collect()
 }
 
-fn map(entry: &Entry, photons: Vec<Photon>) -> Result<(Label, PhotonMap), String> {
+fn map(entry: &MapEntry, photons: Vec<Photon>) -> Result<(MapLabel, PhotonMap), String> {
     let map = PhotonMap::new(photons, entry.emitted);
     if map.dropped() > 0 || (entry.emitted == 0 && !map.is_empty()) {
         return Err("holds photons that no light path has left".into());
@@ -171,14 +171,14 @@ fn photon(bytes: &[u8; Photon::BYTES]) -> Photon {
 mod tests {
     use super::*;
     use crate::color::Rgb;
-    use crate::integrator::photon::kdtree::Nearest;
-    use crate::integrator::photon::{DensityEstimator, Kernel, Place};
+    use crate::integrator::photon::kdtree::NeighbourBuffer;
+    use crate::integrator::photon::{DensityEstimator, Kernel, LookupPoint};
     use crate::math::Vec3;
     use crate::sampling::hash::{combine, to_unit};
     use proptest::prelude::*;
     use proptest::test_runner::RngSeed;
 
-    const ORIGIN: Origin = Origin { scene: 0x1234_5678_9abc_def0, settings: 7 };
+    const ORIGIN: MapOrigin = MapOrigin { scene: 0x1234_5678_9abc_def0, settings: 7 };
 
     fn map(n: u32, seed: u32) -> PhotonMap {
         let unit = |i: u32, c: u32| to_unit(combine(combine(seed, i), c));
@@ -190,16 +190,16 @@ mod tests {
         PhotonMap::new((0..n).map(photon).collect(), u64::from(n) + 3)
     }
 
-    fn label(light: Light, replicate: u32) -> Label {
-        Label { light, replicate }
+    fn label(light: MapKind, replicate: u32) -> MapLabel {
+        MapLabel { light, replicate }
     }
 
-    /// A folder with a file of two maps.
+    /// Creates a folder with a file of two maps.
     fn saved() -> (tempfile::TempDir, std::path::PathBuf, [PhotonMap; 2]) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("photons.bpm");
         let maps = [map(1000, 1), map(10, 2)];
-        let labels = [label(Light::Global, 0), label(Light::Caustic, 1)];
+        let labels = [label(MapKind::Global, 0), label(MapKind::Caustic, 1)];
         save(&path, ORIGIN, &[(labels[0], &maps[0]), (labels[1], &maps[1])]).unwrap();
         (folder, path, maps)
     }
@@ -209,7 +209,7 @@ mod tests {
         let (_folder, path, maps) = saved();
         assert!(is_photon_file(&path) && !is_photon_file(path.parent().unwrap()));
         let loaded = load(&path, ORIGIN).unwrap();
-        assert_eq!([loaded[0].0, loaded[1].0], [label(Light::Global, 0), label(Light::Caustic, 1)]);
+        assert_eq!([loaded[0].0, loaded[1].0], [label(MapKind::Global, 0), label(MapKind::Caustic, 1)]);
         for (map, (_, loaded)) in maps.iter().zip(&loaded) {
             assert!(map.photons().eq(loaded.photons()), "in the same order, too");
             assert_eq!((map.emitted(), map.tree()), (loaded.emitted(), loaded.tree()));
@@ -223,14 +223,14 @@ mod tests {
         let (_folder, path, _) = saved();
         let refused = |origin| load(&path, origin).err().unwrap().to_string();
         assert_eq!(
-            refused(Origin { scene: 1, ..ORIGIN }),
+            refused(MapOrigin { scene: 1, ..ORIGIN }),
             format!(
                 "{}: photon map: it holds photons of another scene; remove it, or name another file",
                 path.display()
             )
         );
         assert_eq!(
-            refused(Origin { settings: 8, ..ORIGIN }),
+            refused(MapOrigin { settings: 8, ..ORIGIN }),
             format!(
                 "{}: photon map: it holds photons of other settings (integrator, sampler or seed); remove it, or \
                  name another file",
@@ -244,8 +244,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("photons.bpm");
         let refused = |photons: &[u64], replicate: u32, emitted: u64, body: &[u8]| {
-            let entry = |&photons: &u64| Entry { label: label(Light::Global, replicate), photons, emitted };
-            let contents = Contents { origin: ORIGIN, maps: photons.iter().map(entry).collect() };
+            let entry =
+                |&photons: &u64| MapEntry { label: label(MapKind::Global, replicate), photons, emitted };
+            let contents = PhotonFileContents { origin: ORIGIN, maps: photons.iter().map(entry).collect() };
             FORMAT.save(&path, &contents, |file| file.write_all(body)).unwrap();
             let error = read_contents(&path).err().unwrap().to_string();
             error.split_once("photon map: ").unwrap().1.to_string()
@@ -283,15 +284,15 @@ mod tests {
             for (at, new) in edits {
                 bytes[at..at + 4].copy_from_slice(&new);
             }
-            let entry = Entry { label: label(Light::Global, 0), photons: 10, emitted: 13 };
-            let contents = Contents { origin: ORIGIN, maps: vec![entry] };
+            let entry = MapEntry { label: label(MapKind::Global, 0), photons: 10, emitted: 13 };
+            let contents = PhotonFileContents { origin: ORIGIN, maps: vec![entry] };
             FORMAT.save(&path, &contents, |file| file.write_all(&bytes)).unwrap();
             match load(&path, ORIGIN) {
                 Ok(maps) => {
                     let estimator = DensityEstimator { kernel: Kernel::Cone, lookup_size: 9, lookup_radius: 0.5 };
                     for (_, map) in maps {
-                        let at = Place { p: Vec3::splat(0.5), n: Vec3::Z };
-                        let found = estimator.irradiance(&map, at, &mut Nearest::default());
+                        let at = LookupPoint { p: Vec3::splat(0.5), n: Vec3::Z };
+                        let found = estimator.irradiance(&map, at, &mut NeighbourBuffer::default());
                         prop_assert!(found.radius.is_finite());
                     }
                 }

@@ -1,6 +1,7 @@
-//! Photons in the cells of a hashed grid: all within one radius of a point.
+//! A hashed grid of photons for queries with a fixed radius.
 //!
-//! Where one radius serves every query, a grid is built several times faster than a tree and asked as fast.
+//! If all queries have the same radius, a grid is built several times faster than a tree and has the same query
+//! speed.
 
 use crate::color::Rgb;
 use crate::math::Vec3;
@@ -10,28 +11,28 @@ use rayon::prelude::*;
 
 use super::tracing::Deposit;
 
-/// What a grid keeps of a deposit: 40 bytes, everything but the normal in full precision.
+/// A photon in a grid: 40 bytes, with everything except the normal in full precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridPhoton {
-    /// Where it landed.
+    /// The position.
     pub p: Vec3,
-    /// Unit direction to where the light came from.
+    /// The unit direction towards the incident light.
     pub wi: Vec3,
-    /// Power as the shading frame sees it, W, if the path is the only one.
+    /// The power relative to the shading frame, W, of a path traced alone.
     pub power: Rgb,
     normal: u16,
-    /// Edges from the emitter, and whether the light is that of a caustic.
+    /// The number of edges from the emitter, and the flag [`CAUSTIC`].
     edges: u16,
 }
 
-/// The bit of a caustic's light.
+/// The flag of caustic light.
 const CAUSTIC: u16 = 1 << 15;
 
 impl GridPhoton {
-    /// The most edges that are told apart.
+    /// The greatest number of edges that is represented.
     pub const MOST_EDGES: u32 = CAUSTIC as u32 - 1;
 
-    /// What the deposit left.
+    /// Converts a deposit.
     pub fn new(deposit: &Deposit) -> Self {
         let edges = deposit.edges.min(Self::MOST_EDGES) as u16;
         GridPhoton {
@@ -43,40 +44,42 @@ impl GridPhoton {
         }
     }
 
-    /// The geometric normal, to about half a degree.
+    /// Returns the geometric normal, with an error of about half a degree.
     #[inline]
     pub fn normal(&self) -> Vec3 {
         decode_octahedral(self.normal)
     }
 
-    /// Edges from the emitter.
+    /// Returns the number of edges from the emitter.
     #[inline]
     pub fn edges(&self) -> u32 {
         u32::from(self.edges & !CAUSTIC)
     }
 
-    /// Whether Dirac deltas alone have scattered it.
+    /// Returns whether only Dirac deltas scattered the light.
     #[inline]
     pub fn is_caustic(&self) -> bool {
         self.edges & CAUSTIC != 0
     }
 }
 
-/// Photons, sorted by the cell of a regular grid that they lie in; cells share buckets by a hash.
+/// Photons sorted by their cell in a regular grid. A hash maps cells to buckets.
 #[derive(Debug, Default)]
 pub struct PhotonGrid {
     photons: Vec<GridPhoton>,
-    /// Where each bucket's photons begin, and the end of the last.
+    /// The index of the first photon of each bucket, and the number of photons.
     starts: Vec<u32>,
     radius: f32,
     per_cell: f32,
 }
 
-/// Cells are wider than the diameter of a query by this much, so that it seldom meets more than two along an axis.
+/// The ratio between the width of a cell and the diameter of a query. It makes a query overlap more than two cells
+/// along an axis only rarely.
 const SLACK: f32 = 1.0 + 1e-3;
 
 impl PhotonGrid {
-    /// The grid for queries of the given radius, positive and finite. Photons keep their order within a bucket.
+    /// Builds the grid for queries with the given radius, which is positive and finite. Photons keep their order
+    /// within a bucket.
     ///
     /// # Panics
     /// If there are 2^32 photons or more.
@@ -85,7 +88,8 @@ impl PhotonGrid {
         let per_cell = 1.0 / (2.0 * SLACK * radius);
         let buckets = photons.len().next_power_of_two().max(1);
         let mask = (buckets - 1) as u32;
-        // The bucket above, the index below: any sort gives the same order.
+        // The bucket is in the upper bits and the index in the lower, so every sorting algorithm gives the same
+        // order.
         let mut order: Vec<u64> = photons
             .par_iter()
             .enumerate()
@@ -104,27 +108,27 @@ impl PhotonGrid {
         PhotonGrid { photons, starts, radius, per_cell }
     }
 
-    /// The radius of its queries.
+    /// Returns the radius of queries.
     pub fn radius(&self) -> f32 {
         self.radius
     }
 
-    /// How many photons there are.
+    /// Returns the number of photons.
     pub fn len(&self) -> usize {
         self.photons.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no photons.
     pub fn is_empty(&self) -> bool {
         self.photons.is_empty()
     }
 
-    /// Bytes that it holds.
+    /// Returns the bytes of memory.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(&*self.photons) + size_of_val(&*self.starts)
     }
 
-    /// Hands every photon nearer to `p` than the radius to `visit`, with its squared distance.
+    /// Calls `visit` for every photon nearer to `p` than the radius, with its squared distance.
     #[inline]
     pub fn within(&self, p: Vec3, mut visit: impl FnMut(&GridPhoton, f32)) {
         if self.photons.is_empty() {
@@ -133,7 +137,7 @@ impl PhotonGrid {
         let reach = Vec3::splat(self.radius);
         let (low, high) = (cell(p - reach, self.per_cell), cell(p + reach, self.per_cell));
         let mask = (self.starts.len() - 2) as u32;
-        // Rounding may add a third cell along an axis, never a fourth.
+        // Rounding may add a third cell along an axis, but not a fourth.
         let mut seen = [u32::MAX; 27];
         let mut count = 0;
         for z in low[2]..=high[2] {
@@ -157,10 +161,11 @@ impl PhotonGrid {
     }
 }
 
-/// The cell of a point. Rounding is monotonic, so no photon within a query's reach lies outside of its cells.
+/// Returns the cell of a point. Rounding is monotonic, so every photon within the radius is in one of the query's
+/// cells.
 #[inline]
 fn cell(p: Vec3, per_cell: f32) -> [i32; 3] {
-    // Saturates: far out, cells are as wide as numbers get.
+    // The conversion saturates for distant points.
     (p * per_cell).floor().to_array().map(|x| x as i32)
 }
 
@@ -188,7 +193,7 @@ mod tests {
         GridPhoton::new(&deposit)
     }
 
-    /// Points of a shape in a cube of that size around a centre.
+    /// Points of a shape in a cube of the given size and centre.
     fn points(n: u32, shape: u32, centre: f32, size: f32) -> Vec<GridPhoton> {
         let u = |i: u32| to_unit(mix(i)) * size + centre - 0.5 * size;
         let point = |i: u32| match shape {
@@ -221,7 +226,7 @@ mod tests {
                     assert_eq!(found, expected, "{shape} {centre} {size} {radius}");
                     total += found.len();
                 }
-                // Queries lie farther apart than points, and coincide with some only where all are one.
+                // Queries are farther apart than points. They coincide with points only if all points are equal.
                 assert!(total > 0 || shape < 3, "{shape} {centre} {size} {radius}");
             }
         }

@@ -1,69 +1,69 @@
-//! Irradiance that is computed beforehand at some of the photons, so that final gathering looks up one of them
-//! instead of estimating a density at every ray's end. [Christensen 1999]
+//! Irradiance computed in advance at a subset of the photons. A gather ray then looks up one value instead of
+//! estimating a density. [Christensen 1999]
 
 use super::PhotonMap;
 use super::boundary::{self, Boundary};
-use super::density::{COMPATIBLE, DensityEstimator, FLATNESS, Irradiance, Place};
-use super::kdtree::{Built, Disc, KdTree, Nearest};
+use super::density::{COMPATIBLE, DensityEstimator, FLATNESS, Irradiance, LookupPoint};
+use super::kdtree::{BuiltTree, EllipsoidMetric, KdTree, NeighbourBuffer};
 use super::photon::PackedRgb;
 use crate::color::Rgb;
 use crate::math::octahedral::{decode_octahedral, encode_octahedral, signed_squared_cosine};
 use rayon::prelude::*;
 
-/// Irradiance at points of surfaces: 24.5 bytes each.
+/// Irradiance at surface points: 24.5 bytes for each point.
 pub struct IrradianceMap {
     tree: KdTree,
-    /// By slot of the tree.
-    values: Vec<Value>,
+    /// The values in the order of the tree's slots.
+    values: Vec<PackedIrradiance>,
     lookup_radius: f32,
 }
 
-/// Irradiance that is known.
+/// An irradiance value found in the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct StoredIrradiance {
     /// W·m⁻².
     pub value: Rgb,
-    /// The radius of the disc that it was estimated over, scene units; infinite where it is not to be used, for
-    /// the disc was not seen well enough.
+    /// The radius of the disc of the estimate in scene units. It is infinite if too little of the disc is visible;
+    /// the value must then not be used.
     pub radius: f32,
-    /// Where it was estimated.
-    pub at: Place,
-    /// Whether the whole disc is known to be seen from its middle, and the place that was asked about is not below it.
+    /// The point of the estimate.
+    pub at: LookupPoint,
+    /// Whether the whole disc is visible from its centre and the query point is not below the disc.
     pub free: bool,
 }
 
-/// A point that irradiance is computed at.
+/// A point at which irradiance is estimated.
 #[derive(Clone, Copy, Debug)]
-pub struct Point {
-    /// Where, and for which side.
-    pub at: Place,
-    /// The slot of the photon that it is the place of, if that is one of the map.
+pub struct IrradiancePoint {
+    /// The position and side of the surface.
+    pub at: LookupPoint,
+    /// The slot of the photon at this point, if it belongs to the same map.
     pub own: Option<usize>,
-    /// Tells it from other points.
+    /// A number that identifies the point.
     pub number: u32,
 }
 
-/// Irradiance on the side of a normal.
+/// The irradiance on the side of a normal.
 #[derive(Clone, Copy)]
-struct Value {
+struct PackedIrradiance {
     irradiance: PackedRgb,
     normal: u16,
-    /// The radius of the disc, over the lookup radius; negative where something stands on the disc.
+    /// The radius of the disc relative to the lookup radius; negative if the disc is obstructed.
     share: half::f16,
 }
 
-/// How far below a disc a place may be, over the distance from its middle: as far as surfaces that bend go.
+/// The greatest depth of a query point below a disc relative to the distance from its centre, which allows for curved
+/// surfaces.
 const BELOW: f32 = 0.03;
-/// Points that one task computes irradiance at.
+/// The number of points in one task.
 const TASK: usize = 256;
 
 impl IrradianceMap {
-    /// Irradiance by the photons of `map` at the place of every `every`-th photon of `places`, in their order, so
-    /// that points are spread as photons are. What the surface lacks of a disc is taken into account by `boundary`.
+    /// Estimates the irradiance from the photons of `map` at every `every`-th photon of `places`, in their order, so
+    /// that the points have the photons' distribution. `boundary` corrects discs that the surface does not fill.
     ///
-    /// Photons of another map make better places than those of the map itself: the photon that is nearest to some
-    /// point is likely to be one with few others around it, where the density is estimated too low (by 1 % for discs
-    /// of 30 photons).
+    /// Photons of another map are better positions than those of `map` itself: the photon nearest to a query point is
+    /// likely to have few neighbours, so the density there is underestimated (by 1 % for discs of 30 photons).
     pub fn new(
         map: &PhotonMap,
         places: &PhotonMap,
@@ -74,35 +74,35 @@ impl IrradianceMap {
         let same = std::ptr::eq(map, places);
         let point = |slot: usize| {
             let photon = places.photon(slot);
-            let at = Place { p: photon.position(), n: photon.normal() };
-            Point { at, own: same.then_some(slot), number: slot as u32 }
+            let at = LookupPoint { p: photon.position(), n: photon.normal() };
+            IrradiancePoint { at, own: same.then_some(slot), number: slot as u32 }
         };
-        let places: Vec<Point> = (0..places.len()).step_by(every.max(1)).map(point).collect();
-        let estimate = |places: &[Point]| {
-            let mut buffer = Nearest::default();
+        let places: Vec<IrradiancePoint> = (0..places.len()).step_by(every.max(1)).map(point).collect();
+        let estimate = |places: &[IrradiancePoint]| {
+            let mut buffer = NeighbourBuffer::default();
             let mut estimates: Vec<Irradiance> = places
                 .iter()
                 .map(|point| estimator.irradiance_by(map, point.at, point.own, &mut buffer))
                 .collect();
             let discs = match boundary {
                 Some(boundary) => boundary.correct(map, estimator, places, &mut buffer, &mut estimates),
-                None => vec![boundary::Disc::Free; places.len()],
+                None => vec![boundary::DiscVisibility::Visible; places.len()],
             };
             estimates.into_iter().zip(discs)
         };
-        let values: Vec<(Irradiance, boundary::Disc)> =
+        let values: Vec<(Irradiance, boundary::DiscVisibility)> =
             places.par_chunks(TASK).flat_map_iter(estimate).collect();
-        let Built { tree, order } = KdTree::build(places.len(), |i| places[i].at.p);
+        let BuiltTree { tree, order } = KdTree::build(places.len(), |i| places[i].at.p);
         let value = |&i: &u32| {
             let (estimate, disc) = values[i as usize];
             let share = estimate.radius / estimator.lookup_radius;
-            Value {
+            PackedIrradiance {
                 irradiance: PackedRgb::new(estimate.value),
                 normal: encode_octahedral(places[i as usize].at.n),
                 share: half::f16::from_f32(match disc {
-                    boundary::Disc::Free => share,
-                    boundary::Disc::Obstructed => -share,
-                    boundary::Disc::Unknown => f32::INFINITY,
+                    boundary::DiscVisibility::Visible => share,
+                    boundary::DiscVisibility::Obstructed => -share,
+                    boundary::DiscVisibility::Unknown => f32::INFINITY,
                 }),
             }
         };
@@ -110,35 +110,35 @@ impl IrradianceMap {
         IrradianceMap { values: order.iter().map(value).collect(), tree, lookup_radius }
     }
 
-    /// Irradiance at the nearest point of the place's surface, and the disc that it was estimated over; `None` where there
-    /// is none within the lookup radius.
+    /// Returns the irradiance at the nearest point on the query's surface, with its disc; `None` if there is no point
+    /// within the lookup radius.
     #[inline]
-    pub fn nearest(&self, at: Place) -> Option<Known> {
-        let metric = Disc { normal: at.n, flatness: FLATNESS };
+    pub fn nearest(&self, at: LookupPoint) -> Option<StoredIrradiance> {
+        let metric = EllipsoidMetric { normal: at.n, flatness: FLATNESS };
         let belongs = |slot: usize| signed_squared_cosine(self.values[slot].normal, at.n) > COMPATIBLE;
         let bound = self.lookup_radius * self.lookup_radius;
         let nearest = self.tree.nearest_one(at.p, bound, metric, belongs)?;
         let value = &self.values[nearest.slot()];
         let (share, distance) = (value.share.to_f32(), nearest.distance_squared().sqrt());
         let radius = share.abs() * self.lookup_radius;
-        let found = Place { p: self.tree.point(nearest.slot()), n: decode_octahedral(value.normal) };
+        let found = LookupPoint { p: self.tree.point(nearest.slot()), n: decode_octahedral(value.normal) };
         let free = share.is_sign_positive()
             && distance < radius
             && (at.p - found.p).dot(found.n) > -BELOW * distance;
-        Some(Known { value: value.irradiance.get(), radius, at: found, free })
+        Some(StoredIrradiance { value: value.irradiance.get(), radius, at: found, free })
     }
 
-    /// How many points there are.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.values.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 
-    /// Bytes on the heap.
+    /// Returns the bytes on the heap.
     pub fn memory_bytes(&self) -> usize {
         self.tree.memory_bytes() + size_of_val(&self.values[..])
     }

@@ -1,16 +1,16 @@
-//! How the nearer photons count more than the farther ones.
+//! Kernels of density estimation.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The weight of a photon by its distance from the middle of a disc. Over the disc each has the mean 1.
+/// The weight of a photon as a function of its distance from the centre of a disc. The mean over the disc is 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum Kernel {
-    /// All photons of the disc count alike.
+    /// The same weight for all photons of the disc.
     Constant,
-    /// Weights fall linearly to 0 at the rim. [Jensen 2001, 7.3, with k = 1]
+    /// Linear, with 0 at the rim. [Jensen 2001, 7.3, with k = 1]
     Cone,
-    /// Weights fall with the square of the distance: the kernel of the least squared error. [Silverman 1986, 4.2]
+    /// Quadratic, with 0 at the rim: the kernel with the least mean squared error. [Silverman 1986, 4.2]
     #[default]
     Epanechnikov,
 }
@@ -19,7 +19,7 @@ impl Kernel {
     /// All kernels.
     pub const ALL: [Kernel; 3] = [Kernel::Constant, Kernel::Cone, Kernel::Epanechnikov];
 
-    /// Its name.
+    /// Returns the kernel's name.
     pub fn name(self) -> &'static str {
         match self {
             Kernel::Constant => "constant",
@@ -28,7 +28,7 @@ impl Kernel {
         }
     }
 
-    /// The weight at a distance whose square, over that of the radius, is `t` in [0, 1].
+    /// Returns the weight; `t` in [0, 1] is the squared distance divided by the squared radius.
     #[inline]
     pub fn weight(self, t: f32) -> f32 {
         match self {
@@ -38,13 +38,13 @@ impl Kernel {
         }
     }
 
-    /// The distance, over the radius, below which a share `u` of the weight of the disc lies.
+    /// Returns the distance, relative to the radius, within which the fraction `u` of the disc's weight lies.
     pub fn quantile(self, u: f32) -> f32 {
         match self {
             Kernel::Constant => u.sqrt(),
-            // 3d² − 2d³ = u
+            // The solution of 3d² − 2d³ = u.
             Kernel::Cone => 0.5 - ((1.0 - 2.0 * u).asin() / 3.0).sin(),
-            // 2d² − d⁴ = u
+            // The solution of 2d² − d⁴ = u.
             Kernel::Epanechnikov => (1.0 - (1.0 - u).sqrt()).sqrt(),
         }
     }

@@ -17,8 +17,8 @@ pub mod mapper;
 pub mod photon;
 pub mod tracing;
 
-pub use cast::{Cast, Caster, PathSequence, Until};
-pub use density::{DensityEstimator, Irradiance, Place, Sides};
+pub use cast::{LightPathTracer, PathLimit, PathSequence, TracedPaths};
+pub use density::{DensityEstimator, Irradiance, LookupPoint, Sides};
 pub use grid::{GridPhoton, PhotonGrid};
 pub use guide::EmissionGuide;
 pub use irradiance::IrradianceMap;

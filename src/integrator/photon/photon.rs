@@ -1,53 +1,53 @@
-//! What is kept of light that has landed on a surface.
+//! Photons: the compact representation of light deposited on a surface.
 
 use crate::color::Rgb;
 use crate::math::Vec3;
 use crate::math::octahedral::{decode_octahedral, encode_octahedral};
 use bytemuck::{Pod, Zeroable};
 
-/// Light that has landed on a surface, in 24 bytes: the position in full, the power with 18 bits a channel and one
-/// exponent, the directions to about half a degree.
+/// Light deposited on a surface, in 24 bytes: the position in full precision, the power with 18 bits for each channel
+/// and a shared exponent, the directions with an error of about half a degree.
 ///
-/// Powers are those of a light path that is the only one: W, to be divided by the number of light paths emitted,
+/// The power is that of a light path traced alone, in W. It is to be divided by the number of emitted light paths,
 /// which [`PhotonMap`](super::PhotonMap) does.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Photon {
     position: [f32; 3],
-    arrival: Arrival,
+    payload: PhotonPayload,
 }
 
-/// What a photon brings to its place.
+/// The data of a photon besides its position.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Arrival {
+pub(super) struct PhotonPayload {
     pub power: PackedRgb,
     pub wi: u16,
     pub normal: u16,
 }
 
-/// Three channels of 18 bits and an exponent.
+/// Three channels of 18 bits and a shared exponent.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct PackedRgb([u32; 2]);
 
-/// Bits of a channel of the power.
+/// The bits of one channel of the power.
 const MANTISSA: i32 = 18;
-/// The least exponent of a power. What is below 2^(−100 − 18 − 1) W is black.
+/// The least exponent of a power. Values below 2^(−100 − 18 − 1) W become black.
 const LEAST_EXPONENT: i32 = -100;
-/// That of the greatest `f32`.
+/// The exponent of the greatest `f32`.
 const GREATEST_EXPONENT: i32 = 128;
 
 impl Photon {
-    /// Bytes of a photon.
+    /// The bytes of a photon.
     pub const BYTES: usize = size_of::<Photon>();
 
-    /// The photon of `power` (W) that arrived at `position` from the unit direction `wi`, which points away from the
-    /// surface to where the light came from. `normal` is the geometric normal of unit length, of either side; it
-    /// is kept for the side that the light came from.
+    /// Creates the photon of `power` (W) that arrived at `position`. The unit vector `wi` points away from the
+    /// surface towards the incident light. `normal` is the geometric normal of unit length on either side; it is
+    /// stored for the side of `wi`.
     ///
-    /// `None` where the position is not finite, a direction is not of unit length, or the power is black, negative
-    /// or not finite.
+    /// Returns `None` if the position is not finite, a direction is not of unit length, or the power is black,
+    /// negative or not finite.
     pub fn new(position: Vec3, power: Rgb, wi: Vec3, normal: Vec3) -> Option<Photon> {
         let unit = |v: Vec3| (v.length_squared() - 1.0).abs() < 1e-3;
         if !(position.is_finite() && power.is_valid() && unit(wi) && unit(normal)) {
@@ -56,63 +56,65 @@ impl Photon {
         let normal = if wi.dot(normal) < 0.0 { -normal } else { normal };
         let power = PackedRgb::new(power);
         let (wi, normal) = (encode_octahedral(wi), encode_octahedral(normal));
-        let arrival = Arrival { power, wi, normal };
-        (!power.is_black()).then_some(Photon { position: position.to_array(), arrival })
+        let payload = PhotonPayload { power, wi, normal };
+        (!power.is_black()).then_some(Photon { position: position.to_array(), payload })
     }
 
-    pub(super) fn from_parts(position: Vec3, arrival: Arrival) -> Photon {
-        Photon { position: position.to_array(), arrival }
+    pub(super) fn from_parts(position: Vec3, payload: PhotonPayload) -> Photon {
+        Photon { position: position.to_array(), payload }
     }
 
-    /// Its bits, for a file.
+    /// Returns the bits for a file.
     pub(super) fn to_words(self) -> [u32; 6] {
-        let Photon { position: [x, y, z], arrival: Arrival { power: PackedRgb([low, high]), wi, normal } } =
-            self;
+        let Photon {
+            position: [x, y, z],
+            payload: PhotonPayload { power: PackedRgb([low, high]), wi, normal },
+        } = self;
         [x.to_bits(), y.to_bits(), z.to_bits(), low, high, u32::from(wi) | u32::from(normal) << 16]
     }
 
-    /// What has these bits; it need not be valid.
+    /// Creates a photon from its bits; it may be invalid.
     pub(super) fn from_words([x, y, z, low, high, directions]: [u32; 6]) -> Self {
-        let arrival = Arrival {
+        let payload = PhotonPayload {
             power: PackedRgb([low, high]),
             wi: directions as u16,
             normal: (directions >> 16) as u16,
         };
-        Photon { position: [x, y, z].map(f32::from_bits), arrival }
+        Photon { position: [x, y, z].map(f32::from_bits), payload }
     }
 
     #[inline]
-    pub(super) fn arrival(&self) -> Arrival {
-        self.arrival
+    pub(super) fn payload(&self) -> PhotonPayload {
+        self.payload
     }
 
-    /// Where it landed.
+    /// Returns the position.
     #[inline]
     pub fn position(&self) -> Vec3 {
         Vec3::from_array(self.position)
     }
 
-    /// Its power in W, if its light path is the only one.
+    /// Returns the power in W of a light path traced alone.
     #[inline]
     pub fn power(&self) -> Rgb {
-        self.arrival.power.get()
+        self.payload.power.get()
     }
 
-    /// Where the light came from: a unit vector, away from the surface.
+    /// Returns the unit direction away from the surface, towards the incident light.
     #[inline]
     pub fn wi(&self) -> Vec3 {
-        decode_octahedral(self.arrival.wi)
+        decode_octahedral(self.payload.wi)
     }
 
-    /// The geometric normal on the side that the light came from: a unit vector.
+    /// Returns the geometric unit normal on the side of the incident light.
     #[inline]
     pub fn normal(&self) -> Vec3 {
-        decode_octahedral(self.arrival.normal)
+        decode_octahedral(self.payload.normal)
     }
 
-    /// Whether it is one that [`Photon::new`] may have made.
+    /// Returns whether [`Photon::new`] can create this photon.
     pub(super) fn is_valid(&self) -> bool {
-        let Arrival { power, wi, normal } = self.arrival;
+        let PhotonPayload { power, wi, normal } = self.payload;
         let coordinates = [wi & 255, wi >> 8, normal & 255, normal >> 8];
         self.position().is_finite() && power.is_valid() && coordinates.iter().all(|&c| c < 255)
     }
@@ -121,14 +123,14 @@ impl Photon {
 impl PackedRgb {
     pub const BLACK: PackedRgb = PackedRgb([0; 2]);
 
-    /// Rounded to nearest: the error of a channel is at most 2^−18 of the strongest one. Channels must be finite and not
-    /// negative.
+    /// Packs a colour with rounding to nearest: the error of a channel is at most 2^−18 times the largest channel.
+    /// Channels must be finite and not negative.
     pub fn new(rgb: Rgb) -> Self {
         let bits = |exponent: i32| {
             let scale = 2f64.powi(MANTISSA - exponent);
             rgb.to_array().map(|channel| (f64::from(channel) * scale).round() as u64)
         };
-        // The exponent for which the strongest is in [1/2, 1) of its power of two.
+        // The exponent for which the largest channel is in [1/2, 1) times the power of two.
         let mut exponent = ((rgb.max_component().to_bits() >> 23) as i32 - 126).max(LEAST_EXPONENT);
         let mut mantissas = bits(exponent);
         if mantissas.iter().any(|m| m >> MANTISSA != 0) {
@@ -144,7 +146,7 @@ impl PackedRgb {
         PackedRgb([word as u32, (word >> 32) as u32])
     }
 
-    /// The channels.
+    /// Returns the channels.
     #[inline]
     pub fn get(self) -> Rgb {
         let word = self.word();
@@ -163,7 +165,7 @@ impl PackedRgb {
         self == PackedRgb::BLACK
     }
 
-    /// Whether it is not black and within the range of exponents.
+    /// Returns whether the colour is not black and the exponent is valid.
     fn is_valid(self) -> bool {
         !self.is_black() && self.word() >> (3 * MANTISSA) <= (GREATEST_EXPONENT - LEAST_EXPONENT) as u64
     }

@@ -1,12 +1,12 @@
-//! Photon tracing: light paths from every emitter, and what they leave on the surfaces that they meet. [Jensen 2001]
+//! Photon tracing: light paths from every emitter and their deposits on surfaces. [Jensen 2001]
 
 use super::EmissionGuide;
 use crate::accel::Coherence;
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
 use crate::integrator::Worker;
-use crate::integrator::block::Block;
-use crate::integrator::light_path::{self, Survivors, Vertex};
+use crate::integrator::block::ShadingBlock;
+use crate::integrator::light_path::{self, LightVertex, Survivors};
 use crate::integrator::roulette::Roulette;
 use crate::integrator::worker::{draw_1d, draw_2d, intersect};
 use crate::math::lanes::{LANES, bits};
@@ -14,56 +14,58 @@ use crate::math::{Vec2, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 
-/// Light that has landed on a surface with a finite lobe.
+/// Light deposited on a surface with a finite lobe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deposit {
-    /// Where, in the world.
+    /// The position in world space.
     pub p: Vec3,
-    /// Unit direction to where the light came from.
+    /// The unit direction towards the incident light.
     pub wi: Vec3,
     /// Geometric normal of unit length.
     pub ng: Vec3,
-    /// The power that the path stands for, W, if it is the only one: to be divided by the number of paths emitted.
+    /// The power of the path, W, if traced alone. It is to be divided by the number of emitted paths.
     pub power: Rgb,
-    /// The cosine of `wi` to the shading normal over that to the geometric normal. A density of power is irradiance on
-    /// the geometric surface; power times this gives what the BSDF in the shading frame has to be multiplied by.
+    /// The cosine of `wi` with the shading normal divided by that with the geometric normal. A density of power is
+    /// irradiance on the geometric surface; times this ratio, it is the quantity by which the BSDF in the shading
+    /// frame is multiplied.
     pub cosine_ratio: f32,
-    /// Edges of the path between the emitter and here, at least 1.
+    /// The number of edges from the emitter, at least 1.
     pub edges: u32,
-    /// Whether the path was scattered, and by Dirac deltas only: light of a caustic.
+    /// Whether the path was scattered by Dirac deltas only, at least once: caustic light.
     pub caustic: bool,
-    /// The place of the path's key among those that were traced together.
+    /// The index of the path's key among those traced together.
     pub path: u32,
 }
 
 impl Deposit {
-    /// Power as the shading frame sees it, W.
+    /// Returns the power relative to the shading frame, W.
     pub fn shading_power(&self) -> Rgb {
         self.power * self.cosine_ratio
     }
 }
 
-/// How light paths are traced, and which of them leave something.
+/// The parameters of light paths and of the selection of deposits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonPaths {
-    /// The longest path that leaves something, in edges; `None` is unbounded.
+    /// The greatest number of edges of a path with a deposit; `None` is unbounded.
     pub max_edges: Option<u32>,
-    /// Edges from which Russian roulette may end a path. It survives with the share of its emitted power that it still
-    /// has, so that survivors of one emitter are of equal power.
+    /// The number of edges from which Russian roulette may terminate a path. The survival probability is the
+    /// remaining fraction of its emitted power, so survivors from one emitter have equal power.
     pub rr_depth: u32,
-    /// Whether light that has not been scattered yet leaves something.
+    /// Whether unscattered light is deposited.
     pub direct: bool,
-    /// Whether light leaves something that some finite lobe has scattered.
+    /// Whether light scattered by a finite lobe is deposited.
     pub indirect: bool,
 }
 
 impl PhotonPaths {
-    /// Whether a path may have that many edges.
+    /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
         self.max_edges.is_none_or(|max| edges <= max)
     }
 
-    /// Traces a path for each key, begun as the guide says if there is one, and adds what it leaves, in an order that depends on nothing else.
+    /// Traces a path for each key, started with the guide's density if there is one. Appends the deposits in an order
+    /// that depends only on the keys.
     pub fn trace(
         &self,
         scene: &Scene,
@@ -90,14 +92,14 @@ impl PhotonPaths {
             if go_on {
                 draw(scene, edges - 1, roulette.is_some(), worker);
             }
-            let bounce = Bounce { scene, paths: self, edges, go_on, roulette };
+            let bounce = PhotonBounce { scene, paths: self, edges, go_on, roulette };
             bounce.shade(&powers, worker, out);
             edges += 1;
         }
     }
 }
 
-/// Draws the numbers of a bounce.
+/// Draws the random numbers of a bounce.
 fn draw(scene: &Scene, bounce: u32, roulette: bool, worker: &mut Worker) {
     let Worker { sampler, paths, numbers, .. } = worker;
     if scene.needs.lobe_choice {
@@ -112,29 +114,29 @@ fn draw(scene: &Scene, bounce: u32, roulette: bool, worker: &mut Worker) {
     }
 }
 
-/// What every path has in common that has so many edges.
-struct Bounce<'a> {
+/// The state shared by all paths with the same number of edges.
+struct PhotonBounce<'a> {
     scene: &'a Scene,
     paths: &'a PhotonPaths,
     edges: u32,
     go_on: bool,
-    /// Roulette, if it is played.
+    /// Russian roulette, if it applies.
     roulette: Option<Roulette>,
 }
 
-impl Bounce<'_> {
-    /// Leaves what the paths leave, and moves those that go on to the front.
+impl PhotonBounce<'_> {
+    /// Adds the deposits of the paths and moves the continuing paths to the front.
     fn shade(&self, powers: &[Rgb], worker: &mut Worker, out: &mut Vec<Deposit>) {
         let Worker { hits, paths, numbers, arena, specular_only, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::of_light(self.scene, arena, &paths.rays, hits, first);
+            let block = ShadingBlock::of_light(self.scene, arena, &paths.rays, hits, first);
             let mut survivors = Survivors::none();
             for i in bits(block.active) {
                 let j = first + i;
                 let slot = paths.slots[j] as usize;
-                let vertex = Vertex::new(&block, i);
+                let vertex = LightVertex::new(&block, i);
                 let beta = paths.beta(j);
                 if block.finite >> i & 1 == 1 && self.leaves(specular_only[slot]) {
                     out.extend(self.deposit(
@@ -146,7 +148,7 @@ impl Bounce<'_> {
                         specular_only[slot],
                     ));
                 }
-                // Where only caustics are wanted, light is lost that is none any more.
+                // If only caustics are needed, paths end after a finite lobe.
                 if !self.go_on || !(self.paths.indirect || specular_only[slot]) {
                     continue;
                 }
@@ -171,7 +173,7 @@ impl Bounce<'_> {
         paths.truncate(alive);
     }
 
-    /// Whether a path leaves something, given whether Dirac deltas alone have scattered it.
+    /// Returns whether a path makes a deposit, given whether only Dirac deltas scattered it.
     fn leaves(&self, specular_only: bool) -> bool {
         match (self.edges, specular_only) {
             (1, _) => self.paths.direct,
@@ -182,9 +184,9 @@ impl Bounce<'_> {
 
     fn deposit(
         &self,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         i: usize,
-        vertex: &Vertex<'_>,
+        vertex: &LightVertex<'_>,
         power: Rgb,
         path: usize,
         specular_only: bool,
@@ -193,9 +195,9 @@ impl Bounce<'_> {
             p: vertex.at.p,
             wi: -block.rays.d.lane(i),
             ng: vertex.at.ng,
-            // Only this share of the photons hits a surface with holes. Rays that look the density up hit it with the
-            // same probability, so the density must be that of the whole irradiance.
-            power: power * self.scene.share_met(&vertex.at).recip(),
+            // Only this fraction of the photons hits a surface with holes. Rays that look up the density hit the
+            // surface with the same probability, so the density must represent the whole irradiance.
+            power: power * self.scene.hit_probability(&vertex.at).recip(),
             cosine_ratio: (vertex.wo.z / vertex.wo_ng).abs(),
             edges: self.edges,
             caustic: specular_only && self.edges > 1,

@@ -1,53 +1,53 @@
-//! The camera's part of a pass: a wave of paths, one bounce at a time.
+//! The camera paths of a pass: a wave of paths, one bounce at a time.
 
-use super::gather::{Gather, Wanted};
+use super::gather::{PhotonFilter, PhotonGather};
 use crate::accel::Coherence;
 use crate::bsdf::{self, Bsdf};
 use crate::color::Rgb;
-use crate::integrator::block::Block;
+use crate::integrator::block::ShadingBlock;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
 use crate::integrator::photon::GridPhoton;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::SppmSettings;
-use crate::integrator::worker::{Continuation, Numbers, PathWave, draw_1d, draw_2d, intersect};
+use crate::integrator::worker::{Continuation, PathWave, RandomNumbers, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::sampling::Dimension;
 use crate::scene::Scene;
 
-/// What every camera path of a wave has in common.
+/// The state shared by all camera paths of a wave.
 pub(super) struct CameraPaths<'a> {
     pub scene: &'a Scene,
     pub settings: &'a SppmSettings,
     pub query: RadianceQuery,
-    pub gather: &'a Gather<'a>,
+    pub gather: &'a PhotonGather<'a>,
 }
 
-/// What light a path may find at an emitter, and whether it goes on.
+/// The emission that a path may add, and whether the path continues.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    /// Only Dirac deltas lie behind it: all that it finds.
+enum CameraPathState {
+    /// Dirac deltas only: all emission is added.
     Camera,
-    /// A finite lobe lies behind it: what no emitter sample has found.
+    /// A finite lobe last: emission is added with its weight against emitter samples.
     Finite,
-    /// A finite lobe, then Dirac deltas: nothing, for photons have brought it.
+    /// A finite lobe, then Dirac deltas: emission is not added, because photons contain it.
     Caustic,
-    /// As [`Finite`](State::Finite), and there it ends, for photons have brought the rest.
+    /// As [`Finite`](CameraPathState::Finite), but the path ends at the next surface, because photons contain the rest.
     Last,
 }
 
-impl State {
-    /// After a Dirac delta.
-    fn after_delta(self) -> State {
+impl CameraPathState {
+    /// Returns the state after a Dirac delta.
+    fn after_delta(self) -> CameraPathState {
         match self {
-            State::Camera => State::Camera,
-            _ => State::Caustic,
+            CameraPathState::Camera => CameraPathState::Camera,
+            _ => CameraPathState::Caustic,
         }
     }
 }
 
-/// Whether the other light at a surface with that BSDF is gathered from photons.
+/// Returns whether indirect light at a surface with the given BSDF comes from photons.
 fn gathers(bsdf: &Bsdf<'_>) -> bool {
     match bsdf {
         Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => false,
@@ -66,22 +66,22 @@ impl CameraPaths<'_> {
         self.settings.max_depth.is_none_or(|max| edges <= max)
     }
 
-    /// Whether light at an emitter is wanted that a path of so many edges finds.
-    fn wants(&self, state: State, edges: u32) -> bool {
+    /// Returns whether emission found by a path with the given number of edges is added.
+    fn wants(&self, state: CameraPathState, edges: u32) -> bool {
         match state {
-            State::Camera if edges == 1 => self.query.emitted && !self.settings.hide_emitters,
-            State::Camera if self.query.separates_caustics() => self.query.caustic,
-            State::Caustic => false,
+            CameraPathState::Camera if edges == 1 => self.query.emitted && !self.settings.hide_emitters,
+            CameraPathState::Camera if self.query.separates_caustics() => self.query.caustic,
+            CameraPathState::Caustic => false,
             _ => self.query.wants(edges),
         }
     }
 
-    /// The radiance along each ray of the wave.
+    /// Estimates the radiance along each ray of the wave.
     pub fn trace(&self, wave: Wave<'_>, worker: &mut Worker, out: &mut [Radiance]) {
         let scene = self.scene;
         out.fill(Radiance::NONE);
         worker.paths.begin(wave.rays, wave.keys);
-        let mut states = vec![State::Camera; out.len()];
+        let mut states = vec![CameraPathState::Camera; out.len()];
         let mut edges = 1;
         while !worker.paths.rays.is_empty() && self.allows(edges) && !worker.interrupt.is_raised() {
             let coherence = if edges == 1 { wave.coherence } else { Coherence::Incoherent };
@@ -115,8 +115,8 @@ impl CameraPaths<'_> {
         }
     }
 
-    /// Takes the paths that hit nothing out of the wave, with the light that they found there.
-    fn drop_missed(&self, edges: u32, states: &[State], worker: &mut Worker, out: &mut [Radiance]) {
+    /// Removes the paths that hit nothing from the wave and adds the environment's radiance for them.
+    fn drop_missed(&self, edges: u32, states: &[CameraPathState], worker: &mut Worker, out: &mut [Radiance]) {
         let Worker { paths, hits, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
             let slot = paths.slots[i] as usize;
@@ -128,13 +128,13 @@ impl CameraPaths<'_> {
         });
     }
 
-    /// Shades every path of the wave, block by block, and moves those that go on to the front.
-    fn shade(&self, edges: u32, states: &mut [State], worker: &mut Worker, out: &mut [Radiance]) {
+    /// Shades every path of the wave, block by block, and moves the continuing paths to the front.
+    fn shade(&self, edges: u32, states: &mut [CameraPathState], worker: &mut Worker, out: &mut [Radiance]) {
         let Worker { hits, shadows, paths, numbers, arena, .. } = worker;
         let mut alive = 0;
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
-            let block = Block::new(self.scene, arena, &paths.rays, hits, first);
+            let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
             for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
                 let slot = paths.slots[first + i] as usize;
                 if self.wants(states[slot], edges) {
@@ -142,7 +142,8 @@ impl CameraPaths<'_> {
                 }
             }
             let state = |i: usize| states[paths.slots[first + i] as usize];
-            let going = bits(block.active).fold(0, |b, i| b | u32::from(state(i) != State::Last) << i);
+            let going =
+                bits(block.active).fold(0, |b, i| b | u32::from(state(i) != CameraPathState::Last) << i);
             if going == 0 || !self.allows(edges + 1) {
                 continue;
             }
@@ -159,13 +160,13 @@ impl CameraPaths<'_> {
                 shadows.push(&sampled.rays, &paths.slots[first..], &value, sampled.lanes & going);
             }
             let (next, survivors) = self.scatter(edges, &block, going, paths, numbers);
-            let survivors = self.not_in_vain(&block, &next, survivors);
+            let survivors = self.may_find_light(&block, &next, survivors);
             for i in bits(survivors) {
                 let state = &mut states[paths.slots[first + i] as usize];
                 *state = match next.pdf.as_array()[i].is_infinite() {
                     true => state.after_delta(),
-                    false if gathers(block.bsdfs[i]) => State::Last,
-                    false => State::Finite,
+                    false if gathers(block.bsdfs[i]) => CameraPathState::Last,
+                    false => CameraPathState::Finite,
                 };
             }
             alive = paths.compact(first, alive, &next, survivors);
@@ -173,8 +174,9 @@ impl CameraPaths<'_> {
         paths.truncate(alive);
     }
 
-    /// The lanes of `survivors` that may find light: where photons have brought the rest, only rays that can hit emitters.
-    fn not_in_vain(&self, block: &Block<'_>, next: &Continuation, survivors: u32) -> u32 {
+    /// Returns the lanes of `survivors` that may still find light. If photons contain the rest, these are the rays
+    /// that can hit emitters.
+    fn may_find_light(&self, block: &ShadingBlock<'_>, next: &Continuation, survivors: u32) -> u32 {
         if self.scene.needs.hit_emitters || self.scene.needs.environment {
             return survivors;
         }
@@ -182,26 +184,26 @@ impl CameraPaths<'_> {
         bits(survivors).filter(vain).fold(survivors, |lanes, i| lanes & !(1 << i))
     }
 
-    /// What photons bring to a point.
-    fn gathered(&self, edges: u32, block: &Block<'_>, i: usize) -> Rgb {
+    /// Returns the radiance from photons at a point.
+    fn gathered(&self, edges: u32, block: &ShadingBlock<'_>, i: usize) -> Rgb {
         if !self.query.indirect {
             return Rgb::BLACK;
         }
         let max_edges = self.settings.max_depth.map_or(u32::MAX, |max| max - edges);
         let max_edges = if max_edges >= GridPhoton::MOST_EDGES { u32::MAX } else { max_edges };
-        let wanted = Wanted { max_edges, indirect: gathers(block.bsdfs[i]) };
-        self.gather.radiance(block, i, wanted)
+        let filter = PhotonFilter { max_edges, indirect: gathers(block.bsdfs[i]) };
+        self.gather.radiance(block, i, filter)
     }
 
-    /// Samples the BSDFs and plays roulette; the bits are the lanes that go on.
+    /// Samples the BSDFs and applies Russian roulette; returns the continuations and a mask of the surviving lanes.
     #[inline(always)]
     fn scatter(
         &self,
         edges: u32,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         going: u32,
         paths: &PathWave,
-        numbers: &Numbers,
+        numbers: &RandomNumbers,
     ) -> (Continuation, u32) {
         let first = block.first;
         let u_lobe = load(&numbers.bsdf_lobe, first);
@@ -212,7 +214,7 @@ impl CameraPaths<'_> {
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
         if let Some(roulette) = Roulette::at(edges, self.settings.rr_depth) {
-            // Radiance is scaled by η² inside a dielectric, which says nothing about its importance.
+            // `eta²` removes the scaling of radiance inside a dielectric, which does not change a path's importance.
             let on;
             (beta, on) = roulette.play_x16(beta, eta * eta, load(&numbers.roulette, first));
             alive &= on;

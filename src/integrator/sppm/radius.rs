@@ -1,9 +1,9 @@
 //! The radii of the passes.
 
-/// The radius of pass `index`, from 0, after one of `first`: `r²ᵢ₊₁ = r²ᵢ (i + α)/(i + 1)`, i from 1.
-/// [Knaus and Zwicker 2011, Eq. 15]
+/// Returns the radius of pass `index`, counted from 0, where pass 0 has the radius `first`: `r²ᵢ₊₁ = r²ᵢ (i + α)/(i +
+/// 1)` for i ≥ 1. [Knaus and Zwicker 2011, Eq. 15]
 pub(super) fn of_pass(first: f32, alpha: f32, index: u64) -> f32 {
-    // The product as far as it is short; from there on by its asymptote, whose relative error is below 1/(12·i).
+    // Computes the product for small indices; beyond, its asymptote, whose relative error is below 1/(12·i).
     const SHORT: u64 = 1 << 12;
     let factor = |i: u64| (i as f64 + f64::from(alpha)) / (i as f64 + 1.0);
     let product: f64 = (1..=index.min(SHORT)).map(factor).product();

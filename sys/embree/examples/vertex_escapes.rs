@@ -1,14 +1,14 @@
-//! How many rays that start inside a closed mesh and aim at its vertices and edges Embree lets out, by the raw
-//! interface: `cargo run --release -p buffon-embree-sys --example vertex_escapes`.
+//! Counts the rays that escape from a closed mesh although they start inside it and aim at its vertices and edges,
+//! through the raw interface: `cargo run --release -p buffon-embree-sys --example vertex_escapes`.
 //!
-//! One row for each way to build the scene and to ask it. The last columns take (up to 1000 of) the rays that escaped
-//! and test all triangles one by one, without any box: how many of them no triangle takes when Embree's edge functions
-//! are rounded to `f32`, and how many when they are computed in `f64`.
+//! Each row is one way to build and query the scene. The last columns take up to 1000 of the escaped rays and test
+//! all triangles one by one, without bounding boxes. They count the rays that no triangle intersects with Embree's
+//! edge functions rounded to `f32`, and with edge functions computed in `f64`.
 //!
-//! On Debian's Embree 3.13.5 every way but the non-robust one lets the same rays out, each of them at a vertex, and the
-//! rounded edge functions let out each of them too; those in `f64` let out none. So it is the triangle test that lets
-//! them out, and neither the traversal, the build nor the packets. (Instruction sets without fused products round
-//! otherwise and let out other rays.)
+//! With Debian's Embree 3.13.5, every way except the non-robust one loses the same rays, all of them at vertices. The
+//! rounded edge functions lose all of these rays too; those in `f64` lose none. The cause is therefore the triangle
+//! test, not the traversal, the build or the packets. (Instruction sets without fused multiply-add round differently
+//! and lose other rays.)
 
 use buffon_embree_sys::*;
 use std::f32::consts::{PI, TAU};
@@ -19,12 +19,13 @@ const RAYS: usize = 1_000_000;
 type V3 = [f32; 3];
 
 struct Mesh {
-    /// One more than Embree is told of: it reads 16 bytes at the last.
+    /// The array has one element more than the number of vertices passed to Embree, which reads 16 bytes at the last
+    /// vertex.
     positions: Vec<V3>,
     indices: Vec<[u32; 3]>,
 }
 
-/// The unit sphere around `center` in 32 × 64 faces.
+/// The unit sphere around `center` with 32 × 64 quadrilaterals.
 fn sphere(center: V3) -> Mesh {
     let (rings, sectors) = (32, 64);
     let mut positions = vec![[0.0, 0.0, 1.0]];
@@ -78,7 +79,7 @@ struct Aim {
     vertex: bool,
 }
 
-/// Rays from a box in the sphere, a third of them to a vertex, the others to a point on an edge.
+/// Rays from a box inside the sphere. One third aim at a vertex, the others at a point on an edge.
 fn rays(mesh: &Mesh, center: V3) -> Vec<Aim> {
     let mut random = Random(1);
     let aim = |_| {
@@ -111,7 +112,7 @@ struct Setup {
     quality: RTCBuildQuality,
 }
 
-/// A packet of `N` rays: `RTCRayHitN`, large enough and aligned for any width.
+/// A packet of `N` rays: an `RTCRayHitN` with size and alignment for any width.
 #[repr(C, align(64))]
 struct Packet<const N: usize> {
     /// Origin x y z, tnear, direction x y z, time, tfar.
@@ -148,7 +149,7 @@ impl<const N: usize> Packet<N> {
     }
 }
 
-/// Which rays escape.
+/// Returns which rays escape.
 fn escapes(mesh: &Mesh, rays: &[Aim], setup: Setup, query: Query) -> Vec<Aim> {
     let mut escaped = Vec::new();
     let mask = Mask([-1; 16]);
@@ -221,9 +222,9 @@ fn not_occluded<const N: usize>(packet: &Packet<N>, i: usize) -> bool {
     packet.floats[8][i] != f32::NEG_INFINITY
 }
 
-/// Whether no triangle ahead takes the ray by Embree's edge functions, which are Plücker coordinates relative to the
-/// origin, rounded to `f32` with fused products: `(c − a) × (c + a) · d` and so on, all of one sign to within a
-/// rounding of their sum.
+/// Returns whether no triangle ahead is hit according to Embree's edge functions. These are Plücker coordinates
+/// relative to the origin, rounded to `f32` with fused multiply-add: `(c − a) × (c + a) · d` and the like. All must
+/// have one sign to within a rounding of their sum.
 fn escapes_rounded(mesh: &Mesh, ray: &Aim) -> bool {
     let cross = |a: V3, b: V3| {
         let minor = |x: usize, y: usize| a[x].mul_add(b[y], -(a[y] * b[x]));
@@ -241,7 +242,7 @@ fn escapes_rounded(mesh: &Mesh, ray: &Aim) -> bool {
     })
 }
 
-/// The same in `f64`, without a tolerance.
+/// The same test in `f64`, without a tolerance.
 fn escapes_exact(mesh: &Mesh, ray: &Aim) -> bool {
     let d = ray.d.map(f64::from);
     let edge = |p: V3, q: V3| {
@@ -255,8 +256,8 @@ fn escapes_exact(mesh: &Mesh, ray: &Aim) -> bool {
     })
 }
 
-/// The triangles with a corner ahead of the ray's start, relative to it: all that a ray can hit which aims at a vertex
-/// or an edge.
+/// Returns the triangles with a corner ahead of the ray's start, relative to it. A ray aimed at a vertex or an edge
+/// can hit no others.
 fn ahead<'a>(mesh: &'a Mesh, ray: &'a Aim) -> impl Iterator<Item = [V3; 3]> + 'a {
     let relative = |i: u32| {
         let p = mesh.positions[i as usize];

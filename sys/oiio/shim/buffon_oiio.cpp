@@ -14,7 +14,7 @@
 #include <vector>
 
 struct BuffonOiioReader {
-    /// Of a file in memory; `input` reads from it, so it is destroyed after `input`.
+    /// Only for a file in memory; `input` reads from it, so it is destroyed after `input`.
     std::unique_ptr<OIIO::Filesystem::IOMemReader> memory;
     std::unique_ptr<OIIO::ImageInput> input;
     OIIO::ImageSpec spec;
@@ -37,7 +37,7 @@ void say(const std::string &what, char *message, size_t size)
     message[length] = 0;
 }
 
-/// Runs `body` and turns whatever it throws into a message and `failed`.
+/// Runs `body`; an exception becomes a message and the return value `failed`.
 template <class R, class F>
 R guarded(R failed, char *message, size_t size, F &&body) noexcept
 {
@@ -78,7 +78,7 @@ OIIO::TypeDesc type_of(int32_t sample)
     }
 }
 
-/// The pixels, each channel in its own type: the library converts to one type only.
+/// The pixels with one type for each channel: the library converts all channels to the same type.
 std::vector<unsigned char> pack(const BuffonOiioOutput &o)
 {
     std::vector<unsigned char> packed;
@@ -110,14 +110,14 @@ void put(OIIO::ImageSpec &spec, const BuffonOiioAttribute &a)
     }
 }
 
-/// Debian's build prints notes for developers on stderr unless told not to.
+/// Debian's build prints debug notes on stderr by default.
 void be_quiet()
 {
     static const bool done = OIIO::attribute("debug", 0);
     (void)done;
 }
 
-/// An ImageBuf around the caller's pixels, which it only reads.
+/// An ImageBuf that wraps the caller's pixels for reading.
 OIIO::ImageBuf view(const float *pixels, int32_t width, int32_t height, int32_t channels)
 {
     OIIO::ImageSpec spec(width, height, channels, OIIO::TypeFloat);
@@ -181,7 +181,7 @@ BuffonOiioReader *buffon_oiio_open_memory(const unsigned char *bytes, size_t len
 {
     return guarded<BuffonOiioReader *>(nullptr, message, size, [&] {
         auto reader = std::make_unique<BuffonOiioReader>();
-        // The library reads through a pointer that could write.
+        // The library's pointer is not const, but the memory is only read.
         reader->memory =
             std::make_unique<OIIO::Filesystem::IOMemReader>(const_cast<unsigned char *>(bytes), length);
         const std::string name = std::string("memory.") + format;
@@ -266,7 +266,7 @@ int32_t buffon_oiio_read(BuffonOiioReader *reader, float *pixels, size_t count, 
             say(reader->input->geterror(), message, size);
             return 0;
         }
-        // Integers would come as fractions of 2^32 - 1: read those channels as what they are.
+        // The library converts integers to fractions of 2^32 - 1, so these channels are read in their own type.
         std::vector<uint32_t> integers;
         for (int c = 0; c < spec.nchannels; ++c) {
             if (spec.channelformat(c).basetype != OIIO::TypeDesc::UINT32)
@@ -329,8 +329,8 @@ BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, s
         }
         spec.attribute("compression", o->compression);
         spec.attribute("oiio:UnassociatedAlpha", o->bytes ? 1 : 0);
-        // Without one the OpenEXR writer puts in the present time, and the same image is never the same file.
-        // A date of a type that it cannot write is left out.
+        // Without a date the OpenEXR writer stores the current time, and equal images would give different files. A
+        // date of a type that cannot be written is omitted.
         const uint8_t no_date = 0;
         spec.attribute("DateTime", OIIO::TypeUInt8, &no_date);
         for (size_t i = 0; i < o->attribute_count; ++i)
@@ -343,7 +343,7 @@ BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, s
             type = OIIO::TypeUnknown;  // as the channels say
             data = packed.data();
         }
-        // Not used: nothing is opened by this name.
+        // Unused: no file of this name is opened.
         const std::string name = std::string("memory.") + o->format;
         if (!output->set_ioproxy(&buffer->file) || !output->open(name, spec) || !output->write_image(type, data)
             || !output->close()) {

@@ -1,6 +1,6 @@
-//! Declarations of the C shim in `shim/`, which gives Buffon what it uses of OpenImageIO: reading all
-//! channels and metadata of a file, writing, and comparing. Nothing but declarations; what each function
-//! does and who owns what is said in `shim/buffon_oiio.h`. The safe wrapper is `buffon::image`.
+//! Declarations of the C shim in `shim/`, which exposes the part of OpenImageIO that Buffon uses: reading all
+//! channels and metadata of a file, writing, and comparing. The documentation and ownership rules of each function
+//! are in `shim/buffon_oiio.h`. The safe wrapper is `buffon::image`.
 //!
 //! The shim is a shared object inside the program. [`functions`] loads it, and OpenImageIO and the 260 libraries that this
 //! depends on with it: that takes 0.25 s, which a program without images to read or write should not pay.
@@ -14,7 +14,13 @@ use std::io::{Error, Write};
 use std::os::fd::{AsRawFd, FromRawFd};
 use std::sync::OnceLock;
 
-include!(concat!(env!("OUT_DIR"), "/bindings.rs"));
+/// What bindgen makes of the header.
+#[allow(clippy::all)]
+mod bindings {
+    include!(concat!(env!("OUT_DIR"), "/bindings.rs"));
+}
+
+pub use bindings::*;
 
 /// The shim, as the linker has written it.
 static SHIM: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/libbuffon_oiio.so"));

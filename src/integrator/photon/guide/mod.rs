@@ -1,14 +1,14 @@
-//! Where light paths should begin: learned from a pilot, drawn with its exact density. [after Jensen 2001, 5.3]
+//! Guided emission of light paths: a density learned from a pilot pass, sampled exactly. [after Jensen 2001, 5.3]
 //!
-//! A projection map marks the directions in which specular objects lie. Here the marks are learned: light paths are
-//! points of a unit hypercube, and a pilot finds which of its cells bring photons to where they are wanted. So every kind
-//! of emitter is guided alike, and objects are found in mirrors, too. Powers are divided by the density, so nothing
-//! is biased, whatever the pilot has missed.
+//! A projection map marks the directions in which specular objects lie. Here this information is learned: a light
+//! path is a point of a unit hypercube, and the pilot estimates which cells of the hypercube contribute photons where
+//! they are needed. This works for all kinds of emitters, and for objects seen through mirrors. Powers are divided by
+//! the density, so the result is unbiased even if the pilot missed contributions.
 
 mod pilot;
 
-use self::pilot::Findings;
-use super::cast::{Caster, PathSequence, Until};
+use self::pilot::PilotResults;
+use super::cast::{LightPathTracer, PathLimit, PathSequence};
 use super::tracing::{Deposit, PhotonPaths};
 use crate::emitter::LightRay;
 use crate::integrator::Worker;
@@ -17,54 +17,54 @@ use crate::math::Vec2;
 use crate::sampling::{Distribution1D, Distribution2D, SampleKey};
 use crate::scene::Scene;
 
-/// Light paths of the pilot.
+/// The number of light paths of the pilot.
 const PILOT: u64 = 1 << 17;
-/// Paths whose numbers are drawn together.
+/// The number of paths whose random numbers are drawn together.
 const CHUNK: usize = 2048;
-/// The stream of its numbers; photons have even streams.
+/// The stream of the pilot's random numbers. Photons have even streams.
 const STREAM: u32 = 1;
-/// The share of the paths that begin as they would without a guide: emitter, position and direction together, so that no path
-/// is more than twice as strong as it would be then, whatever the pilot has missed.
+/// The fraction of paths started without guiding: emitter, position and direction together. The power of a path is
+/// therefore at most twice its unguided power, whatever the pilot missed.
 const UNGUIDED: f64 = 0.5;
 
-/// A density of the beginnings of light paths.
+/// A density for starting light paths.
 #[derive(Clone, Debug)]
 pub struct EmissionGuide {
-    /// Which emitter: of paths that are not guided, then of those that are.
+    /// The choice of the emitter: first for unguided paths, then for guided ones.
     choice: Distribution1D,
-    lights: Vec<Beginnings>,
+    lights: Vec<EmissionDensities>,
 }
 
-/// Densities over the positions and the directions of an emitter; uniform where there is none.
-type Beginnings = [Option<Distribution2D>; 2];
+/// The densities over positions on an emitter and over directions; uniform if `None`.
+type EmissionDensities = [Option<Distribution2D>; 2];
 
 impl EmissionGuide {
-    /// The guide that begins paths in proportion to the emitters' light.
+    /// Returns the guide that starts paths in proportion to the emitters' power.
     pub fn uniform(scene: &Scene) -> Self {
         let lights = scene.lights.iter().map(|_| [None, None]).collect();
         EmissionGuide { choice: scene.light_choice.clone(), lights }
     }
 
-    /// Learns which beginnings bring power to deposits that are wanted. `None` where none did.
+    /// Learns which starts contribute power to accepted deposits. Returns `None` if no deposit was accepted.
     pub fn learn(
-        caster: &Caster<'_>,
+        tracer: &LightPathTracer<'_>,
         paths: &PhotonPaths,
         seed: u64,
         wanted: impl Fn(&Deposit) -> bool + Sync,
     ) -> Option<Self> {
-        let scene = caster.scene;
+        let scene = tracer.scene;
         let uniform = EmissionGuide::uniform(scene);
-        let pilot = Caster { guide: Some(&uniform), ..*caster };
+        let pilot = LightPathTracer { guide: Some(&uniform), ..*tracer };
         let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
-        let until = Until { paths: PILOT, kept: None };
+        let until = PathLimit { paths: PILOT, kept: None };
         let power = |d: &Deposit, path: u64| wanted(d).then(|| (path, d.shading_power().max_component()));
         let cast = pilot.cast(paths, sequence, until, power);
         let mut brought = vec![0.0f32; cast.emitted as usize];
         for (path, power) in cast.kept {
             brought[path as usize] += power;
         }
-        let mut found: Vec<Findings> = scene.lights.iter().map(|_| Findings::default()).collect();
-        let worker = Worker::new(caster.sampler);
+        let mut found: Vec<PilotResults> = scene.lights.iter().map(|_| PilotResults::default()).collect();
+        let worker = Worker::new(tracer.sampler);
         let mut numbers = EmissionNumbers::default();
         for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
             let first = (chunk * CHUNK) as u64;
@@ -72,7 +72,7 @@ impl EmissionGuide {
             numbers.draw(scene, &keys, &worker);
             for (i, brought) in brought.iter().enumerate() {
                 if let Some(choice) = scene.light_choice.sample(numbers.choice[i]) {
-                    // What the path has brought were its emitter the only one.
+                    // The contribution of the path, for the case that its emitter is the only one.
                     found[choice.index].add(numbers.pairs(i), f64::from(brought * choice.pmf));
                 }
             }
@@ -80,8 +80,8 @@ impl EmissionGuide {
         Self::of(scene, &found)
     }
 
-    fn of(scene: &Scene, found: &[Findings]) -> Option<Self> {
-        let (lights, brought): (Vec<_>, Vec<_>) = found.iter().map(Findings::best).unzip();
+    fn of(scene: &Scene, found: &[PilotResults]) -> Option<Self> {
+        let (lights, brought): (Vec<_>, Vec<_>) = found.iter().map(PilotResults::best).unzip();
         let total: f64 = brought.iter().sum();
         if !(total > 0.0 && total.is_finite()) || 2 * lights.len() > Distribution1D::MOST {
             return None;
@@ -92,7 +92,7 @@ impl EmissionGuide {
         Some(EmissionGuide { choice, lights })
     }
 
-    /// As [`Scene::sample_light_ray`], by the guide's density.
+    /// Samples a light ray as [`Scene::sample_light_ray`] does, with the guide's density.
     pub fn sample_light_ray(
         &self,
         scene: &Scene,
@@ -113,7 +113,7 @@ impl EmissionGuide {
                 learned *= distribution.pdf(*u);
             }
         }
-        // Both kinds of paths might have begun so.
+        // Guided and unguided paths can start this way, so their densities are added.
         let density = self.choice.pmf(index) + self.choice.pmf(self.lights.len() + index) * learned;
         let light = scene.lights[index].sample_ray_by_direction(point, direction, time)?;
         Some(LightRay { power: light.power / density, ..light })

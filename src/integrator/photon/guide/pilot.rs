@@ -1,57 +1,60 @@
-//! What a pilot's light paths have brought, by where on their emitter and in which direction they began.
+//! The contributions of the pilot's light paths as a function of position and direction at the emitter.
 
-use super::{Beginnings, UNGUIDED};
+use super::{EmissionDensities, UNGUIDED};
 use crate::math::Vec2;
 use crate::sampling::Distribution2D;
 
-/// Cells along each axis of the unit squares of positions and directions.
+/// The number of cells along each axis of the unit squares of positions and directions.
 const CELLS: usize = 64;
-/// A density is learned or not.
-const CHOICES: usize = 2;
+/// A density is either uniform or learned.
+const DENSITY_CHOICES: usize = 2;
 
-/// What the pilot has found out about an emitter.
+/// The results of the pilot for one emitter.
 #[derive(Default)]
-pub struct Findings {
-    paths: Vec<Pilot>,
+pub struct PilotResults {
+    paths: Vec<PilotPath>,
 }
 
-/// A path of the pilot: where on its emitter and in which direction it began, and how much it has brought, W.
-struct Pilot {
+/// A path of the pilot: the random numbers of position and direction, and its contribution in W.
+struct PilotPath {
     pairs: [Vec2; 2],
     value: f64,
 }
 
-/// The paths that began in the cells of a unit square: how many, and the sums of the squares of what they brought.
+/// The paths in each cell of a unit square: their number and the sum of their squared contributions.
 #[derive(Clone)]
-struct Square {
+struct PathHistogram {
     cells: usize,
     counts: Vec<u32>,
     squares: Vec<f64>,
 }
 
-impl Findings {
-    /// Counts a path that began there and has brought that much, W.
+impl PilotResults {
+    /// Adds a path with the given random numbers and contribution in W.
     pub fn add(&mut self, pairs: [Vec2; 2], value: f64) {
-        self.paths.push(Pilot { pairs, value });
+        self.paths.push(PilotPath { pairs, value });
     }
 
-    /// The densities that make the second moment of light paths least, and its root then.
+    /// Returns the densities that minimise the second moment of the light paths' contributions, and the square root
+    /// of that moment.
     ///
-    /// Positions and directions are taken for independent; where they are not, one density or none may be better than both.
-    /// Each half of the paths tries what the other half has learned: by its own paths every density looks too good.
-    pub fn best(&self) -> (Beginnings, f64) {
+    /// Positions and directions are assumed to be independent. If they are not, one density or none may be better
+    /// than both. Each half of the paths tests the densities learned from the other half, because a density tested on
+    /// its own paths seems better than it is.
+    pub fn best(&self) -> (EmissionDensities, f64) {
         if self.paths.iter().all(|path| path.value == 0.0) {
             return ([None, None], 0.0);
         }
-        // Of positions and of directions, by every other path.
-        let mut halves: [[Square; 2]; 2] = Default::default();
-        for (i, Pilot { pairs, value }) in self.paths.iter().enumerate() {
+        // For positions and directions, learned from alternate paths.
+        let mut halves: [[PathHistogram; 2]; 2] = Default::default();
+        for (i, PilotPath { pairs, value }) in self.paths.iter().enumerate() {
             halves[i % 2].iter_mut().zip(pairs).for_each(|(square, u)| square.add(*u, *value));
         }
         let learned =
             halves.each_ref().map(|squares| squares.each_ref().map(|square| [None, square.distribution()]));
-        let mut moments = [[0.0; CHOICES]; CHOICES];
-        for (i, &Pilot { pairs, value }) in self.paths.iter().enumerate().filter(|(_, path)| path.value > 0.0)
+        let mut moments = [[0.0; DENSITY_CHOICES]; DENSITY_CHOICES];
+        for (i, &PilotPath { pairs, value }) in
+            self.paths.iter().enumerate().filter(|(_, path)| path.value > 0.0)
         {
             let others = &learned[1 - i % 2];
             let [points, directions] = [0, 1].map(|i| {
@@ -66,7 +69,7 @@ impl Findings {
                 }
             }
         }
-        let all = (0..CHOICES * CHOICES).map(|i| (i / CHOICES, i % CHOICES));
+        let all = (0..DENSITY_CHOICES * DENSITY_CHOICES).map(|i| (i / DENSITY_CHOICES, i % DENSITY_CHOICES));
         let (point, direction) =
             all.min_by(|a, b| moments[a.0][a.1].total_cmp(&moments[b.0][b.1])).unwrap_or_default();
         let best = [(0, point), (1, direction)].map(|(i, choice)| {
@@ -77,15 +80,15 @@ impl Findings {
     }
 }
 
-impl Default for Square {
+impl Default for PathHistogram {
     fn default() -> Self {
-        Square::new(CELLS)
+        PathHistogram::new(CELLS)
     }
 }
 
-impl Square {
+impl PathHistogram {
     fn new(cells: usize) -> Self {
-        Square { cells, counts: vec![0; cells * cells], squares: vec![0.0; cells * cells] }
+        PathHistogram { cells, counts: vec![0; cells * cells], squares: vec![0.0; cells * cells] }
     }
 
     fn add(&mut self, u: Vec2, value: f64) {
@@ -94,15 +97,15 @@ impl Square {
         self.squares[y * self.cells + x] += value * value;
     }
 
-    fn joined_with(&self, other: &Square) -> Square {
+    fn joined_with(&self, other: &PathHistogram) -> PathHistogram {
         let counts = self.counts.iter().zip(&other.counts).map(|(a, b)| a + b).collect();
         let squares = self.squares.iter().zip(&other.squares).map(|(a, b)| a + b).collect();
-        Square { cells: self.cells, counts, squares }
+        PathHistogram { cells: self.cells, counts, squares }
     }
 
-    /// Each four cells made one.
-    fn coarser(&self) -> Square {
-        let mut coarse = Square::new(self.cells / 2);
+    /// Returns a histogram with groups of four cells merged.
+    fn coarser(&self) -> PathHistogram {
+        let mut coarse = PathHistogram::new(self.cells / 2);
         for (i, (count, squares)) in self.counts.iter().zip(&self.squares).enumerate() {
             let (x, y) = (i % self.cells / 2, i / self.cells / 2);
             coarse.counts[y * coarse.cells + x] += count;
@@ -111,16 +114,16 @@ impl Square {
         coarse
     }
 
-    /// In proportion to the root of the second moment in each cell: the density of the least variance. `None` where nothing was
-    /// found.
+    /// Returns a density proportional to the square root of the second moment in each cell, which minimises the
+    /// variance. Returns `None` without contributions.
     fn distribution(&self) -> Option<Distribution2D> {
         let weights: Vec<f64> = self.moments().into_iter().map(f64::sqrt).collect();
         let found = weights.iter().any(|&weight| weight > 0.0);
         found.then(|| Distribution2D::new(self.cells, self.cells, &weights))
     }
 
-    /// The second moment in each cell, as if one more path had been there that brought what the four cells around it do:
-    /// where few paths were, more of the light may come from than they say.
+    /// Returns the second moment in each cell, with one additional path whose contribution is that of the group of
+    /// four cells. It accounts for light that few paths may have missed.
     fn moments(&self) -> Vec<f64> {
         let around = if self.cells > 1 { self.coarser().moments() } else { vec![0.0] };
         let moment = |(i, (sum, &count)): (usize, (&f64, &u32))| {
@@ -137,9 +140,9 @@ mod tests {
     use super::*;
     use crate::sampling::hash::{combine, mix, to_unit};
 
-    /// What paths found out that began everywhere and brought what `value` says.
-    fn found(paths: u32, value: impl Fn(Vec2, Vec2) -> f64) -> (Beginnings, f64) {
-        let mut findings = Findings::default();
+    /// Returns the result of paths started uniformly with the contribution `value`.
+    fn found(paths: u32, value: impl Fn(Vec2, Vec2) -> f64) -> (EmissionDensities, f64) {
+        let mut findings = PilotResults::default();
         for i in 0..paths {
             let u = |k| to_unit(mix(combine(i, k)));
             let pairs = [Vec2::new(u(0), u(1)), Vec2::new(u(2), u(3))];
@@ -157,7 +160,7 @@ mod tests {
         let (inside, outside) = (Vec2::new(0.03, 0.5), Vec2::new(0.5, 0.5));
         assert!((directions.pdf(inside) - 9.0).abs() < 1.0, "{}", directions.pdf(inside));
         assert!(directions.pdf(outside) < 0.02);
-        // Second moments of 0.1 without a guide, of 0.1 / (1/2 + 1/2 * 10) with the best.
+        // The second moment is 0.1 without a guide and 0.1 / (1/2 + 1/2 * 10) with the best guide.
         assert!((root * root / (0.1 / 5.5) - 1.0).abs() < 0.1, "{}", root * root);
     }
 

@@ -1,14 +1,14 @@
-//! How distances are measured.
+//! Distance metrics of kd-tree queries.
 
 use crate::math::{Vec3, Vec3x16, f32x16};
 
-/// A way to measure distances; none is shorter than the Euclidean one.
+/// A metric that is never smaller than the Euclidean distance.
 pub trait Metric: Copy {
-    /// Squared distances of points from `center`.
+    /// Returns the squared distances of points from `center`.
     fn distances_squared(self, center: Vec3, points: Vec3x16) -> f32x16;
 }
 
-/// The length of the difference.
+/// The Euclidean metric.
 #[derive(Clone, Copy, Debug)]
 pub struct Euclidean;
 
@@ -19,16 +19,16 @@ impl Metric for Euclidean {
     }
 }
 
-/// Distances along a normal count several times, so that a ball is a flat ellipsoid. [Jensen 2001, 7.3]
+/// A metric with a factor on distances along a normal, so that a ball is a flat ellipsoid. [Jensen 2001, 7.3]
 #[derive(Clone, Copy, Debug)]
-pub struct Disc {
+pub struct EllipsoidMetric {
     /// The normal, of unit length.
     pub normal: Vec3,
-    /// How many times a distance along the normal counts, at least 1.
+    /// The factor on distances along the normal, at least 1.
     pub flatness: f32,
 }
 
-impl Metric for Disc {
+impl Metric for EllipsoidMetric {
     #[inline(always)]
     fn distances_squared(self, center: Vec3, points: Vec3x16) -> f32x16 {
         let to = points - Vec3x16::splat(center);

@@ -1,46 +1,46 @@
-//! The nearest k points.
+//! Queries for the nearest k points.
 
 use super::{KdTree, LEAF, Metric};
 use crate::math::lanes::bits;
 use crate::math::{Vec3, f32x16};
 
-/// A point that was found: its squared distance and its slot.
+/// A point found by a query: its squared distance and its slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Neighbour(u64);
 
 impl Neighbour {
     #[inline(always)]
     fn new(distance_squared: f32, slot: usize) -> Self {
-        // Numbers that are not negative sort as their bits do.
+        // Non-negative floats have the same order as their bits.
         Neighbour(u64::from(distance_squared.to_bits()) << 32 | slot as u64)
     }
 
-    /// The squared distance from the query point, as the metric has it.
+    /// Returns the squared distance from the query point in the query's metric.
     #[inline]
     pub fn distance_squared(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
     }
 
-    /// The slot of the point.
+    /// Returns the slot of the point.
     #[inline]
     pub fn slot(self) -> usize {
         self.0 as u32 as usize
     }
 }
 
-/// What a query has found; kept from query to query, so that none allocates.
+/// The results of a query; reused by later queries to avoid allocation.
 #[derive(Default)]
-pub struct Nearest {
+pub struct NeighbourBuffer {
     found: Vec<Neighbour>,
 }
 
 impl KdTree {
-    /// The `k` points nearest to `center` in the metric, of those that are closer than the root of `bound` and that
-    /// `accept` takes; in no particular order. Which of several points at the same distance are taken is
-    /// not said, but always the same.
+    /// Finds the `k` points nearest to `center` in the metric, among those that are nearer than the square root of
+    /// `bound` and accepted, in no particular order. Of several points at the same distance, the choice is
+    /// unspecified but deterministic.
     ///
-    /// `accept` is given the first slot of a leaf and the bits of some of its sixteen slots, and returns those that it takes: see
-    /// [`each`].
+    /// `accept` gets the first slot of a leaf and a mask of some of its sixteen slots, and returns a mask of the
+    /// accepted ones: see [`each`].
     #[inline]
     pub fn nearest<'a>(
         &self,
@@ -49,14 +49,14 @@ impl KdTree {
         bound: f32,
         metric: impl Metric,
         accept: impl Fn(usize, u32) -> u32,
-        buffer: &'a mut Nearest,
+        buffer: &'a mut NeighbourBuffer,
     ) -> &'a [Neighbour] {
         let found = &mut buffer.found;
         found.clear();
         if k == 0 {
             return found;
         }
-        // Half as many again are collected between one selection and the next: that costs a constant for each.
+        // Selections run only after half as many points again were collected, so each point has a constant cost.
         let room = k + (k / 2).max(LEAF);
         found.reserve(room + LEAF);
         self.for_each_leaf(center, bound, |leaf, mut bound| {
@@ -80,8 +80,9 @@ impl KdTree {
 }
 
 impl KdTree {
-    /// The point nearest to `center` in the metric, of those that are closer than the root of `bound` and whose slots
-    /// `accept` takes. Which of several points at the same distance it is is not said, but always the same.
+    /// Finds the point nearest to `center` in the metric, among those that are nearer than the square root of `bound`
+    /// and whose slots are accepted. Of several points at the same distance, the choice is unspecified but
+    /// deterministic.
     #[inline]
     pub fn nearest_one(
         &self,
@@ -106,12 +107,12 @@ impl KdTree {
     }
 }
 
-/// What takes slots one by one, for [`KdTree::nearest`].
+/// Converts a predicate on single slots to the form that [`KdTree::nearest`] needs.
 pub fn each(accept: impl Fn(usize) -> bool) -> impl Fn(usize, u32) -> u32 {
     move |first, slots| bits(slots).filter(|lane| accept(first + lane)).fold(0, |set, lane| set | 1 << lane)
 }
 
-/// Forgets all but the nearest `k`; returns the squared distance of the farthest of them.
+/// Removes all but the nearest `k` points. Returns the squared distance of the farthest remaining one.
 fn keep_nearest(found: &mut Vec<Neighbour>, k: usize) -> f32 {
     let (_, farthest, _) = found.select_nth_unstable(k - 1);
     let bound = farthest.distance_squared();

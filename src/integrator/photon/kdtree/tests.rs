@@ -2,7 +2,7 @@ use super::*;
 use crate::sampling::hash::{combine, to_unit};
 use proptest::prelude::*;
 
-/// A number in [0, 1) that depends on all three.
+/// Returns a number in [0, 1) that is a hash of the arguments.
 fn unit(seed: u32, i: usize, c: u32) -> f32 {
     to_unit(combine(combine(seed, i as u32), c))
 }
@@ -11,7 +11,7 @@ fn random(seed: u32, i: usize) -> Vec3 {
     Vec3::new(unit(seed, i, 0), unit(seed, i, 1), unit(seed, i, 2)) * 2.0 - 1.0
 }
 
-/// Clouds of `n` points, and what they are like.
+/// Returns clouds of `n` points with a description.
 fn clouds(n: usize) -> Vec<(&'static str, Vec<Vec3>)> {
     let cloud = |f: &dyn Fn(usize) -> Vec3| (0..n).map(f).collect();
     vec![
@@ -32,15 +32,15 @@ fn distances_squared(metric: impl Metric, center: Vec3, points: &[Vec3]) -> Vec<
     points.iter().map(distance).collect()
 }
 
-/// Compares what the tree finds with what a search of all points does.
+/// Compares the result of the tree with that of an exhaustive search.
 fn check(points: &[Vec3], center: Vec3, k: usize, bound: f32, metric: impl Metric, every: usize) {
-    let Built { tree, order } = KdTree::build(points.len(), |i| points[i]);
+    let BuiltTree { tree, order } = KdTree::build(points.len(), |i| points[i]);
     let all = distances_squared(metric, center, points);
     let accepted = |index: usize| index.is_multiple_of(every);
     let mut expected: Vec<f32> =
         (0..points.len()).filter(|&i| accepted(i) && all[i] < bound).map(|i| all[i]).collect();
     expected.sort_by(f32::total_cmp);
-    let mut buffer = Nearest::default();
+    let mut buffer = NeighbourBuffer::default();
     let found = tree
         .nearest(center, k, bound, metric, each(|slot| accepted(order[slot] as usize)), &mut buffer)
         .to_vec();
@@ -71,7 +71,7 @@ fn the_nearest_are_those_that_a_search_of_all_finds() {
                 for (k, bound) in [(1, f32::INFINITY), (3, 0.25), (50, f32::INFINITY), (200, 1.0)] {
                     println!("{n} points, {name}, k = {k}, from {center}");
                     check(&points, center, k, bound, Euclidean, 1);
-                    let disc = Disc { normal: Vec3::new(0.6, 0.0, 0.8), flatness: 3.0 };
+                    let disc = EllipsoidMetric { normal: Vec3::new(0.6, 0.0, 0.8), flatness: 3.0 };
                     check(&points, center, k, bound, disc, 3);
                 }
             }
@@ -83,7 +83,7 @@ fn the_nearest_are_those_that_a_search_of_all_finds() {
 fn the_points_within_a_distance_are_those_that_a_search_of_all_finds() {
     for n in [0, 1, 17, 5000] {
         for (name, points) in clouds(n) {
-            let Built { tree, order } = KdTree::build(n, |i| points[i]);
+            let BuiltTree { tree, order } = KdTree::build(n, |i| points[i]);
             for (q, bound) in [(50, 0.04), (51, 1.0), (52, f32::INFINITY)] {
                 let center = random(q, n);
                 let all = distances_squared(Euclidean, center, &points);
@@ -107,7 +107,7 @@ fn every_point_has_one_slot_and_the_tree_is_the_same_for_any_number_of_threads()
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| KdTree::build(points.len(), |i| points[i]))
         };
-        let Built { tree, order } = build(1);
+        let BuiltTree { tree, order } = build(1);
         let mut indices = order.clone();
         indices.sort();
         assert!(indices.iter().zip(0..).all(|(&i, j)| i == j), "{name}");
@@ -130,7 +130,7 @@ fn a_point_that_is_none_is_refused() {
 #[test]
 fn extents_beyond_the_range_of_numbers_do_no_harm() {
     let points: Vec<Vec3> = (0..100).map(|i| random(9, i) * f32::MAX).collect();
-    let Built { tree, .. } = KdTree::build(points.len(), |i| points[i]);
+    let BuiltTree { tree, .. } = KdTree::build(points.len(), |i| points[i]);
     let found = tree.nearest_one(Vec3::ZERO, f32::INFINITY, Euclidean, |_| true);
     assert_eq!(found, None, "all squared distances are infinite, and none is below the bound");
 }

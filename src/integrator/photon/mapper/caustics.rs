@@ -1,18 +1,18 @@
-//! Caustics: the density of the photons that Dirac deltas alone have brought.
+//! Caustics: density estimates of the photons scattered by Dirac deltas only.
 
-use super::place;
+use super::lookup_point;
 use crate::bsdf::Bsdf;
 use crate::color::Rgb;
-use crate::integrator::block::Block;
-use crate::integrator::photon::kdtree::Nearest;
+use crate::integrator::block::ShadingBlock;
+use crate::integrator::photon::kdtree::NeighbourBuffer;
 use crate::integrator::photon::{DensityEstimator, PhotonMap, Sides};
 use crate::math::Vec3;
 use crate::sampling::SampleKey;
 
-/// The caustic maps of the replicates of the samples, and how they become light.
+/// The caustic maps of the replicates of the samples, and their density estimator.
 pub struct CausticMaps {
     estimator: DensityEstimator,
-    /// As many as there are replicates, a power of two.
+    /// One map for each replicate; the number is a power of two.
     maps: Vec<Option<PhotonMap>>,
 }
 
@@ -21,22 +21,22 @@ impl CausticMaps {
         CausticMaps { estimator, maps }
     }
 
-    /// Whether no photon has landed: nothing is known then.
+    /// Returns whether no photon was deposited. There is then no estimate of caustics.
     pub(super) fn is_empty(&self) -> bool {
         self.maps.iter().flatten().all(PhotonMap::is_empty)
     }
 
-    /// Radiance that the finite lobes of lane `i` send along its ray, W·m⁻²·sr⁻¹.
+    /// Returns the radiance that the finite lobes of lane `i` scatter towards the ray's origin, W·m⁻²·sr⁻¹.
     pub(in crate::integrator) fn reflected(
         &self,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         i: usize,
         key: SampleKey,
-        buffer: &mut Nearest,
+        buffer: &mut NeighbourBuffer,
     ) -> Rgb {
         let Some(map) = &self.maps[key.replicate as usize % self.maps.len()] else { return Rgb::BLACK };
         let (bsdf, wo, frame) = (block.bsdfs[i], block.wo.lane(i), block.at.frame.lane(i));
-        let at = place(block, i);
+        let at = lookup_point(block, i);
         if let Bsdf::Diffuse(_) = bsdf {
             return self.estimator.irradiance(map, at, buffer).value * bsdf.radiance_per_irradiance(wo);
         }

@@ -1,17 +1,17 @@
-//! The photons themselves, instead of what is gathered from them.
+//! Debug images of the photons.
 
-use super::{Photonmapper, Place, place};
+use super::{LookupPoint, Photonmapper, lookup_point};
 use crate::color::Rgb;
-use crate::integrator::block::Block;
+use crate::integrator::block::ShadingBlock;
 use crate::integrator::photon::density::FLATNESS;
-use crate::integrator::photon::kdtree::{Disc, Nearest};
+use crate::integrator::photon::kdtree::{EllipsoidMetric, NeighbourBuffer};
 use crate::integrator::photon::{PhotonMap, Sides};
 use crate::integrator::settings::PhotonDebug;
 use crate::integrator::{Radiance, Wave, Worker};
 use crate::math::lanes::{LANES, bits};
 use crate::scene::Scene;
 
-/// What the global map shows at the first surface along each ray.
+/// Shows the global map at the first surface along each ray.
 pub fn li(
     mapper: &Photonmapper,
     scene: &Scene,
@@ -28,15 +28,15 @@ pub fn li(
         out.distance = hit.map_or(f32::INFINITY, |hit| hit.t);
     }
     paths.keep_hits(hits, |_, _| {});
-    let mut buffer = Nearest::default();
+    let mut buffer = NeighbourBuffer::default();
     for first in (0..hits.len()).step_by(LANES) {
         arena.reset();
-        let block = Block::new(scene, arena, &paths.rays, hits, first);
+        let block = ShadingBlock::new(scene, arena, &paths.rays, hits, first);
         for i in bits(block.finite) {
             let slot = paths.slots[first + i] as usize;
             let maps = &mapper.maps[wave.keys[slot].replicate as usize % mapper.maps.len()];
             let Some(map) = &maps.global else { continue };
-            let at = place(&block, i);
+            let at = lookup_point(&block, i);
             out[slot].value = match show {
                 PhotonDebug::Photons => nearest_photon(map, at, maps.point),
                 _ => {
@@ -50,9 +50,9 @@ pub fn li(
     }
 }
 
-/// The colour of the photon that is nearest, if one is near.
-fn nearest_photon(map: &PhotonMap, at: Place, radius: f32) -> Rgb {
-    let metric = Disc { normal: at.n, flatness: FLATNESS };
+/// Returns the colour of the nearest photon, or black if none is near.
+fn nearest_photon(map: &PhotonMap, at: LookupPoint, radius: f32) -> Rgb {
+    let metric = EllipsoidMetric { normal: at.n, flatness: FLATNESS };
     match map.tree().nearest_one(at.p, radius * radius, metric, |_| true) {
         Some(nearest) => {
             let power = map.photon(nearest.slot()).power();

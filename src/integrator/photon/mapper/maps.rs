@@ -1,57 +1,57 @@
-//! Casting photons into maps, or reading them from a file.
+//! The creation of photon maps, or their reading from a file.
 
 use crate::bsdf::Split;
 use crate::error::{Error, Result};
 use crate::integrator::photon::boundary::Boundary;
-use crate::integrator::photon::file::{self, Label, Light, Origin};
+use crate::integrator::photon::file::{self, MapKind, MapLabel, MapOrigin};
 use crate::integrator::photon::{
-    Caster, DensityEstimator, EmissionGuide, IrradianceMap, PathSequence, Photon, PhotonMap, PhotonPaths,
-    Until,
+    DensityEstimator, EmissionGuide, IrradianceMap, LightPathTracer, PathLimit, PathSequence, Photon,
+    PhotonMap, PhotonPaths,
 };
 
 use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
-use crate::integrator::{Counters, Fact, Preparation};
+use crate::integrator::{Counters, Preparation, Statistic};
 use crate::math::Vec3;
 use crate::memory::Reservation;
 use crate::scene::Scene;
 use crate::util::digest;
 use bumpalo::Bump;
 
-/// One of so many photons gets its irradiance computed. [Christensen 1999]
+/// The irradiance is computed at one of this many photons. [Christensen 1999]
 const IRRADIANCE_EVERY: usize = 4;
-/// The streams of the light paths' numbers, by what is cast.
+/// The streams of the light paths' random numbers, for the two kinds of maps.
 const STREAMS: [u32; 2] = [0, 2];
 
-/// What a replicate of the samples knows of light. What the scene does not need is not there.
+/// The maps of one replicate of the samples. Maps that the scene does not need are absent.
 #[derive(Default)]
 pub struct Maps {
-    /// Irradiance by all light.
+    /// Irradiance of all light.
     pub irradiance: Option<IrradianceMap>,
-    /// All photons, where they are to be shown.
+    /// All photons, for debug images.
     pub global: Option<PhotonMap>,
-    /// The width of what points show photons as, scene units.
+    /// The diameter of photons shown as points, in scene units.
     pub point: f32,
-    /// Of the maps of all replicates, in the first.
+    /// The reserved memory of the maps of all replicates, stored with the first.
     reserved: Option<Reservation>,
 }
 
-/// What there is to render with.
-pub struct Prepared {
-    /// Of each replicate.
+/// The result of the preparation.
+pub struct PreparedMaps {
+    /// The maps of each replicate.
     pub maps: Vec<Maps>,
-    /// Light that Dirac deltas alone have brought, of each replicate.
+    /// The caustic map of each replicate: light scattered by Dirac deltas only.
     pub caustic: Vec<Option<PhotonMap>>,
-    /// What there is to say of them.
-    pub facts: Vec<Fact>,
+    /// Statistics.
+    pub statistics: Vec<Statistic>,
 }
 
-/// Which maps a scene needs.
-struct Plan {
+/// The maps that a scene needs.
+struct MapPlan {
     global: Option<PhotonPaths>,
     caustic: Option<PhotonPaths>,
 }
 
-impl Plan {
+impl MapPlan {
     fn new(scene: &Scene, settings: &PhotonmapperSettings) -> Self {
         let allows = |edges: u32| settings.max_depth.is_none_or(|max| max >= edges);
         let photons = |before: u32, direct: bool| PhotonPaths {
@@ -62,8 +62,9 @@ impl Plan {
         };
         let show = settings.debug != PhotonDebug::None;
         let (lit, depth) = (!scene.lights.is_empty(), allows(3));
-        Plan {
-            // The edges to the gathering surface and of its ray are the camera's; where photons are shown, the first is.
+        MapPlan {
+            // Two edges of the path belong to the camera: the one to the gathering surface and the gather ray. In
+            // debug images it is one.
             global: (lit && depth && has_diffuse_parts(scene))
                 .then(|| photons(if show { 1 } else { 2 }, true)),
             caustic: (lit && depth && !show && (scene.needs.deltas > 0) && scene.needs.finite_lobes)
@@ -72,7 +73,7 @@ impl Plan {
     }
 }
 
-/// Whether some surface may have a diffuse part. Those that are not the same everywhere may.
+/// Returns whether some surface may have a diffuse lobe. A surface with a varying BSDF may.
 fn has_diffuse_parts(scene: &Scene) -> bool {
     let arena = Bump::new();
     scene.shapes.iter().any(|shape| match &scene.materials.get(shape.material).constant {
@@ -84,14 +85,14 @@ fn has_diffuse_parts(scene: &Scene) -> bool {
     })
 }
 
-/// The maps of all replicates.
+/// Creates the maps of all replicates.
 pub fn prepare(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
     estimator: &DensityEstimator,
-) -> Result<Prepared> {
+) -> Result<PreparedMaps> {
     let scene = preparation.scene;
-    let plan = Plan::new(scene, settings);
+    let plan = MapPlan::new(scene, settings);
     let mut reserved = reserve(preparation, settings, &plan)?;
     let mut counters = Counters::default();
     let photons = load_or_cast(preparation, settings, &plan, &mut counters)?;
@@ -99,19 +100,19 @@ pub fn prepare(
     let mut maps: Vec<Maps> = (0..replicates).map(|_| Maps::default()).collect();
     let mut caustic: Vec<Option<PhotonMap>> = (0..replicates).map(|_| None).collect();
     let mut global: Vec<Option<PhotonMap>> = (0..replicates).map(|_| None).collect();
-    let mut sums = Sums::default();
+    let mut sums = MapStatistics::default();
     for (label, map) in photons {
         let replicate = label.replicate as usize % replicates;
         sums.add(label, &map);
         match label.light {
-            Light::Caustic => caustic[replicate] = Some(map),
-            Light::Global if settings.debug != PhotonDebug::None => maps[replicate].global = Some(map),
-            Light::Global => global[replicate] = Some(map),
+            MapKind::Caustic => caustic[replicate] = Some(map),
+            MapKind::Global if settings.debug != PhotonDebug::None => maps[replicate].global = Some(map),
+            MapKind::Global => global[replicate] = Some(map),
         }
     }
     for (replicate, map) in global.iter().enumerate() {
         let Some(map) = map else { continue };
-        // The places of the next replicate's photons do not know how this one's are spread by chance.
+        // The photon positions of the next replicate are independent of this replicate's noise.
         let places = global[(replicate + 1) % replicates].as_ref().unwrap_or(map);
         let boundary = Boundary::new(scene);
         let irradiance = preparation
@@ -127,36 +128,36 @@ pub fn prepare(
     }
     reserved.settle(sums.bytes as u64);
     maps[0].reserved = Some(reserved);
-    Ok(Prepared { maps, caustic, facts: sums.facts(&counters) })
+    Ok(PreparedMaps { maps, caustic, statistics: sums.statistics(&counters) })
 }
 
 /// Bytes of a photon in a finished map.
-const KEPT: u64 = PhotonMap::BYTES_PER_PHOTON as u64 + 1;
-/// Bytes of a photon while its map is built: the list that it was cast into, which grows by doubling, and what the tree is
-/// sorted in.
-const BUILDING: u64 = 70;
-/// As [`KEPT`], of its share of an irradiance map.
-const IRRADIANCE_KEPT: u64 = 12;
-/// As [`BUILDING`], of its share of an irradiance map.
-const IRRADIANCE_BUILDING: u64 = 25;
+const BYTES_IN_MAP: u64 = PhotonMap::BYTES_PER_PHOTON as u64 + 1;
+/// Bytes of a photon while its map is built: the list of photons, which grows by doubling, and the buffers in which
+/// the tree is sorted.
+const BYTES_WHILE_BUILDING: u64 = 70;
+/// Bytes of a photon for its part of a finished irradiance map.
+const IRRADIANCE_BYTES_IN_MAP: u64 = 12;
+/// Bytes of a photon for its part of an irradiance map under construction.
+const IRRADIANCE_BYTES_WHILE_BUILDING: u64 = 25;
 
-/// Reserves what the maps take while they are built.
+/// Reserves the memory required while the maps are built.
 fn reserve(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
-    plan: &Plan,
+    plan: &MapPlan,
 ) -> Result<Reservation> {
     let count = |paths: &Option<PhotonPaths>, photons: u32| paths.as_ref().map_or(0, |_| u64::from(photons));
     let (global, caustic) =
         (count(&plan.global, settings.global_photons), count(&plan.caustic, settings.caustic_photons));
-    let irradiance = global * (2 * IRRADIANCE_KEPT + IRRADIANCE_BUILDING);
-    // Irradiance is computed when all photons have been cast. Maps are built one after the other.
-    let one = BUILDING * global.max(caustic) / u64::from(preparation.sampler.replicates() / 2);
-    let cast = 2 * KEPT * (global + caustic) + one.max(irradiance);
-    // A file may hold anything until it has been read.
+    let irradiance = global * (2 * IRRADIANCE_BYTES_IN_MAP + IRRADIANCE_BYTES_WHILE_BUILDING);
+    // Irradiance is computed after all photons were traced. The maps are built one after the other.
+    let one = BYTES_WHILE_BUILDING * global.max(caustic) / u64::from(preparation.sampler.replicates() / 2);
+    let cast = 2 * BYTES_IN_MAP * (global + caustic) + one.max(irradiance);
+    // The content of a file is unknown before it has been read, so its length is the bound.
     let file = preparation.cache.as_ref().and_then(|cache| std::fs::metadata(&cache.path).ok());
     let photons = file.map_or(0, |about| about.len() / Photon::BYTES as u64);
-    let needed = cast.max(photons.saturating_mul(KEPT + BUILDING));
+    let needed = cast.max(photons.saturating_mul(BYTES_IN_MAP + BYTES_WHILE_BUILDING));
     preparation.memory.reserve(needed).map_err(|refusal| {
         let what =
             format!("maps of {global} global and {caustic} caustic photons for either half of the samples");
@@ -164,26 +165,26 @@ fn reserve(
     })
 }
 
-/// Of the scene's radius: how large photons are shown as points.
+/// The diameter of photons shown as points, relative to the scene's radius.
 const POINT: f32 = 2e-3;
 
-/// What the facts say, of all replicates together.
+/// Statistics over all replicates.
 #[derive(Default)]
-struct Sums {
+struct MapStatistics {
     photons: [f64; 2],
     emitted: [f64; 2],
     points: f64,
     bytes: f64,
 }
 
-impl Sums {
-    fn add(&mut self, label: Label, map: &PhotonMap) {
+impl MapStatistics {
+    fn add(&mut self, label: MapLabel, map: &PhotonMap) {
         self.photons[label.light as usize] += map.len() as f64;
         self.emitted[label.light as usize] += map.emitted() as f64;
         self.bytes += map.memory_bytes() as f64;
     }
 
-    fn facts(&self, counters: &Counters) -> Vec<Fact> {
+    fn statistics(&self, counters: &Counters) -> Vec<Statistic> {
         [
             ("global_photons", self.photons[0]),
             ("global_light_paths", self.emitted[0]),
@@ -193,7 +194,7 @@ impl Sums {
             ("photon_map_bytes", self.bytes),
             ("preparation_rays", counters.closest_rays as f64),
         ]
-        .map(|(name, value)| Fact { name, value })
+        .map(|(name, value)| Statistic { name, value })
         .to_vec()
     }
 }
@@ -201,13 +202,13 @@ impl Sums {
 fn load_or_cast(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
-    plan: &Plan,
+    plan: &MapPlan,
     counters: &mut Counters,
-) -> Result<Vec<(Label, PhotonMap)>> {
+) -> Result<Vec<(MapLabel, PhotonMap)>> {
     let Some(cache) = &preparation.cache else {
         return Ok(cast(preparation, settings, plan, counters));
     };
-    let origin = Origin { scene: cache.scene, settings: dependence(preparation, settings) };
+    let origin = MapOrigin { scene: cache.scene, settings: dependence(preparation, settings) };
     if cache.path.exists() {
         return file::load(&cache.path, origin);
     }
@@ -219,14 +220,14 @@ fn load_or_cast(
     Ok(photons)
 }
 
-/// Hash of what the photons depend on besides the scene.
+/// Returns the hash of the parameters, besides the scene, on which the photons depend.
 fn dependence(preparation: &Preparation<'_>, settings: &PhotonmapperSettings) -> u64 {
     let PhotonmapperSettings { max_depth, rr_depth, global_photons, caustic_photons, debug, .. } = settings;
     let Preparation { sampler, seed, .. } = preparation;
     digest(&(max_depth, rr_depth, global_photons, caustic_photons, debug, sampler, seed))
 }
 
-/// What a replicate has of the photons of a half of the samples; at least one.
+/// Returns the number of photons of one replicate, given that of a half of the samples; at least one.
 pub(super) fn share_of_half(photons: u64, replicates: u32) -> u64 {
     photons.div_ceil(u64::from(replicates / 2))
 }
@@ -234,35 +235,35 @@ pub(super) fn share_of_half(photons: u64, replicates: u32) -> u64 {
 fn cast(
     preparation: &Preparation<'_>,
     settings: &PhotonmapperSettings,
-    plan: &Plan,
+    plan: &MapPlan,
     counters: &mut Counters,
-) -> Vec<(Label, PhotonMap)> {
+) -> Vec<(MapLabel, PhotonMap)> {
     let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
     let mut maps = Vec::new();
     for (light, paths, count) in [
-        (Light::Global, plan.global, settings.global_photons),
-        (Light::Caustic, plan.caustic, settings.caustic_photons),
+        (MapKind::Global, plan.global, settings.global_photons),
+        (MapKind::Caustic, plan.caustic, settings.caustic_photons),
     ] {
         let Some(paths) = paths.filter(|_| count > 0) else { continue };
-        let plain = Caster { scene, sampler, guide: None, pool, interrupt, time: None };
-        // What makes caustics is often small, as seen from the emitters.
+        let plain = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
+        // Objects that cause caustics often subtend a small solid angle at the emitters, so emission is guided.
         let guide = match light {
-            Light::Global => None,
-            Light::Caustic => EmissionGuide::learn(&plain, &paths, seed, |_| true),
+            MapKind::Global => None,
+            MapKind::Caustic => EmissionGuide::learn(&plain, &paths, seed, |_| true),
         };
-        let caster = Caster { guide: guide.as_ref(), ..plain };
+        let tracer = LightPathTracer { guide: guide.as_ref(), ..plain };
         let replicates = sampler.replicates();
         for replicate in 0..replicates {
             let sequence =
                 PathSequence { seed, stream: STREAMS[light as usize], number: replicate, first: 0 };
             let kept = share_of_half(u64::from(count), replicates);
-            let until = Until { paths: u64::MAX, kept: Some(kept) };
-            let cast = caster.cast(&paths, sequence, until, |deposit, _| {
+            let until = PathLimit { paths: u64::MAX, kept: Some(kept) };
+            let cast = tracer.cast(&paths, sequence, until, |deposit, _| {
                 Photon::new(deposit.p, deposit.shading_power(), deposit.wi, deposit.ng)
             });
             counters.merge(&cast.counters);
             let map = pool.install(|| PhotonMap::new(cast.kept, cast.emitted));
-            maps.push((Label { light, replicate }, map));
+            maps.push((MapLabel { light, replicate }, map));
         }
     }
     maps

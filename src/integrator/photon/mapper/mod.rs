@@ -1,60 +1,62 @@
 //! The integrator `photonmapper`. [Jensen 1996; Jensen 2001; Christensen 1999]
 //!
-//! Before the render, light paths leave photons on surfaces: the global map holds all of them, the caustic map those that
-//! Dirac deltas alone have brought. At every fourth photon of the global map the irradiance is computed.
+//! Before the render, light paths deposit photons on surfaces. The global map has all of them, the caustic map those
+//! scattered by Dirac deltas only. The irradiance is computed at every fourth photon of the global map.
 //!
-//! A camera path follows mirrors, glass and glossy lobes to the first surface with a diffuse part. Direct light there is
-//! sampled; caustics are the density of the caustic map; all other light is gathered by rays over the hemisphere, each of which
-//! ends where it meets a diffuse part, at the irradiance of the nearest point that knows it. Where it meets none it goes
-//! on. Rays that meet a surface closer than that point's disc is wide go on as a path, too, or corners would show blotches;
-//! and those that see no such point, for light does not pass walls.
+//! A camera path continues through mirrors, glass and glossy lobes to the first surface with a diffuse lobe. Direct
+//! light there is sampled, and caustics are density estimates of the caustic map. All other light is gathered by rays
+//! over the hemisphere. A gather ray ends at a surface with a diffuse lobe, where it takes the irradiance of the
+//! nearest precomputed point. At other surfaces it continues. It also continues as a path where the distance to the
+//! surface is less than the radius of the point's disc, which avoids blotches in corners, and where the point is not
+//! visible, because light does not pass through walls.
 //!
-//! It is biased: what gathering rays find is blurred over the discs of the global map and ends at `max_depth` counted from there,
-//! so that paths by way of mirrors may be longer by the mirrored edges; caustics are blurred over the discs of the
-//! caustic map. More photons blur less. Coated surfaces that gathering rays find count the light's directions as uniform.
+//! The result is biased. The light found by gather rays is blurred over the discs of the global map. `max_depth` is
+//! counted from there, so paths through mirrors may be longer by the mirrored edges. Caustics are blurred over the
+//! discs of the caustic map. More photons reduce the blur. For coated surfaces found by gather rays, the directions
+//! of incident light are assumed to be uniform.
 //!
-//! Each replicate of the image's samples has maps of its own, so that their differences know the maps' noise and what
-//! pixels share of it. They do not know the maps' blur, which is the same in all.
+//! Each replicate of the image's samples has its own maps, so the differences between replicates include the maps'
+//! noise, also where pixels share it. They do not include the maps' blur, which is the same in all replicates.
 
 mod caustics;
 mod debug;
 mod maps;
 mod paths;
 
-use super::{DensityEstimator, Place};
+use super::{DensityEstimator, LookupPoint};
 use crate::error::Result;
-use crate::integrator::block::Block;
-use crate::integrator::preparation::refuse_motion;
+use crate::integrator::block::ShadingBlock;
+use crate::integrator::preparation::reject_motion;
 use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
-use crate::integrator::{Fact, Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
+use crate::integrator::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker};
 use crate::scene::Scene;
 use maps::Maps;
 use std::sync::Arc;
 
 pub use caustics::CausticMaps;
 
-/// Final gathering over photon maps.
+/// Final gathering with photon maps.
 pub struct Photonmapper {
     settings: PhotonmapperSettings,
-    /// For each replicate of the samples: as many as there are, a power of two.
+    /// The maps of each replicate of the samples; the number is a power of two.
     maps: Vec<Maps>,
     caustics: Arc<CausticMaps>,
     global: DensityEstimator,
-    facts: Vec<Fact>,
+    statistics: Vec<Statistic>,
 }
 
 impl Photonmapper {
-    /// The integrator with its settings, and without photons.
+    /// Creates the integrator without photons.
     pub fn new(settings: PhotonmapperSettings) -> Self {
         let [caustics, global] = estimators(&settings, 1.0, 2);
         let caustics = Arc::new(CausticMaps::new(caustics, vec![None]));
-        Photonmapper { settings, maps: vec![Maps::default()], caustics, global, facts: Vec::new() }
+        Photonmapper { settings, maps: vec![Maps::default()], caustics, global, statistics: Vec::new() }
     }
 }
 
-/// How photons become light, of the caustic map and of the global one, in a scene of that radius. The maps of a half
-/// of the samples share its photons and what is looked up of them, so that discs are as wide for any number of
-/// replicates.
+/// Returns the density estimators of the caustic map and of the global map in a scene of the given radius. The maps
+/// of a half of the samples share its number of photons and lookup size, so the radius of the discs does not depend
+/// on the number of replicates.
 fn estimators(settings: &PhotonmapperSettings, scale: f32, replicates: u32) -> [DensityEstimator; 2] {
     let lookup_size = maps::share_of_half(u64::from(settings.lookup_size), replicates).max(2) as usize;
     [settings.caustic_lookup_radius, settings.global_lookup_radius].map(|radius| DensityEstimator {
@@ -64,10 +66,10 @@ fn estimators(settings: &PhotonmapperSettings, scale: f32, replicates: u32) -> [
     })
 }
 
-/// The place of a lane, on the side that the ray came from.
-fn place(block: &Block<'_>, i: usize) -> Place {
+/// Returns the lookup point of a lane, on the side of the ray's origin.
+fn lookup_point(block: &ShadingBlock<'_>, i: usize) -> LookupPoint {
     let (n, d) = (block.at.ng.lane(i), block.rays.d.lane(i));
-    Place { p: block.at.p.lane(i), n: if n.dot(d) > 0.0 { -n } else { n } }
+    LookupPoint { p: block.at.p.lane(i), n: if n.dot(d) > 0.0 { -n } else { n } }
 }
 
 impl Integrator for Photonmapper {
@@ -84,7 +86,7 @@ impl Integrator for Photonmapper {
     }
 
     fn check(&self, scene: &Scene) -> Result<()> {
-        refuse_motion("photonmapper", "photons", scene)
+        reject_motion("photonmapper", "photons", scene)
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
@@ -93,15 +95,15 @@ impl Integrator for Photonmapper {
         let [caustics, global] = estimators(&self.settings, preparation.scene.bounds.radius(), replicates);
         let prepared = maps::prepare(preparation, &self.settings, &global)?;
         self.caustics = Arc::new(CausticMaps::new(caustics, prepared.caustic));
-        (self.global, self.maps, self.facts) = (global, prepared.maps, prepared.facts);
+        (self.global, self.maps, self.statistics) = (global, prepared.maps, prepared.statistics);
         Ok(())
     }
 
-    fn facts(&self) -> Vec<Fact> {
-        self.facts.clone()
+    fn statistics(&self) -> Vec<Statistic> {
+        self.statistics.clone()
     }
 
-    fn keeps_caches(&self) -> bool {
+    fn supports_cache_file(&self) -> bool {
         true
     }
 

@@ -1,14 +1,14 @@
-//! The camera's paths, one wave at a time, and the waves of rays that branch off them.
+//! Camera paths, one wave at a time, and the waves of rays that branch off them.
 
 use super::maps::Maps;
-use super::{Photonmapper, place};
+use super::{Photonmapper, lookup_point};
 use crate::accel::Coherence;
 use crate::bsdf::{self, Bsdf, Split};
 use crate::color::Rgb;
-use crate::integrator::block::Block;
+use crate::integrator::block::ShadingBlock;
 use crate::integrator::lighting::{self, TechniqueCounts};
 use crate::integrator::path::first_hits;
-use crate::integrator::photon::kdtree::Nearest;
+use crate::integrator::photon::kdtree::NeighbourBuffer;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::tree::split;
 use crate::integrator::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
@@ -19,74 +19,76 @@ use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use bumpalo::Bump;
 
-/// A direction that is drawn with a density above this, sr⁻¹, shows what it meets: photons are not looked up there.
-const SHARP: f32 = 4.0;
+/// The density of a sampled direction, sr⁻¹, above which photons are not looked up at its hit, because their blur
+/// would be visible.
+const MAX_LOOKUP_PDF: f32 = 4.0;
 
-/// How far a ray to where irradiance is known goes, of the way: what it ends at is not in its way.
-const SHORT: f32 = 0.996;
+/// The upper bound of the parameter of a visibility ray to a precomputed point at 1. It excludes the surface of the
+/// point.
+const VISIBILITY_T_MAX: f32 = 0.996;
 
-/// What lies between the camera and a ray.
+/// The type of scattering between the camera and a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Light {
-    /// Dirac deltas only: all light that it finds counts.
+enum PathHistory {
+    /// Dirac deltas only: all emission is added.
     Camera,
-    /// A finite lobe last: what no emitter sample has found counts.
+    /// A finite lobe last: emission is added with its weight against emitter samples.
     Finite,
-    /// A finite lobe, then Dirac deltas: nothing counts, for caustic photons have brought it.
+    /// A finite lobe, then Dirac deltas: emission is not added, because the caustic map contains it.
     Caustic,
 }
 
-/// What a path is, besides what every path is.
+/// The state of a path's current segment.
 #[derive(Clone, Copy, Debug)]
-struct Leg {
-    light: Light,
-    /// Whether photons may be looked up where the ray ends.
+struct PathSegment {
+    history: PathHistory,
+    /// Whether photons may be looked up at the end of the segment.
     gathers: bool,
-    /// Whether the path is one of many already.
+    /// Whether the path is one of several branches.
     branched: bool,
 }
 
-/// How many rays leave a surface.
+/// The number of rays from a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Branching {
-    /// One of each kind.
+enum BranchKind {
+    /// One emitter sample and one BSDF sample.
     Single,
-    /// Over a hemisphere that other surfaces light.
+    /// The samples of a final gather.
     Gather,
-    /// Into glossy lobes.
+    /// The samples of glossy lobes.
     Glossy,
 }
 
-const BRANCHINGS: [Branching; 3] = [Branching::Single, Branching::Gather, Branching::Glossy];
+const BRANCH_KINDS: [BranchKind; 3] = [BranchKind::Single, BranchKind::Gather, BranchKind::Glossy];
 
-/// Sixteen surface points that paths go on from.
-struct Shaded<'a> {
-    /// Lanes that are done are not active; of those that photons were looked up at only the rest of the BSDF is left.
-    block: Block<'a>,
-    branching: [Branching; LANES],
-    /// Rays that were traced to where irradiance is known.
-    sights: u64,
+/// Sixteen surface points at which paths continue.
+struct ShadedBlock<'a> {
+    /// Lanes whose paths end are inactive. Where photons were looked up, the BSDF is reduced to the other lobes.
+    block: ShadingBlock<'a>,
+    kind: [BranchKind; LANES],
+    /// The number of visibility rays traced to precomputed points.
+    visibility_rays: u64,
 }
 
-impl Shaded<'_> {
-    /// Bits: the active lanes of a kind.
-    fn lanes(&self, branching: Branching) -> u32 {
-        bits(self.block.active).fold(0, |set, i| set | u32::from(self.branching[i] == branching) << i)
+impl ShadedBlock<'_> {
+    /// Returns a mask of the active lanes of the given kind.
+    fn lanes(&self, kind: BranchKind) -> u32 {
+        bits(self.block.active).fold(0, |set, i| set | u32::from(self.kind[i] == kind) << i)
     }
 }
 
-/// What every path of a wave has in common.
-struct Paths<'a> {
+/// The state shared by all paths of a wave.
+struct PhotonmapperWave<'a> {
     mapper: &'a Photonmapper,
     scene: &'a Scene,
     query: RadianceQuery,
-    /// The keys of the wave's rays, by slot.
+    /// The keys of the wave's rays, for each slot.
     keys: &'a [SampleKey],
     coherence: Coherence,
 }
 
-/// Rays that may branch off a wave at a time.
-const MOST_RAYS: usize = 1 << 19;
+/// The greatest number of rays that branch off a wave at a time.
+const MAX_RAYS: usize = 1 << 19;
 
 /// Estimates the radiance along the rays of a wave.
 pub fn li(
@@ -100,26 +102,26 @@ pub fn li(
     out.fill(Radiance::NONE);
     // A query without emitted light is a gather ray.
     let gathers = !query.emitted && query.direct && query.indirect;
-    let leg = Leg { light: Light::Camera, gathers, branched: gathers };
+    let segment = PathSegment { history: PathHistory::Camera, gathers, branched: gathers };
     let branches = mapper.settings.gather_samples.max(mapper.settings.glossy_samples);
-    let rays = (MOST_RAYS / branches as usize).max(LANES);
+    let rays = (MAX_RAYS / branches as usize).max(LANES);
     let parts = wave.rays.chunks(rays).zip(wave.keys.chunks(rays)).zip(out.chunks_mut(rays));
     for ((rays, keys), out) in parts {
         worker.paths.begin(rays, keys);
-        let paths = Paths { mapper, scene, query, keys, coherence: wave.coherence };
-        paths.follow(vec![leg; out.len()], worker, out);
+        let paths = PhotonmapperWave { mapper, scene, query, keys, coherence: wave.coherence };
+        paths.trace(vec![segment; out.len()], worker, out);
     }
 }
 
-/// A wave of rays that are to be followed.
-struct Pending {
-    /// The number of edges of the paths, with these rays.
+/// A wave of rays to be traced.
+struct PendingWave {
+    /// The number of edges of the paths, including these rays.
     edges: u32,
-    legs: Vec<Leg>,
+    segments: Vec<PathSegment>,
     paths: PathWave,
 }
 
-impl<'a> Paths<'a> {
+impl<'a> PhotonmapperWave<'a> {
     fn allows(&self, edges: u32) -> bool {
         self.mapper.settings.max_depth.is_none_or(|max| edges <= max)
     }
@@ -128,169 +130,187 @@ impl<'a> Paths<'a> {
         &self.mapper.maps[self.keys[slot as usize].replicate as usize % self.mapper.maps.len()]
     }
 
-    /// Whether light at an emitter is wanted that a path of so many edges finds.
-    fn wants(&self, light: Light, edges: u32) -> bool {
-        match light {
-            Light::Camera if edges == 1 => self.query.emitted && !self.mapper.settings.hide_emitters,
-            Light::Camera if self.query.separates_caustics() => self.query.caustic,
-            Light::Caustic => false,
+    /// Returns whether emission found by a path with the given number of edges is added.
+    fn wants(&self, history: PathHistory, edges: u32) -> bool {
+        match history {
+            PathHistory::Camera if edges == 1 => self.query.emitted && !self.mapper.settings.hide_emitters,
+            PathHistory::Camera if self.query.separates_caustics() => self.query.caustic,
+            PathHistory::Caustic => false,
             _ => self.query.wants(edges),
         }
     }
 
-    /// Follows the wave in the worker's hand and all that comes of it.
-    fn follow(&self, legs: Vec<Leg>, worker: &mut Worker, out: &mut [Radiance]) {
-        let mut waves = vec![Pending { edges: 1, legs, paths: std::mem::take(&mut worker.paths) }];
+    /// Traces the worker's current wave and all its descendants.
+    fn trace(&self, segments: Vec<PathSegment>, worker: &mut Worker, out: &mut [Radiance]) {
+        let mut waves = vec![PendingWave { edges: 1, segments, paths: std::mem::take(&mut worker.paths) }];
         while let Some(wave) = waves.pop().filter(|_| !worker.interrupt.is_raised()) {
             let first = waves.len();
-            self.enter(wave, worker, out, &mut waves);
-            // In the order in which they were made.
+            self.trace_wave(wave, worker, out, &mut waves);
+            // Waves are traced in the order of their creation.
             waves[first..].reverse();
         }
     }
 
-    /// Traces a wave, adds the light that it finds, and appends the waves that go on from there.
-    fn enter(&self, wave: Pending, worker: &mut Worker, out: &mut [Radiance], waves: &mut Vec<Pending>) {
-        let Pending { edges, mut legs, paths } = wave;
+    /// Traces a wave, adds the light found, and appends the waves that continue from it.
+    fn trace_wave(
+        &self,
+        wave: PendingWave,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+        waves: &mut Vec<PendingWave>,
+    ) {
+        let PendingWave { edges, mut segments, paths } = wave;
         worker.paths = paths;
         let coherence = if edges == 1 { self.coherence } else { Coherence::Incoherent };
         intersect(self.scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
         if edges == 1 {
             first_hits(self.scene, self.mapper.settings.hide_emitters, worker, out);
         }
-        self.drop_missed(edges, &mut legs, worker, out);
+        self.drop_missed(edges, &mut segments, worker, out);
         let arena = Bump::new();
-        let blocks: Vec<Block<'_>> =
-            Block::all(self.scene, &arena, &worker.paths.rays, &worker.hits).collect();
-        self.add_emitted(edges, &blocks, &legs, &worker.paths, out);
+        let blocks: Vec<ShadingBlock<'_>> =
+            ShadingBlock::all(self.scene, &arena, &worker.paths.rays, &worker.hits).collect();
+        self.add_emitted(edges, &blocks, &segments, &worker.paths, out);
         if !self.allows(edges + 1) {
             return;
         }
-        let mut buffer = Nearest::default();
+        let mut buffer = NeighbourBuffer::default();
         let parents = std::mem::take(&mut worker.paths);
-        let shaded: Vec<Shaded<'_>> = blocks
+        let shaded: Vec<ShadedBlock<'_>> = blocks
             .into_iter()
-            .map(|block| self.look_up(edges, block, &legs, &parents, &arena, out))
+            .map(|block| self.lookup_photons(edges, block, &segments, &parents, &arena, out))
             .collect();
-        worker.counters.occlusion_rays += shaded.iter().map(|s| s.sights).sum::<u64>();
+        worker.counters.occlusion_rays += shaded.iter().map(|s| s.visibility_rays).sum::<u64>();
         if self.query.indirect {
             for shaded in &shaded {
                 self.add_caustics(&shaded.block, &parents, &mut buffer, out);
             }
         }
         self.sample_emitters(edges, &shaded, &parents, coherence, worker, out);
-        let most = BRANCHINGS
+        let most = BRANCH_KINDS
             .into_iter()
-            .filter(|&branching| shaded.iter().any(|s| s.lanes(branching) != 0))
-            .map(|branching| self.counts(branching).1)
+            .filter(|&kind| shaded.iter().any(|s| s.lanes(kind) != 0))
+            .map(|kind| self.counts(kind).1)
             .max();
         for i in 0..most.unwrap_or(0) {
-            let legs = self.scatter(edges, i, &shaded, &legs, &parents, worker);
-            if !legs.is_empty() {
-                waves.push(Pending { edges: edges + 1, legs, paths: std::mem::take(&mut worker.paths) });
+            let segments = self.scatter(edges, i, &shaded, &segments, &parents, worker);
+            if !segments.is_empty() {
+                waves.push(PendingWave {
+                    edges: edges + 1,
+                    segments,
+                    paths: std::mem::take(&mut worker.paths),
+                });
             }
         }
     }
 
-    /// How many emitter samples and how many rays into the BSDF a surface gets.
-    fn counts(&self, branching: Branching) -> (u32, u32) {
+    /// Returns the number of emitter samples and of BSDF samples at a surface.
+    fn counts(&self, kind: BranchKind) -> (u32, u32) {
         let settings = &self.mapper.settings;
-        match branching {
-            Branching::Single => (1, 1),
-            Branching::Gather => (settings.direct_samples, settings.gather_samples),
-            Branching::Glossy => (settings.direct_samples, settings.glossy_samples),
+        match kind {
+            BranchKind::Single => (1, 1),
+            BranchKind::Gather => (settings.direct_samples, settings.gather_samples),
+            BranchKind::Glossy => (settings.direct_samples, settings.glossy_samples),
         }
     }
 
-    /// Takes the paths that hit nothing out of the wave, with the light that they found there.
-    fn drop_missed(&self, edges: u32, legs: &mut Vec<Leg>, worker: &mut Worker, out: &mut [Radiance]) {
+    /// Removes the paths that hit nothing from the wave and adds the environment's radiance for them.
+    fn drop_missed(
+        &self,
+        edges: u32,
+        segments: &mut Vec<PathSegment>,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
         let Worker { paths, hits, .. } = worker;
         let met: Vec<bool> = hits.iter().map(Option::is_some).collect();
         paths.keep_hits(hits, |paths, i| {
-            if self.scene.needs.environment && self.wants(legs[i].light, edges) {
+            if self.scene.needs.environment && self.wants(segments[i].history, edges) {
                 let d = paths.rays[i].d;
                 let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
             }
         });
         let mut met = met.into_iter();
-        legs.retain(|_| met.next().unwrap_or(false));
+        segments.retain(|_| met.next().unwrap_or(false));
     }
 
     fn add_emitted(
         &self,
         edges: u32,
-        blocks: &[Block<'_>],
-        legs: &[Leg],
+        blocks: &[ShadingBlock<'_>],
+        segments: &[PathSegment],
         paths: &PathWave,
         out: &mut [Radiance],
     ) {
         for block in blocks {
             for (i, le) in lighting::emitted(self.scene, block, &paths.pdf, TechniqueCounts::ONE_EACH) {
                 let j = block.first + i;
-                if self.wants(legs[j].light, edges) {
+                if self.wants(segments[j].history, edges) {
                     out[paths.slots[j] as usize].value += paths.beta(j) * le;
                 }
             }
         }
     }
 
-    /// Adds what photons bring to the diffuse parts that gathering rays have met, and says how the paths go on.
-    fn look_up<'b>(
+    /// Adds the radiance from photons at the diffuse lobes that gather rays hit, and determines how the paths
+    /// continue.
+    fn lookup_photons<'b>(
         &self,
         edges: u32,
-        mut block: Block<'b>,
-        legs: &[Leg],
+        mut block: ShadingBlock<'b>,
+        segments: &[PathSegment],
         paths: &PathWave,
         arena: &'b Bump,
         out: &mut [Radiance],
-    ) -> Shaded<'b> {
-        let mut sights = 0;
-        let mut branching = [Branching::Single; LANES];
+    ) -> ShadedBlock<'b> {
+        let mut visibility_rays = 0;
+        let mut kind = [BranchKind::Single; LANES];
         for i in bits(block.active) {
             let (j, wo) = (block.first + i, block.wo.lane(i));
-            let leg = legs[j];
-            if leg.branched && !leg.gathers {
+            let segment = segments[j];
+            if segment.branched && !segment.gathers {
                 continue;
             }
             let Split { diffuse, rest } = block.bsdfs[i].split(wo, arena);
             match diffuse {
-                Some(diffuse) if leg.gathers => {
-                    let known = self.known(&block, i, diffuse, paths.slots[j], edges, &mut sights);
-                    let Some(light) = known else { continue };
-                    out[paths.slots[j] as usize].value += paths.beta(j) * light;
+                Some(diffuse) if segment.gathers => {
+                    let radiance =
+                        self.lookup_radiance(&block, i, diffuse, paths.slots[j], edges, &mut visibility_rays);
+                    let Some(radiance) = radiance else { continue };
+                    out[paths.slots[j] as usize].value += paths.beta(j) * radiance;
                     match rest {
                         Some(rest) => block.bsdfs[i] = rest,
                         None => block.active &= !(1 << i),
                     }
                 }
-                Some(_) if !leg.branched && self.query.indirect => branching[i] = Branching::Gather,
-                None if !leg.branched && block.finite >> i & 1 == 1 => branching[i] = Branching::Glossy,
+                Some(_) if !segment.branched && self.query.indirect => kind[i] = BranchKind::Gather,
+                None if !segment.branched && block.finite >> i & 1 == 1 => kind[i] = BranchKind::Glossy,
                 _ => {}
             }
         }
         let finite = bits(block.active).filter(|&i| !block.bsdfs[i].is_specular());
         block.finite = finite.fold(0, |set, i| set | 1 << i);
-        Shaded { block, branching, sights }
+        ShadedBlock { block, kind, visibility_rays }
     }
 
-    /// The light that a diffuse part is known to send along the ray; `None` where the path should go on, because it has met
-    /// a surface within the width of a disc of photons, or one whose light is not known, or is known only beyond a wall.
-    fn known(
+    /// Returns the precomputed radiance of a diffuse lobe along the ray. Returns `None` if the path must continue:
+    /// the distance is less than the disc's radius, no irradiance is known, or the point is not visible.
+    fn lookup_radiance(
         &self,
-        block: &Block<'_>,
+        block: &ShadingBlock<'_>,
         i: usize,
         diffuse: &Bsdf<'_>,
         slot: u32,
         edges: u32,
-        sights: &mut u64,
+        visibility_rays: &mut u64,
     ) -> Option<Rgb> {
         let factor = diffuse.radiance_per_irradiance(block.wo.lane(i));
         let irradiance = self.maps(slot).irradiance.as_ref();
         if factor.is_black() || irradiance.is_none() || !self.allows(edges + 1) {
             return Some(Rgb::BLACK);
         }
-        let at = place(block, i);
+        let at = lookup_point(block, i);
         let found = irradiance?.nearest(at)?;
         let d = block.rays.d.lane(i);
         let length = d.length();
@@ -298,19 +318,25 @@ impl<'a> Paths<'a> {
             return None;
         }
         let seen = found.free || {
-            // From a point of the ray, which is seen from the place.
+            // From a point on the ray that is visible from the surface point.
             let o = at.p - d * (at.p.distance(found.at.p) / length).min(block.at.hit[i].t);
             let (d, time) = (found.at.p - o, block.rays.time.as_array()[i]);
             d.dot(found.at.n) < 0.0 && {
-                *sights += 1;
-                !self.scene.accel.occluded(&Ray { o, d, t_max: SHORT, time })
+                *visibility_rays += 1;
+                !self.scene.accel.occluded(&Ray { o, d, t_max: VISIBILITY_T_MAX, time })
             }
         };
         seen.then(|| factor * found.value)
     }
 
-    /// Adds the density of caustic photons at the points of a block.
-    fn add_caustics(&self, block: &Block<'_>, paths: &PathWave, buffer: &mut Nearest, out: &mut [Radiance]) {
+    /// Adds the density estimate of caustic photons at the points of a block.
+    fn add_caustics(
+        &self,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        buffer: &mut NeighbourBuffer,
+        out: &mut [Radiance],
+    ) {
         for i in bits(block.finite) {
             let j = block.first + i;
             let key = self.keys[paths.slots[j] as usize];
@@ -319,11 +345,11 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// Sends shadow rays from the finite lobes.
+    /// Traces shadow rays for the finite lobes.
     fn sample_emitters(
         &self,
         edges: u32,
-        shaded: &[Shaded<'_>],
+        shaded: &[ShadedBlock<'_>],
         parents: &PathWave,
         coherence: Coherence,
         worker: &mut Worker,
@@ -333,9 +359,9 @@ impl<'a> Paths<'a> {
             return;
         }
         let mut keys = Vec::new();
-        for branching in BRANCHINGS {
-            let (samples, rays) = self.counts(branching);
-            let lanes: Vec<u32> = shaded.iter().map(|s| s.lanes(branching) & s.block.finite).collect();
+        for kind in BRANCH_KINDS {
+            let (samples, rays) = self.counts(kind);
+            let lanes: Vec<u32> = shaded.iter().map(|s| s.lanes(kind) & s.block.finite).collect();
             if lanes.iter().all(|&lanes| lanes == 0) {
                 continue;
             }
@@ -346,7 +372,7 @@ impl<'a> Paths<'a> {
                 let Worker { sampler, numbers, shadows, .. } = &mut *worker;
                 draw_1d(*sampler, Dimension::emitter_choice(edges - 1), &keys, &mut numbers.emitter_choice);
                 draw_2d(*sampler, Dimension::emitter_point(edges - 1), &keys, &mut numbers.emitter_point);
-                for (Shaded { block, .. }, &lanes) in
+                for (ShadedBlock { block, .. }, &lanes) in
                     shaded.iter().zip(&lanes).filter(|(_, lanes)| **lanes != 0)
                 {
                     let u_choice = load(&numbers.emitter_choice, block.first);
@@ -361,16 +387,16 @@ impl<'a> Paths<'a> {
         }
     }
 
-    /// Puts the `s`-th ray into the BSDF of each surface that gets so many into the worker's hand.
+    /// Samples the `s`-th ray of each surface that has so many, into the worker's current wave.
     fn scatter(
         &self,
         edges: u32,
         s: u32,
-        shaded: &[Shaded<'_>],
-        legs: &[Leg],
+        shaded: &[ShadedBlock<'_>],
+        segments: &[PathSegment],
         parents: &PathWave,
         worker: &mut Worker,
-    ) -> Vec<Leg> {
+    ) -> Vec<PathSegment> {
         let keys = self.branch_keys(s, shaded, parents);
         let Worker { sampler, numbers, paths, .. } = worker;
         draw_1d(*sampler, Dimension::bsdf_lobe(edges - 1), &keys, &mut numbers.bsdf_lobe);
@@ -381,9 +407,9 @@ impl<'a> Paths<'a> {
         }
         paths.copy_from(parents);
         paths.keys.copy_from_slice(&keys);
-        let (mut alive, mut onward) = (0, Vec::new());
-        for Shaded { block, branching, .. } in shaded {
-            let (samples, rays) = self.lane_counts(branching, block.active, s);
+        let (mut alive, mut continued) = (0, Vec::new());
+        for ShadedBlock { block, kind, .. } in shaded {
+            let (samples, rays) = self.lane_counts(kind, block.active, s);
             let lanes = rays.simd_gt(f32x16::ZERO).to_bitmask() & block.active;
             if lanes == 0 {
                 continue;
@@ -396,7 +422,7 @@ impl<'a> Paths<'a> {
             let mut valid = sample.valid & strongest.simd_ne(f32x16::ZERO);
             let mut weight = sample.weight;
             if let Some(roulette) = roulette {
-                // What a path brings does not decide, for where it branches all of its parts bring little.
+                // The throughput itself is not used: where a path branches, every branch has a small throughput.
                 let on;
                 let u = load(&numbers.roulette, block.first);
                 (weight, on) = roulette.play_x16(weight, sample.eta * sample.eta, u);
@@ -406,25 +432,26 @@ impl<'a> Paths<'a> {
             let next = Continuation {
                 rays: self.scene.spawn_rays(&block.at, block.at.frame.to_world(sample.wi), block.rays.time),
                 beta,
-                // So the heuristic with one sample of each weights as that with the counts does.
+                // With this density, the power heuristic with one sample of each technique gives the weights for
+                // these counts.
                 pdf: sample.pdf * rays / samples,
                 eta: load(&parents.eta, block.first) * sample.eta,
             };
             let lanes = valid.to_bitmask() & lanes;
             alive = paths.compact(block.first, alive, &next, lanes);
-            let leg = |i: usize| legs[block.first + i].onward(sample.pdf.as_array()[i], branching[i]);
-            onward.extend(bits(lanes).map(leg));
+            let segment = |i: usize| segments[block.first + i].continued(sample.pdf.as_array()[i], kind[i]);
+            continued.extend(bits(lanes).map(segment));
         }
         paths.truncate(alive);
-        onward
+        continued
     }
 
-    /// The keys of the `s`-th rays.
-    fn branch_keys(&self, s: u32, shaded: &[Shaded<'_>], parents: &PathWave) -> Vec<SampleKey> {
+    /// Returns the keys of the `s`-th rays.
+    fn branch_keys(&self, s: u32, shaded: &[ShadedBlock<'_>], parents: &PathWave) -> Vec<SampleKey> {
         let mut keys = parents.keys.clone();
-        for Shaded { block, branching, .. } in shaded {
+        for ShadedBlock { block, kind, .. } in shaded {
             for i in bits(block.active) {
-                let (_, rays) = self.counts(branching[i]);
+                let (_, rays) = self.counts(kind[i]);
                 let key = &mut keys[block.first + i];
                 *key = if rays == 1 { *key } else { split(*key, rays, s) };
             }
@@ -432,11 +459,11 @@ impl<'a> Paths<'a> {
         keys
     }
 
-    /// The counts of emitter samples and rays in each lane; no rays where there is no `s`-th.
-    fn lane_counts(&self, branching: &[Branching; LANES], active: u32, s: u32) -> (f32x16, f32x16) {
+    /// Returns the numbers of emitter samples and rays in each lane; no rays if there is no `s`-th one.
+    fn lane_counts(&self, kind: &[BranchKind; LANES], active: u32, s: u32) -> (f32x16, f32x16) {
         let (mut samples, mut rays) = ([1.0; LANES], [0.0; LANES]);
         for i in bits(active) {
-            let (m, n) = self.counts(branching[i]);
+            let (m, n) = self.counts(kind[i]);
             samples[i] = m as f32;
             rays[i] = if s < n { n as f32 } else { 0.0 };
         }
@@ -444,15 +471,15 @@ impl<'a> Paths<'a> {
     }
 }
 
-impl Leg {
-    /// What the path is after a surface that it has left in a direction of that density.
-    fn onward(self, pdf: f32, branching: Branching) -> Leg {
-        let light = match self.light {
-            _ if pdf.is_finite() => Light::Finite,
-            Light::Camera => Light::Camera,
-            Light::Finite | Light::Caustic => Light::Caustic,
+impl PathSegment {
+    /// Returns the state of the next segment, for a direction sampled with the density `pdf`.
+    fn continued(self, pdf: f32, kind: BranchKind) -> PathSegment {
+        let history = match self.history {
+            _ if pdf.is_finite() => PathHistory::Finite,
+            PathHistory::Camera => PathHistory::Camera,
+            PathHistory::Finite | PathHistory::Caustic => PathHistory::Caustic,
         };
-        let branched = self.branched || branching != Branching::Single;
-        Leg { light, gathers: self.gathers || (branched && pdf < SHARP), branched }
+        let branched = self.branched || kind != BranchKind::Single;
+        PathSegment { history, gathers: self.gathers || (branched && pdf < MAX_LOOKUP_PDF), branched }
     }
 }

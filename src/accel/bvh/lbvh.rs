@@ -1,9 +1,9 @@
-//! Crowds: very many boxes in one place, of which none makes a good pair with another.
+//! Trees for very many boxes that overlap each other almost completely.
 //!
-//! The builder merges boxes that are mutually nearest, which takes a few rounds wherever neighbours lie beside each other. Of
-//! boxes that contain each other, or are the same but for a little, each has its nearest neighbour in the next smaller
-//! one: a round merges a single pair, and building takes quadratic time. Such boxes get a tree of their own, by halving
-//! their order along a Z-curve. [Lauterbach et al. 2009]
+//! The builder of obvhs merges pairs of boxes that are mutually nearest. Where neighbours lie side by side, this
+//! takes a few rounds. Of nested or nearly identical boxes, the nearest neighbour of each is the next smaller one; a
+//! round then merges a single pair, and construction takes quadratic time. Such boxes get a separate tree, built by
+//! halving their order along a Z-curve. [Lauterbach et al. 2009]
 
 use crate::sampling::hash::combine;
 use obvhs::aabb::Aabb;
@@ -11,43 +11,45 @@ use obvhs::bvh2::{Bvh2, node::Bvh2Node};
 use obvhs::cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh};
 use rayon::prelude::*;
 
-/// So many neighbours in a row that are merged almost for free make a crowd.
-const CROWD: usize = 256;
-/// By how much the larger of two boxes grows at most, where merging is almost for free.
-const ALMOST: f32 = 1.05;
+/// The least length of a run of overlapping boxes along the Z-curve that gets a separate tree.
+const MIN_RUN: usize = 256;
+/// The greatest ratio between the area of the union of two boxes and the area of the larger one, for them to overlap.
+const MAX_GROWTH: f32 = 1.05;
 
-/// The boxes that belong to crowds, along the Z-curve; nearly always none.
-pub fn find(boxes: &[Aabb]) -> Vec<u32> {
-    if boxes.len() < CROWD {
+/// Returns the boxes that get a separate tree, in Z-curve order; almost always empty.
+pub fn find_overlapping(boxes: &[Aabb]) -> Vec<u32> {
+    if boxes.len() < MIN_RUN {
         return Vec::new();
     }
-    let order = along_the_curve(boxes);
+    let order = z_order(boxes);
     let at = |i: usize| &boxes[order[i] as usize];
-    let free = |i: usize| {
+    let overlaps_next = |i: usize| {
         let [a, b] = [at(i), at(i + 1)];
-        a.union(b).half_area() <= ALMOST * a.half_area().max(b.half_area())
+        a.union(b).half_area() <= MAX_GROWTH * a.half_area().max(b.half_area())
     };
-    let mut crowd = Vec::new();
+    let mut overlapping = Vec::new();
     let mut first = 0;
     for i in 0..order.len() {
-        if i + 1 == order.len() || !free(i) {
-            if i + 1 - first >= CROWD {
-                crowd.extend(&order[first..=i]);
+        if i + 1 == order.len() || !overlaps_next(i) {
+            if i + 1 - first >= MIN_RUN {
+                overlapping.extend(&order[first..=i]);
             }
             first = i + 1;
         }
     }
-    crowd
+    overlapping
 }
 
-/// The boxes' indices in the order of their middles along a Z-curve, equal boxes beside each other.
-fn along_the_curve(boxes: &[Aabb]) -> Vec<u32> {
+/// Returns the boxes' indices in the order of their centres along a Z-curve, equal boxes next to each other.
+fn z_order(boxes: &[Aabb]) -> Vec<u32> {
     let all = boxes.iter().fold(Aabb::empty(), |all, b| all.union(b));
     let (low, extent) = (all.min, all.diagonal());
     let code = |b: &Aabb| {
         let place = (b.center() - low) / extent;
-        // What has no extent gives no number, which is cast to 0.
-        [place.x, place.y, place.z].iter().fold(0, |code, &x| code << 1 | spread((x * 2_097_151.0) as u64))
+        // An axis of extent 0 gives NaN, which is cast to 0.
+        [place.x, place.y, place.z]
+            .iter()
+            .fold(0, |code, &x| code << 1 | insert_two_zero_bits((x * 2_097_151.0) as u64))
     };
     let hash = |b: &Aabb| {
         let numbers = [b.min, b.max].map(|p| [p.x, p.y, p.z]);
@@ -59,8 +61,8 @@ fn along_the_curve(boxes: &[Aabb]) -> Vec<u32> {
     order.into_iter().map(|(_, _, i)| i).collect()
 }
 
-/// The lowest 21 bits at every third place.
-fn spread(v: u64) -> u64 {
+/// Inserts two zero bits between the lowest 21 bits.
+fn insert_two_zero_bits(v: u64) -> u64 {
     let v = (v | v << 32) & 0x001f_0000_0000_ffff;
     let v = (v | v << 16) & 0x001f_0000_ff00_00ff;
     let v = (v | v << 8) & 0x100f_00f0_0f00_f00f;
@@ -68,7 +70,7 @@ fn spread(v: u64) -> u64 {
     (v | v << 2) & 0x1249_2492_4924_9249
 }
 
-/// The balanced tree over boxes in the order given.
+/// Builds the balanced tree over boxes in the given order.
 pub fn tree(boxes: &[Aabb], order: Vec<u32>) -> CwBvh {
     let mut nodes = vec![Bvh2Node::default()];
     fill(&mut nodes, 0, boxes, &order, 0);
@@ -76,7 +78,7 @@ pub fn tree(boxes: &[Aabb], order: Vec<u32>) -> CwBvh {
     bvh2_to_cwbvh(&binary, 3, true, false)
 }
 
-/// Makes a node of the boxes, of which there is at least one and which are the `first` and following ones of all.
+/// Fills a node with the boxes of `order`, which is not empty and starts at index `first` of the whole order.
 fn fill(nodes: &mut Vec<Bvh2Node>, node: usize, boxes: &[Aabb], order: &[u32], first: usize) {
     if let [one] = order {
         nodes[node] = Bvh2Node::new(boxes[*one as usize], 1, first as u32);
@@ -107,15 +109,15 @@ mod tests {
             aabb(p, p + Vec3::new(1.0, 1.0, 0.1))
         };
         let mut boxes: Vec<Aabb> = (0..1024).map(beside).collect();
-        // The two triangles of a rectangle have one box.
+        // The two triangles of a rectangle have the same box.
         boxes.extend_from_within(..);
-        assert!(find(&boxes).is_empty());
+        assert!(find_overlapping(&boxes).is_empty());
         let nested = |i: u32| aabb(Vec3::splat(40.0), Vec3::splat(40.0 + 1e-3 * i as f32));
         boxes.extend((1..=1000).map(nested));
-        let mut crowd = find(&boxes);
-        crowd.sort_unstable();
-        // A few at either end may fall to their neighbours.
-        assert!(crowd.len() > 900 && crowd.iter().all(|&i| i >= 2048), "{}", crowd.len());
+        let mut overlapping = find_overlapping(&boxes);
+        overlapping.sort_unstable();
+        // A few boxes at either end of the run may sort among their neighbours.
+        assert!(overlapping.len() > 900 && overlapping.iter().all(|&i| i >= 2048), "{}", overlapping.len());
     }
 
     #[test]
@@ -134,8 +136,8 @@ mod tests {
 
     #[test]
     fn bits_are_spread() {
-        assert_eq!(spread(0b1011), 0b1_000_001_001);
-        assert_eq!(spread(0x1f_ffff).count_ones(), 21);
-        assert_eq!(spread(0x1f_ffff), 0x1249_2492_4924_9249);
+        assert_eq!(insert_two_zero_bits(0b1011), 0b1_000_001_001);
+        assert_eq!(insert_two_zero_bits(0x1f_ffff).count_ones(), 21);
+        assert_eq!(insert_two_zero_bits(0x1f_ffff), 0x1249_2492_4924_9249);
     }
 }

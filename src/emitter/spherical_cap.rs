@@ -4,19 +4,19 @@ use crate::math::{DVec3, Frame, Vec2, Vec3};
 use crate::sampling::warp;
 
 /// A sphere as seen from a point outside.
-pub(super) struct SeenSphere {
-    /// From the point to the centre.
+pub(super) struct SphericalCap {
+    /// The vector from the point to the centre.
     to_center: DVec3,
     radius: f64,
-    /// The squared length of a tangent from the point.
+    /// The squared length of a tangent from the point to the sphere.
     tangent_squared: f64,
-    /// `1 − cos` of the half angle of the cone of directions that meet the sphere.
+    /// `1 − cos` of the half angle of the cone of directions that intersect the sphere.
     cap: f32,
 }
 
-impl SeenSphere {
-    /// `None` from inside. A point on a sphere that shines `inward` may seem to be outside by the rounding of its coordinates
-    /// and of the centre's: it counts as inside.
+impl SphericalCap {
+    /// Returns `None` from inside. For a sphere that emits inward, a point on it may appear to be outside because its
+    /// coordinates and those of the centre are rounded; such a point counts as inside.
     pub fn new(center: Vec3, radius: f32, inward: bool, from: Vec3) -> Option<Self> {
         let to_center = center.as_dvec3() - from.as_dvec3();
         let radius = f64::from(radius);
@@ -29,23 +29,24 @@ impl SeenSphere {
         let sin2 = radius_squared / distance_squared;
         // 1 − √(1 − s) = s / (1 + √(1 − s)): no cancellation for distant spheres.
         let cap = (sin2 / (1.0 + (tangent_squared / distance_squared).sqrt())) as f32;
-        Some(SeenSphere { to_center, radius, tangent_squared, cap })
+        Some(SphericalCap { to_center, radius, tangent_squared, cap })
     }
 
-    /// The density of [`sample`](Self::sample) per unit solid angle, the same in all directions that meet the sphere.
+    /// Returns the density of [`sample`](Self::sample) per unit solid angle, which is constant in the cone.
     pub fn pdf(&self) -> f32 {
         warp::square_to_cone_pdf(self.cap)
     }
 
-    /// The outward normal at the point where a direction uniform in the cone meets the sphere, and the vector to it.
+    /// Samples a uniform direction in the cone. Returns the outward normal at the point where it intersects the
+    /// sphere, and the vector to that point.
     pub fn sample(&self, u: Vec2) -> (Vec3, Vec3) {
         let w = warp::square_to_cone(u, self.cap);
         let distance = self.to_center.length();
         let sin2 = f64::from(w.x * w.x + w.y * w.y);
         let half_chord = (self.radius * self.radius - distance * distance * sin2).max(0.0).sqrt();
-        // The nearer root of the quadratic equation by Vieta: no cancellation close to the sphere.
+        // The nearer root of the quadratic equation by Vieta's formula, without cancellation close to the sphere.
         let t = self.tangent_squared / (distance * f64::from(w.z) + half_chord);
-        // Seen from the centre the point is off the axis by t sin θ / r.
+        // The sine of the angle at the centre between the axis and the point is t sin θ / r.
         let across = (t / self.radius) as f32;
         let (x, y) = (w.x * across, w.y * across);
         let frame = Frame::from_normal((self.to_center / -distance).as_vec3());
@@ -54,28 +55,28 @@ impl SeenSphere {
     }
 }
 
-/// How far two points may seem to be from where they are, both together.
+/// Returns a bound on the sum of the rounding errors of two points.
 fn rounding(a: Vec3, b: Vec3) -> f64 {
     ROUNDING * f64::from(a.abs().max_element() + b.abs().max_element())
 }
 
-/// The error of a hit point is less than so much of its largest coordinate. [pbrt 6.8.4]
+/// The bound on the error of a hit point relative to its largest coordinate. [pbrt 6.8.4]
 const ROUNDING: f64 = 16.0 * f32::EPSILON as f64;
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Direction, length and normal belong to one point, from however near.
+    /// Direction, distance and normal are consistent with one point on the sphere, at any distance.
     #[test]
     fn samples_are_on_the_sphere() {
         let (center, radius) = (Vec3::new(0.5, -0.25, 2.0), 0.75f32);
         for height in [1e-6f32, 1e-3, 0.5, 1e3] {
             let from = center - Vec3::new(0.6, 0.0, 0.8) * (radius + height);
-            let seen = SeenSphere::new(center, radius, false, from).expect("outside");
+            let projection = SphericalCap::new(center, radius, false, from).expect("outside");
             for i in 0..64 {
                 let u = Vec2::new((i % 8) as f32 / 8.0, (i / 8) as f32 / 7.5);
-                let (n, to) = seen.sample(u);
+                let (n, to) = projection.sample(u);
                 let p = from.as_dvec3() + to.as_dvec3();
                 let off = (p - center.as_dvec3()).length() - f64::from(radius);
                 let rounding = 1e-6 * f64::from(to.length());
@@ -89,12 +90,12 @@ mod tests {
     #[test]
     fn inside_is_inside() {
         let on = Vec3::new(0.0, 0.0, 1f32.next_up());
-        assert!(SeenSphere::new(Vec3::ZERO, 1.0, true, on).is_none());
+        assert!(SphericalCap::new(Vec3::ZERO, 1.0, true, on).is_none());
         let far = Vec3::splat(1e5);
-        assert!(SeenSphere::new(far, 1.0, true, far + Vec3::X * 1.03).is_none());
-        assert!(SeenSphere::new(Vec3::ZERO, 1.0, true, Vec3::X * 1.001).is_some());
-        assert!(SeenSphere::new(Vec3::ZERO, 1.0, false, on).is_some());
-        assert!(SeenSphere::new(Vec3::ZERO, 1.0, false, Vec3::Z).is_none());
-        assert!(SeenSphere::new(Vec3::ZERO, 1.0, false, Vec3::splat(0.1)).is_none());
+        assert!(SphericalCap::new(far, 1.0, true, far + Vec3::X * 1.03).is_none());
+        assert!(SphericalCap::new(Vec3::ZERO, 1.0, true, Vec3::X * 1.001).is_some());
+        assert!(SphericalCap::new(Vec3::ZERO, 1.0, false, on).is_some());
+        assert!(SphericalCap::new(Vec3::ZERO, 1.0, false, Vec3::Z).is_none());
+        assert!(SphericalCap::new(Vec3::ZERO, 1.0, false, Vec3::splat(0.1)).is_none());
     }
 }
