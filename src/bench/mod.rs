@@ -181,7 +181,7 @@ fn bench_scene(
     let mut file = load(path, options)?;
     file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
     file.notes.iter().for_each(|note| tell(&format!("note: {note}")));
-    let key = cache::key(&mut file);
+    let key = cache::key(&file);
     let mut sessions: Vec<_> = options
         .accels
         .iter()
