@@ -4,7 +4,7 @@ use crate::support::scenes::{add, camera, compiled, diffuse, pixels, render, sph
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::PathSettings;
+use buffon::integrator::settings::PathLimits;
 use buffon::math::{DAffine3, DVec2, DVec3, Motion};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
@@ -15,7 +15,7 @@ const SIZE: u32 = 24;
 
 /// Emitted light alone: no noise but that of positions, lens and time.
 fn emitted() -> Settings {
-    Settings::Path(PathSettings { max_depth: Some(1), ..PathSettings::default() })
+    Settings::Path(PathLimits { max_depth: Some(1), ..PathLimits::default() })
 }
 
 fn lamp(description: &mut Description, shape: Shape, to_world: impl Into<Motion>, radiance: f32) {
@@ -156,10 +156,10 @@ fn moving_lamps_light_as_the_mean_of_lamps_at_rest() {
             let mut description = description.clone();
             description.sensors = vec![SensorSettings { shutter, ..sensor.clone() }];
             let scene = compiled(description, AccelKind::default());
-            let path = Settings::Path(PathSettings {
+            let path = Settings::Path(PathLimits {
                 max_depth: Some(2),
                 hide_emitters: true,
-                ..PathSettings::default()
+                ..PathLimits::default()
             });
             pixels(&render(&scene, &path, SamplerKind::Sobol, spp, seed))
         };

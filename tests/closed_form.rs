@@ -5,7 +5,7 @@ use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, s
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{DirectSettings, PathSettings};
+use buffon::integrator::settings::{DirectSettings, PathLimits};
 use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::scene::Description;
@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 
 /// A path integrator with a longest path and the depth from which roulette is played.
 fn path(max_depth: Option<u32>, rr_depth: u32) -> Settings {
-    Settings::Path(PathSettings { max_depth, rr_depth, hide_emitters: false })
+    Settings::Path(PathLimits { max_depth, rr_depth, hide_emitters: false })
 }
 
 fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {

@@ -5,7 +5,7 @@ use crate::support::expect::{Means, combinations};
 use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, sphere};
 use buffon::accel::{AccelKind, Coherence};
 use buffon::color::Rgb;
-use buffon::integrator::settings::{DirectSettings, PathSettings};
+use buffon::integrator::settings::{DirectSettings, PathLimits};
 use buffon::integrator::{self, Radiance, RadianceQuery, Settings, Wave, Worker};
 use buffon::loader::{LoadOptions, load};
 use buffon::material::{
@@ -17,7 +17,7 @@ use buffon::scene::{Description, Scene};
 use buffon::shape::Shape;
 
 fn path(max_depth: Option<u32>) -> Settings {
-    Settings::Path(PathSettings { max_depth, ..PathSettings::default() })
+    Settings::Path(PathLimits { max_depth, ..PathLimits::default() })
 }
 
 fn glass(ior: f32) -> Material {
@@ -249,7 +249,7 @@ fn hidden_emitters_shine_without_being_seen() {
             // ρL(r/d)² on the floor, in light of two edges.
             let exact = if hide_emitters { 0.5 * 3.0 * (0.5f64 / 1.5).powi(2) } else { 3.0 };
             let direct = Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() });
-            let two_edges = PathSettings { max_depth: Some(2), hide_emitters, ..PathSettings::default() };
+            let two_edges = PathLimits { max_depth: Some(2), hide_emitters, ..PathLimits::default() };
             for settings in [direct, Settings::Path(two_edges)] {
                 let rendered = render(&scene, &settings, sampler, 64, 6);
                 let distance = asked(&scene, &settings, RadianceQuery::ALL)[0].distance;

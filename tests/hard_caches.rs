@@ -8,7 +8,7 @@ use buffon::emitter::Emitter;
 use buffon::integrator::irrcache::IrradianceCache;
 use buffon::integrator::photon::kdtree::{EllipsoidMetric, Euclidean, KdTree, NeighbourBuffer, each};
 use buffon::integrator::photon::{DensityEstimator, IrradianceMap, Kernel, LookupPoint, Photon, PhotonMap};
-use buffon::integrator::settings::{IrrcacheSettings, PathSettings, PhotonmapperSettings};
+use buffon::integrator::settings::{IrrcacheSettings, PathLimits, PhotonmapperSettings};
 use buffon::integrator::{Integrator, Preparation, Settings};
 use buffon::material::Material;
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
@@ -223,7 +223,7 @@ fn a_corner_of_one_degree_has_the_light_of_path_tracing() {
         let id = add(&mut scene, Shape::Mesh(lamp), DAffine3::IDENTITY, diffuse(0.0));
         scene.shapes[id].emission = Some(Rgb::splat(10.0).into());
         let scene = compiled(scene, accel);
-        let path = Settings::Path(PathSettings::default());
+        let path = Settings::Path(PathLimits::default());
         let reference = render(&scene, &path, SamplerKind::Sobol, 512, 7);
         let cached =
             render(&scene, &Settings::Irrcache(IrrcacheSettings::default()), SamplerKind::Sobol, 32, 1);
@@ -292,7 +292,7 @@ fn nothing_leaks_through_a_wall_thinner_than_the_records_are_apart() {
 fn a_thin_wall_with_a_gap_has_the_light_of_path_tracing() {
     for &accel in AccelKind::ALL {
         let scene = compiled(divided_room(1e-3, 0.3), accel);
-        let reference = render(&scene, &Settings::Path(PathSettings::default()), SamplerKind::Sobol, 512, 7);
+        let reference = render(&scene, &Settings::Path(PathLimits::default()), SamplerKind::Sobol, 512, 7);
         let cached =
             render(&scene, &Settings::Irrcache(IrrcacheSettings::default()), SamplerKind::Sobol, 32, 1);
         let ((wanted, error), (found, noise)) = (mean(&reference), mean(&cached));

@@ -10,7 +10,7 @@ use buffon::accel::brute_force::BruteForce;
 use buffon::accel::{Accel, AccelKind, Coherence, Hit, build};
 use buffon::color::Rgb;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::PathSettings;
+use buffon::integrator::settings::PathLimits;
 use buffon::math::{DAffine3, DVec3, Ray, Vec2, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::scene::{CompileOptions, Description, compile};
@@ -247,7 +247,7 @@ fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
                 let centre = scene.lights[0].sample_centre(from, 0.0).expect("its middle shines");
                 assert!(centre.wi.is_finite() && centre.radiance.is_valid());
             }
-            let path = Settings::Path(PathSettings::default());
+            let path = Settings::Path(PathLimits::default());
             let rendered = scenes::render(&scene, &path, SamplerKind::Sobol, 512, 1);
             assert_eq!(rendered.invalid_count, 0);
             scenes::mean(&rendered).0[1]

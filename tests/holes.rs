@@ -7,7 +7,7 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::ids::MaterialId;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{DirectSettings, PathSettings};
+use buffon::integrator::settings::{DirectSettings, PathLimits};
 use buffon::material::{Blend, Diffuse, Mask, Material, Null};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
@@ -17,7 +17,7 @@ use buffon::shape::Shape;
 use std::f64::consts::PI;
 
 fn path(max_depth: Option<u32>) -> Settings {
-    Settings::Path(PathSettings { max_depth, ..PathSettings::default() })
+    Settings::Path(PathLimits { max_depth, ..PathLimits::default() })
 }
 
 fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {

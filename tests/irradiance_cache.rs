@@ -5,7 +5,7 @@ use crate::support::scenes::{add, camera, compiled, constant, diffuse, mean, pix
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{IrrcacheSettings, PathSettings};
+use buffon::integrator::settings::{IrrcacheSettings, PathLimits};
 use buffon::material::{Dielectric, Diffuse, Input, Interface, Material, TwoSided};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::sampling::SamplerKind;
@@ -17,7 +17,7 @@ fn irrcache(quality: f32) -> Settings {
 }
 
 fn path() -> Settings {
-    Settings::Path(PathSettings::default())
+    Settings::Path(PathLimits::default())
 }
 
 /// A rectangle with the given centre, half edges and emission.

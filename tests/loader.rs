@@ -5,7 +5,7 @@ use buffon::emitter::Emitter;
 use buffon::error::Result;
 use buffon::film::Filter;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::PathSettings;
+use buffon::integrator::settings::PathLimits;
 use buffon::loader::{LoadOptions, Loaded, load};
 use buffon::material::{
     Dielectric, Diffuse, Distribution, Input, Material, Metal, RoughConductor, Roughness, TwoSided,
@@ -130,7 +130,7 @@ fn a_box_of_the_collection_is_read() {
     let files = Files::new(&[("scene.xml", BOX)]);
     let loaded = files.load(&LoadOptions::default()).unwrap();
     assert!(loaded.warnings.is_empty() && loaded.notes.is_empty(), "{loaded:?}");
-    let path = PathSettings { max_depth: Some(30), ..PathSettings::default() };
+    let path = PathLimits { max_depth: Some(30), ..PathLimits::default() };
     assert_eq!(loaded.integrator, Settings::Path(path));
     assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Independent), Some(64)));
     let scene = &loaded.description;
@@ -369,7 +369,7 @@ fn old_scenes_are_upgraded() {
     );
     assert_eq!(
         loaded.integrator,
-        Settings::Path(PathSettings { max_depth: Some(5), rr_depth: 5, hide_emitters: true })
+        Settings::Path(PathLimits { max_depth: Some(5), rr_depth: 5, hide_emitters: true })
     );
     assert_eq!(loaded.samples_per_pixel, Some(16));
     let sensor = &loaded.description.sensors[0];

@@ -8,7 +8,7 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::film::PixelRect;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{DistributionSettings, PathSettings, WhittedSettings};
+use buffon::integrator::settings::{DistributionSettings, PathLimits, WhittedSettings};
 use buffon::loader::{LoadOptions, load};
 use buffon::material::{
     Conductor, Dielectric, Distribution, Interface, Material, Metal, RoughConductor, Roughness,
@@ -20,7 +20,7 @@ use buffon::shape::Shape;
 use std::f64::consts::PI;
 
 fn path(max_depth: u32) -> Settings {
-    Settings::Path(PathSettings { max_depth: Some(max_depth), ..PathSettings::default() })
+    Settings::Path(PathLimits { max_depth: Some(max_depth), ..PathLimits::default() })
 }
 
 fn whitted(max_depth: u32) -> Settings {

@@ -4,7 +4,7 @@ use crate::support::scenes::{add, camera, compiled, diffuse, render, sphere};
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::PathSettings;
+use buffon::integrator::settings::PathLimits;
 use buffon::math::{DAffine3, DVec3};
 use buffon::sampling::SamplerKind;
 use buffon::scene::{Description, Scene};
@@ -33,7 +33,7 @@ struct Figures {
 }
 
 fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
-    let settings = Settings::Path(PathSettings { max_depth: None, rr_depth: 5, hide_emitters: false });
+    let settings = Settings::Path(PathLimits { max_depth: None, rr_depth: 5, hide_emitters: false });
     let (mut means, mut squares, mut estimates, mut pixels) = (Vec::new(), 0.0, 0.0, 0.0);
     for seed in 0..RUNS {
         let rendered = render(scene, &settings, kind, 16, seed);

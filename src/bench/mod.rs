@@ -178,7 +178,7 @@ fn bench_scene(
     tell: &dyn Fn(&str),
 ) -> Result<Option<SceneReport>> {
     let name = path.display();
-    let mut file = load(path, options)?;
+    let file = load(path, options)?;
     file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
     file.notes.iter().for_each(|note| tell(&format!("note: {note}")));
     let key = cache::key(&file);

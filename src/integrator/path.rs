@@ -7,7 +7,7 @@
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
-use super::settings::PathSettings;
+use super::settings::PathLimits;
 use super::worker::{Continuation, RandomNumbers, ShadowQueue, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
 use crate::accel::Coherence;
@@ -18,7 +18,7 @@ use crate::scene::Scene;
 
 /// Unidirectional path tracing with next-event estimation, combined by the power heuristic.
 pub struct PathIntegrator {
-    settings: PathSettings,
+    settings: PathLimits,
 }
 
 /// The state shared by all paths of a bounce.
@@ -38,13 +38,13 @@ struct PathBounce<'a> {
 
 impl PathIntegrator {
     /// Creates the integrator.
-    pub fn new(settings: PathSettings) -> Self {
+    pub fn new(settings: PathLimits) -> Self {
         PathIntegrator { settings }
     }
 
     /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
-        self.settings.max_depth.is_none_or(|max| edges <= max)
+        self.settings.allows(edges)
     }
 
     /// Draws the random numbers that the shading of this bounce uses, and no others.

@@ -8,7 +8,7 @@
 use super::block::ShadingBlock;
 use super::light_path::{self, LightVertex, Survivors};
 use super::roulette::Roulette;
-use super::settings::{PathSettings, PtracerSettings};
+use super::settings::PathLimits;
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -30,25 +30,25 @@ pub struct Splat {
 
 /// Traces paths from the emitters.
 pub struct Ptracer {
-    settings: PtracerSettings,
+    settings: PathLimits,
     /// Renders the directly visible emitters.
     emitters: PathIntegrator,
 }
 
 impl Ptracer {
     /// Creates the integrator.
-    pub fn new(settings: PtracerSettings) -> Self {
-        let emitters = PathSettings {
+    pub fn new(settings: PathLimits) -> Self {
+        let emitters = PathLimits {
             max_depth: Some(settings.max_depth.map_or(1, |depth| depth.min(1))),
             hide_emitters: settings.hide_emitters,
-            ..PathSettings::default()
+            ..PathLimits::default()
         };
         Ptracer { settings, emitters: PathIntegrator::new(emitters) }
     }
 
     /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
-        self.settings.max_depth.is_none_or(|max| edges <= max)
+        self.settings.allows(edges)
     }
 
     /// Traces a light path for each key and adds its contributions to the film. `margin` is the extent of the

@@ -44,9 +44,10 @@ pub struct Layer {
     pub aov: Aov,
 }
 
-/// Path integrator. [Kajiya 1986; Veach 1997]
+/// The paths that an integrator follows, and whether the camera sees emitters. These are all settings of path tracing
+/// [Kajiya 1986; Veach 1997] and of light tracing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct PathSettings {
+pub struct PathLimits {
     /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
     /// is unbounded.
     pub max_depth: Option<u32>,
@@ -56,9 +57,17 @@ pub struct PathSettings {
     pub hide_emitters: bool,
 }
 
-impl Default for PathSettings {
+impl PathLimits {
+    /// Returns whether a path may have so many edges.
+    #[inline]
+    pub fn allows(&self, edges: u32) -> bool {
+        self.max_depth.is_none_or(|max| edges <= max)
+    }
+}
+
+impl Default for PathLimits {
     fn default() -> Self {
-        PathSettings { max_depth: None, rr_depth: 5, hide_emitters: false }
+        PathLimits { max_depth: None, rr_depth: 5, hide_emitters: false }
     }
 }
 
@@ -132,24 +141,6 @@ impl Default for DistributionSettings {
     }
 }
 
-/// Light tracing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-pub struct PtracerSettings {
-    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
-    /// is unbounded.
-    pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may terminate a path.
-    pub rr_depth: u32,
-    /// Whether emitters are invisible to the camera.
-    pub hide_emitters: bool,
-}
-
-impl Default for PtracerSettings {
-    fn default() -> Self {
-        PtracerSettings { max_depth: None, rr_depth: 5, hide_emitters: false }
-    }
-}
-
 /// Irradiance caching around another integrator. [Ward 1988]
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct IrrcacheSettings {
@@ -197,13 +188,8 @@ impl Default for IrrcacheSettings {
 /// Photon maps and final gathering. [Jensen 2001]
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PhotonmapperSettings {
-    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
-    /// is unbounded.
-    pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may terminate a camera path or light path.
-    pub rr_depth: u32,
-    /// Whether emitters are invisible to the camera.
-    pub hide_emitters: bool,
+    /// The paths from the camera and from emitters.
+    pub limits: PathLimits,
     /// Emitter samples at the first surface that is not specular, at least 1.
     pub direct_samples: u32,
     /// BSDF samples at that surface if all its lobes are glossy, at least 1.
@@ -241,9 +227,7 @@ pub enum PhotonDebug {
 impl Default for PhotonmapperSettings {
     fn default() -> Self {
         PhotonmapperSettings {
-            max_depth: None,
-            rr_depth: 5,
-            hide_emitters: false,
+            limits: PathLimits::default(),
             direct_samples: 1,
             glossy_samples: 1,
             gather_samples: 4,
@@ -261,13 +245,8 @@ impl Default for PhotonmapperSettings {
 /// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct SppmSettings {
-    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light; `None`
-    /// is unbounded.
-    pub max_depth: Option<u32>,
-    /// Depth from which Russian roulette may terminate a camera path or light path.
-    pub rr_depth: u32,
-    /// Whether emitters are invisible to the camera.
-    pub hide_emitters: bool,
+    /// The paths from the camera and from emitters.
+    pub limits: PathLimits,
     /// Light paths in each pass, with one pass for each sample of the pixels; 0 selects one for each pixel of the
     /// full image.
     pub photon_count: u32,
@@ -282,9 +261,7 @@ pub struct SppmSettings {
 impl Default for SppmSettings {
     fn default() -> Self {
         SppmSettings {
-            max_depth: None,
-            rr_depth: 5,
-            hide_emitters: false,
+            limits: PathLimits::default(),
             photon_count: 0,
             initial_radius: 0.0,
             guided: true,
@@ -297,7 +274,7 @@ impl Default for SppmSettings {
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Settings {
     /// Path tracing.
-    Path(PathSettings),
+    Path(PathLimits),
     /// Direct illumination.
     Direct(DirectSettings),
     /// Hard shadows, mirrors and glass.
@@ -307,7 +284,7 @@ pub enum Settings {
     /// Distance to the first surface.
     Depth,
     /// Light tracing.
-    Ptracer(PtracerSettings),
+    Ptracer(PathLimits),
     /// Irradiance caching.
     Irrcache(IrrcacheSettings),
     /// Photon maps and final gathering.
@@ -325,11 +302,75 @@ pub enum Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings::Path(PathSettings::default())
+        Settings::Path(PathLimits::default())
     }
 }
 
 impl Settings {
+    /// The names of all integrators.
+    pub const NAMES: [&str; 10] = [
+        "path",
+        "direct",
+        "ptracer",
+        "photonmapper",
+        "sppm",
+        "whitted",
+        "distribution",
+        "irrcache",
+        "depth",
+        "aov",
+    ];
+
+    /// Returns an integrator's default settings with the given limits; `None` if there is none of the name. Trees of rays,
+    /// whose cost is exponential in the depth, are no deeper than by default. `aov` has no layers and no image.
+    pub fn by_name(name: &str, limits: PathLimits) -> Option<Self> {
+        let hide_emitters = limits.hide_emitters;
+        let depth = |default: u32| limits.max_depth.map_or(default, |depth| depth.min(default));
+        Some(match name {
+            "path" => Settings::Path(limits),
+            "ptracer" => Settings::Ptracer(limits),
+            "photonmapper" => Settings::Photonmapper(PhotonmapperSettings { limits, ..Default::default() }),
+            "sppm" => Settings::Sppm(SppmSettings { limits, ..Default::default() }),
+            "direct" => Settings::Direct(DirectSettings { hide_emitters, ..Default::default() }),
+            "whitted" => {
+                let max_depth = depth(WhittedSettings::default().max_depth);
+                Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+            }
+            "distribution" => {
+                let default = DistributionSettings::default();
+                let max_depth = depth(default.max_depth);
+                Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
+            }
+            "irrcache" => {
+                let child = Box::new(Settings::Path(limits));
+                Settings::Irrcache(IrrcacheSettings { child, ..Default::default() })
+            }
+            "depth" => Settings::Depth,
+            "aov" => Settings::Aov { layers: Vec::new(), image: None },
+            _ => return None,
+        })
+    }
+
+    /// Returns the limits of the paths, as far as the integrator has any.
+    pub fn limits(&self) -> PathLimits {
+        let default = PathLimits::default();
+        match self {
+            Settings::Path(limits) | Settings::Ptracer(limits) => *limits,
+            Settings::Photonmapper(settings) => settings.limits,
+            Settings::Sppm(settings) => settings.limits,
+            Settings::Direct(direct) => PathLimits { hide_emitters: direct.hide_emitters, ..default },
+            Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
+            | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
+                PathLimits { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
+            }
+            Settings::Irrcache(irrcache) => match irrcache.child.as_ref() {
+                Settings::Path(limits) => *limits,
+                _ => default,
+            },
+            Settings::Depth | Settings::Aov { .. } => default,
+        }
+    }
+
     /// Returns the integrator's name in the scene language.
     pub fn name(&self) -> &'static str {
         match self {

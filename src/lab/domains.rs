@@ -6,7 +6,7 @@ use super::{Found, Options};
 use crate::error::Result;
 use crate::estimate::convergence::PowerLaw;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathSettings;
+use crate::integrator::settings::PathLimits;
 use crate::lab::moments::Measured;
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::{Domain, DomainSet, SamplerKind};
@@ -117,7 +117,7 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
 /// Measures every domain, and shows each.
 pub fn run(options: &Options) -> Result<Found> {
     // Roulette would be a seventh domain, of no picture.
-    let path = PathSettings { max_depth: Some(6), rr_depth: u32::MAX, hide_emitters: false };
+    let path = PathLimits { max_depth: Some(6), rr_depth: u32::MAX, hide_emitters: false };
     let integrator = Settings::Path(path);
     let rows =
         measure(&Studio::open(ROOM, options.scaled((24, 18), (48, 36)), options)?, &integrator, options)?;

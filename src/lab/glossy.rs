@@ -6,7 +6,7 @@ use super::studio::{ROOM, Sampling, Studio, viewer};
 use super::{Found, Options};
 use crate::error::Result;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathSettings;
+use crate::integrator::settings::PathLimits;
 use crate::report::{Align, Table};
 use crate::sampling::{Domain, DomainSet, SamplerKind};
 
@@ -19,7 +19,7 @@ fn lobe(kind: SamplerKind, spp: u64) -> Sampling {
 /// Measures both, and shows them.
 pub fn run(options: &Options) -> Result<Found> {
     // What a reflected ray meets is lit directly: longer paths would add noise of other domains.
-    let integrator = Settings::Path(PathSettings { max_depth: Some(3), ..PathSettings::default() });
+    let integrator = Settings::Path(PathLimits { max_depth: Some(3), ..PathLimits::default() });
     let studio = Studio::open(ROOM, options.scaled((36, 27), (100, 75)), options)?;
     let pairs = options.scaled(3, 2);
     let mut table = Table::new([

@@ -9,7 +9,7 @@ use crate::estimate::convergence::PowerLaw;
 use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::Settings;
-use crate::integrator::settings::{DistributionSettings, PathSettings, WhittedSettings};
+use crate::integrator::settings::{DistributionSettings, PathLimits, WhittedSettings};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::SamplerKind;
 
@@ -32,7 +32,7 @@ fn algorithms(options: &Options) -> [Algorithm; 4] {
         bsdf_samples: 4,
         hide_emitters: false,
     };
-    let path = PathSettings { max_depth: Some(MAX_DEPTH), rr_depth: u32::MAX, hide_emitters: false };
+    let path = PathLimits { max_depth: Some(MAX_DEPTH), rr_depth: u32::MAX, hide_emitters: false };
     let algorithm = |name, settings, spp: &[u64]| Algorithm { name, settings, spp: spp.to_vec() };
     [
         algorithm("ray casting", whitted(2), &[4, 16, 64]),

@@ -6,7 +6,7 @@ use super::studio::{BALLS, Sampling, Studio, viewer};
 use super::{Found, Options};
 use crate::error::Result;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathSettings;
+use crate::integrator::settings::PathLimits;
 use crate::report::{Align, Table};
 use crate::sampling::SamplerKind;
 
@@ -26,7 +26,7 @@ pub fn ratio(a: Measured, b: Measured) -> Measured {
 
 /// Measures both, and shows them.
 pub fn run(options: &Options) -> Result<Found> {
-    let integrator = Settings::Path(PathSettings { max_depth: Some(5), ..PathSettings::default() });
+    let integrator = Settings::Path(PathLimits { max_depth: Some(5), ..PathLimits::default() });
     let studio = Studio::open(BALLS, options.scaled((48, 36), (120, 90)), options)?;
     let pairs = 3;
     let mut table = Table::new([

@@ -3,10 +3,7 @@
 use super::Session;
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonmapperSettings,
-    PtracerSettings, SppmSettings, WhittedSettings,
-};
+use crate::integrator::settings::{Aov, IrrcacheSettings, Layer};
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -135,64 +132,18 @@ fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Resu
 /// The integrator that the user names, else that of the scene. What both have of the lengths of paths and of hidden
 /// emitters stays as the scene has it; trees of rays, whose cost is exponential, are no deeper than their default.
 fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
-    let default = PathSettings::default();
-    let kept = match &of_scene {
-        Settings::Path(path) => *path,
-        Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }) => {
-            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
-        }
-        Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. })
-        | Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, .. }) => {
-            PathSettings { max_depth: *max_depth, rr_depth: *rr_depth, hide_emitters: *hide_emitters }
-        }
-        Settings::Direct(direct) => PathSettings { hide_emitters: direct.hide_emitters, ..default },
-        Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
-        | Settings::Distribution(DistributionSettings { max_depth, hide_emitters, .. }) => {
-            PathSettings { max_depth: Some(*max_depth), hide_emitters: *hide_emitters, ..default }
-        }
-        Settings::Irrcache(irrcache) => match irrcache.child.as_ref() {
-            Settings::Path(path) => *path,
-            _ => default,
-        },
-        Settings::Depth | Settings::Aov { .. } => default,
-    };
-    let PathSettings { max_depth, rr_depth, hide_emitters } = kept;
     Ok(match name {
         None => of_scene,
         Some(name) if name == of_scene.name() => of_scene,
-        Some("path") => Settings::Path(kept),
-        Some("ptracer") => Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters }),
-        Some("photonmapper") => {
-            let default = PhotonmapperSettings::default();
-            Settings::Photonmapper(PhotonmapperSettings { max_depth, rr_depth, hide_emitters, ..default })
-        }
-        Some("sppm") => {
-            Settings::Sppm(SppmSettings { max_depth, rr_depth, hide_emitters, ..SppmSettings::default() })
-        }
-        Some("direct") => Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() }),
-        Some("whitted") => {
-            let default = WhittedSettings::default();
-            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
-            Settings::Whitted(WhittedSettings { max_depth, hide_emitters })
-        }
-        Some("distribution") => {
-            let default = DistributionSettings::default();
-            let max_depth = max_depth.map_or(default.max_depth, |depth| depth.min(default.max_depth));
-            Settings::Distribution(DistributionSettings { max_depth, hide_emitters, ..default })
-        }
-        Some("irrcache") => Settings::Irrcache(IrrcacheSettings {
-            child: Box::new(Settings::Path(kept)),
-            ..Default::default()
-        }),
-        Some("depth") => Settings::Depth,
-        // Its layers are those of --aov: see `layers`.
+        // Its layers are those of --aov: see `choose_layers`.
         Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
-        Some(other) => {
-            return Err(Error::usage(format!(
-                "--integrator: there is no integrator \"{other}\"; there are path, direct, ptracer, photonmapper, sppm, \
-                 whitted, distribution, irrcache, depth and aov"
-            )));
-        }
+        Some(name) => Settings::by_name(name, of_scene.limits()).ok_or_else(|| {
+            let (last, others) = Settings::NAMES.split_last().expect("there are integrators");
+            let list = others.join(", ");
+            Error::usage(format!(
+                "--integrator: there is no integrator \"{name}\"; there are {list} and {last}"
+            ))
+        })?,
     })
 }
 

@@ -28,7 +28,7 @@ mod shading;
 pub mod weight;
 
 use super::preparation::reject_motion;
-use super::settings::{Aov, IrrcacheSettings, PathSettings, PhotonmapperSettings, Settings};
+use super::settings::{Aov, IrrcacheSettings, PathLimits, PhotonmapperSettings, Settings};
 use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, create};
 use crate::accel::Hit;
 use crate::color::Rgb;
@@ -66,11 +66,10 @@ impl IrradianceCache {
         let (path, gathered) = match settings.child.as_ref() {
             Settings::Path(path) => (*path, Settings::Path(from_surface(path, 2))),
             Settings::Photonmapper(mapper) => {
-                let PhotonmapperSettings { max_depth, rr_depth, hide_emitters, .. } = *mapper;
-                let seen = PhotonmapperSettings { hide_emitters: false, ..*mapper };
-                (PathSettings { max_depth, rr_depth, hide_emitters }, Settings::Photonmapper(seen))
+                let limits = PathLimits { hide_emitters: false, ..mapper.limits };
+                (mapper.limits, Settings::Photonmapper(PhotonmapperSettings { limits, ..*mapper }))
             }
-            other => (PathSettings::default(), other.clone()),
+            other => (PathLimits::default(), other.clone()),
         };
         let only_cached = settings.indirect_only;
         let fine = CachedPath { caches: empty(), path, only_cached, caustics: None, far_only: false };
@@ -266,9 +265,9 @@ const DOT_COLOUR: Rgb = Rgb::new(1.0, 0.9, 0.0);
 const COARSE: f32 = 0.7;
 
 /// Returns the settings of paths that begin the given number of surfaces after the camera's.
-fn from_surface(path: &PathSettings, surfaces: u32) -> PathSettings {
+fn from_surface(path: &PathLimits, surfaces: u32) -> PathLimits {
     let max_depth = path.max_depth.map(|depth| depth.saturating_sub(surfaces));
-    PathSettings { max_depth, hide_emitters: false, ..*path }
+    PathLimits { max_depth, hide_emitters: false, ..*path }
 }
 
 fn empty() -> Vec<Interpolation> {

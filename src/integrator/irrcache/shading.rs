@@ -15,7 +15,7 @@ use crate::integrator::path::first_hits;
 use crate::integrator::photon::CausticMaps;
 use crate::integrator::photon::kdtree::NeighbourBuffer;
 use crate::integrator::roulette::Roulette;
-use crate::integrator::settings::PathSettings;
+use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{
     Continuation, PathWave, RandomNumbers, ShadowQueue, draw_1d, draw_2d, intersect,
 };
@@ -32,7 +32,7 @@ pub struct CachedPath {
     /// The caches of the replicates; their number is a power of two.
     pub caches: Vec<Interpolation>,
     /// The settings for path length and visible emitters.
-    pub path: PathSettings,
+    pub path: PathLimits,
     /// Whether only the cached light is shown.
     pub only_cached: bool,
     /// Caustic photon maps; without them, paths search for caustics.
@@ -108,7 +108,7 @@ impl Integrator for CachedPath {
     ) {
         out.fill(Radiance::NONE);
         let CachedPath { path, only_cached, .. } = self;
-        let allows = |edges: u32| path.max_depth.is_none_or(|max| edges <= max);
+        let allows = |edges: u32| path.allows(edges);
         let wants = |edges: u32| query.wants(edges) && !only_cached;
         let spread = scene.lights.iter().all(|light| light.is_sampled_by_solid_angle());
         worker.paths.begin(wave.rays, wave.keys);

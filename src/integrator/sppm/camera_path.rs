@@ -63,13 +63,15 @@ fn gathers(bsdf: &Bsdf<'_>) -> bool {
 
 impl CameraPaths<'_> {
     fn allows(&self, edges: u32) -> bool {
-        self.settings.max_depth.is_none_or(|max| edges <= max)
+        self.settings.limits.allows(edges)
     }
 
     /// Returns whether emission found by a path with the given number of edges is added.
     fn wants(&self, state: CameraPathState, edges: u32) -> bool {
         match state {
-            CameraPathState::Camera if edges == 1 => self.query.emitted && !self.settings.hide_emitters,
+            CameraPathState::Camera if edges == 1 => {
+                self.query.emitted && !self.settings.limits.hide_emitters
+            }
             CameraPathState::Camera if self.query.separates_caustics() => self.query.caustic,
             CameraPathState::Caustic => false,
             _ => self.query.wants(edges),
@@ -87,7 +89,7 @@ impl CameraPaths<'_> {
             let coherence = if edges == 1 { wave.coherence } else { Coherence::Incoherent };
             intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
             if edges == 1 {
-                first_hits(scene, self.settings.hide_emitters, worker, out);
+                first_hits(scene, self.settings.limits.hide_emitters, worker, out);
             }
             self.drop_missed(edges, &states, worker, out);
             self.draw(edges, worker);
@@ -189,7 +191,7 @@ impl CameraPaths<'_> {
         if !self.query.indirect {
             return Rgb::BLACK;
         }
-        let max_edges = self.settings.max_depth.map_or(u32::MAX, |max| max - edges);
+        let max_edges = self.settings.limits.max_depth.map_or(u32::MAX, |max| max - edges);
         let max_edges = if max_edges >= GridPhoton::MOST_EDGES { u32::MAX } else { max_edges };
         let filter = PhotonFilter { max_edges, indirect: gathers(block.bsdfs[i]) };
         self.gather.radiance(block, i, filter)
@@ -213,7 +215,7 @@ impl CameraPaths<'_> {
         let eta = load(&paths.eta, first) * sample.eta;
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let mut alive = sample.valid & strongest.simd_ne(f32x16::ZERO);
-        if let Some(roulette) = Roulette::at(edges, self.settings.rr_depth) {
+        if let Some(roulette) = Roulette::at(edges, self.settings.limits.rr_depth) {
             // `eta²` removes the scaling of radiance inside a dielectric, which does not change a path's importance.
             let on;
             (beta, on) = roulette.play_x16(beta, eta * eta, load(&numbers.roulette, first));

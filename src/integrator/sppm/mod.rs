@@ -71,8 +71,8 @@ impl Sppm {
     /// Returns the parameters of light paths; their length is limited such that a camera path can be added.
     fn photon_paths(&self) -> PhotonPaths {
         PhotonPaths {
-            max_edges: self.settings.max_depth.map(|max| max.saturating_sub(1)),
-            rr_depth: self.settings.rr_depth,
+            max_edges: self.settings.limits.max_depth.map(|max| max.saturating_sub(1)),
+            rr_depth: self.settings.limits.rr_depth,
             direct: false,
             indirect: true,
         }
@@ -112,7 +112,7 @@ impl Integrator for Sppm {
     }
 
     fn shows_environment(&self) -> bool {
-        !self.settings.hide_emitters
+        !self.settings.limits.hide_emitters
     }
 
     fn prepares(&self) -> bool {

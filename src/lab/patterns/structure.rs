@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathSettings;
+use crate::integrator::settings::PathLimits;
 use crate::lab::outcome::{Evidence, Finding};
 use crate::lab::studio::{BALLS, Sampling, Studio, viewer};
 use crate::lab::{Found, Options};
@@ -39,7 +39,7 @@ fn correlation(a: &Image, b: &Image) -> f64 {
 
 /// Renders with each sampler, and looks for structure in the error.
 pub fn run(options: &Options) -> Result<Found> {
-    let integrator = Settings::Path(PathSettings { max_depth: Some(4), ..PathSettings::default() });
+    let integrator = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() });
     let studio = Studio::open(BALLS, options.scaled((64, 48), (120, 90)), options)?;
     let truth =
         studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, options.scaled(256, 512)), 99)?.image;

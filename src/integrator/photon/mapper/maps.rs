@@ -9,7 +9,7 @@ use crate::integrator::photon::{
     PhotonMap, PhotonPaths,
 };
 
-use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
+use crate::integrator::settings::{PathLimits, PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Counters, Preparation, Statistic};
 use crate::math::Vec3;
 use crate::memory::Reservation;
@@ -53,10 +53,10 @@ struct MapPlan {
 
 impl MapPlan {
     fn new(scene: &Scene, settings: &PhotonmapperSettings) -> Self {
-        let allows = |edges: u32| settings.max_depth.is_none_or(|max| max >= edges);
+        let allows = |edges: u32| settings.limits.allows(edges);
         let photons = |before: u32, direct: bool| PhotonPaths {
-            max_edges: settings.max_depth.map(|max| max - before),
-            rr_depth: settings.rr_depth,
+            max_edges: settings.limits.max_depth.map(|max| max - before),
+            rr_depth: settings.limits.rr_depth,
             direct,
             indirect: direct,
         };
@@ -222,7 +222,8 @@ fn load_or_cast(
 
 /// Returns the hash of the parameters, besides the scene, on which the photons depend.
 fn dependence(preparation: &Preparation<'_>, settings: &PhotonmapperSettings) -> u64 {
-    let PhotonmapperSettings { max_depth, rr_depth, global_photons, caustic_photons, debug, .. } = settings;
+    let PhotonmapperSettings { limits, global_photons, caustic_photons, debug, .. } = settings;
+    let PathLimits { max_depth, rr_depth, hide_emitters: _ } = limits;
     let Preparation { sampler, seed, .. } = preparation;
     digest(&(max_depth, rr_depth, global_photons, caustic_photons, debug, sampler, seed))
 }

@@ -82,7 +82,7 @@ impl Integrator for Photonmapper {
     }
 
     fn shows_environment(&self) -> bool {
-        !self.settings.hide_emitters
+        !self.settings.limits.hide_emitters
     }
 
     fn check(&self, scene: &Scene) -> Result<()> {

@@ -123,7 +123,7 @@ struct PendingWave {
 
 impl<'a> PhotonmapperWave<'a> {
     fn allows(&self, edges: u32) -> bool {
-        self.mapper.settings.max_depth.is_none_or(|max| edges <= max)
+        self.mapper.settings.limits.allows(edges)
     }
 
     fn maps(&self, slot: u32) -> &'a Maps {
@@ -133,7 +133,9 @@ impl<'a> PhotonmapperWave<'a> {
     /// Returns whether emission found by a path with the given number of edges is added.
     fn wants(&self, history: PathHistory, edges: u32) -> bool {
         match history {
-            PathHistory::Camera if edges == 1 => self.query.emitted && !self.mapper.settings.hide_emitters,
+            PathHistory::Camera if edges == 1 => {
+                self.query.emitted && !self.mapper.settings.limits.hide_emitters
+            }
             PathHistory::Camera if self.query.separates_caustics() => self.query.caustic,
             PathHistory::Caustic => false,
             _ => self.query.wants(edges),
@@ -164,7 +166,7 @@ impl<'a> PhotonmapperWave<'a> {
         let coherence = if edges == 1 { self.coherence } else { Coherence::Incoherent };
         intersect(self.scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
         if edges == 1 {
-            first_hits(self.scene, self.mapper.settings.hide_emitters, worker, out);
+            first_hits(self.scene, self.mapper.settings.limits.hide_emitters, worker, out);
         }
         self.drop_missed(edges, &mut segments, worker, out);
         let arena = Bump::new();
@@ -401,7 +403,7 @@ impl<'a> PhotonmapperWave<'a> {
         let Worker { sampler, numbers, paths, .. } = worker;
         draw_1d(*sampler, Dimension::bsdf_lobe(edges - 1), &keys, &mut numbers.bsdf_lobe);
         draw_2d(*sampler, Dimension::bsdf_direction(edges - 1), &keys, &mut numbers.bsdf_direction);
-        let roulette = Roulette::at(edges, self.mapper.settings.rr_depth);
+        let roulette = Roulette::at(edges, self.mapper.settings.limits.rr_depth);
         if roulette.is_some() {
             draw_1d(*sampler, Dimension::roulette(edges - 1), &keys, &mut numbers.roulette);
         }

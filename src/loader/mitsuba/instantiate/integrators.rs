@@ -5,8 +5,8 @@ use crate::error::Result;
 use crate::integrator::Settings;
 use crate::integrator::photon::Kernel;
 use crate::integrator::settings::{
-    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathSettings, PhotonDebug,
-    PhotonmapperSettings, PtracerSettings, SppmSettings, WhittedSettings,
+    Aov, DirectSettings, DistributionSettings, IrrcacheSettings, Layer, PathLimits, PhotonDebug,
+    PhotonmapperSettings, SppmSettings, WhittedSettings,
 };
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
@@ -70,10 +70,7 @@ impl Builder<'_> {
             "whitted" => Settings::Whitted(whitted(&props)?),
             "distribution" => Settings::Distribution(distribution(&props)?),
             "depth" => Settings::Depth,
-            "ptracer" => {
-                let PathSettings { max_depth, rr_depth, hide_emitters } = path(&props)?;
-                Settings::Ptracer(PtracerSettings { max_depth, rr_depth, hide_emitters })
-            }
+            "ptracer" => Settings::Ptracer(path(&props)?),
             "irrcache" => Settings::Irrcache(self.irrcache(&props)?),
             "photonmapper" => {
                 self.ignore(&props, &["granularity"], "the render job decides");
@@ -152,14 +149,14 @@ impl Builder<'_> {
     }
 }
 
-fn path(props: &Props) -> Result<PathSettings> {
-    let default = PathSettings::default();
+fn path(props: &Props) -> Result<PathLimits> {
+    let default = PathLimits::default();
     let max_depth = match props.integer("max_depth", -1..=i64::from(u32::MAX))? {
         None => default.max_depth,
         Some(depth) => u32::try_from(depth).ok(),
     };
     let rr_depth = props.integer("rr_depth", 1..=i64::from(u32::MAX))?;
-    Ok(PathSettings {
+    Ok(PathLimits {
         max_depth,
         rr_depth: rr_depth.map_or(default.rr_depth, |d| d as u32),
         hide_emitters: props.boolean("hide_emitters", default.hide_emitters)?,
@@ -188,7 +185,6 @@ fn direct(props: &Props) -> Result<DirectSettings> {
 
 fn photonmapper(props: &Props) -> Result<PhotonmapperSettings> {
     let default = PhotonmapperSettings::default();
-    let PathSettings { max_depth, rr_depth, hide_emitters } = path(props)?;
     let number =
         |name, range, or| props.integer(name, range).map(|n: Option<i64>| n.map_or(or, |n| n as u32));
     let radius = |name, or| match props.positive(name, or)? {
@@ -199,9 +195,7 @@ fn photonmapper(props: &Props) -> Result<PhotonmapperSettings> {
     let shows =
         [("none", PhotonDebug::None), ("photons", PhotonDebug::Photons), ("radiance", PhotonDebug::Radiance)];
     Ok(PhotonmapperSettings {
-        max_depth,
-        rr_depth,
-        hide_emitters,
+        limits: path(props)?,
         direct_samples: number("direct_samples", 1..=MAX_SAMPLES, default.direct_samples)?,
         glossy_samples: number("glossy_samples", 1..=MAX_SAMPLES, default.glossy_samples)?,
         gather_samples: number("gather_samples", 1..=MAX_SAMPLES, default.gather_samples)?,
@@ -217,7 +211,6 @@ fn photonmapper(props: &Props) -> Result<PhotonmapperSettings> {
 
 fn sppm(props: &Props) -> Result<SppmSettings> {
     let default = SppmSettings::default();
-    let PathSettings { max_depth, rr_depth, hide_emitters } = path(props)?;
     let photon_count = props.integer("photon_count", 0..=MAX_PHOTONS)?;
     let number = |name, or, expected: &str, allowed: fn(f64) -> bool| match props.float(name)? {
         None => Ok(or),
@@ -225,9 +218,7 @@ fn sppm(props: &Props) -> Result<SppmSettings> {
         Some(_) => Err(props.refusal(name, expected)),
     };
     Ok(SppmSettings {
-        max_depth,
-        rr_depth,
-        hide_emitters,
+        limits: path(props)?,
         photon_count: photon_count.map_or(default.photon_count, |n| n as u32),
         initial_radius: number(
             "initial_radius",
