@@ -33,7 +33,7 @@ const DEFAULT_COUNT: u64 = 128;
 pub struct Sampler {
     points: PointSet,
     /// Domains whose dimensions all have the value 1/2.
-    fixed: DomainSet,
+    held: DomainSet,
     /// The number of replicates.
     replicates: u32,
 }
@@ -77,7 +77,7 @@ impl Sampler {
             }
             SamplerKind::Fixed => PointSet::Fixed,
         };
-        Sampler { points, fixed: DomainSet::EMPTY, replicates }
+        Sampler { points, held: DomainSet::EMPTY, replicates }
     }
 
     /// Returns the sampler with all dimensions of the given domains fixed at 1/2, so that only the others vary.
@@ -85,8 +85,8 @@ impl Sampler {
     /// The image is then a different integral: for the lens that of a pinhole, for the emitters that of a centre
     /// point. With Russian roulette fixed, it is not a valid estimate.
     #[must_use]
-    pub fn with_fixed(self, fixed: DomainSet) -> Self {
-        Sampler { fixed, ..self }
+    pub fn with_fixed(self, held: DomainSet) -> Self {
+        Sampler { held, ..self }
     }
 
     /// Returns the kind.
@@ -126,10 +126,10 @@ impl Sampler {
         key.in_replicate(self.replicate(sample))
     }
 
-    /// Returns whether the dimension is fixed at 1/2.
+    /// Returns whether the dimension is held at 1/2.
     #[inline]
     fn is_fixed(self, dimension: Dimension) -> bool {
-        !self.fixed.is_empty() && self.fixed.contains(dimension.domain())
+        !self.held.is_empty() && self.held.contains(dimension.domain())
     }
 
     /// Draws one number in [0, 1) for each key.
