@@ -15,7 +15,7 @@ use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ra
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16};
 use crate::math::robust::gamma;
 use crate::math::{Bounds, Ray, RayX16, Vec3};
-use facet::{Facet, FacetResult, HalfFacet, ListTriangle, facet};
+use facet::{FacetResult, HalfFacet, ListFacet, ListTriangle, facet};
 use wide::{f32x8, i32x8};
 
 mod facet;
@@ -32,7 +32,7 @@ const REACH: f32 = 4.0;
 /// The list of an assembly.
 pub struct List {
     /// Parallelograms first, then single triangles.
-    facets: Vec<Facet>,
+    facets: Vec<ListFacet>,
     quads: usize,
     surfaces: Vec<BoundedSurface>,
     bounds: Bounds,
@@ -135,7 +135,7 @@ fn triangles(assembly: &Assembly) -> Vec<ListTriangle> {
 
 /// Returns the parallelograms made of consecutive triangles, and the remaining triangles; `None` if a triangle is too
 /// thin.
-fn facets(triangles: Vec<ListTriangle>, reach: f32) -> Option<(Vec<Facet>, Vec<Facet>)> {
+fn facets(triangles: Vec<ListTriangle>, reach: f32) -> Option<(Vec<ListFacet>, Vec<ListFacet>)> {
     let (mut quads, mut single) = (Vec::new(), Vec::new());
     let mut rest = &triangles[..];
     while let [first, following @ ..] = rest {
@@ -182,7 +182,7 @@ impl ListHit {
     }
 
     /// Tests the triangles of a facet.
-    fn test_exactly(&mut self, ray: &ShearedRay, facet: &Facet, both: bool) {
+    fn test_exactly(&mut self, ray: &ShearedRay, facet: &ListFacet, both: bool) {
         for HalfFacet { triangle, .. } in &facet.halves[..1 + usize::from(both)] {
             let corners = triangle.corners.map(|p| p.to_array());
             if let Some((t, u, v)) = ray.intersect(&corners, self.t) {
@@ -292,7 +292,7 @@ impl<'a> RayX8<'a> {
     #[inline(always)]
     fn test<const SINGLE: bool, const ANY: bool>(
         &self,
-        facet: &Facet,
+        facet: &ListFacet,
         index: usize,
         mut found: HitX8,
         exact: &mut ExactHits,

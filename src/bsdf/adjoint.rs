@@ -1,27 +1,27 @@
-//! Scattering of light paths: the known direction is that of the light, the sampled one that of the viewer.
+//! Scattering of light paths: the known direction points towards the light, the sampled one towards the viewer.
 //!
-//! A BSDF is a function of both, but not a symmetric one: boundaries scale radiance and not power, and a bent normal is
-//! turned where its *viewer* would not see it. [Veach 1997, 5.3]
+//! A BSDF is a function of both directions but not a symmetric one: dielectric boundaries scale radiance but not
+//! power, and a perturbed normal is mirrored if its *viewer* is behind it. [Veach 1997, 5.3]
 
 use super::two_sided::mirrored;
 use super::{Blend, Bsdf, BsdfEval, BsdfSample, Lobe, Mask, Tilted, TwoSided, mask};
 use crate::math::{Vec2, Vec3};
 
-/// The largest random number.
+/// The largest random number below 1.
 const LAST: f32 = 1f32.next_down();
 
 impl Bsdf<'_> {
-    /// Draws the direction of a viewer for light from `wo`. The weight is `f·|cosθ|/pdf` for `f` of that viewer and
-    /// that light and the viewer's cosine; `eta` and the density belong to the sampled direction, as those of
-    /// [`sample`](Self::sample).
+    /// Samples the direction towards the viewer for light from `wo`. The weight is `f·|cosθ|/pdf`, where `f` is the
+    /// BSDF for that viewer and that light, and the cosine is the viewer's. `eta` and the density belong to the
+    /// sampled direction, as in [`sample`](Self::sample).
     pub fn sample_adjoint(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         let sample = match self {
-            Bsdf::Null => return Some(mask::through(wo)),
+            Bsdf::Null => return Some(mask::unscattered(wo)),
             Bsdf::Blend(b) => b.sample_adjoint(wo, u_lobe, u)?,
             Bsdf::Mask(b) => return b.sample_adjoint(wo, u_lobe, u),
             Bsdf::TwoSided(b) => {
                 let sample = b.sample_adjoint(wo, u_lobe, u)?;
-                // The side is that of the viewer, who is on the light's: neither transmits.
+                // The viewer selects the side, which is also the light's, because neither side transmits.
                 if sample.wi.z * wo.z <= 0.0 {
                     return None;
                 }
@@ -30,7 +30,7 @@ impl Bsdf<'_> {
             Bsdf::Tilted(b) => b.sample_adjoint(wo, u_lobe, u)?,
             leaf => {
                 let sample = leaf.sample(wo, u_lobe, u)?;
-                // Radiance is scaled at a boundary, light is not.
+                // The scaling at a boundary applies to radiance, but not to power.
                 BsdfSample { weight: sample.weight * (sample.eta * sample.eta), ..sample }
             }
         };
@@ -42,7 +42,8 @@ impl Bsdf<'_> {
         (pdf > 0.0).then_some(BsdfSample { weight, pdf, ..sample })
     }
 
-    /// The density of the finite lobes of [`sample_adjoint`](Self::sample_adjoint), per unit solid angle of `wi`.
+    /// Returns the density of the finite lobes of [`sample_adjoint`](Self::sample_adjoint), per unit solid angle of
+    /// `wi`.
     pub fn pdf_adjoint(&self, wo: Vec3, wi: Vec3) -> f32 {
         match self {
             Bsdf::Blend(b) => {
@@ -62,7 +63,7 @@ impl Bsdf<'_> {
 }
 
 impl TwoSided<'_> {
-    /// A sample of the side of `wo`.
+    /// Samples the BSDF of the side of `wo`.
     fn sample_adjoint(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         if wo.z >= 0.0 {
             return self.sides[0].sample_adjoint(wo, u_lobe, u);
@@ -93,9 +94,10 @@ impl Mask<'_> {
 }
 
 impl Tilted<'_> {
-    /// A sample of a viewer's direction; the weight and density are those of Dirac deltas only.
+    /// Samples the viewer's direction. Weight and density include Dirac deltas only.
     ///
-    /// The normal that counts is known once the viewer is: where there are two, each is tried for half of the samples.
+    /// The normal depends on the viewer, who is not yet known. If there are two normals, each is used for half of the
+    /// samples.
     fn sample_adjoint(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         let (tilt, u_lobe, share) = match self.turned {
             None => (self, u_lobe, 1.0),
@@ -108,11 +110,11 @@ impl Tilted<'_> {
         if sample.lobe != Lobe::Specular {
             return Some(BsdfSample { wi, ..sample });
         }
-        // The light has to be on one side of both normals, and the viewer has to see this normal.
-        if wo.z * inner_wo.z <= 0.0 || !std::ptr::eq(self.seen_from(wi), tilt) {
+        // The light must be on the same side of both normals, and this normal must be the viewer's.
+        if wo.z * inner_wo.z <= 0.0 || !std::ptr::eq(self.for_viewer(wi), tilt) {
             return None;
         }
-        // |cosθ| of the viewer and of the light, to the surface's normal over those to the bent one.
+        // The |cosθ| of viewer and light with the surface's normal, divided by those with the perturbed normal.
         let cosines = (wi.z / sample.wi.z).abs() * (inner_wo.z / wo.z).abs();
         let weight = sample.weight * (share * tilt.shadowing(wo) * cosines);
         Some(BsdfSample { wi, weight, ..sample })

@@ -1,4 +1,4 @@
-//! Two BSDFs in parts.
+//! A linear combination of BSDFs.
 
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe};
 use crate::color::Rgb;
@@ -8,27 +8,27 @@ use crate::sampling::hash::probability_below;
 /// A linear combination of two BSDFs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blend<'a> {
-    /// Share of the second, in [0, 1].
+    /// Weight of the second BSDF, in [0, 1].
     pub weight: f32,
-    /// The two.
+    /// The two BSDFs.
     pub bsdfs: [&'a Bsdf<'a>; 2],
 }
 
 impl Blend<'_> {
-    /// The probability with which the second is sampled.
+    /// Returns the probability of sampling the second BSDF.
     pub(super) fn probability(&self) -> f32 {
         probability_below(self.weight)
     }
 
-    /// The combination of values, and of densities.
+    /// Returns the combination of values and densities.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         let [a, b] = self.bsdfs.map(|bsdf| bsdf.eval(wo, wi));
         let (w, p) = (self.weight, self.probability());
         BsdfEval { f: a.f * (1.0 - w) + b.f * w, pdf: a.pdf * (1.0 - p) + b.pdf * p }
     }
 
-    /// The one that a random number chooses, the number stretched to [0, 1) again, and the share of that BSDF over its
-    /// probability.
+    /// Chooses one BSDF by a random number. Returns the BSDF, the number rescaled to [0, 1), and the weight of the
+    /// BSDF divided by its probability.
     pub(super) fn choose(&self, u_lobe: f32) -> (&Bsdf<'_>, f32, f32) {
         let (w, p) = (self.weight, self.probability());
         let (bsdf, u_lobe, share) = match u_lobe < p {
@@ -38,7 +38,7 @@ impl Blend<'_> {
         (bsdf, u_lobe.min(1f32.next_down()), share)
     }
 
-    /// Chooses one of the two by its share and samples it; a finite lobe is weighted by both densities.
+    /// Chooses one BSDF by its weight and samples it. A finite lobe is weighted by both densities.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         let (bsdf, u_lobe, share) = self.choose(u_lobe);
         let sample = bsdf.sample(wo, u_lobe, u)?;
@@ -49,7 +49,7 @@ impl Blend<'_> {
         (pdf > 0.0).then(|| BsdfSample { weight: f * (sample.wi.z.abs() / pdf), pdf, ..sample })
     }
 
-    /// The combination of albedos.
+    /// Returns the combination of albedos.
     pub fn albedo(&self) -> Rgb {
         self.bsdfs[0].albedo() * (1.0 - self.weight) + self.bsdfs[1].albedo() * self.weight
     }

@@ -1,22 +1,23 @@
-//! What the two principled models are made of. [Burley 2012; 2015]
+//! Common parts of the two principled models. [Burley 2012; 2015]
 
 use super::microfacet::{Distribution, Microfacets};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 use std::f32::consts::PI;
 
-/// The mean of [`schlick_weight`] over the directions of a diffuse light: `2∫(1 − c)⁵·c·dc`.
+/// The cosine-weighted mean of [`schlick_weight`] over the hemisphere: `2∫(1 − c)⁵·c·dc`.
 pub const MEAN_SCHLICK_WEIGHT: f32 = 1.0 / 21.0;
 
-/// `(1 − cosθ)⁵`.
+/// Returns `(1 − cosθ)⁵`.
 #[inline]
 pub fn schlick_weight(cos: f32) -> f32 {
     let m = (1.0 - cos).clamp(0.0, 1.0);
     m * m * m * m * m
 }
 
-/// Schlick's approximation of Fresnel reflectance from the reflectance `r0` along the normal, at the cosine
-/// `cos_i ≥ 0` on the near side. From a denser medium (`eta ≤ 1`) the refracted cosine counts.
+/// Returns Schlick's approximation of the Fresnel reflectance with the reflectance `r0` at normal incidence, at the
+/// cosine `cos_i ≥ 0` on the near side. From a denser medium (`eta ≤ 1`), the cosine of the refracted direction is
+/// used.
 #[inline]
 pub fn schlick(r0: Rgb, cos_i: f32, eta: f32) -> Rgb {
     let cos = match eta > 1.0 {
@@ -27,27 +28,27 @@ pub fn schlick(r0: Rgb, cos_i: f32, eta: f32) -> Rgb {
     r0.map(|r0| r0 + (1.0 - r0) * weight)
 }
 
-/// Reflectance along the normal between dielectrics.
+/// Returns the reflectance at normal incidence between dielectrics.
 #[inline]
 pub fn r0_from_eta(eta: f32) -> f32 {
     let r = (eta - 1.0) / (eta + 1.0);
     r * r
 }
 
-/// A colour without its luminance; black has no hue and gives white. [Burley 2012, 5]
+/// Returns a colour divided by its luminance; white for black, which has no hue. [Burley 2012, 5]
 #[inline]
 pub fn tint(color: Rgb) -> Rgb {
     let luminance = color.luminance();
     if luminance > 0.0 { color / luminance } else { Rgb::WHITE }
 }
 
-/// White that turns to [`tint`] as `share` goes to 1.
+/// Interpolates between white and [`tint`] with the weight `share`.
 #[inline]
 pub fn tinted(color: Rgb, share: f32) -> Rgb {
     if share > 0.0 { Rgb::WHITE * (1.0 - share) + tint(color) * share } else { Rgb::WHITE }
 }
 
-/// GGX whose roughness is the square of the parameter, at least 0.001. [Burley 2012, 5]
+/// Returns a GGX distribution whose roughness is the square of the parameter, at least 0.001. [Burley 2012, 5]
 #[inline]
 pub fn microfacets(roughness: f32, anisotropy: f32) -> Microfacets {
     let alpha = roughness * roughness;
@@ -60,9 +61,9 @@ pub fn microfacets(roughness: f32, anisotropy: f32) -> Microfacets {
     }
 }
 
-/// Diffuse reflection with retro-reflection by roughness, over ρ/π; `flatness` blends to an approximation of
-/// subsurface scattering. `cos_d` is the cosine between a direction and the half vector.
-/// [Burley 2012, 5.3; 2015]
+/// Returns the diffuse reflection with retro-reflection, relative to ρ/π. `flatness` is the weight of an
+/// approximation of subsurface scattering. `cos_d` is the cosine between a direction and the half vector. [Burley
+/// 2012, 5.3; 2015]
 #[inline]
 pub fn diffuse(cos_o: f32, cos_i: f32, cos_d: f32, roughness: f32, flatness: f32) -> f32 {
     let (w_o, w_i) = (schlick_weight(cos_o), schlick_weight(cos_i));
@@ -77,28 +78,28 @@ pub fn diffuse(cos_o: f32, cos_i: f32, cos_d: f32, roughness: f32, flatness: f32
     rough + (flat - rough) * flatness
 }
 
-/// The isotropic distribution of a clear coat's facets, with long tails. [Burley 2012, Eq. 4]
+/// The isotropic, long-tailed microfacet distribution of a clear coat. [Burley 2012, Eq. 4]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gtr1 {
     alpha2: f32,
 }
 
 impl Gtr1 {
-    /// Roughness from 0.1 at a gloss of 0 to 0.001 at 1.
+    /// Creates the distribution; the roughness is 0.1 for a gloss of 0 and 0.001 for a gloss of 1.
     pub fn from_gloss(gloss: f32) -> Self {
         let alpha = 0.1 + (0.001 - 0.1) * gloss;
         Gtr1 { alpha2: alpha * alpha }
     }
 
-    /// The density of normals per unit solid angle and unit area of the surface.
+    /// Returns the density of normals per unit solid angle and unit area of the surface.
     pub fn d(&self, m: Vec3) -> f32 {
         let a = self.alpha2 - 1.0;
-        // 1 + (α² − 1)·cos² without cancellation near the normal.
+        // Computes 1 + (α² − 1)·cos² without cancellation near the normal.
         let sin2 = m.x * m.x + m.y * m.y;
         a / (PI * self.alpha2.ln() * (sin2 + self.alpha2 * m.z * m.z))
     }
 
-    /// Draws a normal in proportion to `D·cosθ`. [Burley 2012, Eq. 5]
+    /// Samples a normal in proportion to `D·cosθ`. [Burley 2012, Eq. 5]
     pub fn sample(&self, u: Vec2) -> Vec3 {
         // sin²θ = (α^(2 − 2u) − α²)/(1 − α²)
         let sin2 = (self.alpha2.powf(1.0 - u.y) - self.alpha2) / (1.0 - self.alpha2);
@@ -107,7 +108,7 @@ impl Gtr1 {
         Vec3::new(sin * cos_phi, sin * sin_phi, (1.0 - sin2).max(0.0).sqrt())
     }
 
-    /// The density of [`sample`](Self::sample) per unit solid angle.
+    /// Returns the density of [`sample`](Self::sample) per unit solid angle.
     pub fn pdf(&self, m: Vec3) -> f32 {
         self.d(m) * m.z.max(0.0)
     }
@@ -122,7 +123,7 @@ mod tests {
     fn a_clear_coats_facets_cover_the_surface_once() {
         for gloss in [0.0, 0.5, 1.0] {
             let gtr1 = Gtr1::from_gloss(gloss);
-            // Over ln(sin²θ + α²), in which the density is smooth.
+            // Integrates over ln(sin²θ + α²), in which the density is smooth.
             let low = f64::from(gtr1.alpha2).ln();
             let n = 20_000;
             let mut area = 0.0;

@@ -5,17 +5,17 @@ use super::{BsdfSample, Lobe};
 use crate::color::Rgb;
 use crate::math::Vec3;
 
-/// Mirror reflection by a conductor on the front side; the back is black.
+/// Specular reflection by a conductor on the front side; the back side is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conductor {
-    /// Its index of refraction.
+    /// The index of refraction.
     pub fresnel: ConductorFresnel,
     /// A factor on the reflection.
     pub specular_reflectance: Rgb,
 }
 
 impl Conductor {
-    /// The mirror direction.
+    /// Returns the mirror direction.
     #[inline]
     pub fn sample(&self, wo: Vec3) -> Option<BsdfSample> {
         if wo.z <= 0.0 {

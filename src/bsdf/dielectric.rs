@@ -9,7 +9,7 @@ use crate::sampling::hash::probability_below;
 /// Reflection and refraction of radiance at a smooth boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dielectric {
-    /// Index of refraction below the surface (−z) over that above it.
+    /// Index of refraction below the surface (−z) relative to that above it.
     pub eta: f32,
     /// A factor on the reflection.
     pub specular_reflectance: Rgb,
@@ -18,20 +18,20 @@ pub struct Dielectric {
 }
 
 impl Dielectric {
-    /// Index of the far side over that of wo's side.
+    /// Returns the index of the far side relative to that of wo's side.
     fn eta_from(&self, wo: Vec3) -> f32 {
         if wo.z > 0.0 { self.eta } else { 1.0 / self.eta }
     }
 
-    /// The probability with which [`sample`](Self::sample) reflects.
+    /// Returns the probability with which [`sample`](Self::sample) reflects.
     pub(super) fn reflection_probability(&self, wo: Vec3) -> f32 {
         probability_below(fresnel::dielectric(wo.z.abs(), self.eta_from(wo)).reflectance)
     }
 
-    /// Reflects with the Fresnel probability, else refracts.
+    /// Reflects with the probability of the Fresnel reflectance, otherwise refracts.
     ///
-    /// Refracted radiance is scaled by the squared ratio of the indices, because the solid angle changes.
-    /// [Veach 1997, Eq. 5.2]
+    /// Refracted radiance is scaled by the squared ratio of the indices, because the solid angle changes. [Veach
+    /// 1997, Eq. 5.2]
     #[inline]
     pub fn sample(&self, wo: Vec3, u_lobe: f32) -> Option<BsdfSample> {
         if wo.z == 0.0 {
@@ -60,7 +60,7 @@ impl Dielectric {
         })
     }
 
-    /// Reflectance plus transmittance along the normal.
+    /// Returns reflectance plus transmittance at normal incidence.
     pub fn albedo(&self) -> Rgb {
         let r = fresnel::dielectric(1.0, self.eta).reflectance;
         self.specular_reflectance * r + self.specular_transmittance * (1.0 - r)
@@ -79,7 +79,7 @@ mod tests {
         let s = glass.sample(wo, 1f32.next_down()).unwrap();
         assert!((s.wi.x + 0.4).abs() < 1e-6 && s.wi.z < 0.0);
         assert!((s.weight.r - 1.0 / 2.25).abs() < 1e-6);
-        // Back through the boundary: the same way, the inverse scale.
+        // The reverse direction has the same path and the inverse scale.
         let back = glass.sample(s.wi, 1f32.next_down()).unwrap();
         assert!((back.wi - wo).length() < 1e-6);
         assert!((back.weight.r * s.weight.r - 1.0).abs() < 1e-6);

@@ -6,15 +6,15 @@ use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// Lambertian reflection on the front side; the back is black.
+/// Lambertian reflection on the front side; the back side is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Diffuse {
-    /// Share of the light that is reflected.
+    /// Fraction of the light that is reflected.
     pub reflectance: Rgb,
 }
 
 impl Diffuse {
-    /// `f = ρ/π`.
+    /// Returns `f = ρ/π` and its density.
     #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         if wo.z <= 0.0 || wi.z <= 0.0 {
@@ -23,7 +23,7 @@ impl Diffuse {
         BsdfEval { f: self.reflectance * FRAC_1_PI, pdf: warp::square_to_cosine_hemisphere_pdf(wi) }
     }
 
-    /// Draws `wi` in proportion to its cosine.
+    /// Samples `wi` in proportion to its cosine.
     #[inline]
     pub fn sample(&self, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
         if wo.z <= 0.0 {

@@ -1,22 +1,22 @@
-//! One facet that takes a direction into another.
+//! A microfacet that reflects or refracts one direction into another.
 
 use crate::math::Vec3;
 
-/// A microfacet between two directions. The given direction `wo` is above the surface, and so is the normal.
+/// A microfacet for two directions. The given direction `wo` and the facet's normal are above the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Facet {
-    /// Its normal.
+    /// The facet's normal.
     pub m: Vec3,
     /// `wo·m`, positive.
     pub cos_o: f32,
     /// `wi·m`: positive for a reflection, negative for a refraction.
     pub cos_i: f32,
-    /// Density of facets over density of directions: the solid angle of m per solid angle of `wi`.
+    /// The Jacobian dωₘ/dωᵢ: the solid angle of m per solid angle of `wi`.
     pub dm_dwi: f32,
 }
 
 impl Facet {
-    /// The facet that mirrors `wo` to `wi`, both above the surface. [Walter 2007, Eq. 13 and 14]
+    /// Returns the facet that reflects `wo` to `wi`, both above the surface. [Walter 2007, Eq. 13 and 14]
     #[inline]
     pub fn mirroring(wo: Vec3, wi: Vec3) -> Option<Facet> {
         let m = (wo + wi).normalize();
@@ -24,8 +24,8 @@ impl Facet {
         (cos_o > 0.0 && cos_i > 0.0).then(|| Facet { m, cos_o, cos_i, dm_dwi: 1.0 / (4.0 * cos_o) })
     }
 
-    /// The facet that refracts `wo` to `wi` below the surface; `eta ≠ 1` is the index below over that above.
-    /// `None` if no visible facet does. [Walter 2007, Eq. 16 and 17]
+    /// Returns the facet that refracts `wo` to `wi` below the surface; `eta ≠ 1` is the index below relative to that
+    /// above. `None` if there is no such visible facet. [Walter 2007, Eq. 16 and 17]
     #[inline]
     pub fn refracting(wo: Vec3, wi: Vec3, eta: f32) -> Option<Facet> {
         let h = wo + wi * eta;
@@ -38,7 +38,7 @@ impl Facet {
         })
     }
 
-    /// Mirrors `wo` in the facet m. `None` if the facet is not seen from `wo`, or `wi` is not above the surface.
+    /// Reflects `wo` by the facet m. `None` if the facet is not visible from `wo`, or `wi` is not above the surface.
     #[inline]
     pub fn mirror(wo: Vec3, m: Vec3) -> Option<(Vec3, Facet)> {
         let cos_o = wo.dot(m);
@@ -47,8 +47,8 @@ impl Facet {
             .then(|| (wi, Facet { m, cos_o, cos_i: cos_o, dm_dwi: 1.0 / (4.0 * cos_o) }))
     }
 
-    /// Refracts `wo` in the facet m; `cos_t > 0` is the refracted cosine. `None` if the facet is not seen from
-    /// `wo`, or `wi` is not below the surface. [Walter 2007, Eq. 40]
+    /// Refracts `wo` by the facet m; `cos_t > 0` is the cosine of the refracted direction. `None` if the facet is not
+    /// visible from `wo`, or `wi` is not below the surface. [Walter 2007, Eq. 40]
     #[inline]
     pub fn refract(wo: Vec3, m: Vec3, cos_t: f32, eta: f32) -> Option<(Vec3, Facet)> {
         let cos_o = wo.dot(m);
@@ -60,8 +60,8 @@ impl Facet {
     }
 }
 
-/// `η²·cosθt / (cosθo − η·cosθt)²`. By Snell's law the difference is `(1 − η²) / (cosθo + η·cosθt)`, without
-/// cancellation. [Walter 2007, Eq. 17]
+/// Returns `η²·cosθt / (cosθo − η·cosθt)²`. By Snell's law the difference is `(1 − η²) / (cosθo + η·cosθt)`, which
+/// has no cancellation. [Walter 2007, Eq. 17]
 fn refraction_jacobian(cos_o: f32, cos_t: f32, eta: f32) -> f32 {
     let difference = (1.0 - eta) * (1.0 + eta) / (cos_o + eta * cos_t);
     eta * eta * cos_t / (difference * difference)
@@ -94,9 +94,9 @@ mod tests {
     #[test]
     fn directions_that_no_facet_joins() {
         let wo = Vec3::new(0.6, 0.0, 0.8);
-        // Refraction bends by less than this.
+        // Refraction cannot change the direction by this angle.
         assert_eq!(Facet::refracting(wo, Vec3::new(0.8, 0.0, -0.6), 1.5), None);
-        // A facet seen from behind.
+        // A facet seen from its back.
         assert_eq!(Facet::mirror(wo, Vec3::new(-0.9, 0.0, 0.1).normalize()), None);
     }
 }

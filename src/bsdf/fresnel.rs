@@ -1,21 +1,21 @@
-//! Fresnel's equations for unpolarised light.
+//! The Fresnel equations for unpolarised light.
 
 use crate::color::Rgb;
 
-/// Reflectance of a smooth boundary, and the refracted cosine.
+/// Reflectance of a smooth boundary, and the cosine of the refracted direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refraction {
-    /// Share of the light that is reflected.
+    /// Fraction of the light that is reflected.
     pub reflectance: f32,
-    /// Cosine of the refracted direction on the far side, not negative; 0 under total internal reflection.
+    /// Cosine of the refracted direction on the far side, not negative; 0 for total internal reflection.
     pub cos_t: f32,
 }
 
-/// Fresnel reflectance between dielectrics: `cos_i ≥ 0` on the near side, `eta` the index of the far side over
-/// that of the near side. `eta = 1` reflects nothing. [Born and Wolf 1999, 1.5.2]
+/// Returns the Fresnel reflectance between dielectrics. `cos_i ≥ 0` is the cosine on the near side, `eta` the index
+/// of the far side relative to that of the near side. `eta = 1` reflects nothing. [Born and Wolf 1999, 1.5.2]
 #[inline]
 pub fn dielectric(cos_i: f32, eta: f32) -> Refraction {
-    // cos²θt = 1 − (1 − cos²θi)/η², arranged so that η near 1 at grazing angles loses no digits.
+    // cos²θt = 1 − (1 − cos²θi)/η², arranged to avoid cancellation for η near 1 at grazing angles.
     let scale = 1.0 / (eta * eta);
     let cos2_t = (eta - 1.0) * (eta + 1.0) * scale + cos_i * cos_i * scale;
     if cos2_t <= 0.0 {
@@ -30,9 +30,10 @@ pub fn dielectric(cos_i: f32, eta: f32) -> Refraction {
     Refraction { reflectance: 0.5 * (r_s * r_s + r_p * r_p), cos_t }
 }
 
-/// The share of diffuse light that a smooth boundary reflects; `eta` is the index of the far side over that of the near
-/// side. Polynomials fitted to the integral: below 1 that of [Egan and Hilgeman 1973], within 0.1 % from 2/3 and
-/// 0.6 % from 1/2 but above 1 at 1/3.85, from 1 on that of [d'Eon and Irving 2011], within 0.2 % up to 10.
+/// Returns the fraction of diffuse light that a smooth boundary reflects; `eta` is the index of the far side relative
+/// to that of the near side. Polynomial fits to the integral are used. Below 1, that of [Egan and Hilgeman 1973] is
+/// accurate to 0.1 % from 2/3 and to 0.6 % from 1/2, but exceeds 1 at 1/3.85. From 1 on, that of [d'Eon and Irving
+/// 2011] is accurate to 0.2 % up to 10.
 pub fn diffuse_reflectance(eta: f32) -> f32 {
     let inverse = 1.0 / eta;
     if eta < 1.0 {
@@ -44,7 +45,7 @@ pub fn diffuse_reflectance(eta: f32) -> f32 {
     }
 }
 
-/// A conductor's complex index of refraction relative to the outside, per channel.
+/// The complex index of refraction of a conductor relative to the outside, for each channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConductorFresnel {
     /// Real part.
@@ -54,14 +55,15 @@ pub struct ConductorFresnel {
 }
 
 impl ConductorFresnel {
-    /// Reflectance at the cosine `cos_i ≥ 0` of the incident direction.
+    /// Returns the reflectance at the cosine `cos_i ≥ 0` of the incident direction.
     #[inline]
     pub fn reflectance(&self, cos_i: f32) -> Rgb {
         self.eta.zip(self.k, |eta, k| conductor(cos_i, eta, k))
     }
 }
 
-/// Fresnel reflectance of a conductor with index `eta + i k`. [Lagarde 2013, from Born and Wolf 1999, 14.2]
+/// Returns the Fresnel reflectance of a conductor with the index `eta + i k`. [Lagarde 2013, from Born and Wolf 1999,
+/// 14.2]
 #[inline]
 pub fn conductor(cos_i: f32, eta: f32, k: f32) -> f32 {
     let cos2 = cos_i * cos_i;
@@ -119,7 +121,7 @@ mod tests {
         assert!((back.cos_t - 0.6).abs() < 1e-6);
     }
 
-    /// The fits of the diffuse reflectance against the integral 2∫F·cosθ·d(cosθ).
+    /// Compares the fits of the diffuse reflectance with the integral 2∫F·cosθ·d(cosθ).
     #[test]
     fn diffuse_reflectance_is_the_integral() {
         let integral = |eta: f32| {

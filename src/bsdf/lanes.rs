@@ -1,6 +1,7 @@
-//! BSDFs for sixteen points at a time.
+//! BSDF evaluation and sampling for sixteen points at a time.
 //!
-//! Diffuse reflection, the material of most surfaces, is computed side by side; other lobes one lane after the other.
+//! Diffuse reflection, the most frequent material, is computed in parallel lanes; other BSDFs one lane after the
+//! other.
 
 use super::{Bsdf, BsdfEval, BsdfSample};
 use crate::math::Vec2;
@@ -8,7 +9,7 @@ use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// As [`BsdfEval`], in sixteen lanes.
+/// A [`BsdfEval`] in each of sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct BsdfEvalX16 {
     /// The bare BSDF by channel, sr⁻¹.
@@ -17,7 +18,7 @@ pub struct BsdfEvalX16 {
     pub pdf: f32x16,
 }
 
-/// As [`BsdfSample`], in sixteen lanes.
+/// A [`BsdfSample`] in each of sixteen lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct BsdfSampleX16 {
     /// The directions.
@@ -28,11 +29,11 @@ pub struct BsdfSampleX16 {
     pub pdf: f32x16,
     /// Relative indices of refraction.
     pub eta: f32x16,
-    /// A mask: there is a sample.
+    /// Mask of the lanes with a sample.
     pub valid: f32x16,
 }
 
-/// The reflectances of the diffuse lanes by channel, and the bits of the other lanes.
+/// Returns the reflectances of the diffuse lanes by channel, and a mask of the other lanes.
 #[inline(always)]
 fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
     let mut reflectance = [[0.0; LANES]; 3];
@@ -49,7 +50,7 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
     (reflectance.map(f32x16::new), others)
 }
 
-/// [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
+/// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 #[inline]
 pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
@@ -67,7 +68,7 @@ pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: 
     eval
 }
 
-/// [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the bits of `active`.
+/// Computes [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 #[inline]
 pub fn sample_x16(
     bsdfs: &[&Bsdf<'_>; LANES],
@@ -120,7 +121,7 @@ mod tests {
     use crate::color::Rgb;
     use crate::math::Vec3;
 
-    /// Diffuse lanes beside one of glass give what each gives alone.
+    /// A lane with glass does not change the results of the diffuse lanes.
     #[test]
     fn lanes_are_independent() {
         let diffuse = Bsdf::Diffuse(Diffuse { reflectance: Rgb::new(0.2, 0.4, 0.8) });

@@ -5,39 +5,39 @@ use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 use crate::sampling::hash::probability_below;
 
-/// A BSDF in a share of the surface; the rest lets light pass.
+/// A BSDF on a fraction of the surface; the remaining light passes unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mask<'a> {
-    /// The share, in [0, 1].
+    /// The fraction, in [0, 1].
     pub opacity: f32,
-    /// What scatters there.
+    /// The BSDF on that fraction.
     pub inner: &'a Bsdf<'a>,
 }
 
-/// Light that goes straight on.
-pub(super) fn through(wo: Vec3) -> BsdfSample {
+/// Returns the sample of unscattered light.
+pub(super) fn unscattered(wo: Vec3) -> BsdfSample {
     BsdfSample { wi: -wo, weight: Rgb::WHITE, pdf: f32::INFINITY, lobe: Lobe::Specular, eta: 1.0 }
 }
 
 impl Mask<'_> {
-    /// The probability with which the inner BSDF is sampled.
+    /// Returns the probability of sampling the inner BSDF.
     pub(super) fn probability(&self) -> f32 {
         probability_below(self.opacity)
     }
 
-    /// The sample that passes.
+    /// Returns the sample of light that passes through a hole.
     pub(super) fn hole(&self, wo: Vec3) -> BsdfSample {
-        let hole = through(wo);
+        let hole = unscattered(wo);
         BsdfSample { weight: hole.weight * ((1.0 - self.opacity) / (1.0 - self.probability())), ..hole }
     }
 
-    /// The inner BSDF's share.
+    /// Returns the inner BSDF times the opacity.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         let BsdfEval { f, pdf } = self.inner.eval(wo, wi);
         BsdfEval { f: f * self.opacity, pdf: pdf * self.probability() }
     }
 
-    /// Passes with the probability of a hole, else samples the inner BSDF.
+    /// Passes through with the probability of a hole, otherwise samples the inner BSDF.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         let probability = self.probability();
         if u_lobe >= probability {

@@ -21,17 +21,18 @@ pub struct Microfacets {
     pub alpha_x: f32,
     /// Roughness along y.
     pub alpha_y: f32,
-    /// Whether [`sample`](Self::sample) draws visible normals (else all normals).
+    /// Whether [`sample`](Self::sample) samples visible normals; otherwise all normals.
     pub sample_visible: bool,
 }
 
 impl Microfacets {
-    /// Whether roughness depends on the direction.
+    /// Returns whether the roughness depends on the direction.
     pub fn is_anisotropic(&self) -> bool {
         self.alpha_x != self.alpha_y
     }
 
-    /// The density D(m) of normals per unit solid angle and unit area of the surface. [Walter 2007, Eq. 25, 33]
+    /// Returns the density D(m) of normals per unit solid angle and unit area of the surface. [Walter 2007, Eq. 25,
+    /// 33]
     #[inline]
     pub fn d(&self, m: Vec3) -> f32 {
         if m.z <= 0.0 {
@@ -47,8 +48,8 @@ impl Microfacets {
         if d.is_finite() { d } else { 0.0 }
     }
 
-    /// Smith's masking: the share of facets visible from `w`, zero where `w` and the facet `m` disagree on the
-    /// side. [Heitz 2014, Eq. 43]
+    /// Returns Smith's masking function: the fraction of facets visible from `w`; zero if `w` is on different sides
+    /// of the facet `m` and the surface. [Heitz 2014, Eq. 43]
     #[inline]
     pub fn g1(&self, w: Vec3, m: Vec3) -> f32 {
         if w.dot(m) * w.z <= 0.0 {
@@ -57,7 +58,7 @@ impl Microfacets {
         1.0 / (1.0 + self.lambda(w))
     }
 
-    /// Smith's Λ. [Heitz 2014, Eq. 53 and 68]
+    /// Returns Smith's Λ. [Heitz 2014, Eq. 53 and 68]
     fn lambda(&self, w: Vec3) -> f32 {
         let tan2_alpha2 = ((w.x * self.alpha_x).powi(2) + (w.y * self.alpha_y).powi(2)) / (w.z * w.z);
         if tan2_alpha2 == 0.0 {
@@ -73,7 +74,7 @@ impl Microfacets {
         }
     }
 
-    /// Draws a facet normal for the view direction `wo` above the surface.
+    /// Samples a facet normal for the view direction `wo` above the surface.
     #[inline]
     pub fn sample(&self, wo: Vec3, u: Vec2) -> Vec3 {
         if !self.sample_visible {
@@ -85,7 +86,7 @@ impl Microfacets {
         }
     }
 
-    /// The density of [`sample`](Self::sample) per unit solid angle of m.
+    /// Returns the density of [`sample`](Self::sample) per unit solid angle of m.
     #[inline]
     pub fn pdf(&self, wo: Vec3, m: Vec3) -> f32 {
         if self.sample_visible {
@@ -99,7 +100,7 @@ impl Microfacets {
         }
     }
 
-    /// All normals, in proportion to D(m)·cosθ. [Walter 2007, Eq. 28, 35]
+    /// Samples all normals in proportion to D(m)·cosθ. [Walter 2007, Eq. 28, 35]
     fn sample_all(&self, u: Vec2) -> Vec3 {
         let tan2 = match self.distribution {
             Distribution::Beckmann => -(1.0 - u.x).ln(),
@@ -110,7 +111,7 @@ impl Microfacets {
         Vec3::new(self.alpha_x * r * cos, self.alpha_y * r * sin, 1.0).normalize()
     }
 
-    /// Visible normals by spherical caps. [Dupuy and Benyoub 2023, listing 3]
+    /// Samples visible normals by spherical caps. [Dupuy and Benyoub 2023, listing 3]
     fn sample_visible_ggx(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let v = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z).normalize();
         let z = (1.0 - u.y) * (1.0 + v.z) - v.z;
@@ -120,7 +121,7 @@ impl Microfacets {
         Vec3::new(h.x * self.alpha_x, h.y * self.alpha_y, h.z.max(1e-12)).normalize()
     }
 
-    /// Visible normals by inversion of the slopes' distribution. [Heitz and d'Eon 2014, supplemental 1]
+    /// Samples visible normals by inversion of the distribution of slopes. [Heitz and d'Eon 2014, supplemental 1]
     fn sample_visible_beckmann(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let v = Vec3::new(wo.x * self.alpha_x, wo.y * self.alpha_y, wo.z).normalize();
         let sin = (v.x * v.x + v.y * v.y).sqrt();
@@ -134,11 +135,12 @@ impl Microfacets {
 
 const FRAC_1_SQRT_PI: f32 = 0.564_189_6;
 
-/// The slope along the azimuth 0 of a visible facet of unit roughness, seen at the polar angle with `cos` and
-/// `sin` and azimuth 0. The slope across is independent of it, [`beckmann_slope_across`].
+/// Samples the slope, along the azimuth 0, of a visible facet with unit roughness. The view direction has the azimuth
+/// 0 and a polar angle with the given `cos` and `sin`. The perpendicular slope is independent of it:
+/// [`beckmann_slope_across`].
 ///
-/// The marginal in x is `∝ (cosθ − sinθ·x)·exp(−x²)` for `x < cotθ`; its distribution function
-/// is inverted by bisection-guarded Newton steps in `f64`, to full `f32` precision.
+/// The marginal density is `∝ (cosθ − sinθ·x)·exp(−x²)` for `x < cotθ`. Its cumulative distribution is inverted by
+/// Newton steps guarded by bisection, in `f64`, to full `f32` precision.
 pub(super) fn beckmann_slope_along(cos: f32, sin: f32, u: f32) -> f32 {
     let (cos, sin) = (f64::from(cos), f64::from(sin));
     let u = inside(u);
@@ -168,17 +170,17 @@ pub(super) fn beckmann_slope_along(cos: f32, sin: f32, u: f32) -> f32 {
     x as f32
 }
 
-/// The slope across of a facet of unit roughness, visible from anywhere.
+/// Samples the perpendicular slope of a facet with unit roughness, for any view direction.
 pub(super) fn beckmann_slope_across(u: f32) -> f32 {
     erf_inverse(2.0 * inside(u) - 1.0) as f32
 }
 
-/// A uniform number strictly inside (0, 1): the ends are slopes of ±∞.
+/// Moves a uniform number strictly inside (0, 1), because the ends map to slopes of ±∞.
 fn inside(u: f32) -> f64 {
     (f64::from(u) + 2f64.powi(-26)).min(1.0 - 2f64.powi(-26))
 }
 
-/// The inverse of the error function, to about 1e-7 relative. [Giles 2012, single precision]
+/// Returns the inverse error function with a relative error of about 1e-7. [Giles 2012, single precision]
 fn erf_inverse(x: f64) -> f64 {
     let w = -((1.0 - x) * (1.0 + x)).ln();
     let (w, coefficients): (f64, [f64; 9]) = if w < 5.0 {

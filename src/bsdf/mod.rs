@@ -1,7 +1,7 @@
-//! Scattering at a surface, in the local frame (z = normal), with no textures and no scene.
+//! BSDFs: scattering at a surface in the local frame (z = normal), without textures or a scene.
 //!
-//! `wo` is the known direction, `wi` the sampled one; both point away from the surface. [`Bsdf::eval`] is the
-//! bare BSDF, without cosine; densities are per unit solid angle of `wi`.
+//! `wo` is the known direction, `wi` the sampled one; both point away from the surface. [`Bsdf::eval`] is the bare
+//! BSDF, without cosine. Densities are per unit solid angle of `wi`.
 
 mod adjoint;
 pub mod blend;
@@ -49,12 +49,12 @@ pub use two_sided::TwoSided;
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 
-/// The kind of scattering that a sampled direction comes from.
+/// The kind of lobe from which a direction was sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lobe {
-    /// Spread over the hemisphere.
+    /// Wide, over the hemisphere.
     Diffuse,
-    /// Concentrated around a direction, but of finite density.
+    /// Concentrated around a direction, with a finite density.
     Glossy,
     /// A Dirac delta: no other technique can sample it.
     Specular,
@@ -65,22 +65,22 @@ pub enum Lobe {
 pub struct BsdfSample {
     /// The direction, of unit length.
     pub wi: Vec3,
-    /// `f·|cosθ|/pdf`; for a specular lobe its reflectance or transmittance over the lobe's probability.
+    /// `f·|cosθ|/pdf`; for a specular lobe, its reflectance or transmittance divided by the lobe's probability.
     pub weight: Rgb,
     /// Density per unit solid angle; infinite for a specular lobe.
     pub pdf: f32,
-    /// Which lobe.
+    /// The sampled lobe.
     pub lobe: Lobe,
-    /// Index of refraction of the side of `wi` over that of the side of `wo`; 1 for a reflection.
+    /// Index of refraction on the side of `wi` relative to that on the side of `wo`; 1 for a reflection.
     pub eta: f32,
 }
 
-/// Value and density for a pair of directions.
+/// The value and density for a pair of directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfEval {
     /// The bare BSDF, sr⁻¹.
     pub f: Rgb,
-    /// Density with which [`Bsdf::sample`] draws `wi`, per unit solid angle.
+    /// Density per unit solid angle with which [`Bsdf::sample`] samples `wi`.
     pub pdf: f32,
 }
 
@@ -89,47 +89,47 @@ impl BsdfEval {
     pub const ZERO: BsdfEval = BsdfEval { f: Rgb::BLACK, pdf: 0.0 };
 }
 
-/// A BSDF with its parameters at one surface point. Those that are made of others refer to them.
+/// A BSDF with its parameters at one surface point. A nested BSDF is a reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bsdf<'a> {
-    /// Passes all light on as if there were no surface.
+    /// No surface: all light passes unchanged.
     Null,
     /// Ideal Lambertian reflection.
     Diffuse(Diffuse),
-    /// Mirror reflection by a smooth conductor.
+    /// Specular reflection by a smooth conductor.
     Conductor(Conductor),
-    /// Reflection by a conductor of microfacets.
+    /// Reflection by a rough conductor.
     RoughConductor(RoughConductor),
     /// Reflection and refraction at a smooth dielectric boundary.
     Dielectric(Dielectric),
-    /// Reflection by a thin sheet of a dielectric, which lets the rest pass.
+    /// Reflection and unrefracted transmission by a thin sheet of a dielectric.
     ThinDielectric(ThinDielectric),
-    /// Reflection and refraction at a dielectric boundary of microfacets.
+    /// Reflection and refraction at a rough dielectric boundary.
     RoughDielectric(RoughDielectric),
     /// A diffuse base under a smooth dielectric coating.
     Plastic(Plastic),
     /// A diffuse base under a rough dielectric coating.
     RoughPlastic(RoughPlastic<'a>),
-    /// The principled model of many lobes.
+    /// The principled model.
     Principled(Principled),
     /// The principled model of a thin sheet.
     PrincipledThin(PrincipledThin),
-    /// Two BSDFs in parts.
+    /// A linear combination of two BSDFs.
     Blend(Blend<'a>),
     /// A BSDF with holes.
     Mask(Mask<'a>),
-    /// A BSDF in a frame that leans.
+    /// A BSDF in the frame of a perturbed normal.
     Tilted(Tilted<'a>),
     /// A BSDF for each side.
     TwoSided(TwoSided<'a>),
 }
 
-/// Which lobes there are.
+/// The lobes of a BSDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lobes {
     /// Whether there are lobes of finite density.
     pub finite: bool,
-    /// How many Dirac deltas there are at most.
+    /// The greatest number of Dirac deltas.
     pub deltas: u32,
 }
 
@@ -137,18 +137,18 @@ impl Lobes {
     /// Lobes of finite density only.
     pub const FINITE: Lobes = Lobes { finite: true, deltas: 0 };
 
-    /// So many Dirac deltas and nothing else.
+    /// The given number of Dirac deltas and no other lobes.
     pub const fn deltas(deltas: u32) -> Lobes {
         Lobes { finite: false, deltas }
     }
 
-    /// The lobes of both together.
+    /// Returns the lobes of a sum of two BSDFs.
     #[must_use]
     pub fn and(self, other: Lobes) -> Lobes {
         Lobes { finite: self.finite || other.finite, deltas: self.deltas.saturating_add(other.deltas) }
     }
 
-    /// The lobes of either.
+    /// Returns the lobes of either one of two BSDFs.
     #[must_use]
     pub fn or(self, other: Lobes) -> Lobes {
         Lobes { finite: self.finite || other.finite, deltas: self.deltas.max(other.deltas) }
@@ -175,7 +175,7 @@ impl Bsdf<'_> {
         })
     }
 
-    /// The lobes that it may scatter by.
+    /// Returns the lobes that may scatter light.
     #[inline]
     pub fn lobes(&self) -> Lobes {
         match self {
@@ -187,20 +187,20 @@ impl Bsdf<'_> {
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
             Bsdf::RoughDielectric(_) => Lobes::FINITE,
             Bsdf::Blend(b) => b.bsdfs[0].lobes().and(b.bsdfs[1].lobes()),
-            // What passes the holes is a delta.
+            // Light through holes is a Dirac delta.
             Bsdf::Mask(b) => b.inner.lobes().and(Lobes::deltas(1)),
             Bsdf::Tilted(b) => b.inner.lobes(),
             Bsdf::TwoSided(b) => b.sides[0].lobes().or(b.sides[1].lobes()),
         }
     }
 
-    /// Whether every lobe is a Dirac delta, so that [`eval`](Self::eval) is zero everywhere.
+    /// Returns whether all lobes are Dirac deltas, so that [`eval`](Self::eval) is zero everywhere.
     #[inline]
     pub fn is_specular(&self) -> bool {
         !self.lobes().finite
     }
 
-    /// Whether the tangents of the local frame matter.
+    /// Returns whether the BSDF depends on the tangents of the local frame.
     pub fn is_anisotropic(&self) -> bool {
         match self {
             Bsdf::RoughConductor(b) => b.microfacets.is_anisotropic(),
@@ -216,7 +216,7 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Whether some of the light goes to the other side of the surface.
+    /// Returns whether light may be scattered to the other side of the surface.
     pub fn transmits(&self) -> bool {
         match self {
             Bsdf::Null | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
@@ -231,7 +231,7 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Whether [`sample`](Self::sample) uses `u_lobe`.
+    /// Returns whether [`sample`](Self::sample) uses `u_lobe`.
     pub fn chooses_lobe(&self) -> bool {
         match self {
             Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
@@ -243,7 +243,7 @@ impl Bsdf<'_> {
         }
     }
 
-    /// The bare BSDF and the density of the finite lobes.
+    /// Returns the bare BSDF and the density of the finite lobes.
     #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         match self {
@@ -262,7 +262,8 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Draws a direction; `u_lobe` chooses among lobes, `u` within the lobe. `None` where nothing is scattered.
+    /// Samples a direction; `u_lobe` chooses the lobe, `u` the direction within the lobe. `None` if nothing is
+    /// scattered.
     #[inline]
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         match self {
@@ -276,7 +277,7 @@ impl Bsdf<'_> {
             Bsdf::RoughPlastic(b) => b.sample(wo, u_lobe, u),
             Bsdf::Principled(b) => b.sample(wo, u_lobe, u),
             Bsdf::PrincipledThin(b) => b.sample(wo, u_lobe, u),
-            Bsdf::Null => Some(mask::through(wo)),
+            Bsdf::Null => Some(mask::unscattered(wo)),
             Bsdf::Blend(b) => b.sample(wo, u_lobe, u),
             Bsdf::Mask(b) => b.sample(wo, u_lobe, u),
             Bsdf::Tilted(b) => b.sample(wo, u_lobe, u),
@@ -284,9 +285,9 @@ impl Bsdf<'_> {
         }
     }
 
-    /// The share of light that is scattered under uniform illumination from all sides, seen along the normal:
-    /// what an albedo image shows. Exact for diffuse and specular lobes, the Fresnel term of the mean facet
-    /// for rough ones.
+    /// Returns the fraction of light that is scattered along the normal under uniform illumination from all sides,
+    /// for albedo images. It is exact for diffuse and specular lobes. For rough lobes it is the Fresnel term of the
+    /// mean facet.
     pub fn albedo(&self) -> Rgb {
         match self {
             Bsdf::Diffuse(b) => b.reflectance,

@@ -7,15 +7,15 @@ use crate::sampling::hash::probability_below;
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// Mirror reflection by the coating, and diffuse reflection of the light that enters and leaves it. The back is
-/// black.
+/// Specular reflection by the coating, and diffuse reflection of the light that enters and leaves it. The back side
+/// is black.
 ///
-/// Light that the coating throws back into the base is reflected any number of times:
-/// `f = (1 − Fo)(1 − Fi)/η² · ρ/(1 − ρ·Fdr) / π`, where ρ in the denominator is 1 unless the model is nonlinear.
+/// Light that the coating reflects back to the base is scattered any number of times: `f = (1 − Fo)(1 − Fi)/η² · ρ/(1
+/// − ρ·Fdr) / π`, where ρ in the denominator is 1 unless the model is nonlinear.
 ///
-/// `Fdr`, the share of diffuse light from inside that the coating throws back, is that of
-/// [`fresnel::diffuse_reflectance`], a fit. The last column is what a white base scatters, seen along the normal; 1
-/// would be right. From an index of 3.85 on, the fit is above 1 and the base is no reflection at all.
+/// `Fdr`, the fraction of diffuse light from inside that the coating reflects back, is the fit of
+/// [`fresnel::diffuse_reflectance`]. The last column is the scattering of a white base at normal incidence; the
+/// correct value is 1. For indices of 3.85 and more, the fit exceeds 1 and the base has no valid reflection.
 ///
 /// | η | Fdr | exact | scattered |
 /// | --- | --- | --- | --- |
@@ -26,36 +26,36 @@ use std::f32::consts::FRAC_1_PI;
 /// | 3 | 0.9355 | 0.9196 | 1.186 |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plastic {
-    /// Share of the light that the base reflects.
+    /// Fraction of the light that the base reflects.
     pub diffuse_reflectance: Rgb,
     /// A factor on the reflection by the coating.
     pub specular_reflectance: Rgb,
-    /// Index of refraction of the coating over that outside.
+    /// Index of refraction of the coating relative to that outside.
     pub eta: f32,
-    /// Whether light that is reflected several times takes on the base's colour several times.
+    /// Whether multiple scattering multiplies the base's colour several times.
     pub nonlinear: bool,
     /// `Fdr`.
     pub fdr_int: f32,
 }
 
 impl Plastic {
-    /// Plastic with `Fdr` computed from `eta`.
+    /// Creates plastic with `Fdr` computed from `eta`.
     pub fn new(diffuse_reflectance: Rgb, specular_reflectance: Rgb, eta: f32, nonlinear: bool) -> Self {
         let fdr_int = fresnel::diffuse_reflectance(1.0 / eta);
         Plastic { diffuse_reflectance, specular_reflectance, eta, nonlinear, fdr_int }
     }
 
-    /// The base's albedo seen through a coating that lets everything pass from outside.
+    /// Returns the base's albedo for a coating with full transmittance from outside.
     pub(super) fn base(&self) -> Rgb {
         base(self.diffuse_reflectance, self.fdr_int, self.eta, self.nonlinear)
     }
 
-    /// The probability with which the coating is sampled, where it reflects the share `r`.
+    /// Returns the probability of sampling the coating, whose reflectance is `r`.
     pub(super) fn specular_probability(&self, r: f32) -> f32 {
         specular_probability(self.diffuse_reflectance, self.specular_reflectance, r)
     }
 
-    /// The diffuse part.
+    /// Evaluates the diffuse lobe.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return BsdfEval::ZERO;
@@ -67,7 +67,7 @@ impl Plastic {
         }
     }
 
-    /// Mirrors, or draws `wi` in proportion to its cosine.
+    /// Samples the mirror direction, or `wi` in proportion to its cosine.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         if wo.z <= 0.0 {
             return None;
@@ -95,7 +95,7 @@ impl Plastic {
         })
     }
 
-    /// Reflection along the normal, and the base by uniform light.
+    /// Returns the reflection at normal incidence plus that of the base under uniform light.
     pub fn albedo(&self) -> Rgb {
         let r = fresnel::dielectric(1.0, self.eta).reflectance;
         let entering = 1.0 - fresnel::diffuse_reflectance(self.eta);
@@ -103,14 +103,14 @@ impl Plastic {
     }
 }
 
-/// `ρ/(1 − ρ·Fdr)/η²`, or with 1 for the ρ in the denominator.
+/// Returns `ρ/(1 − ρ·Fdr)/η²`, with 1 for the ρ in the denominator unless nonlinear.
 pub(super) fn base(reflectance: Rgb, fdr_int: f32, eta: f32, nonlinear: bool) -> Rgb {
     let scale = 1.0 / (eta * eta);
     reflectance.map(|rho| scale * rho / (1.0 - if nonlinear { rho * fdr_int } else { fdr_int }))
 }
 
-/// The probability of the coating, which reflects the share `r`, against the base: both in proportion to the mean of
-/// their reflectances. If both are black it is 1.
+/// Returns the probability of sampling the coating, with reflectance `r`, instead of the base, in proportion to the
+/// means of their reflectances. It is 1 if both are black.
 pub(super) fn specular_probability(diffuse: Rgb, specular: Rgb, r: f32) -> f32 {
     let (specular, diffuse) = (r * specular.mean(), (1.0 - r) * diffuse.mean());
     if specular + diffuse > 0.0 { probability_below(specular / (specular + diffuse)) } else { 1.0 }

@@ -1,4 +1,4 @@
-//! The principled model of many lobes. [Burley 2012; 2015]
+//! The principled model. [Burley 2012; 2015]
 
 use super::burley::{self, Gtr1, MEAN_SCHLICK_WEIGHT};
 use super::facet::Facet;
@@ -11,11 +11,11 @@ use crate::sampling::warp;
 use std::f32::consts::{FRAC_1_PI, PI};
 
 /// Diffuse reflection, sheen, rough reflection by a metal or a dielectric, rough transmission and a clear coat.
-/// Shares are in [0, 1]. The back shows nothing but the transmitting share.
+/// Weights are in [0, 1]. The back side shows only the transmitting part.
 ///
-/// Its parts are added up with no regard to each other, and it gains energy: up to 2.35 times what arrives,
-/// among 6000 materials with an index in [0.5, 2.5]. This is scattered by white ones, seen at cosines of 1, 0.5
-/// and 0.1; what is not said is as in [`default`](Self::default).
+/// The lobes are summed without normalisation, and the model does not conserve energy: it scatters up to 2.35 times
+/// the incident light, among 6000 materials with an index in [0.5, 2.5]. The table shows the scattering of white
+/// materials at cosines of 1, 0.5 and 0.1. Parameters not listed are those of [`default`](Self::default).
 ///
 /// | material | scattered |
 /// | --- | --- |
@@ -28,32 +28,32 @@ use std::f32::consts::{FRAC_1_PI, PI};
 /// | sheen 1 | 1.04, 1.09, 1.25 |
 /// | clearcoat 1 | 1.07, 1.09, 1.19 |
 ///
-/// With no diffuse share but a sheen, Mitsuba's variants disagree; here there is sheen, as in the limit.
+/// Without a diffuse part but with sheen, Mitsuba's variants disagree. Here the sheen remains, which is the limit.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Principled {
-    /// The colour of base and metal; its root is that of transmission.
+    /// The colour of base and metal; its square root is the colour of transmission.
     pub base_color: Rgb,
-    /// Roughness, the root of the facets'.
+    /// Roughness, the square root of the microfacets' roughness.
     pub roughness: f32,
-    /// How much rougher the facets are along x than along y.
+    /// The ratio between the roughness along x and along y increases with it.
     pub anisotropy: f32,
-    /// The share of metal.
+    /// Weight of the metal.
     pub metallic: f32,
-    /// The share of what is no metal that transmits.
+    /// Weight of transmission in the non-metallic part.
     pub spec_trans: f32,
-    /// Index of refraction below the surface (−z) over that above it.
+    /// Index of refraction below the surface (−z) relative to that above it.
     pub eta: f32,
-    /// How far the reflection by a dielectric has the base's hue.
+    /// Weight of the base's hue in the dielectric reflection.
     pub spec_tint: f32,
     /// A factor on the sheen.
     pub sheen: f32,
-    /// How far the sheen has the base's hue.
+    /// Weight of the base's hue in the sheen.
     pub sheen_tint: f32,
-    /// How far diffuse reflection looks like subsurface scattering.
+    /// Weight of the approximation of subsurface scattering in the diffuse reflection.
     pub flatness: f32,
     /// A factor on the clear coat.
     pub clearcoat: f32,
-    /// How smooth the clear coat is.
+    /// Smoothness of the clear coat.
     pub clearcoat_gloss: f32,
 }
 
@@ -76,26 +76,26 @@ impl Default for Principled {
     }
 }
 
-/// Probabilities of the lobes seen from above.
-struct Choice {
+/// The probabilities of the lobes for a view direction above the surface.
+struct LobeProbabilities {
     diffuse: f32,
     clearcoat: f32,
-    /// The sum of both: numbers below it choose one of them.
+    /// The sum of both. A random number below it chooses one of them.
     to_clearcoat: f32,
     specular: f32,
 }
 
-/// The facets of a clear coat mask as if they were this rough. [Burley 2012, 5]
+/// The microfacet distribution for the masking of the clear coat. [Burley 2012, 5]
 const CLEARCOAT_MASKING: Microfacets =
     Microfacets { distribution: Distribution::Ggx, alpha_x: 0.25, alpha_y: 0.25, sample_visible: true };
 
 impl Principled {
-    /// The index of refraction that reflects `0.08·specular` along the normal. [Burley 2012, 5]
+    /// Returns the index of refraction with the reflectance `0.08·specular` at normal incidence. [Burley 2012, 5]
     pub fn eta_from_specular(specular: f32) -> f32 {
         2.0 / (1.0 - (0.08 * specular).sqrt()) - 1.0
     }
 
-    /// Whether some light goes through.
+    /// Returns whether light is transmitted.
     pub fn transmits(&self) -> bool {
         self.transmitting() > 0.0
     }
@@ -104,25 +104,25 @@ impl Principled {
         burley::microfacets(self.roughness, self.anisotropy)
     }
 
-    /// The share that transmits.
+    /// Returns the weight of the transmitting part.
     fn transmitting(&self) -> f32 {
         (1.0 - self.metallic) * self.spec_trans
     }
 
-    /// The share that has a diffuse base.
+    /// Returns the weight of the part with a diffuse base.
     fn opaque(&self) -> f32 {
         (1.0 - self.metallic) * (1.0 - self.spec_trans)
     }
 
-    /// Index of the far side over that of wo's side. Where light is transmitted it is not exactly 1, which
-    /// would be no lobe of finite density.
+    /// Returns the index of the far side relative to that of wo's side. With transmission it is never exactly 1,
+    /// which would make the lobe a Dirac delta.
     fn eta_from(&self, wo: Vec3) -> f32 {
         let eta = if self.eta == 1.0 && self.transmits() { 1.001 } else { self.eta };
         if wo.z > 0.0 { eta } else { 1.0 / eta }
     }
 
-    /// What a facet reflects: from above by metal and dielectric, from below by the dielectric alone. `r` is
-    /// the exact reflectance of the dielectric; where that is 0, nothing is.
+    /// Returns the reflectance of a facet: from above that of metal and dielectric, from below that of the dielectric
+    /// only. `r` is the exact reflectance of the dielectric; if it is 0, the result is 0.
     fn facet_reflectance(&self, above: bool, cos: f32, r: f32, eta: f32) -> Rgb {
         if r == 0.0 {
             return Rgb::BLACK;
@@ -142,22 +142,23 @@ impl Principled {
         sum
     }
 
-    /// The transmittance of a facet that reflects the share `r`. Half of the absorption is in each of two surfaces.
+    /// Returns the transmittance of a facet with the reflectance `r`. Each of two surfaces contributes half of the
+    /// absorption.
     fn facet_transmittance(&self, r: f32) -> Rgb {
         self.base_color.map(f32::sqrt) * (self.transmitting() * (1.0 - r))
     }
 
-    /// The probability with which a facet transmits a sample.
+    /// Returns the probability with which a facet transmits a sample.
     fn transmission_probability(&self, reflectance: Rgb, transmittance: Rgb) -> f32 {
         let [reflected, transmitted] = [reflectance, transmittance].map(Rgb::max_component);
         if transmitted > 0.0 { probability_below(transmitted / (reflected + transmitted)) } else { 0.0 }
     }
 
-    /// Probabilities in proportion to estimates of what the lobes scatter: for facets that of the mean facet,
-    /// raised by the mean of Schlick's weight, so that none that scatters has no chance.
-    fn choice(&self, cos_o: f32, above: bool, eta: f32) -> Choice {
+    /// Returns probabilities in proportion to estimates of the lobes' albedos. For facets it is that of the mean
+    /// facet plus the mean of Schlick's weight, so that every lobe that scatters has a positive probability.
+    fn probabilities(&self, cos_o: f32, above: bool, eta: f32) -> LobeProbabilities {
         if !above {
-            return Choice { diffuse: 0.0, clearcoat: 0.0, to_clearcoat: 0.0, specular: 1.0 };
+            return LobeProbabilities { diffuse: 0.0, clearcoat: 0.0, to_clearcoat: 0.0, specular: 1.0 };
         }
         let raised = |f: f32| f + (1.0 - f).max(0.0) * MEAN_SCHLICK_WEIGHT;
         let r = fresnel::dielectric(cos_o, eta).reflectance;
@@ -172,7 +173,7 @@ impl Principled {
         let total = diffuse + clearcoat + specular;
         let to_diffuse = probability_below(diffuse / total);
         let to_clearcoat = probability_below((diffuse + clearcoat) / total).max(to_diffuse);
-        Choice {
+        LobeProbabilities {
             diffuse: to_diffuse,
             clearcoat: to_clearcoat - to_diffuse,
             to_clearcoat,
@@ -184,7 +185,7 @@ impl Principled {
         burley::tinted(self.base_color, self.sheen_tint)
     }
 
-    /// The sum of all lobes.
+    /// Evaluates the sum of all lobes.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         let above = wo.z > 0.0;
         if wo.z * wi.z == 0.0 || !(above || self.transmits()) {
@@ -203,7 +204,7 @@ impl Principled {
     fn eval_reflection(&self, wo: Vec3, wi: Vec3, above: bool, eta: f32) -> BsdfEval {
         let Some(facet) = Facet::mirroring(wo, wi) else { return BsdfEval::ZERO };
         let Facet { m, cos_o: cos_d, dm_dwi, .. } = facet;
-        let choice = self.choice(wo.z, above, eta);
+        let probabilities = self.probabilities(wo.z, above, eta);
         let microfacets = self.microfacets();
         let r = fresnel::dielectric(cos_d, eta).reflectance;
         let reflectance = self.facet_reflectance(above, cos_d, r, eta);
@@ -211,7 +212,7 @@ impl Principled {
         let transmission = self.transmission_probability(reflectance, self.facet_transmittance(r));
         let mut sum = BsdfEval {
             f: reflectance * (microfacets.d(m) * g / (4.0 * wo.z * wi.z)),
-            pdf: choice.specular * (1.0 - transmission) * microfacets.pdf(wo, m) * dm_dwi,
+            pdf: probabilities.specular * (1.0 - transmission) * microfacets.pdf(wo, m) * dm_dwi,
         };
         if !above {
             return sum;
@@ -220,9 +221,9 @@ impl Principled {
             let gtr1 = Gtr1::from_gloss(self.clearcoat_gloss);
             let g = CLEARCOAT_MASKING.g1(wo, m) * CLEARCOAT_MASKING.g1(wi, m);
             let r = burley::schlick(Rgb::splat(0.04), cos_d, eta);
-            // A coat of index 1.5, as thick as the artist likes: 1/4 stands where others have 1/(4·cosθo·cosθi).
+            // A coat of index 1.5 with a free weight. The model has 1/4 in place of 1/(4·cosθo·cosθi).
             sum.f += r * (0.25 * self.clearcoat * gtr1.d(m) * g);
-            sum.pdf += choice.clearcoat * gtr1.pdf(m) * dm_dwi;
+            sum.pdf += probabilities.clearcoat * gtr1.pdf(m) * dm_dwi;
         }
         if self.opaque() > 0.0 {
             let diffuse = burley::diffuse(wo.z, wi.z, cos_d, self.roughness, self.flatness);
@@ -232,11 +233,11 @@ impl Principled {
             let share = (1.0 - self.metallic) * self.sheen * burley::schlick_weight(cos_d);
             sum.f += self.sheen_color() * share;
         }
-        sum.pdf += choice.diffuse * warp::square_to_cosine_hemisphere_pdf(wi);
+        sum.pdf += probabilities.diffuse * warp::square_to_cosine_hemisphere_pdf(wi);
         sum
     }
 
-    /// As that of a rough dielectric.
+    /// Evaluates transmission as for a rough dielectric.
     fn eval_transmission(&self, wo: Vec3, wi: Vec3, above: bool, eta: f32) -> BsdfEval {
         let Some(facet) = Facet::refracting(wo, wi, eta) else { return BsdfEval::ZERO };
         let Facet { m, cos_o, dm_dwi, .. } = facet;
@@ -249,11 +250,14 @@ impl Principled {
         let probability = self.transmission_probability(reflectance, transmittance);
         BsdfEval {
             f: transmittance * value,
-            pdf: self.choice(wo.z, above, eta).specular * probability * microfacets.pdf(wo, m) * dm_dwi,
+            pdf: self.probabilities(wo.z, above, eta).specular
+                * probability
+                * microfacets.pdf(wo, m)
+                * dm_dwi,
         }
     }
 
-    /// Samples one lobe, weighted by the sum of all.
+    /// Samples one lobe, weighted by the sum of all densities.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         let above = wo.z > 0.0;
         if wo.z == 0.0 || !(above || self.transmits()) {
@@ -262,14 +266,14 @@ impl Principled {
         let eta = self.eta_from(wo);
         let side = 1f32.copysign(wo.z);
         let up = wo * side;
-        let choice = self.choice(up.z, above, eta);
-        let (wi, lobe, eta) = if u_lobe < choice.diffuse {
+        let probabilities = self.probabilities(up.z, above, eta);
+        let (wi, lobe, eta) = if u_lobe < probabilities.diffuse {
             (warp::square_to_cosine_hemisphere(u), Lobe::Diffuse, 1.0)
-        } else if u_lobe < choice.to_clearcoat {
+        } else if u_lobe < probabilities.to_clearcoat {
             let m = Gtr1::from_gloss(self.clearcoat_gloss).sample(u);
             (Facet::mirror(up, m)?.0, Lobe::Glossy, 1.0)
         } else {
-            let u_facet = (u_lobe - choice.to_clearcoat) / choice.specular;
+            let u_facet = (u_lobe - probabilities.to_clearcoat) / probabilities.specular;
             let (wi, eta) = self.sample_facet(up, above, eta, u_facet, u)?;
             (wi, Lobe::Glossy, eta)
         };
@@ -278,7 +282,7 @@ impl Principled {
         (pdf > 0.0).then(|| BsdfSample { wi, weight: f * (wi.z.abs() / pdf), pdf, lobe, eta })
     }
 
-    /// Draws a facet of the main distribution and mirrors or refracts `wo` in it.
+    /// Samples a facet of the main distribution, and reflects or refracts `wo` by it.
     fn sample_facet(&self, wo: Vec3, above: bool, eta: f32, u_facet: f32, u: Vec2) -> Option<(Vec3, f32)> {
         let m = self.microfacets().sample(wo, u);
         let cos_o = wo.dot(m).max(0.0);
@@ -293,7 +297,7 @@ impl Principled {
         }
     }
 
-    /// Base, mean facet and transmission along the normal.
+    /// Returns the albedo of the base plus mean facet and transmission at normal incidence.
     pub fn albedo(&self) -> Rgb {
         let eta = self.eta_from(Vec3::Z);
         let r = fresnel::dielectric(1.0, eta).reflectance;

@@ -1,4 +1,4 @@
-//! A rough conductor of microfacets. [Walter 2007]
+//! A rough conductor with a microfacet distribution. [Walter 2007]
 
 use super::fresnel::ConductorFresnel;
 use super::microfacet::Microfacets;
@@ -6,19 +6,19 @@ use super::{BsdfEval, BsdfSample, Lobe};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 
-/// Reflection by a conductor of microfacets on the front side; the back is black.
+/// Microfacet reflection by a conductor on the front side; the back side is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughConductor {
-    /// The facets' normals.
+    /// The microfacet distribution.
     pub microfacets: Microfacets,
-    /// The facets' index of refraction.
+    /// The index of refraction.
     pub fresnel: ConductorFresnel,
     /// A factor on the reflection.
     pub specular_reflectance: Rgb,
 }
 
 impl RoughConductor {
-    /// `f = F·D·G / (4·cosθo·cosθi)`. [Walter 2007, Eq. 20]
+    /// Evaluates `f = F·D·G / (4·cosθo·cosθi)`. [Walter 2007, Eq. 20]
     #[inline]
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         if wo.z <= 0.0 || wi.z <= 0.0 {
@@ -38,7 +38,7 @@ impl RoughConductor {
         }
     }
 
-    /// Draws a facet and mirrors `wo` in it.
+    /// Samples a facet and reflects `wo` by it.
     #[inline]
     pub fn sample(&self, wo: Vec3, u: Vec2) -> Option<BsdfSample> {
         if wo.z <= 0.0 {
@@ -52,7 +52,7 @@ impl RoughConductor {
         let pdf = self.microfacets.pdf(wo, m) / (4.0 * wo.dot(m));
         let fresnel = self.fresnel.reflectance(wi.dot(m).min(1.0)) * self.specular_reflectance;
         let g1 = self.microfacets.g1(wi, m);
-        // f·cosθi/pdf, with D cancelled by hand: it over- and underflows where roughness is small.
+        // f·cosθi/pdf with D cancelled, because D overflows and underflows for small roughness.
         let weight = if self.microfacets.sample_visible {
             fresnel * g1
         } else {

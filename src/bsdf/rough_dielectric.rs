@@ -7,12 +7,12 @@ use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 use crate::sampling::hash::probability_below;
 
-/// Reflection and refraction of radiance at a boundary of microfacets.
+/// Reflection and refraction of radiance at a boundary with a microfacet distribution.
 ///
-/// Indices that are equal let all light pass straight, whatever the roughness.
+/// With equal indices, all light passes unchanged, for any roughness.
 ///
-/// Light that meets a second facet is lost. This share of the energy is left at an index of 1.5, seen at
-/// cosines of 1, 0.5 and 0.1 from above and from below:
+/// The model has single scattering only: light that hits a second facet is lost. The table shows the remaining
+/// fraction of the energy for an index of 1.5, at cosines of 1, 0.5 and 0.1 from above and from below:
 ///
 /// | facets | above | below |
 /// | --- | --- | --- |
@@ -26,9 +26,9 @@ use crate::sampling::hash::probability_below;
 /// | GGX 1 | 0.893, 0.672, 0.400 | 0.417, 0.453, 0.342 |
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughDielectric {
-    /// The facets' normals.
+    /// The microfacet distribution.
     pub microfacets: Microfacets,
-    /// Index of refraction below the surface (−z) over that above it.
+    /// Index of refraction below the surface (−z) relative to that above it.
     pub eta: f32,
     /// A factor on the reflection.
     pub specular_reflectance: Rgb,
@@ -37,17 +37,18 @@ pub struct RoughDielectric {
 }
 
 impl RoughDielectric {
-    /// Whether there are no facets to be seen, because both sides have the same index.
+    /// Returns whether all light passes unchanged, because both sides have the same index.
     pub fn is_passing(&self) -> bool {
         self.eta == 1.0
     }
 
-    /// Index of the far side over that of wo's side.
+    /// Returns the index of the far side relative to that of wo's side.
     fn eta_from(&self, wo: Vec3) -> f32 {
         if wo.z > 0.0 { self.eta } else { 1.0 / self.eta }
     }
 
-    /// The probability with which a facet reflects a sample: in proportion to what is reflected and transmitted.
+    /// Returns the probability with which a facet reflects a sample, in proportion to reflected and transmitted
+    /// light.
     fn reflection_probability(&self, reflectance: f32) -> f32 {
         let reflected = reflectance * self.specular_reflectance.max_component();
         let transmitted = (1.0 - reflectance) * self.specular_transmittance.max_component();
@@ -55,14 +56,14 @@ impl RoughDielectric {
         if total > 0.0 { probability_below(reflected / total) } else { 1.0 }
     }
 
-    /// Reflection as [Walter 2007, Eq. 20]; transmission as Eq. 21 over the squared ratio of the indices, because
-    /// it is radiance that is transported. [Veach 1997, Eq. 5.2]
+    /// Evaluates reflection by [Walter 2007, Eq. 20] and transmission by Eq. 21 divided by the squared ratio of the
+    /// indices, because radiance is transported. [Veach 1997, Eq. 5.2]
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         if wo.z * wi.z == 0.0 || self.is_passing() {
             return BsdfEval::ZERO;
         }
         let eta = self.eta_from(wo);
-        // Both sides are alike: wo's becomes the upper one.
+        // Both sides are equivalent, so wo's side becomes the upper one.
         let side = 1f32.copysign(wo.z);
         let (wo, wi) = (wo * side, wi * side);
         let reflects = wi.z > 0.0;
@@ -74,7 +75,7 @@ impl RoughDielectric {
         }
         let g = self.microfacets.g1(wo, m) * self.microfacets.g1(wi, m);
         let r = fresnel::dielectric(cos_o, eta).reflectance;
-        // Both equations are this with their Jacobian.
+        // Both equations have this form with their own Jacobian.
         let value = d * g * cos_o * dm_dwi / (wo.z * wi.z.abs());
         let pdf = self.microfacets.pdf(wo, m) * dm_dwi;
         let probability = self.reflection_probability(r);
@@ -86,13 +87,13 @@ impl RoughDielectric {
         }
     }
 
-    /// Draws a facet and mirrors or refracts `wo` in it, by the Fresnel term of the facet.
+    /// Samples a facet and reflects or refracts `wo` by it, with the probability of the facet's Fresnel term.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         if wo.z == 0.0 {
             return None;
         }
         if self.is_passing() {
-            return Some(BsdfSample { weight: self.specular_transmittance, ..mask::through(wo) });
+            return Some(BsdfSample { weight: self.specular_transmittance, ..mask::unscattered(wo) });
         }
         let eta = self.eta_from(wo);
         let side = 1f32.copysign(wo.z);
@@ -111,7 +112,7 @@ impl RoughDielectric {
             (wi, facet, self.specular_transmittance * share, probability, eta)
         };
         let pdf = self.microfacets.pdf(wo, m) * facet.dm_dwi * probability;
-        // G·(wo·m)·D/(cosθo·pdf(m)), with D cancelled by hand: it over- and underflows where roughness is small.
+        // G·(wo·m)·D/(cosθo·pdf(m)) with D cancelled, because D overflows and underflows for small roughness.
         let g1 = self.microfacets.g1(wi, m);
         let g = match self.microfacets.sample_visible {
             true => g1,
@@ -120,7 +121,7 @@ impl RoughDielectric {
         (pdf > 0.0).then_some(BsdfSample { wi: wi * side, weight: weight * g, pdf, lobe: Lobe::Glossy, eta })
     }
 
-    /// That of the smooth boundary.
+    /// Returns the albedo of the smooth boundary.
     pub fn albedo(&self) -> Rgb {
         let RoughDielectric { eta, specular_reflectance, specular_transmittance, .. } = *self;
         Dielectric { eta, specular_reflectance, specular_transmittance }.albedo()

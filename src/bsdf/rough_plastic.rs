@@ -8,23 +8,23 @@ use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
-/// Reflection by a coating of microfacets, and diffuse reflection of the light that enters and leaves it. The back is
-/// black.
+/// Microfacet reflection by a coating, and diffuse reflection of the light that enters and leaves it. The back side
+/// is black.
 ///
 /// The base is as in [`Plastic`](super::Plastic), with the transmittance of a rough boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughPlastic<'a> {
-    /// The coating's facets, isotropic.
+    /// The isotropic microfacet distribution of the coating.
     pub microfacets: Microfacets,
-    /// Share of the light that the base reflects.
+    /// Fraction of the light that the base reflects.
     pub diffuse_reflectance: Rgb,
     /// A factor on the reflection by the coating.
     pub specular_reflectance: Rgb,
-    /// Index of refraction of the coating over that outside.
+    /// Index of refraction of the coating relative to that outside.
     pub eta: f32,
-    /// Whether light that is reflected several times takes on the base's colour several times.
+    /// Whether multiple scattering multiplies the base's colour several times.
     pub nonlinear: bool,
-    /// What the coating lets pass, for the same facets and index.
+    /// The transmittance of the coating, for the same distribution and index.
     pub transmittance: &'a RoughTransmittance,
 }
 
@@ -37,7 +37,7 @@ impl RoughPlastic<'_> {
         plastic::specular_probability(self.diffuse_reflectance, self.specular_reflectance, 1.0 - t_o)
     }
 
-    /// Coating and base.
+    /// Evaluates coating and base.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return BsdfEval::ZERO;
@@ -57,7 +57,7 @@ impl RoughPlastic<'_> {
         sum
     }
 
-    /// Samples the coating or the base, weighted by the sum of both.
+    /// Samples the coating or the base, weighted by the sum of both densities.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         if wo.z <= 0.0 {
             return None;
@@ -71,7 +71,7 @@ impl RoughPlastic<'_> {
         (pdf > 0.0).then(|| BsdfSample { wi, weight: f * (wi.z / pdf), pdf, lobe, eta: 1.0 })
     }
 
-    /// The mean facet, and the base by uniform light.
+    /// Returns the albedo of the mean facet plus that of the base under uniform light.
     pub fn albedo(&self) -> Rgb {
         let r = fresnel::dielectric(1.0, self.eta).reflectance;
         let entering = self.transmittance.external(1.0) * self.transmittance.external_mean();

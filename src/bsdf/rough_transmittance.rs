@@ -1,4 +1,4 @@
-//! What a rough dielectric boundary lets pass, in tables.
+//! Tables of the transmittance of rough dielectric boundaries.
 
 use super::facet::Facet;
 use super::fresnel;
@@ -6,26 +6,26 @@ use super::microfacet::{Distribution, Microfacets, beckmann_slope_across, beckma
 use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
 
-/// What a rough dielectric boundary lets pass from outside, and what it throws back from inside.
+/// The transmittance of a rough dielectric boundary from outside, and its diffuse reflectance from inside.
 ///
-/// It is what the scene language has computed in advance for a rough plastic, with its quadrature: Gauss's over
-/// the unit square, mapped to visible facets. That is in error by up to 8·10⁻⁴, and we have the same error.
+/// The scene language defines the values of a rough plastic by a quadrature: Gauss quadrature over the unit square,
+/// mapped to visible facets. Its error is up to 8·10⁻⁴, and the values here have the same error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoughTransmittance {
-    /// Transmittance at cosines that divide [0, 1] evenly.
+    /// The transmittance at equally spaced cosines in [0, 1].
     external: [f32; RESOLUTION],
-    /// The share of diffuse light from inside that is thrown back.
+    /// The fraction of diffuse light from inside that is reflected back.
     internal: f32,
 }
 
 const RESOLUTION: usize = 64;
 
 impl RoughTransmittance {
-    /// Integrates over the visible facets, which takes some tens of milliseconds. `eta` is the index below over that
-    /// outside.
+    /// Integrates over the visible facets, which takes some tens of milliseconds. `eta` is the index below relative
+    /// to that outside.
     pub fn new(distribution: Distribution, alpha: f32, eta: f32) -> Self {
         let facets = Microfacets { distribution, alpha_x: alpha, alpha_y: alpha, sample_visible: true };
-        // More nodes where total reflection begins with a kink.
+        // Uses more nodes where total internal reflection causes a kink.
         let rule = |eta: f32| gauss(if eta > 1.0 { 32 } else { 128 });
         let (outside, inside) = (rule(eta), rule(1.0 / eta));
         let mut external = [0.0; RESOLUTION];
@@ -33,13 +33,14 @@ impl RoughTransmittance {
         for (i, t) in external.iter_mut().enumerate() {
             let cos = (i as f32 / (RESOLUTION - 1) as f32).max(1e-6);
             *t = transmittance(&facets, cos, eta, &outside) as f32;
-            // A mean of samples, ends included, that is no quadrature but what the scene language means.
+            // A mean of samples that includes both ends. It is not a proper quadrature, but the definition of the
+            // scene language.
             internal += 2.0 * f64::from(cos) * reflectance(&facets, cos, 1.0 / eta, &inside);
         }
         RoughTransmittance { external, internal: (internal / RESOLUTION as f64) as f32 }
     }
 
-    /// The share of light at the cosine `cos` outside that enters, interpolated linearly.
+    /// Returns the fraction of light at the cosine `cos` outside that enters, interpolated linearly.
     pub fn external(&self, cos: f32) -> f32 {
         let x = cos * (RESOLUTION - 1) as f32;
         let i = (x as usize).min(RESOLUTION - 2);
@@ -47,7 +48,7 @@ impl RoughTransmittance {
         self.external[i] * (1.0 - w) + self.external[i + 1] * w
     }
 
-    /// The share of diffuse light outside that enters.
+    /// Returns the fraction of diffuse light outside that enters.
     pub fn external_mean(&self) -> f32 {
         let n = 2 * RESOLUTION;
         let term = |i: usize| {
@@ -57,7 +58,7 @@ impl RoughTransmittance {
         (0..n).map(term).sum()
     }
 
-    /// The share of diffuse light from inside that is thrown back.
+    /// Returns the fraction of diffuse light from inside that is reflected back.
     pub fn internal(&self) -> f32 {
         self.internal
     }
@@ -77,7 +78,7 @@ fn reflectance(facets: &Microfacets, cos: f32, eta: f32, rule: &[(f64, f64)]) ->
     })
 }
 
-/// The mean of `value` of `wo` and a facet, over the facets that are visible at the cosine `cos`.
+/// Returns the mean of a function of `wo` and a facet over the facets that are visible at the cosine `cos`.
 fn mean_over_facets(
     facets: &Microfacets,
     cos: f32,
@@ -87,7 +88,7 @@ fn mean_over_facets(
     let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
     let alpha = facets.alpha_x;
     let v = Vec3::new(alpha * wo.x, 0.0, wo.z).normalize();
-    // Of Beckmann's slopes, each depends on one of the numbers alone.
+    // Each of Beckmann's slopes depends on one of the random numbers only.
     let slopes: Vec<[f32; 2]> = match facets.distribution {
         Distribution::Ggx => Vec::new(),
         Distribution::Beckmann => {
@@ -109,7 +110,8 @@ fn mean_over_facets(
     sum
 }
 
-/// Slopes of a visible facet of unit roughness seen from `v` at azimuth 0, by the projected hemisphere. [Heitz 2018]
+/// Samples the slopes of a visible facet with unit roughness seen from `v` at the azimuth 0, by the projected
+/// hemisphere. [Heitz 2018]
 fn ggx_slopes(v: Vec3, u: Vec2) -> Vec2 {
     let p = warp::square_to_disk(u);
     let s = 0.5 * (1.0 + v.z);
@@ -118,12 +120,12 @@ fn ggx_slopes(v: Vec3, u: Vec2) -> Vec2 {
     Vec2::new(v.z * y - v.x * z, p.x) / (v.x * y + v.z * z)
 }
 
-/// Nodes and weights of Gauss's quadrature on [0, 1]: the roots of Legendre's polynomial, by Newton's method.
+/// Returns nodes and weights of Gauss quadrature on [0, 1]: the roots of a Legendre polynomial, by Newton's method.
 fn gauss(n: u32) -> Vec<(f64, f64)> {
     let root = |i: u32| {
         let mut x = (std::f64::consts::PI * (f64::from(i) + 0.75) / (f64::from(n) + 0.5)).cos();
         let mut derivative = 1.0;
-        // From this start, Newton's method doubles the digits at each step.
+        // With this initial value, each step doubles the number of correct digits.
         for _ in 0..6 {
             let (mut p, mut previous) = (x, 1.0);
             for k in 2..=n {
@@ -153,7 +155,8 @@ mod tests {
         }
     }
 
-    /// Smooth boundaries let pass what Fresnel's equations say, and light in equilibrium enters as much as it leaves.
+    /// Smooth boundaries have the transmittance of the Fresnel equations. In equilibrium, entering and leaving light
+    /// are equal.
     #[test]
     fn a_smooth_boundary_is_fresnels() {
         let eta = 1.5;

@@ -1,27 +1,27 @@
-//! The Dirac deltas of a BSDF, one by one: what a ray tree branches over.
+//! Enumeration of the Dirac deltas of a BSDF, for ray trees.
 
 use super::two_sided::mirrored;
 use super::{Bsdf, Lobe, fresnel, mask};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 
-/// A direction in which a finite share of the light of one other direction goes.
+/// A Dirac delta: a direction from which a finite fraction of the radiance is scattered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SpecularLobe {
     /// The direction, of unit length.
     pub wi: Vec3,
-    /// Share of the radiance from `wi` that leaves along `wo`.
+    /// Fraction of the radiance from `wi` that is scattered to `wo`.
     pub weight: Rgb,
-    /// Index of refraction of the side of `wi` over that of the side of `wo`; 1 for a reflection.
+    /// Index of refraction on the side of `wi` relative to that on the side of `wo`; 1 for a reflection.
     pub eta: f32,
 }
 
-/// The largest number below 1: chooses the last lobe.
+/// The largest number below 1, which chooses the last lobe.
 const LAST: f32 = 1f32.next_down();
 
 impl Bsdf<'_> {
-    /// Hands `found` every Dirac delta of the light that leaves along `wo`, reflections before transmissions. Their
-    /// sum is the expectation of the specular samples of [`sample`](Self::sample).
+    /// Calls `found` for every Dirac delta of light scattered to `wo`, reflections before transmissions. Their sum is
+    /// the expected value of the specular samples of [`sample`](Self::sample).
     pub fn specular_lobes(&self, wo: Vec3, found: &mut dyn FnMut(SpecularLobe)) {
         match self {
             Bsdf::Null => self.choice(wo, 0.0, 1.0, found),
@@ -40,13 +40,13 @@ impl Bsdf<'_> {
             }
             Bsdf::Mask(b) => {
                 b.inner.specular_lobes(wo, &mut |lobe| found(lobe.scaled(b.opacity)));
-                let hole = mask::through(wo);
+                let hole = mask::unscattered(wo);
                 found(
                     SpecularLobe { wi: hole.wi, weight: hole.weight, eta: hole.eta }.scaled(1.0 - b.opacity),
                 );
             }
             Bsdf::Tilted(b) => {
-                let tilt = b.seen_from(wo);
+                let tilt = b.for_viewer(wo);
                 tilt.inner.specular_lobes(tilt.frame.to_local(wo), &mut |lobe| {
                     let wi = tilt.frame.to_world(lobe.wi);
                     if wi.z * lobe.wi.z > 0.0 {
@@ -63,13 +63,13 @@ impl Bsdf<'_> {
         }
     }
 
-    /// The two lobes of a boundary that samples the first with the probability `first`.
+    /// Enumerates the two lobes of a boundary that samples the first with the probability `first`.
     fn two_choices(&self, wo: Vec3, first: f32, found: &mut dyn FnMut(SpecularLobe)) {
         self.choice(wo, 0.0, first, found);
         self.choice(wo, LAST, 1.0 - first, found);
     }
 
-    /// The lobe that `u_lobe` chooses, which is sampled with the given probability.
+    /// Returns the lobe chosen by `u_lobe`, which has the given probability.
     fn choice(&self, wo: Vec3, u_lobe: f32, probability: f32, found: &mut dyn FnMut(SpecularLobe)) {
         if probability > 0.0
             && let Some(sample) = self.sample(wo, u_lobe, Vec2::splat(0.5))
@@ -81,7 +81,7 @@ impl Bsdf<'_> {
 }
 
 impl SpecularLobe {
-    /// A share of it.
+    /// Returns the lobe with its weight multiplied by `share`.
     fn scaled(self, share: f32) -> Self {
         SpecularLobe { weight: self.weight * share, ..self }
     }
@@ -98,8 +98,8 @@ mod tests {
         Dielectric { eta: 1.5, specular_reflectance: reflectance, specular_transmittance: transmittance }
     }
 
-    /// Directions of the specular samples of [`Bsdf::sample`] over a fine grid of `u_lobe`, with the sums of their
-    /// weights.
+    /// Returns the directions of the specular samples of [`Bsdf::sample`] over a fine grid of `u_lobe`, with the sums
+    /// of their weights.
     fn sampled(bsdf: &Bsdf<'_>, wo: Vec3) -> Vec<(Vec3, [f64; 3])> {
         let n = 1 << 16;
         let mut found: Vec<(Vec3, [f64; 3])> = Vec::new();

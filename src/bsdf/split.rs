@@ -1,6 +1,6 @@
-//! A BSDF as the sum of what is diffuse and the rest.
+//! A BSDF as the sum of a diffuse part and the rest.
 //!
-//! Caches of irradiance serve the diffuse part, whose light they know without its directions; everything else is traced.
+//! Irradiance caches provide the light of the diffuse part, for which directions do not matter. The rest is traced.
 
 use super::two_sided::mirrored;
 use super::{Blend, Bsdf, Diffuse, Plastic, RoughPlastic, Tilted, TwoSided, fresnel};
@@ -12,17 +12,17 @@ use std::f32::consts::FRAC_1_PI;
 /// The two parts of a BSDF; `None` for a part that scatters nothing.
 #[derive(Clone, Copy, Debug)]
 pub struct Split<'a> {
-    /// Lambertian lobes, and those under a coating.
+    /// Lambertian lobes, also under a coating.
     pub diffuse: Option<&'a Bsdf<'a>>,
     /// All other lobes.
     pub rest: Option<&'a Bsdf<'a>>,
 }
 
-/// Scatters nothing.
+/// A BSDF that scatters nothing.
 static BLACK: Bsdf<'static> = Bsdf::Diffuse(Diffuse { reflectance: Rgb::BLACK });
 
 impl<'a> Bsdf<'a> {
-    /// Both parts, for light that leaves along `wo`; what has to be made for that lives in the arena.
+    /// Returns both parts, for light scattered to `wo`; new BSDFs are allocated in the arena.
     pub fn split(&'a self, wo: Vec3, arena: &'a Bump) -> Split<'a> {
         let both = |diffuse: Bsdf<'a>, rest: Bsdf<'a>| Split {
             diffuse: Some(arena.alloc(diffuse)),
@@ -50,7 +50,7 @@ impl<'a> Bsdf<'a> {
                 Split { diffuse: blend(parts.map(|p| p.diffuse)), rest: blend(parts.map(|p| p.rest)) }
             }
             Bsdf::Tilted(b) => {
-                let Tilted { frame, soften, inner, .. } = *b.seen_from(wo);
+                let Tilted { frame, soften, inner, .. } = *b.for_viewer(wo);
                 let tilt = |inner: &'a Bsdf<'a>| -> &'a Bsdf<'a> {
                     arena.alloc(Bsdf::Tilted(Tilted { frame, soften, inner, turned: None }))
                 };
@@ -69,10 +69,11 @@ impl<'a> Bsdf<'a> {
         }
     }
 
-    /// The radiance that a diffuse part (see [`split`](Self::split)) sends along `wo` for each unit of irradiance, sr⁻¹.
+    /// Returns the radiance that a diffuse part (see [`split`](Self::split)) scatters to `wo` per unit of irradiance,
+    /// sr⁻¹.
     ///
-    /// Exact for a Lambertian surface. Under a coating, whose transmittance depends on the direction of the light, it is that of
-    /// light which is the same from all sides.
+    /// It is exact for a Lambertian surface. The transmittance of a coating depends on the direction of the light;
+    /// the result is that for uniform light.
     pub fn radiance_per_irradiance(&self, wo: Vec3) -> Rgb {
         match self {
             Bsdf::Diffuse(b) if wo.z > 0.0 => b.reflectance * FRAC_1_PI,
@@ -90,7 +91,7 @@ impl<'a> Bsdf<'a> {
                 first * (1.0 - b.weight) + second * b.weight
             }
             Bsdf::Tilted(b) => {
-                let tilt = b.seen_from(wo);
+                let tilt = b.for_viewer(wo);
                 tilt.inner.radiance_per_irradiance(tilt.frame.to_local(wo))
             }
             Bsdf::TwoSided(b) if wo.z >= 0.0 => b.sides[0].radiance_per_irradiance(wo),
@@ -99,11 +100,12 @@ impl<'a> Bsdf<'a> {
         }
     }
 
-    /// The normal, in the local frame, of the surface whose irradiance counts for light that leaves along `wo`.
+    /// Returns the normal, in the local frame, of the surface whose irradiance determines the light scattered to
+    /// `wo`.
     pub fn receiving_normal(&self, wo: Vec3) -> Vec3 {
         match self {
             Bsdf::Tilted(b) => {
-                let Tilted { frame, inner, .. } = b.seen_from(wo);
+                let Tilted { frame, inner, .. } = b.for_viewer(wo);
                 frame.to_world(inner.receiving_normal(frame.to_local(wo)))
             }
             Bsdf::TwoSided(b) if wo.z < 0.0 => mirrored(b.sides[1].receiving_normal(mirrored(wo))),
@@ -124,7 +126,7 @@ mod tests {
         Bsdf::Plastic(Plastic::new(Rgb::new(0.2, 0.5, 0.9), Rgb::WHITE, 1.5, true))
     }
 
-    /// Light from a uniform sky that a BSDF's finite lobes send along `wo`, by the midpoint rule.
+    /// Returns the light from a uniform sky that a BSDF's finite lobes scatter to `wo`, by the midpoint rule.
     fn under_a_sky(bsdf: &Bsdf<'_>, wo: Vec3, side: f32) -> Rgb {
         const N: usize = 200;
         let mut sum = Rgb::BLACK;

@@ -5,10 +5,10 @@ use crate::color::Rgb;
 use crate::math::Vec3;
 use crate::sampling::hash::probability_below;
 
-/// Two parallel smooth boundaries with nothing between them: light is mirrored or goes straight on.
+/// Two parallel smooth boundaries at the same position: light is reflected or passes in a straight line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinDielectric {
-    /// Index of refraction of the sheet over that around it.
+    /// Index of refraction of the sheet relative to that of its surroundings.
     pub eta: f32,
     /// A factor on the reflection.
     pub specular_reflectance: Rgb,
@@ -17,19 +17,18 @@ pub struct ThinDielectric {
 }
 
 impl ThinDielectric {
-    /// The share that is mirrored after any number of reflections inside: `R + T²R + T²R³ + … = 2R/(1 + R)`.
-    /// [pbrt, 9.5.1]
+    /// Returns the reflectance with all internal reflections: `R + T²R + T²R³ + … = 2R/(1 + R)`. [pbrt, 9.5.1]
     fn reflectance(&self, cos: f32) -> f32 {
         let r = fresnel::dielectric(cos, self.eta).reflectance;
         2.0 * r / (1.0 + r)
     }
 
-    /// The probability with which [`sample`](Self::sample) reflects.
+    /// Returns the probability with which [`sample`](Self::sample) reflects.
     pub(super) fn reflection_probability(&self, wo: Vec3) -> f32 {
         probability_below(self.reflectance(wo.z.abs()))
     }
 
-    /// Mirrors with the probability of the reflectance, else passes.
+    /// Reflects with the probability of the reflectance, otherwise passes.
     #[inline]
     pub fn sample(&self, wo: Vec3, u_lobe: f32) -> Option<BsdfSample> {
         if wo.z == 0.0 {
@@ -44,7 +43,7 @@ impl ThinDielectric {
         Some(BsdfSample { wi, weight, pdf: f32::INFINITY, lobe: Lobe::Specular, eta: 1.0 })
     }
 
-    /// Reflectance plus transmittance along the normal.
+    /// Returns reflectance plus transmittance at normal incidence.
     pub fn albedo(&self) -> Rgb {
         let r = self.reflectance(1.0);
         self.specular_reflectance * r + self.specular_transmittance * (1.0 - r)

@@ -1,21 +1,21 @@
-//! A BSDF in a frame that leans: bump and normal maps.
+//! A BSDF in the frame of a perturbed normal, for bump and normal maps.
 
 use super::{Bsdf, BsdfEval, BsdfSample};
 use crate::math::{Frame, Vec2, Vec3};
 
-/// A BSDF around a normal that is not the surface's.
+/// A BSDF around a normal that differs from the surface's normal.
 ///
-/// Directions that are on different sides of the two normals scatter nothing.
+/// A pair of directions scatters nothing if one of them is on different sides of the two normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tilted<'a> {
-    /// The leaning frame, in the local frame of the surface.
+    /// The perturbed frame, in the local frame of the surface.
     pub frame: Frame,
-    /// Whether the terminator is softened. [Estevez 2019]
+    /// Whether the shadow terminator is softened. [Estevez 2019]
     pub soften: bool,
-    /// What scatters.
+    /// The BSDF in the perturbed frame.
     pub inner: &'a Bsdf<'a>,
-    /// What a viewer sees for whom this normal is on the other side than the surface's; `None` where there is nothing
-    /// else, or where the viewer is known and this is what it sees.
+    /// The BSDF for a viewer on different sides of this normal and the surface's normal. `None` if there is no other
+    /// BSDF, or if the viewer is known and this is the BSDF for it.
     pub turned: Option<&'a Tilted<'a>>,
 }
 
@@ -25,8 +25,8 @@ fn tan2(w: Vec3) -> f32 {
 }
 
 impl Tilted<'_> {
-    /// The share of the light from `wi` that is left near the terminator: Smith's shadowing of a GGX surface as rough
-    /// as the normal leans. [Estevez 2019, Eq. 3 and 4]
+    /// Returns the shadowing factor near the terminator for light from `wi`: Smith's shadowing of a GGX surface with
+    /// a roughness given by the tilt of the normal. [Estevez 2019, Eq. 3 and 4]
     pub(super) fn shadowing(&self, wi: Vec3) -> f32 {
         if !self.soften {
             return 1.0;
@@ -35,17 +35,17 @@ impl Tilted<'_> {
         2.0 / (1.0 + (1.0 + alpha2 * tan2(wi)).sqrt())
     }
 
-    /// The tilt that a viewer in the direction `wo` sees.
-    pub(super) fn seen_from(&self, wo: Vec3) -> &Self {
+    /// Returns the BSDF for a viewer in the direction `wo`.
+    pub(super) fn for_viewer(&self, wo: Vec3) -> &Self {
         match self.turned {
             Some(turned) if wo.z * self.frame.n.dot(wo) <= 0.0 => turned,
             _ => self,
         }
     }
 
-    /// The inner BSDF in its frame. It returns what is to be multiplied by the cosine to the surface's normal.
+    /// Evaluates the inner BSDF in its frame. The result is to be multiplied by the cosine with the surface's normal.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
-        let Tilted { frame, inner, .. } = self.seen_from(wo);
+        let Tilted { frame, inner, .. } = self.for_viewer(wo);
         let inner_wi = frame.to_local(wi);
         if wi.z * inner_wi.z <= 0.0 {
             return BsdfEval::ZERO;
@@ -56,7 +56,7 @@ impl Tilted<'_> {
 
     /// Samples the inner BSDF in its frame.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        let Tilted { frame, inner, .. } = self.seen_from(wo);
+        let Tilted { frame, inner, .. } = self.for_viewer(wo);
         let sample = inner.sample(frame.to_local(wo), u_lobe, u)?;
         let wi = frame.to_world(sample.wi);
         if wi.z * sample.wi.z <= 0.0 {

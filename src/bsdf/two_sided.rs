@@ -3,20 +3,20 @@
 use super::{Bsdf, BsdfEval, BsdfSample};
 use crate::math::{Vec2, Vec3};
 
-/// One-sided BSDFs on front and back. The back's sees the local frame mirrored in the surface.
+/// One-sided BSDFs on front and back. For the back, the local frame is mirrored at the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoSided<'a> {
-    /// That of the front and that of the back.
+    /// The BSDF of the front and that of the back.
     pub sides: [&'a Bsdf<'a>; 2],
 }
 
-/// A direction, mirrored in the surface.
+/// Returns a direction mirrored at the surface.
 pub fn mirrored(w: Vec3) -> Vec3 {
     Vec3::new(w.x, w.y, -w.z)
 }
 
 impl TwoSided<'_> {
-    /// The BSDF of the side of `wo`.
+    /// Evaluates the BSDF of the side of `wo`.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         match wo.z >= 0.0 {
             true => self.sides[0].eval(wo, wi),

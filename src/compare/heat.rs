@@ -2,25 +2,25 @@
 
 use crate::image::{Image, from_srgb};
 
-/// How values become positions on the colour map.
+/// The mapping from values to positions on the colour map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HeatScale {
-    /// From 0 to `max`.
+    /// Linear from 0 to `max`.
     Linear {
         /// The value of the last colour.
         max: f64,
     },
-    /// From `max`·10^−`decades` to `max`, by the logarithm.
+    /// Logarithmic from `max`·10^−`decades` to `max`.
     Log {
         /// The value of the last colour.
         max: f64,
-        /// How many powers of ten the map spans.
+        /// The number of powers of ten that the map covers.
         decades: f64,
     },
 }
 
 impl HeatScale {
-    /// The position in [0, 1]; NaN stays NaN.
+    /// Returns the position in [0, 1], or NaN for NaN.
     fn position(self, value: f64) -> f64 {
         let t = match self {
             HeatScale::Linear { max } if max > 0.0 => value / max,
@@ -32,11 +32,11 @@ impl HeatScale {
     }
 }
 
-/// The colour of what is no number: none of the map's.
+/// The colour of NaN and infinite values, which is not on the map.
 const INVALID: [f32; 3] = [0.0, 1.0, 1.0];
 
-/// The sRGB-encoded colour map inferno [Smith & van der Walt 2015], which is perceptually uniform and rises in
-/// lightness throughout, as Zucker's polynomials of degree 6 (2019), constant term first.
+/// The sRGB-encoded colour map inferno [Smith & van der Walt 2015], which is perceptually uniform with increasing
+/// lightness, as Zucker's polynomials of degree 6 (2019), constant term first.
 const INFERNO: [[f64; 3]; 7] = [
     [0.000_218_940_369_119, 0.001_651_004_631_001, -0.019_480_898_437_092],
     [0.106_513_419_485_612, 0.563_956_436_788_409, 3.932_712_388_889_277],
@@ -47,7 +47,7 @@ const INFERNO: [[f64; 3]; 7] = [
     [25.131_126_224_773_41, -12.242_668_952_385_67, -23.070_325_002_871_72],
 ];
 
-/// The linear colour at a position in [0, 1].
+/// Returns the linear colour at a position in [0, 1].
 fn inferno(t: f64) -> [f32; 3] {
     std::array::from_fn(|c| {
         let encoded = INFERNO.iter().rev().fold(0.0, |sum, k| sum * t + k[c]);
@@ -55,11 +55,11 @@ fn inferno(t: f64) -> [f32; 3] {
     })
 }
 
-/// False colours of an image's first channel: channels R, G, B of the colours (linear), and the values
-/// themselves in the layer channel `error.Y`. NaN and infinite values are cyan.
+/// Returns false colours for an image's first channel: the channels R, G, B with the colours (linear), and the layer
+/// channel `error.Y` with the values. NaN and infinite values are cyan.
 ///
 /// # Panics
-/// If the image has no channel.
+/// If the image has no channels.
 pub fn heat(values: &Image, scale: HeatScale) -> Image {
     let mut image = Image::new(values.width, values.height, &["R", "G", "B", "error.Y"]);
     let pixels = values.data.chunks_exact(values.channels.len());

@@ -1,20 +1,20 @@
-//! What two images differ by.
+//! Differences between two images.
 
 use crate::estimate::metrics;
 use crate::image::{Backend, Image};
 use std::fmt;
 
-/// The layer that holds the variance of the picture's values.
+/// The layer with the variance of the base layer's values.
 pub(super) const VARIANCE: &str = "variance";
-/// The layer that holds the variance of sums over blocks, where pixels share noise.
+/// The layer with the variance of sums over blocks, for pixels that share noise.
 pub(super) const BLOCK_VARIANCE: &str = "block_variance";
 
-/// Whether a channel says how uncertain the picture is, and not what it shows.
+/// Returns whether a channel describes the uncertainty of the base layer.
 pub fn is_of_noise(channel: &str) -> bool {
     [VARIANCE, BLOCK_VARIANCE].contains(&layer_of(channel))
 }
 
-/// Where a value is.
+/// The position of a value in an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Location {
     /// Column, from the left.
@@ -31,19 +31,19 @@ impl fmt::Display for Location {
     }
 }
 
-/// The values of an image that are no numbers.
+/// The NaN and infinite values of an image.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Invalid {
-    /// How many are NaN.
+    /// The number of NaN values.
     pub nan: u64,
-    /// How many are infinite.
+    /// The number of infinite values.
     pub inf: u64,
     /// The first of them, by rows from the top.
     pub first: Option<Location>,
 }
 
 impl Invalid {
-    /// Whether there is any.
+    /// Returns whether there are any.
     pub fn any(&self) -> bool {
         self.nan + self.inf > 0
     }
@@ -56,7 +56,7 @@ impl fmt::Display for Invalid {
     }
 }
 
-/// Counts the NaN and infinite values of all channels and finds the first.
+/// Counts the NaN and infinite values of all channels and locates the first.
 pub fn invalid(image: &Image) -> Invalid {
     let first = image.data.iter().position(|v| !v.is_finite()).map(|index| location(image, index));
     let nan = image.data.iter().filter(|v| v.is_nan()).count() as u64;
@@ -64,26 +64,26 @@ pub fn invalid(image: &Image) -> Invalid {
     Invalid { nan, inf, first }
 }
 
-/// Where the value with an index is.
+/// Returns the position of the value with an index.
 pub(super) fn location(image: &Image, index: usize) -> Location {
     let (pixel, channel) = (index / image.channels.len(), index % image.channels.len());
     Location { x: pixel % image.width, y: pixel / image.width, channel: image.channels[channel].clone() }
 }
 
-/// Why two images cannot be compared.
+/// The reason why two images cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NotComparable {
-    /// They differ in size: width and height of each.
+    /// The sizes differ: width and height of each.
     Size([usize; 2], [usize; 2]),
-    /// They differ in the channels of the picture or have none in common: the channels of each.
+    /// The channels of the base layers differ, or no channel is common: the channels of each.
     Channels(Vec<String>, Vec<String>),
-    /// A z-test needs variances: the channels that are missing, in all of the images.
+    /// A z-test needs variances: the channels that both images lack.
     NoVariance(Vec<String>),
-    /// The pixels of an image share noise, and it does not say how much.
+    /// The pixels of an image share noise, but the image has no variance of blocks.
     NoBlockVariance,
-    /// A variance is negative or no number.
+    /// A variance is negative or not finite.
     BadVariance(Location),
-    /// The library failed.
+    /// An error of the image library.
     Library(String),
 }
 
@@ -111,11 +111,11 @@ impl fmt::Display for NotComparable {
 
 impl std::error::Error for NotComparable {}
 
-/// The differences within one layer. The first image is judged, the second is the reference. All are NaN or
-/// meaningless if an image holds values that are no numbers.
+/// The differences within one layer of an image and its reference, which is the second image. All values are NaN or
+/// meaningless if an image has NaN or infinite values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerComparison {
-    /// The layer's name; empty for the picture.
+    /// The layer's name; empty for the base layer.
     pub layer: String,
     /// The channels compared.
     pub channels: Vec<String>,
@@ -123,44 +123,44 @@ pub struct LayerComparison {
     pub mean_absolute: f64,
     /// Mean squared error.
     pub mse: f64,
-    /// Its root.
+    /// The square root of `mse`.
     pub rmse: f64,
-    /// Peak signal-to-noise ratio in dB, against the larger of 1 and the largest value.
+    /// Peak signal-to-noise ratio in dB; the peak is the largest value, at least 1.
     pub psnr: f64,
     /// Mean of (x − r)² / (r² + 0.01).
     pub relmse: f64,
-    /// The same without the 0.1 % worst pixels.
+    /// `relmse` without the 0.1 % of pixels with the largest errors.
     pub trimmed_relmse: f64,
     /// The largest absolute difference.
     pub max: f64,
-    /// Where that is; the first such place.
+    /// The position of the first such value.
     pub max_at: Location,
-    /// Mean over the reference's mean.
+    /// The image's mean divided by the reference's mean.
     pub mean_ratio: f64,
 }
 
 /// The differences of two images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// What is no number in the first.
+    /// NaN and infinite values of the first image.
     pub invalid_a: Invalid,
-    /// What is no number in the second.
+    /// NaN and infinite values of the second image.
     pub invalid_b: Invalid,
-    /// The layers that both have, the picture first. `variance` is not among them.
+    /// The layers that both images have, the base layer first, without `variance`.
     pub layers: Vec<LayerComparison>,
-    /// Channels that only one image has, which were not compared.
+    /// Channels of only one image, which were not compared.
     pub ignored: Vec<String>,
 }
 
 impl Comparison {
-    /// Whether an image holds NaN or infinite values. Such a pair never passes.
+    /// Returns whether an image has NaN or infinite values. Such a pair never passes.
     pub fn has_invalid(&self) -> bool {
         self.invalid_a.any() || self.invalid_b.any()
     }
 }
 
-/// The layer that a channel is compared in: its prefix; the picture for R, G, B and Y; else the channel is a
-/// layer of its own, so that alpha and depth do not dilute the picture's error.
+/// Returns the layer in which a channel is compared: its prefix, or the base layer for R, G, B and Y. Any other
+/// channel is its own layer, so that alpha and depth do not change the base layer's error.
 fn layer_of(channel: &str) -> &str {
     match channel.rsplit_once('.') {
         Some((layer, _)) => layer,
@@ -169,12 +169,12 @@ fn layer_of(channel: &str) -> &str {
     }
 }
 
-/// The channels of a layer, in the image's order.
+/// Returns the channels of a layer, in the image's order.
 pub(super) fn layer_channels<'a>(image: &'a Image, layer: &str) -> Vec<&'a str> {
     image.channels.iter().map(String::as_str).filter(|c| layer_of(c) == layer).collect()
 }
 
-/// The layers of both images, the picture first if there is one, and the channels that only one image has.
+/// Returns the layers of both images, the base layer first if there is one, and the channels of only one image.
 fn common_layers(a: &Image, b: &Image) -> Result<(Vec<String>, Vec<String>), NotComparable> {
     let differ = || NotComparable::Channels(a.channels.clone(), b.channels.clone());
     let (mut layers, mut ignored) = (Vec::<String>::new(), Vec::new());
@@ -196,11 +196,11 @@ fn common_layers(a: &Image, b: &Image) -> Result<(Vec<String>, Vec<String>), Not
     if layers.is_empty() { Err(differ()) } else { Ok((layers, ignored)) }
 }
 
-/// Compares an image with a reference, layer by layer. The differences come from the library in use; the
-/// relative errors, which it does not know, from [`metrics`].
+/// Compares an image with a reference, layer by layer. The image library computes the absolute differences,
+/// [`metrics`] the relative errors.
 ///
 /// # Errors
-/// If the sizes differ, or the channels of the picture do, or no channel is common.
+/// If the sizes differ, the channels of the base layers differ, or no channel is common.
 pub fn compare(a: &Image, b: &Image) -> Result<Comparison, NotComparable> {
     if (a.width, a.height) != (b.width, b.height) {
         return Err(NotComparable::Size([a.width, a.height], [b.width, b.height]));
@@ -210,7 +210,7 @@ pub fn compare(a: &Image, b: &Image) -> Result<Comparison, NotComparable> {
     Ok(Comparison { invalid_a: invalid(a), invalid_b: invalid(b), layers, ignored })
 }
 
-/// Compares one layer of images of one size.
+/// Compares one layer of two images of the same size.
 fn compare_layer(a: &Image, b: &Image, layer: &str) -> Result<LayerComparison, NotComparable> {
     let channels: Vec<&str> =
         layer_channels(a, layer).into_iter().filter(|c| b.channel(c).is_some()).collect();
@@ -238,7 +238,7 @@ fn compare_layer(a: &Image, b: &Image, layer: &str) -> Result<LayerComparison, N
     })
 }
 
-/// What an error map shows.
+/// The quantity of an error map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorKind {
     /// (x − r)² / (r² + 0.01).
@@ -247,8 +247,8 @@ pub enum ErrorKind {
     Absolute,
 }
 
-/// The error of each pixel of the picture (or, without one, of the first common layer), the mean over its
-/// channels, as an image of one channel `error`.
+/// Returns the error of each pixel in the base layer (or else in the first common layer), averaged over its channels,
+/// as an image with one channel `error`.
 ///
 /// # Errors
 /// As [`compare`].
@@ -278,7 +278,7 @@ pub fn error_map(a: &Image, b: &Image, kind: ErrorKind) -> Result<Image, NotComp
 mod tests {
     use super::*;
 
-    /// Two images whose values wander over a few magnitudes, without infinities.
+    /// Two images with values of several magnitudes, without infinities.
     fn pair() -> (Image, Image) {
         let mut a = Image::new(130, 70, &["R", "G", "B"]);
         let mut b = a.clone();
@@ -295,7 +295,7 @@ mod tests {
         let (a, b) = pair();
         let ours = Backend::RustCrates.difference(&a, &b).unwrap();
         let theirs = Backend::OpenImageIo.difference(&a, &b).unwrap();
-        // It subtracts in single precision.
+        // The library subtracts in single precision.
         let near = |x: f64, y: f64| (x - y).abs() <= 1e-6 * y.abs();
         assert!(near(ours.mean_absolute, theirs.mean_absolute), "{ours:?} {theirs:?}");
         assert!(near(ours.rms, theirs.rms), "{ours:?} {theirs:?}");

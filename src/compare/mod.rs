@@ -1,4 +1,4 @@
-//! Judgements on images: differences, tests whether two images can be estimates of one picture, and false colour.
+//! Comparison of images: differences, statistical tests of equality, and false colours.
 
 mod heat;
 mod images;

@@ -1,4 +1,4 @@
-//! How far the values of an image may be from those that were computed.
+//! The rounding error of stored image values.
 
 use crate::image::Image;
 
@@ -6,12 +6,12 @@ use crate::image::Image;
 const HALF_BITS: i32 = 11;
 /// Significant bits of a float.
 const FLOAT_BITS: i32 = 24;
-/// The exponent of the least normal half, and of the largest.
+/// The exponents of the least normal half and of the largest half.
 const HALF_EXPONENTS: [i32; 2] = [-14, 15];
-/// Values with fewer significant bits (0.5, 1, 2.5) say nothing about the format that they were stored in.
+/// The least number of significant bits that identifies a format; values such as 0.5, 1 or 2.5 have fewer.
 const TELLING_BITS: i32 = 8;
 
-/// The format that an image's values were rounded to, as far as they tell.
+/// The format to which an image's values were rounded, as inferred from the values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rounding {
     /// To 16-bit floats.
@@ -21,8 +21,8 @@ pub(super) enum Rounding {
 }
 
 impl Rounding {
-    /// Halves, if every value is one and any value needs about as many bits as a half has. (Of 32-bit floats one in
-    /// 2^13 is a half by chance.)
+    /// Returns `Half` if every value is a half and some value has about as many significant bits as a half. (One in
+    /// 2^13 32-bit floats is a half by chance.)
     pub fn of(image: &Image) -> Self {
         let mut telling = false;
         for &value in image.data.iter().filter(|v| v.is_finite() && **v != 0.0) {
@@ -37,7 +37,8 @@ impl Rounding {
         if telling { Rounding::Half } else { Rounding::Float }
     }
 
-    /// The largest distance of what was computed from `value`: half a step of the format. 0 for what is no number.
+    /// Returns the largest distance between `value` and the value before rounding: half a step of the format, or 0 if
+    /// `value` is not finite.
     pub fn bound(self, value: f32) -> f64 {
         if !value.is_finite() {
             return 0.0;
@@ -51,13 +52,14 @@ impl Rounding {
     }
 }
 
-/// The exponent e of |value| in [2^e, 2^(e+1)); that of the least normal float for zero and subnormal numbers.
+/// Returns the exponent e such that |value| is in [2^e, 2^(e+1)); for zero and subnormal numbers, that of the least
+/// normal float.
 fn exponent(value: f32) -> i32 {
     let biased = value.to_bits() >> 23 & 0xff;
     biased.max(1) as i32 - 127
 }
 
-/// Bits from the first to the last that is set, for a normal number.
+/// Returns the number of bits from the first to the last set bit, for a normal number.
 fn significant_bits(value: f32) -> i32 {
     let fraction = value.to_bits() & 0x7f_ffff;
     FLOAT_BITS - (fraction | 1 << 23).trailing_zeros() as i32
@@ -75,7 +77,7 @@ mod tests {
 
     #[test]
     fn halves_are_told_from_floats_and_from_round_numbers() {
-        // 0.1 and 10⁻⁶ as halves, the largest half, and a value that is none.
+        // 0.1 and 10⁻⁶ as halves, the largest half, and a value that is not a half.
         let halves = [0.099_975_586, 9.536_743e-7, 65504.0, 0.0, -0.5];
         assert_eq!(Rounding::of(&image(&halves)), Rounding::Half);
         assert_eq!(Rounding::of(&image(&[0.099_975_586, 0.1])), Rounding::Float);

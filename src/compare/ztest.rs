@@ -1,107 +1,110 @@
-//! Whether two images may be estimates of the same picture, judged by their variances.
+//! A z-test: whether two images are estimates of the same image, given their variances.
 
 use super::images::{BLOCK_VARIANCE, Location, NotComparable, VARIANCE, layer_channels, location};
 use super::rounding::Rounding;
 use crate::estimate::student::{of_all, quantile, share, tail};
 use crate::image::{Image, Value};
 
-/// The metadata that says whether the pixels of an image share noise.
+/// The metadata key that states whether the pixels of an image share noise.
 pub const NOISE: &str = "buffon:noise";
-/// What [`NOISE`] says if they do.
+/// The value of [`NOISE`] if they do.
 pub const SHARED_NOISE: &str = "shared by pixels";
-/// The metadata that says how many independent replicates the variances of an image with shared noise are from.
+/// The metadata key for the number of independent replicates from which the variances of an image with shared noise
+/// were computed.
 pub const REPLICATES: &str = "buffon:replicates";
-/// The beginning of the metadata that hold the variance of the mean of a channel of such an image.
+/// The prefix of the metadata keys for the variance of a channel's mean in such an image.
 pub const MEAN_VARIANCE: &str = "buffon:mean_variance.";
 
-/// The outcome of a z-test of the picture, in blocks of [`ZTest::SIDE`]² pixels and each channel by itself.
+/// The result of a z-test of the base layer, in blocks of [`ZTest::SIDE`]² pixels, with each channel separately.
 ///
 /// z = Σ(a − b) / √Σ(var a + var b) over the pixels of a block, where a variance is that of the stored value (not of
-/// a single sample). A variance that is estimated from two halves has one degree of freedom, and z by pixels would
-/// have tails without a mean; the sum over a block has ν = 3·(Σv)²/Σv² − 2 [Satterthwaite 1946, with the squares
-/// of such estimates three times too large]. Where pixels share noise, the variance of a block is the one that its
-/// replicates give, of one degree of freedom less than there are replicates. A block is accepted if a Student's t of
-/// ν degrees of freedom is as far out with a probability of at least α′, where α′ = 1 − (1 − α)^(1/n) [Šidák 1967]
-/// makes α the probability that any of the n blocks of a right pair is rejected.
+/// a single sample). A variance estimated from two halves has one degree of freedom, so the distribution of z for
+/// single pixels would have no mean. The sum over a block has ν = 3·(Σv)²/Σv² − 2 degrees of freedom [Satterthwaite
+/// 1946, with the squares of such estimates three times too large]. If pixels share noise, the variance of a block
+/// comes from its replicates, and ν is the number of replicates minus 1. A block is accepted if Student's t with ν
+/// degrees of freedom exceeds |z| with a probability of at least α′. With α′ = 1 − (1 − α)^(1/n) [Šidák 1967], α is
+/// the probability that any of the n blocks is rejected although both images have the same expected value.
 ///
-/// What rounding may have done to the stored values (half a step of the format for each, as large as the sum of a
-/// block's can be) is taken off |Σ(a − b)|: the rounding of a smooth picture is no noise. Images whose values are
-/// halves throughout are taken as rounded to halves.
+/// The largest possible effect of rounding (half a step of the format for each stored value, summed over the block)
+/// is subtracted from |Σ(a − b)|, because the rounding error of a smooth image is not noise. Images in which all
+/// values are halves are assumed to be rounded to halves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZTest {
-    /// α: the significance of the whole test.
+    /// α, the significance of the whole test.
     pub significance: f64,
-    /// How many blocks there are, over all channels.
+    /// The number of blocks, over all channels.
     pub blocks: usize,
-    /// How many of them are rejected.
+    /// The number of rejected blocks.
     pub rejected: usize,
-    /// The share of blocks that are accepted.
+    /// The fraction of accepted blocks.
     pub accepted: f64,
-    /// The probability that in a right pair any block is as far out as the worst one; 0 if a block is no number.
+    /// The probability that some block deviates as much as the worst one, for images with the same expected value; 0
+    /// if a block has a NaN.
     pub block_probability: f64,
-    /// Mean of z where there is a variance: about 0, ± 1/√n, if neither image is biased.
+    /// The mean of z over blocks with a variance: about 0 ± 1/√n for unbiased images.
     pub mean: f64,
-    /// Root mean square of z where there is a variance: a little over 1 if the variances are right.
+    /// The root mean square of z over blocks with a variance: slightly above 1 for correct variances.
     pub rms: f64,
-    /// The largest |z| of a channel with the whole image as one block: it finds a bias that is too small for any
+    /// The largest |z| of a channel with the whole image as one block. It detects a bias that is too small for any
     /// single block.
     pub bias: f64,
-    /// The least probability of a channel's bias in a right pair.
+    /// The least p-value of a channel's bias.
     pub bias_probability: f64,
-    /// The channel of the least probability, and Σ(a − b) / Σb there; `None` without any variance.
+    /// The channel with the least p-value, and its Σ(a − b) / Σb; `None` without any variance.
     pub bias_at: Option<(String, f64)>,
-    /// The least relative difference of the means that is found in some channel with a probability of 0.95, at these
-    /// variances; infinite if the reference is black.
+    /// The least relative difference of the means that the test detects in some channel with a probability of 0.95,
+    /// for these variances; infinite if the reference is black.
     pub gain: f64,
-    /// The largest |z|; infinite where values differ without any variance.
+    /// The largest |z|; infinite if values differ without any variance.
     pub max: f64,
-    /// The first pixel of its block, and the channel.
+    /// The first pixel of that block, and its channel.
     pub max_at: Location,
-    /// How many blocks have no variance in either image; they are accepted if they are equal.
+    /// The number of blocks without variance in either image. They are accepted if they are equal.
     pub without_variance: usize,
-    /// z at each pixel of its block, the picture's channels.
+    /// The z of each pixel's block, for the channels of the base layer.
     pub scores: Image,
 }
 
 impl ZTest {
-    /// The share of blocks that must be accepted, as in Mitsuba's render tests: a few outliers of a
-    /// heavy-tailed estimator are not held against the image.
+    /// The fraction of blocks that must be accepted, as in Mitsuba's render tests. It allows for a few outliers of a
+    /// heavy-tailed estimator.
     pub const ENOUGH: f64 = 0.9975;
-    /// Pixels of a block along each axis.
+    /// The side of a block in pixels.
     pub const SIDE: usize = 4;
 
-    /// Whether enough blocks are accepted, and no channel is biased at the test's significance.
+    /// Returns whether enough blocks are accepted and no channel is biased at the test's significance.
     pub fn passes(&self) -> bool {
         self.accepted >= Self::ENOUGH && self.is_unbiased()
     }
 
-    /// Whether no channel is biased at the test's significance.
+    /// Returns whether no channel is biased at the test's significance.
     pub fn is_unbiased(&self) -> bool {
         self.bias_probability >= share(self.significance, self.scores.channels.len())
     }
 }
 
-/// What a z-test is told besides the images.
+/// The options of a z-test.
 #[derive(Clone, Copy, Debug)]
 pub struct ZTestOptions<'a> {
-    /// An image whose channels `R`, `G`, `B` or `Y` (or whose layer `variance`) are the variances of the second
-    /// image; without it, those of the image's own layer `variance`.
+    /// An image with the variances of the second image in its channels `R`, `G`, `B` or `Y` (or in its layer
+    /// `variance`). Without it, the second image's own layer `variance` is used.
     pub variance_of_b: Option<&'a Image>,
-    /// The significance of the blocks together, and of the channels' biases together.
+    /// The significance of all blocks together, and of all channels' biases together.
     pub significance: f64,
-    /// Samples of the second image over those of the first, if both are estimates by one method: the first image's
-    /// variance is expected to be so many times that of the second, and where it seems to be less, the expected
-    /// one counts. An image that has missed what is rarely found does not know its variance.
+    /// The number of samples of the second image divided by that of the first, if both are estimates by the same
+    /// method. The first image's variance is then expected to be the second's times this ratio. Where its estimate is
+    /// lower, the expected variance is used, because an image that missed rare contributions underestimates its
+    /// variance.
     pub sample_ratio: Option<f64>,
 }
 
-/// Tests whether two images estimate the same picture. Variances are taken from the layer `variance` of
-/// either image and from `variance_of_b`, an image whose channels `R`, `G`, `B` or `Y` (or whose layer
-/// `variance`) are the variances of `b`; an image without any counts as exact.
+/// Tests whether two images estimate the same image. Variances are taken from the layer `variance` of either image
+/// and from `variance_of_b`, an image with the variances of `b` in its channels `R`, `G`, `B` or `Y` (or in its layer
+/// `variance`). An image without variances is assumed to be exact.
 ///
 /// # Errors
-/// If the images differ in size or in the channels of the picture or have no picture, if neither has a
-/// variance, or if a variance is negative or no number.
+/// If the images differ in size or in the channels of the base layer, have no base layer, or both lack a variance, or
+/// if a variance is negative or not finite.
 ///
 /// # Panics
 /// If `significance` is not between 0 and 1.
@@ -114,7 +117,7 @@ pub fn z_test(
     z_test_with(a, b, &ZTestOptions { variance_of_b, significance, sample_ratio: None })
 }
 
-/// [`z_test`] with all options.
+/// Performs a [`z_test`] with all options.
 ///
 /// # Errors
 /// As [`z_test`].
@@ -134,7 +137,7 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
     let x = a.select(&names).filter(|_| !names.is_empty()).ok_or_else(differ)?;
     let r = b.select(&names).ok_or_else(differ)?;
     let of_b = match variance_of_b {
-        Some(image) => Some(Noise::by_pixels(
+        Some(image) => Some(ImageNoise::by_pixels(
             variance_of(image, &names)
                 .or_else(|| image.select(&names))
                 .ok_or_else(|| NotComparable::Channels(a.channels.clone(), image.channels.clone()))?,
@@ -145,49 +148,49 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
     if noise.iter().all(Option::is_none) {
         return Err(NotComparable::NoVariance(names.iter().map(|c| format!("{VARIANCE}.{c}")).collect()));
     }
-    for Noise { variances, .. } in noise.iter().flatten() {
+    for ImageNoise { variances, .. } in noise.iter().flatten() {
         if let Some(index) = variances.data.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
             return Err(NotComparable::BadVariance(location(variances, index)));
         }
     }
     let rounding = [Rounding::of(&x), Rounding::of(&r)];
-    Ok(summarise(x, &Pair { r: &r, noise: &noise, rounding, sample_ratio }, significance))
+    Ok(summarise(x, &ImagePair { r: &r, noise: &noise, rounding, sample_ratio }, significance))
 }
 
-/// The variance layer of the picture's channels.
+/// Returns the variance layer of the base layer's channels.
 fn variance_of(image: &Image, names: &[&str]) -> Option<Image> {
     image.select(&names.iter().map(|c| format!("{VARIANCE}.{c}")).collect::<Vec<_>>())
 }
 
-/// What is known of the noise of an image.
-struct Noise {
-    /// By pixel and channel, so that their sum over a block is the variance of its sum.
+/// The noise of an image.
+struct ImageNoise {
+    /// For each pixel and channel; their sum over a block is the variance of the block's sum.
     variances: Image,
-    /// Where pixels share noise.
+    /// The shared noise, if pixels share noise.
     shared: Option<SharedNoise>,
 }
 
-/// What is known of noise that pixels share.
+/// ImageNoise that pixels share.
 struct SharedNoise {
-    /// The degrees of freedom of the variance of a block, and of the whole.
+    /// The degrees of freedom of the variance of a block, and of the whole image.
     freedom: f64,
-    /// The variance of the sum over all pixels, by channel.
+    /// The variance of the sum over all pixels, for each channel.
     of_sum: Vec<f64>,
 }
 
-impl Noise {
-    /// That of independent pixels.
+impl ImageNoise {
+    /// Creates the noise of independent pixels.
     fn by_pixels(variances: Image) -> Self {
-        Noise { variances, shared: None }
+        ImageNoise { variances, shared: None }
     }
 }
 
-/// What an image says of its noise; `None` if it says nothing.
-fn noise_of(image: &Image, names: &[&str]) -> Result<Option<Noise>, NotComparable> {
+/// Returns the noise stated by an image; `None` if there is no statement.
+fn noise_of(image: &Image, names: &[&str]) -> Result<Option<ImageNoise>, NotComparable> {
     let shares = matches!(image.metadata.get(NOISE), Some(Value::Text(noise)) if noise == SHARED_NOISE);
     let by_pixels = variance_of(image, names);
     if !shares || by_pixels.is_none() {
-        return Ok(by_pixels.map(Noise::by_pixels));
+        return Ok(by_pixels.map(ImageNoise::by_pixels));
     }
     let missing = || NotComparable::NoBlockVariance;
     let layers: Vec<String> = names.iter().map(|c| format!("{BLOCK_VARIANCE}.{c}")).collect();
@@ -202,81 +205,85 @@ fn noise_of(image: &Image, names: &[&str]) -> Result<Option<Noise>, NotComparabl
         _ => Err(missing()),
     });
     let of_sum = of_sum.collect::<Result<_, _>>()?;
-    Ok(Some(Noise { variances, shared: Some(SharedNoise { freedom, of_sum }) }))
+    Ok(Some(ImageNoise { variances, shared: Some(SharedNoise { freedom, of_sum }) }))
 }
 
-/// What the first image is held against.
-struct Pair<'a> {
+/// The reference and the data for the comparison.
+struct ImagePair<'a> {
     r: &'a Image,
-    /// Of the first image, and of the second.
-    noise: &'a [Option<Noise>; 2],
+    /// The noise of the first image and of the second.
+    noise: &'a [Option<ImageNoise>; 2],
     rounding: [Rounding; 2],
     sample_ratio: Option<f64>,
 }
 
-/// Rounding of fewer deviations than this decides nothing, and is not taken off.
+/// The ratio between rounding and standard deviation below which rounding is ignored.
 const NEGLIGIBLE: f64 = 1e-5;
 
-/// A variance and how well it is known.
+/// A variance with its uncertainty.
 #[derive(Clone, Copy, Default)]
-struct Spread {
+struct VarianceEstimate {
     variance: f64,
-    /// The variance of the variance, half of it: Σ v²/ν.
-    doubt: f64,
+    /// Half the variance of the variance: Σ v²/ν.
+    uncertainty: f64,
 }
 
-impl Spread {
+impl VarianceEstimate {
     fn freedom(self) -> f64 {
-        // A variance whose square is less than the least number is as good as any.
-        let freedom = self.variance * self.variance / self.doubt;
+        // If the squared variance underflows, one degree of freedom is assumed.
+        let freedom = self.variance * self.variance / self.uncertainty;
         if freedom.is_finite() { freedom.max(1.0) } else { 1.0 }
     }
 
-    fn plus(self, other: Spread) -> Spread {
-        Spread { variance: self.variance + other.variance, doubt: self.doubt + other.doubt }
+    fn plus(self, other: VarianceEstimate) -> VarianceEstimate {
+        VarianceEstimate {
+            variance: self.variance + other.variance,
+            uncertainty: self.uncertainty + other.uncertainty,
+        }
     }
 
-    fn times(self, factor: f64) -> Spread {
-        Spread { variance: self.variance * factor, doubt: self.doubt * factor * factor }
+    fn times(self, factor: f64) -> VarianceEstimate {
+        VarianceEstimate { variance: self.variance * factor, uncertainty: self.uncertainty * factor * factor }
     }
 }
 
-/// Sums over the pixels of a block, in one channel.
+/// Sums over the pixels of a block in one channel.
 #[derive(Clone, Copy, Default)]
-struct Block {
+struct BlockSums {
     difference: f64,
     reference: f64,
-    /// What rounding may make of the difference, at most.
+    /// The upper bound of the effect of rounding on the difference.
     rounding: f64,
-    /// Whether any two values differ by more than that (or are no numbers), though differences may add up to nothing.
+    /// Whether any two values differ by more than rounding, or are not finite, even if the differences cancel.
     differs: bool,
-    /// Of independent pixels, of either image and of both: the sum of variances, and that of their squares.
+    /// For independent pixels of either image and of both: the sum of variances, and that of their squares.
     by_pixels: [[f64; 2]; 3],
-    /// Of images whose pixels share noise.
-    shared: [Option<Spread>; 2],
-    /// What is expected of the first image's noise and the second's together, over the second's.
+    /// For images whose pixels share noise.
+    shared: [Option<VarianceEstimate>; 2],
+    /// The expected ratio between the variance of both images together and that of the second.
     expected: Option<f64>,
 }
 
-impl Block {
+impl BlockSums {
     /// Adds the value with index `i`; `x` is the first image.
-    fn add(&mut self, x: &Image, pair: &Pair<'_>, i: usize) {
-        let (a, b) = (x.data[i], pair.r.data[i]);
+    fn add(&mut self, x: &Image, images: &ImagePair<'_>, i: usize) {
+        let (a, b) = (x.data[i], images.r.data[i]);
         let difference = f64::from(a) - f64::from(b);
-        let rounding = pair.rounding[0].bound(a) + pair.rounding[1].bound(b);
+        let rounding = images.rounding[0].bound(a) + images.rounding[1].bound(b);
         self.difference += difference;
         self.reference += f64::from(b);
         self.rounding += rounding;
         self.differs |= difference.abs() > rounding;
-        self.expected = pair.sample_ratio.map(|ratio| 1.0 + ratio);
+        self.expected = images.sample_ratio.map(|ratio| 1.0 + ratio);
         let mut both = 0.0;
-        for (k, noise) in pair.noise.iter().enumerate() {
-            let Some(Noise { variances, shared }) = noise else { continue };
+        for (k, noise) in images.noise.iter().enumerate() {
+            let Some(ImageNoise { variances, shared }) = noise else { continue };
             let v = f64::from(variances.data[i]);
             match shared {
                 Some(SharedNoise { freedom, .. }) => {
                     let variance = self.shared[k].unwrap_or_default().variance + v;
-                    self.shared[k] = Some(Spread { variance, doubt: variance * variance / freedom });
+                    self.shared[k] =
+                        Some(VarianceEstimate { variance, uncertainty: variance * variance / freedom });
                 }
                 None => {
                     self.by_pixels[k][0] += v;
@@ -289,29 +296,29 @@ impl Block {
         self.by_pixels[2][1] += both * both;
     }
 
-    /// Takes the variances of the sums over the whole image, where its pixels share noise.
-    fn of_whole(&mut self, pair: &Pair<'_>, channel: usize) {
-        for (spread, noise) in self.shared.iter_mut().zip(pair.noise) {
+    /// Sets the variances of the sums over the whole image, if its pixels share noise.
+    fn set_whole_image(&mut self, images: &ImagePair<'_>, channel: usize) {
+        for (spread, noise) in self.shared.iter_mut().zip(images.noise) {
             if let Some(SharedNoise { freedom, of_sum }) = noise.as_ref().and_then(|n| n.shared.as_ref()) {
                 let variance = of_sum[channel];
-                *spread = Some(Spread { variance, doubt: variance * variance / freedom });
+                *spread = Some(VarianceEstimate { variance, uncertainty: variance * variance / freedom });
             }
         }
     }
 
-    /// What variances of single pixels, of one degree of freedom each, say of their sum.
-    fn of_pixels(&self, k: usize) -> Spread {
+    /// Returns the variance of a sum, from variances of single pixels with one degree of freedom each.
+    fn from_pixels(&self, k: usize) -> VarianceEstimate {
         let [variance, squares] = self.by_pixels[k];
         // ν = 3·(Σv)²/Σv² − 2.
         let freedom = 3.0 * variance * variance / squares - 2.0;
         let freedom = if freedom.is_finite() { freedom.max(1.0) } else { 1.0 };
-        Spread { variance, doubt: variance * variance / freedom }
+        VarianceEstimate { variance, uncertainty: variance * variance / freedom }
     }
 
-    /// The variance of the difference, of the larger estimate.
-    fn spread(&self) -> Spread {
-        let found = self.shared.iter().flatten().fold(self.of_pixels(2), |sum, spread| sum.plus(*spread));
-        let of_second = self.shared[1].unwrap_or_else(|| self.of_pixels(1));
+    /// Returns the variance of the difference: the larger one of the estimated and the expected variance.
+    fn spread(&self) -> VarianceEstimate {
+        let found = self.shared.iter().flatten().fold(self.from_pixels(2), |sum, spread| sum.plus(*spread));
+        let of_second = self.shared[1].unwrap_or_else(|| self.from_pixels(1));
         match self.expected.map(|factor| of_second.times(factor)) {
             Some(expected) if expected.variance > found.variance => expected,
             _ => found,
@@ -337,12 +344,12 @@ impl Block {
         }
     }
 
-    /// The degrees of freedom of the variance.
+    /// Returns the degrees of freedom of the variance.
     fn freedom(&self) -> f64 {
         self.spread().freedom()
     }
 
-    /// The probability that a right pair is as far out; NaN where z is.
+    /// Returns the p-value of the block; NaN if z is NaN.
     fn probability(&self) -> f64 {
         let t = self.z();
         if self.variance() == 0.0 || !t.is_finite() {
@@ -351,10 +358,10 @@ impl Block {
         tail(t, self.freedom())
     }
 
-    /// The least share of the reference's sum by which the other one is off if it is found at a significance, with a
-    /// probability of 0.95.
+    /// Returns the least relative difference of the block's sum that is detected at a significance with a probability
+    /// of 0.95.
     fn gain(&self, significance: f64) -> f64 {
-        /// The normal distribution is below this with a probability of 0.95.
+        /// The 95 % quantile of the standard normal distribution.
         const POWER: f64 = 1.644_853_627;
         let variance = self.variance();
         let far_out = if variance > 0.0 { quantile(significance, self.freedom()) + POWER } else { 0.0 };
@@ -362,23 +369,23 @@ impl Block {
     }
 }
 
-/// Scores all blocks. `x` becomes the image of the scores.
-fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
+/// Computes the scores of all blocks. `x` becomes the image of the scores.
+fn summarise(mut x: Image, images: &ImagePair<'_>, significance: f64) -> ZTest {
     let channels = x.channels.len();
     let (columns, rows) = (x.width.div_ceil(ZTest::SIDE), x.height.div_ceil(ZTest::SIDE));
     let n = columns * rows * channels;
     let each = share(significance, n);
     let (mut accepted, mut without_variance) = (0usize, 0usize);
-    let mut whole = vec![Block::default(); channels];
+    let mut whole = vec![BlockSums::default(); channels];
     let (mut sum, mut squares, mut least) = (0.0, 0.0, 1f64);
     let (mut max, mut max_index) = (0.0, 0);
     for corner in 0..columns * rows {
         for (channel, whole) in whole.iter_mut().enumerate() {
             let indices = indices_of(&x, corner, channel);
-            let mut block = Block::default();
+            let mut block = BlockSums::default();
             for &i in &indices {
-                block.add(&x, pair, i);
-                whole.add(&x, pair, i);
+                block.add(&x, images, i);
+                whole.add(&x, images, i);
             }
             let (z, probability) = (block.z(), block.probability());
             if block.variance() > 0.0 {
@@ -387,7 +394,7 @@ fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
             } else {
                 without_variance += 1;
             }
-            // A NaN is never accepted.
+            // NaN is never accepted.
             accepted += usize::from(probability >= each);
             least = if probability.is_nan() { 0.0 } else { least.min(probability) };
             if z.abs() > max {
@@ -396,10 +403,10 @@ fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
             indices.into_iter().for_each(|i| x.data[i] = z as f32);
         }
     }
-    whole.iter_mut().enumerate().for_each(|(channel, whole)| whole.of_whole(pair, channel));
+    whole.iter_mut().enumerate().for_each(|(channel, whole)| whole.set_whole_image(images, channel));
     let with_variance = (n - without_variance) as f64;
     let gain = whole.iter().map(|c| c.gain(share(significance, channels))).fold(f64::INFINITY, f64::min);
-    let Bias { z, probability, at } = bias(&whole, &x.channels);
+    let ChannelBias { z, probability, at } = bias(&whole, &x.channels);
     ZTest {
         significance,
         blocks: n,
@@ -419,7 +426,7 @@ fn summarise(mut x: Image, pair: &Pair<'_>, significance: f64) -> ZTest {
     }
 }
 
-/// The indices of a channel's values in a block; blocks are counted row by row.
+/// Returns the indices of a channel's values in a block; blocks are numbered row by row.
 fn indices_of(image: &Image, block: usize, channel: usize) -> Vec<usize> {
     let columns = image.width.div_ceil(ZTest::SIDE);
     let (x0, y0) = (block % columns * ZTest::SIDE, block / columns * ZTest::SIDE);
@@ -428,16 +435,16 @@ fn indices_of(image: &Image, block: usize, channel: usize) -> Vec<usize> {
     pixels.map(|pixel| pixel * image.channels.len() + channel).collect()
 }
 
-/// What the channels' sums say.
-struct Bias {
+/// The result of the test of the channels' sums.
+struct ChannelBias {
     z: f64,
     probability: f64,
     at: Option<(String, f64)>,
 }
 
-/// The bias of the channels that have a variance: differences without any are for the blocks to judge.
-fn bias(whole: &[Block], channels: &[String]) -> Bias {
-    let mut found = Bias { z: 0.0, probability: 1.0, at: None };
+/// Tests the bias of the channels with a variance. Differences in other channels are found by the blocks.
+fn bias(whole: &[BlockSums], channels: &[String]) -> ChannelBias {
+    let mut found = ChannelBias { z: 0.0, probability: 1.0, at: None };
     for (block, channel) in whole.iter().zip(channels).filter(|(block, _)| block.variance() > 0.0) {
         let probability = block.probability();
         found.z = found.z.max(block.z().abs());
@@ -453,13 +460,14 @@ fn bias(whole: &[Block], channels: &[String]) -> Bias {
 mod tests {
     use super::*;
 
-    /// Two images of n blocks whose differences are `z` standard deviations, all variances alike.
-    fn pair(zs: &[f32]) -> (Image, Image) {
+    /// Creates two images of n blocks whose differences are `z` standard deviations, with equal variances.
+    fn images(zs: &[f32]) -> (Image, Image) {
         let mut a = Image::new(4 * zs.len(), 4, &["Y", "variance.Y"]);
         let mut b = Image::new(4 * zs.len(), 4, &["Y", "variance.Y"]);
         for (i, z) in zs.iter().enumerate() {
             for (x, y) in (0..16).map(|k| (4 * i + k % 4, k / 4)) {
-                // Variances 0.09 and 0.16: a standard deviation of 0.5, and of the mean of sixteen a quarter of it.
+                // The variances 0.09 and 0.16 give a standard deviation of 0.5, and a quarter of it for the mean of
+                // sixteen.
                 a.pixel_mut(x, y).copy_from_slice(&[1.0 + 0.125 * z, 0.09]);
                 b.pixel_mut(x, y).copy_from_slice(&[1.0, 0.16]);
             }
@@ -469,7 +477,7 @@ mod tests {
 
     #[test]
     fn scores_are_differences_over_the_standard_deviation_of_both() {
-        let (a, b) = pair(&[0.0, 2.0, -1.0, 1.0]);
+        let (a, b) = images(&[0.0, 2.0, -1.0, 1.0]);
         let test = z_test(&a, &b, None, 0.01).unwrap();
         assert!((test.mean - 0.5).abs() < 1e-6 && (test.rms - 1.5f64.sqrt()).abs() < 1e-6, "{test:?}");
         assert!((test.max - 2.0).abs() < 1e-6);
@@ -478,19 +486,19 @@ mod tests {
         assert!((test.bias - 1.0).abs() < 1e-6 && test.passes(), "{test:?}");
     }
 
-    /// Tables of Student's t: two-sided 1 % of one value of 46 degrees of freedom (16 equal variances) lies beyond
-    /// 2.6870; of ten values, 0.1005 % each, beyond 3.5134 (by numerical integration).
+    /// From tables of Student's t: for one value with 46 degrees of freedom (16 equal variances), the two-sided 1 %
+    /// limit is 2.6870; for ten values with 0.1005 % each, it is 3.5134 (by numerical integration).
     #[test]
     fn the_significance_is_shared_among_the_blocks() {
         let accepted = |zs: &[f32]| {
-            let (a, b) = pair(zs);
+            let (a, b) = images(zs);
             z_test(&a, &b, None, 0.01).unwrap().accepted
         };
         assert_eq!((accepted(&[2.68]), accepted(&[2.70])), (1.0, 0.0));
         assert_eq!(accepted(&[3.50, -3.53, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.9);
     }
 
-    /// Variances from two halves of normal values: the right pair passes, 2 % of bias does not.
+    /// Variances from two halves of normal values: the unbiased pair passes, the pair with 2 % bias fails.
     #[test]
     fn pairs_with_variances_of_one_degree_of_freedom_are_judged_rightly() {
         let mut state = 1u64;
@@ -523,7 +531,7 @@ mod tests {
         let variance = a.clone();
         let equal = z_test(&a, &b, Some(&variance), 0.01).unwrap();
         assert_eq!((equal.accepted, equal.without_variance, equal.passes()), (1.0, 2, true));
-        // Differences that add up to nothing are differences.
+        // Differences that cancel in the sum are detected.
         (a.data[5], a.data[6]) = (1e-20, -1e-20);
         let test = z_test(&a, &b, Some(&variance), 0.01).unwrap();
         assert_eq!((test.accepted, test.max, test.max_at.x), (0.5, f64::INFINITY, 4));
@@ -531,7 +539,7 @@ mod tests {
 
     #[test]
     fn a_nan_is_rejected() {
-        let (mut a, b) = pair(&[0.0]);
+        let (mut a, b) = images(&[0.0]);
         a.data[0] = f32::NAN;
         assert_eq!(z_test(&a, &b, None, 0.01).unwrap().accepted, 0.0);
     }

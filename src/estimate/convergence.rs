@@ -1,24 +1,24 @@
-//! How fast an error falls: power laws fitted to measurements.
+//! Convergence rates: power laws fitted to measured errors.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// The probability with which the intervals hold the truth.
+/// The confidence level of the intervals.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// `y = factor · x^exponent`, fitted by least squares to the logarithms.
+/// A power law `y = factor · x^exponent`, fitted by least squares to the logarithms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerLaw {
-    /// The slope in a plot of logarithms.
+    /// The exponent, which is the slope in a log-log plot.
     pub exponent: f64,
-    /// Where the exponent lies with 95 % confidence, from the scatter of the points around the law.
+    /// The 95 % confidence interval of the exponent, from the residuals of the fit.
     pub interval: [f64; 2],
     /// The value at x = 1.
     pub factor: f64,
 }
 
 impl PowerLaw {
-    /// The law that fits the points (x, y) best; `None` without three different points whose coordinates are all positive and
-    /// finite. Other points are left out.
+    /// Fits a power law to the points (x, y). Points with coordinates that are not positive and finite are ignored;
+    /// `None` with fewer than three different points.
     pub fn fit(points: impl IntoIterator<Item = (f64, f64)>) -> Option<PowerLaw> {
         let usable = |v: f64| v > 0.0 && v.is_finite();
         let points: Vec<(f64, f64)> = points
@@ -45,7 +45,7 @@ impl PowerLaw {
         Some(PowerLaw { exponent, interval: [exponent - half, exponent + half], factor: offset.exp() })
     }
 
-    /// The law's value.
+    /// Returns the value of the law at `x`.
     pub fn at(&self, x: f64) -> f64 {
         self.factor * x.powf(self.exponent)
     }
@@ -63,7 +63,8 @@ mod tests {
         assert!((law.at(25.0) - 0.6).abs() < 1e-12);
     }
 
-    /// By hand: logarithms (0, 0), (1, 1), (2, 0) have the slope 0 with the error √(2/3 / 2), times 12.706.
+    /// Computed by hand: the logarithms (0, 0), (1, 1), (2, 0) have the slope 0 with the standard error √(2/3 / 2),
+    /// times 12.706.
     #[test]
     fn the_interval_is_students() {
         let e = std::f64::consts::E;

@@ -1,4 +1,4 @@
-//! The statistics that everything reports.
+//! Statistics: error metrics, error estimates, convergence rates, significance.
 
 pub mod convergence;
 pub mod metrics;

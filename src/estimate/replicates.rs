@@ -1,98 +1,101 @@
 //! The relative squared error of an image, estimated from two independent halves of its samples.
 //!
-//! Let a and b be the errors of a pixel's halves: independent, of mean zero. The image is their mean, its error is
-//! (a + b) / 2, and of that d = (a − b) / 2 is known. The squared error differs from d² by a·b:
+//! Let a and b be the errors of a pixel's halves: independent, with mean zero. The image is their mean, and its error
+//! is (a + b) / 2. Known is d = (a − b) / 2. The squared error differs from d² by a·b:
 //!
-//! - d² estimates the squared error without bias, for any sampler and any distribution of the noise;
-//! - how far it is off follows from the variance of Σ a·b over the pixels, tr C² = Σᵢⱼ Cov(aᵢ, aⱼ)²: fourth moments,
-//!   which a single firefly decides, are not needed. A firefly in one half is in the error and in d² alike.
+//! - d² is an unbiased estimate of the squared error, for any sampler and any distribution of the noise.
+//! - The variance of the estimate follows from the variance of Σ a·b over the pixels, tr C² = Σᵢⱼ Cov(aᵢ, aⱼ)².
+//!   Fourth moments, which a single firefly dominates, are not needed. A firefly in one half contributes equally to
+//!   the error and to d².
 //!
-//! Where pixels are independent, tr C² is a sum over pixels, which the differences of *two* neighbours estimate.
-//! Where pixels share noise (photons, caches, light paths), the samples are divided among eight replicates, four in
-//! each half, each with photons and caches of its own. The products of differences of two of either half, ⟨r₀ − r₂,
-//! r₁ − r₃⟩²/4, estimate tr C² of replicates, whatever their pixels share. What blocks of an image show beyond their
-//! single pixels is what neighbours share; what the whole image shows beyond its blocks is shared by all.
+//! If the errors of pixels are independent, tr C² is a sum over pixels, which the differences of *two* neighbours
+//! estimate. If pixels share noise (photons, caches, light paths), the samples are divided among eight replicates,
+//! four in each half, each with its own photons and caches. For two replicates of either half, the products of
+//! differences, ⟨r₀ − r₂, r₁ − r₃⟩²/4, estimate tr C² of the replicates with all correlations between pixels. The
+//! difference between the estimate for blocks of pixels and that for single pixels is due to noise shared by
+//! neighbours. The difference between the whole image and its blocks is due to noise shared by all pixels.
 //!
-//! The error is relative to the true picture r, which is not known. Dividing by the image's own values would make
-//! bright errors look small: a firefly would be compared with itself. So r is taken from the pixels around that are alike
-//! within the pixel's own noise, each with the less weight the more its halves disagree; a pixel's own value counts as
-//! far as both of its halves leave the surroundings to the same side, as edges and lamps do. What remains uncertain
-//! about r is part of the interval.
+//! The error is relative to the true image r, which is unknown. Dividing by the image's own values would
+//! underestimate large errors, because a firefly would be compared with itself. Therefore r is estimated from those
+//! surrounding pixels that are equal within the pixel's own noise, with a smaller weight for pixels whose halves
+//! disagree. A pixel's own value has weight if both of its halves differ from the surroundings in the same direction,
+//! as at edges and emitters. The remaining uncertainty of r is part of the interval.
 
 use super::metrics::RELATIVE_FLOOR;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 use std::ops::Range;
 
-/// Side of the largest block.
+/// The side of the largest block, in pixels.
 pub const BLOCK: usize = 16;
-/// The most replicates there are.
-pub const MOST_REPLICATES: usize = 8;
-/// Pixels of the largest block.
+/// The greatest number of replicates.
+pub const MAX_REPLICATES: usize = 8;
+/// The number of pixels in the largest block.
 const AREA: usize = BLOCK * BLOCK;
-/// Pixels up to this far away, along either axis, tell how bright a pixel is.
+/// The half width of the neighbourhood from which a pixel's true value is estimated.
 const RADIUS: usize = 2;
-/// How far apart they are where pixels share noise with their neighbours.
+/// The distance between pixels of the neighbourhood if neighbouring pixels share noise.
 const SHARED_STRIDE: usize = 3;
-/// How far away they are at most.
+/// The greatest distance of a pixel in the neighbourhood.
 const MARGIN: usize = RADIUS * SHARED_STRIDE;
-/// A block with a margin on every side.
-const WIDE: usize = BLOCK + 2 * MARGIN;
-/// Neighbours are alike if they are no farther than this many standard deviations of the pixel.
-const ALIKE: f32 = 4.0;
-/// A pixel whose halves differ by more than so many times the mean difference counts little for its neighbours.
-const OUTLIER: f32 = 16.0;
-/// The share of the correction of the weights, as a logarithm, that the interval allows for. It is not derived:
-/// `cargo run --release --example calibration` shows what it brings.
+/// The side of a block with a margin on every side.
+const PADDED_SIDE: usize = BLOCK + 2 * MARGIN;
+/// The greatest difference of a similar pixel, in standard deviations of the pixel.
+const MAX_DEVIATIONS: f32 = 4.0;
+/// The ratio between a pixel's difference of halves and the mean difference, above which the pixel has little weight
+/// for its neighbours.
+const OUTLIER_RATIO: f32 = 16.0;
+/// The fraction of the correction of the weights, as a logarithm, by which the interval is widened. It is an
+/// empirical value: `cargo run --release --example calibration` shows its effect.
 const ALLOWANCE: f64 = 0.15;
-/// The same where pixels share noise, and their neighbours err as they do.
+/// The same fraction if pixels share noise, so that the errors of neighbours are similar.
 const SHARED_ALLOWANCE: f64 = 0.35;
-/// How many times what blocks show the whole image shows by chance.
-const CHANCE: f64 = 2.0;
-/// Squares of larger values would leave the range of `f32`.
-const LARGEST: f64 = 1e15;
-/// 97.5 % of a normal distribution are below so many standard deviations.
+/// The ratio between the estimates of the whole image and of its blocks that may occur by chance.
+const CHANCE_RATIO: f64 = 2.0;
+/// The largest value whose square is in the range of `f32`.
+const MAX_VALUE: f64 = 1e15;
+/// The 97.5 % quantile of the standard normal distribution.
 const NORMAL_QUANTILE: f64 = 1.959_963_984_540_054;
-/// Where the neighbours are whose products are looked at; the last one is mirrored.
+/// The offsets to the neighbours for products of differences; the last one is mirrored.
 const DIRECTIONS: [(usize, usize, bool); 4] = [(1, 0, false), (0, 1, false), (1, 1, false), (1, 1, true)];
 
 type Plane = [f32; AREA];
 
-/// A block of pixels of three channels, at most [`BLOCK`] wide and high.
+/// A block of pixels with three channels, at most [`BLOCK`] wide and high.
 #[derive(Clone)]
-pub struct Block {
+pub struct PixelBlock {
     width: usize,
     height: usize,
-    /// By channel and pixel, in rows of [`BLOCK`]; zero outside the block.
+    /// For each channel and pixel, in rows of [`BLOCK`]; zero outside the block.
     mean: [Plane; 3],
-    /// The standard error; of two replicates with the sign of their difference.
+    /// The standard error; with two replicates, it has the sign of their difference.
     difference: [Plane; 3],
-    /// Of more than two replicates, the deviation of each from the mean.
+    /// With more than two replicates, the deviation of each from the mean.
     deviations: Vec<[Plane; 3]>,
 }
 
 /// Inner products of the replicates' deviations.
-type Gram = [[f64; MOST_REPLICATES]; MOST_REPLICATES];
+type Gram = [[f64; MAX_REPLICATES]; MAX_REPLICATES];
 
-/// Sums over blocks.
+/// Sums over blocks of pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorSums {
     replicates: usize,
     pixels: u64,
-    /// Of the relative squared differences, mean over the channels.
+    /// The sum of the relative squared differences, averaged over the channels.
     errors: f64,
-    /// The same, relative to the image itself.
+    /// The same sum relative to the image itself.
     own: f64,
-    /// What the errors would lose if outliers were true.
+    /// The decrease of `errors` if outliers were part of the true image.
     outliers: f64,
-    /// Estimate of the variance of what separates `errors` from the error, by what is known of single blocks.
+    /// An estimate of the variance of the difference between `errors` and the squared error, from single blocks.
     variance: f64,
-    /// Where pixels share noise, the same of the mean of replicates, by what single pixels show.
+    /// If pixels share noise, the same variance for the mean of replicates, from single pixels.
     of_pixels: f64,
-    /// The same by what blocks show.
+    /// If pixels share noise, the same variance for the mean of replicates, from blocks.
     of_blocks: f64,
-    /// The variance that comes of doubt about the picture.
-    doubt: f64,
-    /// Of more than two replicates, over all pixels and channels, relative to the picture.
+    /// The variance due to the uncertainty of the true image.
+    uncertainty: f64,
+    /// With more than two replicates, the inner products over all pixels and channels, relative to the true image.
     gram: Gram,
 }
 
@@ -101,52 +104,52 @@ pub struct ErrorSums {
 pub struct ErrorEstimate {
     /// The estimate.
     pub relmse: f64,
-    /// Lower and upper end of what holds the error of this very image in 95 of 100 renders.
+    /// The 95 % confidence interval for the error of this image.
     pub interval: [f64; 2],
 }
 
-impl Block {
-    /// A block of black pixels without errors, of an image of so many replicates.
+impl PixelBlock {
+    /// Creates a black block without errors, of an image with the given number of replicates.
     ///
     /// # Panics
-    /// If a side is 0 or larger than [`BLOCK`], or if there are more replicates than [`MOST_REPLICATES`].
+    /// If a side is 0 or larger than [`BLOCK`], or there are more than [`MAX_REPLICATES`] replicates.
     pub fn new(width: usize, height: usize, replicates: usize) -> Self {
         assert!((1..=BLOCK).contains(&width) && (1..=BLOCK).contains(&height), "{width}x{height}");
-        assert!(replicates <= MOST_REPLICATES, "{replicates} replicates");
+        assert!(replicates <= MAX_REPLICATES, "{replicates} replicates");
         let deviations = if replicates > 2 { vec![[[0.0; AREA]; 3]; replicates] } else { Vec::new() };
-        Block { width, height, mean: [[0.0; AREA]; 3], difference: [[0.0; AREA]; 3], deviations }
+        PixelBlock { width, height, mean: [[0.0; AREA]; 3], difference: [[0.0; AREA]; 3], deviations }
     }
 
-    /// Sets a channel of a pixel: the mean of its replicates and the standard error, which of two replicates has the
-    /// sign of their difference. Values beyond ±10^15 count as that.
+    /// Sets the mean of a channel of a pixel and its standard error, which has the sign of the difference if there
+    /// are two replicates. Values are clamped to ±10^15.
     #[inline]
     pub fn set(&mut self, x: usize, y: usize, channel: usize, [mean, error]: [f64; 2]) {
         let i = y * BLOCK + x;
-        self.mean[channel][i] = mean.clamp(-LARGEST, LARGEST) as f32;
-        self.difference[channel][i] = error.clamp(-LARGEST, LARGEST) as f32;
+        self.mean[channel][i] = mean.clamp(-MAX_VALUE, MAX_VALUE) as f32;
+        self.difference[channel][i] = error.clamp(-MAX_VALUE, MAX_VALUE) as f32;
     }
 
-    /// Sets how far a replicate is from the mean in a channel of a pixel.
+    /// Sets the deviation of a replicate from the mean in a channel of a pixel.
     #[inline]
     pub fn set_deviation(&mut self, x: usize, y: usize, channel: usize, replicate: usize, deviation: f64) {
-        self.deviations[replicate][channel][y * BLOCK + x] = deviation.clamp(-LARGEST, LARGEST) as f32;
+        self.deviations[replicate][channel][y * BLOCK + x] = deviation.clamp(-MAX_VALUE, MAX_VALUE) as f32;
     }
 
-    /// The sums of the block.
+    /// Returns the sums of the block.
     pub fn sums(&self) -> ErrorSums {
         let replicates = self.deviations.len().max(2);
         let mut sums = ErrorSums { pixels: (self.width * self.height) as u64, ..ErrorSums::new(replicates) };
-        let picture = self.picture();
-        self.add_errors(&mut sums, &picture);
-        let scales = picture.weights.map(|plane| plane.map(f32::sqrt));
-        sums.variance = self.products(&multiplied(&self.difference, &scales));
+        let truth = self.truth();
+        self.add_errors(&mut sums, &truth);
+        let scales = truth.weights.map(|plane| plane.map(f32::sqrt));
+        sums.variance = self.product_sum(&multiplied(&self.difference, &scales));
         if replicates > 2 {
             self.add_shared(&mut sums, &scales);
         }
         sums
     }
 
-    /// Adds what replicates say of the noise that pixels share, each channel and pixel multiplied by its scale.
+    /// Adds the estimates of shared noise from replicates. Each channel and pixel is multiplied by its scale.
     fn add_shared(&self, sums: &mut ErrorSums, scales: &[Plane; 3]) {
         let scaled: Vec<[Plane; 3]> = self.deviations.iter().map(|d| multiplied(d, scales)).collect();
         sums.gram = gram(&scaled, 0..AREA);
@@ -155,52 +158,52 @@ impl Block {
         sums.of_pixels = self.indices().map(single).sum();
     }
 
-    /// Adds errors relative to a picture.
-    fn add_errors(&self, sums: &mut ErrorSums, picture: &Picture) {
+    /// Adds the errors relative to an estimate of the true image.
+    fn add_errors(&self, sums: &mut ErrorSums, truth: &TrueImage) {
         let trust = self.trust();
         let floor = RELATIVE_FLOOR as f32;
         for i in self.indices() {
-            let (mut error, mut own, mut doubt) = (0.0, 0.0, 0.0);
+            let (mut error, mut own, mut uncertainty) = (0.0, 0.0, 0.0);
             for c in 0..3 {
                 let squared = self.difference[c][i] * self.difference[c][i];
-                error += picture.weights[c][i] * squared;
+                error += truth.weights[c][i] * squared;
                 own += squared / (self.mean[c][i] * self.mean[c][i] + floor);
-                doubt += picture.doubts[c][i] * squared;
+                uncertainty += truth.uncertainties[c][i] * squared;
             }
             sums.errors += f64::from(error) / 3.0;
             sums.own += f64::from(own) / 3.0;
             sums.outliers += f64::from((1.0 - trust[i]) * (error - own).max(0.0)) / 3.0;
-            sums.doubt += (f64::from(doubt) / 3.0).powi(2);
+            sums.uncertainty += (f64::from(uncertainty) / 3.0).powi(2);
         }
     }
 
-    /// The picture that errors are relative to, as far as it is known.
-    fn picture(&self) -> Picture {
-        let Surroundings { mean, spread } = self.surroundings();
-        let mut picture = Picture { weights: [[0.0; AREA]; 3], doubts: [[0.0; AREA]; 3] };
+    /// Estimates the true image and its uncertainty.
+    fn truth(&self) -> TrueImage {
+        let Neighbourhood { mean, spread } = self.neighbourhood();
+        let mut truth = TrueImage { weights: [[0.0; AREA]; 3], uncertainties: [[0.0; AREA]; 3] };
         let floor = RELATIVE_FLOOR as f32;
         for i in self.indices() {
             let offset = [0, 1, 2].map(|c| self.mean[c][i] - mean[c][i]);
-            // 1 − σ²/(x − m)², m the surroundings: the share of the offset that is not noise.
+            // 1 − σ²/(x − m)², where m is the mean of the surroundings: the fraction of the offset that is not noise.
             let common = 1.0 - self.noise(i) / norm_squared(offset).max(f32::MIN_POSITIVE);
             let common = common.max(0.0);
             for c in 0..3 {
                 let r = mean[c][i] + common * offset[c];
                 let weight = 1.0 / (r * r + floor);
-                // Half the range of the weights over r ± s, relative to their middle.
+                // Half the range of the weights over r ± s, relative to their mean.
                 let s = (1.0 - common) * spread[c][i];
-                picture.weights[c][i] = weight;
-                picture.doubts[c][i] = weight * (2.0 * r.abs() * s / (r * r + s * s + floor));
+                truth.weights[c][i] = weight;
+                truth.uncertainties[c][i] = weight * (2.0 * r.abs() * s / (r * r + s * s + floor));
             }
         }
-        picture
+        truth
     }
 
-    /// How far each pixel is trusted by others.
+    /// Returns the weight of each pixel for its neighbours.
     fn trust(&self) -> Plane {
         let typical = self.indices().map(|i| self.noise(i).sqrt()).sum::<f32>();
         let pixels = (self.width * self.height) as f32;
-        let scale = if typical > 0.0 { pixels / (OUTLIER * typical) } else { 0.0 };
+        let scale = if typical > 0.0 { pixels / (OUTLIER_RATIO * typical) } else { 0.0 };
         let mut trust = [0.0; AREA];
         for i in self.indices() {
             let t = (self.noise(i).sqrt() * scale).powi(2);
@@ -209,16 +212,16 @@ impl Block {
         trust
     }
 
-    /// What the neighbours of each pixel say of it.
-    fn surroundings(&self) -> Surroundings {
+    /// Returns the weighted statistics of each pixel's neighbourhood.
+    fn neighbourhood(&self) -> Neighbourhood {
         let trust = self.trust();
         let padded_trust = padded(&trust);
         let x = [0, 1, 2].map(|c| padded(&self.mean[c]));
-        let mut result = Surroundings { mean: self.mean, spread: [[0.0; AREA]; 3] };
+        let mut result = Neighbourhood { mean: self.mean, spread: [[0.0; AREA]; 3] };
         for y in 0..self.height {
             let row = self.neighbours(y, &padded_trust, &x);
             for (k, total) in row.total.iter().enumerate().take(self.width) {
-                // Without neighbours a pixel stands for itself.
+                // A pixel without similar neighbours uses its own value.
                 if *total > 0.0 {
                     for c in 0..3 {
                         let mean = row.first[c][k] / total;
@@ -232,12 +235,17 @@ impl Block {
         result
     }
 
-    /// Weighted sums over the neighbours of row `y`, in loops over the row that become SIMD.
-    fn neighbours(&self, y: usize, trust: &[f32; WIDE * WIDE], x: &[[f32; WIDE * WIDE]; 3]) -> RowSums {
+    /// Returns weighted sums over the neighbours of row `y`. The loops over the row are vectorised.
+    fn neighbours(
+        &self,
+        y: usize,
+        trust: &[f32; PADDED_SIDE * PADDED_SIDE],
+        x: &[[f32; PADDED_SIDE * PADDED_SIDE]; 3],
+    ) -> RowSums {
         let own = y * BLOCK;
         let mut scale = [0.0f32; BLOCK];
         for (k, scale) in scale.iter_mut().enumerate() {
-            *scale = 1.0 / (ALIKE * ALIKE * self.noise(own + k)).max(f32::MIN_POSITIVE);
+            *scale = 1.0 / (MAX_DEVIATIONS * MAX_DEVIATIONS * self.noise(own + k)).max(f32::MIN_POSITIVE);
         }
         let stride = if self.deviations.is_empty() { 1 } else { SHARED_STRIDE };
         let corner = MARGIN - RADIUS * stride;
@@ -247,7 +255,7 @@ impl Block {
                 if (dx, dy) == (RADIUS, RADIUS) {
                     continue;
                 }
-                let start = (y + corner + dy * stride) * WIDE + corner + dx * stride;
+                let start = (y + corner + dy * stride) * PADDED_SIDE + corner + dx * stride;
                 for k in 0..BLOCK {
                     let v = [0, 1, 2].map(|c| x[c][start + k]);
                     let distance = norm_squared([0, 1, 2].map(|c| v[c] - self.mean[c][own + k]));
@@ -264,11 +272,12 @@ impl Block {
         sums
     }
 
-    /// The sum over the pixels of the variance of the mean over channels of a·b, relative to the picture.
+    /// Returns the sum over the pixels of the variance of a·b averaged over the channels, relative to the true image.
     ///
-    /// For one pixel it is 4/9 Σ Σ' Cov(d_c, d_c')², and the product of covariances is estimated by two neighbours as
-    /// (d · d')². Along an edge only the neighbours along it are as noisy: the direction of the largest products counts.
-    fn products(&self, d: &[Plane; 3]) -> f64 {
+    /// For one pixel it is 4/9 Σ Σ' Cov(d_c, d_c')². The square of the covariance is estimated from two neighbours as
+    /// (d · d')². At an edge, only neighbours along the edge have similar noise, so the direction with the largest
+    /// products is used.
+    fn product_sum(&self, d: &[Plane; 3]) -> f64 {
         let (w, h) = (self.width, self.height);
         let square = |i: usize, j: usize| {
             let dot = d[0][i] * d[0][j] + d[1][i] * d[1][j] + d[2][i] * d[2][j];
@@ -295,14 +304,14 @@ impl Block {
         (0..self.height).flat_map(move |y| y * BLOCK..y * BLOCK + width)
     }
 
-    /// The sum over channels of the squared difference.
+    /// Returns the sum over channels of the squared difference.
     #[inline]
     fn noise(&self, i: usize) -> f32 {
         norm_squared([0, 1, 2].map(|c| self.difference[c][i]))
     }
 }
 
-/// Sums for a row of pixels, by channel.
+/// Sums for a row of pixels, for each channel.
 #[derive(Default)]
 struct RowSums {
     total: [f32; BLOCK],
@@ -310,32 +319,32 @@ struct RowSums {
     second: [[f32; BLOCK]; 3],
 }
 
-struct Surroundings {
-    /// Weighted mean of the neighbours.
+struct Neighbourhood {
+    /// The weighted mean of the neighbours.
     mean: [Plane; 3],
-    /// Weighted standard deviation of the neighbours.
+    /// The weighted standard deviation of the neighbours.
     spread: [Plane; 3],
 }
 
-/// What squared errors are multiplied by to be relative.
-struct Picture {
+/// The factors that make squared errors relative.
+struct TrueImage {
     weights: [Plane; 3],
-    /// How uncertain the weights are.
-    doubts: [Plane; 3],
+    /// The uncertainty of the weights.
+    uncertainties: [Plane; 3],
 }
 
 fn multiplied(planes: &[Plane; 3], by: &[Plane; 3]) -> [Plane; 3] {
     std::array::from_fn(|c| std::array::from_fn(|i| planes[c][i] * by[c][i]))
 }
 
-/// Inner products of the planes of replicates over some of the pixels, the mean over the channels.
+/// Returns inner products of the replicates' planes over a range of pixels, averaged over the channels.
 fn gram(planes: &[[Plane; 3]], pixels: Range<usize>) -> Gram {
-    let mut gram = [[0.0; MOST_REPLICATES]; MOST_REPLICATES];
+    let mut gram = [[0.0; MAX_REPLICATES]; MAX_REPLICATES];
     for (r, a) in planes.iter().enumerate() {
         for (s, b) in planes.iter().enumerate().take(r + 1) {
             let dot = |c: usize| {
-                let products = a[c][pixels.clone()].iter().zip(&b[c][pixels.clone()]);
-                products.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>()
+                let product_sum = a[c][pixels.clone()].iter().zip(&b[c][pixels.clone()]);
+                product_sum.map(|(a, b)| f64::from(*a) * f64::from(*b)).sum::<f64>()
             };
             let sum = (dot(0) + dot(1) + dot(2)) / 3.0;
             (gram[r][s], gram[s][r]) = (sum, sum);
@@ -344,9 +353,9 @@ fn gram(planes: &[[Plane; 3]], pixels: Range<usize>) -> Gram {
     gram
 }
 
-/// The variance of what separates the squared error of the mean of replicates from its estimate, 2·tr C²/(R(R − 1)),
-/// with the mean of ⟨a − b, c − d⟩²/4 for tr C², a and b of the even replicates, c and d of the odd ones: those of
-/// one half of the samples may be parts of one low-discrepancy sequence, and are not independent.
+/// Returns the variance of the difference between the squared error of the mean of replicates and its estimate, 2·tr
+/// C²/(R(R − 1)). tr C² is the mean of ⟨a − b, c − d⟩²/4 with a and b from the even replicates, c and d from the odd
+/// ones. Replicates of the same half may be parts of one low-discrepancy sequence and are therefore not independent.
 fn variance_by_pairs(gram: &Gram, replicates: usize) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for a in (0..replicates).step_by(2) {
@@ -367,18 +376,18 @@ fn norm_squared(v: [f32; 3]) -> f32 {
     v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 }
 
-/// A plane with a margin of zeros.
-fn padded(plane: &Plane) -> [f32; WIDE * WIDE] {
-    let mut wide = [0.0; WIDE * WIDE];
+/// Adds a margin of zeros to a plane.
+fn padded(plane: &Plane) -> [f32; PADDED_SIDE * PADDED_SIDE] {
+    let mut wide = [0.0; PADDED_SIDE * PADDED_SIDE];
     for y in 0..BLOCK {
-        let start = (y + MARGIN) * WIDE + MARGIN;
+        let start = (y + MARGIN) * PADDED_SIDE + MARGIN;
         wide[start..start + BLOCK].copy_from_slice(&plane[y * BLOCK..(y + 1) * BLOCK]);
     }
     wide
 }
 
 impl ErrorSums {
-    /// Sums over no pixels of an image of so many replicates.
+    /// Creates sums over no pixels, of an image with the given number of replicates.
     pub fn new(replicates: usize) -> Self {
         ErrorSums {
             replicates,
@@ -389,12 +398,12 @@ impl ErrorSums {
             of_blocks: 0.0,
             outliers: 0.0,
             variance: 0.0,
-            doubt: 0.0,
-            gram: [[0.0; MOST_REPLICATES]; MOST_REPLICATES],
+            uncertainty: 0.0,
+            gram: [[0.0; MAX_REPLICATES]; MAX_REPLICATES],
         }
     }
 
-    /// Adds the sums of another part of the image.
+    /// Adds the sums of another region of the image.
     pub fn merge(&mut self, other: &ErrorSums) {
         self.pixels += other.pixels;
         self.errors += other.errors;
@@ -403,13 +412,14 @@ impl ErrorSums {
         self.of_blocks += other.of_blocks;
         self.outliers += other.outliers;
         self.variance += other.variance;
-        self.doubt += other.doubt;
+        self.uncertainty += other.uncertainty;
         for (sum, other) in self.gram.as_flattened_mut().iter_mut().zip(other.gram.as_flattened()) {
             *sum += other;
         }
     }
 
-    /// The estimate, given how many replicates have samples; `None` without pixels, or with less than two of them.
+    /// Returns the estimate, given the number of replicates with samples; `None` without pixels, or with fewer than
+    /// two such replicates.
     pub fn estimate(&self, filled: usize) -> Option<ErrorEstimate> {
         if self.pixels == 0 || filled < 2 {
             return None;
@@ -421,16 +431,17 @@ impl ErrorSums {
             2 => 0.0,
             replicates if filled == replicates => {
                 let near = (self.of_blocks - self.of_pixels).max(0.0);
-                // What is far apart is known by one value only, and counts where that is clearly more than chance.
-                let far = (variance_by_pairs(&self.gram, filled) - CHANCE * self.of_blocks).max(0.0);
-                // From the mean of replicates to the difference of two halves of them.
+                // Long-range correlation is estimated by a single value, which is used only if it clearly exceeds
+                // chance.
+                let far = (variance_by_pairs(&self.gram, filled) - CHANCE_RATIO * self.of_blocks).max(0.0);
+                // Converts from the mean of replicates to the difference of two halves of them.
                 2.0 * (filled - 1) as f64 / filled as f64 * (near + far)
             }
-            // Nothing is known of what pixels share: as if it were everything.
+            // The shared noise is unknown, so the interval is unbounded.
             _ => f64::INFINITY,
         };
         let relmse = self.errors / self.pixels as f64;
-        let [low, high] = factors((self.variance + shared + self.doubt).sqrt() / self.errors);
+        let [low, high] = factors((self.variance + shared + self.uncertainty).sqrt() / self.errors);
         let allowance = if self.replicates > 2 { SHARED_ALLOWANCE } else { ALLOWANCE };
         let weights = (allowance * (self.errors / self.own).ln().abs()).exp();
         let without_outliers = (1.0 - self.outliers / self.errors).clamp(0.0, 1.0);
@@ -441,8 +452,9 @@ impl ErrorSums {
     }
 }
 
-/// The factors that leave 2.5 % on either side of the ratio of the error and its estimate, whose difference has the
-/// given relative standard deviation: both behave as χ² with as many degrees of freedom as give that deviation.
+/// Returns factors such that the ratio between the error and its estimate is below or above them with 2.5 %
+/// probability each, if their difference has the given relative standard deviation. Both are modelled as χ² with the
+/// number of degrees of freedom that gives this deviation.
 fn factors(relative: f64) -> [f64; 2] {
     let freedom = (4.0 / (relative * relative)).max(1.0);
     let factor = if freedom < 100.0 {
@@ -457,9 +469,9 @@ fn factors(relative: f64) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    /// Sums of a block with one value in all channels.
+    /// Returns the sums of a block with the same value in all channels.
     fn sums(width: usize, height: usize, value: impl Fn(usize, usize) -> [f64; 2]) -> ErrorSums {
-        let mut block = Block::new(width, height, 2);
+        let mut block = PixelBlock::new(width, height, 2);
         for y in 0..height {
             for x in 0..width {
                 (0..3).for_each(|c| block.set(x, y, c, value(x, y)));
@@ -473,7 +485,7 @@ mod tests {
         let sums = sums(16, 16, |x, y| [1.0, if (x ^ y) & 1 == 0 { 0.1 } else { -0.1 }]);
         let estimate = sums.estimate(2).expect("pixels");
         assert!((estimate.relmse - 0.01 / 1.01).abs() < 1e-8, "{estimate:?}");
-        // Var(a b) = 4 σ⁴ for each of 256 pixels: a relative deviation of 2/16.
+        // Var(a b) = 4 σ⁴ for each of 256 pixels, which is a relative standard deviation of 2/16.
         let expected = (NORMAL_QUANTILE * 2.0 / 16.0).exp();
         let [low, high] = estimate.interval.map(|e| e / estimate.relmse);
         assert!((high / expected - 1.0).abs() < 1e-3 && (low * expected - 1.0).abs() < 1e-3, "{estimate:?}");
@@ -485,7 +497,7 @@ mod tests {
         let estimate = sums(16, 16, firefly).estimate(2).expect("pixels");
         let expected = 100.0 * 100.0 / 1.01 / 256.0;
         assert!((estimate.relmse / expected - 1.0).abs() < 1e-3, "{estimate:?}, {expected}");
-        // That it is the picture, and not an error, remains possible.
+        // The outlier may be part of the true image, so the lower bound is small.
         assert!(estimate.interval[0] < 0.01 && estimate.interval[1] > expected, "{estimate:?}");
     }
 
@@ -502,7 +514,7 @@ mod tests {
     #[test]
     fn the_smallest_images_have_wide_intervals_and_no_error_is_none() {
         let estimate = sums(1, 1, |_, _| [1.0, 0.1]).estimate(2).expect("a pixel");
-        // One degree of freedom on either side.
+        // One degree of freedom for each half.
         assert!((estimate.interval[1] / estimate.relmse - 647.8).abs() < 1.0, "{estimate:?}");
         assert_eq!(sums(3, 1, |_, _| [1.0, 0.0]).estimate(2), Some(ErrorEstimate::default()));
         assert_eq!(ErrorSums::new(2).estimate(2), None);

@@ -1,47 +1,47 @@
-//! Filter importance sampling: a sample belongs to one pixel, and its position is drawn from the filter.
-//! [Ernst, Stamminger and Greiner 2006]
+//! Filter importance sampling: a sample belongs to one pixel, and its position is sampled from the reconstruction
+//! filter. [Ernst, Stamminger and Greiner 2006]
 
 use super::Filter;
 use crate::math::{DVec2, Vec2};
 use crate::sampling::warp;
 use std::f64::consts::PI;
 
-/// A position around a pixel's centre, drawn from a filter.
+/// A position relative to a pixel's centre, sampled from a filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterSample {
     /// Offset from the pixel's centre, in pixels.
     pub offset: Vec2,
-    /// What the sample's value is to be multiplied by: 1 but for filters with negative lobes, which are drawn by their
+    /// The factor on the sample's value: 1 except for filters with negative lobes, which are sampled by their
     /// magnitude.
     pub weight: f32,
 }
 
-/// Draws positions around a pixel's centre with the density of a filter.
+/// Samples positions relative to a pixel's centre with the density of a filter.
 #[derive(Clone, Debug)]
 pub struct FilterSampler {
     filter: Filter,
     /// The integral of the filter along one axis.
     integral: f64,
-    table: Option<Table>,
+    table: Option<TabulatedDensity>,
 }
 
-/// A density on [−radius, radius] that is constant in each of [`CELLS`] equal cells.
+/// A density on [−radius, radius] that is piecewise constant in [`CELLS`] equal cells.
 #[derive(Clone, Debug)]
-struct Table {
+struct TabulatedDensity {
     radius: f32,
-    /// The distribution function at the cells' ends, from 0 to 1.
+    /// The cumulative distribution at the cells' boundaries, from 0 to 1.
     cdf: Vec<f32>,
-    /// For each of as many equal intervals of the random number, the cell that its lower end falls into.
+    /// A lookup table for the inversion: the cell at the lower end of each of equal intervals of the random number.
     guide: Vec<u32>,
-    /// By cell: the filter's sign, times the integral of its magnitude over that of itself.
+    /// For each cell, the filter's sign times the integral of its magnitude divided by its integral.
     weights: Option<Vec<f32>>,
 }
 
-/// Cells of a tabulated filter.
+/// The number of cells of a tabulated filter.
 const CELLS: usize = 1024;
 
 impl Filter {
-    /// Half the width, in pixels; the filter is zero outside.
+    /// Returns half the width, in pixels; the filter is zero outside.
     pub fn radius(&self) -> f64 {
         match *self {
             Filter::Box { radius } | Filter::Tent { radius } => f64::from(radius),
@@ -51,7 +51,7 @@ impl Filter {
         }
     }
 
-    /// The filter along one axis at distance `x` from the centre, up to a constant factor.
+    /// Returns the filter along one axis at the distance `x` from the centre, up to a constant factor.
     pub fn eval(&self, x: f64) -> f64 {
         let x = x.abs();
         if x > self.radius() {
@@ -73,7 +73,7 @@ impl Filter {
     }
 }
 
-/// The family of cubic filters. [Mitchell and Netravali 1988, Eq. 8]
+/// Evaluates the family of cubic filters. [Mitchell and Netravali 1988, Eq. 8]
 fn cubic(x: f64, b: f64, c: f64) -> f64 {
     let (x2, x3) = (x * x, x * x * x);
     if x < 1.0 {
@@ -85,34 +85,34 @@ fn cubic(x: f64, b: f64, c: f64) -> f64 {
 }
 
 impl FilterSampler {
-    /// The sampler of a filter.
+    /// Creates the sampler of a filter.
     pub fn new(filter: Filter) -> Self {
         let radius = filter.radius();
         let table = match filter {
             Filter::Box { .. } | Filter::Tent { .. } => None,
-            _ => Some(Table::new(radius, |x| filter.eval(x))),
+            _ => Some(TabulatedDensity::new(radius, |x| filter.eval(x))),
         };
         let integral = simpson(-radius, radius, CELLS, |x| filter.eval(x)).iter().sum();
         FilterSampler { filter, integral, table }
     }
 
-    /// Whether any sample's weight is not 1.
+    /// Returns whether any sample has a weight other than 1.
     pub fn has_weights(&self) -> bool {
         self.table.as_ref().is_some_and(|t| t.weights.is_some())
     }
 
-    /// Half the width, in pixels.
+    /// Returns half the width, in pixels.
     pub fn radius(&self) -> f64 {
         self.filter.radius()
     }
 
-    /// The filter at an offset from the pixel's centre, normalised to integrate to 1.
+    /// Returns the filter at an offset from the pixel's centre, normalised to integrate to 1.
     pub fn eval(&self, offset: DVec2) -> f32 {
         let along = |x: f64| self.filter.eval(x) / self.integral;
         (along(offset.x) * along(offset.y)) as f32
     }
 
-    /// An offset from the pixel's centre, with its weight.
+    /// Samples an offset from the pixel's centre, with its weight.
     #[inline]
     pub fn sample(&self, u: Vec2) -> FilterSample {
         let offset = match (&self.filter, &self.table) {
@@ -129,7 +129,7 @@ impl FilterSampler {
     }
 }
 
-/// The integrals of `f` over `n` equal parts of [a, b], by Simpson's rule.
+/// Returns the integrals of `f` over `n` equal parts of [a, b], by Simpson's rule.
 fn simpson(a: f64, b: f64, n: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
     let h = (b - a) / n as f64;
     let part = |i: usize| {
@@ -139,8 +139,8 @@ fn simpson(a: f64, b: f64, n: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(part).collect()
 }
 
-impl Table {
-    /// The table of the density in proportion to the magnitude of `f`.
+impl TabulatedDensity {
+    /// Tabulates a density in proportion to the magnitude of `f`.
     fn new(radius: f64, f: impl Fn(f64) -> f64) -> Self {
         let parts = simpson(-radius, radius, CELLS, f);
         let mut sums = vec![0.0];
@@ -155,10 +155,10 @@ impl Table {
             .iter()
             .any(|&part| part < 0.0)
             .then(|| parts.iter().map(|part| (sums[CELLS] / total).copysign(*part) as f32).collect());
-        Table { radius: radius as f32, cdf, guide, weights }
+        TabulatedDensity { radius: radius as f32, cdf, guide, weights }
     }
 
-    /// An offset and its weight.
+    /// Returns the offset and its weight for a random number.
     #[inline]
     fn invert(&self, u: f32) -> (f32, f32) {
         let mut cell = self.guide[((u * CELLS as f32) as usize).min(CELLS - 1)] as usize;
@@ -176,7 +176,7 @@ impl Table {
 mod tests {
     use super::*;
 
-    /// Weighted offsets have the filter's integral, mean and second moment.
+    /// Weighted offsets have the integral, mean and second moment of the filter.
     #[test]
     fn offsets_have_the_filters_moments() {
         for filter in [

@@ -1,4 +1,4 @@
-//! The film: image size, crop, reconstruction filter, and the sums that samples go to.
+//! The film: image size, crop, reconstruction filter, and the sums of samples.
 
 pub mod filter;
 pub mod tile;
@@ -6,7 +6,7 @@ pub mod tile;
 pub use filter::{FilterSample, FilterSampler};
 pub use tile::Tile;
 
-/// A reconstruction filter; radii and deviations are in pixels.
+/// A reconstruction filter; radii and standard deviations are in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Filter {
     /// Constant over `|x| < radius`.
@@ -19,7 +19,7 @@ pub enum Filter {
         /// Half the width.
         radius: f32,
     },
-    /// A Gaussian, lowered to reach 0 at four standard deviations.
+    /// A Gaussian minus its value at four standard deviations, where it is zero.
     Gaussian {
         /// Standard deviation.
         stddev: f32,
@@ -31,7 +31,7 @@ pub enum Filter {
         /// C: ringing.
         c: f32,
     },
-    /// The cubic that interpolates, of radius 2. [Catmull and Rom 1974]
+    /// The interpolating cubic, of radius 2. [Catmull and Rom 1974]
     CatmullRom,
     /// A windowed sinc.
     Lanczos {
@@ -40,7 +40,7 @@ pub enum Filter {
     },
 }
 
-/// Which channels an image file gets.
+/// The channels of an image file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum PixelFormat {
     /// Luminance only.
@@ -49,7 +49,7 @@ pub enum PixelFormat {
     LuminanceAlpha,
     /// Red, green, blue.
     Rgb,
-    /// Red, green, blue and alpha (the share of samples that hit something).
+    /// Red, green, blue and alpha (the fraction of samples that hit something).
     Rgba,
     /// CIE XYZ.
     Xyz,
@@ -57,7 +57,7 @@ pub enum PixelFormat {
     Xyza,
 }
 
-/// How the numbers of an EXR are stored.
+/// The sample type of an EXR file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum ComponentFormat {
     /// 16-bit floats; values beyond their range are clamped and counted.
@@ -66,40 +66,40 @@ pub enum ComponentFormat {
     Float,
 }
 
-/// A rectangle of pixels; x to the right and y downwards from the image's top left corner.
+/// A rectangle of pixels. x points to the right and y downwards from the image's top left corner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PixelRect {
     /// Leftmost column.
     pub x: u32,
     /// Topmost row.
     pub y: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
 }
 
-/// The film as a scene describes it.
+/// The film of a scene description.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct FilmSettings {
-    /// Columns of the full image.
+    /// Number of columns of the full image.
     pub width: u32,
-    /// Rows of the full image.
+    /// Number of rows of the full image.
     pub height: u32,
-    /// The part to render; `None` for all of it.
+    /// The region to render; `None` for the whole image.
     pub crop: Option<PixelRect>,
     /// The reconstruction filter.
     pub filter: Filter,
-    /// Channels of the output.
+    /// The channels of the output.
     pub pixel_format: PixelFormat,
-    /// Storage of the output.
+    /// The sample type of the output.
     pub component_format: ComponentFormat,
-    /// Whether the image is meant for looking at: a PNG, if nothing else is asked for.
+    /// Whether the image is intended for display; the default format is then PNG.
     pub for_display: bool,
 }
 
 impl PixelFormat {
-    /// Their names in the scene language and in files.
+    /// The names in the scene language and in files.
     pub const NAMES: [(&str, PixelFormat); 6] = [
         ("luminance", PixelFormat::Luminance),
         ("luminance_alpha", PixelFormat::LuminanceAlpha),
@@ -109,34 +109,34 @@ impl PixelFormat {
         ("xyza", PixelFormat::Xyza),
     ];
 
-    /// Whether the image has an alpha channel.
+    /// Returns whether the image has an alpha channel.
     pub fn has_alpha(self) -> bool {
         matches!(self, PixelFormat::LuminanceAlpha | PixelFormat::Rgba | PixelFormat::Xyza)
     }
 }
 
 impl ComponentFormat {
-    /// Their names in the scene language and in files.
+    /// The names in the scene language and in files.
     pub const NAMES: [(&str, ComponentFormat); 2] =
         [("float16", ComponentFormat::Half), ("float32", ComponentFormat::Float)];
 }
 
 impl PixelRect {
-    /// Pixels of the rectangle.
+    /// Returns the number of pixels in the rectangle.
     pub fn area(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
     }
 }
 
 impl FilmSettings {
-    /// The part of the image to render.
+    /// Returns the region of the image to render.
     pub fn rect(&self) -> PixelRect {
         self.crop.unwrap_or(PixelRect { x: 0, y: 0, width: self.width, height: self.height })
     }
 }
 
 impl Default for FilmSettings {
-    /// Mitsuba's defaults of `hdrfilm`.
+    /// Returns the defaults of Mitsuba's `hdrfilm`.
     fn default() -> Self {
         FilmSettings {
             width: 768,

@@ -1,38 +1,38 @@
-//! The sums of a part of the film, kept by replicate.
+//! The sums of a region of the film, for each replicate.
 
 use super::PixelRect;
-use crate::estimate::replicates::{BLOCK, Block, ErrorSums};
+use crate::estimate::replicates::{BLOCK, ErrorSums, PixelBlock};
 use crate::math::Sum;
 use std::ops::Range;
 
-/// Sums of the samples of a rectangle of pixels.
+/// Sums of the samples in a rectangle of pixels.
 ///
-/// Sample `i` of a pixel belongs to replicate `i mod n` of n, an even number: the even replicates are one half of the
-/// samples, the odd ones the other. Sums are compensated ([`Sum`]): neither the order of the samples nor their
-/// division into passes, ranges and parts that are merged changes a bit.
+/// Sample `i` of a pixel belongs to replicate `i mod n` of n, which is even: the even replicates are one half of the
+/// samples, the odd ones the other half. Sums are compensated ([`Sum`]). The result is bit-identical for any order of
+/// the samples and any division into passes, ranges and merged parts.
 #[derive(Clone, Debug)]
 pub struct Tile {
-    /// Its place in the full image.
+    /// The region in the full image.
     pub rect: PixelRect,
     channels: usize,
     replicates: usize,
-    /// By pixel, replicate and channel.
+    /// For each pixel, replicate and channel.
     sums: Vec<Sum>,
-    /// By pixel and replicate.
+    /// For each pixel and replicate.
     counts: Vec<u64>,
 }
 
-/// The mean of a channel over all samples, and what the difference of their halves says about its error.
+/// The mean of a channel over all samples, and its variance from the difference of the two halves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The mean over all samples.
     pub mean: f64,
-    /// An unbiased estimate of the variance of the mean; `None` without samples in both halves.
+    /// An unbiased estimate of the variance of the mean; `None` unless both halves have samples.
     pub variance: Option<f64>,
 }
 
 impl Tile {
-    /// An empty tile with so many channels and replicates.
+    /// Creates an empty tile.
     pub fn new(rect: PixelRect, channels: usize, replicates: usize) -> Self {
         let pixels = rect.width as usize * rect.height as usize;
         Tile {
@@ -44,17 +44,17 @@ impl Tile {
         }
     }
 
-    /// How many replicates the samples are divided among.
+    /// Returns the number of replicates.
     pub fn replicates(&self) -> usize {
         self.replicates
     }
 
-    /// Pixels of the tile.
+    /// Returns the number of pixels.
     pub fn pixel_count(&self) -> usize {
         self.rect.width as usize * self.rect.height as usize
     }
 
-    /// The place in the full image of pixel `i` of the tile.
+    /// Returns the position of pixel `i` in the full image.
     #[inline]
     pub fn position(&self, i: usize) -> (u32, u32) {
         let (x, y) = (i as u32 % self.rect.width, i as u32 / self.rect.width);
@@ -72,7 +72,7 @@ impl Tile {
         self.counts[self.replicates * i + replicate] += 1;
     }
 
-    /// Adds to the sums of a replicate of pixel `i` without counting a sample.
+    /// Adds to the sums of a replicate of pixel `i` without increasing its sample count.
     pub fn splat(&mut self, i: usize, replicate: usize, values: [f32; 3]) {
         let start = (self.replicates * i + replicate) * self.channels;
         for (sum, v) in self.sums[start..start + 3].iter_mut().zip(values) {
@@ -80,10 +80,10 @@ impl Tile {
         }
     }
 
-    /// Adds the samples of another tile of the same place and channels.
+    /// Adds the samples of another tile with the same region and channels.
     ///
     /// # Panics
-    /// If it is another place, or if it has other channels or replicates.
+    /// If the region, the channels or the replicates differ.
     pub fn merge(&mut self, other: &Tile) {
         assert!(
             (self.rect, self.channels, self.replicates) == (other.rect, other.channels, other.replicates),
@@ -95,14 +95,14 @@ impl Tile {
         self.counts.iter_mut().zip(&other.counts).for_each(|(count, other)| *count += other);
     }
 
-    /// Its numbers, for a file: the two parts of every sum and then every count.
+    /// Returns the content for a file: the two components of every sum, then every count.
     pub fn to_bytes(&self) -> Vec<u8> {
         let sums = self.sums.iter().flat_map(|sum| sum.parts()).flat_map(f64::to_le_bytes);
         sums.chain(self.counts.iter().flat_map(|count| count.to_le_bytes())).collect()
     }
 
-    /// Takes the numbers that [`to_bytes`](Self::to_bytes) gave; false, and nothing changed, if there are not as many as
-    /// this tile has, or if one is not finite.
+    /// Sets the content from the result of [`to_bytes`](Self::to_bytes). Returns false, without any change, if the
+    /// length is wrong or a number is not finite.
     #[must_use]
     pub fn set_bytes(&mut self, bytes: &[u8]) -> bool {
         let (words, rest) = bytes.as_chunks::<8>();
@@ -120,35 +120,35 @@ impl Tile {
         true
     }
 
-    /// Samples of pixel `i`.
+    /// Returns the number of samples of pixel `i`.
     pub fn count(&self, i: usize) -> u64 {
         self.counts_of(i).iter().sum()
     }
 
-    /// Samples of each replicate of pixel `i`.
+    /// Returns the number of samples of each replicate of pixel `i`.
     fn counts_of(&self, i: usize) -> &[u64] {
         &self.counts[self.replicates * i..][..self.replicates]
     }
 
-    /// The sum of a replicate of channel `c` of pixel `i`.
+    /// Returns the sum of a replicate of channel `c` of pixel `i`.
     fn sum(&self, i: usize, replicate: usize, c: usize) -> f64 {
         self.sums[(self.replicates * i + replicate) * self.channels + c].value()
     }
 
-    /// The mean of a replicate of channel `c` of pixel `i`; `None` without samples.
+    /// Returns the mean of a replicate of channel `c` of pixel `i`; `None` without samples.
     pub fn replicate_mean(&self, i: usize, replicate: usize, c: usize) -> Option<f64> {
         let n = self.counts_of(i)[replicate];
         (n > 0).then(|| self.sum(i, replicate, c) / n as f64)
     }
 
-    /// Samples and sum of a half of channel `c` of pixel `i`.
+    /// Returns the number of samples and the sum of a half of channel `c` of pixel `i`.
     fn half(&self, i: usize, half: usize, c: usize) -> (u64, f64) {
         let replicates = (half..self.replicates).step_by(2);
         let counts = self.counts_of(i);
         replicates.fold((0, 0.0), |(n, sum), r| (n + counts[r], sum + self.sum(i, r, c)))
     }
 
-    /// Mean and variance of channel `c` of pixel `i`; zero without samples.
+    /// Returns the mean and variance of channel `c` of pixel `i`; zero without samples.
     pub fn estimate(&self, i: usize, c: usize) -> Estimate {
         let [(n_a, a), (n_b, b)] = [0, 1].map(|half| self.half(i, half, c));
         let n = n_a + n_b;
@@ -156,8 +156,8 @@ impl Tile {
             return Estimate { mean: 0.0, variance: None };
         }
         let mean = (a + b) / n as f64;
-        // With weights w and 1 − w the mean is w·A + (1 − w)·B. If variances fall as 1/n, its variance is
-        // w(1 − w)(A − B)² in expectation.
+        // The mean is w·A + (1 − w)·B. If variances are proportional to 1/n, the expected value of w(1 − w)(A − B)²
+        // is its variance.
         let variance = (n_a > 0 && n_b > 0).then(|| {
             let w = n_a as f64 / n as f64;
             let difference = a / n_a as f64 - b / n_b as f64;
@@ -166,15 +166,16 @@ impl Tile {
         Estimate { mean, variance }
     }
 
-    /// Whether both halves of a pixel have samples.
+    /// Returns whether both halves of a pixel have samples.
     pub fn has_replicates(&self) -> bool {
         (0..self.pixel_count()).any(|i| self.estimate(i, 0).variance.is_some())
     }
 
-    /// Mean and difference of the halves of channel `c` of pixel `i`; zero without samples in both halves.
+    /// Returns the mean and difference of the halves of channel `c` of pixel `i`; zero unless both halves have
+    /// samples.
     ///
-    /// The square of the difference is the variance of [`estimate`](Self::estimate); its sign tells which half
-    /// is the brighter one.
+    /// The square of the difference is the variance of [`estimate`](Self::estimate); its sign shows which half is
+    /// brighter.
     #[inline]
     pub fn halves(&self, i: usize, c: usize) -> [f64; 2] {
         let [(n_a, a), (n_b, b)] = [0, 1].map(|half| self.half(i, half, c));
@@ -187,14 +188,14 @@ impl Tile {
         [(a + b) / n, (n_a * n_b).sqrt() / n * (a / n_a - b / n_b)]
     }
 
-    /// What the replicates of the first three channels say about the error of the image.
+    /// Returns the error sums of the first three channels, from the replicates.
     pub fn error_sums(&self) -> ErrorSums {
         let (width, height) = (self.rect.width as usize, self.rect.height as usize);
         let mut sums = ErrorSums::new(self.replicates);
         for top in (0..height).step_by(BLOCK) {
             for left in (0..width).step_by(BLOCK) {
                 let size = [BLOCK.min(width - left), BLOCK.min(height - top)];
-                let mut block = Block::new(size[0], size[1], self.replicates);
+                let mut block = PixelBlock::new(size[0], size[1], self.replicates);
                 for y in top..top + size[1] {
                     for x in left..left + size[0] {
                         for c in 0..3 {
@@ -208,7 +209,7 @@ impl Tile {
         sums
     }
 
-    fn set_pixel(&self, block: &mut Block, i: usize, [x, y]: [usize; 2], c: usize) {
+    fn set_pixel(&self, block: &mut PixelBlock, i: usize, [x, y]: [usize; 2], c: usize) {
         let [mean, difference] = self.halves(i, c);
         block.set(x, y, c, [mean, difference]);
         if self.replicates > 2 {
@@ -220,8 +221,9 @@ impl Tile {
         }
     }
 
-    /// The sums over the first three channels of the pixels in a part of the tile (columns and rows, counted from its
-    /// corner) of the means of each replicate; `None` where a pixel has no samples of it.
+    /// Returns the sums of each replicate's mean over the pixels in a region of the tile, for the first three
+    /// channels. Columns and rows are counted from the tile's corner. `None` if a pixel has no samples of the
+    /// replicate.
     pub fn replicate_sums(&self, columns: Range<usize>, rows: Range<usize>) -> Vec<Option<[f64; 3]>> {
         let width = self.rect.width as usize;
         let pixels = || rows.clone().flat_map(|y| columns.clone().map(move |x| y * width + x));
@@ -237,18 +239,18 @@ impl Tile {
         (0..self.replicates).map(sum).collect()
     }
 
-    /// Bytes of the sums of a pixel with so many channels and replicates.
+    /// Returns the bytes of the sums of one pixel.
     pub fn bytes_per_pixel(channels: usize, replicates: usize) -> usize {
         replicates * (channels * size_of::<Sum>() + size_of::<u64>())
     }
 
-    /// Bytes of its sums.
+    /// Returns the bytes of the sums.
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.sums.as_slice()) + size_of_val(self.counts.as_slice())
     }
 }
 
-/// The variance of a mean that is the mean of independent replicates: an unbiased estimate, from two of them on.
+/// Returns an unbiased estimate of the variance of a mean of independent replicates; `None` for fewer than two.
 pub fn variance_of_mean(replicates: impl Iterator<Item = f64> + Clone) -> Option<f64> {
     let k = replicates.clone().count() as f64;
     let mean = replicates.clone().sum::<f64>() / k;
@@ -302,13 +304,13 @@ mod tests {
             tile.add(1, r, &[2.0 * v; 3]);
         }
         let expected = variance_of_mean(values.into_iter().map(f64::from)).expect("eight of them");
-        // Even ones against odd ones.
+        // Even replicates against odd ones.
         let Estimate { mean, variance } = tile.estimate(0, 1);
         assert!(
             (mean - 3.875).abs() < 1e-12
                 && (variance.unwrap() - (0.5f64 * (3.5 - 4.25)).powi(2)).abs() < 1e-12
         );
-        // Both pixels err alike: the sum is three times the first.
+        // The errors of both pixels are equal except for a factor, so the sum is three times the first.
         let sums = tile.replicate_sums(0..2, 0..1);
         let of_sum = variance_of_mean(sums.iter().flatten().map(|sum| sum[0])).expect("eight of them");
         assert!((of_sum - 9.0 * expected).abs() < 1e-9);

@@ -1,15 +1,15 @@
-//! The order of attributes in an OpenEXR file's header.
+//! The order of attributes in the header of an OpenEXR file.
 //!
-//! The crate `exr` keeps attributes in a hash map and so writes them in an order that changes from run to run.
-//! OpenEXR itself writes them by name, and so do we.
+//! The crate `exr` keeps attributes in a hash map and writes them in an order that changes between runs. OpenEXR
+//! writes them sorted by name, and so does this module.
 
 use std::ops::Range;
 
-/// Sorts the attributes in the header of a file of one part by name. A header that is not understood stays as
-/// it is. The header keeps its length, so the offsets behind it stay right.
+/// Sorts the attributes in the header of a single-part file by name. A header that cannot be parsed is not changed.
+/// The header keeps its length, so the offsets after it remain valid.
 ///
-/// The layout is that of the OpenEXR file format: magic and version (8 bytes), then for each attribute its
-/// name, a NUL, its type, a NUL, the value's size in 4 bytes and the value; then a NUL.
+/// The layout of the OpenEXR file format is: magic number and version (8 bytes), then for each attribute its name, a
+/// NUL, its type, a NUL, the value's size in 4 bytes and the value; then a NUL.
 pub(super) fn sort_attributes(file: &mut [u8]) {
     let mut attributes: Vec<(Range<usize>, Range<usize>)> = Vec::new();
     let mut at = 8;
@@ -25,7 +25,7 @@ pub(super) fn sort_attributes(file: &mut [u8]) {
     }
 }
 
-/// Where the name of the attribute that starts at `start` is, and where the attribute ends.
+/// Returns the range of the name of the attribute that begins at `start`, and the attribute's end.
 fn attribute(file: &[u8], start: usize) -> Option<(Range<usize>, usize)> {
     let nul = |from: usize| Some(from + file.get(from..)?.iter().position(|&b| b == 0)?);
     let name_end = nul(start)?;

@@ -1,11 +1,12 @@
-//! The file formats and the libraries that read and write them.
+//! The image file formats and the libraries that read and write them.
 
 use std::path::Path;
 
-use super::srgb::{Bytes, Codes, Raster};
+use super::srgb::{BytePixels, Raster, StoredPixels};
 use super::{Compression, Image, Metadata, SampleFormat, pure};
 
-/// The most values (pixels times channels) that a file may ask for: 16 GiB of them. More is a damaged header.
+/// The greatest number of values (pixels times channels) in a file, which take 16 GiB. A header with more is treated
+/// as damaged.
 pub(super) const MAX_VALUES: u64 = 1 << 32;
 
 /// A file format.
@@ -21,7 +22,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// The format that a file's first bytes announce. Readers go by this and not by the extension.
+    /// Detects the format from the first bytes of a file. Readers use the content, not the extension.
     pub(super) fn of_content(start: &[u8]) -> Option<Format> {
         Some(match start {
             [0x76, 0x2f, 0x31, 0x01, ..] => Format::OpenExr,
@@ -30,7 +31,7 @@ impl Format {
             [b'B', b'M', ..] => Format::Bmp,
             [b'#', b'?', ..] => Format::Hdr,
             [b'P', b'F' | b'f', b'\n' | b'\r' | b' ' | b'\t', ..] => Format::Pfm,
-            // No magic number: a plausible kind of palette, kind of pixels and depth.
+            // TGA has no magic number: checks for a plausible colour map type, image type and pixel depth.
             [_, 0 | 1, 1..=3 | 9..=11, rest @ ..] if matches!(rest.get(13), Some(8 | 15 | 16 | 24 | 32)) => {
                 Format::Tga
             }
@@ -38,7 +39,7 @@ impl Format {
         })
     }
 
-    /// The format to write, by the output's extension.
+    /// Returns the format to write for the output's extension.
     pub(super) fn of_extension(path: &Path) -> Option<Format> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         Some(match extension.as_str() {
@@ -50,13 +51,13 @@ impl Format {
         })
     }
 
-    /// Whether the crate `image` reads it even where OpenImageIO is built in.
+    /// Returns whether the crate `image` reads the format even if OpenImageIO is available.
     #[cfg(feature = "oiio")]
     fn is_for_rust(self) -> bool {
         matches!(self, Format::Png | Format::Bmp)
     }
 
-    /// The format's name, for people.
+    /// Returns the format's name for messages.
     pub(super) fn name(self) -> &'static str {
         match self {
             Format::OpenExr => "OpenEXR",
@@ -71,21 +72,21 @@ impl Format {
 }
 
 /// A part of an OpenEXR file.
-pub(super) struct Part {
+pub(super) struct ImagePart {
     pub(super) name: String,
     pub(super) image: Image,
 }
 
-/// What to write to an OpenEXR file; the values are within the sample format's range.
+/// The content of an OpenEXR file to write; the values are within the range of the sample format.
 pub(super) struct ExrOutput<'a> {
     pub(super) image: &'a Image,
     pub(super) data: &'a [f32],
-    /// By channel.
+    /// For each channel.
     pub(super) samples: Vec<SampleFormat>,
     pub(super) compression: Compression,
 }
 
-/// The library that reads and writes files and compares images.
+/// The library that reads and writes image files and compares images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
     /// OpenImageIO.
@@ -96,7 +97,7 @@ pub enum Backend {
 }
 
 impl Default for Backend {
-    /// OpenImageIO where it is built in.
+    /// Returns OpenImageIO if it is compiled in.
     fn default() -> Self {
         #[cfg(feature = "oiio")]
         return Backend::OpenImageIo;
@@ -106,7 +107,7 @@ impl Default for Backend {
 }
 
 impl std::fmt::Display for Backend {
-    /// Name and version: `OpenImageIO 2.4.7` or `exr/image crates`.
+    /// Writes name and version: `OpenImageIO 2.4.7` or `exr/image crates`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             #[cfg(feature = "oiio")]
@@ -116,13 +117,13 @@ impl std::fmt::Display for Backend {
     }
 }
 
-/// The library in use: `OpenImageIO 2.4.7` or `exr/image crates`.
+/// Returns the library in use: `OpenImageIO 2.4.7` or `exr/image crates`.
 pub fn backend() -> String {
     Backend::default().to_string()
 }
 
-/// Limits OpenImageIO's threads and OpenEXR's; 0 = as many as there are cores, which is the libraries' own
-/// default. Holds for the whole process; the Rust crates use the global rayon pool.
+/// Limits the threads of OpenImageIO and OpenEXR; 0 = the number of cores, which is the libraries' default. The limit
+/// applies to the whole process. The Rust crates use the global rayon pool.
 pub fn set_threads(threads: usize) {
     #[cfg(feature = "oiio")]
     super::oiio::set_threads(threads);
@@ -130,7 +131,7 @@ pub fn set_threads(threads: usize) {
     let _ = threads;
 }
 
-/// Differences of two images, as a library gives them.
+/// Differences of two images, as computed by a library.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Difference {
     pub(crate) mean_absolute: f64,
@@ -142,14 +143,14 @@ pub(crate) struct Difference {
     pub(crate) channel: usize,
 }
 
-/// What a library does for us. An error is the library's reason, without the file's name.
+/// The operations of a library. An error is the library's message without the file's name.
 ///
-/// PNG and BMP files are always read by the crate `image`: libpng, which OpenImageIO reads PNG with, writes what it
-/// finds wrong with a file to the process's stderr by itself; and its own reader of BMP (2.4.7) goes on with numbers that it
-/// has not read where a header is damaged, and allocates by them.
+/// The crate `image` always reads PNG and BMP files. libpng, which OpenImageIO uses for PNG, writes problems of a
+/// file directly to stderr. OpenImageIO's reader of BMP (2.4.7) continues with uninitialised numbers if a header is
+/// damaged, and allocates memory according to them.
 impl Backend {
-    /// All parts of an OpenEXR file.
-    pub(super) fn read_exr(self, path: &Path) -> Result<Vec<Part>, String> {
+    /// Reads all parts of an OpenEXR file.
+    pub(super) fn read_exr(self, path: &Path) -> Result<Vec<ImagePart>, String> {
         match self {
             #[cfg(feature = "oiio")]
             Backend::OpenImageIo => super::oiio::read_exr(path),
@@ -157,7 +158,7 @@ impl Backend {
         }
     }
 
-    /// The bytes of an OpenEXR file.
+    /// Encodes an OpenEXR file.
     pub(super) fn encode_exr(self, output: &ExrOutput) -> Result<Vec<u8>, String> {
         match self {
             #[cfg(feature = "oiio")]
@@ -166,16 +167,16 @@ impl Backend {
         }
     }
 
-    /// The samples of a PNG, JPEG, BMP or TGA file as they are stored, or of an HDR file.
-    pub(super) fn read_codes(self, path: &Path, format: Format, most: u64) -> Result<Codes, String> {
+    /// Reads the stored samples of a PNG, JPEG, BMP, TGA or HDR file, without conversion.
+    pub(super) fn read_stored(self, path: &Path, format: Format, most: u64) -> Result<StoredPixels, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::read_codes(path, format, most),
-            _ => pure::read_codes(path, format, most),
+            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::read_stored(path, format, most),
+            _ => pure::read_stored(path, format, most),
         }
     }
 
-    /// The samples of a PNG, JPEG, BMP, TGA or HDR file.
+    /// Reads the samples of a PNG, JPEG, BMP, TGA or HDR file.
     pub(super) fn read_raster(self, path: &Path, format: Format) -> Result<Raster, String> {
         match self {
             #[cfg(feature = "oiio")]
@@ -184,17 +185,27 @@ impl Backend {
         }
     }
 
-    /// As [`read_codes`](Self::read_codes), of a file in memory.
-    pub(super) fn decode_codes(self, bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
+    /// Decodes a file in memory as [`read_stored`](Self::read_codes) does.
+    pub(super) fn decode_stored(
+        self,
+        bytes: &[u8],
+        format: Format,
+        most: u64,
+    ) -> Result<StoredPixels, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::decode_codes(bytes, format, most),
-            _ => pure::decode_codes(bytes, format, most),
+            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::decode_stored(bytes, format, most),
+            _ => pure::decode_stored(bytes, format, most),
         }
     }
 
-    /// The bytes of a PNG or JPEG file.
-    pub(super) fn encode_bytes(self, format: Format, bytes: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
+    /// Encodes a PNG or JPEG file.
+    pub(super) fn encode_bytes(
+        self,
+        format: Format,
+        bytes: &BytePixels,
+        quality: u8,
+    ) -> Result<Vec<u8>, String> {
         match self {
             #[cfg(feature = "oiio")]
             Backend::OpenImageIo => super::oiio::encode_bytes(format, bytes, quality),
@@ -202,7 +213,7 @@ impl Backend {
         }
     }
 
-    /// Compares two images of the same shape, which hold no NaN and no infinity.
+    /// Compares two images of the same shape without NaN and infinite values.
     pub(crate) fn difference(self, a: &Image, b: &Image) -> Result<Difference, String> {
         match self {
             #[cfg(feature = "oiio")]
@@ -212,9 +223,9 @@ impl Backend {
     }
 }
 
-/// Metadata that both libraries keep of an OpenEXR file: everything but what describes the encoding itself
-/// and the standard attributes that one of them does not hand out.
-pub(super) fn kept(metadata: Metadata) -> Metadata {
+/// Returns the metadata of an OpenEXR file that both libraries preserve: all except those that describe the encoding,
+/// and the standard attributes that one library does not return.
+pub(super) fn preserved_metadata(metadata: Metadata) -> Metadata {
     const DROPPED: [&str; 13] = [
         "DateTime",
         "Orientation",
@@ -230,12 +241,12 @@ pub(super) fn kept(metadata: Metadata) -> Metadata {
         "type",
         "view",
     ];
-    let mut kept = Metadata::new();
+    let mut preserved_metadata = Metadata::new();
     for (name, value) in metadata.iter() {
         if !DROPPED.contains(&name) && !name.starts_with("oiio:") && !name.starts_with("openexr:") {
-            kept.set(name, value.clone());
+            preserved_metadata.set(name, value.clone());
         }
     }
-    kept.sort();
-    kept
+    preserved_metadata.sort();
+    preserved_metadata
 }

@@ -1,72 +1,73 @@
-//! What a file's header claims, before anything is allocated for it.
+//! Validation of a file's header before decoding: a header whose sizes exceed the file or the memory limit is
+//! rejected before allocation.
 //!
-//! Only sizes are read here, from the first bytes of a file. A header that is not understood claims nothing, and is left to the
-//! decoder. [PNG 1.2; ITU T.81; Truevision TGA 2.0; Greg Ward, "Real pixels"; OpenEXR file layout]
+//! Only sizes are read here, from the first bytes of a file. A header that cannot be parsed is accepted and left to
+//! the decoder. [PNG 1.2; ITU T.81; Truevision TGA 2.0; Greg Ward, "Real pixels"; OpenEXR file layout]
 
 use super::format::Format;
 use crate::error::counted;
 use crate::memory::{Budget, Refusal, Reservation};
 
-/// As many bytes of a file hold its header; a JPEG's may be anywhere.
-pub(super) const START: u64 = 1 << 20;
-/// Deflate makes at most so many bytes of one.
-const DEFLATE: u64 = 1032;
-/// Claims of fewer bytes do no harm: what is wrong with such a file the decoder knows better.
-const HARMLESS: u64 = 16 << 20;
+/// The number of bytes at the start of a file that contain its header, except for JPEG.
+pub(super) const HEADER_BYTES: u64 = 1 << 20;
+/// The greatest expansion ratio of Deflate.
+const MAX_DEFLATE_RATIO: u64 = 1032;
+/// The decoded size in bytes below which a header is not checked, because the decoder's message is more precise.
+const MIN_CHECKED_BYTES: u64 = 16 << 20;
 
-/// What a header says of the pixels.
+/// The sizes stated in a header.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Claim {
+pub(super) struct HeaderSizes {
     width: u64,
     height: u64,
-    /// Channels of all parts once decoded, at most.
+    /// Upper bound of the number of decoded channels in all parts.
     channels: u64,
-    /// Bytes of a pixel in the decoder's own form, at most.
+    /// Upper bound of the bytes of a pixel in the decoder's representation.
     pixel: u64,
-    /// A file of such pixels has at least so many bytes.
+    /// Lower bound of the bytes of a file with such pixels.
     least: u64,
 }
 
-/// What an image is read for.
+/// The purpose for which an image is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     /// All channels as floats.
     Image,
-    /// A picture whose samples stay as small as they are.
+    /// The base layer with its samples in their stored size.
     Texture,
 }
 
-/// Why a file is not decoded.
+/// The reason for rejecting a file.
 #[derive(Debug)]
-pub(super) enum Denied {
-    /// The file cannot hold what its header claims.
+pub(super) enum HeaderError {
+    /// The file is too short for the sizes in its header.
     Damaged(String),
-    /// There is no memory for it.
+    /// The memory limit is too low for the file.
     Memory(String, Refusal),
 }
 
-/// Reserves what decoding a file takes at most, given its first bytes and its length.
-pub(super) fn admit(
+/// Reserves an upper bound of the memory for decoding a file, given its first bytes and its length.
+pub(super) fn reserve_decoding(
     format: Format,
     start: &[u8],
     length: u64,
     purpose: Purpose,
     memory: &Budget,
-) -> Result<Reservation, Denied> {
-    let claim = claim(format, start).unwrap_or_default();
-    let Claim { width, height, channels, pixel, least } = claim;
+) -> Result<Reservation, HeaderError> {
+    let sizes = header_sizes(format, start).unwrap_or_default();
+    let HeaderSizes { width, height, channels, pixel, least } = sizes;
     let pixels = width.saturating_mul(height);
     let decoded = pixels.saturating_mul(pixel);
-    if decoded > HARMLESS && length < least {
+    if decoded > MIN_CHECKED_BYTES && length < least {
         let found = counted(length, "byte", "bytes");
-        return Err(Denied::Damaged(format!(
+        return Err(HeaderError::Damaged(format!(
             "expected at least {least} bytes for {width}x{height} pixels, found {found}"
         )));
     }
-    // Libraries decode into buffers of their own, and what comes out is brought into our form.
+    // Libraries decode to their own buffers, which are then converted.
     let floats = pixels.saturating_mul(4 * channels);
     let needed = match (format, purpose) {
-        // Read whole, and as long as its values.
+        // The file is read as a whole, and is as long as its values.
         (Format::Pfm, Purpose::Image) => length.saturating_mul(2),
         (Format::Pfm, Purpose::Texture) => length.saturating_mul(3),
         (Format::OpenExr, Purpose::Texture) => decoded.saturating_add(floats.saturating_mul(3)),
@@ -78,11 +79,11 @@ pub(super) fn admit(
         Format::Pfm => format!("reading its {}", counted(length, "byte", "bytes")),
         _ => format!("decoding {width}x{height} pixels of {}", counted(channels, "channel", "channels")),
     };
-    memory.reserve(needed.saturating_add(whole)).map_err(|refusal| Denied::Memory(what(), refusal))
+    memory.reserve(needed.saturating_add(whole)).map_err(|refusal| HeaderError::Memory(what(), refusal))
 }
 
-/// What the header says; `None` if it says nothing that is understood.
-fn claim(format: Format, start: &[u8]) -> Option<Claim> {
+/// Returns the sizes in the header; `None` if it cannot be parsed.
+fn header_sizes(format: Format, start: &[u8]) -> Option<HeaderSizes> {
     match format {
         Format::OpenExr => open_exr(start),
         Format::Png => png(start),
@@ -110,10 +111,10 @@ fn little_16(start: &[u8], at: usize) -> Option<u64> {
     bytes(start, at).map(|b| u16::from_le_bytes(b).into())
 }
 
-fn png(start: &[u8]) -> Option<Claim> {
+fn png(start: &[u8]) -> Option<HeaderSizes> {
     let (width, height) = (big(start, 16)?, big(start, 20)?);
     let [depth, kind] = bytes(start, 24)?;
-    // Stored channels, and those after palettes and transparent colours are expanded.
+    // The stored channels, and the channels after expansion of palettes and transparent colours.
     let (stored, channels) = match kind {
         0 => (1, 2),
         2 => (3, 4),
@@ -123,30 +124,36 @@ fn png(start: &[u8]) -> Option<Claim> {
     };
     let row = 1 + (width * stored * u64::from(depth)).div_ceil(8);
     let pixel = channels * if depth == 16 { 2 } else { 1 };
-    Some(Claim { width, height, channels, pixel, least: row.saturating_mul(height) / DEFLATE })
+    Some(HeaderSizes {
+        width,
+        height,
+        channels,
+        pixel,
+        least: row.saturating_mul(height) / MAX_DEFLATE_RATIO,
+    })
 }
 
-fn jpeg(start: &[u8]) -> Option<Claim> {
+fn jpeg(start: &[u8]) -> Option<HeaderSizes> {
     let mut at = 2;
     loop {
         let [0xff, marker, high, low] = bytes(start, at)? else { return None };
         match marker {
             0xff => at += 1,
-            // Frames: all of 0xc0 to 0xcf but tables and an extension.
+            // Start of frame: all of 0xc0 to 0xcf except tables and an extension.
             0xc0..=0xcf if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => {
                 let [_, h1, h0, w1, w0, channels]: [u8; 6] = bytes(start, at + 4)?;
                 let [height, width] = [[h1, h0], [w1, w0]].map(|b| u64::from(u16::from_be_bytes(b)));
-                // In Huffman codes a block of 8x8 takes a bit at least.
+                // With Huffman coding, a block of 8x8 takes at least one bit.
                 let least = if marker <= 0xc2 { width.div_ceil(8) * height.div_ceil(8) / 8 } else { 0 };
                 let channels = u64::from(channels);
-                return Some(Claim { width, height, channels, pixel: channels.max(3), least });
+                return Some(HeaderSizes { width, height, channels, pixel: channels.max(3), least });
             }
             _ => at += 2 + usize::from(u16::from_be_bytes([high, low])),
         }
     }
 }
 
-fn bmp(start: &[u8]) -> Option<Claim> {
+fn bmp(start: &[u8]) -> Option<HeaderSizes> {
     let old = little(start, 14)? == 12;
     let (width, height, depth, compression) = if old {
         (little_16(start, 18)?, little_16(start, 20)?, little_16(start, 24)?, 0)
@@ -155,20 +162,20 @@ fn bmp(start: &[u8]) -> Option<Claim> {
         (width?, height?, little_16(start, 28)?, little(start, 30)?)
     };
     let stored = (width * depth).div_ceil(8).saturating_mul(height);
-    // Runs may leave any number of pixels out.
+    // Runs may skip any number of pixels.
     let least = if matches!(compression, 1 | 2) { 0 } else { stored };
-    Some(Claim { width, height, channels: 4, pixel: 4, least })
+    Some(HeaderSizes { width, height, channels: 4, pixel: 4, least })
 }
 
-fn tga(start: &[u8]) -> Option<Claim> {
+fn tga(start: &[u8]) -> Option<HeaderSizes> {
     let (width, height) = (little_16(start, 12)?, little_16(start, 14)?);
     let ([kind], [depth]) = (bytes(start, 2)?, bytes(start, 16)?);
     let (pixels, size) = (width * height, u64::from(depth).div_ceil(8));
     let least = if kind >= 9 { pixels / 128 * (1 + size) } else { pixels * size };
-    Some(Claim { width, height, channels: 4, pixel: 4, least })
+    Some(HeaderSizes { width, height, channels: 4, pixel: 4, least })
 }
 
-fn hdr(start: &[u8]) -> Option<Claim> {
+fn hdr(start: &[u8]) -> Option<HeaderSizes> {
     // Lines up to an empty one, then the resolution: "-Y 480 +X 640".
     let end = start.windows(2).position(|w| w == b"\n\n")?;
     let line = start[end + 2..].split(|b| *b == b'\n').next()?;
@@ -178,17 +185,17 @@ fn hdr(start: &[u8]) -> Option<Claim> {
     if second.ends_with('Y') {
         std::mem::swap(&mut width, &mut height);
     }
-    // A row in runs has a word before it, and in each of four channels at least two bytes for 127 pixels.
+    // A run-length encoded row has a word before it and at least two bytes for 127 pixels in each of four channels.
     let row = if (8..32768).contains(&width) { 4 + 8 * width.div_ceil(127) } else { 4 };
-    Some(Claim { width, height, channels: 3, pixel: 12, least: height.saturating_mul(row) })
+    Some(HeaderSizes { width, height, channels: 3, pixel: 12, least: height.saturating_mul(row) })
 }
 
-/// Of several parts the sum, on the area of the largest.
-fn open_exr(start: &[u8]) -> Option<Claim> {
+/// For several parts, returns the sum of their channels with the area of the largest part.
+fn open_exr(start: &[u8]) -> Option<HeaderSizes> {
     let version = little(start, 4)?;
     let several = version & 0x1000 != 0;
     let mut at = 8;
-    let mut whole: Option<Claim> = None;
+    let mut whole: Option<HeaderSizes> = None;
     loop {
         let part;
         (part, at) = exr_part(start, at)?;
@@ -199,9 +206,9 @@ fn open_exr(start: &[u8]) -> Option<Claim> {
     }
 }
 
-fn add(a: Claim, b: Claim) -> Claim {
+fn add(a: HeaderSizes, b: HeaderSizes) -> HeaderSizes {
     let larger = if a.width.saturating_mul(a.height) >= b.width.saturating_mul(b.height) { a } else { b };
-    Claim {
+    HeaderSizes {
         channels: a.channels.saturating_add(b.channels),
         pixel: a.pixel.saturating_add(b.pixel),
         least: a.least.saturating_add(b.least),
@@ -209,13 +216,13 @@ fn add(a: Claim, b: Claim) -> Claim {
     }
 }
 
-/// A part's header from `at` on, and where it ends.
-fn exr_part(start: &[u8], mut at: usize) -> Option<(Claim, usize)> {
+/// Returns the sizes of the part whose header begins at `at`, and the end of the header.
+fn exr_part(start: &[u8], mut at: usize) -> Option<(HeaderSizes, usize)> {
     let text = |from: usize| {
         let length = start.get(from..)?.iter().position(|b| *b == 0)?;
         Some((&start[from..from + length], from + length + 1))
     };
-    let (mut claim, mut compression, mut tile) = (Claim::default(), 0, None);
+    let (mut sizes, mut compression, mut tile) = (HeaderSizes::default(), 0, None);
     loop {
         let (name, kind) = text(at)?;
         if name.is_empty() {
@@ -230,13 +237,13 @@ fn exr_part(start: &[u8], mut at: usize) -> Option<(Claim, usize)> {
                 let side = |low: usize| {
                     Some((little(start, value + low + 8)? - little(start, value + low)? + 1).max(0))
                 };
-                (claim.width, claim.height) = (side(0)?.unsigned_abs(), side(4)?.unsigned_abs());
+                (sizes.width, sizes.height) = (side(0)?.unsigned_abs(), side(4)?.unsigned_abs());
             }
             b"channels" => {
                 let mut entry = value;
                 while let Some((_, kind)) = text(entry).filter(|(name, _)| !name.is_empty() && entry < at) {
-                    claim.channels += 1;
-                    claim.pixel += if little(start, kind)? == 1 { 2 } else { 4 };
+                    sizes.channels += 1;
+                    sizes.pixel += if little(start, kind)? == 1 { 2 } else { 4 };
                     entry = kind + 16;
                 }
             }
@@ -249,13 +256,14 @@ fn exr_part(start: &[u8], mut at: usize) -> Option<(Claim, usize)> {
             _ => {}
         }
     }
-    claim.least = exr_least(&claim, compression, tile);
-    Some((claim, at))
+    sizes.least = exr_least(&sizes, compression, tile);
+    Some((sizes, at))
 }
 
-/// Bytes of a part at least: a place in the table and a head for every chunk, and what compression cannot bring the pixels below.
-fn exr_least(claim: &Claim, compression: u8, tile: Option<[u64; 2]>) -> u64 {
-    let Claim { width, height, pixel, .. } = *claim;
+/// Returns a lower bound of a part's bytes: an entry in the offset table and a header for each chunk, and the pixels
+/// at the greatest compression ratio.
+fn exr_least(sizes: &HeaderSizes, compression: u8, tile: Option<[u64; 2]>) -> u64 {
+    let HeaderSizes { width, height, pixel, .. } = *sizes;
     let rows = match compression {
         0..=2 => 1,
         3 | 5 => 16,
@@ -269,9 +277,9 @@ fn exr_least(claim: &Claim, compression: u8, tile: Option<[u64; 2]>) -> u64 {
     let data = match compression {
         0 => stored,
         1 => stored / 64,
-        2 | 3 => stored / DEFLATE,
-        // 24 bits of 32 are stored.
-        5 => stored / (2 * DEFLATE),
+        2 | 3 => stored / MAX_DEFLATE_RATIO,
+        // 24 of 32 bits are stored.
+        5 => stored / (2 * MAX_DEFLATE_RATIO),
         _ => 0,
     };
     chunks.saturating_add(data)
@@ -283,8 +291,8 @@ mod tests {
     use crate::image::{Compression, Image, WriteOptions, write};
     use crate::memory::Limit;
 
-    fn size(claim: Option<Claim>) -> Option<[u64; 4]> {
-        claim.map(|c| [c.width, c.height, c.channels, c.pixel])
+    fn size(sizes: Option<HeaderSizes>) -> Option<[u64; 4]> {
+        sizes.map(|c| [c.width, c.height, c.channels, c.pixel])
     }
 
     #[test]
@@ -297,38 +305,38 @@ mod tests {
             let path = folder.path().join("a.exr");
             write(&path, &image, &WriteOptions { compression, ..WriteOptions::default() }).unwrap();
             let bytes = std::fs::read(&path).unwrap();
-            let claim = claim(Format::OpenExr, &bytes);
-            assert_eq!(size(claim), Some([300, 200, 4, 16]), "{compression:?}");
-            assert!(claim.unwrap().least <= bytes.len() as u64, "{compression:?}: {claim:?}");
+            let sizes = header_sizes(Format::OpenExr, &bytes);
+            assert_eq!(size(sizes), Some([300, 200, 4, 16]), "{compression:?}");
+            assert!(sizes.unwrap().least <= bytes.len() as u64, "{compression:?}: {sizes:?}");
         }
         for (name, format, pixel) in [("a.png", Format::Png, 4), ("a.jpg", Format::Jpeg, 3)] {
             let path = folder.path().join(name);
             write(&path, &image, &WriteOptions::default()).unwrap();
             let bytes = std::fs::read(&path).unwrap();
-            let claim = claim(format, &bytes);
-            assert_eq!(size(claim).map(|[w, h, _, pixel]| [w, h, pixel]), Some([300, 200, pixel]), "{name}");
-            assert!(claim.unwrap().least <= bytes.len() as u64, "{name}: {claim:?}");
+            let sizes = header_sizes(format, &bytes);
+            assert_eq!(size(sizes).map(|[w, h, _, pixel]| [w, h, pixel]), Some([300, 200, pixel]), "{name}");
+            assert!(sizes.unwrap().least <= bytes.len() as u64, "{name}: {sizes:?}");
         }
     }
 
     #[test]
     fn other_headers_are_understood() {
-        let hdr = |text: &str| size(claim(Format::Hdr, text.as_bytes()));
+        let hdr = |text: &str| size(header_sizes(Format::Hdr, text.as_bytes()));
         assert_eq!(hdr("#?RADIANCE\nA=1\n\n-Y 480 +X 640\nxyz"), Some([640, 480, 3, 12]));
         assert_eq!(hdr("#?RADIANCE\n\n+X 640 -Y 480\n"), Some([640, 480, 3, 12]));
         assert_eq!(hdr("#?RADIANCE\n\n-Y 480\n"), None);
         let mut bmp = [0; 54];
         (bmp[14], bmp[18], bmp[28]) = (40, 7, 24);
         bmp[22..26].copy_from_slice(&(-3i32).to_le_bytes());
-        assert_eq!(claim(Format::Bmp, &bmp).map(|c| [c.width, c.height, c.least]), Some([7, 3, 63]));
+        assert_eq!(header_sizes(Format::Bmp, &bmp).map(|c| [c.width, c.height, c.least]), Some([7, 3, 63]));
         bmp[30] = 1;
-        assert_eq!(claim(Format::Bmp, &bmp).map(|c| c.least), Some(0));
+        assert_eq!(header_sizes(Format::Bmp, &bmp).map(|c| c.least), Some(0));
         let mut tga = [0; 18];
         (tga[2], tga[12], tga[14], tga[16]) = (2, 5, 4, 32);
-        assert_eq!(claim(Format::Tga, &tga).map(|c| [c.width, c.height, c.least]), Some([5, 4, 80]));
+        assert_eq!(header_sizes(Format::Tga, &tga).map(|c| [c.width, c.height, c.least]), Some([5, 4, 80]));
         for format in [Format::OpenExr, Format::Png, Format::Jpeg, Format::Bmp, Format::Tga, Format::Hdr] {
-            assert_eq!(claim(format, &[0xff; 12]), None, "{}", format.name());
-            assert_eq!(claim(format, &[]), None, "{}", format.name());
+            assert_eq!(header_sizes(format, &[0xff; 12]), None, "{}", format.name());
+            assert_eq!(header_sizes(format, &[]), None, "{}", format.name());
         }
     }
 
@@ -342,9 +350,11 @@ mod tests {
             bmp
         };
         let memory = Budget::open(Limit::None);
-        let admitted = |side| admit(Format::Bmp, &header(side), 54, Purpose::Texture, &memory);
+        let admitted = |side| reserve_decoding(Format::Bmp, &header(side), 54, Purpose::Texture, &memory);
         assert!(admitted(1000).is_ok());
-        let Err(Denied::Damaged(why)) = admitted(10_000) else { panic!("10000x10000 pixels in 54 bytes") };
+        let Err(HeaderError::Damaged(why)) = admitted(10_000) else {
+            panic!("10000x10000 pixels in 54 bytes")
+        };
         assert_eq!(why, "expected at least 300000000 bytes for 10000x10000 pixels, found 54 bytes");
     }
 }

@@ -1,15 +1,15 @@
-//! Named values that travel with an image, as OpenEXR attributes do.
+//! Metadata: named values of an image, as OpenEXR attributes.
 
-/// One metadata value, in the types that OpenEXR stores.
+/// One metadata value, with the types of OpenEXR.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// A 32-bit integer.
     Int(i32),
-    /// A number.
+    /// A 32-bit float.
     Float(f32),
     /// Text.
     Text(String),
-    /// A 4x4 matrix in OpenEXR's order: row vectors, the translation in elements 12 to 14.
+    /// A 4x4 matrix in OpenEXR's order: row vectors, with the translation in elements 12 to 14.
     Matrix([f32; 16]),
 }
 
@@ -36,22 +36,22 @@ impl std::fmt::Display for Value {
     }
 }
 
-/// Metadata in the order in which it was put in. A file gives it back sorted by name.
+/// Metadata in insertion order. Reading a file returns them sorted by name.
 ///
-/// Names are OpenEXR's: `Software`, `worldToCamera`, `worldToNDC`, `comments`, `owner`; any other name is
-/// kept as it is. PNG, JPEG and PFM files carry none.
+/// Names are those of OpenEXR: `Software`, `worldToCamera`, `worldToNDC`, `comments`, `owner`. Other names are stored
+/// unchanged. PNG, JPEG and PFM files have no metadata.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Metadata {
     entries: Vec<(String, Value)>,
 }
 
 impl Metadata {
-    /// No metadata.
+    /// Creates empty metadata.
     pub fn new() -> Self {
         Metadata::default()
     }
 
-    /// Sets a value; one of the same name is replaced in its place.
+    /// Sets a value; an existing one of the same name is replaced in its position.
     pub fn set(&mut self, name: impl Into<String>, value: Value) {
         let name = name.into();
         match self.entries.iter_mut().find(|(n, _)| *n == name) {
@@ -60,33 +60,33 @@ impl Metadata {
         }
     }
 
-    /// The same metadata with a value set.
+    /// Returns the metadata with a value set.
     pub fn with(mut self, name: impl Into<String>, value: Value) -> Self {
         self.set(name, value);
         self
     }
 
-    /// The value of a name.
+    /// Returns the value of a name.
     pub fn get(&self, name: &str) -> Option<&Value> {
         self.entries.iter().find(|(n, _)| n == name).map(|(_, value)| value)
     }
 
-    /// Names and values in order.
+    /// Iterates over names and values in order.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Value)> {
         self.entries.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// How many values there are.
+    /// Returns the number of values.
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 
-    /// Sorts by name: the order in which an OpenEXR file holds them.
+    /// Sorts by name, which is the order in an OpenEXR file.
     pub(super) fn sort(&mut self) {
         self.entries.sort_by(|a, b| a.0.cmp(&b.0));
     }

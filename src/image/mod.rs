@@ -1,11 +1,11 @@
-//! Images: pixels with named channels and metadata, and files.
+//! Images: pixels with named channels and metadata, and image files.
 //!
-//! Values are linear Rec.709 RGB. The picture is the channels `R`, `G`, `B` (or `Y`); a layer is a channel
-//! name with a dot, `albedo.R`, as in OpenEXR. Alpha is premultiplied. PNG and JPEG files are sRGB-encoded,
-//! and are decoded and encoded here.
+//! Values are linear Rec.709 RGB. The base layer has the channels `R`, `G`, `B` (or `Y`). The channels of other
+//! layers have names with a dot, such as `albedo.R`, as in OpenEXR. Alpha is premultiplied. PNG and JPEG files are
+//! sRGB-encoded; this module encodes and decodes them.
 //!
-//! Files are read and written by OpenImageIO (feature `oiio`) or by the crates `exr` and `image`; both behave
-//! alike and [`backend`] says which it is.
+//! OpenImageIO (feature `oiio`) or the crates `exr` and `image` read and write files. Both give the same results;
+//! [`backend`] names the one in use.
 
 mod exr_header;
 mod format;
@@ -36,21 +36,20 @@ pub use write::{
 /// An image in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
-    /// Pixels in a row.
+    /// The number of pixels in a row.
     pub width: usize,
-    /// Rows.
+    /// The number of rows.
     pub height: usize,
-    /// The channels' names, in the order of a pixel's values.
+    /// The names of the channels, in the order of a pixel's values.
     pub channels: Vec<String>,
-    /// `width * height * channels.len()` values: rows from the top, pixels from the left, channels
-    /// interleaved.
+    /// `width * height * channels.len()` values: rows from the top, pixels from the left, with interleaved channels.
     pub data: Vec<f32>,
-    /// What is known about the image.
+    /// The metadata.
     pub metadata: Metadata,
 }
 
 impl Image {
-    /// A black image.
+    /// Creates a black image.
     pub fn new(width: usize, height: usize, channels: &[&str]) -> Self {
         Image {
             width,
@@ -61,10 +60,10 @@ impl Image {
         }
     }
 
-    /// The values of a pixel, one for each channel. `(0, 0)` is the top left one.
+    /// Returns the values of a pixel, one for each channel. `(0, 0)` is the top left pixel.
     ///
     /// # Panics
-    /// If the pixel is outside.
+    /// If the pixel is outside the image.
     #[inline]
     pub fn pixel(&self, x: usize, y: usize) -> &[f32] {
         assert!(x < self.width, "column {x} of an image {} wide", self.width);
@@ -72,10 +71,10 @@ impl Image {
         &self.data[(y * self.width + x) * n..][..n]
     }
 
-    /// The values of a pixel, to be changed.
+    /// Returns the values of a pixel for modification.
     ///
     /// # Panics
-    /// If the pixel is outside.
+    /// If the pixel is outside the image.
     #[inline]
     pub fn pixel_mut(&mut self, x: usize, y: usize) -> &mut [f32] {
         assert!(x < self.width, "column {x} of an image {} wide", self.width);
@@ -83,13 +82,13 @@ impl Image {
         &mut self.data[(y * self.width + x) * n..][..n]
     }
 
-    /// The index of a channel in a pixel.
+    /// Returns the index of a channel in a pixel.
     pub fn channel(&self, name: &str) -> Option<usize> {
         self.channels.iter().position(|c| c == name)
     }
 
-    /// The indices of red, green and blue. A grey image (`Y`, or a single channel) has the same index three
-    /// times; `None` if there is no picture.
+    /// Returns the indices of red, green and blue. They are equal for a grey image (`Y`, or a single channel). `None`
+    /// without a base layer.
     pub fn rgb_channels(&self) -> Option<[usize; 3]> {
         if let (Some(r), Some(g), Some(b)) = (self.channel("R"), self.channel("G"), self.channel("B")) {
             return Some([r, g, b]);
@@ -98,30 +97,30 @@ impl Image {
         Some([grey; 3])
     }
 
-    /// The colour of a pixel; black if the image has no picture.
+    /// Returns the colour of a pixel; black if the image has no base layer.
     ///
     /// # Panics
-    /// If the pixel is outside.
+    /// If the pixel is outside the image.
     pub fn rgb(&self, x: usize, y: usize) -> [f32; 3] {
         let pixel = self.pixel(x, y);
         self.rgb_channels().map_or([0.0; 3], |c| c.map(|c| pixel[c]))
     }
 
-    /// Red, green and blue of every pixel, interleaved; black if the image has no picture.
+    /// Returns the interleaved red, green and blue of all pixels; black if the image has no base layer.
     pub fn colours(&self) -> Vec<f32> {
         let rgb = self.rgb_channels();
         let pixels = self.data.chunks_exact(self.channels.len().max(1));
         pixels.flat_map(|pixel| rgb.map_or([0.0; 3], |c| c.map(|c| pixel[c]))).collect()
     }
 
-    /// An image of some of the channels, in the order asked for, with the same metadata; `None` if one is
+    /// Returns an image of some of the channels, in the given order, with the same metadata; `None` if one is
     /// missing.
     pub fn select(&self, names: &[impl AsRef<str>]) -> Option<Image> {
         let indices: Vec<usize> = names.iter().map(|n| self.channel(n.as_ref())).collect::<Option<_>>()?;
         Some(self.select_indices(&indices))
     }
 
-    /// An image of the channels with these indices.
+    /// Returns an image of the channels with the given indices.
     fn select_indices(&self, indices: &[usize]) -> Image {
         let mut data = Vec::with_capacity(self.width * self.height * indices.len());
         for pixel in self.data.chunks_exact(self.channels.len().max(1)) {
@@ -136,7 +135,7 @@ impl Image {
         }
     }
 
-    /// The part of the image with top left corner `(x, y)`; `None` if it does not lie inside.
+    /// Returns the region of the image with the top left corner `(x, y)`; `None` if it is not inside the image.
     pub fn crop(&self, x: usize, y: usize, width: usize, height: usize) -> Option<Image> {
         if x.checked_add(width)? > self.width || y.checked_add(height)? > self.height {
             return None;
@@ -149,8 +148,8 @@ impl Image {
         Some(Image { width, height, channels: self.channels.clone(), data, metadata: self.metadata.clone() })
     }
 
-    /// Puts channels into the order that every reader gives: the picture first (R or Y, G, B, A, then others by
-    /// name), then the layers by name, each in the same way.
+    /// Sorts the channels in the order that every reader returns: the base layer first (R or Y, G, B, A, then others
+    /// by name), then the layers by name, each in the same order.
     fn sort_channels(self) -> Image {
         let mut indices: Vec<usize> = (0..self.channels.len()).collect();
         indices.sort_by_key(|&i| {
@@ -178,7 +177,7 @@ impl Image {
 mod tests {
     use super::*;
 
-    /// 3x2 pixels whose value says where they are: 100·channel + 10·y + x.
+    /// 3x2 pixels whose value identifies their position: 100·channel + 10·y + x.
     fn ramp(channels: &[&str]) -> Image {
         let mut image = Image::new(3, 2, channels);
         for y in 0..2 {

@@ -1,4 +1,4 @@
-//! Files and comparison by OpenImageIO, through the C shim of `buffon-oiio-sys`.
+//! Image files and comparison with OpenImageIO, through the C shim of `buffon-oiio-sys`.
 
 use std::ffi::{CStr, CString, c_char};
 use std::marker::PhantomData;
@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use buffon_oiio_sys as sys;
 
-use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
-use super::srgb::{Bytes, Codes, Raster, Samples};
+use super::format::{Difference, ExrOutput, Format, ImagePart, MAX_VALUES, preserved_metadata};
+use super::srgb::{BytePixels, Raster, StoredPixels, StoredSamples};
 use super::{Compression, Image, Metadata, SampleFormat, Value};
 
-/// Our names of metadata for which OpenImageIO has its own.
+/// Buffon's names of metadata for which OpenImageIO has different names.
 const NAMES: [(&str, &str); 4] = [
     ("worldToCamera", "worldtocamera"),
     ("worldToNDC", "worldtoNDC"),
@@ -41,7 +41,7 @@ pub(super) fn set_threads(threads: usize) {
     }
 }
 
-/// A buffer for the message of a call that fails.
+/// A buffer for the message of a failed call.
 struct Message([c_char; 1024]);
 
 impl Message {
@@ -53,7 +53,7 @@ impl Message {
         (self.0.as_mut_ptr(), self.0.len())
     }
 
-    /// What the library said.
+    /// Returns the library's message.
     fn text(&self) -> String {
         let bytes: Vec<u8> = self.0.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
         let text = String::from_utf8_lossy(&bytes).trim().replace('\n', "; ");
@@ -61,7 +61,7 @@ impl Message {
     }
 }
 
-/// A path as the library takes it.
+/// Converts a path for the library.
 fn c_path(path: &Path) -> Result<CString, String> {
     #[cfg(unix)]
     let bytes = std::os::unix::ffi::OsStrExt::as_bytes(path.as_os_str());
@@ -70,13 +70,13 @@ fn c_path(path: &Path) -> Result<CString, String> {
     c_text(bytes)
 }
 
-/// Bytes with a NUL at the end.
+/// Appends a NUL to the bytes.
 fn c_text(bytes: impl AsRef<[u8]>) -> Result<CString, String> {
     CString::new(bytes.as_ref())
         .map_err(|e| format!("{:?} holds a NUL", String::from_utf8_lossy(&e.into_vec())))
 }
 
-/// The library's name for a format.
+/// Returns the library's name of a format.
 fn format_name(format: Format) -> &'static CStr {
     match format {
         Format::OpenExr => c"openexr",
@@ -90,20 +90,20 @@ fn format_name(format: Format) -> &'static CStr {
 }
 
 /// An open file, on disk or in bytes that are borrowed for `'a`; the only owner of the shim's reader.
-struct Reader<'a> {
+struct OiioReader<'a> {
     library: &'static sys::Functions,
     reader: NonNull<sys::BuffonOiioReader>,
     bytes: PhantomData<&'a [u8]>,
 }
 
-impl Drop for Reader<'_> {
+impl Drop for OiioReader<'_> {
     fn drop(&mut self) {
         // SAFETY: the pointer came from `buffon_oiio_open` or `buffon_oiio_open_memory`, this is its only owner and gives it up here.
         unsafe { self.library.buffon_oiio_close(self.reader.as_ptr()) }
     }
 }
 
-impl<'a> Reader<'a> {
+impl<'a> OiioReader<'a> {
     fn open(path: &Path, format: Format) -> Result<Self, String> {
         let (library, path, mut message) = (library()?, c_path(path)?, Message::new());
         let (buffer, size) = message.buffer();
@@ -111,10 +111,10 @@ impl<'a> Reader<'a> {
         let reader =
             unsafe { library.buffon_oiio_open(path.as_ptr(), format_name(format).as_ptr(), buffer, size) };
         let reader = NonNull::new(reader).ok_or_else(|| message.text())?;
-        Ok(Reader { library, reader, bytes: PhantomData })
+        Ok(OiioReader { library, reader, bytes: PhantomData })
     }
 
-    /// A file in memory.
+    /// Opens a file in memory.
     fn open_memory(bytes: &'a [u8], format: Format) -> Result<Self, String> {
         let (library, mut message) = (library()?, Message::new());
         let (buffer, size) = message.buffer();
@@ -123,10 +123,10 @@ impl<'a> Reader<'a> {
         // name ends with a NUL, and `size` bytes of `buffer` are ours to write.
         let reader = unsafe { library.buffon_oiio_open_memory(data, length, name, buffer, size) };
         let reader = NonNull::new(reader).ok_or_else(|| message.text())?;
-        Ok(Reader { library, reader, bytes: PhantomData })
+        Ok(OiioReader { library, reader, bytes: PhantomData })
     }
 
-    /// Goes to a part; `None` after the last.
+    /// Selects a part; `None` after the last.
     fn part(&mut self, index: i32) -> Result<Option<sys::BuffonOiioPart>, String> {
         let mut message = Message::new();
         let (buffer, size) = message.buffer();
@@ -147,7 +147,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The names of the current part's channels.
+    /// Returns the names of the current part's channels.
     fn channels(&self, count: i32) -> Vec<String> {
         (0..count)
             .map(|c| {
@@ -157,7 +157,7 @@ impl<'a> Reader<'a> {
             .collect()
     }
 
-    /// The metadata of the current part.
+    /// Returns the metadata of the current part.
     fn metadata(&self, count: usize) -> Metadata {
         let mut metadata = Metadata::new();
         for index in 0..count {
@@ -179,10 +179,10 @@ impl<'a> Reader<'a> {
                 NAMES.iter().find(|(_, name)| *name == theirs).map_or(theirs.as_str(), |(name, _)| name);
             metadata.set(ours, value);
         }
-        kept(metadata)
+        preserved_metadata(metadata)
     }
 
-    /// The pixels of the current part.
+    /// Reads the pixels of the current part.
     fn pixels(&mut self, part: &sys::BuffonOiioPart) -> Result<Vec<f32>, String> {
         let mut data = vec![0.0f32; values(part, MAX_VALUES)?];
         let mut message = Message::new();
@@ -195,21 +195,21 @@ impl<'a> Reader<'a> {
         if done == 0 { Err(message.text()) } else { Ok(data) }
     }
 
-    /// The samples of the current part as they are stored; floats if they are no integers of 8 or 16 bits.
-    fn samples(&mut self, part: &sys::BuffonOiioPart, most: u64) -> Result<Samples, String> {
+    /// Reads the samples of the current part as stored, or as floats if they are not integers of 8 or 16 bits.
+    fn samples(&mut self, part: &sys::BuffonOiioPart, most: u64) -> Result<StoredSamples, String> {
         let (count, mut message) = (values(part, most)?, Message::new());
         let (buffer, size) = message.buffer();
         let (library, reader) = (self.library, self.reader.as_ptr());
         let (samples, done) = match part.sample as u32 {
             sys::BUFFON_OIIO_SAMPLE_BYTE => {
                 let mut bytes = vec![0u8; count];
-                // SAFETY: the reader is open; `bytes` are `count` numbers of the type that the sample's kind says, and the
-                // shim checks both against the part; `size` bytes of `buffer` are ours to write.
+                // SAFETY: the reader is open; `bytes` has `count` numbers of the type given by the sample's kind, and
+                // the shim checks both against the part; `size` bytes of `buffer` are writable.
                 let done = unsafe {
                     let to = bytes.as_mut_ptr().cast();
                     library.buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
                 };
-                (Samples::Bytes(bytes), done)
+                (StoredSamples::Bytes(bytes), done)
             }
             sys::BUFFON_OIIO_SAMPLE_SHORT => {
                 let mut shorts = vec![0u16; count];
@@ -218,15 +218,15 @@ impl<'a> Reader<'a> {
                     let to = shorts.as_mut_ptr().cast();
                     library.buffon_oiio_read_codes(reader, part.sample, to, count, buffer, size)
                 };
-                (Samples::Shorts(shorts), done)
+                (StoredSamples::Shorts(shorts), done)
             }
-            _ => return self.pixels(part).map(Samples::Floats),
+            _ => return self.pixels(part).map(StoredSamples::Floats),
         };
         if done == 0 { Err(message.text()) } else { Ok(samples) }
     }
 }
 
-/// How many values a part holds, if it is at least one and at most `most`.
+/// Returns the number of values in a part, which must be at least one and at most `most`.
 fn values(part: &sys::BuffonOiioPart, most: u64) -> Result<usize, String> {
     let sides = [part.width, part.height, part.channels].map(|n| u64::try_from(n).unwrap_or(0));
     let values = sides.iter().fold(1u64, |product, n| product.saturating_mul(*n));
@@ -236,27 +236,27 @@ fn values(part: &sys::BuffonOiioPart, most: u64) -> Result<usize, String> {
     Ok(values as usize)
 }
 
-/// A copy of a C string; empty for null.
+/// Copies a C string; empty for null.
 ///
 /// # Safety
 /// `text` is null or points to bytes that end with a NUL.
 unsafe fn text(text: *const c_char) -> String {
     match text.is_null() {
         true => String::new(),
-        // SAFETY: not null, and the caller vouches for the rest.
+        // SAFETY: not null; the caller guarantees the rest.
         false => unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned(),
     }
 }
 
-/// An attribute with nothing but a name.
+/// Creates an attribute with only a name.
 fn attribute(name: *const c_char) -> sys::BuffonOiioAttribute {
     let kind = sys::BUFFON_OIIO_INT as i32;
     sys::BuffonOiioAttribute { name, kind, integer: 0, number: 0.0, text: ptr::null(), matrix: [0.0; 16] }
 }
 
-/// All parts of an OpenEXR file.
-pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
-    let mut reader = Reader::open(path, Format::OpenExr)?;
+/// Reads all parts of an OpenEXR file.
+pub(super) fn read_exr(path: &Path) -> Result<Vec<ImagePart>, String> {
+    let mut reader = OiioReader::open(path, Format::OpenExr)?;
     let mut parts = Vec::new();
     while let Some(part) = reader.part(parts.len() as i32)? {
         if part.deep != 0 {
@@ -267,49 +267,49 @@ pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
         let (channels, metadata) = (reader.channels(part.channels), reader.metadata(part.attributes));
         let data = reader.pixels(&part)?;
         let (width, height) = (part.width as usize, part.height as usize);
-        parts.push(Part { name, image: Image { width, height, channels, data, metadata } });
+        parts.push(ImagePart { name, image: Image { width, height, channels, data, metadata } });
     }
     Ok(parts)
 }
 
-/// The samples of a PNG, JPEG, BMP, TGA or HDR file.
+/// Reads the samples of a PNG, JPEG, BMP, TGA or HDR file.
 pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String> {
-    read_codes(path, format, MAX_VALUES).map(Raster::from)
+    read_stored(path, format, MAX_VALUES).map(Raster::from)
 }
 
-/// The samples of a PNG, JPEG, BMP, TGA or HDR file as they are stored, if there are at most `most`.
-pub(super) fn read_codes(path: &Path, format: Format, most: u64) -> Result<Codes, String> {
-    codes(Reader::open(path, format)?, most)
+/// Reads the stored samples of a PNG, JPEG, BMP, TGA or HDR file, if there are at most `most`.
+pub(super) fn read_stored(path: &Path, format: Format, most: u64) -> Result<StoredPixels, String> {
+    stored(OiioReader::open(path, format)?, most)
 }
 
-/// As [`read_codes`], of a file in memory.
-pub(super) fn decode_codes(bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
-    codes(Reader::open_memory(bytes, format)?, most)
+/// Decodes a file in memory as [`read_stored`] does.
+pub(super) fn decode_stored(bytes: &[u8], format: Format, most: u64) -> Result<StoredPixels, String> {
+    stored(OiioReader::open_memory(bytes, format)?, most)
 }
 
-/// The samples of an open file's first part.
-fn codes(mut reader: Reader<'_>, most: u64) -> Result<Codes, String> {
+/// Reads the samples of an open file's first part.
+fn stored(mut reader: OiioReader<'_>, most: u64) -> Result<StoredPixels, String> {
     let part = reader.part(0)?.ok_or("there is no image in it")?;
     if !(1..=4).contains(&part.channels) {
         return Err(format!("expected 1 to 4 channels, found {}", part.channels));
     }
     let samples = reader.samples(&part, most)?;
     let (width, height) = (part.width as usize, part.height as usize);
-    Ok(Codes { width, height, channels: part.channels as usize, samples })
+    Ok(StoredPixels { width, height, channels: part.channels as usize, samples })
 }
 
-/// Strings and attributes in the library's form; the attributes point into the strings.
-struct Attributes {
+/// Strings and attributes in the library's representation; the attributes point into the strings.
+struct OiioAttributes {
     list: Vec<sys::BuffonOiioAttribute>,
     _strings: Vec<CString>,
 }
 
-impl Attributes {
+impl OiioAttributes {
     fn of(metadata: &Metadata) -> Result<Self, String> {
         let (mut list, mut strings) = (Vec::new(), Vec::new());
         for (name, value) in metadata.iter() {
             let theirs = NAMES.iter().find(|(ours, _)| *ours == name).map_or(name, |(_, theirs)| theirs);
-            // The bytes of a CString stay where they are when the CString moves.
+            // The bytes of a CString do not move with the CString.
             let name = c_text(theirs)?;
             let mut a = attribute(name.as_ptr());
             strings.push(name);
@@ -325,17 +325,17 @@ impl Attributes {
             }
             list.push(a);
         }
-        Ok(Attributes { list, _strings: strings })
+        Ok(OiioAttributes { list, _strings: strings })
     }
 }
 
-/// What is to be written, in safe types.
-struct Job<'a> {
+/// The image to write, in safe types.
+struct EncodeJob<'a> {
     format: Format,
     width: usize,
     height: usize,
     channels: Vec<&'a str>,
-    /// By channel.
+    /// For each channel.
     samples: Vec<i32>,
     floats: Option<&'a [f32]>,
     bytes: Option<&'a [u8]>,
@@ -344,19 +344,19 @@ struct Job<'a> {
 }
 
 /// An encoded file; the only owner of the shim's buffer.
-struct Buffer {
+struct EncodedFile {
     library: &'static sys::Functions,
     buffer: NonNull<sys::BuffonOiioBuffer>,
 }
 
-impl Drop for Buffer {
+impl Drop for EncodedFile {
     fn drop(&mut self) {
         // SAFETY: the pointer came from `buffon_oiio_encode`, this is its only owner and gives it up here.
         unsafe { self.library.buffon_oiio_free(self.buffer.as_ptr()) }
     }
 }
 
-impl Buffer {
+impl EncodedFile {
     fn bytes(&self) -> Vec<u8> {
         let mut size = 0;
         // SAFETY: the buffer is alive, and so for as long as `self` are the `size` bytes that are returned;
@@ -369,12 +369,12 @@ impl Buffer {
 }
 
 /// The bytes of a file.
-fn encode(job: &Job) -> Result<Vec<u8>, String> {
+fn encode(job: &EncodeJob) -> Result<Vec<u8>, String> {
     let library = library()?;
     let names: Vec<CString> = job.channels.iter().map(c_text).collect::<Result<_, _>>()?;
     let name_pointers: Vec<*const c_char> = names.iter().map(|n| n.as_ptr()).collect();
     let compression = c_text(&job.compression)?;
-    let attributes = Attributes::of(&job.metadata)?;
+    let attributes = OiioAttributes::of(&job.metadata)?;
     let values = job.width * job.height * job.channels.len();
     let given = job.floats.map_or(0, <[f32]>::len) + job.bytes.map_or(0, <[u8]>::len);
     assert_eq!(given, values, "the buffer does not fit the image");
@@ -399,10 +399,10 @@ fn encode(job: &Job) -> Result<Vec<u8>, String> {
     // `size` bytes of `buffer` are ours to write.
     let encoded = unsafe { library.buffon_oiio_encode(&output, buffer, size) };
     let buffer = NonNull::new(encoded).ok_or_else(|| message.text())?;
-    Ok(Buffer { library, buffer }.bytes())
+    Ok(EncodedFile { library, buffer }.bytes())
 }
 
-/// The bytes of an OpenEXR file of one part.
+/// Encodes a single-part OpenEXR file.
 pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     let image = output.image;
     let sample = |format: &SampleFormat| match format {
@@ -416,7 +416,7 @@ pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
         Compression::Zip => "zip",
         Compression::Piz => "piz",
     };
-    encode(&Job {
+    encode(&EncodeJob {
         format: Format::OpenExr,
         width: image.width,
         height: image.height,
@@ -429,8 +429,8 @@ pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     })
 }
 
-/// The bytes of a PNG or JPEG file; JPEG with full chroma resolution.
-pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
+/// Encodes a PNG or JPEG file; JPEG with full chroma resolution.
+pub(super) fn encode_bytes(format: Format, pixels: &BytePixels, quality: u8) -> Result<Vec<u8>, String> {
     let channels: &[&str] = match pixels.channels {
         1 => &["Y"],
         2 => &["Y", "A"],
@@ -443,7 +443,7 @@ pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Resul
         }
         _ => ("zip".into(), Metadata::new()),
     };
-    encode(&Job {
+    encode(&EncodeJob {
         format,
         width: pixels.width,
         height: pixels.height,
@@ -456,7 +456,7 @@ pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Resul
     })
 }
 
-/// Width, height and channels for a call; the image's values are as many as they say.
+/// Returns width, height and channels, which are checked against the number of values.
 fn shape(image: &Image) -> Result<[i32; 3], String> {
     let sides = [image.width, image.height, image.channels.len()];
     assert_eq!(image.data.len(), sides.iter().product::<usize>(), "the values do not fit the image");
@@ -466,7 +466,7 @@ fn shape(image: &Image) -> Result<[i32; 3], String> {
     }
 }
 
-/// Differences of two images of the same shape.
+/// Computes the differences of two images of the same shape.
 pub(super) fn difference(a: &Image, b: &Image) -> Result<Difference, String> {
     let [width, height, channels] = shape(a)?;
     assert_eq!(shape(b)?, [width, height, channels], "images of different shape");

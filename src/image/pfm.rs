@@ -1,9 +1,9 @@
-//! The portable float map: a text header, then 32-bit floats, rows from the bottom up [Debevec, PFM].
+//! The portable float map: a text header, then 32-bit floats, with rows from the bottom up. [Debevec, PFM]
 
 use super::format::MAX_VALUES;
 use super::{Image, Metadata};
 
-/// The bytes of a little-endian file of one channel or three, given top row first.
+/// Encodes a little-endian file with one or three channels. `data` has the top row first.
 pub(super) fn encode(width: usize, height: usize, channels: usize, data: &[f32]) -> Vec<u8> {
     let kind = if channels == 3 { "PF" } else { "Pf" };
     let mut bytes = format!("{kind}\n{width} {height}\n-1.0\n").into_bytes();
@@ -14,7 +14,7 @@ pub(super) fn encode(width: usize, height: usize, channels: usize, data: &[f32])
     bytes
 }
 
-/// The image of a file's bytes, of either endianness. A scale whose magnitude is not 1 multiplies the values.
+/// Decodes a file of either endianness. If the magnitude of the scale is not 1, the values are multiplied by it.
 pub(super) fn decode(bytes: &[u8]) -> Result<Image, String> {
     let mut rest = bytes;
     let channels = match token(&mut rest)? {
@@ -51,7 +51,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Image, String> {
     Ok(Image { width, height, channels, data, metadata: Metadata::new() })
 }
 
-/// The next word of the header and the one whitespace byte after it.
+/// Returns the next word of the header and skips one whitespace byte after it.
 fn token<'a>(rest: &mut &'a [u8]) -> Result<&'a str, String> {
     let bytes = rest.trim_ascii_start();
     let end = bytes.iter().position(u8::is_ascii_whitespace).filter(|&end| end <= 64);
@@ -61,7 +61,7 @@ fn token<'a>(rest: &mut &'a [u8]) -> Result<&'a str, String> {
     Ok(word)
 }
 
-/// The next word of the header as a number.
+/// Returns the next word of the header as a number.
 fn number<T: std::str::FromStr>(rest: &mut &[u8], what: &str) -> Result<T, String> {
     let word = token(rest)?;
     word.parse().map_err(|_| format!("expected {what} as a number, found \"{word}\""))

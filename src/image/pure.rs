@@ -1,4 +1,4 @@
-//! Files by the crates `exr` and `image`.
+//! Image files with the crates `exr` and `image`.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Seek};
@@ -16,13 +16,13 @@ use exr::prelude::{
 };
 
 use super::exr_header::sort_attributes;
-use super::format::{Difference, ExrOutput, Format, MAX_VALUES, Part, kept};
-use super::srgb::{Bytes, Codes, Raster, Samples};
+use super::format::{Difference, ExrOutput, Format, ImagePart, MAX_VALUES, preserved_metadata};
+use super::srgb::{BytePixels, Raster, StoredPixels, StoredSamples};
 use super::{Compression, Image, Metadata, SampleFormat, Value};
 use crate::estimate::metrics;
 
-/// All parts of an OpenEXR file.
-pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
+/// Reads all parts of an OpenEXR file.
+pub(super) fn read_exr(path: &Path) -> Result<Vec<ImagePart>, String> {
     let headers = MetaData::read_from_file(path, false).map_err(|e| e.to_string())?.headers;
     let values: u64 = headers
         .iter()
@@ -43,8 +43,8 @@ pub(super) fn read_exr(path: &Path) -> Result<Vec<Part>, String> {
     file.layer_data.into_iter().map(|layer| part(layer, &shared)).collect()
 }
 
-/// Our form of a layer, as the crate calls a part.
-fn part(layer: Layer<AnyChannels<FlatSamples>>, shared: &ImageAttributes) -> Result<Part, String> {
+/// Converts a layer, which is the crate's name of a part.
+fn part(layer: Layer<AnyChannels<FlatSamples>>, shared: &ImageAttributes) -> Result<ImagePart, String> {
     let (width, height) = (layer.size.x(), layer.size.y());
     let list = &layer.channel_data.list;
     if let Some(channel) = list.iter().find(|c| c.sample_data.len() != width * height) {
@@ -62,10 +62,10 @@ fn part(layer: Layer<AnyChannels<FlatSamples>>, shared: &ImageAttributes) -> Res
     let channels = list.iter().map(|c| c.name.to_string()).collect();
     let name = layer.attributes.layer_name.as_ref().map(Text::to_string).unwrap_or_default();
     let metadata = metadata_of(layer.attributes, shared);
-    Ok(Part { name, image: Image { width, height, channels, data, metadata } })
+    Ok(ImagePart { name, image: Image { width, height, channels, data, metadata } })
 }
 
-/// The metadata of a layer and of its file.
+/// Returns the metadata of a layer and of its file.
 fn metadata_of(layer: LayerAttributes, shared: &ImageAttributes) -> Metadata {
     let mut metadata = Metadata::new();
     let texts = [("comments", layer.comments), ("owner", layer.owner), ("software", layer.software_name)];
@@ -91,10 +91,10 @@ fn metadata_of(layer: LayerAttributes, shared: &ImageAttributes) -> Metadata {
         };
         metadata.set(name.to_string(), value);
     }
-    kept(metadata)
+    preserved_metadata(metadata)
 }
 
-/// The bytes of an OpenEXR file of one part.
+/// Encodes a single-part OpenEXR file.
 pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     let image = output.image;
     let count = image.channels.len();
@@ -127,7 +127,7 @@ pub(super) fn encode_exr(output: &ExrOutput) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// The crate's name for a compression.
+/// Returns the crate's equivalent of a compression.
 fn compression(ours: Compression) -> exr::prelude::Compression {
     use exr::prelude::Compression as Theirs;
     match ours {
@@ -139,12 +139,12 @@ fn compression(ours: Compression) -> exr::prelude::Compression {
     }
 }
 
-/// Text as the crate holds it: Latin-1 or what UTF-8 makes of it, byte for byte.
+/// Converts text for the crate, which accepts Latin-1: UTF-8 is passed byte for byte.
 fn text(text: &str) -> Result<Text, String> {
     Text::new_or_none(text).ok_or_else(|| format!("\"{text}\" cannot be written as OpenEXR text"))
 }
 
-/// Puts a metadata value where the crate wants it.
+/// Stores a metadata value in the crate's structures.
 fn put(attributes: &mut LayerAttributes, name: &str, value: &Value) -> Result<(), String> {
     let value = match (name, value) {
         ("worldToCamera", Value::Matrix(m)) => {
@@ -172,7 +172,7 @@ fn put(attributes: &mut LayerAttributes, name: &str, value: &Value) -> Result<()
     Ok(())
 }
 
-/// The crate's name for a format.
+/// Returns the crate's equivalent of a format.
 fn image_format(format: Format) -> ImageFormat {
     match format {
         Format::Png => ImageFormat::Png,
@@ -184,23 +184,23 @@ fn image_format(format: Format) -> ImageFormat {
     }
 }
 
-/// The samples of a PNG, JPEG, BMP, TGA or HDR file.
+/// Reads the samples of a PNG, JPEG, BMP, TGA or HDR file.
 pub(super) fn read_raster(path: &Path, format: Format) -> Result<Raster, String> {
-    read_codes(path, format, MAX_VALUES).map(Raster::from)
+    read_stored(path, format, MAX_VALUES).map(Raster::from)
 }
 
-/// The samples of a PNG, JPEG, BMP, TGA or HDR file as they are stored, if there are at most `most`.
-pub(super) fn read_codes(path: &Path, format: Format, most: u64) -> Result<Codes, String> {
-    codes(BufReader::new(File::open(path).map_err(|e| e.to_string())?), format, most)
+/// Reads the stored samples of a PNG, JPEG, BMP, TGA or HDR file, if there are at most `most`.
+pub(super) fn read_stored(path: &Path, format: Format, most: u64) -> Result<StoredPixels, String> {
+    stored(BufReader::new(File::open(path).map_err(|e| e.to_string())?), format, most)
 }
 
-/// As [`read_codes`], of a file in memory.
-pub(super) fn decode_codes(bytes: &[u8], format: Format, most: u64) -> Result<Codes, String> {
-    codes(Cursor::new(bytes), format, most)
+/// Decodes a file in memory as [`read_stored`] does.
+pub(super) fn decode_stored(bytes: &[u8], format: Format, most: u64) -> Result<StoredPixels, String> {
+    stored(Cursor::new(bytes), format, most)
 }
 
-/// The samples of a file.
-fn codes(file: impl BufRead + Seek, format: Format, most: u64) -> Result<Codes, String> {
+/// Reads the samples of a file.
+fn stored(file: impl BufRead + Seek, format: Format, most: u64) -> Result<StoredPixels, String> {
     let mut reader = ImageReader::with_format(file, image_format(format));
     let mut limits = Limits::default();
     limits.max_alloc = Some(4 * most);
@@ -214,21 +214,21 @@ fn codes(file: impl BufRead + Seek, format: Format, most: u64) -> Result<Codes, 
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?;
     let (width, height) = (width as usize, height as usize);
     let (channels, samples) = match decoded {
-        DynamicImage::ImageLuma8(i) => (1, Samples::Bytes(i.into_raw())),
-        DynamicImage::ImageLumaA8(i) => (2, Samples::Bytes(i.into_raw())),
-        DynamicImage::ImageRgb8(i) => (3, Samples::Bytes(i.into_raw())),
-        DynamicImage::ImageRgba8(i) => (4, Samples::Bytes(i.into_raw())),
-        DynamicImage::ImageLuma16(i) => (1, Samples::Shorts(i.into_raw())),
-        DynamicImage::ImageLumaA16(i) => (2, Samples::Shorts(i.into_raw())),
-        DynamicImage::ImageRgb16(i) => (3, Samples::Shorts(i.into_raw())),
-        DynamicImage::ImageRgba16(i) => (4, Samples::Shorts(i.into_raw())),
-        other => (3, Samples::Floats(other.into_rgb32f().into_raw())),
+        DynamicImage::ImageLuma8(i) => (1, StoredSamples::Bytes(i.into_raw())),
+        DynamicImage::ImageLumaA8(i) => (2, StoredSamples::Bytes(i.into_raw())),
+        DynamicImage::ImageRgb8(i) => (3, StoredSamples::Bytes(i.into_raw())),
+        DynamicImage::ImageRgba8(i) => (4, StoredSamples::Bytes(i.into_raw())),
+        DynamicImage::ImageLuma16(i) => (1, StoredSamples::Shorts(i.into_raw())),
+        DynamicImage::ImageLumaA16(i) => (2, StoredSamples::Shorts(i.into_raw())),
+        DynamicImage::ImageRgb16(i) => (3, StoredSamples::Shorts(i.into_raw())),
+        DynamicImage::ImageRgba16(i) => (4, StoredSamples::Shorts(i.into_raw())),
+        other => (3, StoredSamples::Floats(other.into_rgb32f().into_raw())),
     };
-    Ok(Codes { width, height, channels, samples })
+    Ok(StoredPixels { width, height, channels, samples })
 }
 
-/// The bytes of a PNG or JPEG file.
-pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Result<Vec<u8>, String> {
+/// Encodes a PNG or JPEG file.
+pub(super) fn encode_bytes(format: Format, pixels: &BytePixels, quality: u8) -> Result<Vec<u8>, String> {
     let mut file = Vec::new();
     let (width, height) = (pixels.width as u32, pixels.height as u32);
     let colour = match pixels.channels {
@@ -250,7 +250,7 @@ pub(super) fn encode_bytes(format: Format, pixels: &Bytes, quality: u8) -> Resul
     Ok(file)
 }
 
-/// Differences of two images of the same shape.
+/// Computes the differences of two images of the same shape.
 pub(super) fn difference(a: &Image, b: &Image) -> Difference {
     let (x, r) = (&a.data, &b.data);
     let (channels, mse) = (a.channels.len(), metrics::mse(x, r));

@@ -4,58 +4,57 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::format::{Backend, Format, Part};
-use super::header::{self, Denied, Purpose};
+use super::format::{Backend, Format, ImagePart};
+use super::header::{self, HeaderError, Purpose};
 use super::texture::{MAX_TEXTURE_VALUES, TextureImage, TextureLayers};
 use super::{Image, pfm, srgb};
 use crate::error::{Error, Result};
 use crate::memory::{Budget, Limit, Reservation};
 
-/// Reads an image: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM, told apart by content and not by extension.
+/// Reads an image: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM, detected by content, not by extension.
 ///
-/// The result is linear with premultiplied alpha. Channels come in a fixed order: R, G, B, A, others by name,
-/// then layers by name. An OpenEXR file of several parts gives one image whose channels have the part's name
-/// in front; of a file with mip levels the full resolution is read, of one with a display window all stored
-/// pixels.
+/// The result is linear with premultiplied alpha. Channels have a fixed order: R, G, B, A, others by name, then
+/// layers by name. A multi-part OpenEXR file gives one image, whose channel names begin with the part's name. If a
+/// file has mip levels, the full resolution is read; if it has a display window, all stored pixels are read.
 ///
 /// # Errors
-/// If the file is missing, empty, no image, damaged or cut short, if its parts differ in size, or if decoding it would take
-/// more memory than is available.
+/// If the file is missing, empty, not an image, damaged or truncated, if its parts differ in size, or if decoding
+/// exceeds the available memory.
 pub fn read(path: &Path) -> Result<Image> {
     read_with(Backend::default(), path)
 }
 
-/// [`read`] with a given library.
+/// Computes [`read`] with a given library.
 pub fn read_with(backend: Backend, path: &Path) -> Result<Image> {
     let file = ImageFile::open(path)?;
-    let _reserved = file.admit(Purpose::Image, &Budget::open(Limit::Available))?;
+    let _reserved = file.reserve_decoding(Purpose::Image, &Budget::open(Limit::Available))?;
     file.image(backend)
 }
 
-/// Reads an image as a texture: what [`read`] reads, but integers stay what they are.
+/// Reads an image as a texture: as [`read`], but integer samples are not converted to floats.
 ///
 /// # Errors
-/// As [`read`]; also if there is no picture in it, or more than 2^30 values.
+/// As [`read`]; also if the image has no base layer or more than 2^30 values.
 pub fn read_texture(path: &Path) -> Result<TextureImage> {
     read_texture_with(Backend::default(), path)
 }
 
-/// [`read_texture`] within a budget, where the texture's memory is planned from then on.
+/// Computes [`read_texture`] with a budget, to which the texture's memory is charged.
 ///
 /// # Errors
-/// As [`read_texture`], by what the budget has left.
+/// As [`read_texture`], with the remaining budget.
 pub fn read_texture_within(path: &Path, memory: &Budget) -> Result<TextureImage> {
     texture(Backend::default(), path, memory)
 }
 
-/// [`read_texture`] with a given library.
+/// Computes [`read_texture`] with a given library.
 pub fn read_texture_with(backend: Backend, path: &Path) -> Result<TextureImage> {
     texture(backend, path, &Budget::open(Limit::Available))
 }
 
 fn texture(backend: Backend, path: &Path, memory: &Budget) -> Result<TextureImage> {
     let file = ImageFile::open(path)?;
-    let reserved = file.admit(Purpose::Texture, memory)?;
+    let reserved = file.reserve_decoding(Purpose::Texture, memory)?;
     let texture = match file.format {
         Format::OpenExr | Format::Pfm => {
             let image = file.image(backend)?;
@@ -63,32 +62,32 @@ fn texture(backend: Backend, path: &Path, memory: &Budget) -> Result<TextureImag
         }
         Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
             file.check_whole()?;
-            let codes = backend.read_codes(path, file.format, MAX_TEXTURE_VALUES);
-            TextureImage::from_codes(codes.map_err(|why| file.damaged(&why))?)
+            let stored = backend.read_stored(path, file.format, MAX_TEXTURE_VALUES);
+            TextureImage::from_stored(stored.map_err(|why| file.damaged(&why))?)
         }
     };
     reserved.keep(texture.memory_bytes() as u64);
     Ok(texture)
 }
 
-/// Reads the bytes of a PNG, JPEG, BMP, TGA or Radiance HDR file as a texture; `name` is what errors call it.
+/// Reads the bytes of a PNG, JPEG, BMP, TGA or Radiance HDR file as a texture; `name` is the name in error messages.
 ///
 /// # Errors
-/// If they are no such image, damaged or cut short, if there are more than 2^30 values, or if decoding them would take more
-/// memory than is available.
+/// If they are not such an image, damaged or truncated, if there are more than 2^30 values, or if decoding exceeds
+/// the available memory.
 pub fn read_texture_bytes(name: &Path, bytes: &[u8]) -> Result<TextureLayers> {
     read_texture_bytes_with(Backend::default(), name, bytes)
 }
 
-/// [`read_texture_bytes`] within a budget, where the layers' memory is planned from then on.
+/// Computes [`read_texture_bytes`] with a budget, to which the layers' memory is charged.
 ///
 /// # Errors
-/// As [`read_texture_bytes`], by what the budget has left.
+/// As [`read_texture_bytes`], with the remaining budget.
 pub fn read_texture_bytes_within(name: &Path, bytes: &[u8], memory: &Budget) -> Result<TextureLayers> {
     layers(Backend::default(), name, bytes, memory)
 }
 
-/// [`read_texture_bytes`] with a given library.
+/// Computes [`read_texture_bytes`] with a given library.
 pub fn read_texture_bytes_with(backend: Backend, name: &Path, bytes: &[u8]) -> Result<TextureLayers> {
     layers(backend, name, bytes, &Budget::open(Limit::Available))
 }
@@ -107,19 +106,19 @@ fn layers(backend: Backend, name: &Path, bytes: &[u8], memory: &Budget) -> Resul
     if format == Format::Jpeg && !jpeg_is_whole(bytes) {
         return Err(damaged("the end of the image is missing".into()));
     }
-    let admitted = header::admit(format, bytes, bytes.len() as u64, Purpose::Texture, memory);
+    let admitted = header::reserve_decoding(format, bytes, bytes.len() as u64, Purpose::Texture, memory);
     let reserved = admitted.map_err(|denied| match denied {
-        Denied::Damaged(why) => damaged(why),
-        Denied::Memory(what, refusal) => fail(refusal.sentence(&what, "use a smaller image")),
+        HeaderError::Damaged(why) => damaged(why),
+        HeaderError::Memory(what, refusal) => fail(refusal.sentence(&what, "use a smaller image")),
     })?;
-    let codes = backend.decode_codes(bytes, format, MAX_TEXTURE_VALUES).map_err(damaged)?;
-    let layers = TextureLayers::from_codes(codes);
+    let stored = backend.decode_stored(bytes, format, MAX_TEXTURE_VALUES).map_err(damaged)?;
+    let layers = TextureLayers::from_stored(stored);
     let alpha = layers.alpha.as_ref().map_or(0, TextureImage::memory_bytes);
     reserved.keep((layers.color.memory_bytes() + alpha) as u64);
     Ok(layers)
 }
 
-/// A file whose format is known.
+/// A file with known format.
 struct ImageFile<'a> {
     path: &'a Path,
     format: Format,
@@ -139,26 +138,31 @@ impl<'a> ImageFile<'a> {
         self.fail(format!("damaged or cut short {} file ({})", self.format.name(), why.trim()))
     }
 
-    /// Reserves what decoding takes by the header, which must not claim more than the file can hold.
-    fn admit(&self, purpose: Purpose, memory: &Budget) -> Result<Reservation> {
+    /// Reserves the memory for decoding according to the header, whose sizes must not exceed what the file can
+    /// contain.
+    fn reserve_decoding(&self, purpose: Purpose, memory: &Budget) -> Result<Reservation> {
         let start_and_length = || {
             let file = File::open(self.path)?;
             let length = file.metadata()?.len();
             let mut start = Vec::new();
-            // In a JPEG the size may stand behind any number of other things.
-            let most = if self.format == Format::Jpeg { length } else { header::START };
+            // In a JPEG, the size may come after any number of other segments.
+            let most = if self.format == Format::Jpeg { length } else { header::HEADER_BYTES };
             file.take(most).read_to_end(&mut start)?;
             Ok((start, length))
         };
         let (start, length) =
             start_and_length().map_err(|e: std::io::Error| self.fail(format!("cannot be read: {e}")))?;
-        header::admit(self.format, &start, length, purpose, memory).map_err(|denied| match denied {
-            Denied::Damaged(why) => self.damaged(&why),
-            Denied::Memory(what, refusal) => self.fail(refusal.sentence(&what, "use a smaller image")),
-        })
+        header::reserve_decoding(self.format, &start, length, purpose, memory).map_err(
+            |denied| match denied {
+                HeaderError::Damaged(why) => self.damaged(&why),
+                HeaderError::Memory(what, refusal) => {
+                    self.fail(refusal.sentence(&what, "use a smaller image"))
+                }
+            },
+        )
     }
 
-    /// The image, with its channels in order.
+    /// Decodes the image, with its channels in order.
     fn image(&self, backend: Backend) -> Result<Image> {
         let damaged = |why: String| self.damaged(&why);
         let image = match self.format {
@@ -179,7 +183,7 @@ impl<'a> ImageFile<'a> {
         Ok(image.sort_channels())
     }
 
-    /// Looks for the end of a file whose decoders do not miss it.
+    /// Checks the end of a file, for formats whose decoders do not detect truncation.
     fn check_whole(&self) -> Result<()> {
         if self.format != Format::Jpeg {
             return Ok(());
@@ -192,7 +196,7 @@ impl<'a> ImageFile<'a> {
     }
 }
 
-/// The format that the file's content announces.
+/// Detects the format from the file's content.
 fn sniff(path: &Path) -> Result<Format, String> {
     let mut start = Vec::new();
     match std::fs::metadata(path) {
@@ -211,9 +215,11 @@ fn sniff(path: &Path) -> Result<Format, String> {
     })
 }
 
-/// Whether a JPEG file has an end of image behind its first scan. Decoders fill up what is missing with grey.
+/// Returns whether a JPEG file has an end-of-image marker after its first scan. Decoders replace missing data by
+/// grey.
 fn jpeg_is_whole(bytes: &[u8]) -> bool {
-    // Segments: 0xff, a marker, a length that counts itself; thumbnails in them have ends of their own.
+    // A segment has 0xff, a marker, and a length that includes itself. Thumbnails inside segments have their own
+    // markers.
     let mut at = 2;
     while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
         if marker == 0xff {
@@ -222,23 +228,23 @@ fn jpeg_is_whole(bytes: &[u8]) -> bool {
         }
         at += 2 + usize::from(u16::from_be_bytes([high, low]));
         if marker == 0xda {
-            // Within a scan 0xff is followed by 0 or by a restart marker.
+            // Within a scan, 0xff is followed by 0 or by a restart marker.
             return bytes.get(at..).is_some_and(|scan| scan.windows(2).any(|w| w == [0xff, 0xd9]));
         }
     }
     false
 }
 
-/// One image of all parts of a file.
-fn join(parts: Vec<Part>) -> Result<Image, String> {
+/// Joins all parts of a file to one image.
+fn join(parts: Vec<ImagePart>) -> Result<Image, String> {
     let mut parts = parts.into_iter();
     let first = parts.next().ok_or("expected an image, found a file without parts")?;
-    let rest: Vec<Part> = parts.collect();
+    let rest: Vec<ImagePart> = parts.collect();
     if rest.is_empty() {
         return Ok(first.image);
     }
     let (width, height) = (first.image.width, first.image.height);
-    let all: Vec<Part> = std::iter::once(first).chain(rest).collect();
+    let all: Vec<ImagePart> = std::iter::once(first).chain(rest).collect();
     if let Some(other) = all.iter().find(|p| (p.image.width, p.image.height) != (width, height)) {
         let (w, h) = (other.image.width, other.image.height);
         let name = &other.name;
@@ -267,7 +273,7 @@ fn join(parts: Vec<Part>) -> Result<Image, String> {
     Ok(joined)
 }
 
-/// A channel's name with its part's in front, unless it is there already.
+/// Returns a channel's name with the name of its part as a prefix, unless it already has the prefix.
 fn channel_of_part(part: &str, channel: &str) -> String {
     let has_it = channel.strip_prefix(part).is_some_and(|rest| rest.starts_with('.'));
     if part.is_empty() || has_it { channel.to_owned() } else { format!("{part}.{channel}") }

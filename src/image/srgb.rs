@@ -1,19 +1,19 @@
-//! Between linear values and the 8 bits of a PNG or JPEG file.
+//! Conversion between linear values and 8-bit sRGB samples.
 
 use super::{Image, Metadata};
 
-/// The linear value of an sRGB-encoded one, both in [0, 1] [IEC 61966-2-1].
+/// Decodes an sRGB value, both in [0, 1]. [IEC 61966-2-1]
 pub fn from_srgb(encoded: f64) -> f64 {
     if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The sRGB encoding of a linear value, both in [0, 1] [IEC 61966-2-1].
+/// Encodes a linear value as sRGB, both in [0, 1]. [IEC 61966-2-1]
 pub fn to_srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Pixels as a PNG or JPEG file stores them.
-pub(super) struct Bytes {
+/// Pixels as stored in a PNG or JPEG file.
+pub(super) struct BytePixels {
     pub(super) width: usize,
     pub(super) height: usize,
     /// Grey, grey + alpha, RGB or RGB + alpha; alpha is not premultiplied.
@@ -21,60 +21,60 @@ pub(super) struct Bytes {
     pub(super) bytes: Vec<u8>,
 }
 
-/// The range of a decoded file's samples.
+/// The type of a decoded file's samples.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Depth {
-    /// Integers up to this one, given as fractions of it, and sRGB-encoded.
+pub(super) enum SampleRange {
+    /// Integers up to this maximum, given as fractions of it, and sRGB-encoded.
     Integer(u16),
-    /// Linear numbers.
+    /// Linear floats.
     Float,
 }
 
-/// Pixels as they come out of a PNG, JPEG, BMP, TGA or HDR file, with `channels` as in [`Bytes`].
+/// Decoded pixels of a PNG, JPEG, BMP, TGA or HDR file, with `channels` as in [`BytePixels`].
 pub(super) struct Raster {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) channels: usize,
-    pub(super) depth: Depth,
+    pub(super) depth: SampleRange,
     pub(super) samples: Vec<f32>,
 }
 
-/// Samples as a file stores them.
-pub(super) enum Samples {
+/// StoredSamples as stored in a file.
+pub(super) enum StoredSamples {
     /// 8 bits, sRGB-encoded.
     Bytes(Vec<u8>),
     /// 16 bits, sRGB-encoded.
     Shorts(Vec<u16>),
-    /// Linear numbers.
+    /// Linear floats.
     Floats(Vec<f32>),
 }
 
-/// Pixels with their samples as a file stores them, with `channels` as in [`Bytes`].
-pub(super) struct Codes {
+/// Pixels with samples as stored in a file, with `channels` as in [`BytePixels`].
+pub(super) struct StoredPixels {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) channels: usize,
-    pub(super) samples: Samples,
+    pub(super) samples: StoredSamples,
 }
 
-impl From<Codes> for Raster {
-    fn from(codes: Codes) -> Self {
-        let Codes { width, height, channels, samples } = codes;
+impl From<StoredPixels> for Raster {
+    fn from(stored: StoredPixels) -> Self {
+        let StoredPixels { width, height, channels, samples } = stored;
         let (depth, samples) = match samples {
-            Samples::Bytes(v) => (Depth::Integer(255), fractions(v, 255.0)),
-            Samples::Shorts(v) => (Depth::Integer(65535), fractions(v, 65535.0)),
-            Samples::Floats(v) => (Depth::Float, v),
+            StoredSamples::Bytes(v) => (SampleRange::Integer(255), fractions(v, 255.0)),
+            StoredSamples::Shorts(v) => (SampleRange::Integer(65535), fractions(v, 65535.0)),
+            StoredSamples::Floats(v) => (SampleRange::Float, v),
         };
         Raster { width, height, channels, depth, samples }
     }
 }
 
-/// Integer samples as fractions of the largest.
+/// Converts integer samples to fractions of the maximum.
 fn fractions<T: Into<f32>>(samples: Vec<T>, top: f32) -> Vec<f32> {
     samples.into_iter().map(|v| v.into() / top).collect()
 }
 
-/// The channel names of a file with this many channels.
+/// Returns the channel names of a file with the given number of channels.
 fn names(channels: usize) -> &'static [&'static str] {
     match channels {
         1 => &["Y"],
@@ -84,11 +84,11 @@ fn names(channels: usize) -> &'static [&'static str] {
     }
 }
 
-/// Decodes a file's samples: linear, alpha premultiplied.
+/// Decodes a file's samples to linear values with premultiplied alpha.
 pub(super) fn decode(raster: Raster) -> Image {
     let Raster { width, height, channels, depth, mut samples } = raster;
     let has_alpha = channels % 2 == 0;
-    if let Depth::Integer(top) = depth {
+    if let SampleRange::Integer(top) = depth {
         let scale = f64::from(top);
         let table: Vec<f32> = (0..=top).map(|i| from_srgb(f64::from(i) / scale) as f32).collect();
         let code = |value: f32| (f64::from(value) * scale).round().clamp(0.0, scale);
@@ -108,8 +108,8 @@ pub(super) fn decode(raster: Raster) -> Image {
     Image { width, height, channels, data: samples, metadata: Metadata::new() }
 }
 
-/// An ordered-dither threshold in (0, 1) from the 8x8 Bayer matrix [Bayer 1973]: deterministic, and an exact
-/// code stays what it is.
+/// Returns an ordered-dither threshold in (0, 1) from the 8x8 Bayer matrix [Bayer 1973]. It is deterministic and does
+/// not change exact 8-bit values.
 fn threshold(x: usize, y: usize) -> f64 {
     let (x, y) = (x as u32, y as u32);
     let mixed = x ^ y;
@@ -120,14 +120,14 @@ fn threshold(x: usize, y: usize) -> f64 {
     (f64::from(rank) + 0.5) / 64.0
 }
 
-/// The 8-bit code of an encoded value in [0, 1], dithered at a pixel; NaN becomes 0.
+/// Returns the 8-bit value of an encoded value in [0, 1] with the given dither threshold; NaN becomes 0.
 fn quantise(encoded: f64, threshold: f64) -> u8 {
     (encoded.clamp(0.0, 1.0) * 255.0 + threshold).floor() as u8
 }
 
-/// Encodes the picture of an image as 8 bits a channel after scaling it by 2^`exposure`. `None` if the image
-/// has no picture. Layers are left out.
-pub(super) fn encode(image: &Image, exposure: f32, keep_alpha: bool) -> Option<Bytes> {
+/// Encodes the base layer of an image with 8 bits per channel after scaling by 2^`exposure`. `None` if the image has
+/// no base layer. Other layers are omitted.
+pub(super) fn encode(image: &Image, exposure: f32, keep_alpha: bool) -> Option<BytePixels> {
     let rgb = image.rgb_channels()?;
     let colours: &[usize] = if rgb[0] == rgb[1] { &rgb[..1] } else { &rgb };
     let alpha = image.channel("A").filter(|&a| keep_alpha && !colours.contains(&a));
@@ -148,7 +148,7 @@ pub(super) fn encode(image: &Image, exposure: f32, keep_alpha: bool) -> Option<B
             }
         }
     }
-    Some(Bytes { width: image.width, height: image.height, channels, bytes })
+    Some(BytePixels { width: image.width, height: image.height, channels, bytes })
 }
 
 #[cfg(test)]

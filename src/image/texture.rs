@@ -1,39 +1,39 @@
-//! Pictures as textures hold them: the samples stay as small as the file has them.
+//! Texture images, whose samples keep the type of the file.
 
 use std::sync::LazyLock;
 
 use exr::prelude::f16;
 
 use super::Image;
-use super::srgb::{Codes, Samples, from_srgb};
+use super::srgb::{StoredPixels, StoredSamples, from_srgb};
 use crate::error::{Error, Result};
 
-/// The most values (pixels times channels) of a texture: 16384 x 16384 pixels of four channels.
+/// The greatest number of values (pixels times channels) of a texture: 16384 x 16384 pixels with four channels.
 pub(super) const MAX_TEXTURE_VALUES: u64 = 1 << 30;
 
-/// What the codes of 8 bits stand for.
+/// The linear values of 8-bit samples.
 static LINEAR_8: LazyLock<Vec<f32>> = LazyLock::new(|| (0..=255).map(|i| i as f32 / 255.0).collect());
 static SRGB_8: LazyLock<Vec<f32>> = LazyLock::new(|| decoded(255));
-/// What the codes of 16 bits stand for.
+/// The linear values of 16-bit samples.
 static LINEAR_16: LazyLock<Vec<f32>> = LazyLock::new(|| (0..=65535).map(|i| i as f32 / 65535.0).collect());
 static SRGB_16: LazyLock<Vec<f32>> = LazyLock::new(|| decoded(65535));
 
-/// The linear values of sRGB codes up to `top`.
+/// Returns the linear values of sRGB samples up to `top`.
 fn decoded(top: u32) -> Vec<f32> {
     (0..=top).map(|i| from_srgb(f64::from(i) / f64::from(top)) as f32).collect()
 }
 
-/// A picture without alpha: grey, or linear Rec.709 RGB once its codes are looked up.
+/// An image without alpha: grey, or linear Rec.709 RGB after lookup of its samples.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TextureImage {
     width: usize,
     height: usize,
-    /// 1 or 3.
+    /// The number of channels, 1 or 3.
     channels: usize,
     texels: Texels,
 }
 
-/// Samples: rows from the top, pixels from the left, channels interleaved.
+/// StoredSamples: rows from the top, pixels from the left, with interleaved channels.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 enum Texels {
     Bytes { codes: Vec<u8>, values: &'static [f32] },
@@ -42,47 +42,49 @@ enum Texels {
     Floats(Vec<f32>),
 }
 
-/// A picture, and what a file says of how much of it is there.
+/// The colours and alpha of an image file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TextureLayers {
-    /// The colours, not multiplied by alpha.
+    /// The colours, not premultiplied by alpha.
     pub color: TextureImage,
-    /// Alpha as a grey picture of linear values; `None` where the file has none.
+    /// Alpha as a grey image of linear values; `None` if the file has no alpha.
     pub alpha: Option<TextureImage>,
 }
 
 impl TextureLayers {
-    /// The layers of a file's samples.
-    pub(super) fn from_codes(codes: Codes) -> Self {
+    /// Separates colour and alpha of a file's samples.
+    pub(super) fn from_stored(codes: StoredPixels) -> Self {
         let (width, height, n) = (codes.width, codes.height, codes.channels);
         let alpha = n.is_multiple_of(2).then(|| {
             let texels = match &codes.samples {
-                Samples::Bytes(v) => Texels::Bytes { codes: channel(v, n, n - 1), values: &LINEAR_8 },
-                Samples::Shorts(v) => Texels::Shorts { codes: channel(v, n, n - 1), values: &LINEAR_16 },
-                Samples::Floats(v) => Texels::of_floats(channel(v, n, n - 1)),
+                StoredSamples::Bytes(v) => Texels::Bytes { codes: channel(v, n, n - 1), values: &LINEAR_8 },
+                StoredSamples::Shorts(v) => {
+                    Texels::Shorts { codes: channel(v, n, n - 1), values: &LINEAR_16 }
+                }
+                StoredSamples::Floats(v) => Texels::of_floats(channel(v, n, n - 1)),
             };
             TextureImage { width, height, channels: 1, texels }
         });
-        TextureLayers { color: TextureImage::from_codes(codes), alpha }
+        TextureLayers { color: TextureImage::from_stored(codes), alpha }
     }
 }
 
-/// The samples of one channel.
+/// Returns the samples of one channel.
 fn channel<T: Copy>(samples: &[T], channels: usize, c: usize) -> Vec<T> {
     samples.iter().skip(c).step_by(channels).copied().collect()
 }
 
 impl TextureImage {
-    /// A picture of linear values, 1 or 3 for each pixel: rows from the top, pixels from the left.
+    /// Creates an image from linear values, 1 or 3 for each pixel: rows from the top, pixels from the left.
     ///
     /// # Errors
-    /// If there are no pixels, neither 1 nor 3 channels, or another number of values.
+    /// If there are no pixels, the number of channels is not 1 or 3, or the number of values is wrong.
     pub fn from_floats(width: usize, height: usize, channels: usize, values: Vec<f32>) -> Result<Self> {
         check(width, height, channels, values.len())?;
         Ok(TextureImage { width, height, channels, texels: Texels::of_floats(values) })
     }
 
-    /// A picture of sRGB-encoded bytes, 1 or 3 for each pixel: rows from the top, pixels from the left.
+    /// Creates an image from sRGB-encoded bytes, 1 or 3 for each pixel: rows from the top, pixels from the left.
     ///
     /// # Errors
     /// As [`from_floats`](Self::from_floats).
@@ -91,7 +93,7 @@ impl TextureImage {
         Ok(TextureImage { width, height, channels, texels: Texels::Bytes { codes, values: &SRGB_8 } })
     }
 
-    /// The picture of an image: its red, green and blue, or its grey.
+    /// Creates an image from the base layer of another: its red, green and blue, or its grey.
     pub(super) fn from_image(image: &Image) -> Result<Self, String> {
         let Some(rgb) = image.rgb_channels() else {
             let found = image.channels.join(", ");
@@ -110,18 +112,20 @@ impl TextureImage {
         Ok(TextureImage { width, height, channels, texels: Texels::of_floats(values) })
     }
 
-    /// The picture of a file's samples.
-    pub(super) fn from_codes(codes: Codes) -> Self {
-        let Codes { width, height, channels, samples } = codes;
+    /// Creates an image from a file's samples.
+    pub(super) fn from_stored(codes: StoredPixels) -> Self {
+        let StoredPixels { width, height, channels, samples } = codes;
         let texels = match samples {
-            Samples::Bytes(v) => Texels::Bytes { codes: without_alpha(v, channels), values: &SRGB_8 },
-            Samples::Shorts(v) => Texels::Shorts { codes: without_alpha(v, channels), values: &SRGB_16 },
-            Samples::Floats(v) => Texels::of_floats(without_alpha(v, channels)),
+            StoredSamples::Bytes(v) => Texels::Bytes { codes: without_alpha(v, channels), values: &SRGB_8 },
+            StoredSamples::Shorts(v) => {
+                Texels::Shorts { codes: without_alpha(v, channels), values: &SRGB_16 }
+            }
+            StoredSamples::Floats(v) => Texels::of_floats(without_alpha(v, channels)),
         };
         TextureImage { width, height, channels: if channels < 3 { 1 } else { 3 }, texels }
     }
 
-    /// One of red, green and blue as a grey picture; a grey picture as it is.
+    /// Returns red, green or blue as a grey image; a grey image is returned unchanged.
     ///
     /// # Panics
     /// If `c` is greater than 2.
@@ -139,22 +143,22 @@ impl TextureImage {
         TextureImage { channels: 1, texels, ..*self }
     }
 
-    /// Pixels in a row.
+    /// Returns the number of pixels in a row.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
 
-    /// Whether there is one value for each pixel instead of three.
+    /// Returns whether each pixel has one value instead of three.
     pub fn is_grey(&self) -> bool {
         self.channels == 1
     }
 
-    /// Whether its samples are sRGB codes, which are looked up; else they are linear.
+    /// Returns whether the samples are sRGB-encoded; otherwise they are linear.
     pub fn is_srgb(&self) -> bool {
         match &self.texels {
             Texels::Bytes { values, .. } => values[1] != LINEAR_8[1],
@@ -163,7 +167,7 @@ impl TextureImage {
         }
     }
 
-    /// The same samples taken as linear ones: integers as fractions of the largest.
+    /// Reinterprets the samples as linear: integers become fractions of the maximum.
     pub fn as_linear(mut self) -> Self {
         match &mut self.texels {
             Texels::Bytes { values, .. } => *values = &LINEAR_8,
@@ -173,10 +177,10 @@ impl TextureImage {
         self
     }
 
-    /// The linear colour of a pixel. `(0, 0)` is the top left one.
+    /// Returns the linear colour of a pixel. `(0, 0)` is the top left pixel.
     ///
     /// # Panics
-    /// If the pixel is outside.
+    /// If the pixel is outside the image.
     #[inline]
     pub fn rgb(&self, x: usize, y: usize) -> [f32; 3] {
         assert!(x < self.width, "column {x} of a texture {} wide", self.width);
@@ -189,7 +193,7 @@ impl TextureImage {
         }
     }
 
-    /// The colour of the pixel that begins `samples`.
+    /// Returns the colour of the first pixel in `samples`.
     #[inline]
     fn pixel<T: Copy>(&self, samples: &[T], value: impl Fn(T) -> f32) -> [f32; 3] {
         match *samples {
@@ -198,7 +202,7 @@ impl TextureImage {
         }
     }
 
-    /// The memory that the samples take.
+    /// Returns the bytes of the samples.
     pub fn memory_bytes(&self) -> usize {
         match &self.texels {
             Texels::Bytes { codes, .. } => codes.len(),
@@ -210,7 +214,7 @@ impl TextureImage {
 }
 
 impl Texels {
-    /// Halves if no value loses a bit, else floats.
+    /// Stores halves if all values are exactly representable, otherwise floats.
     fn of_floats(values: Vec<f32>) -> Texels {
         if values.iter().all(|v| f16::from_f32(*v).to_f32().to_bits() == v.to_bits()) {
             return Texels::Halves(values.into_iter().map(f16::from_f32).collect());
@@ -219,7 +223,7 @@ impl Texels {
     }
 }
 
-/// The colours of pixels that may have an alpha behind them.
+/// Removes the alpha channel, if any.
 fn without_alpha<T: Copy>(mut samples: Vec<T>, channels: usize) -> Vec<T> {
     if channels.is_multiple_of(2) {
         let mut index = 0usize;
@@ -232,7 +236,7 @@ fn without_alpha<T: Copy>(mut samples: Vec<T>, channels: usize) -> Vec<T> {
     samples
 }
 
-/// Whether a picture of this size has so many values.
+/// Checks that an image of the given size has the given number of values.
 fn check(width: usize, height: usize, channels: usize, found: usize) -> Result<()> {
     if !matches!(channels, 1 | 3) {
         return Err(Error::internal(format!("expected 1 or 3 channels, found {channels}")));
@@ -272,12 +276,17 @@ mod tests {
 
     #[test]
     fn channels_and_alpha_become_pictures_of_their_own() {
-        let codes = |channels, bytes| Codes { width: 2, height: 1, channels, samples: Samples::Bytes(bytes) };
-        let layers = TextureLayers::from_codes(codes(4, vec![51, 102, 153, 204, 5, 6, 7, 255]));
+        let codes = |channels, bytes| StoredPixels {
+            width: 2,
+            height: 1,
+            channels,
+            samples: StoredSamples::Bytes(bytes),
+        };
+        let layers = TextureLayers::from_stored(codes(4, vec![51, 102, 153, 204, 5, 6, 7, 255]));
         let color = layers.color.as_linear();
         assert_eq!([0, 1, 2].map(|c| color.channel(c).rgb(0, 0)), [[0.2; 3], [0.4; 3], [0.6; 3]]);
         assert_eq!(layers.alpha.map(|a| [a.rgb(0, 0), a.rgb(1, 0)]), Some([[0.8; 3], [1.0; 3]]));
-        let grey = TextureLayers::from_codes(codes(1, vec![51, 102]));
+        let grey = TextureLayers::from_stored(codes(1, vec![51, 102]));
         assert_eq!((grey.alpha, grey.color.channel(2)), (None, grey.color));
     }
 

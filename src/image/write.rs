@@ -12,50 +12,50 @@ use crate::util::{check_replaceable, replace};
 /// The largest finite half.
 const HALF_MAX: f32 = 65504.0;
 
-/// The longest side that libjpeg writes.
+/// The greatest width and height that libjpeg writes.
 const JPEG_MAX: usize = 65500;
 
-/// How an OpenEXR file stores values.
+/// The sample type of an OpenEXR file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SampleFormat {
     /// 16 bits: 11 significant bits, up to 65504.
     Half,
-    /// 32 bits, the very values.
+    /// 32 bits, without rounding.
     #[default]
     Float,
 }
 
-/// How an OpenEXR file is compressed; all of these are lossless.
+/// The compression of an OpenEXR file; all of these are lossless.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Compression {
-    /// Not at all.
+    /// No compression.
     None,
-    /// Run lengths.
+    /// Run-length encoding.
     Rle,
     /// Deflate, single rows.
     Zips,
     /// Deflate, 16 rows at a time.
     #[default]
     Zip,
-    /// Wavelets and Huffman codes; good for noise.
+    /// Wavelets and Huffman coding; suitable for noisy images.
     Piz,
 }
 
-/// How to write an image. What a format has no use for is ignored.
+/// The options for writing an image. Options that do not apply to a format are ignored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WriteOptions {
-    /// OpenEXR: the picture as half or float; layers are floats.
+    /// OpenEXR: the sample type of the base layer; other layers are floats.
     pub samples: SampleFormat,
     /// OpenEXR: the compression.
     pub compression: Compression,
     /// JPEG: the quality from 1 to 100.
     pub jpeg_quality: u8,
-    /// PNG and JPEG: the picture is scaled by 2^exposure before it is encoded.
+    /// PNG and JPEG: the base layer is scaled by 2^exposure before encoding.
     pub exposure: f32,
 }
 
 impl Default for WriteOptions {
-    /// Float, zip, quality 95, exposure 0.
+    /// Returns float samples, zip compression, quality 95, exposure 0.
     fn default() -> Self {
         WriteOptions {
             samples: SampleFormat::default(),
@@ -67,46 +67,46 @@ impl Default for WriteOptions {
 }
 
 impl WriteOptions {
-    /// How a channel is stored. Half is for the picture: layers hold positions, counts and variances, which it would
-    /// coarsen or lose, and are floats always.
+    /// Returns the sample type of a channel. Only the base layer uses half. Other layers have positions, counts and
+    /// variances, for which half is not precise enough, and always use float.
     fn format_of(&self, channel: &str) -> SampleFormat {
         if channel.contains('.') { SampleFormat::Float } else { self.samples }
     }
 }
 
-/// What writing did to the values.
+/// The changes that writing made to the values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteReport {
-    /// How many finite values were beyond a half's range and were written as ±65504.
+    /// The number of finite values beyond the range of half, written as ±65504.
     pub clamped_half: usize,
 }
 
-/// Writes an image in the format that the extension names: `.exr` (linear, all channels, metadata), `.png` and
-/// `.jpg`/`.jpeg` (the picture, sRGB-encoded with an ordered dither), `.pfm` (the picture, linear).
+/// Writes an image in the format of the extension: `.exr` (linear, all channels, metadata), `.png` and `.jpg`/`.jpeg`
+/// (the base layer, sRGB-encoded with an ordered dither), `.pfm` (the base layer, linear).
 ///
-/// The file is written under another name in the same folder and then renamed, so an older file of that name
-/// is whole until the new one is, and stays if writing fails.
+/// The file is written to a temporary name in the same folder and then renamed. An existing file is therefore
+/// replaced only by a complete one, and is unchanged if writing fails.
 ///
 /// # Errors
-/// If the extension is another, the image is empty or inconsistent, the format cannot hold it, or the folder
-/// is missing or cannot be written to.
+/// If the extension is unknown, the image is empty or inconsistent, the format cannot represent it, or the folder is
+/// missing or not writable.
 pub fn write(path: &Path, image: &Image, options: &WriteOptions) -> Result<WriteReport> {
     write_with(Backend::default(), path, image, options)
 }
 
-/// Whether [`write()`] could write there, as far as that can be known before there is an image: a render should
-/// not fail at its end.
+/// Checks whether [`write()`] can write to the path, as far as this is possible without the image, so that a render
+/// does not fail at its end.
 ///
 /// # Errors
-/// If the extension is unknown, or the folder is missing or cannot be written to.
+/// If the extension is unknown, or the folder is missing or not writable.
 pub fn check_output(path: &Path) -> Result<()> {
     let fail = |message: String| Error::output(message).in_file(path);
     Format::of_extension(path).ok_or_else(|| fail(unknown_extension(path)))?;
     check_replaceable(path)
 }
 
-/// Bytes that [`write()`] takes beside an image of so many pixels and channels, at most: the values in the file's form, the file, and
-/// its copy.
+/// Returns an upper bound of the bytes that [`write()`] needs in addition to an image with the given numbers of
+/// pixels and channels: the converted values, the file and a copy of it.
 pub fn encoding_bytes(path: &Path, pixels: u64, channels: u64) -> u64 {
     let of_pixel = match Format::of_extension(path) {
         Some(Format::OpenExr) => 12 * channels,
@@ -116,7 +116,7 @@ pub fn encoding_bytes(path: &Path, pixels: u64, channels: u64) -> u64 {
     pixels.saturating_mul(of_pixel)
 }
 
-/// [`write()`] with a given library.
+/// Computes [`write()`] with a given library.
 pub fn write_with(
     backend: Backend,
     path: &Path,
@@ -170,7 +170,7 @@ fn no_picture(image: &Image, format: Format) -> String {
     format!("a {} file holds the channels R, G, B or Y, this image has {found}", format.name())
 }
 
-/// Whether the image is one that a file can hold.
+/// Checks that an image can be stored in a file.
 fn check(image: &Image) -> Result<(), String> {
     let (width, height, channels) = (image.width, image.height, image.channels.len());
     if width == 0 || height == 0 || channels == 0 {
@@ -206,15 +206,15 @@ fn check(image: &Image) -> Result<(), String> {
     Ok(())
 }
 
-/// The picture's values alone, three to a pixel or one.
+/// Returns the values of the base layer, three or one for each pixel.
 fn picture(image: &Image) -> Option<(usize, Vec<f32>)> {
     let rgb = image.rgb_channels()?;
     let indices: &[usize] = if rgb[0] == rgb[1] { &rgb[..1] } else { &rgb };
     Some((indices.len(), image.select_indices(indices).data))
 }
 
-/// Brings finite values of the half channels into a half's range and counts them. NaN and infinities stay what they
-/// are.
+/// Clamps finite values of the half channels to the range of half and counts the clamped ones. NaN and infinities are
+/// unchanged.
 fn clamp_to_half<'a>(data: &'a [f32], samples: &[SampleFormat]) -> (Cow<'a, [f32]>, usize) {
     let halves = || samples.iter().map(|s| *s == SampleFormat::Half).cycle();
     let beyond = |v: f32, half: bool| half && v.is_finite() && v.abs() > HALF_MAX;

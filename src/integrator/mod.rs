@@ -45,7 +45,7 @@ use self::settings::Aov;
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::error::Result;
-use crate::estimate::replicates::MOST_REPLICATES;
+use crate::estimate::replicates::MAX_REPLICATES;
 use crate::math::Ray;
 use crate::sampling::{SHARED_REPLICATES, SampleKey, SamplerKind};
 use crate::scene::Scene;
@@ -202,7 +202,7 @@ pub trait Integrator: Send + Sync {
 /// Returns the number of replicates among which the samples of a render are divided. Two estimate the error of pixels
 /// with independent errors; eight also estimate the error that pixels share.
 pub fn replicates(integrator: &dyn Integrator, sampler: SamplerKind) -> u32 {
-    const { assert!(SHARED_REPLICATES as usize <= MOST_REPLICATES) };
+    const { assert!(SHARED_REPLICATES as usize <= MAX_REPLICATES) };
     if integrator.shares_noise() || sampler.shares_noise() { SHARED_REPLICATES } else { 2 }
 }
 

@@ -25,7 +25,7 @@ const SAMPLERS: [SamplerKind; 2] = [SamplerKind::Independent, SamplerKind::Sobol
 /// The sampler with one domain switched on.
 fn alone(domain: Domain, kind: SamplerKind, spp: u64) -> Sampling {
     let Sampling { sampler, spp } = Sampling::new(kind, spp);
-    Sampling { sampler: sampler.holding(DomainSet::all_but(&[domain])), spp }
+    Sampling { sampler: sampler.with_fixed(DomainSet::all_but(&[domain])), spp }
 }
 
 /// Errors of one domain by one sampler.
@@ -125,7 +125,7 @@ pub fn run(options: &Options) -> Result<Found> {
     let spp = options.scaled(16, 32);
     let mut pictures = Vec::new();
     let held = Sampling::new(SamplerKind::Sobol, 1);
-    let nothing = Sampling { sampler: held.sampler.holding(DomainSet::all_but(&[])), ..held };
+    let nothing = Sampling { sampler: held.sampler.with_fixed(DomainSet::all_but(&[])), ..held };
     pictures.push(picture(
         &studio.shoot(&integrator, nothing, 0)?.image,
         0.0,

@@ -13,7 +13,7 @@ use crate::sampling::{Domain, DomainSet, SamplerKind};
 /// The glossy lobe alone varies.
 fn lobe(kind: SamplerKind, spp: u64) -> Sampling {
     let Sampling { sampler, spp } = Sampling::new(kind, spp);
-    Sampling { sampler: sampler.holding(DomainSet::all_but(&[Domain::Bsdf])), spp }
+    Sampling { sampler: sampler.with_fixed(DomainSet::all_but(&[Domain::Bsdf])), spp }
 }
 
 /// Measures both, and shows them.

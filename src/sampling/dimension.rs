@@ -1,8 +1,8 @@
-//! The dimensions of a sample, laid out once.
+//! The layout of a sample's dimensions.
 //!
-//! A sample is a point of infinitely many dimensions. Its first ones belong to the camera and to the start of a light
-//! path, then each bounce has a block of its own. A number or a pair of numbers is drawn for a [`Dimension`]; samplers
-//! stratify within a dimension and scramble each dimension independently.
+//! A sample is a point with infinitely many dimensions. The first ones belong to the camera and to the start of a
+//! light path. After these, each bounce has its own block. A number or a pair of numbers is drawn for a
+//! [`Dimension`]. Samplers stratify within a dimension and scramble each dimension independently.
 
 use super::Domain;
 use std::fmt;
@@ -30,28 +30,28 @@ impl Dimension {
     pub const LENS: Dimension = Dimension(1);
     /// Time within the shutter interval.
     pub const TIME: Dimension = Dimension(2);
-    /// Which emitter a light path begins on.
+    /// Choice of the emitter at which a light path starts.
     pub const LIGHT: Dimension = Dimension(3);
-    /// Where on the emitter a light path begins (a pair).
+    /// Position on the emitter at which a light path starts (a pair).
     pub const LIGHT_POINT: Dimension = Dimension(4);
-    /// In which direction a light path begins (a pair).
+    /// Direction in which a light path starts (a pair).
     pub const LIGHT_DIRECTION: Dimension = Dimension(5);
     const BOUNCES: u64 = 8;
     const PER_BOUNCE: u64 = 8;
-    /// The bits above these count repetitions.
+    /// The lowest bit of the repetition count.
     const REPEAT_SHIFT: u32 = 36;
 
-    /// Which emitter to sample at a bounce.
+    /// Choice of the emitter to sample at a bounce.
     pub const fn emitter_choice(bounce: u32) -> Dimension {
         Dimension::of_bounce(bounce, 0)
     }
 
-    /// Where on the emitter (a pair).
+    /// Position on the emitter (a pair).
     pub const fn emitter_point(bounce: u32) -> Dimension {
         Dimension::of_bounce(bounce, 1)
     }
 
-    /// Which lobe of the BSDF.
+    /// Choice of the BSDF's lobe.
     pub const fn bsdf_lobe(bounce: u32) -> Dimension {
         Dimension::of_bounce(bounce, 2)
     }
@@ -66,7 +66,7 @@ impl Dimension {
         Dimension::of_bounce(bounce, 4)
     }
 
-    /// The same dimension of the `i`-th (of at most 2^28) of several samples that one path draws at one place.
+    /// Returns the same dimension for the `i`-th of several samples (at most 2^28) that a path draws at one vertex.
     pub const fn repeat(self, i: u32) -> Dimension {
         Dimension(self.0.wrapping_add((i as u64) << Self::REPEAT_SHIFT))
     }
@@ -75,17 +75,17 @@ impl Dimension {
         Dimension(Self::BOUNCES + bounce as u64 * Self::PER_BOUNCE + offset)
     }
 
-    /// The word that samplers scramble with.
+    /// Returns the word with which samplers scramble.
     pub(super) const fn word(self) -> u32 {
         self.0 as u32 ^ ((self.0 >> 32) as u32).wrapping_mul(0x9e37_79b9)
     }
 
-    /// Which repetition it belongs to.
+    /// Returns the index of the repetition.
     const fn repetition(self) -> u64 {
         self.0 >> Self::REPEAT_SHIFT
     }
 
-    /// The bounce and the offset in its block; the dimension's own number before the bounces.
+    /// Returns the bounce and the offset in its block; before the bounces, the dimension's own number.
     const fn place(self) -> Result<(u64, usize), usize> {
         let base = self.0 & ((1 << Self::REPEAT_SHIFT) - 1);
         match base.checked_sub(Self::BOUNCES) {
@@ -94,7 +94,7 @@ impl Dimension {
         }
     }
 
-    /// The domain of integration that it belongs to; the number of an unused place belongs to [`Domain::Hemisphere`].
+    /// Returns the domain of integration; unused numbers belong to [`Domain::Hemisphere`].
     pub fn domain(self) -> Domain {
         match self.place() {
             Err(i) => FIRST.get(i).map_or(Domain::Hemisphere, |(_, domain)| *domain),
@@ -106,7 +106,8 @@ impl Dimension {
     }
 }
 
-/// The name: `pixel`, `emitter_point[3]` for one of the fourth bounce, `emitter_point[0] of sample 2` for a repetition.
+/// Writes the name: `pixel`, `emitter_point[3]` at the fourth bounce, `emitter_point[0] of sample 2` for a
+/// repetition.
 impl fmt::Display for Dimension {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let unused = "unused";

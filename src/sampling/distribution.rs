@@ -8,57 +8,57 @@ pub struct Distribution1D {
     pmf: Vec<f32>,
 }
 
-/// A draw from a [`Distribution1D`].
+/// A sample of a [`Distribution1D`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Choice {
-    /// The entry.
+pub struct DiscreteSample {
+    /// The index of the entry.
     pub index: usize,
-    /// Its probability.
+    /// The probability of the entry.
     pub pmf: f32,
-    /// The random number, stretched to [0, 1) again within the entry's interval.
+    /// The random number, rescaled to [0, 1) within the entry's interval.
     pub u: f32,
 }
 
-/// The distance of two random numbers near 1.
-const NUMBERS: f64 = (1u32 << 24) as f64;
+/// The number of multiples of 2^-24 in [0, 1), the spacing of random numbers near 1.
+const STEPS: f64 = (1u32 << 24) as f64;
 
 impl Distribution1D {
-    /// The most entries with a weight that a distribution may have.
-    pub const MOST: usize = 1 << 23;
+    /// The greatest number of entries with positive weight.
+    pub const MAX_ENTRIES: usize = 1 << 23;
 
-    /// How many of the weights are finite and positive.
+    /// Returns the number of weights that are finite and positive.
     pub fn count(weights: &[f64]) -> usize {
         weights.iter().filter(|w| **w > 0.0 && w.is_finite()).count()
     }
 
-    /// The distribution in proportion to `weights`, summed in `f64`. Weights that are not finite and positive
-    /// count as zero; if all do, the distribution is empty.
+    /// Creates the distribution in proportion to `weights`, summed in `f64`. Weights that are not finite and positive
+    /// count as zero. If all are zero, the distribution is empty.
     ///
-    /// Every entry with a weight is drawn, however small the weight is: the ends of the intervals are multiples of
-    /// 2^-24, each of n entries gets one such step, and the other steps are divided by weight. So the probabilities
-    /// depart from the weights' by at most n / 2^24. [`pmf`](Self::pmf) is exactly the probability of
-    /// [`sample`](Self::sample).
+    /// Every entry with a positive weight can be sampled, however small the weight is. The ends of the intervals are
+    /// multiples of 2^-24; each of n entries gets one such step, and the remaining steps are distributed by weight.
+    /// The probabilities therefore differ from the normalised weights by at most n / 2^24. [`pmf`](Self::pmf) is
+    /// exactly the probability of [`sample`](Self::sample).
     ///
     /// # Panics
-    /// If more than [`MOST`](Self::MOST) entries have a weight.
+    /// If more than [`MAX_ENTRIES`](Self::MAX_ENTRIES) entries have a positive weight.
     pub fn new(weights: &[f64]) -> Self {
         let count = Self::count(weights);
-        assert!(count <= Self::MOST, "{count} entries with a weight");
+        assert!(count <= Self::MAX_ENTRIES, "{count} entries with a weight");
         let clean: Vec<f64> =
             weights.iter().map(|&w| if w > 0.0 && w.is_finite() { w } else { 0.0 }).collect();
         let total: f64 = clean.iter().sum();
         if total <= 0.0 {
             return Distribution1D::default();
         }
-        let divided = NUMBERS - count as f64;
+        let divided = STEPS - count as f64;
         let (mut sum, mut entries) = (0.0, 0);
         let mut cdf: Vec<f32> = Vec::with_capacity(clean.len());
         for w in &clean {
             sum += w;
             entries += usize::from(*w > 0.0);
-            cdf.push((((sum / total * divided).round() + entries as f64) / NUMBERS) as f32);
+            cdf.push((((sum / total * divided).round() + entries as f64) / STEPS) as f32);
         }
-        // From the last entry with weight on the cdf is exactly 1.
+        // The cdf is exactly 1 from the last entry with positive weight on.
         if let Some(last) = clean.iter().rposition(|&w| w > 0.0) {
             cdf[last..].iter_mut().for_each(|c| *c = 1.0);
         }
@@ -66,28 +66,28 @@ impl Distribution1D {
         Distribution1D { cdf, pmf }
     }
 
-    /// Whether nothing can be drawn.
+    /// Returns whether the distribution is empty.
     pub fn is_empty(&self) -> bool {
         self.cdf.is_empty()
     }
 
-    /// The probability of entry `i`.
+    /// Returns the probability of entry `i`.
     #[inline]
     pub fn pmf(&self, i: usize) -> f32 {
         self.pmf.get(i).copied().unwrap_or(0.0)
     }
 
-    /// The entry for the random number `u` in [0, 1); `None` for the empty distribution.
+    /// Samples an entry with the random number `u` in [0, 1); `None` for the empty distribution.
     #[inline]
-    pub fn sample(&self, u: f32) -> Option<Choice> {
+    pub fn sample(&self, u: f32) -> Option<DiscreteSample> {
         if self.cdf.len() == 1 {
-            return Some(Choice { index: 0, pmf: 1.0, u });
+            return Some(DiscreteSample { index: 0, pmf: 1.0, u });
         }
         let index = self.cdf.partition_point(|&c| c <= u);
         let pmf = *self.pmf.get(index)?;
         let low = if index == 0 { 0.0 } else { self.cdf[index - 1] };
         let u = ((u - low) / pmf).min(1f32.next_down());
-        Some(Choice { index, pmf, u })
+        Some(DiscreteSample { index, pmf, u })
     }
 }
 
@@ -99,11 +99,11 @@ mod tests {
     #[test]
     fn entries_are_drawn_in_proportion_and_u_is_stretched() {
         let d = Distribution1D::new(&[1.0, 0.0, 3.0, 0.0]);
-        // One step of 2^-24 is given to each of two entries before the others are divided.
+        // Each of the two entries gets one step of 2^-24 before the others are distributed.
         let quarter = 0.25 + 2f32.powi(-25);
         assert!((d.pmf(0) - quarter).abs() <= 2f32.powi(-24), "{}", d.pmf(0));
-        assert_eq!(d.sample(0.0), Some(Choice { index: 0, pmf: d.pmf(0), u: 0.0 }));
-        assert_eq!(d.sample(d.pmf(0)), Some(Choice { index: 2, pmf: 1.0 - d.pmf(0), u: 0.0 }));
+        assert_eq!(d.sample(0.0), Some(DiscreteSample { index: 0, pmf: d.pmf(0), u: 0.0 }));
+        assert_eq!(d.sample(d.pmf(0)), Some(DiscreteSample { index: 2, pmf: 1.0 - d.pmf(0), u: 0.0 }));
         assert_eq!(d.sample(1f32.next_down()).unwrap().index, 2);
         assert_eq!(d.pmf(1), 0.0);
         assert_eq!(d.pmf(9), 0.0);
@@ -140,12 +140,12 @@ mod tests {
         assert!(Distribution1D::new(&[0.0, -1.0]).is_empty());
     }
 
-    /// The share of the hashes that draw an entry is its probability, wherever its interval lies.
+    /// The fraction of hashes that select an entry is equal to its probability, for every position of its interval.
     #[test]
     fn probabilities_are_those_of_the_random_numbers() {
         let weights: Vec<f64> = (0..1000).map(|i| [1e-9, 1.0, 1e-3][i % 3]).collect();
         let d = Distribution1D::new(&weights);
-        // The first hash whose number reaches the entry.
+        // The first hash whose number selects the entry.
         let first = |index: usize| {
             let (mut low, mut high) = (0u64, 1u64 << 32);
             while low < high {
@@ -164,6 +164,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "entries with a weight")]
     fn more_entries_than_random_numbers_are_refused() {
-        Distribution1D::new(&vec![1.0; Distribution1D::MOST + 1]);
+        Distribution1D::new(&vec![1.0; Distribution1D::MAX_ENTRIES + 1]);
     }
 }

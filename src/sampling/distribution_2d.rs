@@ -1,25 +1,25 @@
-//! Distributions over the unit square, sampled by inversion: first the row, then the place in it.
+//! Distributions over the unit square, sampled by inversion: first the row, then the position in it.
 
 use super::Distribution1D;
 use crate::math::Vec2;
 
-/// A density over the unit square that is constant in each cell of a regular grid.
+/// A piecewise constant density over the cells of a regular grid on the unit square.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Distribution2D {
     rows: Distribution1D,
-    /// Within each row.
+    /// The distribution within each row.
     columns: Vec<Distribution1D>,
-    /// Cells along x and y.
+    /// The number of cells along x and y.
     size: [usize; 2],
 }
 
 impl Distribution2D {
-    /// The distribution in proportion to the `weights` of `width` by `height` cells, rows from y = 0, cells of a row
-    /// from x = 0; sums are taken in `f64`. Weights that are not finite and positive count as zero; if all do, the
-    /// distribution is empty.
+    /// Creates the distribution in proportion to the `weights` of `width` by `height` cells. Rows start at y = 0,
+    /// cells of a row at x = 0. Sums are computed in `f64`. Weights that are not finite and positive count as zero.
+    /// If all are zero, the distribution is empty.
     ///
     /// # Panics
-    /// If there are not `width * height` weights.
+    /// If the number of weights is not `width * height`.
     pub fn new(width: usize, height: usize, weights: &[f64]) -> Self {
         assert_eq!(weights.len(), width * height, "the weights of {width}x{height} cells");
         let clean = |w: &f64| if *w > 0.0 && w.is_finite() { *w } else { 0.0 };
@@ -29,7 +29,7 @@ impl Distribution2D {
         }
         let (mut sums, mut columns) = (Vec::with_capacity(height), Vec::with_capacity(height));
         for row in weights.chunks_exact(width) {
-            // Within the largest weight no sum overflows.
+            // Relative to the largest weight, no sum overflows.
             let row: Vec<f64> = row.iter().map(|w| clean(w) / largest).collect();
             sums.push(row.iter().sum());
             columns.push(Distribution1D::new(&row));
@@ -37,12 +37,13 @@ impl Distribution2D {
         Distribution2D { rows: Distribution1D::new(&sums), columns, size: [width, height] }
     }
 
-    /// Whether nothing can be drawn.
+    /// Returns whether the distribution is empty.
     pub fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }
 
-    /// The point for two random numbers in [0, 1), and its density per unit area; `None` for the empty distribution.
+    /// Samples a point with two random numbers in [0, 1). Returns it with its density per unit area; `None` for the
+    /// empty distribution.
     #[inline]
     pub fn sample(&self, u: Vec2) -> Option<(Vec2, f32)> {
         let row = self.rows.sample(u.y)?;
@@ -52,7 +53,7 @@ impl Distribution2D {
         Some((point, row.pmf * column.pmf * (width * height)))
     }
 
-    /// The density per unit area; 0 outside of the square.
+    /// Returns the density per unit area; 0 outside the square.
     #[inline]
     pub fn pdf(&self, point: Vec2) -> f32 {
         let inside = |v: f32| (0.0..=1.0).contains(&v);
@@ -66,29 +67,30 @@ impl Distribution2D {
     }
 }
 
-/// A density over the unit square that is bilinear between the vertices of a grid. The columns are equally spaced, the
-/// rows where they are asked for.
+/// A density over the unit square that is bilinear between the vertices of a grid. The columns are equally spaced;
+/// the rows are at given positions.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct BilinearDistribution2D {
-    /// Vertices in a row.
+    /// The number of vertices in a row.
     width: usize,
-    /// The rows' y, from 0 to 1.
+    /// The y coordinates of the rows, from 0 to 1.
     ys: Vec<f64>,
     /// The density at the vertices, by row.
     densities: Vec<f32>,
-    /// The density's integral from x = 0 to the vertices along their rows.
+    /// The integral of the density along the row, from x = 0 to each vertex.
     integrals: Vec<f32>,
-    /// The probability of all that lies below the rows; the first is 0, the last 1.
+    /// The probability below each row; the first is 0, the last 1.
     below: Vec<f64>,
 }
 
 impl BilinearDistribution2D {
-    /// The distribution in proportion to the bilinear interpolation of `weights` at the vertices, `width` of them in
-    /// each row at a y of `ys`; sums are taken in `f64`. Weights that are not finite and positive count as zero; if
-    /// all do, the distribution is empty.
+    /// Creates the distribution in proportion to the bilinear interpolation of `weights` at the vertices, with
+    /// `width` vertices in each of the rows `ys`. Sums are computed in `f64`. Weights that are not finite and
+    /// positive count as zero. If all are zero, the distribution is empty.
     ///
     /// # Panics
-    /// If there are less than two columns or rows, not as many weights as vertices, or if `ys` do not rise from 0 to 1.
+    /// If there are fewer than two columns or rows, the numbers of weights and vertices differ, or `ys` do not
+    /// increase from 0 to 1.
     pub fn new(width: usize, ys: Vec<f64>, weights: &[f32]) -> Self {
         assert!(width >= 2 && ys.len() >= 2, "a grid of {width}x{} vertices", ys.len());
         assert_eq!(weights.len(), width * ys.len(), "the weights of the vertices");
@@ -124,26 +126,27 @@ impl BilinearDistribution2D {
         BilinearDistribution2D { width, ys, densities, integrals, below }
     }
 
-    /// Whether nothing can be drawn.
+    /// Returns whether the distribution is empty.
     pub fn is_empty(&self) -> bool {
         self.ys.is_empty()
     }
 
-    /// The point for two random numbers in [0, 1), and its density per unit area; `None` for the empty distribution.
+    /// Samples a point with two random numbers in [0, 1). Returns it with its density per unit area; `None` for the
+    /// empty distribution.
     #[inline]
     pub fn sample(&self, u: Vec2) -> Option<([f64; 2], f32)> {
         if self.is_empty() {
             return None;
         }
         let (ux, uy) = (f64::from(u.x), f64::from(u.y));
-        // The band between two rows, and the place in it by the rows' integrals. The last band with a probability ends
-        // the search.
+        // Selects the band between two rows, and the position in it by the rows' integrals. The search ends at the
+        // last band with a positive probability.
         let band = self.below.partition_point(|&b| b <= uy).min(self.below.len() - 1) - 1;
         let (low, high) = (self.below[band], self.below[band + 1]);
         let [first, second] = [band, band + 1].map(|r| &self.integrals[r * self.width..][..self.width]);
         let whole = [first, second].map(|row| f64::from(row[self.width - 1]));
         let t = linear_quantile(whole[0], whole[1], (uy - low) / (high - low));
-        // Along the line at that height.
+        // Inverts the distribution along the line at that height.
         let at = |[a, b]: [f32; 2]| (1.0 - t) * f64::from(a) + t * f64::from(b);
         let until = |i: usize| at([first[i], second[i]]);
         let wanted = ux * until(self.width - 1);
@@ -166,14 +169,14 @@ impl BilinearDistribution2D {
         Some(([(i as f64 + s) / (self.width - 1) as f64, y], pdf as f32))
     }
 
-    /// The densities left and right of a cell, each in two rows.
+    /// Returns the densities at the left and right side of a cell, for its two rows.
     #[inline]
     fn cell(&self, band: usize, i: usize) -> [[f32; 2]; 2] {
         let at = |r: usize, i: usize| self.densities[r * self.width + i];
         [i, i + 1].map(|i| [at(band, i), at(band + 1, i)])
     }
 
-    /// The density per unit area; 0 outside of the square.
+    /// Returns the density per unit area; 0 outside the square.
     #[inline]
     pub fn pdf(&self, [x, y]: [f64; 2]) -> f32 {
         let inside = |v: f64| (0.0..=1.0).contains(&v);
@@ -189,16 +192,16 @@ impl BilinearDistribution2D {
         ((1.0 - s) * a + s * b) as f32
     }
 
-    /// The memory that it takes.
+    /// Returns the bytes of memory.
     pub fn memory_bytes(&self) -> usize {
         8 * (self.ys.len() + self.below.len()) + 4 * (self.densities.len() + self.integrals.len())
     }
 }
 
-/// The point of [0, 1] below which the share `p` of a density lies that is linear from `a` to `b`. [pbrt, A.4.4]
+/// Returns the `p`-quantile on [0, 1] of a density that is linear from `a` to `b`. [pbrt, A.4.4]
 #[inline]
 fn linear_quantile(a: f64, b: f64, p: f64) -> f64 {
-    // Rounded sums may ask for a little more than there is.
+    // Rounded sums may slightly exceed the total.
     let p = if p > 0.0 { p.min(1.0) } else { 0.0 };
     let root = (a * a * (1.0 - p) + b * b * p).sqrt();
     let divisor = a + root;
@@ -276,7 +279,7 @@ mod tests {
             let d = BilinearDistribution2D::new(3, vec![0.0, 0.25, 1.0], &weights);
             for ux in [0.0, 0.3, 0.5, LAST] {
                 for uy in [0.0, 0.3, 0.5, LAST] {
-                    // On the border of what the vertex reaches the density is zero, and there is nothing to draw.
+                    // The density is zero on the border of the vertex's support, where no sample exists.
                     let Some((p, pdf)) = d.sample(Vec2::new(ux, uy)) else { continue };
                     assert!(pdf > 0.0, "{ux} {uy}");
                     assert!((x.start..=x.end).contains(&p[0]) && (y.start..=y.end).contains(&p[1]), "{p:?}");

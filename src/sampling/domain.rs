@@ -1,16 +1,16 @@
-//! The domains that a pixel's value is an integral over, and sets of them.
+//! The domains of integration of a pixel's value, and sets of them.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// A domain of integration: the dimensions that belong to one effect.
+/// A domain of integration: the dimensions that cause one effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Domain {
-    /// The area of the pixel under its filter: antialiasing.
+    /// The area of the pixel's filter: antialiasing.
     Pixel,
     /// The aperture: depth of field.
     Lens,
-    /// The time that the shutter is open: motion blur.
+    /// The shutter interval: motion blur.
     Time,
     /// The emitters, at every bounce and at the start of light paths: soft shadows.
     Light,
@@ -18,7 +18,7 @@ pub enum Domain {
     Bsdf,
     /// The lobes and directions of all later surfaces: indirect light.
     Hemisphere,
-    /// Russian roulette at every bounce: not a domain of the integral, but a decision where to stop.
+    /// Russian roulette at every bounce: not a domain of the integral, but the decision to terminate.
     Roulette,
 }
 
@@ -34,7 +34,7 @@ impl Domain {
         Domain::Roulette,
     ];
 
-    /// Its name.
+    /// Returns the name.
     pub fn name(self) -> &'static str {
         match self {
             Domain::Pixel => "pixel",
@@ -73,25 +73,25 @@ impl DomainSet {
     /// No domain.
     pub const EMPTY: DomainSet = DomainSet(0);
 
-    /// Whether there is none in it.
+    /// Returns whether the set is empty.
     #[inline]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether the domain is in it.
+    /// Returns whether the set contains the domain.
     #[inline]
     pub const fn contains(self, domain: Domain) -> bool {
         self.0 & (1 << domain as u8) != 0
     }
 
-    /// The set with one more domain.
+    /// Returns the set with one more domain.
     #[must_use]
     pub const fn with(self, domain: Domain) -> DomainSet {
         DomainSet(self.0 | 1 << domain as u8)
     }
 
-    /// All domains of the integral but these; Russian roulette is never among them.
+    /// Returns all domains of the integral except the given ones; Russian roulette is never included.
     #[must_use]
     pub fn all_but(varying: &[Domain]) -> DomainSet {
         let held = |domain: &Domain| *domain != Domain::Roulette && !varying.contains(domain);

@@ -1,8 +1,8 @@
-//! Integer hashes: the only source of randomness.
+//! Integer hashes, the only source of randomness.
 
 use crate::math::f32x16;
 
-/// A bijective mix of 32 bits in which every input bit reaches every output bit. [Wellons 2018, lowbias32]
+/// A bijective 32-bit hash in which every input bit affects every output bit. [Wellons 2018, lowbias32]
 #[inline(always)]
 pub const fn mix(mut x: u32) -> u32 {
     x ^= x >> 16;
@@ -12,13 +12,13 @@ pub const fn mix(mut x: u32) -> u32 {
     x ^ (x >> 15)
 }
 
-/// Folds `value` into the hash `h`.
+/// Adds `value` to the hash `h`.
 #[inline(always)]
 pub const fn combine(h: u32, value: u32) -> u32 {
     mix(h ^ value.wrapping_mul(0x9e37_79b9).wrapping_add(0x7f4a_7c15))
 }
 
-/// Three hashes of three words. [Jarzynski and Olano 2020, pcg3d]
+/// Returns three hashes of three words. [Jarzynski and Olano 2020, pcg3d]
 #[inline(always)]
 pub const fn pcg3d(x: u32, y: u32, z: u32) -> [u32; 3] {
     const A: u32 = 1_664_525;
@@ -38,27 +38,27 @@ pub const fn pcg3d(x: u32, y: u32, z: u32) -> [u32; 3] {
     [x, y, z]
 }
 
-/// Numbers below this are multiples of 2^-32, others of 2^-24.
+/// Numbers below it are multiples of 2^-32, others of 2^-24.
 const FINE: f32 = 1.0 / 256.0;
 
-/// A number in [0, 1): the 24 high bits of `h` as a multiple of 2^-24, but below 2^-8 all of `h` as a multiple of
-/// 2^-32. Nothing is rounded, so an interval between two multiples of 2^-24 has exactly its length as its
-/// probability.
+/// Converts a hash to a number in [0, 1): the 24 high bits of `h` as a multiple of 2^-24, but for numbers below 2^-8
+/// all bits of `h` as a multiple of 2^-32. There is no rounding, so the probability of an interval between two
+/// multiples of 2^-24 is exactly its length.
 #[inline(always)]
 pub fn to_unit(h: u32) -> f32 {
     let (k, step) = if h < 1 << 24 { (h, 1.0 / 4_294_967_296.0) } else { (h >> 8, 1.0 / 16_777_216.0) };
     k as i32 as f32 * step
 }
 
-/// The probability that [`to_unit`] of a uniform hash is below `p`, which is in [0, 1]: `p`, rounded up to the next
-/// number there is. A decision by `u < p` has this probability, and not `p`.
+/// Returns the probability that [`to_unit`] of a uniform hash is below `p`, which is in [0, 1]: `p`, rounded up to
+/// the next representable number. A decision `u < p` has this probability instead of `p`.
 #[inline(always)]
 pub fn probability_below(p: f32) -> f32 {
     let steps = if p < FINE { 4_294_967_296.0 } else { 16_777_216.0 };
     (p * steps).ceil() / steps
 }
 
-/// As [`probability_below`], for sixteen probabilities.
+/// Computes [`probability_below`] for sixteen values.
 #[inline(always)]
 pub fn probability_below_x16(p: f32x16) -> f32x16 {
     let [fine, coarse] = [4_294_967_296.0, 16_777_216.0].map(f32x16::splat);

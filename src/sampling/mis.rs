@@ -2,28 +2,28 @@
 
 use crate::math::f32x16;
 
-/// The power heuristic with exponent 2 for one sample of each technique. [Veach 1997, Eq. 9.13]
+/// Returns the power heuristic with exponent 2 for one sample of each technique. [Veach 1997, Eq. 9.13]
 ///
-/// Both densities are of the same measure. The weight of the sample that was drawn with `pdf`; for a sample
-/// of infinite density (a delta distribution) it is 1.
+/// It is the weight of the sample drawn with the density `pdf`; both densities have the same measure. For a sample
+/// with infinite density (a delta distribution) it is 1.
 #[inline]
 pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     weighted_power_heuristic(1.0, pdf, 1.0, other)
 }
 
-/// The power heuristic for `n` samples drawn with `pdf` and `other_n` with `other`. [Veach 1997, Eq. 9.13]
+/// Returns the power heuristic for `n` samples drawn with `pdf` and `other_n` with `other`. [Veach 1997, Eq. 9.13]
 #[inline]
 pub fn weighted_power_heuristic(n: f32, pdf: f32, other_n: f32, other: f32) -> f32 {
     let (a, b) = (n * pdf, other_n * other);
     if a.is_infinite() {
         return 1.0;
     }
-    // A ratio, because squares of densities overflow for lights of tiny solid angle.
+    // The ratio avoids overflow of squared densities for emitters with a tiny solid angle.
     let r = b / a;
     if a > 0.0 { 1.0 / (1.0 + r * r) } else { 0.0 }
 }
 
-/// As [`weighted_power_heuristic`], for sixteen samples.
+/// Computes [`weighted_power_heuristic`] for sixteen samples.
 #[inline(always)]
 pub fn weighted_power_heuristic_x16(n: f32, pdf: f32x16, other_n: f32, other: f32x16) -> f32x16 {
     let (a, b) = (f32x16::splat(n) * pdf, f32x16::splat(other_n) * other);
@@ -32,8 +32,8 @@ pub fn weighted_power_heuristic_x16(n: f32, pdf: f32x16, other_n: f32, other: f3
     a.simd_eq(f32x16::splat(f32::INFINITY)).select(f32x16::ONE, weight)
 }
 
-/// A density per unit area at a point as a density per unit solid angle, seen over `distance_squared` with
-/// `cos` between the surface normal and the direction (either sign).
+/// Converts a density per unit area at a point to a density per unit solid angle. The point is at the squared
+/// distance `distance_squared`; `cos` is the cosine between its surface normal and the direction (either sign).
 #[inline]
 pub fn area_to_solid_angle(pdf_area: f32, distance_squared: f32, cos: f32) -> f32 {
     pdf_area * distance_squared / cos.abs()

@@ -1,12 +1,12 @@
-//! Warps of the unit square and interval, each with its density and its inverse.
+//! Warps of the unit square and interval, each with its density and inverse.
 //!
-//! `square_to_x` maps [0, 1)², `square_to_x_pdf` is the density of the result in the measure of its name's
-//! space (area, or solid angle), `x_to_square` inverts the map.
+//! `square_to_x` maps [0, 1)². `square_to_x_pdf` is the density of the result in the measure of the target space
+//! (area or solid angle). `x_to_square` is the inverse map.
 
 use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use std::f32::consts::{FRAC_1_PI, FRAC_2_PI, FRAC_PI_4, PI, TAU};
 
-/// To the unit disk, preserving adjacency and relative area. [Shirley and Chiu 1997]
+/// Maps to the unit disk, preserving adjacency and relative area. [Shirley and Chiu 1997]
 #[inline]
 pub fn square_to_disk(u: Vec2) -> Vec2 {
     let a = 2.0 * u.x - 1.0;
@@ -18,8 +18,8 @@ pub fn square_to_disk(u: Vec2) -> Vec2 {
     if along_x { Vec2::new(r * cos, r * sin) } else { Vec2::new(r * sin, r * cos) }
 }
 
-/// Sine and cosine of `x·π/4` for |x| ≤ 1, by Taylor's series to the rounding of `f32`: there is no range to
-/// reduce, and the compiler can keep it in registers.
+/// Returns sine and cosine of `x·π/4` for |x| ≤ 1 by Taylor series, accurate to the rounding of `f32`. It needs no
+/// range reduction and can stay in registers.
 #[inline]
 pub fn sin_cos_quarter(x: f32) -> (f32, f32) {
     let t = x * FRAC_PI_4;
@@ -30,7 +30,7 @@ pub fn sin_cos_quarter(x: f32) -> (f32, f32) {
     (sin, cos)
 }
 
-/// As [`sin_cos_quarter`], of `t = x·π/4`.
+/// Computes [`sin_cos_quarter`] for `t = x·π/4`.
 #[inline(always)]
 fn sin_cos_polynomial_x16(t: f32x16) -> (f32x16, f32x16) {
     let c = f32x16::splat;
@@ -44,11 +44,11 @@ fn sin_cos_polynomial_x16(t: f32x16) -> (f32x16, f32x16) {
     (sin, cos)
 }
 
-/// Sines and cosines of sixteen angles in [0, 2π], to the rounding of `f32`.
+/// Returns sines and cosines of sixteen angles in [0, 2π], accurate to the rounding of `f32`.
 #[inline(always)]
 pub fn sin_cos_turn_x16(angle: f32x16) -> (f32x16, f32x16) {
     let quadrant = (angle * f32x16::splat(FRAC_2_PI)).round_ties_even();
-    // π/2 as a sum of a short number, whose multiples are exact, and the rest. [Cody and Waite 1980]
+    // π/2 as the sum of a short number, whose multiples are exact, and a remainder. [Cody and Waite 1980]
     const HIGH: f32 = 1.570_312_5;
     const LOW: f32 = (std::f64::consts::FRAC_PI_2 - HIGH as f64) as f32;
     let t = (angle - quadrant * f32x16::splat(HIGH)) - quadrant * f32x16::splat(LOW);
@@ -60,11 +60,12 @@ pub fn sin_cos_turn_x16(angle: f32x16) -> (f32x16, f32x16) {
     (swap.select(cos, sin) ^ ((two | three) & minus), swap.select(sin, cos) ^ ((one | two) & minus))
 }
 
-/// The arguments of sixteen complex numbers of length 1, in [0, 2π], to the rounding of `f32`.
+/// Returns the arguments of sixteen complex numbers of length 1, in [0, 2π], accurate to the rounding of `f32`.
 #[inline(always)]
 pub fn argument_x16(re: f32x16, im: f32x16) -> f32x16 {
     let c = f32x16::splat;
-    // tan(φ/2) = sin φ / (1 + cos φ); on the left half its reciprocal, so that nothing is divided by a difference.
+    // tan(φ/2) = sin φ / (1 + cos φ); in the left half plane its reciprocal, to avoid cancellation in the
+    // denominator.
     let t = im / (c(1.0) + re.abs());
     let t2 = t * t;
     // atan t for |t| ≤ 1 by [Abramowitz and Stegun 1964, 4.4.49].
@@ -82,12 +83,12 @@ pub fn argument_x16(re: f32x16, im: f32x16) -> f32x16 {
     angle + (angle.simd_lt(f32x16::ZERO) & c(TAU))
 }
 
-/// The density of [`square_to_disk`] per unit area: 1/π inside.
+/// Returns the density of [`square_to_disk`] per unit area: 1/π inside.
 pub fn square_to_disk_pdf(p: Vec2) -> f32 {
     if p.length_squared() <= 1.0 { FRAC_1_PI } else { 0.0 }
 }
 
-/// The inverse of [`square_to_disk`].
+/// Inverts [`square_to_disk`].
 pub fn disk_to_square(p: Vec2) -> Vec2 {
     let r = p.length();
     if r == 0.0 {
@@ -104,16 +105,16 @@ pub fn disk_to_square(p: Vec2) -> Vec2 {
     Vec2::new(0.5 * (a + 1.0), 0.5 * (b + 1.0))
 }
 
-/// To the hemisphere around +z with density cosθ/π per unit solid angle. [Malley 1988]
+/// Maps to the hemisphere around +z with the density cosθ/π per unit solid angle. [Malley 1988]
 #[inline]
 pub fn square_to_cosine_hemisphere(u: Vec2) -> Vec3 {
     let p = square_to_disk(u);
-    // 1 − r² is at least 2⁻²⁴-ish; the guard keeps the direction above the horizon at r = 1.
+    // 1 − r² is usually at least about 2⁻²⁴; the bound keeps the direction above the horizon at r = 1.
     let z = (1.0 - p.length_squared()).max(1e-10).sqrt();
     Vec3::new(p.x, p.y, z)
 }
 
-/// As [`square_to_cosine_hemisphere`], for sixteen pairs.
+/// Computes [`square_to_cosine_hemisphere`] for sixteen pairs.
 #[inline(always)]
 pub fn square_to_cosine_hemisphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
     let c = f32x16::splat;
@@ -128,22 +129,22 @@ pub fn square_to_cosine_hemisphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
     Vec3x16::new(px, py, z)
 }
 
-/// The density of [`square_to_cosine_hemisphere`] per unit solid angle.
+/// Returns the density of [`square_to_cosine_hemisphere`] per unit solid angle.
 #[inline]
 pub fn square_to_cosine_hemisphere_pdf(w: Vec3) -> f32 {
     w.z.max(0.0) * FRAC_1_PI
 }
 
-/// The inverse of [`square_to_cosine_hemisphere`].
+/// Inverts [`square_to_cosine_hemisphere`].
 pub fn cosine_hemisphere_to_square(w: Vec3) -> Vec2 {
     disk_to_square(Vec2::new(w.x, w.y))
 }
 
-/// To the unit sphere, uniformly.
+/// Maps uniformly to the unit sphere.
 #[inline]
 pub fn square_to_sphere(u: Vec2) -> Vec3 {
     let z = 1.0 - 2.0 * u.y;
-    // sin²θ = 1 − z² without cancellation: 4 y (1 − y).
+    // sin²θ = 1 − z², computed without cancellation as 4 y (1 − y).
     let r = (4.0 * u.y * (1.0 - u.y)).max(0.0).sqrt();
     let (sin, cos) = (TAU * u.x).sin_cos();
     Vec3::new(r * cos, r * sin, z)
@@ -152,29 +153,29 @@ pub fn square_to_sphere(u: Vec2) -> Vec3 {
 /// The density of [`square_to_sphere`] per unit solid angle: 1/4π.
 pub const SQUARE_TO_SPHERE_PDF: f32 = 0.25 * FRAC_1_PI;
 
-/// The inverse of [`square_to_sphere`].
+/// Inverts [`square_to_sphere`].
 pub fn sphere_to_square(w: Vec3) -> Vec2 {
     let x = w.y.atan2(w.x) / TAU;
     Vec2::new(if x < 0.0 { x + 1.0 } else { x }, 0.5 * (1.0 - w.z))
 }
 
-/// To the cone of directions around +z with `1 − cos` of its half angle at most `one_minus_cos`, uniformly.
+/// Maps uniformly to the cone of directions around +z whose half angle has `1 − cos` = `one_minus_cos`.
 #[inline]
 pub fn square_to_cone(u: Vec2, one_minus_cos: f32) -> Vec3 {
     let h = u.y * one_minus_cos;
-    // sin²θ = 1 − (1 − h)² = h (2 − h): no cancellation for the smallest cones.
+    // sin²θ = 1 − (1 − h)² = h (2 − h), without cancellation for narrow cones.
     let r = (h * (2.0 - h)).max(0.0).sqrt();
     let (sin, cos) = (TAU * u.x).sin_cos();
     Vec3::new(r * cos, r * sin, 1.0 - h)
 }
 
-/// The density of [`square_to_cone`] per unit solid angle inside the cone.
+/// Returns the density of [`square_to_cone`] per unit solid angle inside the cone.
 #[inline]
 pub fn square_to_cone_pdf(one_minus_cos: f32) -> f32 {
     1.0 / (TAU * one_minus_cos)
 }
 
-/// The inverse of [`square_to_cone`].
+/// Inverts [`square_to_cone`].
 pub fn cone_to_square(w: Vec3, one_minus_cos: f32) -> Vec2 {
     let x = w.y.atan2(w.x) / TAU;
     let sin2 = w.x * w.x + w.y * w.y;
@@ -182,7 +183,7 @@ pub fn cone_to_square(w: Vec3, one_minus_cos: f32) -> Vec2 {
     Vec2::new(if x < 0.0 { x + 1.0 } else { x }, h / one_minus_cos)
 }
 
-/// To the barycentric weights of a triangle's second and third vertex, uniformly in area. [Heitz 2019]
+/// Maps to the barycentric weights of a triangle's second and third vertex, uniformly in area. [Heitz 2019]
 #[inline]
 pub fn square_to_triangle(u: Vec2) -> Vec2 {
     if u.y > u.x {
@@ -194,28 +195,28 @@ pub fn square_to_triangle(u: Vec2) -> Vec2 {
     }
 }
 
-/// The density of [`square_to_triangle`] in barycentric coordinates: 2 inside.
+/// Returns the density of [`square_to_triangle`] in barycentric coordinates: 2 inside.
 pub fn square_to_triangle_pdf(b: Vec2) -> f32 {
     if b.x >= 0.0 && b.y >= 0.0 && b.x + b.y <= 1.0 { 2.0 } else { 0.0 }
 }
 
-/// The inverse of [`square_to_triangle`].
+/// Inverts [`square_to_triangle`].
 pub fn triangle_to_square(b: Vec2) -> Vec2 {
     if b.y > b.x { Vec2::new(2.0 * b.x, b.y + b.x) } else { Vec2::new(b.x + b.y, 2.0 * b.y) }
 }
 
-/// To [−1, 1] with density 1 − |x|.
+/// Maps to [−1, 1] with the density 1 − |x|.
 #[inline]
 pub fn interval_to_tent(u: f32) -> f32 {
     if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 * (1.0 - u)).max(0.0).sqrt() }
 }
 
-/// The density of [`interval_to_tent`].
+/// Returns the density of [`interval_to_tent`].
 pub fn interval_to_tent_pdf(x: f32) -> f32 {
     (1.0 - x.abs()).max(0.0)
 }
 
-/// The inverse of [`interval_to_tent`].
+/// Inverts [`interval_to_tent`].
 pub fn tent_to_interval(x: f32) -> f32 {
     if x < 0.0 { 0.5 * (1.0 + x) * (1.0 + x) } else { 1.0 - 0.5 * (1.0 - x) * (1.0 - x) }
 }
@@ -267,7 +268,7 @@ mod tests {
             let exact = f64::from(i) / 8000.0 * std::f64::consts::TAU;
             let (re, im) = (exact.cos() as f32, exact.sin() as f32);
             let argument = argument_x16(f32x16::splat(re), f32x16::splat(im)).as_array()[0];
-            // The ends of the turn are one angle.
+            // 0 and 2π are the same angle.
             let off = (f64::from(argument) - exact).abs();
             assert!(off.min((off - std::f64::consts::TAU).abs()) < 7e-7, "{exact} {argument}");
             if i < 100 {

@@ -172,7 +172,7 @@ impl SceneCompiler {
         let emission = emission.map(|input| self.emission(input)).transpose().map_err(locate)?;
         let mut emitter = None;
         if let Some(emission) = emission.filter(|e| !e.mean().is_black()) {
-            let (triangles, most) = (world.triangle_count(), Distribution1D::MOST);
+            let (triangles, most) = (world.triangle_count(), Distribution1D::MAX_ENTRIES);
             if triangles > most {
                 let message =
                     format!("expected at most {most} triangles of a mesh that emits, found {triangles}");
@@ -304,7 +304,7 @@ fn choice_among(lights: &[Light]) -> Result<Distribution1D> {
     // A power beyond the range of `f32` is replaced by its largest number.
     let power = |light: &Light| f64::from(light.power().luminance().min(f32::MAX));
     let powers: Vec<f64> = lights.iter().map(power).collect();
-    let (count, most) = (Distribution1D::count(&powers), Distribution1D::MOST);
+    let (count, most) = (Distribution1D::count(&powers), Distribution1D::MAX_ENTRIES);
     if count > most {
         return Err(Error::scene(format!("expected at most {most} emitters, found {count}")));
     }

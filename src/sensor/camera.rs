@@ -1,4 +1,4 @@
-//! Cameras: rays from film positions, and film positions of points.
+//! Cameras: rays through film positions, and film positions of points.
 
 use super::{FovAxis, Projection, SensorSettings, ThinLens};
 use crate::error::{Error, Result};
@@ -6,20 +6,20 @@ use crate::film::FilmSettings;
 use crate::math::{DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3};
 use crate::sampling::warp;
 
-/// A camera ready to make rays.
+/// A camera prepared for generating rays.
 #[derive(Clone, Debug)]
 pub struct Camera {
-    /// The film behind it.
+    /// The film.
     pub film: FilmSettings,
-    /// Sensor to world.
+    /// The transform from camera space to world space.
     to_world: Motion,
-    /// When the shutter opens and closes.
+    /// The times at which the shutter opens and closes.
     shutter: [f64; 2],
-    /// Where it is at all times, if that never changes.
-    fixed: Option<Place>,
-    /// In the sensor's coordinates, the film's top left corner at distance 1 along the viewing axis.
+    /// The camera's axes, if they are constant over the shutter interval.
+    fixed: Option<CameraPose>,
+    /// The film's top left corner at distance 1 along the viewing axis, in camera space.
     corner: DVec2,
-    /// Change of that per pixel to the right and downwards.
+    /// The change of that position per pixel to the right and downwards.
     pixel: DVec2,
     parallel: bool,
     lens: Option<ThinLens>,
@@ -27,25 +27,25 @@ pub struct Camera {
     far: f64,
 }
 
-/// Where a camera is at one time.
+/// The position and axes of a camera at one time.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct CameraPose {
     to_world: DAffine3,
-    /// World directions of its axes, of unit length: a scale of a perspective camera would change nothing but the clipping
-    /// distances, which are world lengths.
+    /// Unit vectors of the axes in world space. The scale of a perspective camera's transform only affects the
+    /// clipping distances, which are in world space.
     axes: DMat3,
-    /// World direction, 1 long along the viewing axis, of the film's top left corner, and its change per pixel to the right
-    /// and downwards.
+    /// The vector in world space to the film's top left corner, of length 1 along the viewing axis, and its change
+    /// per pixel to the right and downwards.
     corner: DVec3,
     dx: DVec3,
     dy: DVec3,
 }
 
-impl Place {
+impl CameraPose {
     fn new(to_world: DAffine3, corner: DVec2, pixel: DVec2) -> Self {
         let m = to_world.matrix3;
         let axes = DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
-        Place {
+        CameraPose {
             to_world,
             axes,
             corner: axes * corner.extend(1.0),
@@ -55,22 +55,22 @@ impl Place {
     }
 }
 
-/// How the film sees a point, drawn at a point of the aperture. [Veach 1997, 4.3]
+/// The importance of a point, sampled at a position on the aperture. [Veach 1997, 4.3]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Importance {
     /// Position on the film in pixels from the top left corner of the full image.
     pub film: DVec2,
     /// Unit direction from the point towards the aperture.
     pub wi: Vec3,
-    /// Where a connecting ray ends: on the near clipping plane.
+    /// The end of the connecting ray, on the near clipping plane.
     pub target: Vec3,
-    /// What a path that carries the radiance L there adds to the pixels under it, over L and the cosine at the point: pixel
-    /// values are mean radiances, and there is one path for each pixel of the full image.
+    /// The contribution of a path with the radiance L to the pixels at `film`, divided by L and by the cosine at the
+    /// point. Pixel values are mean radiances, and there is one path for each pixel of the full image.
     pub weight: f32,
 }
 
 impl Camera {
-    /// A camera.
+    /// Creates a camera.
     ///
     /// # Errors
     /// If a transform is singular or not finite.
@@ -98,7 +98,7 @@ impl Camera {
             film,
             to_world: settings.to_world.clone(),
             shutter: settings.shutter,
-            fixed: at_rest.map(|to_world| Place::new(to_world, corner, pixel)),
+            fixed: at_rest.map(|to_world| CameraPose::new(to_world, corner, pixel)),
             corner,
             pixel,
             parallel,
@@ -108,11 +108,11 @@ impl Camera {
         })
     }
 
-    /// Sensor to world at a time in [0, 1] over the shutter interval.
+    /// Returns the transform from camera space to world space at a time in [0, 1] over the shutter interval.
     #[inline]
     pub fn to_world(&self, time: f32) -> DAffine3 {
         match &self.fixed {
-            Some(place) => place.to_world,
+            Some(pose) => pose.to_world,
             None => {
                 let [open, close] = self.shutter;
                 self.to_world.at(open + (close - open) * f64::from(time))
@@ -120,69 +120,69 @@ impl Camera {
         }
     }
 
-    /// Where it is at a time.
+    /// Returns the position and axes at a time.
     #[inline]
-    fn place(&self, time: f32) -> Place {
+    fn pose(&self, time: f32) -> CameraPose {
         match self.fixed {
-            Some(place) => place,
-            None => Place::new(self.to_world(time), self.corner, self.pixel),
+            Some(pose) => pose,
+            None => CameraPose::new(self.to_world(time), self.corner, self.pixel),
         }
     }
 
-    /// Whether rays depend on a point of the aperture.
+    /// Returns whether rays depend on a position on the aperture.
     pub fn has_lens(&self) -> bool {
         self.lens.is_some()
     }
 
-    /// Whether it moves while the shutter is open.
+    /// Returns whether the camera moves during the shutter interval.
     pub fn is_moving(&self) -> bool {
         self.fixed.is_none() && self.shutter[0] < self.shutter[1]
     }
 
-    /// The ray through the film position `p` in pixels from the top left corner of the full image, at a time in
-    /// [0, 1] over the shutter interval; `u` chooses the point of the aperture. It starts on the near
+    /// Returns the ray through the film position `p`, in pixels from the top left corner of the full image, at a time
+    /// in [0, 1] over the shutter interval. `u` selects the position on the aperture. The ray starts on the near
     /// clipping plane and ends on the far one.
     #[inline]
     pub fn ray(&self, p: DVec2, u: Vec2, time: f32) -> Ray {
-        let place = self.place(time);
+        let pose = self.pose(time);
         if self.parallel {
-            let to_world = place.to_world;
+            let to_world = pose.to_world;
             let q = self.corner + self.pixel * p;
             let o = to_world.transform_point3(q.extend(self.near));
             let d = to_world.matrix3.z_axis.normalize();
             return Ray { o: o.as_vec3(), t_max: (self.far - self.near) as f32, d: d.as_vec3(), time };
         }
-        let mut direction = place.corner + place.dx * p.x + place.dy * p.y;
-        let mut origin = place.to_world.translation;
+        let mut direction = pose.corner + pose.dx * p.x + pose.dy * p.y;
+        let mut origin = pose.to_world.translation;
         if let Some(lens) = self.lens {
             let start = warp::square_to_disk(u).as_dvec2() * lens.aperture_radius;
-            let start = place.axes.x_axis * start.x + place.axes.y_axis * start.y;
+            let start = pose.axes.x_axis * start.x + pose.axes.y_axis * start.y;
             origin += start;
             direction -= start / lens.focus_distance;
         }
-        // The reciprocal of the cosine to the viewing axis.
+        // The reciprocal of the cosine with the viewing axis.
         let length = direction.length() as f32;
         let d = (direction / f64::from(length)).as_vec3();
         let (near, far) = (self.near as f32, self.far as f32);
         Ray { o: origin.as_vec3() + d * (near * length), t_max: (far - near) * length, d, time }
     }
 
-    /// How the film sees the world point `p` at a time; `None` where that is beyond the clipping planes, or more than
-    /// `margin` pixels beside the full image. `u` chooses the point of the aperture.
+    /// Returns the importance of the world-space point `p` at a time; `None` if the point is outside the clipping
+    /// planes, or more than `margin` pixels outside the full image. `u` selects the position on the aperture.
     ///
-    /// A pixel's value is the mean radiance over its area, so the film's importance is constant in the area of the image
-    /// plane: `We = 1 / (A·cos⁴θ)` per unit aperture. [pbrt 16.1.1]
+    /// A pixel's value is the mean radiance over its area, so the film's importance is constant over the area of the
+    /// image plane: `We = 1 / (A·cos⁴θ)` per unit of aperture area. [pbrt 16.1.1]
     pub fn importance(&self, p: Vec3, u: Vec2, time: f32, margin: f64) -> Option<Importance> {
-        let Place { to_world, axes: m, .. } = self.place(time);
+        let CameraPose { to_world, axes: m, .. } = self.pose(time);
         let pixels = f64::from(self.film.width) * f64::from(self.film.height);
-        // Area of the full image in the sensor's coordinates at distance 1.
+        // The area of the full image at distance 1, in camera space.
         let area = (self.pixel.x * self.pixel.y).abs() * pixels;
         let p = p.as_dvec3();
         let (film, aperture, to_near, weight) = if self.parallel {
             let local = to_world.inverse().transform_point3(p);
             let axis = to_world.matrix3.z_axis.normalize();
             let depth = (p - to_world.transform_point3(local.truncate().extend(0.0))).dot(axis);
-            // As in `ray`: the near plane is in the sensor's coordinates, the length of a ray in the world's.
+            // As in `ray`, the near plane is in camera space and the ray's length in world space.
             let start = self.near * to_world.matrix3.z_axis.length();
             if !(depth > start && depth - start < self.far - self.near) {
                 return None;
@@ -199,7 +199,7 @@ impl Camera {
                 None => DVec2::ZERO,
                 Some(lens) => warp::square_to_disk(u).as_dvec2() * lens.aperture_radius,
             };
-            // The image point is that of the ray's point in the plane of focus.
+            // The image position is that of the ray's intersection with the plane of focus.
             let slope = (local.truncate() - start) / local.z;
             let q = match self.lens {
                 None => slope,
@@ -208,7 +208,7 @@ impl Camera {
             let aperture = to_world.translation + m * start.extend(0.0);
             let to = local - start.extend(0.0);
             let (distance2, cos) = (to.length_squared(), local.z / to.length());
-            // We over the density of the aperture's point per unit solid angle: (1/Aₗ)·d²/cosθ.
+            // We divided by the density per unit solid angle of the position on the aperture: (1/Aₗ)·d²/cosθ.
             let weight = 1.0 / (area * cos.powi(3) * distance2);
             ((q - self.corner) / self.pixel, aperture, to.length() * (1.0 - self.near / local.z), weight)
         };
@@ -225,8 +225,8 @@ impl Camera {
         })
     }
 
-    /// In the sensor's coordinates, the vectors across the image plane (its full width and height) and the one
-    /// to its top left corner, at distance 1 along the viewing axis.
+    /// Returns three vectors in camera space at distance 1 along the viewing axis: the full width and height of the
+    /// image plane, and its top left corner.
     pub fn image_plane(&self) -> [DVec3; 3] {
         let (width, height) = (f64::from(self.film.width), f64::from(self.film.height));
         [
@@ -236,13 +236,14 @@ impl Camera {
         ]
     }
 
-    /// World to sensor in the middle of the shutter interval, for the image's metadata.
+    /// Returns the transform from world space to camera space in the middle of the shutter interval, for the image's
+    /// metadata.
     pub fn world_to_camera(&self) -> DAffine3 {
         self.to_world(0.5).inverse()
     }
 }
 
-/// Half the width and height of the image plane at distance 1, for an image of so many pixels.
+/// Returns half the width and height of the image plane at distance 1, for an image with the given numbers of pixels.
 pub fn half_extents(fov: f64, fov_axis: FovAxis, width: f64, height: f64) -> [f64; 2] {
     let tan = (0.5 * fov).tan();
     let along_x = match fov_axis {
@@ -262,7 +263,7 @@ pub fn half_extents(fov: f64, fov_axis: FovAxis, width: f64, height: f64) -> [f6
 mod tests {
     use super::*;
 
-    /// Origins, directions and lengths that Mitsuba 3.9.1 computes for the same camera.
+    /// Origins, directions and lengths computed by Mitsuba 3.9.1 for the same camera.
     #[test]
     fn rays_agree_with_the_scene_languages_camera() {
         let (eye, target) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.0, 0.5, 0.0));

@@ -1,4 +1,4 @@
-//! Sensors: where camera rays come from.
+//! Sensors: descriptions of cameras.
 
 pub mod camera;
 
@@ -7,7 +7,7 @@ pub use camera::{Camera, Importance};
 use crate::film::FilmSettings;
 use crate::math::Motion;
 
-/// Which extent of the image a field of view spans.
+/// The extent of the image to which the field of view refers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum FovAxis {
     /// The width.
@@ -22,54 +22,55 @@ pub enum FovAxis {
     Larger,
 }
 
-/// How points in front of a sensor are mapped to its image.
+/// The projection of points onto the image.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Projection {
     /// Lines through the sensor's origin.
     Perspective {
         /// Field of view in radians, in (0, π).
         fov: f64,
-        /// What the field of view spans.
+        /// The extent of the field of view.
         fov_axis: FovAxis,
-        /// Shift of the principal point as shares of the image's width and height.
+        /// Offset of the principal point, relative to the image's width and height.
         principal_point_offset: [f64; 2],
     },
-    /// Parallel lines; the image is two units of the sensor's coordinates wide.
+    /// Parallel lines; the image is two units wide in camera space.
     Orthographic,
 }
 
-/// A lens without thickness, at the sensor's origin.
+/// A thin lens at the sensor's origin.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ThinLens {
-    /// Radius of the aperture, positive, in units of the world.
+    /// Radius of the aperture in world-space units, positive.
     pub aperture_radius: f64,
-    /// Distance along the viewing axis of the plane that is in focus, positive.
+    /// Distance of the plane of focus along the viewing axis, positive.
     pub focus_distance: f64,
 }
 
-/// A sensor as a scene describes it: it looks along +z of its own coordinates, y up, x to the left.
+/// A sensor of a scene description. In its own space it looks along +z, with y up and x to the left.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SensorSettings {
-    /// The scene file's name for it; may be empty.
+    /// The sensor's name in the scene file; may be empty.
     pub name: String,
-    /// Sensor to world.
+    /// The transform from camera space to world space.
     pub to_world: Motion,
-    /// How it sees.
+    /// The projection.
     pub projection: Projection,
-    /// Its lens, where it is no pinhole. Perspective sensors only.
+    /// The lens; `None` for a pinhole. Only perspective sensors may have one.
     pub lens: Option<ThinLens>,
     /// Distance of the near clipping plane along the viewing axis, positive.
     pub near_clip: f64,
     /// Distance of the far clipping plane along the viewing axis, greater than `near_clip`.
     pub far_clip: f64,
-    /// When the shutter opens and closes, on the clock of the scene's motions; equal for a moment.
+    /// The times at which the shutter opens and closes, on the time axis of the scene's motions; equal for an
+    /// instant.
     pub shutter: [f64; 2],
-    /// The film behind it.
+    /// The film.
     pub film: FilmSettings,
 }
 
 impl SensorSettings {
-    /// The name of its kind in the scene language.
+    /// Returns the name of the sensor's type in the scene language.
     pub fn kind(&self) -> &'static str {
         match (&self.projection, &self.lens) {
             (Projection::Orthographic, _) => "orthographic",

@@ -3,10 +3,10 @@
 use crate::math::{Vec2, Vec3};
 use crate::texture::Attribute;
 
-/// A triangle mesh in its own coordinates.
+/// A triangle mesh in object space.
 ///
-/// `normals` and `uvs` are empty or have one entry per position. A triangle's geometric normal is
-/// `(p1 − p0) × (p2 − p0)`, its front the side that this points to.
+/// `normals` and `uvs` are empty or have one entry for each position. The geometric normal of a triangle is `(p1 −
+/// p0) × (p2 − p0)`, which points to its front side.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Mesh {
     /// Vertex positions.
@@ -17,12 +17,12 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Triangles as indices into the vertex arrays.
     pub indices: Vec<[u32; 3]>,
-    /// Further values of vertices and faces.
+    /// Additional values of vertices and faces.
     pub attributes: Vec<Attribute>,
 }
 
 impl Mesh {
-    /// Bytes of the arrays.
+    /// Returns the bytes of the arrays.
     pub fn memory_bytes(&self) -> u64 {
         let vectors = size_of_val(&self.positions[..]) + size_of_val(&self.normals[..]);
         let others = size_of_val(&self.uvs[..]) + size_of_val(&self.indices[..]);

@@ -1,4 +1,4 @@
-//! Shapes: what the scene language can place in the world.
+//! The shapes of the scene language.
 
 pub mod mesh;
 pub mod parametrization;
@@ -11,7 +11,7 @@ pub use world::{TriangleMesh, WorldShape};
 
 use crate::math::Vec3;
 
-/// A shape in its own coordinates, as a scene names it.
+/// A shape in object space, as described by a scene.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub enum Shape {
     /// A triangle mesh.
@@ -27,7 +27,7 @@ pub enum Shape {
         /// Radius, positive.
         radius: f32,
     },
-    /// A tube without caps; uv = (angle / 2π, share of the height).
+    /// An open cylinder, without caps; uv = (angle / 2π, relative height).
     Cylinder {
         /// Centre of the lower end.
         p0: Vec3,

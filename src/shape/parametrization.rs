@@ -1,4 +1,4 @@
-//! Texture coordinates of shapes, and how positions depend on them.
+//! The parametrisation of shapes by texture coordinates.
 
 use super::WorldShape;
 use crate::accel::Hit;
@@ -7,7 +7,8 @@ use crate::texture::TexturePoint;
 use std::f32::consts::{PI, TAU};
 
 impl WorldShape {
-    /// The derivatives of the position by the texture coordinates; zero where they are not defined.
+    /// Returns the derivatives of the position with respect to the texture coordinates; zero where they are
+    /// undefined.
     pub fn partials(&self, hit: &Hit, p: Vec3) -> [Vec3; 2] {
         match self {
             WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
@@ -47,7 +48,7 @@ impl WorldShape {
         }
     }
 
-    /// Texture coordinates of a hit.
+    /// Returns the texture coordinates of a hit.
     pub fn uv(&self, hit: &Hit, p: Vec3) -> Vec2 {
         let (u, v) = (hit.u, hit.v);
         match self {
@@ -71,7 +72,7 @@ impl WorldShape {
         }
     }
 
-    /// A hit as textures see it.
+    /// Converts a hit to the input of textures.
     pub fn texture_point(&self, hit: &Hit, p: Vec3) -> TexturePoint<'_> {
         let uv = self.uv(hit, p);
         match self {
@@ -87,7 +88,7 @@ impl WorldShape {
     }
 }
 
-/// The angle of (x, y) to the x axis in turns, in [0, 1].
+/// Returns the angle between (x, y) and the x axis in turns, in [0, 1].
 fn turn(x: f32, y: f32) -> f32 {
     let turn = y.atan2(x) / TAU;
     if turn < 0.0 { turn + 1.0 } else { turn }

@@ -1,30 +1,30 @@
-//! Surfaces of instances: from a group's coordinates to the world.
+//! Surfaces of instances, transformed from group space to world space.
 
 use crate::accel::Instance;
 use crate::math::robust::gamma;
 use crate::math::{DAffine3, DMat3, Vec3};
 
-/// Where an instance is at one time.
+/// The transform of an instance at one time.
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
     to_world: DAffine3,
-    /// The matrix that normals are multiplied by, up to a positive factor: det·M⁻ᵀ, with the sign of the determinant.
+    /// The matrix for normals, up to a positive factor: det·M⁻ᵀ, with the sign of the determinant.
     normals: DMat3,
 }
 
-/// A surface point in the world.
+/// A surface point in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedSurface {
     /// Position.
     pub p: Vec3,
-    /// Bound on its distance from the surface.
+    /// Bound on the distance of `p` from the surface.
     pub error: f32,
     /// Unit normal.
     pub n: Vec3,
 }
 
 impl Placement {
-    /// The placement at a time in [0, 1] over the shutter interval.
+    /// Creates the transform at a time in [0, 1] over the shutter interval.
     pub fn new(instance: &Instance, time: f32) -> Self {
         let to_world = instance.to_world(time);
         let m = to_world.matrix3;
@@ -33,37 +33,38 @@ impl Placement {
         Placement { to_world, normals: cofactor * m.determinant().signum() }
     }
 
-    /// A vector of the group's coordinates in the world.
+    /// Transforms a vector from group space to world space.
     pub fn vector(&self, v: Vec3) -> Vec3 {
         (self.to_world.matrix3 * v.as_dvec3()).as_vec3()
     }
 
-    /// A world point in the group's coordinates.
+    /// Transforms a point from world space to group space.
     pub fn local_point(&self, p: Vec3) -> Vec3 {
         self.to_world.inverse().transform_point3(p.as_dvec3()).as_vec3()
     }
 
-    /// A normal of the group's coordinates in the world, of unit length.
+    /// Transforms a normal from group space to world space, with unit length.
     pub fn normal(&self, n: Vec3) -> Vec3 {
         (self.normals * n.as_dvec3()).normalize_or_zero().as_vec3()
     }
 
-    /// A world normal in the group's coordinates, of unit length.
+    /// Transforms a normal from world space to group space, with unit length.
     pub fn local_normal(&self, n: Vec3) -> Vec3 {
         (self.to_world.matrix3.transpose() * n.as_dvec3()).normalize_or_zero().as_vec3()
     }
 
-    /// How much area with the unit normal `n` of the group's coordinates has in the world.
+    /// Returns the ratio of areas in world space and group space for a surface with the unit normal `n` in group
+    /// space.
     pub fn stretch(&self, n: Vec3) -> f32 {
         (self.normals * n.as_dvec3()).length() as f32
     }
 
-    /// A surface point of the group's coordinates with a bound on its distance from the surface.
+    /// Transforms a surface point, with a bound on its distance from the surface, from group space to world space.
     pub fn surface(&self, instance: &Instance, time: f32, p: Vec3, error: f32, n: Vec3) -> PlacedSurface {
         let world = self.to_world.transform_point3(p.as_dvec3());
         let bent = self.normals * n.as_dvec3();
         let normal = bent.normalize_or_zero();
-        // Distances along the normal change by det / |det·M⁻ᵀ·n|.
+        // Distances along the normal scale by det / |det·M⁻ᵀ·n|.
         let along = self.to_world.matrix3.determinant().abs() / bent.length();
         let p = world.as_vec3();
         let rounding = instance.transform_error(time, p).as_dvec3() + world.abs() * f64::from(gamma(2));

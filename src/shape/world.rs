@@ -1,4 +1,4 @@
-//! Shapes in the world: what a scene is made of after its transforms are applied.
+//! Shapes in world space, after transforms have been applied.
 
 use super::{Mesh, Shape};
 use crate::accel::{Geometry, Primitive, VertexBuffer};
@@ -7,7 +7,7 @@ use crate::math::{DAffine3, DMat3, DVec3, Frame, Mat3, Vec2, Vec3};
 use crate::texture::Attribute;
 use std::sync::Arc;
 
-/// A triangle mesh in the world. Its arrays are shared with the accelerator.
+/// A triangle mesh in world space. The accelerator shares its arrays.
 pub struct TriangleMesh {
     /// Vertex positions.
     pub positions: Arc<VertexBuffer>,
@@ -17,18 +17,18 @@ pub struct TriangleMesh {
     pub normals: Vec<Vec3>,
     /// Texture coordinates; may be empty.
     pub uvs: Vec<Vec2>,
-    /// Further values of vertices and faces.
+    /// Additional values of vertices and faces.
     pub attributes: Vec<Attribute>,
 }
 
 impl TriangleMesh {
-    /// The corners of triangle `i`.
+    /// Returns the corners of triangle `i`.
     #[inline]
     pub fn triangle(&self, i: usize) -> [Vec3; 3] {
         self.indices[i].map(|v| self.positions[v as usize])
     }
 
-    /// Bytes of the arrays.
+    /// Returns the bytes of the arrays.
     pub fn memory_bytes(&self) -> usize {
         size_of_val::<[Vec3]>(&self.positions)
             + size_of_val(self.indices.as_slice())
@@ -38,12 +38,12 @@ impl TriangleMesh {
     }
 }
 
-/// A shape in the world.
+/// A shape in world space.
 #[derive(Clone)]
 pub enum WorldShape {
     /// A triangle mesh.
     Mesh(Arc<TriangleMesh>),
-    /// A parallelogram, as two triangles; its centre and half edges serve sampling.
+    /// A parallelogram of two triangles. Corner and edges are used for sampling.
     Rectangle {
         /// The two triangles.
         mesh: Arc<TriangleMesh>,
@@ -53,7 +53,7 @@ pub enum WorldShape {
         edge_x: Vec3,
         /// The edge along y, of full length.
         edge_y: Vec3,
-        /// Unit normal of the front.
+        /// Unit normal of the front side.
         normal: Vec3,
     },
     /// A sphere.
@@ -62,12 +62,12 @@ pub enum WorldShape {
         center: Vec3,
         /// Radius.
         radius: f32,
-        /// Whether the front is the inside.
+        /// Whether the front side is the inside.
         inward: bool,
-        /// World directions of its own axes, of unit length.
+        /// Unit vectors of the object-space axes in world space.
         axes: Mat3,
     },
-    /// A disk, possibly sheared to an ellipse.
+    /// A disk, possibly transformed to an ellipse.
     Disk {
         /// Centre.
         center: Vec3,
@@ -75,25 +75,25 @@ pub enum WorldShape {
         du: Vec3,
         /// Image of the unit disk's y axis.
         dv: Vec3,
-        /// Unit normal of the front.
+        /// Unit normal of the front side.
         normal: Vec3,
     },
-    /// A tube without caps.
+    /// An open cylinder, without caps.
     Cylinder {
         /// Centre of the lower end.
         p0: Vec3,
         /// Centre of the upper end.
         p1: Vec3,
-        /// The radius from the axis to where u is 0, and to where it is 1/4.
+        /// The vectors from the axis to the surface at u = 0 and at u = 1/4.
         side: [Vec3; 2],
-        /// Whether the front is the inside.
+        /// Whether the front side is the inside.
         inward: bool,
     },
 }
 
 impl WorldShape {
-    /// Applies a transform. Fronts of shapes with normals of their own (rectangle, cube, disk, smooth meshes)
-    /// survive a mirroring transform; the front of a faceted mesh is given by the order of its vertices.
+    /// Applies a transform. Shapes with their own normals (rectangle, cube, disk, smooth meshes) keep their front
+    /// side under a reflection. The front side of a faceted mesh depends on the order of its vertices.
     pub fn new(shape: Shape, to_world: &DAffine3, flip: bool) -> Result<Self> {
         Ok(match shape {
             Shape::Mesh(mesh) => WorldShape::Mesh(Arc::new(transform_mesh(mesh, to_world, flip))),
@@ -116,7 +116,7 @@ impl WorldShape {
         })
     }
 
-    /// What the accelerator is built from.
+    /// Returns the geometry for the accelerator.
     pub fn geometry(&self) -> Geometry {
         match self {
             WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
@@ -134,7 +134,7 @@ impl WorldShape {
         }
     }
 
-    /// Triangles; an analytic shape counts as none.
+    /// Returns the number of triangles; 0 for an analytic shape.
     pub fn triangle_count(&self) -> usize {
         match self {
             WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.indices.len(),
@@ -142,7 +142,7 @@ impl WorldShape {
         }
     }
 
-    /// Bytes of its arrays.
+    /// Returns the bytes of the arrays.
     pub fn memory_bytes(&self) -> usize {
         match self {
             WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.memory_bytes(),
@@ -151,8 +151,8 @@ impl WorldShape {
     }
 }
 
-/// A normal under a linear map: by the inverse transpose, written as the cofactor matrix, so that it exists
-/// for every map that does not squash the surface. The side is that of the map applied to the normal.
+/// Transforms a normal by the inverse transpose, computed as the cofactor matrix, which exists for every map that
+/// does not collapse the surface. The result is on the side of the transformed normal vector.
 fn transform_normal(m: &DMat3, n: Vec3) -> Vec3 {
     let (x, y, z) = (m.x_axis, m.y_axis, m.z_axis);
     let cofactor = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y));
@@ -204,7 +204,7 @@ fn rectangle(to_world: &DAffine3, flip: bool) -> WorldShape {
     }
 }
 
-/// The cube's six faces, each with its own four vertices. On a face, u runs along `s` and v along `t`.
+/// Creates the six faces of the cube, each with its own four vertices. On a face, u runs along `s` and v along `t`.
 fn cube() -> Mesh {
     let faces = [
         (Vec3::NEG_Y, Vec3::Z, Vec3::X),

@@ -14,7 +14,7 @@ pub(super) struct ListTriangle {
 /// A parallelogram or half of one. In coordinates relative to its centre, a point r of the plane has the coordinates
 /// (r·du, r·dv), which are within ±½ inside the parallelogram.
 #[derive(Clone, Debug)]
-pub(super) struct Facet {
+pub(super) struct ListFacet {
     pub center: Vec3,
     pub normal: Vec3,
     pub du: Vec3,
@@ -37,9 +37,9 @@ pub(super) struct HalfFacet {
 /// The result of [`facet`].
 pub(super) enum FacetResult {
     /// Two triangles that make a parallelogram.
-    Quad(Facet),
+    Quad(ListFacet),
     /// A single triangle. The second half repeats the first and is never hit.
-    Single(Facet),
+    Single(ListFacet),
     /// Too thin for the required precision, or without area, or not a parallelogram.
     Unusable,
 }
@@ -67,7 +67,7 @@ pub(super) fn facet(first: ListTriangle, second: Option<ListTriangle>, reach: f3
     }
     let corner = |i: usize| [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5]][(i + 3 - turn) % 3];
     let half = HalfFacet::new(first, [0, 1, 2].map(corner));
-    let make = |other| Facet {
+    let make = |other| ListFacet {
         center: (a + 0.5 * (e1 + e2)).as_vec3(),
         normal: n.normalize().as_vec3(),
         du: du.as_vec3(),

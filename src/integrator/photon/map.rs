@@ -31,7 +31,7 @@ impl PhotonMap {
     /// The map does not depend on the number of threads. It depends on the order of photons with equal coordinates.
     ///
     /// # Panics
-    /// If there are more than [`KdTree::MOST`] photons.
+    /// If there are more than [`KdTree::MAX_POINTS`] photons.
     pub fn new(mut photons: Vec<Photon>, emitted: u64) -> Self {
         let all = photons.len();
         photons.retain(Photon::is_valid);

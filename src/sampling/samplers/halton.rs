@@ -1,17 +1,18 @@
-//! The first two dimensions of the Halton sequence, bases 2 and 3, shuffled and Owen-scrambled independently for every
-//! dimension and pixel. [Halton 1960; Owen 1995]
+//! The first two dimensions of the Halton sequence (bases 2 and 3), shuffled and Owen-scrambled independently for
+//! every dimension and pixel. [Halton 1960; Owen 1995]
 //!
-//! Any 6^k neighbours of the sequence, from a multiple of 6^k on, share boxes of 2^−a by 3^−b evenly for a, b ≤ k. The
-//! sequence may stop anywhere, best where each half has 6^k points or a small multiple of that (12, 72, 144, 432 samples per
-//! pixel); past 6^6 points of a half it goes on with a new, independently scrambled one. Single numbers take base 2.
+//! Any 6^k consecutive points, starting at a multiple of 6^k, are distributed evenly over boxes of 2^−a by 3^−b for
+//! a, b ≤ k. Sampling may stop at any number of points. The best numbers are those for which each half has 6^k points
+//! or a small multiple of that (12, 72, 144, 432 samples per pixel). After 6^6 points of a half, a new, independently
+//! scrambled sequence starts. Single numbers use base 2.
 //!
-//! Every pair has the bases 2 and 3, as [`sobol`](super::sobol) has the same two dimensions for every pair. Bases of its own
-//! for every dimension (5 and 7 for the next pair, and so on) have up to 23 % more relMSE up to 72 samples per
-//! pixel, and about as much at 256 (docs/samplers.md): large bases need many points.
+//! Every pair uses the bases 2 and 3, as [`sobol`](super::sobol) uses the same two dimensions for every pair.
+//! Different bases for every dimension (5 and 7 for the next pair, and so on) have up to 23 % more relMSE up to 72
+//! samples per pixel, and about the same at 256 (docs/samplers.md), because large bases need many points.
 
 use super::SampleKey;
 use super::sobol;
-use super::strata::{LANES, Lanes, in_cell};
+use super::strata::{KeyLanes, LANES, in_cell};
 use crate::sampling::hash::{pcg3d, to_unit};
 
 pub fn fill_1d(d: u32, keys: &[SampleKey], out: &mut [f32]) {
@@ -34,21 +35,21 @@ pub fn fill_2d(d: u32, keys: &[SampleKey], x: &mut [f32], y: &mut [f32]) {
     }
 }
 
-/// Digits in base 6 of a point's index.
+/// The number of base-6 digits of a point's index.
 const DIGITS: u32 = 6;
-/// The points of a sequence: 46 656.
+/// The number of points in a sequence: 46 656.
 const BLOCK: u32 = 6u32.pow(DIGITS);
-/// Digits in base 3 that tell these points apart.
+/// The number of base-3 digits that distinguish these points.
 const TERNARY_DIGITS: u32 = 10;
 
-/// Mixes a digit and what came before it.
+/// Combines a digit with the hash of the preceding digits.
 #[inline(always)]
 fn descend(h: u32, digit: u32) -> u32 {
     let h = (h ^ digit.wrapping_mul(0x9e37_79b9)).wrapping_mul(0x21f0_aaad);
     h ^ (h >> 15)
 }
 
-/// The image of `digit` under one of the permutations of 0..3, which are the affine maps modulo 3.
+/// Permutes `digit` by one of the permutations of 0..3, which are the affine maps modulo 3.
 #[inline(always)]
 fn permute3(digit: u32, random: u32) -> u32 {
     let shift = ((random >> 16) * 3) >> 16;
@@ -57,10 +58,10 @@ fn permute3(digit: u32, random: u32) -> u32 {
     t - 3 * ((t * 11) >> 5)
 }
 
-/// Nested uniform shuffling of indices below [`BLOCK`]: each digit in base 6 is one in base 2 and one in base 3, permuted
-/// at random for all that came before it. Neighbours that fill a block of 6^k stay neighbours.
+/// Nested uniform shuffling of indices below [`BLOCK`]. Each base-6 digit consists of a base-2 and a base-3 digit,
+/// which are permuted at random depending on all preceding digits. Blocks of 6^k consecutive indices are preserved.
 #[inline(always)]
-fn shuffle(index: &mut Lanes, mut h: Lanes) {
+fn shuffle(index: &mut KeyLanes, mut h: KeyLanes) {
     let (mut rest, mut power) = (*index, BLOCK);
     *index = [0; LANES];
     for _ in 0..DIGITS {
@@ -79,9 +80,9 @@ fn shuffle(index: &mut Lanes, mut h: Lanes) {
     }
 }
 
-/// The radical inverse in base 3, Owen-scrambled; random below the digits that tell the points apart.
+/// Returns the Owen-scrambled radical inverse in base 3; digits beyond those of the index are random.
 #[inline(always)]
-fn ternary(mut rest: Lanes, mut h: Lanes) -> [f32; LANES] {
+fn ternary(mut rest: KeyLanes, mut h: KeyLanes) -> [f32; LANES] {
     let mut value = [0; LANES];
     for _ in 0..TERNARY_DIGITS {
         for i in 0..LANES {

@@ -1,4 +1,4 @@
-//! Independent uniform numbers by hashing: what every other sampler is measured against. [Jarzynski and Olano 2020]
+//! Independent uniform numbers from a hash, the baseline for all other samplers. [Jarzynski and Olano 2020]
 
 use super::SampleKey;
 use crate::sampling::hash::{pcg3d, to_unit};

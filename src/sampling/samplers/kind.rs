@@ -1,11 +1,11 @@
-//! Samplers by name.
+//! The names of samplers.
 
 use super::strata::Grid;
 use super::zsobol;
 use std::fmt;
 use std::str::FromStr;
 
-/// A sampler by name.
+/// The kind of a sampler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum SamplerKind {
     /// Independent uniform numbers.
@@ -19,7 +19,7 @@ pub enum SamplerKind {
     /// Padded Owen-scrambled Sobol pairs.
     #[default]
     Sobol,
-    /// Sobol pairs along a shuffled Z-curve over the screen: blue noise.
+    /// Sobol pairs along a shuffled Z-curve over the image: blue noise.
     Zsobol,
     /// The same Sobol pairs in every pixel.
     Fixed,
@@ -37,7 +37,7 @@ impl SamplerKind {
         SamplerKind::Fixed,
     ];
 
-    /// The name in scene files and on the command line.
+    /// Returns the name in scene files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             SamplerKind::Independent => "independent",
@@ -50,34 +50,34 @@ impl SamplerKind {
         }
     }
 
-    /// Whether the samples of a pixel say nothing of those of other pixels.
+    /// Returns whether the samples of different pixels are independent.
     pub fn has_independent_pixels(self) -> bool {
         !matches!(self, SamplerKind::Zsobol | SamplerKind::Fixed)
     }
 
-    /// Whether errors of different pixels are so much alike that the error of an average over pixels is larger than
-    /// if they were independent.
+    /// Returns whether the errors of different pixels are so strongly correlated that the error of an average over
+    /// pixels is larger than for independent errors.
     pub fn shares_noise(self) -> bool {
         self == SamplerKind::Fixed
     }
 
-    /// What to know about this sampler at that many samples per pixel (`None` where no rule says how many), if it would do
-    /// better with another number.
+    /// Returns a note if this sampler works better with another number of samples per pixel. `None` for
+    /// `samples_per_pixel` means that the number is unknown.
     pub fn advice(self, samples_per_pixel: Option<u64>) -> Option<String> {
         let of_two = matches!(self, SamplerKind::Zsobol);
         if !of_two && !matches!(self, SamplerKind::Stratified | SamplerKind::Multijitter) {
             return None;
         }
         let Some(samples) = samples_per_pixel else {
-            let planned = super::PLANNED;
+            let planned = super::DEFAULT_COUNT;
             return Some(format!(
                 "the sampler {self} is laid out for {planned} samples per pixel where --spp names no number, and begins \
                  anew after those"
             ));
         };
         let (most, fits): (u64, fn(u64) -> bool) = match of_two {
-            true => (2 << zsobol::MOST_LOG2, u64::is_power_of_two),
-            false => (2 * Grid::MOST, |n| n % 2 == 0 && u64::from(Grid::new(n / 2).cells()) == n / 2),
+            true => (2 << zsobol::MAX_LOG2, u64::is_power_of_two),
+            false => (2 * Grid::MAX_POINTS, |n| n % 2 == 0 && u64::from(Grid::new(n / 2).cells()) == n / 2),
         };
         if samples > most {
             return Some(format!("the sampler {self} begins anew after {most} samples per pixel"));

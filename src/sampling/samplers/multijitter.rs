@@ -1,11 +1,12 @@
 //! Correlated multi-jittered sampling. [Kensler 2013]
 //!
-//! As [`stratified`](super::stratified), and besides each of the n intervals of x, and each of y, holds one of the n points of
-//! a block: the places within the cells of a column are shuffled, in the same way for all columns, and likewise for rows.
+//! As in [`stratified`](super::stratified), each cell has one of the n points of a block. In addition, each of the n
+//! intervals of x, and of y, has one point: the positions within the cells of a column are shuffled in the same way
+//! for all columns, and likewise for rows.
 
 use super::SampleKey;
 use super::strata::{Grid, LANES, in_cell, permute};
-use super::stratified::{self, places};
+use super::stratified::{self, block_indices};
 use crate::sampling::hash::pcg3d;
 
 pub fn fill_1d(grid: Grid, d: u32, keys: &[SampleKey], out: &mut [f32]) {
@@ -16,7 +17,7 @@ pub fn fill_2d(grid: Grid, d: u32, keys: &[SampleKey], x: &mut [f32], y: &mut [f
     let Grid { columns, rows } = grid;
     let n = grid.cells();
     for ((keys, x), y) in keys.chunks(LANES).zip(x.chunks_mut(LANES)).zip(y.chunks_mut(LANES)) {
-        let (mut cells, blocks) = places(n, d, keys);
+        let (mut cells, blocks) = block_indices(n, d, keys);
         let mut seeds = [[0; LANES]; 3];
         for (i, block) in blocks.iter().enumerate() {
             [seeds[0][i], seeds[1][i], seeds[2][i]] = pcg3d(*block, 0x51a3_9c07, 0x8d2f_64e5);

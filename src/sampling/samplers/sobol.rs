@@ -1,8 +1,8 @@
 //! The first two dimensions of the Sobol sequence, shuffled and Owen-scrambled independently for every dimension and
 //! pixel. [Burley 2020]
 //!
-//! Any 2^m neighbours of the sequence, from a multiple of 2^m on, are a (0, m, 2)-net: one point in every elementary
-//! interval of area 2^−m. The sequence may stop anywhere, best at a power of two.
+//! Any 2^m consecutive points, starting at a multiple of 2^m, are a (0, m, 2)-net: every elementary interval of area
+//! 2^−m has one point. Sampling may stop at any number of points; powers of two are best.
 
 use super::SampleKey;
 use crate::sampling::hash::{pcg3d, to_unit};
@@ -22,32 +22,32 @@ pub fn fill_2d(d: u32, keys: &[SampleKey], x: &mut [f32], y: &mut [f32]) {
     }
 }
 
-/// Seeds of the shuffle and of the number.
+/// Returns the seeds of the shuffle and of the number.
 #[inline(always)]
 pub fn seeds_1d(seed: u32) -> [u32; 3] {
     pcg3d(seed, 0x68bc_21eb, 0x02e5_be93)
 }
 
-/// Seeds of the shuffle and of the two numbers.
+/// Returns the seeds of the shuffle and of the two numbers.
 #[inline(always)]
 pub fn seeds_2d(seed: u32) -> [u32; 3] {
     pcg3d(seed, 0x967a_889b, 0x368c_c8b7)
 }
 
-/// Point `index` of the first dimension, Owen-scrambled.
+/// Returns point `index` of the first dimension, Owen-scrambled.
 #[inline(always)]
 pub fn number(index: u32, seed: u32) -> u32 {
     owen_reversed(index, seed).reverse_bits()
 }
 
-/// Point `index` of the first two dimensions, Owen-scrambled.
+/// Returns point `index` of the first two dimensions, Owen-scrambled.
 #[inline(always)]
 pub fn pair(index: u32, seeds: [u32; 2]) -> [u32; 2] {
     [number(index, seeds[0]), number(pascal_reversed(index), seeds[1])]
 }
 
-/// Owen scrambling of `x` with its bits reversed: bit i of the result depends on bits 0..=i of `x` only.
-/// [Laine and Karras 2011; constants of Vegdahl 2021]
+/// Owen-scrambles `x` with its bits reversed: bit i of the result depends only on bits 0..=i of `x`. [Laine and
+/// Karras 2011; constants of Vegdahl 2021]
 #[inline(always)]
 pub fn owen_reversed(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
@@ -57,8 +57,8 @@ pub fn owen_reversed(mut x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// The second Sobol dimension of `index` with its bits reversed: the Pascal matrix modulo 2, applied in
-/// five steps of the fast zeta transform.
+/// Returns the second Sobol dimension of `index` with its bits reversed: the Pascal matrix modulo 2, applied in five
+/// steps of the fast zeta transform.
 #[inline(always)]
 fn pascal_reversed(mut index: u32) -> u32 {
     index ^= (index & 0xaaaa_aaaa) >> 1;
@@ -68,7 +68,7 @@ fn pascal_reversed(mut index: u32) -> u32 {
     index ^ (index >> 16)
 }
 
-/// A random order of the points: nested uniform shuffling of the index. [Burley 2020, section 3.2]
+/// Permutes the points by nested uniform shuffling of the index. [Burley 2020, section 3.2]
 #[inline(always)]
 pub fn shuffle(index: u32, seed: u32) -> u32 {
     owen_reversed(index.reverse_bits(), seed).reverse_bits()

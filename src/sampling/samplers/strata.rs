@@ -1,8 +1,8 @@
-//! Strata: grids of cells, random orders of them, and points in them.
+//! Strata: grids of cells, random permutations of them, and points in them.
 
 use crate::sampling::hash::{mix, to_unit};
 
-/// Cells of the unit square: `columns` along x, `rows` along y.
+/// A grid of cells on the unit square: `columns` along x, `rows` along y.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Grid {
     pub columns: u32,
@@ -10,38 +10,39 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The largest number of points that a grid is made for.
-    pub const MOST: u64 = 1 << 20;
+    /// The greatest number of points of a grid.
+    pub const MAX_POINTS: u64 = 1 << 20;
 
-    /// The grid for `count` points (1 to [`Grid::MOST`]): with exactly as many cells, if there is one that is at most twice
-    /// as wide as high, else the nearly square one with the fewest cells too many.
+    /// Creates the grid for `count` points (1 to [`Grid::MAX_POINTS`]). It has exactly `count` cells if there is such
+    /// a grid that is at most twice as wide as high; otherwise it is the nearly square grid with the fewest
+    /// additional cells.
     pub fn new(count: u64) -> Self {
-        let count = count.clamp(1, Grid::MOST) as u32;
+        let count = count.clamp(1, Grid::MAX_POINTS) as u32;
         let root = count.isqrt();
         let exact = (1..=root).rev().find(|rows| count.is_multiple_of(*rows) && count / rows <= 2 * rows);
         let rows = exact.unwrap_or(root);
         Grid { columns: count.div_ceil(rows), rows }
     }
 
-    /// How many cells it has.
+    /// Returns the number of cells.
     pub fn cells(self) -> u32 {
         self.columns * self.rows
     }
 }
 
-/// Numbers that are computed at a time.
+/// The number of values that are computed together.
 pub const LANES: usize = 16;
-/// One number for each of some keys.
-pub type Lanes = [u32; LANES];
+/// One value for each of several keys.
+pub type KeyLanes = [u32; LANES];
 
-/// The images of `i` under pseudo-random permutations of `0..n`, one for each seed. [Kensler 2013, listing 2]
+/// Permutes each `i` by a pseudo-random permutation of `0..n`, one for each seed. [Kensler 2013, listing 2]
 #[inline(always)]
-pub fn permute(i: &mut Lanes, n: u32, seeds: &Lanes) {
+pub fn permute(i: &mut KeyLanes, n: u32, seeds: &KeyLanes) {
     let w = n.next_power_of_two() - 1;
     for (i, seed) in i.iter_mut().zip(seeds) {
         *i = permute_bits(*i, w, *seed);
     }
-    // Walks along the cycle until it is back in the range.
+    // Follows the cycle until the value is in the range.
     while i.iter().any(|&i| i >= n) {
         for (i, seed) in i.iter_mut().zip(seeds) {
             let next = permute_bits(*i, w, *seed);
@@ -49,13 +50,13 @@ pub fn permute(i: &mut Lanes, n: u32, seeds: &Lanes) {
         }
     }
     for (i, seed) in i.iter_mut().zip(seeds) {
-        // Makes every image equally likely, however few the bits of `n` are.
+        // Makes all images equally likely, also if `n` has few bits.
         let turned = *i + ((u64::from(mix(*seed)) * u64::from(n)) >> 32) as u32;
         *i = if turned < n { turned } else { turned - n };
     }
 }
 
-/// A permutation of 0 to `w`, all of whose bits are ones.
+/// Permutes 0 to `w`, where all bits of `w` are ones.
 #[inline(always)]
 fn permute_bits(mut i: u32, w: u32, seed: u32) -> u32 {
     i ^= seed;
@@ -78,7 +79,7 @@ fn permute_bits(mut i: u32, w: u32, seed: u32) -> u32 {
     i ^ (i >> 5)
 }
 
-/// `(cell + jitter) / cells` for fewer than 2^24 cells; rounding leaves it in its cell, and below 1.
+/// Returns `(cell + jitter) / cells` for fewer than 2^24 cells. Rounding keeps the result in its cell and below 1.
 #[inline(always)]
 pub fn in_cell(cell: u32, jitter: u32, cells: u32) -> f32 {
     let below_next = f32::from_bits(((cell + 1) as f32).to_bits() - 1);

@@ -11,7 +11,7 @@ fn pairs(sampler: Sampler, keys: &[SampleKey], d: Dimension) -> Vec<[f32; 2]> {
     x.into_iter().zip(y).map(|(x, y)| [x, y]).collect()
 }
 
-/// Every elementary interval of area 1/n holds exactly one of the first n points: a (0, m, 2)-net.
+/// Every elementary interval of area 1/n has exactly one of the first n points: a (0, m, 2)-net.
 #[test]
 fn sobol_pairs_are_nets_for_every_power_of_two_and_every_block() {
     for dimension in [0, 17, 8 * 999] {
@@ -65,8 +65,8 @@ fn stratified_pairs_fill_every_cell_of_every_block() {
     }
 }
 
-/// Means over many independently scrambled short sequences lie within five standard errors of 1/2, and
-/// different dimensions, pixels and halves are uncorrelated.
+/// The means over many independently scrambled short sequences are within five standard errors of 1/2, and different
+/// dimensions, pixels and halves are uncorrelated.
 #[test]
 fn samplers_are_unbiased_and_their_dimensions_uncorrelated() {
     for sampler in [
@@ -112,23 +112,23 @@ fn names_round_trip_and_unknown_ones_are_refused() {
     );
 }
 
-/// Dimensions of held domains are constant; the others are what they were.
+/// Dimensions of fixed domains are constant; the others are unchanged.
 #[test]
 fn held_domains_stand_still_and_nothing_else_does() {
     let keys = keys(3, 100);
-    let held = DomainSet::EMPTY.with(Domain::Lens).with(Domain::Light);
+    let fixed = DomainSet::EMPTY.with(Domain::Lens).with(Domain::Light);
     for kind in SamplerKind::ALL {
         let free = Sampler::new(kind, Some(64));
-        let holding = free.holding(held);
-        assert_eq!(holding.kind(), kind);
+        let with_fixed = free.with_fixed(fixed);
+        assert_eq!(with_fixed.kind(), kind);
         for d in [Dimension::LENS, Dimension::emitter_point(0), Dimension::emitter_point(7).repeat(300)] {
-            assert!(pairs(holding, &keys, d).iter().all(|p| *p == [0.5, 0.5]), "{kind} {d}");
+            assert!(pairs(with_fixed, &keys, d).iter().all(|p| *p == [0.5, 0.5]), "{kind} {d}");
         }
         for d in [Dimension::PIXEL, Dimension::bsdf_direction(0), Dimension::roulette(2)] {
-            assert_eq!(pairs(holding, &keys, d), pairs(free, &keys, d), "{kind} {d}");
+            assert_eq!(pairs(with_fixed, &keys, d), pairs(free, &keys, d), "{kind} {d}");
         }
         let mut u = vec![0.0; keys.len()];
-        holding.fill_1d(Dimension::emitter_choice(1), &keys, &mut u);
+        with_fixed.fill_1d(Dimension::emitter_choice(1), &keys, &mut u);
         assert!(u.iter().all(|&u| u == 0.5));
     }
 }

@@ -6,7 +6,7 @@
 
 use super::{Checkpoint, Identity, Label};
 use crate::error::{Error, Result};
-use crate::estimate::replicates::MOST_REPLICATES;
+use crate::estimate::replicates::MAX_REPLICATES;
 use crate::film::{ComponentFormat, PixelFormat, PixelRect, Tile};
 use crate::integrator::Counters;
 use crate::integrator::settings::{Aov, Layer};
@@ -144,7 +144,7 @@ impl Header {
         if !sides.contains(&width) || !sides.contains(&height) || x > LONGEST_SIDE || y > LONGEST_SIDE {
             return Err(damaged("an image of impossible size"));
         }
-        if !(2..=MOST_REPLICATES).contains(&self.replicates) || !self.replicates.is_power_of_two() {
+        if !(2..=MAX_REPLICATES).contains(&self.replicates) || !self.replicates.is_power_of_two() {
             return Err(damaged("an impossible number of replicates"));
         }
         let mut layers = Vec::new();

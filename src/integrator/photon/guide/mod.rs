@@ -83,7 +83,7 @@ impl EmissionGuide {
     fn of(scene: &Scene, found: &[PilotResults]) -> Option<Self> {
         let (lights, brought): (Vec<_>, Vec<_>) = found.iter().map(PilotResults::best).unzip();
         let total: f64 = brought.iter().sum();
-        if !(total > 0.0 && total.is_finite()) || 2 * lights.len() > Distribution1D::MOST {
+        if !(total > 0.0 && total.is_finite()) || 2 * lights.len() > Distribution1D::MAX_ENTRIES {
             return None;
         }
         let unguided = (0..lights.len()).map(|i| UNGUIDED * f64::from(scene.light_choice.pmf(i)));

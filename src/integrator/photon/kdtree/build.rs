@@ -24,15 +24,15 @@ struct TreePoint {
 
 impl KdTree {
     /// The greatest number of points in a tree.
-    pub const MOST: usize = 1 << 31;
+    pub const MAX_POINTS: usize = 1 << 31;
 
     /// Builds the tree of the points `position(0)` to `position(len - 1)`. The result does not depend on the number
     /// of threads: points with equal coordinates are ordered by index.
     ///
     /// # Panics
-    /// If a point is not finite, or there are more than [`MOST`](Self::MOST).
+    /// If a point is not finite, or there are more than [`MOST`](Self::MAX_POINTS).
     pub fn build(len: usize, position: impl Fn(usize) -> Vec3 + Sync) -> BuiltTree {
-        assert!(len <= Self::MOST, "{len} points are more than a kd-tree can hold");
+        assert!(len <= Self::MAX_POINTS, "{len} points are more than a kd-tree can hold");
         let entry = |i: usize| {
             let p = position(i);
             assert!(p.is_finite(), "a kd-tree holds finite points only, not {p}");
