@@ -307,7 +307,7 @@ impl BlockSums {
     }
 
     /// Returns the variance of a sum, from variances of single pixels with one degree of freedom each.
-    fn from_pixels(&self, k: usize) -> VarianceEstimate {
+    fn pixel_estimate(&self, k: usize) -> VarianceEstimate {
         let [variance, squares] = self.by_pixels[k];
         // ν = 3·(Σv)²/Σv² − 2.
         let freedom = 3.0 * variance * variance / squares - 2.0;
@@ -317,8 +317,9 @@ impl BlockSums {
 
     /// Returns the variance of the difference: the larger one of the estimated and the expected variance.
     fn spread(&self) -> VarianceEstimate {
-        let found = self.shared.iter().flatten().fold(self.from_pixels(2), |sum, spread| sum.plus(*spread));
-        let of_second = self.shared[1].unwrap_or_else(|| self.from_pixels(1));
+        let found =
+            self.shared.iter().flatten().fold(self.pixel_estimate(2), |sum, spread| sum.plus(*spread));
+        let of_second = self.shared[1].unwrap_or_else(|| self.pixel_estimate(1));
         match self.expected.map(|factor| of_second.times(factor)) {
             Some(expected) if expected.variance > found.variance => expected,
             _ => found,
