@@ -1,11 +1,13 @@
-//! NeighbourBuffer photons: `cargo bench --bench caches [-- LARGEST]`, with up to LARGEST points (10 million if nothing is said).
+//! NeighbourBuffer photons: `cargo bench --bench caches [-- LARGEST]`, with up to LARGEST points (10 million if
+//! nothing is said).
 //!
 //! Our kd-tree beside kiddo's `ImmutableKdTree`, from one thread; each figure is the shortest of several rounds, so
 //! that what else the machine does in between is not measured.
 //!
 //! Handicaps, so that no row is read for more than it says:
-//! * kiddo's leaves hold 32, 64 or 128 points; the best of the three is shown for every k by itself. It is asked for unsorted
-//!   results where it can give them (`nearest_n_within`, without a bound), and for the nearest one by `nearest_one`.
+//! * kiddo's leaves hold 32, 64 or 128 points; the best of the three is shown for every k by itself. It is asked for
+//!   unsorted results where it can give them (`nearest_n_within`, without a bound), and for the nearest one by
+//!   `nearest_one`.
 //! * kiddo allocates the results of every query; ours are in a buffer that is kept.
 //! * kiddo is built by one thread, ours is also by all (the second figure).
 //! * Ours does not say which of several equally far points it takes; neither does kiddo's.

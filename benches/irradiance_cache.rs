@@ -1,9 +1,9 @@
-//! Looking irradiance up: `cargo bench --bench irradiance_cache [-- LARGEST]`, with up to LARGEST records (a million if nothing is
-//! said), from one thread.
+//! Looking irradiance up: `cargo bench --bench irradiance_cache [-- LARGEST]`, with up to LARGEST records (a million
+//! if nothing is said), from one thread.
 //!
-//! Records cover the walls of a room evenly, as densely as a quality asks for: so many reach a point that the figure is that of
-//! a render, whatever their number. Two rows of queries: neighbours one after the other, as the pixels of a tile ask, and
-//! random ones, for which nothing is in a cache of the processor.
+//! Records cover the walls of a room evenly, as densely as a quality asks for: so many reach a point that the figure
+//! is that of a render, whatever their number. Two rows of queries: neighbours one after the other, as the pixels of
+//! a tile ask, and random ones, for which nothing is in a cache of the processor.
 
 use buffon::integrator::irrcache::interpolation::Interpolation;
 use buffon::integrator::irrcache::record::Record;

@@ -1,9 +1,9 @@
 //! Seconds, MB/s and memory of loading meshes: `cargo bench --bench load [-- FILTER]`.
 //!
-//! Each row is a height field of two million triangles and a million vertices, written to a temporary directory, so that
-//! it is read from the system's cache. A load is the whole of `loader::load`, from the file to the description of a scene
-//! with vertex normals, in a process of its own; it counts with the median of its runs. Memory is the process' largest
-//! resident set above the one at its start, beside the size of the arrays that it ends with.
+//! Each row is a height field of two million triangles and a million vertices, written to a temporary directory, so
+//! that it is read from the system's cache. A load is the whole of `loader::load`, from the file to the description
+//! of a scene with vertex normals, in a process of its own; it counts with the median of its runs. Memory is the
+//! process' largest resident set above the one at its start, beside the size of the arrays that it ends with.
 //!
 //! `cargo bench --bench load -- --keep DIRECTORY` writes the files there and leaves them, for other programs to load.
 

@@ -1,8 +1,9 @@
-//! Opens a page of Buffon in headless Chromium and checks what a reader would: that plots are there, that the viewer's slider,
-//! zoom and exposure change pixels, that names are shown, and that nothing is logged as an error. Saves screenshots.
+//! Opens a page of Buffon in headless Chromium and checks what a reader would: that plots are there, that the
+//! viewer's slider, zoom and exposure change pixels, that names are shown, and that nothing is logged as an error.
+//! Saves screenshots.
 //!
-//! `cargo run --example check_page -- PAGE.html DIR`; `CHROMIUM` names another browser. The browser is driven through the
-//! Chrome DevTools Protocol over a pipe, with real mouse events.
+//! `cargo run --example check_page -- PAGE.html DIR`; `CHROMIUM` names another browser. The browser is driven through
+//! the Chrome DevTools Protocol over a pipe, with real mouse events.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

@@ -1,7 +1,7 @@
 //! Writes the smooth meshes of `scenes/interior` and `scenes/caustics`: `cargo run --release --example scene_meshes`.
 //!
-//! Each is a parametric surface, cut into a grid of triangles with the surface's own normals at its vertices. The files are in the
-//! repository; this program says what is in them, and writes the same bytes again.
+//! Each is a parametric surface, cut into a grid of triangles with the surface's own normals at its vertices. The
+//! files are in the repository; this program says what is in them, and writes the same bytes again.
 
 use std::f64::consts::{PI, TAU};
 use std::io::Write;
@@ -52,8 +52,8 @@ fn revolve(u: f64, [radius, height]: [f64; 2]) -> [f64; 3] {
     [radius * cos, height, -radius * sin]
 }
 
-/// Writes the surface over the unit square as a binary PLY with normals, of `columns` x `rows` cells with two triangles each.
-/// Front is where ∂u × ∂v points to.
+/// Writes the surface over the unit square as a binary PLY with normals, of `columns` x `rows` cells with two
+/// triangles each. Front is where ∂u × ∂v points to.
 fn write(
     path: &Path,
     columns: u32,

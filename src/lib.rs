@@ -37,8 +37,8 @@
 //!
 //! # Bibliography
 //!
-//! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of
-//!   pixels. ACM Transactions on Graphics 39(6).
+//! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
+//!   ordering of pixels. ACM Transactions on Graphics 39(6).
 //! - `[Arvo 1986]` Backward ray tracing. SIGGRAPH course notes.
 //! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.
 //! - `[Bentley 1975]` Multidimensional binary search trees used for associative searching. CACM 18(9).
@@ -56,11 +56,12 @@
 //! - `[Egan and Hilgeman 1973]` Spectral reflectance of particulate materials: a Monte Carlo model including asperity
 //!   scattering. Applied Optics 12.
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
-//! - `[Halton 1960]` On the efficiency of certain quasi-random sequences of points in evaluating multi-dimensional integrals.
-//!   Numerische Mathematik 2.
+//! - `[Halton 1960]` On the efficiency of certain quasi-random sequences of points in evaluating multi-dimensional
+//!   integrals. Numerische Mathematik 2.
 //! - `[Hachisuka and Jensen 2009]` Stochastic progressive photon mapping. SIGGRAPH Asia.
 //! - `[Heitz 2014]` Understanding the masking-shadowing function in microfacet-based BRDFs. JCGT 3(2).
-//! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals. EGSR.
+//! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals.
+//!   EGSR.
 //! - `[Heitz 2018]` Sampling the GGX distribution of visible normals. JCGT 7(4).
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
@@ -70,10 +71,11 @@
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
-//! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics 30(3).
+//! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics
+//!   30(3).
 //! - `[Křivánek 2005]` Radiance caching for global illumination computation on glossy surfaces. PhD thesis, Rennes.
-//! - `[Křivánek 2006]` Křivánek, Bouatouch, Pattanaik, Žára: Making radiance and irradiance caching practical: adaptive caching and
-//!   neighbor clamping. EGSR.
+//! - `[Křivánek 2006]` Křivánek, Bouatouch, Pattanaik, Žára: Making radiance and irradiance caching practical:
+//!   adaptive caching and neighbor clamping. EGSR.
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Lambert 1760]` Photometria.
@@ -82,12 +84,13 @@
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
 //! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin 2(6).
-//! - `[Schwarzhaupt et al. 2012]` Schwarzhaupt, Jensen, Jarosz: Practical Hessian-based error control for irradiance caching.
-//!   TOG 31(6).
+//! - `[Schwarzhaupt et al. 2012]` Schwarzhaupt, Jensen, Jarosz: Practical Hessian-based error control for irradiance
+//!   caching. TOG 31(6).
 //! - `[Shirley and Chiu 1997]` A low distortion map between disk and square. JGT 2(3).
 //! - `[Šidák 1967]` Rectangular confidence regions for the means of multivariate normal distributions. JASA 62(318).
 //! - `[Silverman 1986]` Density estimation for statistics and data analysis. Chapman and Hall.
-//! - `[Tabellion and Lamorlette 2004]` An approximate global illumination system for computer generated films. SIGGRAPH.
+//! - `[Tabellion and Lamorlette 2004]` An approximate global illumination system for computer generated films.
+//!   SIGGRAPH.
 //! - `[Ureña 2013]` An area-preserving parametrization for spherical rectangles. EGSR.
 //! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Veach 1997]` Robust Monte Carlo methods for light transport simulation. PhD thesis, Stanford.

@@ -57,8 +57,8 @@ fn errors(images: &[Vec<[f64; 3]>]) -> Vec<f64> {
     images.iter().map(error).collect()
 }
 
-/// 40 seeds of each case: no fewer intervals hold the true error than a coverage of 95 % (90 % among fireflies) leaves a
-/// chance of one in a thousand, and the estimates are right on average.
+/// 40 seeds of each case: no fewer intervals hold the true error than a coverage of 95 % (90 % among fireflies)
+/// leaves a chance of one in a thousand, and the estimates are right on average.
 #[test]
 fn intervals_hold_the_true_error_as_often_as_they_claim() {
     const SEEDS: u64 = 40;

@@ -108,7 +108,8 @@ fn a_million_photons_in_one_point_leave_the_rest_as_it_is() {
     }
 }
 
-/// A spot of a thousandth of a degree sends all of its photons to one place: the picture has no value that is no number.
+/// A spot of a thousandth of a degree sends all of its photons to one place: the picture has no value that is no
+/// number.
 #[test]
 fn a_photon_map_of_a_needle_of_light_renders() {
     for &accel in AccelKind::ALL {
@@ -157,8 +158,8 @@ fn records(scene: &Scene, settings: &IrrcacheSettings) -> usize {
     cache.records().iter().map(|records| records.len()).sum()
 }
 
-/// Two walls that meet at an angle of so many degrees along the z axis, 2 long and 2 high, closed by a third wall and by
-/// lids; all of them face the inside.
+/// Two walls that meet at an angle of so many degrees along the z axis, 2 long and 2 high, closed by a third wall and
+/// by lids; all of them face the inside.
 fn wedge(degrees: f64, reflectance: f32, emission: f32) -> Description {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (a, b) = (DVec3::new(2.0, 0.0, 0.0), DVec3::new(2.0 * cos, 2.0 * sin, 0.0));
@@ -178,8 +179,8 @@ fn wedge(degrees: f64, reflectance: f32, emission: f32) -> Description {
     scene
 }
 
-/// In a closed furnace light is 1/(1 − a) everywhere, also in a corner of one degree; and not more records are needed than
-/// for a corner of ninety.
+/// In a closed furnace light is 1/(1 − a) everywhere, also in a corner of one degree; and not more records are needed
+/// than for a corner of ninety.
 #[test]
 fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
     for &accel in AccelKind::ALL {
@@ -207,8 +208,8 @@ fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
     }
 }
 
-/// A corner of one degree that a lamp lights through its open side, against path tracing. The records' noise is common to
-/// many pixels, and not in the estimate of the error.
+/// A corner of one degree that a lamp lights through its open side, against path tracing. The records' noise is
+/// common to many pixels, and not in the estimate of the error.
 #[test]
 fn a_corner_of_one_degree_has_the_light_of_path_tracing() {
     for &accel in AccelKind::ALL {
@@ -286,8 +287,8 @@ fn nothing_leaks_through_a_wall_thinner_than_the_records_are_apart() {
     }
 }
 
-/// Over a thin wall that is not closed light comes as path tracing has it, but for the cache's bias in a room without direct
-/// light, which it has by a thick wall, too.
+/// Over a thin wall that is not closed light comes as path tracing has it, but for the cache's bias in a room without
+/// direct light, which it has by a thick wall, too.
 #[test]
 fn a_thin_wall_with_a_gap_has_the_light_of_path_tracing() {
     for &accel in AccelKind::ALL {

@@ -1,5 +1,5 @@
-//! Hard cases of meshes on every back end: triangles that are no triangles, slivers and needles, and very many of them in
-//! one place.
+//! Hard cases of meshes on every back end: triangles that are no triangles, slivers and needles, and very many of
+//! them in one place.
 //!
 //! `BUFFON_HARD_TRIANGLES` says how many there are in one place.
 
@@ -204,7 +204,8 @@ fn very_many_triangles_in_one_place_build_and_are_found() {
     }
 }
 
-/// A lamp and a floor, both with triangles that are none: they are counted, shine and reflect as if these were not there.
+/// A lamp and a floor, both with triangles that are none: they are counted, shine and reflect as if these were not
+/// there.
 #[test]
 fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
     let square = Mesh {

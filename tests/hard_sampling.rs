@@ -1,5 +1,5 @@
-//! Hard cases of sampling: dimensions and samples far beyond what a render asks for, the ends of every random number, and
-//! the poles and seams of every parametrisation.
+//! Hard cases of sampling: dimensions and samples far beyond what a render asks for, the ends of every random number,
+//! and the poles and seams of every parametrisation.
 
 use crate::support::scenes;
 use buffon::accel::AccelKind;
@@ -134,8 +134,8 @@ fn every_warp_is_finite_and_inside_at_the_ends_of_its_square() {
     }
 }
 
-/// Rays at a surface, exactly at its poles and seams and within rounding of them: texture coordinates in the unit square,
-/// frames of unit vectors, and neighbours on both sides of a seam at its two ends.
+/// Rays at a surface, exactly at its poles and seams and within rounding of them: texture coordinates in the unit
+/// square, frames of unit vectors, and neighbours on both sides of a seam at its two ends.
 #[test]
 fn poles_and_seams_of_every_shape_have_coordinates() {
     let tube = Shape::Cylinder { p0: -Vec3::Z, p1: Vec3::Z, radius: 1.0 };
@@ -192,7 +192,8 @@ fn poles_and_seams_of_every_shape_have_coordinates() {
     }
 }
 
-/// An environment map at its poles and across its seam: finite, continuous, with the same density from sample and direction.
+/// An environment map at its poles and across its seam: finite, continuous, with the same density from sample and
+/// direction.
 #[test]
 fn poles_and_seam_of_an_environment_map_have_radiance() {
     let values: Vec<f32> = (0..3 * 8 * 5).map(|i| ((i * 37) % 23) as f32 / 16.0).collect();

@@ -1,7 +1,7 @@
 //! Broken image files of every format end in an image or a sentence, by either library: never in a panic or a crash.
 //!
-//! The cases run in a process of their own, which a crash of a library would end. `BUFFON_FUZZ_CASES` says how many there are
-//! of each file.
+//! The cases run in a process of their own, which a crash of a library would end. `BUFFON_FUZZ_CASES` says how many
+//! there are of each file.
 
 use buffon::image::{
     Backend, Compression, Image, SampleFormat, WriteOptions, read_texture_bytes_with, read_texture_with,

@@ -109,7 +109,8 @@ fn room() -> Description {
     scene
 }
 
-/// Glass, its caustics and what is seen through it are the path tracer's light; nothing is lost, and finer caches are nearer.
+/// Glass, its caustics and what is seen through it are the path tracer's light; nothing is lost, and finer caches are
+/// nearer.
 #[test]
 fn a_room_with_glass_is_as_bright_as_by_path_tracing() {
     let scene = compiled(room(), AccelKind::default());

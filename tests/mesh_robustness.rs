@@ -1,8 +1,8 @@
 //! Broken mesh files end in a mesh or an error: never in a panic, and never in memory that the file's length does not
 //! justify.
 //!
-//! The cases run in a process of their own with a limit on its memory. `BUFFON_FUZZ_CASES` says how many there are of each
-//! format.
+//! The cases run in a process of their own with a limit on its memory. `BUFFON_FUZZ_CASES` says how many there are of
+//! each format.
 
 use buffon::loader::{LoadOptions, load};
 use buffon::shape::Shape;

@@ -169,7 +169,8 @@ fn tolerance(scene: &Scene, ray: &Ray, hit: &Hit) -> Tolerance {
     }
 }
 
-/// The error of the distance to an analytic surface when the ray is off by `delta`, and whether its outline is that near.
+/// The error of the distance to an analytic surface when the ray is off by `delta`, and whether its outline is that
+/// near.
 fn analytic_tolerance(surface: &Primitive, o: DVec3, d: DVec3, t: f64, delta: f64) -> (f64, bool) {
     // A circle of radius r that the ray passes at distance b: half the chord is h = √(r² − b²).
     let circle = |f: DVec3, d: DVec3, r: f64| {

@@ -227,8 +227,8 @@ fn every_kind_of_light_is_mapped() {
     }
 }
 
-/// Also as what gathers the light of an irradiance cache's records. Caustics are then the photons', too: no path looks for them
-/// in vain.
+/// Also as what gathers the light of an irradiance cache's records. Caustics are then the photons', too: no path
+/// looks for them in vain.
 #[test]
 fn an_irradiance_cache_can_gather_from_photons() {
     let around = |child: &str| {

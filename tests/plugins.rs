@@ -1,7 +1,7 @@
 //! The scenes under `scenes/plugins`, one for each plugin and more for some, against references of many samples.
 //!
-//! The references are Buffon's own, and stored after the scene was verified as docs/plugins.md says. To make those that are
-//! missing: `buffon regress scenes/plugins --update=missing --update-spp 2048`.
+//! The references are Buffon's own, and stored after the scene was verified as docs/plugins.md says. To make those
+//! that are missing: `buffon regress scenes/plugins --update=missing --update-spp 2048`.
 
 use buffon::regress::{Options, Status, discover, run};
 use buffon::render::Progress;

@@ -1,4 +1,5 @@
-//! Samplers as point sets: strata at their natural counts, uniformity, independence, convergence, the spectrum of the error.
+//! Samplers as point sets: strata at their natural counts, uniformity, independence, convergence, the spectrum of the
+//! error.
 
 use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 
@@ -161,8 +162,9 @@ fn chi2_excess(counts: &[usize]) -> f64 {
     (chi2 - freedom) / (2.0 * freedom).sqrt()
 }
 
-/// Seeds are fixed, so this passes or fails for good. A sampler without fault is off by more than five standard deviations
-/// (of a chi² with 255 degrees of freedom) with a probability below 10^−5, in one of some hundred tests below 10^−3.
+/// Seeds are fixed, so this passes or fails for good. A sampler without fault is off by more than five standard
+/// deviations (of a chi² with 255 degrees of freedom) with a probability below 10^−5, in one of some hundred tests
+/// below 10^−3.
 const SIGMAS: f64 = 5.0;
 
 #[test]
@@ -210,8 +212,8 @@ fn halves_dimensions_and_pixels_are_independent_over_seeds() {
     }
 }
 
-/// The points of one half say nothing of the other's, of another dimension's, nor of another pixel's order: the correlation of
-/// whole estimates, over seeds.
+/// The points of one half say nothing of the other's, of another dimension's, nor of another pixel's order: the
+/// correlation of whole estimates, over seeds.
 #[test]
 fn estimates_of_halves_are_uncorrelated() {
     for kind in SamplerKind::ALL {
@@ -333,7 +335,8 @@ fn error_image(kind: SamplerKind, spp: u64, seed: u64) -> Vec<f64> {
         .collect()
 }
 
-/// The share of an image's energy that lies in frequencies of at most a quarter of the largest, over that of white noise.
+/// The share of an image's energy that lies in frequencies of at most a quarter of the largest, over that of white
+/// noise.
 fn low_frequencies(image: &[f64]) -> f64 {
     let total: f64 = image.iter().map(|v| v * v).sum::<f64>() * (SIDE * SIDE) as f64;
     let quarter = SIDE as i32 / 8;

@@ -2,8 +2,8 @@
 
 use crate::support::cli::{Folder, SCENE};
 
-/// A scene of Buffon's own with the files beside it, to be rendered as `s.xml`; as `sppm.xml` it has radii so small that
-/// their blur is lost in the noise of a small picture.
+/// A scene of Buffon's own with the files beside it, to be rendered as `s.xml`; as `sppm.xml` it has radii so small
+/// that their blur is lost in the noise of a small picture.
 fn own_scene(topic: &str, name: &str) -> Folder {
     let folder = Folder::of_scene(topic, name);
     let text = String::from_utf8(folder.read("s.xml")).expect("text");

@@ -4,8 +4,8 @@ use crate::session::SceneFile;
 use crate::util::digest;
 use std::path::{Path, PathBuf};
 
-/// What a picture depends on: the scene as its file, the files that this refers to, and the user's choices make it, how the file
-/// wants it rendered, and Buffon's version. Where things stand in the file does not count.
+/// What a picture depends on: the scene as its file, the files that this refers to, and the user's choices make it,
+/// how the file wants it rendered, and Buffon's version. Where things stand in the file does not count.
 pub(super) fn key(file: &SceneFile) -> String {
     let (integrator, version) = (&file.defaults.integrator, env!("BUFFON_VERSION"));
     format!("{:016x}", digest(&(&file.description, file.sensor, integrator, version)))

@@ -1,7 +1,7 @@
 //! Speed against error: scenes × integrators × samplers × traversals × budgets, each rendered several times.
 //!
-//! The renders take turns, so that whatever else the machine does meets all of them alike. Every image is compared with a
-//! reference; every figure stands beside the reference's own error, where that is known.
+//! The renders take turns, so that whatever else the machine does meets all of them alike. Every image is compared
+//! with a reference; every figure stands beside the reference's own error, where that is known.
 
 mod budget;
 mod cache;

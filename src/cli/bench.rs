@@ -20,12 +20,14 @@ use std::time::Duration;
 
 /// Measure speed against error.
 ///
-/// Renders every scene with every combination of integrator, sampler, ray traversal and budget, several times and taking
-/// turns, and compares each image with a reference. Prints a table, and writes index.html (one page that needs nothing
-/// else: plots, pictures, a side-by-side viewer), bench.csv (a line for each render) and bench.json to a folder.
+/// Renders every scene with every combination of integrator, sampler, ray traversal and budget, several times and
+/// taking turns, and compares each image with a reference. Prints a table, and writes index.html (one page that needs
+/// nothing else: plots, pictures, a side-by-side viewer), bench.csv (a line for each render) and bench.json to a
+/// folder.
 ///
-/// The reference is that of --reference, else refs/NAME.exr beside the scene, else rendered by the path integrator with 32 times
-/// the largest budget and kept in $XDG_CACHE_HOME/buffon or ~/.cache/buffon. Its own error stands beside the figures.
+/// The reference is that of --reference, else refs/NAME.exr beside the scene, else rendered by the path integrator
+/// with 32 times the largest budget and kept in $XDG_CACHE_HOME/buffon or ~/.cache/buffon. Its own error stands
+/// beside the figures.
 #[derive(Clone, Debug, Args)]
 pub struct BenchArgs {
     /// The scene files
@@ -67,7 +69,8 @@ pub struct BenchArgs {
     /// Threads [default: all cores]
     #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
+    /// available]
     #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     pub memory_limit: Option<Limit>,
     /// Which sensor of the scenes, from 0

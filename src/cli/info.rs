@@ -1,4 +1,5 @@
-//! `buffon info`: what a scene, an image, a file of photon maps or a checkpoint holds, what it needs, and what it will cost.
+//! `buffon info`: what a scene, an image, a file of photon maps or a checkpoint holds, what it needs, and what it
+//! will cost.
 
 use super::{info_image, print};
 use crate::accel::AccelKind;
@@ -19,12 +20,14 @@ use std::path::PathBuf;
 /// Tell what a scene or an image holds, what it needs and what it will cost.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
-    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a checkpoint
+    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a
+    /// checkpoint
     pub file: PathBuf,
     /// Give a default of the scene another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
     pub define: Vec<(String, String)>,
-    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
+    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is
+    /// compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
     /// The most memory that the program may take (4G, 512M) [default: what is available]

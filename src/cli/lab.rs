@@ -12,8 +12,8 @@ use std::time::Instant;
 
 /// Measure what lectures on Monte Carlo ray tracing claim.
 ///
-/// Every experiment states claims, measures them with an interval, and says which held. The text goes to standard output;
-/// with -o there is a page with plots and pictures, too. Everything but times is decided by the seed.
+/// Every experiment states claims, measures them with an interval, and says which held. The text goes to standard
+/// output; with -o there is a page with plots and pictures, too. Everything but times is decided by the seed.
 #[derive(Clone, Debug, Args)]
 pub struct LabArgs {
     /// The experiments: one-dimension, domains, patterns, light-sampling, glossy, paths, history [default: all]

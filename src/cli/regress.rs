@@ -23,21 +23,22 @@ const FAILED: u8 = 1;
 
 /// Render the scenes of a folder and test them against stored references.
 ///
-/// A reference is a render of many samples with its variances: refs/NAME.exr beside the scene, with the layer `variance`,
-/// or with the variances in refs/NAME_var.exr. --update writes it. A test asks whether render and reference can be estimates of
-/// the same picture: every block of 4x4 pixels by Student's t, and the mean of each channel, so that another seed passes
-/// and a change of the picture does not. A reference without variances is compared by relMSE (--fail), and layers by
-/// their means (2 %). NaN, other sizes or channels, and dropped samples always fail.
+/// A reference is a render of many samples with its variances: refs/NAME.exr beside the scene, with the layer
+/// `variance`, or with the variances in refs/NAME_var.exr. --update writes it. A test asks whether render and
+/// reference can be estimates of the same picture: every block of 4x4 pixels by Student's t, and the mean of each
+/// channel, so that another seed passes and a change of the picture does not. A reference without variances is
+/// compared by relMSE (--fail), and layers by their means (2 %). NaN, other sizes or channels, and dropped samples
+/// always fail.
 ///
-/// A scene may say itself what it must show: NAME.toml beside NAME.xml holds cases, each a variant of the scene (-D) with an
-/// expected value, its tolerance and the reason. Every case is rendered on every traversal and by every integrator that
-/// claims it, and passes if the whole confidence interval of the measured mean lies within the tolerance. A failure that the
-/// file calls known is shown as KNOWN with its cause, and does not fail the run. Such a scene needs no reference. --table
-/// writes the cases as a table.
+/// A scene may say itself what it must show: NAME.toml beside NAME.xml holds cases, each a variant of the scene (-D)
+/// with an expected value, its tolerance and the reason. Every case is rendered on every traversal and by every
+/// integrator that claims it, and passes if the whole confidence interval of the measured mean lies within the
+/// tolerance. A failure that the file calls known is shown as KNOWN with its cause, and does not fail the run. Such a
+/// scene needs no reference. --table writes the cases as a table.
 ///
-/// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor, or
-/// whose root is not `scene` are left out, and so are folders named refs. Of several sensors the first is rendered, in
-/// linear RGB.
+/// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor,
+/// or whose root is not `scene` are left out, and so are folders named refs. Of several sensors the first is
+/// rendered, in linear RGB.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Exit codes: 0 all passed (were written, or are known to fail), 1 something failed, has no reference or cannot be \
@@ -59,7 +60,8 @@ pub struct RegressArgs {
     /// Samples per pixel of tests [default: what the scene asks for, and up to 16 times as many until --gain is found]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
     pub spp: Option<u64>,
-    /// The relative change of brightness to be found with a probability of 0.95; what is found is printed for each scene
+    /// The relative change of brightness to be found with a probability of 0.95; what is found is printed for each
+    /// scene
     #[arg(long, value_name = "SHARE", default_value_t = 0.005, value_parser = values::positive)]
     pub gain: f64,
     /// The probability that any scene fails though all are right
@@ -92,14 +94,15 @@ pub struct RegressArgs {
     /// Give a default of the scenes another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, sppm, depth or aov; of cases only those that it claims [default: the scene's, of
-    /// cases all that claim them]
+    /// The integrator: path, direct, ptracer, sppm, depth or aov; of cases only those that it claims [default: the
+    /// scene's, of cases all that claim them]
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// The sampler: independent, stratified or sobol [default: the scene's]
     #[arg(long, value_name = "NAME")]
     pub sampler: Option<SamplerKind>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in; of cases all, and the list if it applies]
+    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in; of cases all, and the list if it
+    /// applies]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
     /// Seed of the tests; references have one of their own
@@ -108,7 +111,8 @@ pub struct RegressArgs {
     /// Threads; they change the speed, never the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
+    /// available]
     #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     pub memory_limit: Option<Limit>,
     /// Folders to look for the scenes' files in, besides their own; several are separated by ';'

@@ -26,7 +26,8 @@ use std::time::{Duration, Instant};
 /// Render a scene.
 ///
 /// The scene is a Mitsuba 3 XML file (older versions are upgraded), glTF 2.0 (.gltf or .glb), or a bare .obj or .ply
-/// mesh. The image's format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm (linear).
+/// mesh. The image's format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm
+/// (linear).
 #[derive(Clone, Debug, Args)]
 pub struct RenderArgs {
     /// The scene file
@@ -56,33 +57,34 @@ pub struct RenderArgs {
     /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]
     ///
     /// independent: uniform random numbers, what the others are measured against.
-    /// stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and column; they
-    /// fill all of their cells at some numbers of samples only, of which every power of two is one.
-    /// halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol at powers of
-    /// two.
-    /// zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs a power of two.
-    /// fixed: the same Sobol points in every pixel, so that the error shows as structure.
+    /// stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and
+    /// column; they fill all of their cells at some numbers of samples only, of which every power of two is one.
+    /// halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol
+    /// at powers of two. zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs
+    /// a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.
     #[arg(long, value_name = "NAME")]
     pub sampler: Option<SamplerKind>,
-    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]
+    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is
+    /// compiled in]
     #[arg(long, value_name = "NAME")]
     pub accel: Option<AccelKind>,
-    /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache, photonmapper)
+    /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache,
+    /// photonmapper)
     #[arg(long, value_name = "FILE")]
     pub cache: Option<PathBuf>,
-    /// Keep what the render has summed in FILE every now and then, and when it ends or is interrupted; --resume goes on from
-    /// it, and `buffon merge` adds several
+    /// Keep what the render has summed in FILE every now and then, and when it ends or is interrupted; --resume goes
+    /// on from it, and `buffon merge` adds several
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
     /// How much time of rendering may be lost
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = values::duration, requires = "checkpoint")]
     pub checkpoint_every: Duration,
-    /// Go on from the checkpoint if it is there: --spp and --time count from the beginning, and the picture is the very one of
-    /// a render that was not interrupted
+    /// Go on from the checkpoint if it is there: --spp and --time count from the beginning, and the picture is the
+    /// very one of a render that was not interrupted
     #[arg(long, requires = "checkpoint")]
     pub resume: bool,
-    /// Take the samples A to B - 1 of each pixel only, of the --spp of the whole render; with --checkpoint, `buffon merge`
-    /// makes the very picture of the whole render of all ranges
+    /// Take the samples A to B - 1 of each pixel only, of the --spp of the whole render; with --checkpoint, `buffon
+    /// merge` makes the very picture of the whole render of all ranges
     #[arg(long, value_name = "A..B", value_parser = values::range)]
     pub sample_range: Option<Range<u64>>,
     /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
@@ -97,7 +99,8 @@ pub struct RenderArgs {
     /// Threads; they change the speed, never the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is available]
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
+    /// available]
     #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     pub memory_limit: Option<Limit>,
     /// Which sensor of the scene, from 0
@@ -106,7 +109,8 @@ pub struct RenderArgs {
     /// Folders to look for the scene's files in, besides its own; several are separated by ';'
     #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
     pub search_path: Vec<PathBuf>,
-    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error, samples, record_radius
+    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error,
+    /// samples, record_radius
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub aov: Vec<String>,
     /// Write an account of the render as JSON ("-" is standard output)

@@ -98,7 +98,8 @@ struct OiioReader<'a> {
 
 impl Drop for OiioReader<'_> {
     fn drop(&mut self) {
-        // SAFETY: the pointer came from `buffon_oiio_open` or `buffon_oiio_open_memory`, this is its only owner and gives it up here.
+        // SAFETY: the pointer came from `buffon_oiio_open` or `buffon_oiio_open_memory`, this is its only owner and
+        // gives it up here.
         unsafe { self.library.buffon_oiio_close(self.reader.as_ptr()) }
     }
 }

@@ -1,6 +1,9 @@
 //! Direct lighting at surface points: emitter samples and BSDF samples, combined by multiple importance sampling.
 
+use super::Radiance;
 use super::block::ShadingBlock;
+use super::worker::PathWave;
+use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::math::lanes::{bits, f32x16};
 use crate::math::{RayX16, Vec3};
@@ -87,6 +90,22 @@ pub fn emitted_at(
     }
     let other = scene.emitter_pdf(emitter, from, at);
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
+}
+
+/// Removes the paths of a wave that hit nothing, and adds the environment's radiance for those that `wants` selects.
+pub fn drop_missed(
+    scene: &Scene,
+    paths: &mut PathWave,
+    hits: &mut Vec<Option<Hit>>,
+    out: &mut [Radiance],
+    wants: impl Fn(&PathWave, usize) -> bool,
+) {
+    paths.keep_hits(hits, |paths, i| {
+        if scene.needs.environment && wants(paths, i) {
+            let le = environment(scene, paths.rays[i].d, paths.pdf[i], TechniqueCounts::ONE_EACH);
+            out[paths.slots[i] as usize].value += paths.beta(i) * le;
+        }
+    });
 }
 
 /// Returns the weighted radiance of the environment for a ray that leaves the scene in the unit direction `d`.

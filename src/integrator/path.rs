@@ -8,12 +8,11 @@ use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
 use super::settings::PathLimits;
-use super::worker::{Continuation, RandomNumbers, ShadowQueue, draw_1d, draw_2d, intersect};
+use super::worker::{BounceNumbers, Continuation, RandomNumbers, ShadowQueue, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
 use crate::accel::Coherence;
 use crate::bsdf;
 use crate::math::lanes::{LANES, bits, f32x16, load};
-use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 
 /// Unidirectional path tracing with next-event estimation, combined by the power heuristic.
@@ -25,7 +24,6 @@ pub struct PathIntegrator {
 struct PathBounce<'a> {
     scene: &'a Scene,
     /// The number of scattering events so far.
-    depth: u32,
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
     /// Whether emission found by the rays of this bounce is added.
@@ -45,37 +43,6 @@ impl PathIntegrator {
     /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
         self.settings.allows(edges)
-    }
-
-    /// Draws the random numbers that the shading of this bounce uses, and no others.
-    fn draw(
-        &self,
-        bounce: &PathBounce<'_>,
-        sampler: Sampler,
-        keys: &[SampleKey],
-        numbers: &mut RandomNumbers,
-    ) {
-        let depth = bounce.depth;
-        if bounce.next_event {
-            // A single emitter needs no random choice.
-            if bounce.scene.lights.len() > 1 {
-                draw_1d(sampler, Dimension::emitter_choice(depth), keys, &mut numbers.emitter_choice);
-            } else {
-                numbers.emitter_choice.clear();
-                numbers.emitter_choice.resize(keys.len(), 0.0);
-            }
-            draw_2d(sampler, Dimension::emitter_point(depth), keys, &mut numbers.emitter_point);
-        }
-        if bounce.scene.needs.lobe_choice {
-            draw_1d(sampler, Dimension::bsdf_lobe(depth), keys, &mut numbers.bsdf_lobe);
-        } else {
-            numbers.bsdf_lobe.clear();
-            numbers.bsdf_lobe.resize(keys.len(), 0.0);
-        }
-        draw_2d(sampler, Dimension::bsdf_direction(depth), keys, &mut numbers.bsdf_direction);
-        if bounce.roulette.is_some() {
-            draw_1d(sampler, Dimension::roulette(depth), keys, &mut numbers.roulette);
-        }
     }
 }
 
@@ -109,16 +76,24 @@ impl Integrator for PathIntegrator {
             }
             let bounce = PathBounce {
                 scene,
-                depth,
                 next_event: scene.needs.emitter_sampling && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
-            bounce.drop_missed(worker, out);
+            let Worker { paths, hits, numbers, specular_only, sampler, .. } = &mut *worker;
+            lighting::drop_missed(scene, paths, hits, out, |paths, i| {
+                bounce.adds(specular_only, paths.slots[i])
+            });
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
             if scatter {
-                self.draw(&bounce, worker.sampler, &worker.paths.keys, &mut worker.numbers);
+                let uses = BounceNumbers {
+                    next_event: bounce.next_event,
+                    lobe: scene.needs.lobe_choice,
+                    direction: true,
+                    roulette: bounce.roulette.is_some(),
+                };
+                numbers.draw(uses, scene, depth, *sampler, &paths.keys);
             }
             bounce.shade(scatter, worker, out);
             if bounce.next_event {
@@ -157,18 +132,6 @@ impl PathBounce<'_> {
     #[inline(always)]
     fn may_add(&self) -> bool {
         self.add_emission || self.add_caustics == Some(true)
-    }
-
-    /// Removes the paths that hit nothing from the wave and adds the environment's radiance for them.
-    fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { paths, hits, specular_only, .. } = worker;
-        paths.keep_hits(hits, |paths, i| {
-            if self.scene.needs.environment && self.adds(specular_only, paths.slots[i]) {
-                let d = paths.rays[i].d;
-                let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
-                out[paths.slots[i] as usize].value += paths.beta(i) * le;
-            }
-        });
     }
 
     /// Shades every path of the wave, block by block, and moves the continuing paths to the front.

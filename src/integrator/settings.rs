@@ -321,8 +321,8 @@ impl Settings {
         "aov",
     ];
 
-    /// Returns an integrator's default settings with the given limits; `None` if there is none of the name. Trees of rays,
-    /// whose cost is exponential in the depth, are no deeper than by default. `aov` has no layers and no image.
+    /// Returns an integrator's default settings with the given limits; `None` if there is none of the name. Trees of
+    /// rays, whose cost is exponential in the depth, are no deeper than by default. `aov` has no layers and no image.
     pub fn by_name(name: &str, limits: PathLimits) -> Option<Self> {
         let hide_emitters = limits.hide_emitters;
         let depth = |default: u32| limits.max_depth.map_or(default, |depth| depth.min(default));

@@ -6,7 +6,7 @@ use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::math::lanes::bits;
 use crate::math::{Ray, RayX16, f32x16};
-use crate::sampling::{SampleKey, Sampler};
+use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 use bumpalo::Bump;
 use serde::{Deserialize, Serialize};
@@ -319,24 +319,64 @@ pub fn intersect(
     counters.closest_rays += rays.len() as u64;
 }
 
+/// The random numbers that the shading of a bounce uses.
+#[derive(Clone, Copy, Debug)]
+pub struct BounceNumbers {
+    /// Whether an emitter is sampled.
+    pub next_event: bool,
+    /// Whether sampling chooses among the lobes of the BSDF.
+    pub lobe: bool,
+    /// Whether a direction is sampled.
+    pub direction: bool,
+    /// Whether Russian roulette is played.
+    pub roulette: bool,
+}
+
+impl RandomNumbers {
+    /// Draws the random numbers that a bounce uses, and no others.
+    pub fn draw(
+        &mut self,
+        uses: BounceNumbers,
+        scene: &Scene,
+        depth: u32,
+        sampler: Sampler,
+        keys: &[SampleKey],
+    ) {
+        let zero = |numbers: &mut Vec<f32>| {
+            numbers.clear();
+            numbers.resize(keys.len(), 0.0);
+        };
+        if uses.next_event {
+            // A single emitter needs no random choice.
+            if scene.lights.len() > 1 {
+                draw_1d(sampler, Dimension::emitter_choice(depth), keys, &mut self.emitter_choice);
+            } else {
+                zero(&mut self.emitter_choice);
+            }
+            draw_2d(sampler, Dimension::emitter_point(depth), keys, &mut self.emitter_point);
+        }
+        if uses.lobe {
+            draw_1d(sampler, Dimension::bsdf_lobe(depth), keys, &mut self.bsdf_lobe);
+        } else {
+            zero(&mut self.bsdf_lobe);
+        }
+        if uses.direction {
+            draw_2d(sampler, Dimension::bsdf_direction(depth), keys, &mut self.bsdf_direction);
+        }
+        if uses.roulette {
+            draw_1d(sampler, Dimension::roulette(depth), keys, &mut self.roulette);
+        }
+    }
+}
+
 /// Draws one number for each key into `out`.
-pub fn draw_1d(
-    sampler: Sampler,
-    dimension: crate::sampling::Dimension,
-    keys: &[SampleKey],
-    out: &mut Vec<f32>,
-) {
+pub fn draw_1d(sampler: Sampler, dimension: Dimension, keys: &[SampleKey], out: &mut Vec<f32>) {
     out.resize(keys.len(), 0.0);
     sampler.fill_1d(dimension, keys, &mut out[..keys.len()]);
 }
 
 /// Draws a pair of numbers for each key into `out`.
-pub fn draw_2d(
-    sampler: Sampler,
-    dimension: crate::sampling::Dimension,
-    keys: &[SampleKey],
-    out: &mut [Vec<f32>; 2],
-) {
+pub fn draw_2d(sampler: Sampler, dimension: Dimension, keys: &[SampleKey], out: &mut [Vec<f32>; 2]) {
     let [x, y] = out;
     x.resize(keys.len(), 0.0);
     y.resize(keys.len(), 0.0);

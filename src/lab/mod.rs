@@ -1,8 +1,8 @@
 //! Experiments: claims about Monte Carlo integration and ray tracing, each measured.
 //!
-//! An experiment states what is claimed, measures it with an interval, says whether it held, and shows what it was measured
-//! from. Everything but times is decided by the seed. A claim about a number holds if the number is within three standard
-//! errors of what is claimed, or as the finding says.
+//! An experiment states what is claimed, measures it with an interval, says whether it held, and shows what it was
+//! measured from. Everything but times is decided by the seed. A claim about a number holds if the number is within
+//! three standard errors of what is claimed, or as the finding says.
 
 mod domains;
 mod glossy;

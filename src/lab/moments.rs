@@ -9,8 +9,8 @@ pub struct Measured {
     pub error: f64,
 }
 
-/// How many standard errors a measured number may be off before a claim counts as refuted: by chance that happens to one in
-/// 370 normal numbers.
+/// How many standard errors a measured number may be off before a claim counts as refuted: by chance that happens to
+/// one in 370 normal numbers.
 pub const TOLERANCE: f64 = 3.0;
 
 impl Measured {

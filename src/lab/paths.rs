@@ -13,7 +13,8 @@ use crate::sampling::SamplerKind;
 /// Paths for each pixel.
 const PATHS: [u64; 2] = [10, 100];
 
-/// Whether a ratio may be `expected`: within 10 %, which the errors of few pictures can be off, or three standard errors.
+/// Whether a ratio may be `expected`: within 10 %, which the errors of few pictures can be off, or three standard
+/// errors.
 pub fn about(ratio: Measured, expected: f64) -> bool {
     (ratio.value / expected - 1.0).abs() <= 0.1 || ratio.agrees_with(expected)
 }

@@ -1,5 +1,5 @@
-//! Uniform numbers in double precision: those of the samplers have 24 bits, which the error of a stratified sum of 10⁵ values
-//! would show.
+//! Uniform numbers in double precision: those of the samplers have 24 bits, which the error of a stratified sum of
+//! 10⁵ values would show.
 
 use crate::sampling::hash::{combine, pcg3d};
 

@@ -109,8 +109,8 @@ impl Studio {
         })
     }
 
-    /// The root mean square error of an unbiased picture, without a reference: half the mean square of the difference of two
-    /// independent takes is the variance. `pairs` of takes give the interval.
+    /// The root mean square error of an unbiased picture, without a reference: half the mean square of the difference
+    /// of two independent takes is the variance. `pairs` of takes give the interval.
     ///
     /// # Errors
     /// As [`shoot`](Self::shoot).

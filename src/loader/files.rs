@@ -23,8 +23,8 @@ impl Folders {
         self.scene.insert(0, folder);
     }
 
-    /// The first existing file or folder of a name: as named if absolute, else beside the file that names it, then in the
-    /// scene's folders, then in the user's.
+    /// The first existing file or folder of a name: as named if absolute, else beside the file that names it, then in
+    /// the scene's folders, then in the user's.
     pub fn find(&self, named_in: &Path, name: &str) -> Option<PathBuf> {
         let name = Path::new(name);
         let own = named_in.parent().map(Path::to_path_buf);

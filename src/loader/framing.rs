@@ -18,8 +18,8 @@ pub fn white_environment() -> Emitter {
     Emitter::Constant { radiance: Rgb::WHITE }
 }
 
-/// A camera that sees the sphere around the bounding box of the points, from the front and above; `None` where the box is
-/// empty or infinite. Points that are not finite are left out.
+/// A camera that sees the sphere around the bounding box of the points, from the front and above; `None` where the
+/// box is empty or infinite. Points that are not finite are left out.
 pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
     let finite = points.filter(|p| p.is_finite());
     let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));

@@ -1,7 +1,7 @@
 //! Loaders: scene files in, [`Description`] and settings out.
 //!
-//! A scene file is XML in Mitsuba's language ([`mitsuba`]) or glTF ([`gltf`]). A mesh alone ([`bare`]) gets a camera and a
-//! light.
+//! A scene file is XML in Mitsuba's language ([`mitsuba`]) or glTF ([`gltf`]). A mesh alone ([`bare`]) gets a camera
+//! and a light.
 
 mod bare;
 mod files;
@@ -56,8 +56,9 @@ pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
 /// material, and a note that says so.
 ///
 /// # Errors
-/// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column where there are any: what cannot be read, is
-/// malformed, unknown, out of range, or does not fit into memory. All missing mesh and spectrum files come in one error.
+/// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column where there are any: what cannot be read,
+/// is malformed, unknown, out of range, or does not fit into memory. All missing mesh and spectrum files come in one
+/// error.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let memory = Budget::open(options.memory);

@@ -1,7 +1,8 @@
 //! Materials: what a surface is made of, one plugin of the scene language per file.
 //!
-//! A plugin's file has its parameters and their defaults ([`Plugin::read`]), the textures and materials that it refers to, and
-//! the BSDF that it makes of them at a surface point. The table at the end of this file names the plugins.
+//! A plugin's file has its parameters and their defaults ([`Plugin::read`]), the textures and materials that it
+//! refers to, and the BSDF that it makes of them at a surface point. The table at the end of this file names the
+//! plugins.
 
 mod bending;
 mod blend;
@@ -95,8 +96,9 @@ pub struct Prepared {
     pub rough: Option<Arc<RoughTransmittance>>,
 }
 
-/// A material of the scene language. Plugins that scatter by themselves implement [`bsdf`](Self::bsdf); those that are made of
-/// other materials implement [`inner`](Self::inner), [`sampling`](Self::sampling) and [`scattering`](Self::scattering).
+/// A material of the scene language. Plugins that scatter by themselves implement [`bsdf`](Self::bsdf); those that
+/// are made of other materials implement [`inner`](Self::inner), [`sampling`](Self::sampling) and
+/// [`scattering`](Self::scattering).
 pub trait Plugin: Sized {
     /// Its name in the scene language.
     const NAME: &'static str;
@@ -122,7 +124,8 @@ pub trait Plugin: Sized {
         false
     }
 
-    /// Returns whether the tangents of the shading frame matter: for lobes that are stretched and normals that are bent.
+    /// Returns whether the tangents of the shading frame matter: for lobes that are stretched and normals that are
+    /// bent.
     fn has_tangents(&self) -> bool {
         false
     }

@@ -7,11 +7,11 @@ use crate::error::{Error, Result};
 use crate::ids::{MaterialId, TextureId};
 use std::ops::RangeInclusive;
 
-/// An object of a scene file that describes a material. Loaders implement it, so that a plugin declares its parameters and
-/// their defaults in its own file.
+/// An object of a scene file that describes a material. Loaders implement it, so that a plugin declares its
+/// parameters and their defaults in its own file.
 ///
-/// Every method that reads returns an error where the parameter has another type or is out of range, with its position in the
-/// file.
+/// Every method that reads returns an error where the parameter has another type or is out of range, with its
+/// position in the file.
 pub trait Source {
     /// Returns whether a parameter is given.
     fn has(&self, name: &'static str) -> bool;

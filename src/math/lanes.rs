@@ -1,8 +1,8 @@
 //! Sixteen values at a time: what a wave is shaded with.
 //!
 //! Sixteen is the width of Embree's packets and of AVX-512; on narrower machines the halves' chains of latency run
-//! side by side. Every operation rounds as its scalar counterpart does (no approximate reciprocals, no fused products), so that
-//! a lane's value does not depend on the machine.
+//! side by side. Every operation rounds as its scalar counterpart does (no approximate reciprocals, no fused
+//! products), so that a lane's value does not depend on the machine.
 
 use glam::Vec3;
 use std::ops::{Add, Div, Mul, Neg, Sub};

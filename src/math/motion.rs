@@ -4,8 +4,8 @@ use super::{DAffine3, DMat3, DQuat, DVec3};
 
 /// A transform over time: fixed, or interpolated between keys and constant before the first and after the last.
 ///
-/// Between two keys translation and scale change linearly and the rotation turns at constant speed. [Shoemake 1985] Keys
-/// with shear, where there is no such decomposition, are interpolated entry by entry.
+/// Between two keys translation and scale change linearly and the rotation turns at constant speed. [Shoemake 1985]
+/// Keys with shear, where there is no such decomposition, are interpolated entry by entry.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Motion {
     /// At least one key, by increasing time.

@@ -2,10 +2,10 @@
 
 /// A sum of `f64`s with what rounding has lost of it, twice the precision of an `f64` in all.
 ///
-/// Each addition is error-free [Knuth 1998, The Art of Computer Programming 2, 4.2.2, theorem B]; what it loses is summed
-/// beside. The sum of a million `f32`s whose magnitudes are within a factor of 10^12 of each other is exact, so that any
-/// order and any grouping of them gives the same bits. Beyond that range the numbers too small to be kept change the
-/// value by less than 10^-30 of it.
+/// Each addition is error-free [Knuth 1998, The Art of Computer Programming 2, 4.2.2, theorem B]; what it loses is
+/// summed beside. The sum of a million `f32`s whose magnitudes are within a factor of 10^12 of each other is exact,
+/// so that any order and any grouping of them gives the same bits. Beyond that range the numbers too small to be kept
+/// change the value by less than 10^-30 of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sum {
     /// The sum as additions have rounded it.

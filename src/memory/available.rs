@@ -6,8 +6,8 @@ use super::Source;
 use std::fs;
 use std::path::Path;
 
-/// Bytes that the process can still take before something gives out, and who sets that limit; `None` where the system does not
-/// tell. The system's files are those below `root`.
+/// Bytes that the process can still take before something gives out, and who sets that limit; `None` where the system
+/// does not tell. The system's files are those below `root`.
 pub fn available(root: &Path) -> Option<(u64, Source)> {
     let groups = control_groups(root).map(|left| (left, Source::ControlGroup));
     let machine = field(&root.join("proc/meminfo"), "MemAvailable:").map(|left| (left, Source::Machine));
@@ -16,7 +16,8 @@ pub fn available(root: &Path) -> Option<(u64, Source)> {
     [machine, groups, space].into_iter().flatten().min_by_key(|(left, _)| *left)
 }
 
-/// Bytes of the process that are in memory, without pages of files (its code and that of libraries), which can be dropped.
+/// Bytes of the process that are in memory, without pages of files (its code and that of libraries), which can be
+/// dropped.
 pub fn resident(root: &Path) -> Option<u64> {
     field(&root.join("proc/self/status"), "RssAnon:")
 }
@@ -36,7 +37,8 @@ fn address_space(root: &Path) -> Option<u64> {
     Some(limit.saturating_sub(field(&root.join("proc/self/status"), "VmSize:")?))
 }
 
-/// Files of a control group: limit, usage, and the name of what of the usage can be given up at once (files that were read).
+/// Files of a control group: limit, usage, and the name of what of the usage can be given up at once (files that were
+/// read).
 struct Files {
     limit: &'static str,
     usage: &'static str,

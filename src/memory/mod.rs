@@ -1,9 +1,10 @@
 //! How much memory a scene may take, asked before much of it is allocated.
 //!
-//! A [`Budget`] is a ledger of what is planned: films, textures, meshes, acceleration structures, photon maps. Whoever is about to
-//! allocate much [reserves](Budget::reserve) it first, and what does not fit is refused with a [`Refusal`], from which comes a
-//! sentence, instead of bringing down the machine. The ledger holds plans and not measurements, so what it refuses does not
-//! depend on what the allocator keeps. Small things are not in it. There is no global budget: it travels with what it pays for.
+//! A [`Budget`] is a ledger of what is planned: films, textures, meshes, acceleration structures, photon maps.
+//! Whoever is about to allocate much [reserves](Budget::reserve) it first, and what does not fit is refused with a
+//! [`Refusal`], from which comes a sentence, instead of bringing down the machine. The ledger holds plans and not
+//! measurements, so what it refuses does not depend on what the allocator keeps. Small things are not in it. There is
+//! no global budget: it travels with what it pays for.
 
 mod available;
 
@@ -20,8 +21,8 @@ const MARGIN_SHARE: u64 = 16;
 /// The most memory that a process may take, the program itself included.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Limit {
-    /// What the machine, the process's control group and its address space have left when the budget is opened, but for a
-    /// margin.
+    /// What the machine, the process's control group and its address space have left when the budget is opened, but
+    /// for a margin.
     #[default]
     Available,
     /// So many bytes.

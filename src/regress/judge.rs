@@ -12,7 +12,8 @@ const LAYER_TOLERANCE: f64 = 0.02;
 /// What decides.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
-    /// The probability that a right render fails one of the tests by chance: half of it by its blocks, half by its bias.
+    /// The probability that a right render fails one of the tests by chance: half of it by its blocks, half by its
+    /// bias.
     pub significance: f64,
     /// The largest relMSE where the reference has no variance.
     pub fail: f64,

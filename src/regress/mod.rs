@@ -6,12 +6,12 @@
 //! changes the picture does. How small a change is found depends on the noise of both: each row states the gain that
 //! would have been found, and samples are added until it is small enough ([`Options::gain`]).
 //!
-//! A scene may also say itself what it must show, in closed form ([`Expectations`], `NAME.toml` beside the scene): each of its
-//! cases is a variant of the scene, rendered on every traversal by every integrator that claims it, and passes if
-//! the whole confidence interval of what was measured lies within the stated bounds.
+//! A scene may also say itself what it must show, in closed form ([`Expectations`], `NAME.toml` beside the scene):
+//! each of its cases is a variant of the scene, rendered on every traversal by every integrator that claims it, and
+//! passes if the whole confidence interval of what was measured lies within the stated bounds.
 //!
-//! With [`Options::cross_accel`] each scene is rendered on every traversal with the same random numbers instead, and the
-//! pictures are compared: they take the same paths, but for rounding.
+//! With [`Options::cross_accel`] each scene is rendered on every traversal with the same random numbers instead, and
+//! the pictures are compared: they take the same paths, but for rounding.
 
 mod case;
 mod cross;

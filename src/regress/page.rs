@@ -23,8 +23,8 @@ pub(super) struct Shown {
 }
 
 impl Shown {
-    /// Writes the images below a folder, as `SCENE.exr` (`SCENE-NAME.exr` for any but a reference) and `SCENE-heat.png`;
-    /// returns a viewer of them.
+    /// Writes the images below a folder, as `SCENE.exr` (`SCENE-NAME.exr` for any but a reference) and
+    /// `SCENE-heat.png`; returns a viewer of them.
     pub fn write(&self, folder: &Path, name: &str, message: &str) -> Result<Html> {
         let base = folder.join(Path::new(name).with_extension(""));
         if let Some(folder) = base.parent() {

@@ -135,8 +135,8 @@ impl<'a> Runner<'a> {
         Ok(session)
     }
 
-    /// Loads a scene with more definitions; of the same name the last one counts. Its film is one of linear RGB, with alpha
-    /// if it has that.
+    /// Loads a scene with more definitions; of the same name the last one counts. Its film is one of linear RGB, with
+    /// alpha if it has that.
     pub fn load(
         &self,
         scene: &FoundScene,
@@ -226,8 +226,9 @@ impl<'a> Runner<'a> {
         self.render_until(session, seed, [first, most], limit, gain)
     }
 
-    /// Renders with twice the samples, or as many times more as it takes, until the gain is at most `limit` or the samples
-    /// the most there may be. Only the last render counts: looking at several would give chance as many chances.
+    /// Renders with twice the samples, or as many times more as it takes, until the gain is at most `limit` or the
+    /// samples the most there may be. Only the last render counts: looking at several would give chance as many
+    /// chances.
     fn render_until(
         &self,
         session: &Session,

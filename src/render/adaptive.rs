@@ -105,8 +105,8 @@ impl Allocation {
         8 * LEVELS as u64 + 2 * pixels
     }
 
-    /// The allocation for a part of the image, after a pilot of so many samples per pixel, of which these are the numbers;
-    /// `None` if they are not those of any.
+    /// The allocation for a part of the image, after a pilot of so many samples per pixel, of which these are the
+    /// numbers; `None` if they are not those of any.
     pub fn from_bytes(bytes: &[u8], rect: PixelRect, pilot: u64) -> Option<Self> {
         let (counts, levels) = bytes.split_at_checked(8 * LEVELS)?;
         let (counts, _) = counts.as_chunks::<8>();

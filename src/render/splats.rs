@@ -16,8 +16,8 @@ const BATCH: u64 = 2048;
 /// Batches that are traced before their splats are added: enough work for many threads, little memory.
 const AT_ONCE: usize = 256;
 
-/// Traces one light path for each pixel of the full image and each sample of the range, and adds what arrives. Sums do not
-/// depend on threads: batches are added one by one in their order.
+/// Traces one light path for each pixel of the full image and each sample of the range, and adds what arrives. Sums
+/// do not depend on threads: batches are added one by one in their order.
 pub fn trace(
     job: &Job<'_>,
     ptracer: &Ptracer,

@@ -41,8 +41,8 @@ impl fmt::Display for StopReason {
 
 /// Largest pass: estimates and stop rules are looked at once a pass.
 const LARGEST_PASS: u64 = 64;
-/// An error estimate from fewer samples is not trusted to stop a render: calibration finds intervals that hold what they
-/// promise from here on.
+/// An error estimate from fewer samples is not trusted to stop a render: calibration finds intervals that hold what
+/// they promise from here on.
 const FEWEST_FOR_ERROR: u64 = 16;
 /// A pass towards the target takes this share of the samples that seem to be missing, while they are many: the error of
 /// low-discrepancy samplers falls faster than one over their number.

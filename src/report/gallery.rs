@@ -5,8 +5,8 @@ use super::html::{Html, add, escape};
 /// A small picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Addresses of images that are held by the addresses themselves (see [`thumbnail`](super::thumbnail)), shown beside
-    /// each other.
+    /// Addresses of images that are held by the addresses themselves (see [`thumbnail`](super::thumbnail)), shown
+    /// beside each other.
     pub images: Vec<String>,
     /// What they show.
     pub title: String,

@@ -5,7 +5,8 @@
 //! - [`Page`] puts [`Html`] into sections; style and script are in the file, light and dark follow the reader's system.
 //! - [`Table`] is text for a terminal and mark-up for a page.
 //! - [`Plot`] and [`Bars`] are SVG.
-//! - [`Viewer`] shows images beside each other; [`thumbnail`] and [`error_thumbnail`] make small ones, [`gallery`] shows them.
+//! - [`Viewer`] shows images beside each other; [`thumbnail`] and [`error_thumbnail`] make small ones, [`gallery`]
+//!   shows them.
 
 mod bars;
 mod gallery;

@@ -16,9 +16,9 @@ pub const HEAT_MAX: f64 = 1.0;
 /// How many powers of ten the heat maps span.
 pub const HEAT_DECADES: f64 = 5.0;
 
-/// The picture's values as a script can unpack them, in Base64: the deflated planes of red, green and blue as halves, of
-/// each plane all the low bytes before all the high ones, which deflates best. A half has 11 significant bits; what is beyond
-/// its range is infinite.
+/// The picture's values as a script can unpack them, in Base64: the deflated planes of red, green and blue as halves,
+/// of each plane all the low bytes before all the high ones, which deflates best. A half has 11 significant bits;
+/// what is beyond its range is infinite.
 pub(super) fn packed(image: &Image) -> Result<String> {
     let mut planes = Vec::with_capacity(6 * image.width * image.height);
     let colours = image.colours();
@@ -42,7 +42,8 @@ pub fn thumbnail(image: &Image, width: usize, exposure: f32) -> Result<String> {
     png(&small, exposure)
 }
 
-/// The relative squared error of each pixel in false colours, reduced as a [`thumbnail`]: a colour is that of the mean error.
+/// The relative squared error of each pixel in false colours, reduced as a [`thumbnail`]: a colour is that of the
+/// mean error.
 ///
 /// # Errors
 /// If there is no pixel.

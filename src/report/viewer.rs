@@ -1,7 +1,7 @@
 //! The side-by-side viewer: two images under a slider, down to their pixels' values.
 //!
-//! The pixels are in the page as halves; `page.js` unpacks and shows them. Where there is no script, or a browser cannot unpack
-//! them, the small pictures remain.
+//! The pixels are in the page as halves; `page.js` unpacks and shows them. Where there is no script, or a browser
+//! cannot unpack them, the small pictures remain.
 
 use super::html::{Html, add, escape};
 use super::pixels::{HEAT_DECADES, HEAT_MAX, packed, thumbnail};
@@ -103,8 +103,8 @@ impl Viewer<'_> {
     }
 }
 
-/// An exposure in steps of a half at which most of an image is neither black nor white: its 80th percentile of luminance
-/// becomes 0.4. 0 for an image that is black, or bright enough as it is.
+/// An exposure in steps of a half at which most of an image is neither black nor white: its 80th percentile of
+/// luminance becomes 0.4. 0 for an image that is black, or bright enough as it is.
 pub fn exposure_of(image: &Image) -> f32 {
     let colours = image.colours();
     let mut luminances: Vec<f32> =

@@ -1,4 +1,5 @@
-//! A scene file that is opened to be rendered: loaded, adjusted to what the user asks for, compiled, rendered to an image.
+//! A scene file that is opened to be rendered: loaded, adjusted to what the user asks for, compiled, rendered to an
+//! image.
 //!
 //! Every command that renders goes through the same three steps. [`SceneFile`] is what a file and the user's choices
 //! about it say; compiled for a traversal it is a [`Session`], which makes any number of [`Plan`]s (an integrator, a
@@ -81,7 +82,8 @@ impl SceneFile {
     /// Loads a scene file and applies the choices.
     ///
     /// # Errors
-    /// If it cannot be loaded, has no such sensor, if the crop is no part of the image, or if there is no memory for the image.
+    /// If it cannot be loaded, has no such sensor, if the crop is no part of the image, or if there is no memory for
+    /// the image.
     pub fn load(path: &Path, choices: &SceneChoices) -> Result<Self> {
         let started = Instant::now();
         let Loaded { mut description, integrator, sampler, samples_per_pixel, warnings, notes, memory } =
@@ -194,8 +196,8 @@ impl Session {
         self.render_on(plan, progress, None, None)
     }
 
-    /// As [`render`](Self::render), going on from the state of an earlier render, if there is one, and with somebody who
-    /// keeps the states of this one.
+    /// As [`render`](Self::render), going on from the state of an earlier render, if there is one, and with somebody
+    /// who keeps the states of this one.
     ///
     /// # Errors
     /// As those of [`render`](Self::render).

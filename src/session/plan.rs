@@ -54,8 +54,8 @@ impl Session {
     /// The settings of a render.
     ///
     /// # Errors
-    /// If there is no such integrator or layer, a layer is there twice, the integrator cannot sample adaptively, or there is too
-    /// little memory for the image.
+    /// If there is no such integrator or layer, a layer is there twice, the integrator cannot sample adaptively, or
+    /// there is too little memory for the image.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
         let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
         let mut stop = choices.stop;

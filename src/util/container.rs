@@ -1,8 +1,8 @@
 //! The binary files of the crate: caches, photon maps and checkpoints.
 //!
 //! All numbers are little-endian. A file begins with the eight bytes of its format, the version and the length of the
-//! header in bytes (u32 each). The header is JSON; it says what follows. The body are the bytes that the format defines, and
-//! at the end stands the CRC-32 (u32) of everything before it.
+//! header in bytes (u32 each). The header is JSON; it says what follows. The body are the bytes that the format
+//! defines, and at the end stands the CRC-32 (u32) of everything before it.
 
 use super::replace_with;
 use crate::error::{Error, Result};
@@ -66,7 +66,8 @@ impl Format {
     /// Opens a file and reads its header. Nothing is allocated for bytes that the file does not have.
     ///
     /// # Errors
-    /// Says what is wrong, to follow the name of the file: it cannot be read, is of another format or version, or is damaged.
+    /// Says what is wrong, to follow the name of the file: it cannot be read, is of another format or version, or is
+    /// damaged.
     pub fn open<H: DeserializeOwned>(&self, path: &Path) -> Result<(H, Body), String> {
         let file = File::open(path).map_err(unreadable)?;
         let metadata = file.metadata().map_err(unreadable)?;

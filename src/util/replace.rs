@@ -108,7 +108,8 @@ impl Part {
     fn new(name: &PartName, folder: &Path) -> Result<Self, String> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(&name.prefix).suffix(&name.suffix).rand_bytes(RANDOM);
-        // With the permissions of an ordinary file. Errors are the system's: the temporary name means nothing to anybody.
+        // With the permissions of an ordinary file. Errors are the system's: the temporary name means nothing to
+        // anybody.
         let create = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
         loop {
             let part = builder.make_in(folder, create).map_err(|e| e.to_string())?;

@@ -118,8 +118,8 @@ fn interfaces_follow_fresnel() {
     assert_expected("materials/conductor.xml", "n = 0.2, k = 3.9", normal);
 }
 
-/// The directional albedo of a lossless GGX mirror with Smith's separable masking: ∫ D G₁(i) G₁(o) (i·m)/(cosθᵢ) dm over
-/// the half vectors m, u being the distribution function of their angle. [Walter 2007]
+/// The directional albedo of a lossless GGX mirror with Smith's separable masking: ∫ D G₁(i) G₁(o) (i·m)/(cosθᵢ) dm
+/// over the half vectors m, u being the distribution function of their angle. [Walter 2007]
 fn ggx_albedo(alpha: f64, cos: f64) -> f64 {
     let i = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
     let masking = |c: f64| 2.0 / (1.0 + (1.0 + alpha * alpha * (1.0 - c * c) / (c * c)).sqrt());

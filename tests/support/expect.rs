@@ -70,8 +70,8 @@ impl Means {
     }
 }
 
-/// Every traversal with samplers whose pixels are independent of each other, as a standard error of the mean over pixels
-/// supposes; `samplers.rs` has the others.
+/// Every traversal with samplers whose pixels are independent of each other, as a standard error of the mean over
+/// pixels supposes; `samplers.rs` has the others.
 pub fn combinations() -> Vec<(AccelKind, SamplerKind)> {
     let samplers = [SamplerKind::Independent, SamplerKind::Stratified, SamplerKind::Sobol];
     let with = |&accel| samplers.map(|sampler| (accel, sampler));

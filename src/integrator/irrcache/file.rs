@@ -1,8 +1,8 @@
 //! The file format of irradiance caches.
 //!
-//! A [container](crate::util::container). Its header has the hashes of the scene, of the settings that records depend on and
-//! of the views that the records serve, and how many records the fine and the coarse cache of each replicate have. Its body
-//! is the records, fine ones first, 28 numbers (f32) each.
+//! A [container](crate::util::container). Its header has the hashes of the scene, of the settings that records depend
+//! on and of the views that the records serve, and how many records the fine and the coarse cache of each replicate
+//! have. Its body is the records, fine ones first, 28 numbers (f32) each.
 
 use super::hemisphere::Gradient;
 use super::record::Record;

@@ -17,13 +17,13 @@ use crate::integrator::photon::kdtree::NeighbourBuffer;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{
-    Continuation, PathWave, RandomNumbers, ShadowQueue, draw_1d, draw_2d, intersect,
+    BounceNumbers, Continuation, PathWave, RandomNumbers, ShadowQueue, intersect,
 };
 use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::math::{Ray, RayX16, Vec2, Vec3};
+use crate::sampling::SampleKey;
 use crate::sampling::mis::power_heuristic;
-use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 use std::sync::Arc;
 
@@ -74,7 +74,6 @@ struct CachedBounce<'a> {
     cached: &'a CachedPath,
     scene: &'a Scene,
     /// The number of scattering events so far.
-    depth: u32,
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
     /// Whether emission found by the rays of this bounce is added.
@@ -128,7 +127,6 @@ impl Integrator for CachedPath {
             let bounce = CachedBounce {
                 cached: self,
                 scene,
-                depth,
                 next_event: scene.needs.emitter_sampling && allows(depth + 2) && wants(depth + 2),
                 add_emission: wants(depth + 1) && !(depth == 0 && path.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics())
@@ -140,8 +138,16 @@ impl Integrator for CachedPath {
                 scatter: allows(depth + 2),
                 roulette: Roulette::at(depth + 1, path.rr_depth),
             };
-            bounce.drop_missed(worker, out);
-            bounce.draw(worker.sampler, &worker.paths.keys, &mut worker.numbers);
+            let Worker { paths, hits, numbers, specular_only, sampler, .. } = &mut *worker;
+            let wants = |paths: &PathWave, i: usize| bounce.adds(specular_only, paths.slots[i], paths.pdf[i]);
+            lighting::drop_missed(scene, paths, hits, out, wants);
+            let uses = BounceNumbers {
+                next_event: bounce.next_event,
+                lobe: bounce.scatter,
+                direction: bounce.scatter,
+                roulette: bounce.roulette.is_some(),
+            };
+            numbers.draw(uses, scene, depth, *sampler, &paths.keys);
             bounce.shade(worker, &mut photons, out);
             worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             depth += 1;
@@ -176,37 +182,6 @@ impl CachedBounce<'_> {
             _ if only == Some(false) && pdf.is_infinite() && self.cached.caustics.is_some() => false,
             _ => self.add_emission,
         }
-    }
-
-    fn draw(&self, sampler: Sampler, keys: &[SampleKey], numbers: &mut RandomNumbers) {
-        let CachedBounce { depth, scene, .. } = *self;
-        if self.next_event {
-            if scene.lights.len() > 1 {
-                draw_1d(sampler, Dimension::emitter_choice(depth), keys, &mut numbers.emitter_choice);
-            } else {
-                numbers.emitter_choice.clear();
-                numbers.emitter_choice.resize(keys.len(), 0.0);
-            }
-            draw_2d(sampler, Dimension::emitter_point(depth), keys, &mut numbers.emitter_point);
-        }
-        if self.scatter {
-            draw_1d(sampler, Dimension::bsdf_lobe(depth), keys, &mut numbers.bsdf_lobe);
-            draw_2d(sampler, Dimension::bsdf_direction(depth), keys, &mut numbers.bsdf_direction);
-        }
-        if self.roulette.is_some() {
-            draw_1d(sampler, Dimension::roulette(depth), keys, &mut numbers.roulette);
-        }
-    }
-
-    fn drop_missed(&self, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { paths, hits, specular_only, .. } = worker;
-        paths.keep_hits(hits, |paths, i| {
-            if self.scene.needs.environment && self.adds(specular_only, paths.slots[i], paths.pdf[i]) {
-                let d = paths.rays[i].d;
-                let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
-                out[paths.slots[i] as usize].value += paths.beta(i) * le;
-            }
-        });
     }
 
     /// Shades every path of the wave and moves the continuing paths to the front.

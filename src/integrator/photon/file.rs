@@ -1,6 +1,7 @@
 //! The file format of photon maps.
 //!
-//! A [container](crate::util::container). Its header is [`PhotonFileContents`]; its body is the photons of all maps, 24 bytes each.
+//! A [container](crate::util::container). Its header is [`PhotonFileContents`]; its body is the photons of all maps,
+//! 24 bytes each.
 
 use super::{Photon, PhotonMap};
 use crate::error::{Error, Result};

@@ -10,10 +10,9 @@ use crate::integrator::path::first_hits;
 use crate::integrator::photon::GridPhoton;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::SppmSettings;
-use crate::integrator::worker::{Continuation, PathWave, RandomNumbers, draw_1d, draw_2d, intersect};
+use crate::integrator::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
-use crate::sampling::Dimension;
 use crate::scene::Scene;
 
 /// The state shared by all camera paths of a wave.
@@ -91,8 +90,17 @@ impl CameraPaths<'_> {
             if edges == 1 {
                 first_hits(scene, self.settings.limits.hide_emitters, worker, out);
             }
-            self.drop_missed(edges, &states, worker, out);
-            self.draw(edges, worker);
+            let Worker { paths, hits, numbers, sampler, .. } = &mut *worker;
+            let wants = |paths: &PathWave, i: usize| self.wants(states[paths.slots[i] as usize], edges);
+            lighting::drop_missed(self.scene, paths, hits, out, wants);
+            let scatter = self.allows(edges + 1);
+            let uses = BounceNumbers {
+                next_event: self.next_event(edges),
+                lobe: scatter,
+                direction: scatter,
+                roulette: scatter,
+            };
+            numbers.draw(uses, self.scene, edges - 1, *sampler, &paths.keys);
             self.shade(edges, &mut states, worker, out);
             worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             edges += 1;
@@ -101,33 +109,6 @@ impl CameraPaths<'_> {
 
     fn next_event(&self, edges: u32) -> bool {
         self.scene.needs.emitter_sampling && self.allows(edges + 1) && self.query.wants(edges + 1)
-    }
-
-    fn draw(&self, edges: u32, worker: &mut Worker) {
-        let Worker { sampler, paths, numbers, .. } = worker;
-        let (bounce, keys) = (edges - 1, &paths.keys);
-        if self.next_event(edges) {
-            draw_1d(*sampler, Dimension::emitter_choice(bounce), keys, &mut numbers.emitter_choice);
-            draw_2d(*sampler, Dimension::emitter_point(bounce), keys, &mut numbers.emitter_point);
-        }
-        if self.allows(edges + 1) {
-            draw_1d(*sampler, Dimension::bsdf_lobe(bounce), keys, &mut numbers.bsdf_lobe);
-            draw_2d(*sampler, Dimension::bsdf_direction(bounce), keys, &mut numbers.bsdf_direction);
-            draw_1d(*sampler, Dimension::roulette(bounce), keys, &mut numbers.roulette);
-        }
-    }
-
-    /// Removes the paths that hit nothing from the wave and adds the environment's radiance for them.
-    fn drop_missed(&self, edges: u32, states: &[CameraPathState], worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { paths, hits, .. } = worker;
-        paths.keep_hits(hits, |paths, i| {
-            let slot = paths.slots[i] as usize;
-            if self.scene.needs.environment && self.wants(states[slot], edges) {
-                let d = paths.rays[i].d;
-                let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
-                out[slot].value += paths.beta(i) * le;
-            }
-        });
     }
 
     /// Shades every path of the wave, block by block, and moves the continuing paths to the front.

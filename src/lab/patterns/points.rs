@@ -11,8 +11,8 @@ pub enum Pattern {
     Random,
     /// One uniform point in each cell of a square grid.
     Jittered,
-    /// Each point is the one of several uniform candidates that is farthest from those before it, across the borders too: few
-    /// pairs are close, as in a Poisson-disk pattern. [Mitchell 1991]
+    /// Each point is the one of several uniform candidates that is farthest from those before it, across the borders
+    /// too: few pairs are close, as in a Poisson-disk pattern. [Mitchell 1991]
     BestCandidate,
 }
 
@@ -72,8 +72,8 @@ fn best_candidates(n: u32, stream: &mut Stream) -> Vec<[f64; 2]> {
     points
 }
 
-/// The L2 star discrepancy: the root mean square, over all boxes from the origin, of the share of points in the box minus its
-/// area. [Warnock 1972]
+/// The L2 star discrepancy: the root mean square, over all boxes from the origin, of the share of points in the box
+/// minus its area. [Warnock 1972]
 pub fn discrepancy(points: &[[f64; 2]]) -> f64 {
     let n = points.len() as f64;
     let single: f64 = points.iter().map(|[x, y]| (1.0 - x * x) * (1.0 - y * y)).sum();

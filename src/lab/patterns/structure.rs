@@ -15,8 +15,8 @@ const SAMPLERS: [SamplerKind; 3] = [SamplerKind::Independent, SamplerKind::Sobol
 
 /// The correlation of the errors of horizontal neighbours, from the difference of two independent renders.
 ///
-/// Differences are relative to the brightness, and squeezed into (−1, 1), so that single bright paths do not decide. As they
-/// are as often positive as negative, those of independent pixels remain uncorrelated.
+/// Differences are relative to the brightness, and squeezed into (−1, 1), so that single bright paths do not decide.
+/// As they are as often positive as negative, those of independent pixels remain uncorrelated.
 fn correlation(a: &Image, b: &Image) -> f64 {
     let differences: Vec<f64> = a
         .data

@@ -33,7 +33,8 @@ use textures::Plane;
 /// Loads the default scene of a file, or its first.
 ///
 /// # Errors
-/// What cannot be read, is malformed, out of range, required and not supported, or does not fit into memory. All missing files come in one error.
+/// What cannot be read, is malformed, out of range, required and not supported, or does not fit into memory. All
+/// missing files come in one error.
 pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Loaded> {
     let mut loaded = Loaded::default();
     let mut file = File::open(path, search_paths, memory, &mut loaded.warnings)?;

@@ -43,8 +43,8 @@ pub struct Options {
 /// face uses are of no harm. What had to be ignored or mended is added to `warnings`.
 ///
 /// # Errors
-/// When the file cannot be read or is malformed (with the line, where it is text), when a face refers to a vertex that does
-/// not exist, when there is no face, or when the mesh does not fit into memory.
+/// When the file cannot be read or is malformed (with the line, where it is text), when a face refers to a vertex
+/// that does not exist, when there is no face, or when the mesh does not fit into memory.
 pub fn load(
     path: &Path,
     format: Format,

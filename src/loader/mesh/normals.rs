@@ -12,15 +12,15 @@ const LEAST: usize = 1 << 8;
 /// Sums of weighted normals whose squared length is not above this have no direction: their faces cancel.
 const LEAST_SQUARE: f64 = 1e-60;
 
-/// What four triangles add to their corners: unit normals in the world (x, y, z), and the angle at each corner; zero for a
-/// triangle that has no area or is not finite.
+/// What four triangles add to their corners: unit normals in the world (x, y, z), and the angle at each corner; zero
+/// for a triangle that has no area or is not finite.
 type Shares = [[f64; 4]; 6];
 
 /// Unit vertex normals in the mesh's own coordinates: at each vertex the mean of its faces' normals weighted by the
 /// angle that the face spans there. [Thürmer and Wüthrich 1998]
 ///
-/// Angles and normals are those of the mesh in the world, which is where Mitsuba takes them. Vertices without a valid face get
-/// (1, 0, 0) in the world. Faces are added in their order, whatever the number of threads.
+/// Angles and normals are those of the mesh in the world, which is where Mitsuba takes them. Vertices without a valid
+/// face get (1, 0, 0) in the world. Faces are added in their order, whatever the number of threads.
 pub fn compute(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
     let shares = |block: Option<&[[u32; 3]]>, into: &mut Vec<Shares>| {

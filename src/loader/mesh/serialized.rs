@@ -1,4 +1,5 @@
-//! Mitsuba's `.serialized` files: meshes in binary, each compressed by zlib, and a table of where they start at the end.
+//! Mitsuba's `.serialized` files: meshes in binary, each compressed by zlib, and a table of where they start at the
+//! end.
 
 use crate::error::{Error, Result, counted};
 use crate::math::{Vec2, Vec3};

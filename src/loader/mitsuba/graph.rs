@@ -183,8 +183,8 @@ impl Graph {
     /// Finds the targets of all references.
     ///
     /// # Errors
-    /// Unknown ids (the first ten at once, each with the nearest known one), an alias whose name is taken, a cycle of references,
-    /// objects inside objects more than a hundred deep.
+    /// Unknown ids (the first ten at once, each with the nearest known one), an alias whose name is taken, a cycle of
+    /// references, objects inside objects more than a hundred deep.
     pub fn link(&mut self) -> Result<()> {
         for Alias { id, second, spot } in std::mem::take(&mut self.aliases) {
             let Some(&target) = self.ids.get(&id) else { return Err(self.unknown("alias", &id, &spot)) };
@@ -246,7 +246,8 @@ impl Graph {
         }
     }
 
-    /// The error for a cycle that contains or reaches `start`: walks up among the objects that remain until one repeats.
+    /// The error for a cycle that contains or reaches `start`: walks up among the objects that remain until one
+    /// repeats.
     fn cycle_error(&self, start: ObjectId, containers: &[usize]) -> Error {
         let container = |inner: ObjectId| {
             let holds = |o: &Object| o.children.iter().any(|c| c.object == inner);

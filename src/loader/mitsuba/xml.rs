@@ -19,7 +19,8 @@ pub struct Source {
     pub path: PathBuf,
     text: String,
     line_starts: Vec<usize>,
-    /// Characters before each block of [`BLOCK`] bytes, so that a column is found without counting from the line's start.
+    /// Characters before each block of [`BLOCK`] bytes, so that a column is found without counting from the line's
+    /// start.
     chars_before: Vec<usize>,
 }
 

@@ -1,8 +1,8 @@
 //! Checkpoints in a file.
 //!
-//! A [container](crate::util::container). Its header says whose samples these are, what image they make and where the render
-//! stands. Its body is the sums of the tiles, row by row, and then how adaptive sampling spreads the samples, if it has
-//! begun to.
+//! A [container](crate::util::container). Its header says whose samples these are, what image they make and where the
+//! render stands. Its body is the sums of the tiles, row by row, and then how adaptive sampling spreads the samples,
+//! if it has begun to.
 
 use super::{Checkpoint, Identity, Label};
 use crate::error::{Error, Result};

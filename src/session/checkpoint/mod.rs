@@ -2,7 +2,8 @@
 //!
 //! A checkpoint says which samples of which render it holds ([`Identity`]). Renders go on from their own only, and only
 //! sums of one render are merged. Sums do not depend on how samples were grouped ([`Sum`](crate::math::Sum)), so that a
-//! render that was stopped and gone on with, or split over machines and merged, has the very pixels of an uninterrupted one.
+//! render that was stopped and gone on with, or split over machines and merged, has the very pixels of an
+//! uninterrupted one.
 
 pub mod file;
 mod identity;
@@ -23,8 +24,8 @@ pub struct Label {
     pub identity: Identity,
     /// The image that its sums are of.
     pub picture: Picture,
-    /// Which samples of each pixel the sums hold: ranges that do not meet, in their order. With adaptive sampling, which
-    /// on average.
+    /// Which samples of each pixel the sums hold: ranges that do not meet, in their order. With adaptive sampling,
+    /// which on average.
     pub samples: Vec<Range<u64>>,
     /// How many samples per pixel the whole render is to have, if that is known.
     pub target: Option<u64>,

@@ -2,8 +2,8 @@
 //! channels and metadata of a file, writing, and comparing. The documentation and ownership rules of each function
 //! are in `shim/buffon_oiio.h`. The safe wrapper is `buffon::image`.
 //!
-//! The shim is a shared object inside the program. [`functions`] loads it, and OpenImageIO and the 260 libraries that this
-//! depends on with it: that takes 0.25 s, which a program without images to read or write should not pay.
+//! The shim is a shared object inside the program. [`functions`] loads it, and OpenImageIO and the 260 libraries that
+//! this depends on with it: that takes 0.25 s, which a program without images to read or write should not pay.
 //!
 //! `build.rs` gives the library's version to dependants' build scripts as `DEP_OIIO_VERSION`.
 
@@ -56,8 +56,8 @@ fn load() -> Result<Functions, String> {
     let mut file = unsafe { File::from_raw_fd(descriptor) };
     file.write_all(SHIM).map_err(|e| e.to_string())?;
     let path = format!("/proc/self/fd/{}", file.as_raw_fd());
-    // SAFETY: the object is the shim of this build; what its libraries run when they are loaded they would also run if the
-    // program were linked against them. All symbols of the header are in it, with these types.
+    // SAFETY: the object is the shim of this build; what its libraries run when they are loaded they would also run
+    // if the program were linked against them. All symbols of the header are in it, with these types.
     unsafe { Functions::new(path) }.map_err(|e| e.to_string())
 }
 

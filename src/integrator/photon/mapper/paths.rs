@@ -226,13 +226,7 @@ impl<'a> PhotonmapperWave<'a> {
     ) {
         let Worker { paths, hits, .. } = worker;
         let met: Vec<bool> = hits.iter().map(Option::is_some).collect();
-        paths.keep_hits(hits, |paths, i| {
-            if self.scene.needs.environment && self.wants(segments[i].history, edges) {
-                let d = paths.rays[i].d;
-                let le = lighting::environment(self.scene, d, paths.pdf[i], TechniqueCounts::ONE_EACH);
-                out[paths.slots[i] as usize].value += paths.beta(i) * le;
-            }
-        });
+        lighting::drop_missed(self.scene, paths, hits, out, |_, i| self.wants(segments[i].history, edges));
         let mut met = met.into_iter();
         segments.retain(|_| met.next().unwrap_or(false));
     }

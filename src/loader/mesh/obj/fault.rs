@@ -86,7 +86,8 @@ fn malformed_corner(corner: &str) -> Option<String> {
     Some(format!("expected a whole number, found {}", quoted(bad)))
 }
 
-/// What a face's corner refers to although it is not there, given how many entries the file has and how many came before.
+/// What a face's corner refers to although it is not there, given how many entries the file has and how many came
+/// before.
 fn reference(corner: &str, limits: Seen, seen: Seen, checked: [bool; 3]) -> Option<String> {
     const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
     for (i, part) in corner.split('/').enumerate() {

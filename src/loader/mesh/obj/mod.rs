@@ -1,8 +1,8 @@
 //! Wavefront OBJ.
 //!
-//! Groups, objects, smoothing groups and materials mean nothing here, as in Mitsuba. The file is read in blocks whose lines are
-//! parsed in parallel and put together in their order, so that neither the text nor the corners of all faces are in
-//! memory at once.
+//! Groups, objects, smoothing groups and materials mean nothing here, as in Mitsuba. The file is read in blocks whose
+//! lines are parsed in parallel and put together in their order, so that neither the text nor the corners of all
+//! faces are in memory at once.
 
 mod fault;
 mod lines;

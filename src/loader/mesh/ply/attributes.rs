@@ -1,8 +1,8 @@
 //! Which properties of an element are attributes of the mesh: the rules of Mitsuba 3.9.1.
 //!
 //! * `r g b` or `red green blue`, with `a` or `alpha` if it is there, are the attribute `color`.
-//! * Neighbouring properties of one prefix whose suffixes count along `_x _y _z`, `_r _g _b`, `_0 _1 _2` or `_1 _2 _3` are an
-//!   attribute named by the prefix, with `_color` appended after the second kind. They are one or three.
+//! * Neighbouring properties of one prefix whose suffixes count along `_x _y _z`, `_r _g _b`, `_0 _1 _2` or `_1 _2
+//!   _3` are an attribute named by the prefix, with `_color` appended after the second kind. They are one or three.
 //! * Numbers of type `uchar` are taken as they are; other integers are divided by the largest of their type and
 //!   decoded from sRGB.
 //!
@@ -25,8 +25,8 @@ const SUFFIXES: [[&str; 4]; 4] =
     [["x", "y", "z", "w"], ["r", "g", "b", "a"], ["0", "1", "2", "3"], ["1", "2", "3", "4"]];
 const COLORS: usize = 1;
 
-/// The attributes of an element, of which the columns in `used` mean something else, and a sentence for each that breaks the
-/// rules.
+/// The attributes of an element, of which the columns in `used` mean something else, and a sentence for each that
+/// breaks the rules.
 pub fn groups(element: &Element, used: &[usize]) -> (Vec<Group>, Vec<String>) {
     let (mut groups, mut warnings) = (Vec::new(), Vec::new());
     let scalar = |i: &usize| matches!(element.properties[*i].kind, Kind::Scalar(_));

@@ -29,8 +29,8 @@ use std::sync::Arc;
 /// Turns a resolved scene file into a scene.
 ///
 /// # Errors
-/// Unknown plugins, values out of range, what Buffon does not support, what does not fit into memory, missing files (all of
-/// them at once).
+/// Unknown plugins, values out of range, what Buffon does not support, what does not fit into memory, missing files
+/// (all of them at once).
 pub fn instantiate(resolved: Resolved, memory: &Budget) -> Result<Loaded> {
     let loaded = Loaded { warnings: resolved.warnings, notes: resolved.notes, ..Loaded::default() };
     let mut builder = Builder {

@@ -24,7 +24,8 @@ const SUPPORTED: [&str; 11] = [
 ];
 const MITSUBA: [&str; 7] =
     ["bsplinecurve", "blender", "ellipsoids", "ellipsoidsmesh", "linearcurve", "sdfgrid", "catmullrom"];
-/// How much the axes of a sphere's transformation may differ, relatively: more than a matrix printed with six digits does.
+/// How much the axes of a sphere's transformation may differ, relatively: more than a matrix printed with six digits
+/// does.
 const SPHERE_TOLERANCE: f64 = 1e-4;
 
 impl Builder<'_> {
