@@ -1,7 +1,7 @@
 //! Differences between two images.
 
 use crate::estimate::metrics;
-use crate::image::{Backend, Image};
+use crate::image::{Backend, Difference, Image};
 use std::fmt;
 
 /// The layer with the variance of the base layer's values.
@@ -210,6 +210,23 @@ pub fn compare(a: &Image, b: &Image) -> Result<Comparison, NotComparable> {
     Ok(Comparison { invalid_a: invalid(a), invalid_b: invalid(b), layers, ignored })
 }
 
+/// Computes the differences of two images of the same shape, as OpenImageIO does.
+fn own_difference(a: &Image, b: &Image) -> Difference {
+    let (x, r) = (&a.data, &b.data);
+    let (channels, mse) = (a.channels.len(), metrics::mse(x, r));
+    let largest = metrics::largest_difference(x, r);
+    let pixel = largest.index / channels;
+    Difference {
+        mean_absolute: metrics::mean_absolute(x, r),
+        rms: mse.sqrt(),
+        psnr: metrics::psnr(mse, metrics::peak(x, r)),
+        max: largest.value,
+        x: pixel % a.width,
+        y: pixel / a.width,
+        channel: largest.index % channels,
+    }
+}
+
 /// Compares one layer of two images of the same size.
 fn compare_layer(a: &Image, b: &Image, layer: &str) -> Result<LayerComparison, NotComparable> {
     let channels: Vec<&str> =
@@ -217,7 +234,10 @@ fn compare_layer(a: &Image, b: &Image, layer: &str) -> Result<LayerComparison, N
     let (Some(a), Some(b)) = (a.select(&channels), b.select(&channels)) else {
         return Err(NotComparable::Channels(a.channels.clone(), b.channels.clone()));
     };
-    let difference = Backend::default().difference(&a, &b).map_err(NotComparable::Library)?;
+    let difference = match Backend::default().difference(&a, &b) {
+        Some(found) => found.map_err(NotComparable::Library)?,
+        None => own_difference(&a, &b),
+    };
     let (x, r) = (&a.data, &b.data);
     Ok(LayerComparison {
         layer: layer.to_owned(),
@@ -293,8 +313,8 @@ mod tests {
     #[test]
     fn our_own_numbers_are_those_of_openimageio() {
         let (a, b) = pair();
-        let ours = Backend::RustCrates.difference(&a, &b).unwrap();
-        let theirs = Backend::OpenImageIo.difference(&a, &b).unwrap();
+        let ours = own_difference(&a, &b);
+        let theirs = Backend::OpenImageIo.difference(&a, &b).unwrap().unwrap();
         // The library subtracts in single precision.
         let near = |x: f64, y: f64| (x - y).abs() <= 1e-6 * y.abs();
         assert!(near(ours.mean_absolute, theirs.mean_absolute), "{ours:?} {theirs:?}");
@@ -303,7 +323,7 @@ mod tests {
         assert!(near(ours.max, theirs.max), "{ours:?} {theirs:?}");
         assert_eq!((ours.x, ours.y, ours.channel), (77, 33, 2));
         assert_eq!((theirs.x, theirs.y, theirs.channel), (77, 33, 2));
-        assert_eq!(Backend::OpenImageIo.difference(&a, &a), Backend::RustCrates.difference(&a, &a));
+        assert_eq!(Backend::OpenImageIo.difference(&a, &a), Some(Ok(own_difference(&a, &a))));
     }
 
     #[test]

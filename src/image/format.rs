@@ -111,7 +111,10 @@ impl std::fmt::Display for Backend {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => write!(f, "OpenImageIO {}", env!("BUFFON_OIIO_VERSION")),
+            Backend::OpenImageIo => match super::oiio::load_error() {
+                None => write!(f, "OpenImageIO {}", env!("BUFFON_OIIO_VERSION")),
+                Some(why) => write!(f, "exr/image crates ({why})"),
+            },
             Backend::RustCrates => write!(f, "exr/image crates"),
         }
     }
@@ -143,7 +146,8 @@ pub(crate) struct Difference {
     pub(crate) channel: usize,
 }
 
-/// The operations of a library. An error is the library's message without the file's name.
+/// The operations of a library. An error is the library's message without the file's name. If OpenImageIO cannot be
+/// loaded, the Rust crates do its work: a finished render must not be lost.
 ///
 /// The crate `image` always reads PNG and BMP files. libpng, which OpenImageIO uses for PNG, writes problems of a
 /// file directly to stderr. OpenImageIO's reader of BMP (2.4.7) continues with uninitialised numbers if a header is
@@ -153,8 +157,8 @@ impl Backend {
     pub(super) fn read_exr(self, path: &Path) -> Result<Vec<ImagePart>, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::read_exr(path),
-            Backend::RustCrates => pure::read_exr(path),
+            Backend::OpenImageIo if super::oiio::can_load() => super::oiio::read_exr(path),
+            _ => pure::read_exr(path),
         }
     }
 
@@ -162,8 +166,8 @@ impl Backend {
     pub(super) fn encode_exr(self, output: &ExrOutput) -> Result<Vec<u8>, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::encode_exr(output),
-            Backend::RustCrates => pure::encode_exr(output),
+            Backend::OpenImageIo if super::oiio::can_load() => super::oiio::encode_exr(output),
+            _ => pure::encode_exr(output),
         }
     }
 
@@ -171,7 +175,9 @@ impl Backend {
     pub(super) fn read_stored(self, path: &Path, format: Format, most: u64) -> Result<StoredPixels, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::read_stored(path, format, most),
+            Backend::OpenImageIo if !format.is_for_rust() && super::oiio::can_load() => {
+                super::oiio::read_stored(path, format, most)
+            }
             _ => pure::read_stored(path, format, most),
         }
     }
@@ -180,7 +186,9 @@ impl Backend {
     pub(super) fn read_raster(self, path: &Path, format: Format) -> Result<Raster, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::read_raster(path, format),
+            Backend::OpenImageIo if !format.is_for_rust() && super::oiio::can_load() => {
+                super::oiio::read_raster(path, format)
+            }
             _ => pure::read_raster(path, format),
         }
     }
@@ -194,7 +202,9 @@ impl Backend {
     ) -> Result<StoredPixels, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo if !format.is_for_rust() => super::oiio::decode_stored(bytes, format, most),
+            Backend::OpenImageIo if !format.is_for_rust() && super::oiio::can_load() => {
+                super::oiio::decode_stored(bytes, format, most)
+            }
             _ => pure::decode_stored(bytes, format, most),
         }
     }
@@ -208,17 +218,22 @@ impl Backend {
     ) -> Result<Vec<u8>, String> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::encode_bytes(format, bytes, quality),
-            Backend::RustCrates => pure::encode_bytes(format, bytes, quality),
+            Backend::OpenImageIo if super::oiio::can_load() => {
+                super::oiio::encode_bytes(format, bytes, quality)
+            }
+            _ => pure::encode_bytes(format, bytes, quality),
         }
     }
 
-    /// Compares two images of the same shape without NaN and infinite values.
-    pub(crate) fn difference(self, a: &Image, b: &Image) -> Result<Difference, String> {
+    /// Compares two images of the same shape without NaN and infinite values; `None` if the library compares none.
+    pub(crate) fn difference(self, a: &Image, b: &Image) -> Option<Result<Difference, String>> {
         match self {
             #[cfg(feature = "oiio")]
-            Backend::OpenImageIo => super::oiio::difference(a, b),
-            Backend::RustCrates => Ok(pure::difference(a, b)),
+            Backend::OpenImageIo if super::oiio::can_load() => Some(super::oiio::difference(a, b)),
+            _ => {
+                let _ = (a, b);
+                None
+            }
         }
     }
 }

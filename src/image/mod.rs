@@ -21,6 +21,7 @@ mod srgb;
 mod texture;
 mod write;
 
+pub(crate) use format::Difference;
 pub use format::{Backend, backend, set_threads};
 pub use metadata::{Metadata, Value};
 pub use read::{

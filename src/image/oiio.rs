@@ -28,6 +28,16 @@ fn library() -> Result<&'static sys::Functions, &'static str> {
     sys::functions(|library| limit_threads(library, THREADS.load(Ordering::Relaxed)))
 }
 
+/// Returns whether the library can be used; loads it.
+pub(super) fn can_load() -> bool {
+    library().is_ok()
+}
+
+/// Returns why the library could not be loaded, if that was tried.
+pub(super) fn load_error() -> Option<&'static str> {
+    sys::load_error()
+}
+
 fn limit_threads(library: &sys::Functions, threads: usize) {
     // SAFETY: takes a number; the library guards its own settings by a lock.
     unsafe { library.buffon_oiio_set_threads(threads.try_into().unwrap_or(i32::MAX)) }

@@ -16,10 +16,9 @@ use exr::prelude::{
 };
 
 use super::exr_header::sort_attributes;
-use super::format::{Difference, ExrOutput, Format, ImagePart, MAX_VALUES, preserved_metadata};
+use super::format::{ExrOutput, Format, ImagePart, MAX_VALUES, preserved_metadata};
 use super::srgb::{BytePixels, Raster, StoredPixels, StoredSamples};
 use super::{Compression, Image, Metadata, SampleFormat, Value};
-use crate::estimate::metrics;
 
 /// Reads all parts of an OpenEXR file.
 pub(super) fn read_exr(path: &Path) -> Result<Vec<ImagePart>, String> {
@@ -248,21 +247,4 @@ pub(super) fn encode_bytes(format: Format, pixels: &BytePixels, quality: u8) -> 
     }
     .map_err(|e| e.to_string())?;
     Ok(file)
-}
-
-/// Computes the differences of two images of the same shape.
-pub(super) fn difference(a: &Image, b: &Image) -> Difference {
-    let (x, r) = (&a.data, &b.data);
-    let (channels, mse) = (a.channels.len(), metrics::mse(x, r));
-    let largest = metrics::largest_difference(x, r);
-    let pixel = largest.index / channels;
-    Difference {
-        mean_absolute: metrics::mean_absolute(x, r),
-        rms: mse.sqrt(),
-        psnr: metrics::psnr(mse, metrics::peak(x, r)),
-        max: largest.value,
-        x: pixel % a.width,
-        y: pixel / a.width,
-        channel: largest.index % channels,
-    }
 }

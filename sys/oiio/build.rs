@@ -42,7 +42,7 @@ fn main() {
         .compile_intermediates();
     // Only this object is linked against the library, so that a program loads it when it first needs it.
     let mut linker = build.get_compiler().to_command();
-    linker.arg("-shared").arg("-o").arg(out.join("libbuffon_oiio.so")).args(objects);
+    linker.arg("-shared").arg("-s").arg("-o").arg(out.join("libbuffon_oiio.so")).args(objects);
     linker.args(library.link_paths.iter().map(|path| format!("-L{}", path.display())));
     linker.args(library.libs.iter().map(|name| format!("-l{name}")));
     run(&mut linker);

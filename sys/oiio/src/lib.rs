@@ -32,6 +32,11 @@ pub fn loaded() -> Option<&'static Functions> {
     FUNCTIONS.get()?.as_ref().ok()
 }
 
+/// Returns why the library could not be loaded, if that was tried.
+pub fn load_error() -> Option<&'static str> {
+    FUNCTIONS.get()?.as_ref().err().map(String::as_str)
+}
+
 /// Returns the functions of the shim. The first call loads the library, and calls `prepare` with them.
 ///
 /// # Errors
