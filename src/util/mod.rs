@@ -1,4 +1,4 @@
-//! What every room may use and what knows nothing of rendering: files that are replaced whole or not at all.
+//! Utilities that are independent of rendering: atomic replacement of files.
 
 mod replace;
 
