@@ -14,7 +14,10 @@ pub fn encode_octahedral(v: Vec3) -> u16 {
     let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
     let (x, y) = if v.z < 0.0 { (fold(v.x, v.y), fold(v.y, v.x)) } else { (v.x, v.y) };
     let (x, y) = ((x * MAX_COORDINATE).floor(), (y * MAX_COORDINATE).floor());
-    let code = |x: f32, y: f32| ((x.min(MAX_COORDINATE) + MAX_COORDINATE) as u16) << 8 | (y.min(MAX_COORDINATE) + MAX_COORDINATE) as u16;
+    let code = |x: f32, y: f32| {
+        ((x.min(MAX_COORDINATE) + MAX_COORDINATE) as u16) << 8
+            | (y.min(MAX_COORDINATE) + MAX_COORDINATE) as u16
+    };
     let (mut best, mut nearest) = (code(x, y), f32::NEG_INFINITY);
     for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
         let candidate = code(x + dx, y + dy);
@@ -49,7 +52,8 @@ pub fn signed_squared_cosines(codes: &[u16; LANES], v: Vec3) -> f32x16 {
         coordinates[0][i] = f32::from(code >> 8);
         coordinates[1][i] = f32::from(code & 255);
     }
-    let [x, y] = coordinates.map(|c| (f32x16::new(c) - f32x16::splat(MAX_COORDINATE)) * f32x16::splat(1.0 / MAX_COORDINATE));
+    let [x, y] = coordinates
+        .map(|c| (f32x16::new(c) - f32x16::splat(MAX_COORDINATE)) * f32x16::splat(1.0 / MAX_COORDINATE));
     let z = f32x16::ONE - x.abs() - y.abs();
     let fold = (-z).fast_max(f32x16::ZERO);
     let toward_zero = |a: f32x16| a.simd_lt(f32x16::ZERO).select(a + fold, a - fold);

@@ -50,7 +50,8 @@ const VERSION_1: ControlGroupFiles = ControlGroupFiles {
     usage: "memory.usage_in_bytes",
     reclaimable: "total_inactive_file",
 };
-const VERSION_2: ControlGroupFiles = ControlGroupFiles { limit: "memory.max", usage: "memory.current", reclaimable: "inactive_file" };
+const VERSION_2: ControlGroupFiles =
+    ControlGroupFiles { limit: "memory.max", usage: "memory.current", reclaimable: "inactive_file" };
 
 /// Returns the least remaining memory of the process's control groups and of their ancestors.
 fn control_groups(root: &Path) -> Option<u64> {

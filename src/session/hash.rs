@@ -1,10 +1,10 @@
-//! Hashes of what is rendered, to know it again: for references and caches that are kept in files.
+//! Hashes of scenes and settings, which identify stored references and caches.
 
 use crate::scene::description::Description;
 use std::fmt::{self, Arguments, Write};
 use std::hash::{DefaultHasher, Hasher};
 
-/// Hashes what is written to it.
+/// A hasher with the interface of a text writer.
 struct HashWriter(DefaultHasher);
 
 impl Write for HashWriter {
@@ -14,15 +14,15 @@ impl Write for HashWriter {
     }
 }
 
-/// The hash of a text, which need not be put together.
+/// Returns the hash of a formatted text, without storing the text.
 pub fn of(text: Arguments<'_>) -> u64 {
     let mut writer = HashWriter(DefaultHasher::new());
-    // Nothing can fail: neither the writer nor the derived formats do.
+    // Neither the writer nor derived formatting can fail.
     let _ = writer.write_fmt(text);
     writer.0.finish()
 }
 
-/// What `f` makes of a scene in which nothing says where it stands in the file.
+/// Applies `f` to a scene without its locations in the scene file.
 pub fn without_places<T>(description: &mut Description, f: impl FnOnce(&mut Description) -> T) -> T {
     let mut shapes: Vec<_> =
         description.shapes.iter_mut().chain(description.groups.iter_mut().flatten()).collect();
@@ -35,7 +35,7 @@ pub fn without_places<T>(description: &mut Description, f: impl FnOnce(&mut Desc
     result
 }
 
-/// The hash of a scene, whoever looks at it.
+/// Returns the hash of a scene without its sensors.
 pub fn scene(description: &mut Description) -> u64 {
     without_places(description, |description| {
         let sensors = std::mem::take(&mut description.sensors);
@@ -45,10 +45,10 @@ pub fn scene(description: &mut Description) -> u64 {
     })
 }
 
-/// What samples, records and photons belong to.
+/// The hashes of the scene and view to which samples, records and photons belong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Origin {
-    /// Hash of the scene, without sensors.
+pub struct SceneHashes {
+    /// Hash of the scene without its sensors.
     pub scene: u64,
     /// Hash of the sensor with its film.
     pub view: u64,
