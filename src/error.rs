@@ -1,29 +1,29 @@
-//! The one error type: where, what, which value, and what was expected instead.
+//! The error type: location, subject, value, and expectation.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// "1 sample", "2 samples": a number with its noun.
+/// Returns a number with its noun: "1 sample", "2 samples".
 pub fn counted(n: impl Into<u128>, one: &str, many: &str) -> String {
     let n = n.into();
     format!("{n} {}", if n == 1 { one } else { many })
 }
 
-/// A position in a text file. Lines and columns count from 1.
+/// A position in a text file. Lines and columns are counted from 1.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
-    /// The file, as the user named it or as it was found.
+    /// The file, as named by the user or as found.
     pub file: PathBuf,
-    /// Line, from 1; 0 when only the file is known.
+    /// The line, from 1; 0 if only the file is known.
     pub line: u32,
-    /// Column in characters, from 1.
+    /// The column in characters, from 1.
     pub column: u32,
     /// The text of that line, shown under the message.
     pub text: String,
 }
 
 impl Place {
-    /// A place that is a whole file.
+    /// Creates a location that is a whole file.
     pub fn file(path: &Path) -> Self {
         Place { file: path.to_path_buf(), line: 0, column: 0, text: String::new() }
     }
@@ -38,10 +38,10 @@ impl fmt::Display for Place {
     }
 }
 
-/// What kind of failure it is; it decides the exit code of the program.
+/// The kind of failure, which determines the program's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A defect of Buffon itself or of a library under it (exit code 1).
+    /// A defect of Buffon itself or of one of its libraries (exit code 1).
     Internal,
     /// The command line (exit code 2).
     Usage,
@@ -54,7 +54,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// The exit code of the program for this kind of failure.
+    /// Returns the program's exit code.
     pub fn exit_code(self) -> u8 {
         match self {
             Kind::Internal => 1,
@@ -66,19 +66,19 @@ impl Kind {
     }
 }
 
-/// An error with place, thing, value and expectation, printed as
-/// `scene.xml:12:9: <float name="alpha">: expected a number, found "1,0"` with the line shown under it.
+/// An error with location, subject, value and expectation. It is printed as `scene.xml:12:9: <float name="alpha">:
+/// expected a number, found "1,0"`, followed by the line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
-    /// Decides the exit code.
+    /// The kind, which determines the exit code.
     pub kind: Kind,
-    /// Where; `None` when there is no file to point at.
+    /// The location; `None` if there is no file.
     pub place: Option<Place>,
-    /// The thing that is wrong, e.g. `<float name="alpha">` or `--crop`; may be empty.
+    /// The subject of the error, such as `<float name="alpha">` or `--crop`; may be empty.
     pub thing: String,
-    /// What is wrong with it, e.g. `expected a number, found "1,0"`.
+    /// The problem, such as `expected a number, found "1,0"`.
     pub message: String,
-    /// More errors of the same cause (all missing files are listed at once).
+    /// More errors with the same cause (all missing files are listed together).
     pub others: Vec<Error>,
 }
 
@@ -86,49 +86,49 @@ pub struct Error {
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 impl Error {
-    /// An error of a kind with only a message.
+    /// Creates an error with only a message.
     pub fn new(kind: Kind, message: impl Into<String>) -> Self {
         Error { kind, place: None, thing: String::new(), message: message.into(), others: Vec::new() }
     }
 
-    /// An internal error.
+    /// Creates an internal error.
     pub fn internal(message: impl Into<String>) -> Self {
         Error::new(Kind::Internal, message)
     }
 
-    /// An error of the command line.
+    /// Creates an error of the command line.
     pub fn usage(message: impl Into<String>) -> Self {
         Error::new(Kind::Usage, message)
     }
 
-    /// An error of the scene.
+    /// Creates an error of the scene.
     pub fn scene(message: impl Into<String>) -> Self {
         Error::new(Kind::Scene, message)
     }
 
-    /// An error of an output.
+    /// Creates an error of an output.
     pub fn output(message: impl Into<String>) -> Self {
         Error::new(Kind::Output, message)
     }
 
-    /// The same error at a place.
+    /// Returns the error with a location.
     pub fn at(mut self, place: Place) -> Self {
         self.place = Some(place);
         self
     }
 
-    /// The same error in a file, with no line.
+    /// Returns the error with a file as its location, without a line.
     pub fn in_file(self, path: &Path) -> Self {
         self.at(Place::file(path))
     }
 
-    /// The same error about a thing.
+    /// Returns the error with a subject.
     pub fn about(mut self, thing: impl Into<String>) -> Self {
         self.thing = thing.into();
         self
     }
 
-    /// Adds errors of the same cause.
+    /// Adds errors with the same cause.
     pub fn with_others(mut self, others: Vec<Error>) -> Self {
         self.others = others;
         self
@@ -147,7 +147,7 @@ impl fmt::Display for Error {
         if let Some(place) = self.place.as_ref().filter(|p| !p.text.trim().is_empty()) {
             let text = place.text.replace('\t', " ");
             let column = (place.column.max(1) - 1) as usize;
-            // A long line (a matrix, a generated file) is shown around the column only.
+            // Only a part of a long line (a matrix, a generated file) is shown, around the column.
             let from = column.saturating_sub(60);
             let shown: String = text.chars().skip(from).take(120).collect();
             let shown = shown.trim_end();

@@ -8,7 +8,7 @@ macro_rules! id {
         pub struct $name(pub u32);
 
         impl $name {
-            /// The index as `usize`, for indexing an array.
+            /// Returns the index as `usize`.
             #[inline]
             pub fn index(self) -> usize {
                 self.0 as usize

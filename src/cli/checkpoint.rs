@@ -2,18 +2,18 @@
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
-use crate::render::State;
-use crate::session::checkpoint::{Identity, Label, file};
-use crate::session::{Origin, Plan, Session};
+use crate::render::RenderState;
+use crate::session::checkpoint::{CheckpointLabel, Identity, file};
+use crate::session::{Plan, SceneHashes, Session};
 use crate::util;
 use std::path::PathBuf;
 
 /// Where the states of a render go, and what they are.
 pub struct Checkpointing {
     path: PathBuf,
-    label: Label,
+    label: CheckpointLabel,
     first: u64,
-    begin: Option<State>,
+    resumed: Option<RenderState>,
     quiet: bool,
 }
 
@@ -26,12 +26,12 @@ impl Checkpointing {
         args: &RenderArgs,
         session: &Session,
         plan: &Plan,
-        origin: Option<Origin>,
+        origin: Option<SceneHashes>,
     ) -> Result<Option<Self>> {
         let Some((path, origin)) = args.checkpoint.clone().zip(origin) else { return Ok(None) };
         util::check_replaceable(&path)?;
         let identity = Identity::of(session, plan, origin);
-        let begin = match (path.exists(), args.resume) {
+        let resumed = match (path.exists(), args.resume) {
             (true, true) => {
                 Some(file::load(&path)?.resume(&path, &identity, plan.first, plan.job.stop.samples)?)
             }
@@ -48,24 +48,28 @@ impl Checkpointing {
                 None
             }
         };
-        let label =
-            Label { identity, picture: session.picture(plan), samples: Vec::new(), target: plan.target };
-        Ok(Some(Checkpointing { path, label, first: plan.first, begin, quiet: args.quiet }))
+        let label = CheckpointLabel {
+            identity,
+            image_description: session.image_description(plan),
+            samples: Vec::new(),
+            target: plan.target,
+        };
+        Ok(Some(Checkpointing { path, label, first: plan.first, resumed, quiet: args.quiet }))
     }
 
     /// The state to go on from, once.
-    pub fn take_state(&mut self) -> Option<State> {
-        self.begin.take()
+    pub fn take_state(&mut self) -> Option<RenderState> {
+        self.resumed.take()
     }
 
     /// Writes a state; an older file stays if that fails, and is told of.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn save(&self, state: &State) -> Result<()> {
+    pub fn save(&self, state: &RenderState) -> Result<()> {
         let range = self.first..state.next;
         let samples = if range.is_empty() { Vec::new() } else { vec![range] };
-        let saved = file::save(&self.path, &Label { samples, ..self.label.clone() }, state);
+        let saved = file::save(&self.path, &CheckpointLabel { samples, ..self.label.clone() }, state);
         if let Err(error) = &saved
             && !self.quiet
         {

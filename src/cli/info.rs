@@ -9,7 +9,7 @@ use crate::integrator::photon;
 use crate::loader::{self, LoadOptions};
 use crate::memory::{Amount, Budget, Limit};
 use crate::scene::{CompileOptions, Scene, compile_within};
-use crate::session::checkpoint::{self, Checkpoint, Label};
+use crate::session::checkpoint::{self, Checkpoint, CheckpointLabel};
 use crate::session::{RenderMemory, default_threads};
 use crate::shape::WorldShape;
 use clap::Args;
@@ -72,8 +72,8 @@ fn describe_photons(contents: &photon::file::PhotonFileContents) -> String {
 
 /// What a checkpoint holds.
 fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
-    let Label { identity, picture, samples, target } = &checkpoint.label;
-    let rect = picture.rect;
+    let CheckpointLabel { identity, image_description, samples, target } = &checkpoint.label;
+    let rect = image_description.rect;
     let of = target.map_or_else(String::new, |n| format!(" of {}", counted(n, "sample", "samples")));
     let seconds = checkpoint.state.elapsed.as_secs_f64();
     let lines = [

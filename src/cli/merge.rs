@@ -61,8 +61,8 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
     }
     let Some(output) = &args.output else { return Ok(0) };
     let rendered = merged.rendered(default_threads())?;
-    let image = merged.label.picture.image(&rendered);
-    let samples = merged.label.picture.component_format.into();
+    let image = merged.label.image_description.image(&rendered);
+    let samples = merged.label.image_description.component_format.into();
     let report = image::write(output, &image, &WriteOptions { samples, ..WriteOptions::default() })?;
     if report.clamped_half > 0 && !args.quiet {
         let values = counted(report.clamped_half as u64, "value", "values");

@@ -12,9 +12,9 @@ use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
 use crate::loader::LoadOptions;
 use crate::memory::Limit;
-use crate::render::{Keeper, Progress, Rendered, State, StopReason, StopRules};
+use crate::render::{CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
 use crate::sampling::SamplerKind;
-use crate::session::{Choices, Origin, Plan, SceneChoices, SceneFile, Session, default_threads};
+use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session, default_threads};
 use crate::util;
 use clap::Args;
 use std::ops::Range;
@@ -158,12 +158,12 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
     let code = match signal.load(Ordering::Relaxed) {
         0 => 0,
-        _ if args.checkpoint.is_some() && rendered.kept.is_ok() => INTERRUPTED_WITH_CHECKPOINT,
+        _ if args.checkpoint.is_some() && rendered.checkpoint_status.is_ok() => INTERRUPTED_WITH_CHECKPOINT,
         signal => u8::try_from(128 + signal).unwrap_or(1),
     };
     if rendered.stop_reason == StopReason::Interrupted && rendered.counts.most == 0 {
         eprintln!("buffon: interrupted before the first sample: {} is left as it was", target.display());
-        return rendered.kept.map(|()| code);
+        return rendered.checkpoint_status.map(|()| code);
     }
     let written = Instant::now();
     let image = session.image(&plan, &rendered);
@@ -181,7 +181,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         photon_notes(&rendered.statistics).iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     warn_of_values(args, &target, &rendered, report.clamped_half)?;
-    rendered.kept.map(|()| code)
+    rendered.checkpoint_status.map(|()| code)
 }
 
 /// Says that a signal has come before the first sample, and gives the exit code for it.
@@ -226,7 +226,7 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
 }
 
 /// Loads and compiles the scene, saying what there is to say about it.
-fn open(args: &RenderArgs) -> Result<(Session, Option<Origin>, Seconds)> {
+fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let choices = SceneChoices {
         load: LoadOptions {
             defines: args.define.clone(),
@@ -254,9 +254,12 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<Origin>, Seconds)> {
 }
 
 /// What the command line says of the render.
-fn choices(args: &RenderArgs, origin: Option<Origin>) -> Choices {
-    let cache =
-        |(path, Origin { scene, view }): (&PathBuf, Origin)| CacheFile { path: path.clone(), scene, view };
+fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
+    let cache = |(path, SceneHashes { scene, view }): (&PathBuf, SceneHashes)| CacheFile {
+        path: path.clone(),
+        scene,
+        view,
+    };
     Choices {
         integrator: args.integrator.clone(),
         sampler: args.sampler,
@@ -319,10 +322,10 @@ fn sample(
     let rendered = match checkpoint {
         None => session.render(plan, progress),
         Some(mut checkpoint) => {
-            let begin = checkpoint.take_state();
-            let keep = |state: &State| checkpoint.save(state);
-            let keeper = Keeper { every: args.checkpoint_every, keep: &keep };
-            session.render_on(plan, progress, begin, Some(keeper))
+            let resumed = checkpoint.take_state();
+            let keep = |state: &RenderState| checkpoint.save(state);
+            let checkpoints = CheckpointSink { every: args.checkpoint_every, keep: &keep };
+            session.render_on(plan, progress, resumed, Some(checkpoints))
         }
     };
     watcher.finish();

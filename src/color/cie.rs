@@ -2,7 +2,7 @@
 
 /// Wavelength of the first entry, nm.
 pub const FIRST_NM: f64 = 360.0;
-/// Distance of the entries, nm.
+/// Distance between entries, nm.
 pub const STEP_NM: f64 = 5.0;
 /// Wavelength of the last entry, nm.
 pub const LAST_NM: f64 = 830.0;

@@ -1,16 +1,16 @@
 //! Complex indices of refraction of conductors by name, reduced to linear Rec.709.
 //!
-//! The measurements are those of the luxpop.com database, most of them after Palik, "Handbook of Optical
-//! Constants of Solids". Each number is the RGB value that Mitsuba 3's rgb variants give to the name, so that a
-//! scene means the same in both.
+//! The measurements are from the luxpop.com database; most of them follow Palik, "Handbook of Optical Constants of
+//! Solids". Each number is the RGB value that Mitsuba 3's rgb variants use for the name, so that a scene has the same
+//! meaning in both renderers.
 
 use super::Rgb;
 
-/// Name, eta, k.
-type Row = (&'static str, [f32; 3], [f32; 3]);
+/// The name, eta and k.
+type ConductorEntry = (&'static str, [f32; 3], [f32; 3]);
 
 #[rustfmt::skip]
-const CONDUCTORS: &[Row] = &[
+const CONDUCTORS: &[ConductorEntry] = &[
     ("a-C", [2.944_05, 2.227_14, 1.968_16], [0.887_465, 0.799_299, 0.815_29]),
     ("Ag", [0.155_276, 0.116_728, 0.138_388], [4.828_35, 3.122_22, 2.1469]),
     ("Al", [1.6575, 0.880_405, 0.521_244], [9.223_81, 6.2695, 4.837]),
@@ -94,13 +94,14 @@ pub struct ComplexIor {
     pub k: Rgb,
 }
 
-/// The index of a conductor by its name, e.g. `Au`; `none` reflects everything. Case counts: `Co` is not `CO`.
+/// Returns the index of a conductor by its name, such as `Au`; `none` reflects everything. Names are case-sensitive:
+/// `Co` is not `CO`.
 pub fn conductor(name: &str) -> Option<ComplexIor> {
     let &(_, eta, k) = CONDUCTORS.iter().find(|row| row.0 == name)?;
     Some(ComplexIor { eta: eta.into(), k: k.into() })
 }
 
-/// Every name that [`conductor`] knows.
+/// Iterates over the names accepted by [`conductor`].
 pub fn conductor_names() -> impl Iterator<Item = &'static str> {
     CONDUCTORS.iter().map(|row| row.0)
 }

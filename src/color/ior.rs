@@ -28,12 +28,12 @@ const DIELECTRICS: &[(&str, f32)] = &[
     ("diamond", 2.419),
 ];
 
-/// The index of refraction of a dielectric by its name, e.g. `bk7`; case does not count.
+/// Returns the index of refraction of a dielectric by its name, such as `bk7`; names are not case-sensitive.
 pub fn dielectric(name: &str) -> Option<f32> {
     DIELECTRICS.iter().find(|row| row.0.eq_ignore_ascii_case(name)).map(|row| row.1)
 }
 
-/// Every name that [`dielectric`] knows.
+/// Iterates over the names accepted by [`dielectric`].
 pub fn dielectric_names() -> impl Iterator<Item = &'static str> {
     DIELECTRICS.iter().map(|row| row.0)
 }
@@ -44,7 +44,7 @@ mod tests {
 
     #[test]
     fn names_are_found_in_any_case() {
-        // Mitsuba gives diamond in air the ratio 2.41833, BK7 in air 1.50418.
+        // In Mitsuba, the ratio of diamond and air is 2.41833, that of BK7 and air 1.50418.
         let air = dielectric("air").unwrap();
         assert!((dielectric("Diamond").unwrap() / air - 2.41833).abs() < 1e-5);
         assert!((dielectric("bk7").unwrap() / air - 1.50418).abs() < 1e-5);

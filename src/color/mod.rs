@@ -1,4 +1,4 @@
-//! Colour: linear Rec.709 RGB, and what reduces spectra and measured materials to it.
+//! Colour: linear Rec.709 RGB, and the conversion of spectra and measured materials.
 
 mod cie;
 pub mod conductors;

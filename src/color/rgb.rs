@@ -2,7 +2,7 @@
 
 use std::ops::{Add, AddAssign, Div, Index, Mul, MulAssign, Sub};
 
-/// A linear Rec.709 RGB triple: a radiance, a reflectance or a weight, as its user says.
+/// A linear Rec.709 RGB triple: a radiance, a reflectance or a weight, depending on its use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 #[repr(C)]
 pub struct Rgb {
@@ -20,61 +20,61 @@ impl Rgb {
     /// One in every channel.
     pub const WHITE: Rgb = Rgb::splat(1.0);
 
-    /// A triple.
+    /// Creates a triple.
     #[inline]
     pub const fn new(r: f32, g: f32, b: f32) -> Self {
         Rgb { r, g, b }
     }
 
-    /// The same value in every channel.
+    /// Creates a triple with the same value in every channel.
     #[inline]
     pub const fn splat(v: f32) -> Self {
         Rgb { r: v, g: v, b: v }
     }
 
-    /// The channels in order.
+    /// Returns the channels in order.
     #[inline]
     pub fn to_array(self) -> [f32; 3] {
         [self.r, self.g, self.b]
     }
 
-    /// `f` of each channel.
+    /// Applies `f` to each channel.
     #[inline]
     pub fn map(self, f: impl Fn(f32) -> f32) -> Self {
         Rgb::new(f(self.r), f(self.g), f(self.b))
     }
 
-    /// `f` of each pair of channels.
+    /// Applies `f` to each pair of channels.
     #[inline]
     pub fn zip(self, other: Rgb, f: impl Fn(f32, f32) -> f32) -> Self {
         Rgb::new(f(self.r, other.r), f(self.g, other.g), f(self.b, other.b))
     }
 
-    /// The largest channel.
+    /// Returns the largest channel.
     #[inline]
     pub fn max_component(self) -> f32 {
         self.r.max(self.g).max(self.b)
     }
 
-    /// The mean of the channels.
+    /// Returns the mean of the channels.
     #[inline]
     pub fn mean(self) -> f32 {
         (self.r + self.g + self.b) * (1.0 / 3.0)
     }
 
-    /// Relative luminance: the Y of Rec.709.
+    /// Returns the relative luminance: the Y of Rec.709.
     #[inline]
     pub fn luminance(self) -> f32 {
         0.212_671 * self.r + 0.715_16 * self.g + 0.072_169 * self.b
     }
 
-    /// Whether every channel is zero.
+    /// Returns whether every channel is zero.
     #[inline]
     pub fn is_black(self) -> bool {
         self.r == 0.0 && self.g == 0.0 && self.b == 0.0
     }
 
-    /// Whether every channel is finite and not negative.
+    /// Returns whether every channel is finite and not negative.
     #[inline]
     pub fn is_valid(self) -> bool {
         let ok = |v: f32| (0.0..f32::INFINITY).contains(&v);

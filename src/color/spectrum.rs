@@ -1,52 +1,52 @@
-//! Spectra given by wavelength, reduced to linear Rec.709 as Mitsuba 3's rgb variants do it.
+//! Spectra as functions of wavelength, converted to linear Rec.709 as in Mitsuba 3's rgb variants.
 
 use super::{Rgb, cie};
 
-/// What a spectrum stands for; it decides how it is reduced to RGB.
+/// The quantity that a spectrum represents, which determines its conversion to RGB.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// A share in [0, 1] of reflected or transmitted light, seen under D65.
+    /// A fraction in [0, 1] of reflected or transmitted light, under the illuminant D65.
     Reflectance,
-    /// A property without upper bound such as an index of refraction, seen under D65.
+    /// A property without an upper bound such as an index of refraction, under the illuminant D65.
     Unbounded,
     /// Emitted light.
     Emission,
 }
 
-/// A spectrum, as a scene gives it.
+/// A spectrum of a scene description.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Spectrum {
     /// The same value at every wavelength.
     Constant(f64),
-    /// Values at wavelengths in nm, linear between them and zero outside.
+    /// Values at wavelengths in nm, interpolated linearly, and zero outside.
     Samples(Vec<(f64, f64)>),
 }
 
-/// A spectrum reduced to RGB.
+/// A spectrum converted to RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reduced {
-    /// The colour, clamped to what the quantity allows.
+    /// The colour, clamped to the range of the quantity.
     pub rgb: Rgb,
-    /// The colour before it was clamped, where that changed it.
+    /// The colour before clamping, if clamping changed it.
     pub out_of_gamut: Option<Rgb>,
 }
 
-/// Steps of the sum over [360, 830] nm, as many as Mitsuba takes.
+/// The number of wavelengths over [360, 830] nm, as in Mitsuba.
 const STEPS: usize = 1000;
-/// The integral of ȳ, so that a spectrum of ones has the luminance 1.
+/// The integral of ȳ, which normalises a spectrum of ones to the luminance 1.
 const Y_INTEGRAL: f64 = 106.750_259_399_414_06;
-/// Makes the luminance of D65 one on that scale.
+/// The factor that normalises D65 to the luminance 1.
 const D65_SCALE: f64 = 98.997_417_518_762_55;
-/// CIE XYZ to linear Rec.709.
+/// The matrix from CIE XYZ to linear Rec.709.
 const XYZ_TO_RGB: [[f64; 3]; 3] =
     [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875991, 0.041556], [0.055648, -0.204043, 1.057311]];
 
 impl Spectrum {
-    /// A spectrum of samples.
+    /// Creates a sampled spectrum.
     ///
     /// # Errors
-    /// A sentence when there are fewer than two samples, when the wavelengths do not increase, or when a number
-    /// is not finite or a value negative.
+    /// If there are fewer than two samples, the wavelengths do not increase, a number is not finite, or a value is
+    /// negative; the error is a sentence.
     pub fn from_samples(samples: Vec<(f64, f64)>) -> Result<Self, String> {
         if samples.len() < 2 {
             return Err(format!("expected at least two wavelength:value pairs, found {}", samples.len()));
@@ -64,11 +64,11 @@ impl Spectrum {
         }
     }
 
-    /// The linear Rec.709 colour of the spectrum as the given quantity.
+    /// Converts the spectrum to linear Rec.709, as the given quantity.
     ///
-    /// Samples are summed at 1000 wavelengths against the CIE 1931 2° observer, and against D65 unless they are
-    /// emission. A constant needs no sum: as reflectance or index it is neutral, as emission it is the equal-energy
-    /// white, which is not the neutral (D65) white of Rec.709.
+    /// Samples are integrated at 1000 wavelengths with the CIE 1931 2° observer, and with D65 unless they are
+    /// emission. A constant needs no integration: as reflectance or index it is neutral. As emission it is the
+    /// equal-energy white, which differs from the neutral (D65) white of Rec.709.
     pub fn to_rgb(&self, quantity: Quantity) -> Reduced {
         let xyz = match self {
             Spectrum::Constant(v) if quantity == Quantity::Emission => [*v; 3],
@@ -83,7 +83,8 @@ impl Spectrum {
     }
 }
 
-/// XYZ of a sampled spectrum, possibly lit by D65, on the scale where ones have luminance 1.
+/// Returns XYZ of a sampled spectrum, with D65 if `lit`, on the scale in which a spectrum of ones has the luminance
+/// 1.
 fn integrate(samples: &[(f64, f64)], lit: bool) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for i in 0..STEPS {
@@ -100,7 +101,7 @@ fn integrate(samples: &[(f64, f64)], lit: bool) -> [f64; 3] {
     sum.map(|v| v * (cie::LAST_NM - cie::FIRST_NM) / STEPS as f64 / Y_INTEGRAL)
 }
 
-/// The value at a wavelength; `None` outside the samples.
+/// Returns the value at a wavelength; `None` outside the samples.
 fn interpolate(samples: &[(f64, f64)], nm: f64) -> Option<f64> {
     let above = samples.partition_point(|s| s.0 <= nm);
     let (last_nm, last) = *samples.last()?;

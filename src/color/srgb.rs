@@ -2,17 +2,17 @@
 
 use super::Rgb;
 
-/// The linear value of a gamma-encoded one, both in [0, 1].
+/// Decodes a gamma-encoded value, both in [0, 1].
 pub fn srgb_to_linear(v: f32) -> f32 {
     if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The gamma-encoded value of a linear one, both in [0, 1].
+/// Encodes a linear value, both in [0, 1].
 pub fn linear_to_srgb(v: f32) -> f32 {
     if v <= 0.003_130_8 { v * 12.92 } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The linear colour of `#rrggbb`; `None` where the text is not of that form.
+/// Returns the linear colour of `#rrggbb`; `None` if the text does not have that form.
 pub fn parse_hex(text: &str) -> Option<Rgb> {
     let digits =
         text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()))?;

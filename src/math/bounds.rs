@@ -5,42 +5,42 @@ use glam::Vec3;
 /// An axis-aligned box; empty when `min > max` in any component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// The least corner.
+    /// The corner with the least coordinates.
     pub min: Vec3,
-    /// The greatest corner.
+    /// The corner with the greatest coordinates.
     pub max: Vec3,
 }
 
 impl Bounds {
-    /// The box that contains nothing.
+    /// The empty box.
     pub const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
-    /// The smallest box around the points.
+    /// Returns the smallest box that contains the points.
     pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
         points.into_iter().fold(Bounds::EMPTY, Bounds::with)
     }
 
-    /// The box grown to contain `p`.
+    /// Returns the smallest box that contains the box and `p`.
     pub fn with(self, p: Vec3) -> Self {
         Bounds { min: self.min.min(p), max: self.max.max(p) }
     }
 
-    /// The smallest box around both.
+    /// Returns the smallest box that contains both.
     pub fn union(self, other: Bounds) -> Self {
         Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Whether nothing is inside.
+    /// Returns whether the box is empty.
     pub fn is_empty(&self) -> bool {
         !(self.min.x <= self.max.x && self.min.y <= self.max.y && self.min.z <= self.max.z)
     }
 
-    /// The middle; zero for the empty box.
+    /// Returns the centre; zero for the empty box.
     pub fn center(&self) -> Vec3 {
         if self.is_empty() { Vec3::ZERO } else { self.min * 0.5 + self.max * 0.5 }
     }
 
-    /// Half the diagonal: the radius of the sphere around [`center`](Self::center) that contains the box.
+    /// Returns half the diagonal, which is the radius of the bounding sphere around [`center`](Self::center).
     pub fn radius(&self) -> f32 {
         if self.is_empty() { 0.0 } else { (self.max * 0.5 - self.min * 0.5).length() }
     }

@@ -1,4 +1,4 @@
-//! Orthonormal frames. In a frame's local coordinates, z is the normal.
+//! Orthonormal frames. In the local coordinates of a frame, z is the normal.
 
 use super::lanes::{Vec3x16, f32x16, with_sign};
 use glam::Vec3;
@@ -15,7 +15,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A frame around the unit vector `n`, with no preferred tangent. [Duff 2017, listing 3]
+    /// Creates a frame around the unit vector `n` with arbitrary tangents. [Duff 2017, listing 3]
     #[inline]
     pub fn from_normal(n: Vec3) -> Self {
         let sign = 1f32.copysign(n.z);
@@ -28,8 +28,8 @@ impl Frame {
         }
     }
 
-    /// A frame around the unit vector `n` whose first tangent lies as near as possible to `dpdu`;
-    /// without a usable `dpdu`, as [`from_normal`](Self::from_normal).
+    /// Creates a frame around the unit vector `n` whose first tangent is as close as possible to `dpdu`. Without a
+    /// valid `dpdu`, it is that of [`from_normal`](Self::from_normal).
     #[inline]
     pub fn from_normal_tangent(n: Vec3, dpdu: Vec3) -> Self {
         let s = dpdu - n * n.dot(dpdu);
@@ -41,13 +41,13 @@ impl Frame {
         Frame { s, t: n.cross(s), n }
     }
 
-    /// World to local.
+    /// Transforms from world space to local coordinates.
     #[inline]
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
     }
 
-    /// Local to world.
+    /// Transforms from local coordinates to world space.
     #[inline]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.s * v.x + self.t * v.y + self.n * v.z
@@ -66,7 +66,7 @@ pub struct FrameX16 {
 }
 
 impl FrameX16 {
-    /// As [`Frame::from_normal`].
+    /// Computes [`Frame::from_normal`] in each lane.
     #[inline(always)]
     pub fn from_normal(n: Vec3x16) -> Self {
         let sign = with_sign(f32x16::ONE, n.z);
@@ -79,19 +79,19 @@ impl FrameX16 {
         }
     }
 
-    /// World to local.
+    /// Transforms from world space to local coordinates.
     #[inline(always)]
     pub fn to_local(&self, v: Vec3x16) -> Vec3x16 {
         Vec3x16::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))
     }
 
-    /// Local to world.
+    /// Transforms from local coordinates to world space.
     #[inline(always)]
     pub fn to_world(&self, v: Vec3x16) -> Vec3x16 {
         self.s * v.x + self.t * v.y + self.n * v.z
     }
 
-    /// The frame of one lane.
+    /// Returns the frame of one lane.
     #[inline]
     pub fn lane(&self, i: usize) -> Frame {
         Frame { s: self.s.lane(i), t: self.t.lane(i), n: self.n.lane(i) }

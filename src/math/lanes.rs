@@ -1,17 +1,17 @@
-//! Sixteen values at a time: what a wave is shaded with.
+//! Vectors of sixteen values, for shading waves.
 //!
-//! Sixteen is the width of Embree's packets and of AVX-512; on narrower machines the halves' chains of latency run
-//! side by side. Every operation rounds as its scalar counterpart does (no approximate reciprocals, no fused
-//! products), so that a lane's value does not depend on the machine.
+//! Sixteen is the width of Embree's packets and of AVX-512. On machines with narrower registers, two halves hide the
+//! latency of instructions. Every operation rounds as its scalar counterpart does (no approximate reciprocals, no
+//! fused multiply-add), so the value of a lane does not depend on the machine.
 
 use glam::Vec3;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 pub use wide::f32x16;
 
-/// Lanes of a vector.
+/// The number of lanes of a vector.
 pub const LANES: usize = 16;
 
-/// Sixteen vectors in space.
+/// Sixteen three-dimensional vectors.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Vec3x16 {
     /// The x components.
@@ -23,19 +23,19 @@ pub struct Vec3x16 {
 }
 
 impl Vec3x16 {
-    /// From its components.
+    /// Creates vectors from their components.
     #[inline(always)]
     pub fn new(x: f32x16, y: f32x16, z: f32x16) -> Self {
         Vec3x16 { x, y, z }
     }
 
-    /// The same vector in every lane.
+    /// Creates vectors that are equal in every lane.
     #[inline(always)]
     pub fn splat(v: Vec3) -> Self {
         Vec3x16::new(f32x16::splat(v.x), f32x16::splat(v.y), f32x16::splat(v.z))
     }
 
-    /// The vector of one lane.
+    /// Returns the vector of one lane.
     #[inline]
     pub fn lane(&self, i: usize) -> Vec3 {
         Vec3::new(self.x.as_array()[i], self.y.as_array()[i], self.z.as_array()[i])
@@ -49,25 +49,25 @@ impl Vec3x16 {
         self.z.as_mut_array()[i] = v.z;
     }
 
-    /// Inner products.
+    /// Returns the inner products.
     #[inline(always)]
     pub fn dot(self, o: Self) -> f32x16 {
         self.x * o.x + self.y * o.y + self.z * o.z
     }
 
-    /// Cross products.
+    /// Returns the cross products.
     #[inline(always)]
     pub fn cross(self, o: Self) -> Self {
         Vec3x16::new(self.y * o.z - o.y * self.z, self.z * o.x - o.z * self.x, self.x * o.y - o.x * self.y)
     }
 
-    /// Squared lengths.
+    /// Returns the squared lengths.
     #[inline(always)]
     pub fn length_squared(self) -> f32x16 {
         self.dot(self)
     }
 
-    /// Of unit length; zero where the length or its reciprocal is not a positive finite number.
+    /// Returns unit vectors; zero if the length or its reciprocal is not a positive finite number.
     #[inline(always)]
     pub fn normalize_or_zero(self) -> Self {
         let r = f32x16::ONE / self.length_squared().sqrt();
@@ -76,19 +76,19 @@ impl Vec3x16 {
         Vec3x16::new(v.x & usable, v.y & usable, v.z & usable)
     }
 
-    /// Componentwise absolute values.
+    /// Returns componentwise absolute values.
     #[inline(always)]
     pub fn abs(self) -> Self {
         Vec3x16::new(self.x.abs(), self.y.abs(), self.z.abs())
     }
 
-    /// Componentwise maxima of numbers.
+    /// Returns componentwise maxima; NaN is not supported.
     #[inline(always)]
     pub fn max(self, o: Self) -> Self {
         Vec3x16::new(self.x.fast_max(o.x), self.y.fast_max(o.y), self.z.fast_max(o.z))
     }
 
-    /// `if_true` where `mask` is set, else `if_false`.
+    /// Returns `if_true` in the lanes where `mask` is set, otherwise `if_false`.
     #[inline(always)]
     pub fn select(mask: f32x16, if_true: Self, if_false: Self) -> Self {
         Vec3x16::new(
@@ -139,13 +139,13 @@ impl Neg for Vec3x16 {
     }
 }
 
-/// `magnitude` (not negative) with the signs of `sign`.
+/// Returns `magnitude`, which is not negative, with the signs of `sign`.
 #[inline(always)]
 pub fn with_sign(magnitude: f32x16, sign: f32x16) -> f32x16 {
     magnitude | (sign & f32x16::splat(-0.0))
 }
 
-/// Values `first..first + 16`, zero past the end.
+/// Returns the values `first..first + 16`, with zeros beyond the end.
 #[inline(always)]
 pub fn load(values: &[f32], first: usize) -> f32x16 {
     match values[first..].first_chunk::<LANES>() {
@@ -161,14 +161,14 @@ fn load_tail(tail: &[f32]) -> f32x16 {
     f32x16::new(padded)
 }
 
-/// The mask whose lanes are the bits of `bits`.
+/// Converts a bit mask to a lane mask.
 #[inline]
 pub fn mask_from_bits(bits: u32) -> f32x16 {
     let lane = |i: u32| f32::from_bits(if bits >> i & 1 == 1 { u32::MAX } else { 0 });
     f32x16::new(std::array::from_fn(|i| lane(i as u32)))
 }
 
-/// The indices of the set bits, from the lowest.
+/// Iterates over the indices of the set bits, from the lowest.
 #[inline]
 pub fn bits(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {

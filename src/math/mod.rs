@@ -1,4 +1,4 @@
-//! Geometry's arithmetic: frames, rays with epsilon-free offsets, bounds, robust sums.
+//! Mathematics: frames, rays with offset origins, bounds, error bounds, compensated sums.
 
 pub mod bounds;
 pub mod frame;

@@ -1,25 +1,27 @@
-//! Transforms that change over time, given at key times.
+//! Animated transforms with keys.
 
 use super::{DAffine3, DMat3, DQuat, DVec3};
 
-/// A transform over time: fixed, or interpolated between keys and constant before the first and after the last.
+/// A transform as a function of time. It is interpolated between keys and constant before the first and after the
+/// last.
 ///
-/// Between two keys translation and scale change linearly and the rotation turns at constant speed. [Shoemake 1985]
-/// Keys with shear, where there is no such decomposition, are interpolated entry by entry.
+/// Between two keys, translation and scale are linear and the rotation has constant angular velocity. [Shoemake 1985]
+/// Keys with shear have no such decomposition; their matrices are interpolated linearly.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Motion {
-    /// At least one key, by increasing time.
+    /// The keys, at least one, by increasing time.
     keys: Vec<Key>,
 }
 
-/// The transform at a time.
+/// The transform at one time.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 struct Key {
     time: f64,
     transform: DAffine3,
 }
 
-/// The largest entry, relative to the transform, by which one put together from its parts may differ from it.
+/// The largest error of a decomposed transform's entries, relative to the transform, for which it counts as free of
+/// shear.
 const SHEAR: f64 = 1e-6;
 
 impl From<DAffine3> for Motion {
@@ -35,7 +37,7 @@ impl Default for Motion {
 }
 
 impl Motion {
-    /// A transform at key times; `None` without keys, or if the times do not increase.
+    /// Creates a transform from keys; `None` without keys, or if the times do not increase.
     pub fn new(keys: Vec<(f64, DAffine3)>) -> Option<Self> {
         let increasing = keys.windows(2).all(|pair| pair[0].0 < pair[1].0);
         let finite = keys.iter().all(|key| key.0.is_finite());
@@ -43,18 +45,18 @@ impl Motion {
         (!keys.is_empty() && increasing && finite).then_some(Motion { keys })
     }
 
-    /// The transforms at the keys, by increasing time.
+    /// Returns the transforms at the keys, by increasing time.
     pub fn keys(&self) -> impl Iterator<Item = DAffine3> {
         self.keys.iter().map(|key| key.transform)
     }
 
-    /// The transform at every time, if it never changes.
+    /// Returns the transform if it is constant.
     pub fn fixed(&self) -> Option<DAffine3> {
         let first = self.keys[0].transform;
         self.keys.iter().all(|key| key.transform == first).then_some(first)
     }
 
-    /// The transform at a time.
+    /// Returns the transform at a time.
     pub fn at(&self, time: f64) -> DAffine3 {
         let after = self.keys.partition_point(|key| key.time <= time);
         let Some(before) = after.checked_sub(1) else { return self.keys[0].transform };
@@ -63,19 +65,19 @@ impl Motion {
         interpolate(a.transform, b.transform, (time - a.time) / (b.time - a.time))
     }
 
-    /// The transforms at equally spaced times from `open` to `close`, so many that linear interpolation between them
-    /// departs from the motion by less than `tolerance` times the size of what moves; at most `most`.
+    /// Returns the transforms at equally spaced times from `open` to `close`. There are as many as needed for linear
+    /// interpolation to be accurate to `tolerance` times the size of the moving object, but at most `most`.
     pub fn steps(&self, open: f64, close: f64, tolerance: f64, most: usize) -> Vec<DAffine3> {
         if self.fixed().is_some() || open >= close {
             return vec![self.at(open)];
         }
         let at = |n: usize, i: f64| self.at(open + (close - open) * i / n as f64);
         let mut n = 1;
-        // A key inside the interval is met by doubling only if it is a fraction of a power of two: the bound on
-        // the number of steps bounds what is left.
+        // Doubling reaches a key inside the interval only if its position is a dyadic fraction. Otherwise the limit
+        // on the number of steps bounds the error.
         while 2 * n < most {
             let off = (0..2 * n).map(|i| {
-                // A quarter and three quarters: corners in the middle of a step must not be overlooked.
+                // Tests at one and three quarters of a step, so that a key in the middle of the step is detected.
                 let (i, f) = (i / 2, if i % 2 == 0 { 0.25 } else { 0.5 });
                 let (a, b) = (at(n, i as f64), at(n, i as f64 + 1.0));
                 difference(lerp(a, b, f), at(n, i as f64 + f))
@@ -89,7 +91,8 @@ impl Motion {
     }
 }
 
-/// The largest difference of two transforms for points of the unit cube, in units of what they make of the cube.
+/// Returns the largest difference of two transforms for points of the unit cube, relative to the transformed cube's
+/// size.
 fn difference(a: DAffine3, b: DAffine3) -> f64 {
     let size = a.matrix3.to_cols_array().iter().fold(0.0, |m: f64, v| m.max(v.abs()));
     let matrix = (a.matrix3 - b.matrix3).to_cols_array().iter().fold(0.0, |m: f64, v| m.max(v.abs()));
@@ -104,8 +107,8 @@ fn lerp(a: DAffine3, b: DAffine3, f: f64) -> DAffine3 {
 }
 
 fn interpolate(a: DAffine3, b: DAffine3, f: f64) -> DAffine3 {
-    let (Some(p), Some(q)) = (Parts::of(a), Parts::of(b)) else { return lerp(a, b, f) };
-    // Two signs of a quaternion are one rotation; the nearer one is meant.
+    let (Some(p), Some(q)) = (ScaleRotation::of(a), ScaleRotation::of(b)) else { return lerp(a, b, f) };
+    // A rotation has two quaternions of opposite sign; the interpolation uses the nearer one.
     let rotation = p.rotation.slerp(q.rotation, f);
     DAffine3::from_scale_rotation_translation(
         p.scale.lerp(q.scale, f),
@@ -114,19 +117,19 @@ fn interpolate(a: DAffine3, b: DAffine3, f: f64) -> DAffine3 {
     )
 }
 
-/// A linear map as a scale along its own axes, then a rotation.
-struct Parts {
+/// A linear map as a scale along the coordinate axes followed by a rotation.
+struct ScaleRotation {
     scale: DVec3,
     rotation: DQuat,
 }
 
-impl Parts {
-    /// `None` where there is shear.
+impl ScaleRotation {
+    /// Decomposes a transform; `None` if it has shear.
     fn of(transform: DAffine3) -> Option<Self> {
         let (scale, rotation, _) = transform.to_scale_rotation_translation();
         let again = DMat3::from_quat(rotation) * DMat3::from_diagonal(scale);
         let off = difference(transform, DAffine3 { matrix3: again, ..transform });
-        (off <= SHEAR).then_some(Parts { scale, rotation })
+        (off <= SHEAR).then_some(ScaleRotation { scale, rotation })
     }
 }
 

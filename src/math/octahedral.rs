@@ -1,20 +1,23 @@
-//! Unit vectors in two bytes: points of an octahedron, unfolded to a square of 255 x 255 points.
+//! Octahedral encoding of unit vectors in two bytes: points of an unfolded octahedron on a grid of 255 x 255.
 //! [Cigolle 2014]
 
 use super::lanes::{LANES, f32x16};
 use super::{Vec3, Vec3x16};
 
-/// The greatest coordinate; the square's middle is the pole (0, 0, 1), and the six axes are exact.
-const MOST: f32 = 127.0;
+/// The greatest coordinate. The centre of the square is the pole (0, 0, 1), and the six axes are exact.
+const MAX_COORDINATE: f32 = 127.0;
 
-/// The nearest of the four code words around a unit vector's place on the square. It is off by less than
+/// Encodes a unit vector as the nearest one of the four codes around its position on the square. The error is below
 /// [`MAX_ERROR`].
 pub fn encode_octahedral(v: Vec3) -> u16 {
     let v = v / (v.x.abs() + v.y.abs() + v.z.abs());
     let fold = |a: f32, b: f32| (1.0 - b.abs()) * if a < 0.0 { -1.0 } else { 1.0 };
     let (x, y) = if v.z < 0.0 { (fold(v.x, v.y), fold(v.y, v.x)) } else { (v.x, v.y) };
-    let (x, y) = ((x * MOST).floor(), (y * MOST).floor());
-    let code = |x: f32, y: f32| ((x.min(MOST) + MOST) as u16) << 8 | (y.min(MOST) + MOST) as u16;
+    let (x, y) = ((x * MAX_COORDINATE).floor(), (y * MAX_COORDINATE).floor());
+    let code = |x: f32, y: f32| {
+        ((x.min(MAX_COORDINATE) + MAX_COORDINATE) as u16) << 8
+            | (y.min(MAX_COORDINATE) + MAX_COORDINATE) as u16
+    };
     let (mut best, mut nearest) = (code(x, y), f32::NEG_INFINITY);
     for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
         let candidate = code(x + dx, y + dy);
@@ -26,14 +29,14 @@ pub fn encode_octahedral(v: Vec3) -> u16 {
     best
 }
 
-/// The unit vector of a code word.
+/// Decodes a unit vector.
 #[inline]
 pub fn decode_octahedral(code: u16) -> Vec3 {
     point(code).normalize()
 }
 
-/// The squared cosine between a code word's vector and the unit vector `v`, negative where the cosine is:
-/// above c² where the cosine is above c > 0. It takes no root.
+/// Returns the squared cosine between a decoded vector and the unit vector `v`, with the sign of the cosine. It
+/// exceeds c² if and only if the cosine exceeds c > 0, and needs no square root.
 #[inline]
 pub fn signed_squared_cosine(code: u16, v: Vec3) -> f32 {
     let p = point(code);
@@ -41,7 +44,7 @@ pub fn signed_squared_cosine(code: u16, v: Vec3) -> f32 {
     dot * dot.abs() / p.length_squared()
 }
 
-/// As [`signed_squared_cosine`], of sixteen code words.
+/// Computes [`signed_squared_cosine`] for sixteen codes.
 #[inline(always)]
 pub fn signed_squared_cosines(codes: &[u16; LANES], v: Vec3) -> f32x16 {
     let mut coordinates = [[0.0; LANES]; 2];
@@ -49,7 +52,8 @@ pub fn signed_squared_cosines(codes: &[u16; LANES], v: Vec3) -> f32x16 {
         coordinates[0][i] = f32::from(code >> 8);
         coordinates[1][i] = f32::from(code & 255);
     }
-    let [x, y] = coordinates.map(|c| (f32x16::new(c) - f32x16::splat(MOST)) * f32x16::splat(1.0 / MOST));
+    let [x, y] = coordinates
+        .map(|c| (f32x16::new(c) - f32x16::splat(MAX_COORDINATE)) * f32x16::splat(1.0 / MAX_COORDINATE));
     let z = f32x16::ONE - x.abs() - y.abs();
     let fold = (-z).fast_max(f32x16::ZERO);
     let toward_zero = |a: f32x16| a.simd_lt(f32x16::ZERO).select(a + fold, a - fold);
@@ -58,10 +62,10 @@ pub fn signed_squared_cosines(codes: &[u16; LANES], v: Vec3) -> f32x16 {
     dot * dot.abs() / p.length_squared()
 }
 
-/// A point of the octahedron.
+/// Returns the point of the octahedron for a code.
 #[inline]
 fn point(code: u16) -> Vec3 {
-    let coordinate = |bits: u16| (f32::from(bits & 255) - MOST) * (1.0 / MOST);
+    let coordinate = |bits: u16| (f32::from(bits & 255) - MAX_COORDINATE) * (1.0 / MAX_COORDINATE);
     let (x, y) = (coordinate(code >> 8), coordinate(code));
     let z = 1.0 - x.abs() - y.abs();
     let fold = (-z).max(0.0);
@@ -69,7 +73,7 @@ fn point(code: u16) -> Vec3 {
     Vec3::new(toward_zero(x), toward_zero(y), z)
 }
 
-/// Radians: no unit vector is further from its code word.
+/// The greatest angle, in radians, between a unit vector and its decoded code.
 pub const MAX_ERROR: f32 = 0.0115;
 
 #[cfg(test)]

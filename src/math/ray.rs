@@ -1,18 +1,18 @@
-//! Rays, and where they may start and end without an epsilon.
+//! Rays, and offsets of their origins and ends that are derived from error bounds.
 
 use super::lanes::{LANES, Vec3x16, f32x16, with_sign};
 use super::robust::gamma;
 use glam::Vec3;
 use wide::f32x8;
 
-/// A ray `o + t·d` for `0 < t < t_max`. `d` need not be of unit length; a shadow ray has the vector to
-/// its target as `d` and `t_max = 1`.
+/// A ray `o + t·d` for `0 < t < t_max`. `d` need not be of unit length. For a shadow ray, `d` is the vector to the
+/// target and `t_max = 1`.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Ray {
     /// Origin.
     pub o: Vec3,
-    /// The upper bound of the parameter; infinity for an open ray.
+    /// Upper bound of the ray parameter; infinite for an unbounded ray.
     pub t_max: f32,
     /// Direction.
     pub d: Vec3,
@@ -21,56 +21,56 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// An open ray at time 0.
+    /// Creates an unbounded ray at time 0.
     #[inline]
     pub fn new(o: Vec3, d: Vec3) -> Self {
         Ray { o, t_max: f32::INFINITY, d, time: 0.0 }
     }
 
-    /// The point at parameter `t`.
+    /// Returns the point at the parameter `t`.
     #[inline]
     pub fn at(&self, t: f32) -> Vec3 {
         self.o + self.d * t
     }
 }
 
-/// How far a point may lie off the plane with the unit normal `ng` that it was computed for, given the bound
+/// Returns a bound on the distance of a computed point from its plane with the unit normal `ng`, given the bound
 /// `p_error` on its absolute error per component. [pbrt 6.8.6]
 #[inline(always)]
 pub fn plane_error(p_error: Vec3, ng: Vec3) -> f32 {
     ng.abs().dot(p_error)
 }
 
-/// Moves a surface point off its surface by `error` (see [`plane_error`]), to the side that `w` points to. The
-/// error bounds leave room for the rounding of this sum, too.
+/// Offsets a surface point from its surface by `error` (see [`plane_error`]) to the side of `w`. The error bounds
+/// include the rounding of this sum.
 #[inline(always)]
 pub fn offset_origin(p: Vec3, error: f32, ng: Vec3, w: Vec3) -> Vec3 {
     p + ng * error.copysign(w.dot(ng))
 }
 
-/// How far off the plane of a triangle the end of a ray may seem to lie, besides the error of the end itself: the ray's
-/// direction is a rounded difference, and back ends compute the distance of the plane from differences of the ray's
-/// origin and the corners, so their errors grow with the ray's length, whatever its angle to the plane. `to` is the
-/// vector along the ray.
+/// Returns a bound on the apparent distance of a ray's end from the plane of a triangle, in addition to the error of
+/// the end point itself. The ray's direction is a rounded difference, and back ends compute the distance to the plane
+/// from differences of the origin and the corners, so these errors grow with the ray's length, for any angle to the
+/// plane. `to` is the vector along the ray.
 #[inline(always)]
 pub fn end_error(to: Vec3) -> f32 {
     to.abs().max_element() * gamma(16)
 }
 
-/// As [`end_error`], for sixteen rays.
+/// Computes [`end_error`] for sixteen rays.
 #[inline(always)]
 pub fn end_error_x16(to: Vec3x16) -> f32x16 {
     let [x, y, z] = [to.x, to.y, to.z].map(f32x16::abs);
     x.fast_max(y).fast_max(z) * f32x16::splat(gamma(16))
 }
 
-/// As [`plane_error`], for sixteen points.
+/// Computes [`plane_error`] for sixteen points.
 #[inline(always)]
 pub fn plane_error_x16(p_error: Vec3x16, ng: Vec3x16) -> f32x16 {
     ng.abs().dot(p_error)
 }
 
-/// As [`offset_origin`], for sixteen points.
+/// Computes [`offset_origin`] for sixteen points.
 #[inline(always)]
 pub fn offset_origin_x16(p: Vec3x16, error: f32x16, ng: Vec3x16, w: Vec3x16) -> Vec3x16 {
     p + ng * with_sign(error, w.dot(ng))
@@ -81,7 +81,7 @@ pub fn offset_origin_x16(p: Vec3x16, error: f32x16, ng: Vec3x16, w: Vec3x16) -> 
 pub struct RayX16 {
     /// Origins.
     pub o: Vec3x16,
-    /// Upper bounds of the parameters.
+    /// Upper bounds of the ray parameters.
     pub t_max: f32x16,
     /// Directions.
     pub d: Vec3x16,
@@ -90,7 +90,7 @@ pub struct RayX16 {
 }
 
 impl RayX16 {
-    /// The same ray in every lane.
+    /// Creates rays that are equal in every lane.
     #[inline]
     pub fn splat(ray: &Ray) -> Self {
         RayX16 {
@@ -101,7 +101,7 @@ impl RayX16 {
         }
     }
 
-    /// Rays `first..first + 16`; past the end, all zero.
+    /// Returns the rays `first..first + 16`, with zeros beyond the end.
     #[inline]
     pub fn load(rays: &[Ray], first: usize) -> Self {
         let rows = match rays[first..].first_chunk::<LANES>() {
@@ -119,7 +119,7 @@ impl RayX16 {
         RayX16 { o: Vec3x16::new(x, y, z), t_max, d: Vec3x16::new(dx, dy, dz), time }
     }
 
-    /// The rays one by one.
+    /// Returns the rays as an array.
     #[inline]
     pub fn to_rays(&self) -> [Ray; LANES] {
         let columns = [self.o.x, self.o.y, self.o.z, self.t_max, self.d.x, self.d.y, self.d.z, self.time];

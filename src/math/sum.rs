@@ -1,26 +1,26 @@
-//! Sums of many numbers that do not depend on how the numbers were grouped.
+//! Compensated sums, whose results do not depend on the grouping of the numbers.
 
-/// A sum of `f64`s with what rounding has lost of it, twice the precision of an `f64` in all.
+/// A compensated sum of `f64`s with twice the precision of an `f64`.
 ///
-/// Each addition is error-free [Knuth 1998, The Art of Computer Programming 2, 4.2.2, theorem B]; what it loses is
-/// summed beside. The sum of a million `f32`s whose magnitudes are within a factor of 10^12 of each other is exact,
-/// so that any order and any grouping of them gives the same bits. Beyond that range the numbers too small to be kept
-/// change the value by less than 10^-30 of it.
+/// Each addition is error-free [Knuth 1998, The Art of Computer Programming 2, 4.2.2, theorem B]: its rounding error
+/// is summed separately. The sum of a million `f32`s whose magnitudes are within a factor of 10^12 of each other is
+/// exact, so any order and any grouping gives the same bits. Beyond that range, the numbers that are too small to be
+/// represented change the value by less than 10^-30 of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sum {
-    /// The sum as additions have rounded it.
+    /// The rounded sum.
     high: f64,
-    /// What they have lost.
+    /// The sum of the rounding errors.
     low: f64,
 }
 
 impl Sum {
-    /// From its two parts, as [`parts`](Self::parts) gives them.
+    /// Creates a sum from the result of [`parts`](Self::parts).
     pub fn from_parts([high, low]: [f64; 2]) -> Self {
         Sum { high, low }
     }
 
-    /// The sum as rounded additions have it, and what they have lost.
+    /// Returns the rounded sum and the sum of the rounding errors.
     pub fn parts(self) -> [f64; 2] {
         [self.high, self.low]
     }
@@ -29,7 +29,8 @@ impl Sum {
     #[inline]
     pub fn add(&mut self, x: f64) {
         let high = self.high + x;
-        // Which part of the new sum came from x, and what is missing of either.
+        // Separates the parts of the new sum that come from x and from the old sum; the differences are rounding
+        // errors.
         let from_x = high - self.high;
         self.low += (self.high - (high - from_x)) + (x - from_x);
         self.high = high;
@@ -41,7 +42,7 @@ impl Sum {
         self.low += other.low;
     }
 
-    /// The sum, rounded once.
+    /// Returns the sum, rounded once.
     #[inline]
     pub fn value(self) -> f64 {
         self.high + self.low
@@ -69,7 +70,7 @@ mod tests {
     }
 
     proptest! {
-        /// Values over twelve orders of magnitude, cut in two anywhere and added in any order.
+        /// Values over twelve orders of magnitude, split at any position and added in any order.
         #[test]
         fn grouping_and_order_change_no_bit(
             logs in prop::collection::vec((-20.0f32..20.0, 0.5f32..1.0), 1..400),

@@ -1,35 +1,35 @@
-//! What the system says of memory: that of the machine, of the process's control groups, and of its address space.
+//! The available memory: of the machine, of the process's control groups, and of its address space.
 //!
-//! All of it is read from files of Linux; elsewhere nothing is known. [proc(5), cgroups(7)]
+//! It is read from Linux's files; on other systems it is unknown. [proc(5), cgroups(7)]
 
-use super::Source;
+use super::LimitSource;
 use std::fs;
 use std::path::Path;
 
-/// Bytes that the process can still take before something gives out, and who sets that limit; `None` where the system
-/// does not tell. The system's files are those below `root`.
-pub fn available(root: &Path) -> Option<(u64, Source)> {
-    let groups = control_groups(root).map(|left| (left, Source::ControlGroup));
-    let machine = field(&root.join("proc/meminfo"), "MemAvailable:").map(|left| (left, Source::Machine));
-    let space = address_space(root).map(|left| (left, Source::AddressSpace));
-    // Of equal limits the first is named.
+/// Returns the number of bytes that the process can still allocate, and the source of that limit; `None` if unknown.
+/// System files are read below `root`.
+pub fn available(root: &Path) -> Option<(u64, LimitSource)> {
+    let groups = control_groups(root).map(|left| (left, LimitSource::ControlGroup));
+    let machine = field(&root.join("proc/meminfo"), "MemAvailable:").map(|left| (left, LimitSource::Machine));
+    let space = address_space(root).map(|left| (left, LimitSource::AddressSpace));
+    // The first one of equal limits is returned.
     [machine, groups, space].into_iter().flatten().min_by_key(|(left, _)| *left)
 }
 
-/// Bytes of the process that are in memory, without pages of files (its code and that of libraries), which can be
-/// dropped.
+/// Returns the resident bytes of the process, without pages of files (its code and that of libraries), which the
+/// system can drop.
 pub fn resident(root: &Path) -> Option<u64> {
     field(&root.join("proc/self/status"), "RssAnon:")
 }
 
-/// The number of kibibytes behind a name, in bytes.
+/// Returns the number of kibibytes after a name, in bytes.
 fn field(path: &Path, name: &str) -> Option<u64> {
     let text = fs::read_to_string(path).ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)
 }
 
-/// What the soft limit of the address space leaves.
+/// Returns the bytes that remain below the soft limit of the address space.
 fn address_space(root: &Path) -> Option<u64> {
     let limits = fs::read_to_string(root.join("proc/self/limits")).ok()?;
     let line = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
@@ -37,22 +37,23 @@ fn address_space(root: &Path) -> Option<u64> {
     Some(limit.saturating_sub(field(&root.join("proc/self/status"), "VmSize:")?))
 }
 
-/// Files of a control group: limit, usage, and the name of what of the usage can be given up at once (files that were
-/// read).
-struct Files {
+/// The files of a control group: limit, usage, and the name of the part of the usage that can be reclaimed (files
+/// that were read).
+struct ControlGroupFiles {
     limit: &'static str,
     usage: &'static str,
     reclaimable: &'static str,
 }
 
-const VERSION_1: Files = Files {
+const VERSION_1: ControlGroupFiles = ControlGroupFiles {
     limit: "memory.limit_in_bytes",
     usage: "memory.usage_in_bytes",
     reclaimable: "total_inactive_file",
 };
-const VERSION_2: Files = Files { limit: "memory.max", usage: "memory.current", reclaimable: "inactive_file" };
+const VERSION_2: ControlGroupFiles =
+    ControlGroupFiles { limit: "memory.max", usage: "memory.current", reclaimable: "inactive_file" };
 
-/// The least that any of the process's control groups, or of those around them, leaves.
+/// Returns the least remaining memory of the process's control groups and of their ancestors.
 fn control_groups(root: &Path) -> Option<u64> {
     let groups = fs::read_to_string(root.join("proc/self/cgroup")).ok()?;
     let mounted = root.join("sys/fs/cgroup");
@@ -70,14 +71,15 @@ fn control_groups(root: &Path) -> Option<u64> {
     left.min()
 }
 
-/// The least that a group or any around it leaves. In a container the group itself may be what is mounted.
-fn least(mounted: &Path, path: &str, files: &Files) -> Option<u64> {
+/// Returns the least remaining memory of a group and its ancestors. In a container, the mounted root may be the group
+/// itself.
+fn least(mounted: &Path, path: &str, files: &ControlGroupFiles) -> Option<u64> {
     let path = Path::new(path.trim_start_matches('/'));
     path.ancestors().filter_map(|group| left_in(&mounted.join(group), files)).min()
 }
 
-/// What one group leaves; `None` where it has no limit.
-fn left_in(group: &Path, files: &Files) -> Option<u64> {
+/// Returns the remaining memory of one group; `None` without a limit.
+fn left_in(group: &Path, files: &ControlGroupFiles) -> Option<u64> {
     let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
     let (limit, usage) = (number(files.limit)?, number(files.usage)?);
     let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
@@ -93,7 +95,7 @@ mod tests {
     use super::*;
     use tempfile::TempDir;
 
-    /// A system's files.
+    /// Creates the files of a system.
     fn system(files: &[(&str, &str)]) -> TempDir {
         let root = TempDir::new().unwrap();
         for (name, text) in files {
@@ -113,7 +115,7 @@ mod tests {
             MACHINE,
             ("proc/self/status", "VmSize:\t  900 kB\nVmRSS:\t  99 kB\nRssAnon:\t  12 kB\n"),
         ]);
-        assert_eq!(available(root.path()), Some((3000 << 10, Source::Machine)));
+        assert_eq!(available(root.path()), Some((3000 << 10, LimitSource::Machine)));
         assert_eq!(resident(root.path()), Some(12 << 10));
         assert_eq!(available(system(&[]).path()), None);
     }
@@ -129,7 +131,7 @@ mod tests {
             ("sys/fs/cgroup/user/memory.current", "7000\n"),
             ("sys/fs/cgroup/user/memory.stat", "anon 1\ninactive_file 2500\nactive_file 1\n"),
         ]);
-        assert_eq!(available(root.path()), Some((5500, Source::ControlGroup)));
+        assert_eq!(available(root.path()), Some((5500, LimitSource::ControlGroup)));
     }
 
     #[test]
@@ -142,9 +144,9 @@ mod tests {
             ("sys/fs/cgroup/memory/memory.usage_in_bytes", "21000"),
             ("sys/fs/cgroup/memory/memory.stat", "total_inactive_file 4000\n"),
         ]);
-        assert_eq!(available(root.path()), Some((3000, Source::ControlGroup)));
+        assert_eq!(available(root.path()), Some((3000, LimitSource::ControlGroup)));
         fs::write(root.path().join("sys/fs/cgroup/memory/memory.limit_in_bytes"), unlimited).unwrap();
-        assert_eq!(available(root.path()), Some((3000 << 10, Source::Machine)));
+        assert_eq!(available(root.path()), Some((3000 << 10, LimitSource::Machine)));
     }
 
     #[test]
@@ -152,6 +154,6 @@ mod tests {
         let limits = "Limit   Soft Limit   Hard Limit  Units\nMax address space  2000000  unlimited  bytes\n";
         let root =
             system(&[MACHINE, ("proc/self/limits", limits), ("proc/self/status", "VmSize:\t 1000 kB\n")]);
-        assert_eq!(available(root.path()), Some((2_000_000 - 1_024_000, Source::AddressSpace)));
+        assert_eq!(available(root.path()), Some((2_000_000 - 1_024_000, LimitSource::AddressSpace)));
     }
 }

@@ -1,10 +1,10 @@
-//! How much memory a scene may take, asked before much of it is allocated.
+//! Memory budgets: large allocations are checked against a limit before they are made.
 //!
-//! A [`Budget`] is a ledger of what is planned: films, textures, meshes, acceleration structures, photon maps.
-//! Whoever is about to allocate much [reserves](Budget::reserve) it first, and what does not fit is refused with a
-//! [`Refusal`], from which comes a sentence, instead of bringing down the machine. The ledger holds plans and not
-//! measurements, so what it refuses does not depend on what the allocator keeps. Small things are not in it. There is
-//! no global budget: it travels with what it pays for.
+//! A [`Budget`] is a ledger of planned memory: films, textures, meshes, acceleration structures, photon maps. A large
+//! allocation is [reserved](Budget::reserve) first. If it exceeds the limit, the result is a [`Refusal`] with an
+//! error message, and the machine does not run out of memory. The ledger has planned sizes, not measurements, so the
+//! result does not depend on the allocator. Small allocations are not included. There is no global budget; it is
+//! passed to the code that allocates.
 
 mod available;
 
@@ -13,36 +13,37 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Of what is available, what is left for everything that is not planned: this, and [`MARGIN_SHARE`] of it.
+/// The margin for allocations that are not planned: this number of bytes, plus 1/[`MARGIN_SHARE`] of the available
+/// memory.
 const MARGIN: u64 = 32 << 20;
 /// See [`MARGIN`].
 const MARGIN_SHARE: u64 = 16;
 
-/// The most memory that a process may take, the program itself included.
+/// The limit of the process's memory, including the program itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Limit {
-    /// What the machine, the process's control group and its address space have left when the budget is opened, but
-    /// for a margin.
+    /// The memory available on the machine, in the process's control group and in its address space when the budget
+    /// is opened, minus a margin.
     #[default]
     Available,
-    /// So many bytes.
+    /// The given number of bytes.
     Bytes(u64),
     /// No limit.
     None,
 }
 
-/// Who sets a limit.
+/// The source of a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Source {
-    /// The user.
+enum LimitSource {
+    /// An option given by the user.
     Given,
-    /// What was free on the machine.
+    /// The free memory of the machine.
     Machine,
-    /// The control group that the process is in.
+    /// The process's control group.
     ControlGroup,
     /// The limit of the process's address space.
     AddressSpace,
-    /// Nobody.
+    /// No limit.
     Nobody,
 }
 
@@ -52,14 +53,14 @@ pub struct Budget(Arc<Ledger>);
 
 #[derive(Debug)]
 struct Ledger {
-    /// Bytes.
+    /// The limit in bytes.
     limit: u64,
-    source: Source,
+    source: LimitSource,
     planned: AtomicU64,
     peak: AtomicU64,
 }
 
-/// Planned memory that goes back to the budget when it is dropped, but for what is [kept](Self::keep).
+/// Planned memory that is returned to the budget when it is dropped, except for the part that is [kept](Self::keep).
 #[derive(Debug)]
 #[must_use]
 pub struct Reservation {
@@ -67,69 +68,69 @@ pub struct Reservation {
     bytes: u64,
 }
 
-/// Why memory cannot be had.
+/// The rejection of a reservation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// Bytes that were asked for.
+    /// The number of bytes requested.
     pub needed: u64,
-    /// Bytes that are left.
+    /// The number of bytes left.
     pub left: u64,
     /// The budget's limit in bytes.
     pub limit: u64,
-    source: Source,
+    source: LimitSource,
 }
 
-/// A number of bytes in words: `512 B`, `1.5 GiB`.
+/// A number of bytes as text: `512 B`, `1.5 GiB`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Amount(pub u64);
 
 impl Default for Budget {
-    /// Without a limit.
+    /// Returns an unlimited budget.
     fn default() -> Self {
         Budget::unlimited()
     }
 }
 
 impl Budget {
-    /// A budget in which is planned already what the program has taken so far.
+    /// Opens a budget, with the memory that the program already uses as planned.
     pub fn open(limit: Limit) -> Self {
         let root = Path::new("/");
         let resident = available::resident(root).unwrap_or(0);
         match (limit, available::available(root)) {
-            (Limit::Bytes(bytes), _) => Budget::new(bytes, Source::Given, resident),
+            (Limit::Bytes(bytes), _) => Budget::new(bytes, LimitSource::Given, resident),
             (Limit::Available, Some((left, source))) => {
                 let margin = MARGIN + left / MARGIN_SHARE;
                 Budget::new(resident + left.saturating_sub(margin), source, resident)
             }
-            (Limit::Available | Limit::None, _) => Budget::new(u64::MAX, Source::Nobody, resident),
+            (Limit::Available | Limit::None, _) => Budget::new(u64::MAX, LimitSource::Nobody, resident),
         }
     }
 
-    /// A budget that refuses nothing.
+    /// Creates a budget that rejects nothing.
     pub fn unlimited() -> Self {
-        Budget::new(u64::MAX, Source::Nobody, 0)
+        Budget::new(u64::MAX, LimitSource::Nobody, 0)
     }
 
-    fn new(limit: u64, source: Source, planned: u64) -> Self {
+    fn new(limit: u64, source: LimitSource, planned: u64) -> Self {
         Budget(Arc::new(Ledger { limit, source, planned: planned.into(), peak: planned.into() }))
     }
 
-    /// The limit in bytes; `None` without one.
+    /// Returns the limit in bytes; `None` without one.
     pub fn limit(&self) -> Option<u64> {
-        (self.0.source != Source::Nobody).then_some(self.0.limit)
+        (self.0.source != LimitSource::Nobody).then_some(self.0.limit)
     }
 
-    /// Bytes that are planned now.
+    /// Returns the bytes that are planned now.
     pub fn planned(&self) -> u64 {
         self.0.planned.load(Ordering::Relaxed)
     }
 
-    /// The most bytes that were planned at any time.
+    /// Returns the greatest number of bytes planned at any time.
     pub fn peak(&self) -> u64 {
         self.0.peak.load(Ordering::Relaxed)
     }
 
-    /// Bytes that are left.
+    /// Returns the bytes that are left.
     pub fn left(&self) -> u64 {
         self.0.limit.saturating_sub(self.planned())
     }
@@ -137,21 +138,21 @@ impl Budget {
     /// Reserves memory.
     ///
     /// # Errors
-    /// If so much is not left.
+    /// If fewer bytes are left.
     pub fn reserve(&self, bytes: u64) -> Result<Reservation, Refusal> {
         self.charge(bytes)?;
         Ok(Reservation { budget: self.clone(), bytes })
     }
 
-    /// A reservation of nothing, to be grown.
+    /// Returns an empty reservation, which can grow.
     pub fn nothing(&self) -> Reservation {
         Reservation { budget: self.clone(), bytes: 0 }
     }
 
-    /// Adds to what is planned.
+    /// Adds to the planned memory.
     ///
     /// # Errors
-    /// If so much is not left; then nothing is added.
+    /// If fewer bytes are left; nothing is added then.
     pub fn charge(&self, bytes: u64) -> Result<(), Refusal> {
         let Ledger { limit, source, planned, peak } = &*self.0;
         let within = |now: u64| now.checked_add(bytes).filter(|sum| bytes == 0 || sum <= limit);
@@ -167,13 +168,13 @@ impl Budget {
         }
     }
 
-    /// Adds what has been allocated already, whatever the limit.
+    /// Adds memory that has already been allocated, regardless of the limit.
     pub fn record(&self, bytes: u64) {
         let before = self.0.planned.fetch_add(bytes, Ordering::Relaxed);
         self.0.peak.fetch_max(before.saturating_add(bytes), Ordering::Relaxed);
     }
 
-    /// Takes from what is planned.
+    /// Subtracts from the planned memory.
     pub fn refund(&self, bytes: u64) {
         let less = |now: u64| Some(now.saturating_sub(bytes));
         let _ = self.0.planned.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
@@ -181,12 +182,12 @@ impl Budget {
 }
 
 impl Reservation {
-    /// Of what it is a part.
+    /// Returns the budget of the reservation.
     pub fn budget(&self) -> &Budget {
         &self.budget
     }
 
-    /// Bytes that are reserved.
+    /// Returns the reserved bytes.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -194,17 +195,17 @@ impl Reservation {
     /// Reserves more.
     ///
     /// # Errors
-    /// If so much is not left; then the reservation stays as it is.
+    /// If fewer bytes are left; the reservation is unchanged then.
     pub fn grow(&mut self, more: u64) -> Result<(), Refusal> {
         self.budget.charge(more)?;
         self.bytes += more;
         Ok(())
     }
 
-    /// Reserves as much as is missing to `bytes`, if anything is.
+    /// Increases the reservation to `bytes`, if it is smaller.
     ///
     /// # Errors
-    /// As [`grow`](Self::grow); the refusal speaks of all the `bytes`.
+    /// As [`grow`](Self::grow); the refusal states all `bytes` as needed.
     pub fn grow_to(&mut self, bytes: u64) -> Result<(), Refusal> {
         let before = self.bytes;
         self.grow(bytes.saturating_sub(before)).map_err(|refusal| Refusal {
@@ -214,14 +215,14 @@ impl Reservation {
         })
     }
 
-    /// Gives back what is reserved beyond `bytes`, and plans what is missing, which has been allocated already.
+    /// Sets the reservation to `bytes`: returns the surplus, or records a deficit, which has already been allocated.
     pub fn settle(&mut self, bytes: u64) {
         self.budget.record(bytes.saturating_sub(self.bytes));
         self.budget.refund(self.bytes.saturating_sub(bytes));
         self.bytes = bytes;
     }
 
-    /// Leaves `bytes` planned for as long as the budget lives, and gives the rest back.
+    /// Leaves `bytes` planned as long as the budget lives, and returns the rest.
     pub fn keep(mut self, bytes: u64) {
         self.budget.record(bytes.saturating_sub(self.bytes));
         self.bytes = self.bytes.saturating_sub(bytes);
@@ -235,14 +236,14 @@ impl Drop for Reservation {
 }
 
 impl Refusal {
-    /// A sentence: `what` cannot be had, and `change` would help.
+    /// Returns an error message: `what` does not fit, and `change` would help.
     pub fn sentence(&self, what: &str, change: &str) -> String {
         let (whose, or) = match self.source {
-            Source::Given => ("--memory-limit", "give a larger --memory-limit"),
-            Source::Machine => ("what was free on this machine", "go beyond that with --memory-limit"),
-            Source::ControlGroup => ("what its control group leaves this process", "raise that limit"),
-            Source::AddressSpace => ("what ulimit -v leaves this process", "raise that limit"),
-            Source::Nobody => ("what can be counted", "split the work"),
+            LimitSource::Given => ("--memory-limit", "give a larger --memory-limit"),
+            LimitSource::Machine => ("what was free on this machine", "go beyond that with --memory-limit"),
+            LimitSource::ControlGroup => ("what its control group leaves this process", "raise that limit"),
+            LimitSource::AddressSpace => ("what ulimit -v leaves this process", "raise that limit"),
+            LimitSource::Nobody => ("what can be counted", "split the work"),
         };
         let [needed, left, limit] = [self.needed, self.left, self.limit].map(Amount);
         format!(
@@ -276,7 +277,7 @@ mod tests {
 
     #[test]
     fn what_is_reserved_goes_back_but_for_what_is_kept() {
-        let budget = Budget::new(100, Source::Given, 10);
+        let budget = Budget::new(100, LimitSource::Given, 10);
         let mut first = budget.reserve(50).unwrap();
         first.grow_to(40).unwrap();
         first.grow(20).unwrap();
@@ -284,14 +285,14 @@ mod tests {
         drop(budget.reserve(20).unwrap());
         first.keep(30);
         assert_eq!((budget.planned(), budget.peak()), (40, 100));
-        // What turns out to be larger is in the ledger all the same.
+        // An allocation larger than its reservation is recorded in full.
         budget.reserve(5).unwrap().keep(8);
         assert_eq!(budget.planned(), 48);
     }
 
     #[test]
     fn a_refusal_is_a_sentence_and_changes_nothing() {
-        let budget = Budget::new(4 << 30, Source::Given, 1 << 30);
+        let budget = Budget::new(4 << 30, LimitSource::Given, 1 << 30);
         let refusal = budget.reserve(5 << 30).unwrap_err();
         assert_eq!(
             refusal.sentence("its 60000x60000 pixels", "use a smaller image"),
@@ -307,7 +308,7 @@ mod tests {
 
     #[test]
     fn a_limit_below_the_program_leaves_nothing_and_allows_nothing_more() {
-        let budget = Budget::new(100, Source::Given, 200);
+        let budget = Budget::new(100, LimitSource::Given, 200);
         assert_eq!(budget.left(), 0);
         assert!(budget.reserve(0).is_ok());
         assert_eq!(budget.reserve(1).unwrap_err().left, 0);

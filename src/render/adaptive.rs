@@ -1,44 +1,45 @@
 //! Adaptive sampling: more samples where the relative error is larger, without bias.
 //!
-//! A pilot takes the same number of samples in every pixel. From then on the number of samples of a pixel depends on
-//! what the pilot found in the pixels *around* it, never on its own: with samplers that scramble every pixel
-//! independently, a pixel's mean is independent of its count, and stays unbiased. What ties them together is only the
-//! factor common to all pixels that makes the counts meet the budget, to which a pixel of N contributes one part in N.
+//! A pilot takes the same number of samples in every pixel. Afterwards, the number of samples of a pixel depends on
+//! the pilot's result in the pixels *around* it, but not on its own. With samplers that scramble every pixel
+//! independently, a pixel's mean is therefore independent of its number of samples and remains unbiased. The only
+//! dependence is through a factor common to all pixels, which makes the total meet the budget. One of N pixels
+//! contributes 1/N to this factor.
 
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::{PixelRect, Tile};
 
-/// Samples per pixel of the longest pilot.
+/// The greatest number of samples per pixel of a pilot.
 const LONGEST_PILOT: u64 = 16;
-/// A shorter pilot says nothing about the noise.
+/// The least number of samples per pixel with which a pilot can estimate the noise.
 const SHORTEST_PILOT: u64 = 4;
-/// The pilot takes one in so many of the samples.
+/// The reciprocal of the fraction of samples used by the pilot.
 const PILOT_SHARE: u64 = 4;
-/// Every pixel gets at least one in so many of the average.
+/// The reciprocal of the least number of samples of a pixel relative to the average.
 const LEAST_SHARE: u64 = 4;
-/// And at most so many times the average.
+/// The greatest number of samples of a pixel relative to the average.
 const MOST_TIMES: u64 = 16;
-/// Pixels up to this far away, along either axis, decide.
+/// The half width of the neighbourhood of a pixel.
 const RADIUS: usize = 4;
-/// Levels of noise for each factor of two.
+/// The number of noise levels for each factor of two.
 const PER_OCTAVE: f64 = 64.0;
-/// Levels in all: from 2^-32 to 2^32.
+/// The number of noise levels, from 2^-32 to 2^32.
 const LEVELS: usize = 4096;
 
-/// How samples are spread over the pixels.
+/// The distribution of samples over the pixels.
 #[derive(Clone, Debug)]
 pub struct Allocation {
     rect: PixelRect,
     pilot: u64,
-    /// By pixel: the logarithm of the surrounding pixels' relative standard error.
+    /// For each pixel, the logarithm of the relative standard error of the surrounding pixels.
     levels: Vec<u16>,
-    /// Pixels of each level.
+    /// The number of pixels of each level.
     histogram: Vec<u64>,
-    /// Samples of the pixels of each level: before the pass in hand, and after it.
+    /// The number of samples of pixels of each level, before and after the current pass.
     counts: [Vec<u64>; 2],
 }
 
-/// Samples per pixel of the pilot, for so many samples per pixel in all; `None` if they are too few for one.
+/// Returns the samples per pixel of the pilot for the given total; `None` if the total is too small for a pilot.
 pub fn pilot(samples: Option<u64>) -> Option<u64> {
     let pilot =
         samples.map_or(LONGEST_PILOT, |n| ((n / PILOT_SHARE) & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
@@ -46,7 +47,7 @@ pub fn pilot(samples: Option<u64>) -> Option<u64> {
 }
 
 impl Allocation {
-    /// Decides from the sums of a pilot of so many samples per pixel.
+    /// Creates the allocation from the sums of a pilot with the given number of samples per pixel.
     pub fn new(tiles: &[Tile], rect: PixelRect, pilot: u64) -> Self {
         let (width, height) = (rect.width as usize, rect.height as usize);
         let mut noise = vec![0.0; width * height];
@@ -61,7 +62,7 @@ impl Allocation {
         Allocation { rect, pilot, levels, histogram, counts: [vec![pilot; LEVELS], vec![pilot; LEVELS]] }
     }
 
-    /// Spreads the samples of a pass that brings the average to at most `average` samples per pixel.
+    /// Distributes the samples of a pass that increases the average to at most `average` samples per pixel.
     pub fn advance(&mut self, average: u64) {
         let budget = average.saturating_mul(self.levels.len() as u64);
         let [_, before] = std::mem::take(&mut self.counts);
@@ -72,7 +73,7 @@ impl Allocation {
                 sum.saturating_add(pixels.saturating_mul(count(level, shift)))
             })
         };
-        // The logarithm of the common factor, by bisection: the cost never falls with it.
+        // Bisection for the logarithm of the common factor; the cost is a non-decreasing function of it.
         let (mut low, mut high) = (-128.0, 128.0);
         for _ in 0..64 {
             let middle = 0.5 * (low + high);
@@ -82,31 +83,31 @@ impl Allocation {
         self.counts = [before, after];
     }
 
-    /// Samples of the pixels of a level for a common factor of 2^shift.
+    /// Returns the number of samples of the pixels of a level for a common factor of 2^shift.
     fn count(&self, level: usize, shift: f64, average: u64) -> u64 {
         let wanted = ((level as f64 - LEVELS as f64 / 2.0) / PER_OCTAVE + shift).exp2();
         let least = self.pilot.max(average / LEAST_SHARE);
         in_steps((wanted as u64).clamp(least, least.max(average.saturating_mul(MOST_TIMES))))
     }
 
-    /// Samples per pixel of its pilot.
+    /// Returns the samples per pixel of the pilot.
     pub fn pilot(&self) -> u64 {
         self.pilot
     }
 
-    /// Its numbers, for a file; see [`from_bytes`](Self::from_bytes).
+    /// Returns the content for a file; see [`from_bytes`](Self::from_bytes).
     pub fn to_bytes(&self) -> Vec<u8> {
         let counts = self.counts[1].iter().flat_map(|n| n.to_le_bytes());
         counts.chain(self.levels.iter().flat_map(|n| n.to_le_bytes())).collect()
     }
 
-    /// How many bytes [`to_bytes`](Self::to_bytes) gives for so many pixels.
+    /// Returns the length of the result of [`to_bytes`](Self::to_bytes) for the given number of pixels.
     pub fn byte_count(pixels: u64) -> u64 {
         8 * LEVELS as u64 + 2 * pixels
     }
 
-    /// The allocation for a part of the image, after a pilot of so many samples per pixel, of which these are the
-    /// numbers; `None` if they are not those of any.
+    /// Creates the allocation for a region of the image from the result of [`to_bytes`](Self::to_bytes), with the
+    /// given samples per pixel of the pilot; `None` if the bytes are invalid.
     pub fn from_bytes(bytes: &[u8], rect: PixelRect, pilot: u64) -> Option<Self> {
         let (counts, levels) = bytes.split_at_checked(8 * LEVELS)?;
         let (counts, _) = counts.as_chunks::<8>();
@@ -124,7 +125,7 @@ impl Allocation {
         })
     }
 
-    /// The samples of pixel (x, y) of the full image that the pass in hand takes.
+    /// Returns the range of samples that the current pass takes in pixel (x, y) of the full image.
     #[inline]
     pub fn samples(&self, (x, y): (u32, u32)) -> std::ops::Range<u64> {
         let i = (y - self.rect.y) as usize * self.rect.width as usize + (x - self.rect.x) as usize;
@@ -133,14 +134,14 @@ impl Allocation {
     }
 }
 
-/// How many pixels are of each level.
+/// Returns the number of pixels of each level.
 fn histogram(levels: &[u16]) -> Vec<u64> {
     let mut histogram = vec![0; LEVELS];
     levels.iter().for_each(|&level| histogram[usize::from(level)] += 1);
     histogram
 }
 
-/// The standard error of a pixel relative to its value.
+/// Returns the standard error of a pixel relative to its value.
 fn relative_noise(tile: &Tile, i: usize) -> f64 {
     (0..3)
         .map(|c| {
@@ -151,9 +152,9 @@ fn relative_noise(tile: &Tile, i: usize) -> f64 {
         .sqrt()
 }
 
-/// The mean over the pixels around each pixel, without itself.
+/// Returns for each pixel the mean over the surrounding pixels, without the pixel itself.
 fn around(values: &[f64], width: usize, height: usize) -> Vec<f64> {
-    // Sums over all pixels above and to the left.
+    // Summed-area table.
     let stride = width + 1;
     let mut sums = vec![0.0; stride * (height + 1)];
     for y in 0..height {
@@ -178,13 +179,13 @@ fn around(values: &[f64], width: usize, height: usize) -> Vec<f64> {
     means
 }
 
-/// The level of a relative noise.
+/// Returns the level of a relative noise.
 fn level(noise: f64) -> u16 {
     (noise.log2() * PER_OCTAVE + LEVELS as f64 / 2.0).clamp(0.0, LEVELS as f64 - 1.0) as u16
 }
 
-/// The largest even number up to `n` whose half has at most three significant bits: low-discrepancy sequences are
-/// well spread at such counts.
+/// Returns the largest even number up to `n` whose half has at most three significant bits. Low-discrepancy sequences
+/// are well distributed for such numbers.
 fn in_steps(n: u64) -> u64 {
     let half = n / 2;
     let dropped = (u64::BITS - half.leading_zeros()).saturating_sub(3);
@@ -197,7 +198,7 @@ mod tests {
 
     const RECT: PixelRect = PixelRect { x: 5, y: 3, width: 40, height: 24 };
 
-    /// An allocation after a pilot whose halves differ by `noise` on a grey ground.
+    /// Creates an allocation after a pilot whose halves differ by `noise` on a grey image.
     fn allocation(noise: impl Fn(u32, u32) -> f32) -> Allocation {
         let mut tile = Tile::new(RECT, 3, 2);
         for i in 0..tile.pixel_count() {
@@ -228,7 +229,7 @@ mod tests {
             assert!(now.iter().all(|n| n % 2 == 0 && *n >= average / 4 / 5 * 4));
             last = now;
         }
-        // Far from the border between them, five times the noise is five times the samples.
+        // Far from the border between both regions, five times the noise gives five times the samples.
         let ratio = last[30] as f64 / last[3] as f64;
         assert!((3.8..6.0).contains(&ratio), "{ratio}");
     }

@@ -1,8 +1,8 @@
-//! The render job: one mechanism for sample counts, time limits, error targets and interruption.
+//! The render job: sample counts, time limits, error targets and interruption.
 
 use super::passes::Passes;
 use super::progress::Progress;
-use super::state::{Keeper, State};
+use super::state::{CheckpointSink, RenderState};
 use super::stop::{StopReason, StopRules};
 use super::tracing::InvalidSample;
 use crate::error::{Error, Result};
@@ -14,96 +14,96 @@ use crate::scene::Scene;
 use crate::sensor::Camera;
 use std::time::Duration;
 
-/// What decides the pixels and when to stop.
+/// The settings that determine the pixels and the end of a render.
 #[derive(Clone, Debug)]
 pub struct JobSettings {
     /// The sampler.
     pub sampler: Sampler,
     /// The seed.
     pub seed: u64,
-    /// Threads; they change the speed, never the pixels.
+    /// The number of threads; it affects the speed but not the pixels.
     pub threads: usize,
-    /// Stop rules.
+    /// The stop rules.
     pub stop: StopRules,
-    /// Layers beside the image.
+    /// The layers in addition to the image.
     pub layers: Vec<Layer>,
 }
 
-/// A render about to happen.
+/// A render before it starts.
 pub struct Job<'a> {
-    /// What to render.
+    /// The scene.
     pub scene: &'a Scene,
-    /// How.
+    /// The integrator.
     pub integrator: &'a dyn Integrator,
-    /// From where, and onto which film.
+    /// The camera with its film.
     pub camera: &'a Camera,
-    /// Settings.
+    /// The settings.
     pub settings: JobSettings,
-    /// Where progress is shown and interruption asked for.
+    /// The display of progress and the request to stop.
     pub progress: &'a Progress,
-    /// Whether noisier parts of the image get more samples; not for integrators that trace light paths.
+    /// Whether noisier regions get more samples. Integrators that trace light paths do not support it.
     pub adaptive: bool,
     /// The index of the first sample.
     pub first: u64,
-    /// What an earlier render has brought.
-    pub begin: Option<State>,
-    /// Who keeps what this one brings, if anybody does.
-    pub keeper: Option<Keeper<'a>>,
+    /// The state of an earlier render to continue.
+    pub resumed: Option<RenderState>,
+    /// The receiver of checkpoints, if any.
+    pub checkpoints: Option<CheckpointSink<'a>>,
     /// Whether alpha is summed.
     pub(super) alpha: bool,
-    /// Whether a ray that meets nothing counts as opaque, because it sees the environment.
+    /// Whether a ray that hits nothing counts as opaque, because it sees the environment.
     pub(super) opaque_environment: bool,
     pub(super) filter: FilterSampler,
 }
 
 /// A finished render.
 pub struct Rendered {
-    /// The sums, tile by tile.
+    /// The sums of all tiles.
     pub tiles: Vec<Tile>,
-    /// The part of the image that was rendered.
+    /// The region of the image.
     pub rect: PixelRect,
     /// Whether the fourth channel is alpha.
     pub alpha: bool,
     /// The layers, in the order of their channels.
     pub layers: Vec<Layer>,
-    /// Samples per pixel of the completed passes; with adaptive sampling the mean over the pixels.
+    /// Samples per pixel of the completed passes; with adaptive sampling, the mean over the pixels.
     pub samples_per_pixel: u64,
-    /// How many samples the pixels have.
+    /// The numbers of samples of the pixels.
     pub counts: SampleCounts,
-    /// Why it stopped.
+    /// The reason why the render stopped.
     pub stop_reason: StopReason,
     /// Estimated relMSE, from the two halves.
     pub relmse: Option<f64>,
-    /// Lower and upper end of what holds the relMSE of this very image in 95 of 100 renders.
+    /// The 95 % confidence interval for the relMSE of this image.
     pub relmse_interval: Option<[f64; 2]>,
-    /// Wall time of what the integrator computed before.
+    /// Wall-clock time of the integrator's preparation.
     pub prepared: Duration,
-    /// What there is to say about it.
+    /// Statistics of the preparation.
     pub statistics: Vec<Statistic>,
-    /// Wall time of sampling.
+    /// Wall-clock time of sampling.
     pub elapsed: Duration,
-    /// Counts of all threads.
+    /// The sum of the counters of all threads.
     pub counters: Counters,
-    /// The first dropped samples, in the order of the image.
+    /// The first dropped samples, in image order.
     pub invalid: Vec<InvalidSample>,
-    /// How many samples were dropped.
+    /// The number of dropped samples.
     pub invalid_count: u64,
-    /// Whether the last state could be kept, if it was to be.
-    pub kept: Result<()>,
+    /// Whether the last checkpoint was saved, if one was requested.
+    pub checkpoint_status: Result<()>,
 }
 
-/// Numbers of valid samples over the pixels of an image.
+/// The numbers of valid samples over the pixels of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleCounts {
-    /// The fewest of any pixel.
+    /// The least number of a pixel.
     pub least: u64,
-    /// The most of any pixel.
+    /// The greatest number of a pixel.
     pub most: u64,
     /// The mean over the pixels.
     pub mean: f64,
 }
 
-/// Threads to render with.
+/// Creates the threads of a render.
 ///
 /// # Errors
 /// If they cannot be started.
@@ -115,7 +115,7 @@ pub fn thread_pool(threads: usize) -> Result<rayon::ThreadPool> {
 }
 
 impl SampleCounts {
-    /// The counts of an image's tiles.
+    /// Computes the numbers from an image's tiles.
     pub fn of(tiles: &[Tile]) -> Self {
         let counts = tiles.iter().flat_map(|tile| (0..tile.pixel_count()).map(|i| tile.count(i)));
         let none = (u64::MAX, 0, 0u64, 0u64);
@@ -126,8 +126,8 @@ impl SampleCounts {
 }
 
 impl Rendered {
-    /// A render that has come to a state: all samples taken, without an error estimate.
-    pub fn new(state: State, rect: PixelRect, layers: Vec<Layer>, alpha: bool) -> Self {
+    /// Creates the result of a render from a state with all samples, without an error estimate.
+    pub fn new(state: RenderState, rect: PixelRect, layers: Vec<Layer>, alpha: bool) -> Self {
         let counts = SampleCounts::of(&state.tiles);
         Rendered {
             tiles: state.tiles,
@@ -145,13 +145,13 @@ impl Rendered {
             counters: state.counters,
             invalid: state.invalid,
             invalid_count: state.invalid_count,
-            kept: Ok(()),
+            checkpoint_status: Ok(()),
         }
     }
 }
 
 impl<'a> Job<'a> {
-    /// A job.
+    /// Creates a job.
     pub fn new(
         scene: &'a Scene,
         integrator: &'a dyn Integrator,
@@ -167,8 +167,8 @@ impl<'a> Job<'a> {
             progress,
             adaptive: false,
             first: 0,
-            begin: None,
-            keeper: None,
+            resumed: None,
+            checkpoints: None,
             alpha: camera.film.pixel_format.has_alpha(),
             opaque_environment: scene.environment.is_some() && integrator.shows_environment(),
             filter: FilterSampler::new(camera.film.filter),
@@ -183,43 +183,43 @@ impl<'a> Job<'a> {
         self.sampled_layers().next().is_some()
     }
 
-    /// Channels that are summed: colour, alpha if the film has it, and the layers that are sampled.
+    /// Returns the number of channels that are summed: colour, alpha if the film has it, and the sampled layers.
     pub fn channels(&self) -> usize {
         let layers = self.sampled_layers().map(|aov| aov.channels().len()).sum::<usize>();
         3 + usize::from(self.alpha) + layers
     }
 
-    /// Whether a broken pass is of no use: light paths that were not traced would be missing in all pixels, and a state
-    /// that is kept has to be one from which the very samples can be gone on with.
+    /// Returns whether an incomplete pass must be discarded. Missing light paths would affect all pixels, and a
+    /// checkpoint must allow the render to continue with exactly the same samples.
     pub(super) fn needs_whole_passes(&self) -> bool {
-        self.keeper.is_some() || self.integrator.light_tracer().is_some()
+        self.checkpoints.is_some() || self.integrator.light_tracer().is_some()
     }
 
-    /// The same job from another sample on than the first.
+    /// Returns the job with another first sample.
     pub fn with_first(mut self, first: u64) -> Self {
         self.first = first;
         self
     }
 
-    /// The same job, going on from what an earlier one has brought.
-    pub fn with_begin(mut self, begin: Option<State>) -> Self {
-        self.begin = begin;
+    /// Returns the job as the continuation of an earlier state.
+    pub fn resumed_from(mut self, resumed: Option<RenderState>) -> Self {
+        self.resumed = resumed;
         self
     }
 
-    /// The same job with somebody who keeps its states.
-    pub fn with_keeper(mut self, keeper: Option<Keeper<'a>>) -> Self {
-        self.keeper = keeper;
+    /// Returns the job with a receiver of checkpoints.
+    pub fn with_checkpoints(mut self, checkpoints: Option<CheckpointSink<'a>>) -> Self {
+        self.checkpoints = checkpoints;
         self
     }
 
-    /// The same job with adaptive sampling, or without.
+    /// Returns the job with or without adaptive sampling.
     pub fn with_adaptive(mut self, adaptive: bool) -> Self {
         self.adaptive = adaptive;
         self
     }
 
-    /// Renders until a stop rule fires or the progress is interrupted.
+    /// Renders until a stop rule applies or the progress is interrupted.
     ///
     /// # Errors
     /// If the threads cannot be started.
@@ -227,7 +227,7 @@ impl<'a> Job<'a> {
         Ok(self.run_with(thread_pool(self.settings.threads)?))
     }
 
-    /// As [`run`](Self::run), with threads that are there already.
+    /// Computes [`run`](Self::run) with existing threads.
     pub fn run_with(&self, pool: rayon::ThreadPool) -> Rendered {
         Passes::new(self, pool).run()
     }

@@ -1,4 +1,4 @@
-//! Rendering a scene: passes over sample ranges, threads, stop rules, progress, the account of it all.
+//! Rendering: passes over sample ranges, threads, stop rules, progress, output.
 
 mod adaptive;
 pub mod job;
@@ -14,5 +14,5 @@ pub mod tracing;
 pub use adaptive::Allocation;
 pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
 pub use progress::Progress;
-pub use state::{Keeper, State};
+pub use state::{CheckpointSink, RenderState};
 pub use stop::{StopReason, StopRules};

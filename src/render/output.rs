@@ -1,4 +1,4 @@
-//! From sums to an image with layers and metadata.
+//! The conversion of sums to an image with layers and metadata.
 
 use super::job::Rendered;
 use crate::color::Rgb;
@@ -12,7 +12,7 @@ use crate::math::{DMat4, DVec3};
 use crate::sensor::Camera;
 
 impl PixelFormat {
-    /// Names of the image's channels.
+    /// Returns the names of the image's channels.
     fn channels(self) -> &'static [&'static str] {
         match self {
             PixelFormat::Luminance => &["Y"],
@@ -24,7 +24,7 @@ impl PixelFormat {
         }
     }
 
-    /// The image's colour channels for a linear RGB value.
+    /// Converts a linear RGB value to the image's colour channels.
     fn convert(self, c: Rgb) -> Vec<f32> {
         match self {
             PixelFormat::Luminance | PixelFormat::LuminanceAlpha => vec![c.luminance()],
@@ -47,7 +47,7 @@ impl From<ComponentFormat> for SampleFormat {
     }
 }
 
-/// The image of a render: the film's channels, then the layers as `name.channel`.
+/// Returns the image of a render: the film's channels, then the layers as `name.channel`.
 pub fn to_image(rendered: &Rendered, format: PixelFormat, metadata: Metadata) -> Image {
     let layers = &rendered.layers;
     let mut names: Vec<String> = format.channels().iter().map(|c| (*c).to_string()).collect();
@@ -70,15 +70,15 @@ pub fn to_image(rendered: &Rendered, format: PixelFormat, metadata: Metadata) ->
     image
 }
 
-/// The nearest finite `f32`: squares of finite values may be beyond its range, and an image holds no infinity.
+/// Returns the nearest finite `f32`: the square of a finite value may overflow, and an image has no infinite values.
 fn finite(value: f64) -> f32 {
     value.min(f64::from(f32::MAX)) as f32
 }
 
-/// Side of the blocks that variances are given of: those of the z-test. Tiles hold whole ones.
+/// The side of the blocks of block variances, which is that of the z-test. Tiles contain whole blocks.
 const BLOCK: usize = ZTest::SIDE;
 
-/// [`Aov::BlockVariance`] at each pixel of a tile.
+/// Returns [`Aov::BlockVariance`] at each pixel of a tile.
 fn block_variances(tile: &Tile) -> Vec<[f64; 3]> {
     let (width, height) = (tile.rect.width as usize, tile.rect.height as usize);
     let mut variances = vec![[0.0; 3]; width * height];
@@ -94,12 +94,12 @@ fn block_variances(tile: &Tile) -> Vec<[f64; 3]> {
     variances
 }
 
-/// The variance of the mean over replicates in each channel; 0 with less than two of them.
+/// Returns the variance of the mean over replicates in each channel; 0 with fewer than two replicates.
 fn variances_of(replicates: &[Option<[f64; 3]>]) -> [f64; 3] {
     [0, 1, 2].map(|c| variance_of_mean(replicates.iter().flatten().map(|sum| sum[c])).unwrap_or(0.0))
 }
 
-/// The sums over all pixels of the means of each replicate.
+/// Returns for each replicate the sum of its means over all pixels.
 fn sums_of_image(tiles: &[Tile]) -> Vec<Option<[f64; 3]>> {
     let sums = tiles
         .iter()
@@ -109,8 +109,7 @@ fn sums_of_image(tiles: &[Tile]) -> Vec<Option<[f64; 3]>> {
         .unwrap_or_default()
 }
 
-/// What an image says of its noise, where its pixels share some: the number of replicates, and the variance of each
-/// channel's mean.
+/// Adds metadata about noise that pixels share: the number of replicates, and the variance of each channel's mean.
 pub fn noise_metadata(rendered: &Rendered, metadata: &mut Metadata) {
     let shared = rendered.tiles.first().is_some_and(|tile| tile.replicates() > 2);
     let noise = if shared { SHARED_NOISE } else { "independent" };
@@ -128,7 +127,7 @@ pub fn noise_metadata(rendered: &Rendered, metadata: &mut Metadata) {
     }
 }
 
-/// The picture by each replicate alone, as R, G and B; of those that have samples in every pixel.
+/// Returns an image (R, G and B) of each replicate that has samples in every pixel.
 pub fn replicate_images(rendered: &Rendered) -> Vec<Image> {
     let replicates = rendered.tiles.first().map_or(0, Tile::replicates);
     (0..replicates).filter_map(|r| replicate_image(rendered, r)).collect()
@@ -184,14 +183,14 @@ fn pixel_values(
     values
 }
 
-/// The camera's matrices for the image's metadata: `worldToCamera`, and `worldToNDC`.
+/// Returns the camera's matrices for the image's metadata: `worldToCamera` and `worldToNDC`.
 ///
-/// The first takes world points to the sensor's coordinates (x left, y up, z along the view), the second
-/// to x and y in [0, 1] from the image's top left to its bottom right corner.
+/// The first transforms world space to camera space (x left, y up, z along the view). The second transforms world
+/// space to x and y in [0, 1], from the image's top left to its bottom right corner.
 pub fn camera_matrices(camera: &Camera) -> [[f32; 16]; 2] {
     let world_to_camera = DMat4::from(camera.world_to_camera());
     let [right, down, corner] = camera.image_plane();
-    // A camera-space direction is a multiple of corner + x·right + y·down: solve for (x, y, 1)·z.
+    // A direction in camera space is a multiple of corner + x·right + y·down; the inverse gives (x, y, 1)·z.
     let plane = crate::math::DMat3::from_cols(right, down, corner).inverse();
     let project = DMat4::from_cols(
         plane.x_axis.truncate().extend(0.0).extend(plane.x_axis.z),

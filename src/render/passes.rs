@@ -1,8 +1,8 @@
-//! A render under way: passes, one after the other, and what they have brought so far.
+//! The execution of a render: a sequence of passes and their accumulated result.
 
 use super::adaptive::{self, Allocation};
 use super::job::{Job, Rendered};
-use super::state::{self, Keeper, State};
+use super::state::{self, CheckpointSink, RenderState};
 use super::stop::{StopReason, StopRules};
 use super::tracing::CameraWorker;
 use super::{progressive, splats};
@@ -15,45 +15,45 @@ use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Side of a tile in pixels.
+/// The side of a tile in pixels.
 pub(super) const TILE: u32 = 16;
-/// The share of the time that may go into error estimates which nothing but the progress asks for.
+/// The fraction of the time for error estimates that are only displayed.
 const ESTIMATES_SHARE: f64 = 0.01;
-/// How much work an interruption may cost, where a part of a pass is of no use.
+/// The longest part of a pass, for renders that discard incomplete parts on interruption.
 const LONGEST_PART: Duration = Duration::from_secs(5);
 
-/// What a render has so far.
+/// A render in progress.
 pub(super) struct Passes<'j, 'a> {
     job: &'j Job<'a>,
     stop: StopRules,
     pool: rayon::ThreadPool,
-    now: State,
-    /// The last whole part of a pass, where a broken one is of no use.
-    whole: Option<State>,
+    now: RenderState,
+    /// The state after the last complete part of a pass, for renders that discard incomplete parts.
+    whole: Option<RenderState>,
     workers: Vec<Mutex<CameraWorker>>,
     started: Instant,
-    /// Time of sampling before this render went on.
+    /// The sampling time before this render continued.
     before: Duration,
-    /// Counts before this render went on, and beside those of the workers.
+    /// The counters before this render continued, and those that belong to no worker.
     counters: Counters,
-    /// The pilot of adaptive sampling, if there is to be any.
+    /// The samples per pixel of the pilot of adaptive sampling.
     pilot: Option<u64>,
     error: Option<ErrorEstimate>,
     estimating: Duration,
-    kept: Option<Kept>,
+    checkpoint_status: Option<CheckpointStatus>,
 }
 
-/// What became of the states that were to be kept.
-struct Kept {
+/// The status of checkpoints.
+struct CheckpointStatus {
     last: Instant,
     outcome: Result<()>,
 }
 
 impl<'j, 'a> Passes<'j, 'a> {
-    /// Starts the clock.
+    /// Prepares the render and starts the clock.
     pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
-        let now = job.begin.clone().unwrap_or_else(|| {
-            State::new(
+        let now = job.resumed.clone().unwrap_or_else(|| {
+            RenderState::new(
                 job.camera.film.rect(),
                 job.channels(),
                 job.settings.sampler.replicates() as usize,
@@ -83,11 +83,11 @@ impl<'j, 'a> Passes<'j, 'a> {
             pilot: if job.adaptive { adaptive::pilot(samples) } else { None },
             error: None,
             estimating: Duration::ZERO,
-            kept: job.keeper.map(|_| Kept { last: started, outcome: Ok(()) }),
+            checkpoint_status: job.checkpoints.map(|_| CheckpointStatus { last: started, outcome: Ok(()) }),
         }
     }
 
-    /// Takes passes until a rule says why to stop.
+    /// Executes passes until a stop rule applies.
     pub fn run(mut self) -> Rendered {
         if self.done() > 0 {
             self.estimate();
@@ -112,7 +112,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.finish(reason)
     }
 
-    /// Samples per pixel that are taken, on average.
+    /// Returns the number of samples per pixel taken so far, on average.
     fn done(&self) -> u64 {
         self.now.next - self.job.first
     }
@@ -121,7 +121,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.before + self.started.elapsed()
     }
 
-    /// Decides how far the next pass goes, and how adaptive sampling spreads it.
+    /// Determines the end of the next pass and, with adaptive sampling, the distribution of its samples.
     fn plan_pass(&mut self) {
         let done = self.done();
         let mut pass = self.stop.next_pass(done, self.elapsed(), self.error);
@@ -136,31 +136,32 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.now.pass_end = self.now.next + pass;
     }
 
-    /// The samples that are taken next: the pass in hand, or the part of it that does not last too long.
+    /// Returns the next range of samples: the current pass, or a part of it with limited duration.
     fn part(&self) -> Range<u64> {
-        let State { next, pass_end, .. } = self.now;
+        let RenderState { next, pass_end, .. } = self.now;
         if self.whole.is_none() || self.now.allocation.is_some() || self.done() == 0 {
             return next..pass_end;
         }
-        let longest = self.job.keeper.map_or(LONGEST_PART, |keeper| keeper.every.min(LONGEST_PART));
+        let longest =
+            self.job.checkpoints.map_or(LONGEST_PART, |checkpoints| checkpoints.every.min(LONGEST_PART));
         let per_sample = self.elapsed().as_secs_f64().max(1e-9) / self.done() as f64;
-        // An even number, to keep the halves equal.
+        // An even number keeps the halves equal.
         let part = ((longest.as_secs_f64() / per_sample) as u64 & !1).max(2);
         next..pass_end.min(next.saturating_add(part))
     }
 
-    /// Takes samples of every pixel; with adaptive sampling so many on average.
+    /// Takes samples of every pixel; with adaptive sampling, the range applies to the average.
     fn take(&mut self, samples: Range<u64>) {
         let Passes { job, pool, now, workers, .. } = self;
         if let Some(allocation) = &mut now.allocation {
             allocation.advance(samples.end);
         }
-        let State { tiles, allocation, .. } = now;
+        let RenderState { tiles, allocation, .. } = now;
         let allocation = allocation.as_ref();
         if let Some(progressive) = job.integrator.progressive() {
-            let begun = progressive::render(job, progressive, pool, workers, tiles, samples);
-            self.counters.merge(&begun.counters);
-            now.invalid_count += begun.invalid;
+            let prepared = progressive::render(job, progressive, pool, workers, tiles, samples);
+            self.counters.merge(&prepared.counters);
+            now.invalid_count += prepared.invalid;
             return;
         }
         pool.install(|| {
@@ -178,7 +179,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         }
     }
 
-    /// Notes what a part of a pass has brought, and hands it to whoever keeps it.
+    /// Updates the state after a part of a pass, and saves a checkpoint if one is due.
     fn finish_part(&mut self, end: u64) {
         self.now.next = end;
         let spent = self.estimating.as_secs_f64();
@@ -193,8 +194,9 @@ impl<'j, 'a> Passes<'j, 'a> {
             self.collect();
             self.whole = Some(self.now.clone());
         }
-        if let (Some(Keeper { every, .. }), Some(kept)) = (self.job.keeper, &self.kept)
-            && kept.last.elapsed() >= every
+        if let (Some(CheckpointSink { every, .. }), Some(checkpoint_status)) =
+            (self.job.checkpoints, &self.checkpoint_status)
+            && checkpoint_status.last.elapsed() >= every
         {
             self.keep();
         }
@@ -204,7 +206,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.job.progress.finish_pass(self.done(), self.error);
     }
 
-    /// Brings the accounts up to date with those of the workers.
+    /// Adds the workers' counters and dropped samples to the state.
     fn collect(&mut self) {
         self.now.elapsed = self.elapsed();
         self.now.counters = self.counters;
@@ -217,24 +219,26 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.now.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
     }
 
-    /// Hands the last whole part of a pass to whoever keeps it.
+    /// Saves a checkpoint of the last complete part of a pass.
     fn keep(&mut self) {
-        if let (Some(keeper), Some(kept), Some(state)) = (self.job.keeper, &mut self.kept, &self.whole) {
-            kept.outcome = (keeper.keep)(state);
-            kept.last = Instant::now();
+        if let (Some(checkpoints), Some(checkpoint_status), Some(state)) =
+            (self.job.checkpoints, &mut self.checkpoint_status, &self.whole)
+        {
+            checkpoint_status.outcome = (checkpoints.keep)(state);
+            checkpoint_status.last = Instant::now();
         }
     }
 
     fn estimate(&mut self) {
-        let begun = Instant::now();
+        let prepared = Instant::now();
         self.error = state::estimate(&self.now.tiles, &self.pool);
-        self.estimating += begun.elapsed();
+        self.estimating += prepared.elapsed();
     }
 
     fn finish(mut self, stop_reason: StopReason) -> Rendered {
         self.collect();
         self.keep();
-        // A part of the light paths would be too dark a picture.
+        // With only a part of the light paths, the image would be too dark.
         if stop_reason == StopReason::Interrupted
             && self.job.integrator.light_tracer().is_some()
             && let Some(whole) = self.whole.take()
@@ -244,7 +248,8 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.estimate();
         let (done, error) = (self.done(), self.error);
         let allocated = self.now.allocation.is_some();
-        let kept = self.kept.map_or(Ok(()), |kept| kept.outcome);
+        let checkpoint_status =
+            self.checkpoint_status.map_or(Ok(()), |checkpoint_status| checkpoint_status.outcome);
         let rect = self.job.camera.film.rect();
         let mut rendered = Rendered::new(self.now, rect, self.job.settings.layers.clone(), self.job.alpha);
         if !allocated {
@@ -254,7 +259,7 @@ impl<'j, 'a> Passes<'j, 'a> {
             stop_reason,
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),
-            kept,
+            checkpoint_status,
             ..rendered
         }
     }

@@ -1,23 +1,23 @@
-//! What a render shows of itself while it runs.
+//! The progress of a render.
 
 use crate::estimate::replicates::ErrorEstimate;
 use crate::integrator::Interrupt;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-/// Shared between the render and whoever watches or stops it.
+/// The progress shared between a render and the code that displays or stops it.
 #[derive(Debug, Default)]
 pub struct Progress {
     interrupt: Interrupt,
-    /// Whether the first sample is under way or taken.
+    /// Whether the first sample has been started.
     begun: AtomicBool,
     pixel_samples: AtomicU64,
     samples_per_pixel: AtomicU64,
-    /// The bits of `f64`s: the estimated relMSE, the ends of its interval; NaN while there is no estimate.
+    /// The estimated relMSE and the ends of its interval, as bits of `f64`; NaN without an estimate.
     relmse: [AtomicU64; 3],
 }
 
 impl Progress {
-    /// A render that has not begun.
+    /// Creates the progress of a render that has not started.
     pub fn new() -> Self {
         Progress {
             relmse: std::array::from_fn(|_| AtomicU64::new(f64::NAN.to_bits())),
@@ -25,22 +25,22 @@ impl Progress {
         }
     }
 
-    /// Asks the render to stop at once: what every thread has in hand is thrown away.
+    /// Requests that the render stops immediately; waves in progress are discarded.
     pub fn interrupt(&self) {
         self.interrupt.raise();
     }
 
-    /// Whether it was asked to stop.
+    /// Returns whether a stop was requested.
     pub fn is_interrupted(&self) -> bool {
         self.interrupt.is_raised()
     }
 
-    /// What is raised when it is asked to stop.
+    /// Returns the flag that is raised by a request to stop.
     pub fn interrupt_flag(&self) -> &Interrupt {
         &self.interrupt
     }
 
-    /// Whether any sample is under way or taken: before, nothing is lost by an end.
+    /// Returns whether sampling has started. Before that, a stop loses nothing.
     pub fn has_begun(&self) -> bool {
         self.begun.load(Ordering::Relaxed)
     }
@@ -49,22 +49,22 @@ impl Progress {
         self.begun.store(true, Ordering::Relaxed);
     }
 
-    /// Samples taken so far, over all pixels.
+    /// Returns the number of samples so far, over all pixels.
     pub fn pixel_samples(&self) -> u64 {
         self.pixel_samples.load(Ordering::Relaxed)
     }
 
-    /// Samples per pixel of the passes that are done.
+    /// Returns the samples per pixel of the completed passes.
     pub fn samples_per_pixel(&self) -> u64 {
         self.samples_per_pixel.load(Ordering::Relaxed)
     }
 
-    /// The estimated relMSE after the last pass.
+    /// Returns the estimated relMSE after the last pass.
     pub fn relmse(&self) -> Option<f64> {
         self.error().map(|error| error.relmse)
     }
 
-    /// The same with its interval.
+    /// Returns the estimated relMSE with its interval.
     pub fn error(&self) -> Option<ErrorEstimate> {
         let [relmse, low, high] =
             std::array::from_fn(|i| f64::from_bits(self.relmse[i].load(Ordering::Relaxed)));

@@ -1,4 +1,4 @@
-//! Samples that need something computed before them, one after the other.
+//! Rendering with integrators that prepare each sample separately.
 
 use super::job::Job;
 use super::tracing::CameraWorker;
@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Takes the given samples of every pixel, unless the render is interrupted. Returns what it took to
-/// prepare the samples.
+/// Takes the given samples of every pixel, unless the render is interrupted. Returns the counts of the preparation of
+/// the samples.
 pub fn render(
     job: &Job<'_>,
     progressive: &dyn Progressive,
@@ -19,7 +19,7 @@ pub fn render(
     tiles: &mut [Tile],
     samples: Range<u64>,
 ) -> PreparedPass {
-    // What passes take was planned when the integrator prepared.
+    // The memory for passes was already reserved when the integrator prepared.
     let memory = Budget::unlimited();
     let preparation = Preparation {
         scene: job.scene,

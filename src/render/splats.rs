@@ -1,4 +1,4 @@
-//! Light paths of a pass: traced in batches, and added to the film in the order of the batches.
+//! The light paths of a pass: traced in batches, and added to the film in the order of the batches.
 
 use super::job::Job;
 use super::passes::TILE;
@@ -11,13 +11,14 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Light paths of a batch.
+/// The number of light paths in a batch.
 const BATCH: u64 = 2048;
-/// Batches that are traced before their splats are added: enough work for many threads, little memory.
+/// The number of batches traced before their splats are added. It gives enough work to many threads and limits
+/// memory.
 const AT_ONCE: usize = 256;
 
-/// Traces one light path for each pixel of the full image and each sample of the range, and adds what arrives. Sums
-/// do not depend on threads: batches are added one by one in their order.
+/// Traces one light path for each pixel of the full image and each sample of the range, and adds the splats. The sums
+/// do not depend on threads, because batches are added in order.
 pub fn trace(
     job: &Job<'_>,
     ptracer: &Ptracer,
@@ -61,19 +62,19 @@ pub fn trace(
     dropped
 }
 
-/// The key of the light path that belongs to a pixel and a sample: all light paths of a half are one sequence.
+/// Returns the key of the light path for a pixel and a sample. All light paths of a half are one sequence.
 fn key(job: &Job<'_>, pixels: u64, sample: u64, pixel: u64) -> SampleKey {
     SampleKey::of(job.settings.seed, 0, 0, (sample & 1) as u32, (sample >> 1) * pixels + pixel)
 }
 
-/// Adds a splat to the pixels under the filter; false if its value is none.
+/// Adds a splat to the pixels within the filter's radius; returns false if its value is invalid.
 fn add(job: &Job<'_>, tiles: &mut [Tile], replicate: usize, splat: &Splat) -> bool {
     if !splat.value.is_valid() {
         return false;
     }
     let rect = job.camera.film.rect();
     let radius = job.filter.radius();
-    // Pixels whose samples may lie there: within [−radius, radius) of their centres, as camera samples do.
+    // The pixels for which the position is within [−radius, radius) of the centre, as for camera samples.
     let range = |x: f64, start: u32, length: u32| {
         let low = ((x - radius - 0.5).floor() + 1.0).max(start.into()) as u32;
         let high = (x + radius - 0.5).floor().min(f64::from(start + length) - 1.0);
@@ -92,7 +93,7 @@ fn add(job: &Job<'_>, tiles: &mut [Tile], replicate: usize, splat: &Splat) -> bo
     true
 }
 
-/// The tile and the pixel in it of a pixel of the image.
+/// Returns the index of the tile that contains a pixel of the image, and of the pixel in it.
 fn place(rect: PixelRect, x: u32, y: u32) -> (usize, usize) {
     let (x, y) = (x - rect.x, y - rect.y);
     let (column, row) = (x / TILE, y / TILE);

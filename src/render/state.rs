@@ -1,4 +1,4 @@
-//! What a render has at a moment from which it can go on.
+//! The state of a render from which it can continue.
 
 use super::adaptive::Allocation;
 use super::passes::tiles_of;
@@ -10,40 +10,40 @@ use crate::integrator::Counters;
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// A render that has taken the same samples of every pixel, or those that adaptive sampling gives it.
+/// A render that has taken the same samples in every pixel, or those determined by adaptive sampling.
 #[derive(Clone, Debug)]
-pub struct State {
+pub struct RenderState {
     /// The sums.
     pub tiles: Vec<Tile>,
-    /// The index of the sample that comes next.
+    /// The index of the next sample.
     pub next: u64,
-    /// Where the pass in hand ends: stop rules are looked at there.
+    /// The end of the current pass, at which stop rules are evaluated.
     pub pass_end: u64,
-    /// Wall time of sampling so far.
+    /// Wall-clock time of sampling so far.
     pub elapsed: Duration,
-    /// Counts so far.
+    /// The counters so far.
     pub counters: Counters,
-    /// Dropped samples that are remembered.
+    /// The recorded dropped samples.
     pub invalid: Vec<InvalidSample>,
-    /// How many samples were dropped.
+    /// The number of dropped samples.
     pub invalid_count: u64,
-    /// How adaptive sampling spreads the samples, once it does.
+    /// The distribution of samples after the pilot of adaptive sampling.
     pub allocation: Option<Allocation>,
 }
 
-/// Who is given the states of a render, to keep them.
+/// The receiver of a render's checkpoints.
 #[derive(Clone, Copy)]
-pub struct Keeper<'a> {
-    /// How much time may be lost.
+pub struct CheckpointSink<'a> {
+    /// The time between two checkpoints.
     pub every: Duration,
-    /// Takes a state; of one that could not be kept, the render tries again after the same time.
-    pub keep: &'a (dyn Fn(&State) -> Result<()> + Sync),
+    /// Saves a state. If it fails, the render tries again after the same time.
+    pub keep: &'a (dyn Fn(&RenderState) -> Result<()> + Sync),
 }
 
-impl State {
-    /// Before the first sample, whose index is given, of a part of the image with so many channels and replicates.
+impl RenderState {
+    /// Creates the state before the first sample, which has the given index.
     pub fn new(rect: PixelRect, channels: usize, replicates: usize, first: u64) -> Self {
-        State {
+        RenderState {
             tiles: tiles_of(rect).map(|rect| Tile::new(rect, channels, replicates)).collect(),
             next: first,
             pass_end: first,
@@ -56,7 +56,8 @@ impl State {
     }
 }
 
-/// Estimates the error of an image, summed in the order of the tiles; `None` without samples in two replicates.
+/// Estimates the error of an image. Sums are computed in the order of the tiles; `None` without samples in two
+/// replicates.
 pub fn estimate(tiles: &[Tile], pool: &rayon::ThreadPool) -> Option<ErrorEstimate> {
     if !tiles.iter().any(Tile::has_replicates) {
         return None;

@@ -1,30 +1,30 @@
-//! Stop rules: the first that fires ends the render.
+//! Stop rules; the first one that applies ends the render.
 
 use crate::estimate::replicates::ErrorEstimate;
 use std::fmt;
 use std::time::Duration;
 
-/// When to stop. Without any rule a render goes on until it is interrupted.
+/// The stop rules. Without any rule, a render continues until it is interrupted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StopRules {
     /// Samples per pixel.
     pub samples: Option<u64>,
-    /// Time for sampling.
+    /// Time limit of sampling.
     pub time: Option<Duration>,
-    /// What the relMSE of the image must not exceed: the upper end of the estimate's interval decides.
+    /// The target relMSE, which is reached when the upper end of the estimate's interval is at most this value.
     pub error: Option<f64>,
 }
 
-/// Which rule ended a render.
+/// The rule that ended a render.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StopReason {
     /// All samples were taken.
     Samples,
-    /// The next pass would have passed the time.
+    /// The next pass would exceed the time limit.
     Time,
-    /// The upper end of the estimated error's interval fell to the target.
+    /// The upper end of the estimated error's interval reached the target.
     Error,
-    /// The user or the system asked for it.
+    /// The user or the system requested it.
     Interrupted,
 }
 
@@ -39,20 +39,20 @@ impl fmt::Display for StopReason {
     }
 }
 
-/// Largest pass: estimates and stop rules are looked at once a pass.
+/// The greatest number of samples per pixel of a pass. Estimates and stop rules are evaluated once per pass.
 const LARGEST_PASS: u64 = 64;
-/// An error estimate from fewer samples is not trusted to stop a render: calibration finds intervals that hold what
-/// they promise from here on.
+/// The least number of samples per pixel with which an error estimate may stop a render. Calibration shows that the
+/// intervals are reliable from here on.
 const FEWEST_FOR_ERROR: u64 = 16;
-/// A pass towards the target takes this share of the samples that seem to be missing, while they are many: the error of
-/// low-discrepancy samplers falls faster than one over their number.
+/// The fraction of the missing samples that the next pass takes if many are missing. The error of low-discrepancy
+/// samplers decreases faster than one over the number of samples.
 const CAUTION: f64 = 0.75;
-/// They are many above this share of those that are done.
+/// The ratio of missing to completed samples above which many are missing.
 const MANY: f64 = 0.125;
 
 impl StopRules {
-    /// Why to stop after `done` samples per pixel, if any rule says so. `elapsed` is the time so far, `error`
-    /// the estimated relMSE.
+    /// Returns the reason to stop after `done` samples per pixel, if a rule applies. `elapsed` is the time so far,
+    /// `error` the estimated relMSE.
     pub fn reached(&self, done: u64, elapsed: Duration, error: Option<ErrorEstimate>) -> Option<StopReason> {
         if self.samples.is_some_and(|n| done >= n) {
             return Some(StopReason::Samples);
@@ -67,8 +67,8 @@ impl StopRules {
             .then_some(StopReason::Time)
     }
 
-    /// Samples per pixel of the next pass: as many as before, up to a limit, and no more than the rules leave or
-    /// the target seems to need.
+    /// Returns the samples per pixel of the next pass: the number so far, limited by the maximum, by the rules, and
+    /// by the estimated need for the target.
     pub fn next_pass(&self, done: u64, elapsed: Duration, error: Option<ErrorEstimate>) -> u64 {
         let pass = done.clamp(2, LARGEST_PASS);
         let left = self.samples.map_or(u64::MAX, |n| n - done.min(n));
@@ -77,19 +77,20 @@ impl StopRules {
         pass.min(left).min(in_time).min(self.pass_to_target(done, error))
     }
 
-    /// How many more samples per pixel seem to be missing for the target; an even number.
+    /// Returns an estimate of the samples per pixel that are missing for the target; an even number.
     fn pass_to_target(&self, done: u64, error: Option<ErrorEstimate>) -> u64 {
         let (Some(target), Some(error)) = (self.error, error) else { return u64::MAX };
         if done < FEWEST_FOR_ERROR {
             return FEWEST_FOR_ERROR - done;
         }
-        // The error falls about as one over the number of samples.
+        // The error is about proportional to one over the number of samples.
         let missing = (error.interval[1] / target - 1.0).max(0.0) * done as f64;
         let pass = if missing > MANY * done as f64 { CAUTION * missing } else { missing };
         (pass.ceil() as u64).saturating_add(1).max(2) & !1
     }
 
-    /// How many more samples per pixel fit the time, at the speed so far; an even number, to keep the halves equal.
+    /// Returns the samples per pixel that fit the time limit at the speed so far; an even number, which keeps the
+    /// halves equal.
     fn pass_within_time(&self, done: u64, elapsed: Duration) -> u64 {
         let Some(time) = self.time else { return u64::MAX };
         let left = time.saturating_sub(elapsed).as_secs_f64();
@@ -125,7 +126,7 @@ mod tests {
         assert_eq!(rules.reached(32, 10 * SECOND, None), Some(StopReason::Time));
     }
 
-    /// An estimate with 10 % on either side.
+    /// Returns an estimate with an interval of ±10 %.
     fn about(relmse: f64) -> Option<ErrorEstimate> {
         Some(ErrorEstimate { relmse, interval: [relmse / 1.1, relmse * 1.1] })
     }

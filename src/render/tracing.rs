@@ -1,4 +1,4 @@
-//! One tile, one range of samples: camera rays, radiance, sums.
+//! Sampling of one tile and one range of samples: camera rays, radiance, sums.
 
 use super::job::Job;
 use crate::accel::Coherence;
@@ -10,7 +10,8 @@ use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use std::ops::Range;
 
-/// Paths of a wave: enough for long SIMD loops and few calls, few enough to stay in the second-level cache.
+/// The number of paths in a wave: large enough for long SIMD loops and few calls, small enough for the second-level
+/// cache.
 const WAVE: usize = 2048;
 
 /// A sample that was dropped because it is not a finite, non-negative radiance.
@@ -22,44 +23,44 @@ pub struct InvalidSample {
     pub y: u32,
     /// Index of the sample in its pixel.
     pub sample: u64,
-    /// Its value.
+    /// The value.
     pub value: [f32; 3],
 }
 
 /// Consecutive samples of one pixel of a tile.
 #[derive(Clone, Copy)]
-struct Span {
+struct SampleSpan {
     pixel: usize,
     first: u64,
     end: u64,
 }
 
-/// One thread's buffers for the camera's side of a wave.
+/// One thread's buffers for camera rays.
 pub struct CameraWorker {
     /// The integrator's worker.
     pub worker: Worker,
-    /// What the wave in hand is made of.
-    spans: Vec<Span>,
+    /// The pixels and samples of the current wave.
+    spans: Vec<SampleSpan>,
     rays: Vec<Ray>,
     keys: Vec<SampleKey>,
     positions: [Vec<f32>; 2],
     lens: [Vec<f32>; 2],
     times: Vec<f32>,
-    /// Weights of the filter's samples, for filters that have any.
+    /// The weights of filter samples, for filters that have them.
     weights: Vec<f32>,
     radiance: Vec<Radiance>,
     values: Vec<f32>,
     /// The first dropped samples of this thread.
     pub invalid: Vec<InvalidSample>,
-    /// How many were dropped.
+    /// The number of dropped samples.
     pub invalid_count: u64,
 }
 
-/// How many dropped samples each thread remembers.
+/// The number of dropped samples that each thread records.
 const REMEMBERED: usize = 16;
 
 impl CameraWorker {
-    /// A worker with empty buffers.
+    /// Creates a worker with empty buffers.
     pub fn new(worker: Worker) -> Self {
         CameraWorker {
             worker,
@@ -85,14 +86,14 @@ impl CameraWorker {
         while first < samples.end && !job.progress.is_interrupted() {
             let end = (first + per_wave).min(samples.end);
             self.spans.clear();
-            self.spans.extend((0..pixels).map(|pixel| Span { pixel, first, end }));
+            self.spans.extend((0..pixels).map(|pixel| SampleSpan { pixel, first, end }));
             self.render_wave(job, tile);
             first = end;
         }
     }
 
-    /// Takes the samples that each pixel of the tile is given by its place in the full image, unless the render is
-    /// interrupted between waves.
+    /// Takes the samples that `samples` returns for the position of each pixel in the full image, unless the render
+    /// is interrupted between waves.
     pub fn render_allocated(
         &mut self,
         job: &Job<'_>,
@@ -105,7 +106,7 @@ impl CameraWorker {
             let Range { start: mut first, end: last } = samples(tile.position(pixel));
             while first < last && !job.progress.is_interrupted() {
                 let end = last.min(first + free);
-                self.spans.push(Span { pixel, first, end });
+                self.spans.push(SampleSpan { pixel, first, end });
                 free -= end - first;
                 first = end;
                 if free == 0 {
@@ -122,12 +123,12 @@ impl CameraWorker {
 
     /// Takes the samples of `spans`.
     fn render_wave(&mut self, job: &Job<'_>, tile: &mut Tile) {
-        self.aim(job, tile);
+        self.generate_rays(job, tile);
         let wave = Wave { rays: &self.rays, keys: &self.keys, coherence: Coherence::Coherent };
         self.radiance.clear();
         self.radiance.resize(self.rays.len(), Radiance::NONE);
         job.integrator.li(job.scene, wave, RadianceQuery::ALL, &mut self.worker, &mut self.radiance);
-        // Paths may have been left unfinished.
+        // The paths may be incomplete.
         if job.progress.is_interrupted() {
             return;
         }
@@ -139,8 +140,8 @@ impl CameraWorker {
         job.progress.add_samples(self.rays.len() as u64);
     }
 
-    /// Makes the camera rays: pixel by pixel, the samples of a pixel beside each other.
-    fn aim(&mut self, job: &Job<'_>, tile: &Tile) {
+    /// Generates the camera rays, pixel by pixel; the samples of a pixel are consecutive.
+    fn generate_rays(&mut self, job: &Job<'_>, tile: &Tile) {
         let sampler = self.worker.sampler;
         self.keys.clear();
         for span in &self.spans {
@@ -181,7 +182,7 @@ impl CameraWorker {
         let only_colour = !job.alpha && !job.has_sampled_layers() && !job.filter.has_weights();
         let mut j = 0;
         for s in 0..self.spans.len() {
-            let Span { pixel, first, end } = self.spans[s];
+            let SampleSpan { pixel, first, end } = self.spans[s];
             for sample in first..end {
                 let value = self.radiance[j].value;
                 let replicate = job.settings.sampler.replicate(sample) as usize;
@@ -201,7 +202,7 @@ impl CameraWorker {
         }
     }
 
-    /// Fills `values` with everything that the film keeps of sample `j` of the wave.
+    /// Fills `values` with all channels of sample `j` of the wave.
     fn evaluate_layers(&mut self, job: &Job<'_>, j: usize) {
         let radiance = self.radiance[j];
         self.values.clear();

@@ -1,4 +1,4 @@
-//! What a render takes of memory beside the scene, and whether it is there.
+//! The memory of a render in addition to the scene, and its reservation.
 
 use super::{Plan, Session};
 use crate::error::{Error, Kind, Result};
@@ -8,29 +8,29 @@ use crate::memory::{Budget, Reservation};
 use crate::render::JobSettings;
 use std::path::Path;
 
-/// Bytes of a thread's waves, and of what the allocator keeps for it.
+/// The bytes of a thread's waves and of its allocator caches.
 const THREAD: u64 = 4 << 20;
-/// Bytes of a pixel that adaptive sampling takes while it decides.
+/// The bytes per pixel that adaptive sampling needs temporarily.
 const ADAPTIVE: u64 = 48;
 
-/// Bytes that a render takes.
+/// The memory of a render in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RenderMemory {
-    /// The sums of the samples, and what adaptive sampling knows of pixels.
+    /// The sums of samples, and the data of adaptive sampling.
     pub film: u64,
-    /// The image that is made of them, as floats.
+    /// The image with float values.
     pub image: u64,
-    /// What threads have of their own.
+    /// The data of the threads.
     pub threads: u64,
 }
 
 impl RenderMemory {
-    /// All of it.
+    /// Returns the total.
     pub fn total(&self) -> u64 {
         self.film.saturating_add(self.image).saturating_add(self.threads)
     }
 
-    /// What a render without layers takes.
+    /// Returns the memory of a render without layers.
     pub fn least(film: &FilmSettings) -> Self {
         let pixels = film.rect().area();
         let channels = 3 + usize::from(film.pixel_format.has_alpha());
@@ -41,7 +41,7 @@ impl RenderMemory {
         }
     }
 
-    /// What a job takes.
+    /// Returns the memory of a job.
     pub fn of(film: &FilmSettings, job: &JobSettings, adaptive: bool) -> Self {
         let pixels = film.rect().area();
         let count = |sampled: bool| {
@@ -60,7 +60,7 @@ impl RenderMemory {
     }
 }
 
-/// Channels of an image without layers.
+/// Returns the number of channels of an image without layers.
 fn image_channels(format: PixelFormat) -> u64 {
     match format {
         PixelFormat::Luminance => 1,
@@ -70,10 +70,11 @@ fn image_channels(format: PixelFormat) -> u64 {
     }
 }
 
-/// Reserves what a render takes.
+/// Reserves the memory of a render.
 ///
 /// # Errors
-/// If it is not there: the fault of the command line where the size comes from there (`of_user`), else of the scene.
+/// If it exceeds the limit. The error is one of the command line if the size comes from there (`of_user`), otherwise
+/// one of the scene.
 pub(super) fn reserve(
     path: &Path,
     film: &FilmSettings,
@@ -95,21 +96,21 @@ pub(super) fn reserve(
 }
 
 impl Session {
-    /// What a render takes beside the scene.
+    /// Returns the memory of a render in addition to the scene.
     pub fn render_memory(&self, plan: &Plan) -> RenderMemory {
         RenderMemory::of(&self.camera().film, &plan.job, plan.adaptive)
     }
 
-    /// Reserves what a render takes.
+    /// Reserves the memory of a render.
     pub(super) fn reserve(&self, plan: &Plan) -> Result<Reservation> {
         let needed = self.render_memory(plan);
         reserve(&self.path, &self.camera().film, self.sized_by_user, needed, &self.memory)
     }
 
-    /// Whether there is memory for writing the image to a file while the render's sums are still there.
+    /// Checks that there is memory for writing the image to a file while the render's sums are still in memory.
     ///
     /// # Errors
-    /// If there is not, of kind [`Output`](Kind::Output).
+    /// If there is not, with the kind [`Output`](Kind::Output).
     pub fn check_output(&self, plan: &Plan, target: &Path) -> Result<()> {
         let rect = self.camera().film.rect();
         let needed = self.render_memory(plan);

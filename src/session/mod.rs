@@ -1,20 +1,19 @@
-//! A scene file that is opened to be rendered: loaded, adjusted to what the user asks for, compiled, rendered to an
-//! image.
+//! Sessions: a scene file is loaded, adjusted to the user's choices, compiled, and rendered to an image.
 //!
-//! Every command that renders goes through the same three steps. [`SceneFile`] is what a file and the user's choices
-//! about it say; compiled for a traversal it is a [`Session`], which makes any number of [`Plan`]s (an integrator, a
-//! sampler, stop rules) into renders.
+//! Every command that renders uses the same three steps. A [`SceneFile`] is the content of a file with the user's
+//! choices. It is compiled to a [`Session`] for an accelerator. A session renders any number of [`Plan`]s, each with
+//! an integrator, a sampler and stop rules.
 
 pub mod checkpoint;
+mod image_description;
 mod memory;
-pub mod origin;
-mod picture;
 mod plan;
+mod scene_hashes;
 
+pub use image_description::ImageDescription;
 pub use memory::RenderMemory;
-pub use origin::Origin;
-pub use picture::Picture;
 pub use plan::{Choices, Plan};
+pub use scene_hashes::SceneHashes;
 
 use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
@@ -23,7 +22,7 @@ use crate::image::Image;
 use crate::integrator::{self, Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
-use crate::render::{self, Job, Keeper, Progress, Rendered, State};
+use crate::render::{self, CheckpointSink, Job, Progress, RenderState, Rendered};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile_within};
@@ -31,48 +30,48 @@ use crate::sensor::{Camera, SensorSettings};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// What the user says of the scene itself.
+/// The user's choices that affect the scene.
 #[derive(Clone, Debug, Default)]
 pub struct SceneChoices {
-    /// Values for the scene's `<default>`s, and folders to look for files in.
+    /// Values for the scene's `<default>`s, and folders in which files are searched.
     pub load: LoadOptions,
-    /// Which sensor, from 0.
+    /// The index of the sensor.
     pub sensor: usize,
-    /// Size of the full image instead of the scene's, whose crop is then dropped.
+    /// The size of the full image, in place of the scene's size. It removes the scene's crop.
     pub size: Option<(u32, u32)>,
-    /// The part of the image to render.
+    /// The region of the image to render.
     pub crop: Option<PixelRect>,
 }
 
-/// A scene file with the user's choices, not yet compiled.
+/// A scene file with the user's choices, before compilation.
 #[derive(Clone, Debug)]
 pub struct SceneFile {
-    /// Where it is.
+    /// The path of the file.
     pub path: PathBuf,
-    /// What is in the scene.
+    /// The content of the scene.
     pub description: Description,
-    /// Which sensor is to be rendered.
+    /// The index of the sensor to render.
     pub sensor: usize,
-    /// What the file asks for, where the user does not.
+    /// The settings in the file, which apply unless the user chooses others.
     pub defaults: Defaults,
-    /// What was ignored, mapped or upgraded.
+    /// Elements that were ignored, replaced or upgraded.
     pub warnings: Vec<Error>,
-    /// What the user should know but need not change.
+    /// Information for the user that requires no change.
     pub notes: Vec<String>,
-    /// Time to load it.
+    /// The time of loading, in seconds.
     pub load_seconds: f64,
-    /// What is planned of memory.
+    /// The memory budget.
     pub memory: Budget,
     /// Whether the user chose the size of the image.
     pub sized_by_user: bool,
 }
 
-/// How a scene file wants to be rendered.
+/// The render settings of a scene file.
 #[derive(Clone, Debug, Default)]
 pub struct Defaults {
     /// The integrator.
     pub integrator: Settings,
-    /// The sampler; `None` where it names none.
+    /// The sampler; `None` if the file names none.
     pub sampler: Option<SamplerKind>,
     /// Samples per pixel.
     pub samples_per_pixel: Option<u64>,
@@ -82,8 +81,8 @@ impl SceneFile {
     /// Loads a scene file and applies the choices.
     ///
     /// # Errors
-    /// If it cannot be loaded, has no such sensor, if the crop is no part of the image, or if there is no memory for
-    /// the image.
+    /// If the file cannot be loaded, the sensor does not exist, the crop is not inside the image, or the image
+    /// exceeds the memory limit.
     pub fn load(path: &Path, choices: &SceneChoices) -> Result<Self> {
         let started = Instant::now();
         let Loaded { mut description, integrator, sampler, samples_per_pixel, warnings, notes, memory } =
@@ -99,7 +98,8 @@ impl SceneFile {
         };
         adjust(sensor, choices)?;
         let sized_by_user = choices.size.is_some();
-        // Also asked when everything is known; but a scene need not be built for an image that cannot be.
+        // This is checked again when all settings are known. The early check avoids building a scene for an image
+        // that is too large.
         let least = RenderMemory::least(&sensor.film);
         drop(memory::reserve(path, &sensor.film, sized_by_user, least, &memory)?);
         let samples_per_pixel = samples_per_pixel.map(u64::from);
@@ -119,11 +119,11 @@ impl SceneFile {
     }
 
     /// What renders of it belong to.
-    pub fn origin(&self) -> Origin {
-        Origin::of(&self.description, self.sensor)
+    pub fn origin(&self) -> SceneHashes {
+        SceneHashes::of(&self.description, self.sensor)
     }
 
-    /// Compiles the scene for a traversal, with so many threads.
+    /// Compiles the scene for an accelerator, with the given number of threads.
     ///
     /// # Errors
     /// If the scene cannot be compiled.
@@ -140,7 +140,7 @@ impl SceneFile {
     }
 }
 
-/// Sets size and crop of a sensor's film.
+/// Sets the size and crop of a sensor's film.
 fn adjust(sensor: &mut SensorSettings, choices: &SceneChoices) -> Result<()> {
     let film = &mut sensor.film;
     if let Some((width, height)) = choices.size {
@@ -160,53 +160,53 @@ fn adjust(sensor: &mut SensorSettings, choices: &SceneChoices) -> Result<()> {
     Ok(())
 }
 
-/// A compiled scene that is ready to be rendered.
+/// A compiled scene, ready to render.
 pub struct Session {
     /// The scene file.
     pub path: PathBuf,
     /// The scene.
     pub scene: Scene,
-    /// What compiling found.
+    /// The diagnostics of compilation.
     pub report: CompileReport,
-    /// Which sensor is rendered.
+    /// The index of the sensor.
     pub sensor: usize,
-    /// What the file asks for, where the user does not.
+    /// The settings in the file, which apply unless the user chooses others.
     pub defaults: Defaults,
-    /// Threads; they change the speed, never the pixels.
+    /// The number of threads; it affects the speed but not the pixels.
     pub threads: usize,
-    /// What the user should change.
+    /// Problems that the user should fix.
     pub warnings: Vec<Error>,
-    /// What is planned of memory.
+    /// The memory budget.
     pub memory: Budget,
     /// Whether the user chose the size of the image.
     sized_by_user: bool,
 }
 
 impl Session {
-    /// The sensor that is rendered.
+    /// Returns the sensor.
     pub fn camera(&self) -> &Camera {
         &self.scene.sensors[self.sensor]
     }
 
-    /// Renders as planned, until a stop rule fires or the progress is interrupted.
+    /// Renders a plan until a stop rule applies or the progress is interrupted.
     ///
     /// # Errors
-    /// If the threads cannot be started, the integrator cannot prepare, or there is too little memory.
+    /// If threads cannot be started, the integrator cannot prepare, or the memory limit is exceeded.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
         self.render_on(plan, progress, None, None)
     }
 
-    /// As [`render`](Self::render), going on from the state of an earlier render, if there is one, and with somebody
-    /// who keeps the states of this one.
+    /// Computes [`render`](Self::render), optionally as the continuation of an earlier state, and with a receiver of
+    /// checkpoints.
     ///
     /// # Errors
-    /// As those of [`render`](Self::render).
+    /// As [`render`](Self::render).
     pub fn render_on(
         &self,
         plan: &Plan,
         progress: &Progress,
-        begin: Option<State>,
-        keeper: Option<Keeper<'_>>,
+        resumed: Option<RenderState>,
+        checkpoints: Option<CheckpointSink<'_>>,
     ) -> Result<Rendered> {
         let _reserved = self.reserve(plan)?;
         let mut integrator = integrator::create(&plan.integrator);
@@ -222,26 +222,26 @@ impl Session {
             cache: plan.cache.clone(),
             memory: &self.memory,
         })?;
-        // What has nothing to prepare takes no time, not the nanoseconds of saying so.
+        // Without a preparation the time is exactly zero, not the few nanoseconds of the call.
         let prepared = if integrator.prepares() { started.elapsed() } else { Duration::ZERO };
         let mut settings = plan.job.clone();
         settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
         let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)
             .with_adaptive(plan.adaptive)
             .with_first(plan.first)
-            .with_begin(begin)
-            .with_keeper(keeper)
+            .resumed_from(resumed)
+            .with_checkpoints(checkpoints)
             .run_with(pool);
         Ok(Rendered { prepared, statistics: integrator.statistics(), ..rendered })
     }
 
-    /// The image of a render, with layers and metadata.
+    /// Returns the image of a render, with layers and metadata.
     pub fn image(&self, plan: &Plan, rendered: &Rendered) -> Image {
-        self.picture(plan).image(rendered)
+        self.image_description(plan).image(rendered)
     }
 }
 
-/// All cores.
+/// Returns the number of cores.
 pub fn default_threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }

@@ -1,4 +1,4 @@
-//! From what the user chooses, and what the scene file asks for, to the settings of a render.
+//! The settings of a render, from the user's choices and the scene file.
 
 use super::Session;
 use crate::error::{Error, Result, counted};
@@ -9,10 +9,10 @@ use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 use std::ops::Range;
 
-/// How the user wants a scene rendered. What is not chosen is what the scene file asks for, else the default.
+/// The user's choices for a render. A setting that is not chosen is that of the scene file, or else the default.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
-    /// Name of the integrator.
+    /// The name of the integrator.
     pub integrator: Option<String>,
     /// The sampler.
     pub sampler: Option<SamplerKind>,
@@ -20,17 +20,17 @@ pub struct Choices {
     pub stop: StopRules,
     /// The seed.
     pub seed: u64,
-    /// Names of layers beside the image.
+    /// The names of layers in addition to the image.
     pub aov: Vec<String>,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
-    /// A file for what the integrator computes beforehand.
+    /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
-    /// The samples of each pixel to take, of those that the stop rules speak of; all without it.
+    /// The range of samples of each pixel to take, out of those determined by the stop rules; all if `None`.
     pub samples: Option<Range<u64>>,
 }
 
-/// An integrator's settings and a job's.
+/// The settings of an integrator and a job.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The integrator.
@@ -39,23 +39,23 @@ pub struct Plan {
     pub job: JobSettings,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
-    /// A file for what the integrator computes beforehand.
+    /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The index of the first sample of each pixel.
     pub first: u64,
-    /// How many samples per pixel the whole render is to have, of which this may take a part.
+    /// The samples per pixel of the complete render, of which this may be a part.
     pub target: Option<u64>,
 }
 
-/// Samples per pixel where neither the scene nor the user says anything.
+/// The samples per pixel if neither the scene nor the user sets them.
 const DEFAULT_SPP: u64 = 64;
 
 impl Session {
-    /// The settings of a render.
+    /// Returns the settings of a render.
     ///
     /// # Errors
-    /// If there is no such integrator or layer, a layer is there twice, the integrator cannot sample adaptively, or
-    /// there is too little memory for the image.
+    /// If the integrator or a layer does not exist, a layer occurs twice, the integrator does not support adaptive
+    /// sampling, or the image exceeds the memory limit.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
         let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
@@ -105,7 +105,7 @@ impl Session {
     }
 }
 
-/// Lets the stop rules end with a range of samples; returns the first of them.
+/// Limits the stop rules to a range of samples; returns the first sample of the range.
 fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Result<u64> {
     let Range { start, end } = *range;
     let refuse = |why: String| Err(Error::usage(format!("--sample-range {start}..{end}: {why}")));
@@ -129,8 +129,9 @@ fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Resu
     Ok(start)
 }
 
-/// The integrator that the user names, else that of the scene. What both have of the lengths of paths and of hidden
-/// emitters stays as the scene has it; trees of rays, whose cost is exponential, are no deeper than their default.
+/// Returns the integrator named by the user, or else that of the scene. Path lengths and hidden emitters are taken
+/// from the scene if both integrators have them. The depth of ray trees, whose cost is exponential, is at most their
+/// default.
 fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings> {
     Ok(match name {
         None => of_scene,
@@ -147,9 +148,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
     })
 }
 
-/// The layers of the scene's `aov` integrator and those that the user names.
+/// Returns the layers of the scene's `aov` integrator and those named by the user.
 ///
-/// Where pixels share noise, the variances of blocks go along with those of pixels.
+/// If pixels share noise, variances of blocks are added to those of pixels.
 fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<Vec<Layer>> {
     let mut layers = match settings {
         Settings::Aov { layers, .. } => layers.clone(),
@@ -178,7 +179,7 @@ fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<
                 settings.name()
             )));
         }
-        // `moment` brings its variance along.
+        // `moment` adds its variance.
         if layers.iter().any(|l| l.name == *name && l.aov == aov) && !names[..i].contains(name) {
             continue;
         }

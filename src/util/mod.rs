@@ -1,5 +1,4 @@
-//! What every room may use and what knows nothing of rendering: files that are replaced whole or not at all, the binary
-//! container of caches and checkpoints, and hashes of data.
+//! Utilities that are independent of rendering: atomic replacement of files.
 
 pub mod container;
 mod digest;

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic replacement of files.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -6,20 +6,20 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Writes a file under another name in the same folder, `name.XXXXXX.part.ext`, and renames it when it is
-/// complete, so that an older file of that name is whole until the new one is, and stays if writing fails. A
-/// symbolic link is written through.
+/// Writes a file to a temporary name in the same folder, `name.XXXXXX.part.ext`, and renames it when it is complete.
+/// An existing file is therefore replaced only by a complete one, and is unchanged if writing fails. A symbolic link
+/// is followed.
 ///
 /// # Errors
-/// If the folder is missing, full or cannot be written to, or if there is a folder of that name.
+/// If the folder is missing, full or not writable, or if there is a folder with the file's name.
 pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
     replace_with(path, |file| file.write_all(bytes))
 }
 
-/// [`replace`] with what `write` writes, piece by piece.
+/// Computes [`replace`] for content that `write` writes incrementally.
 ///
 /// # Errors
-/// As those of [`replace`].
+/// As [`replace`].
 pub fn replace_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
     let fail = |message: String| failure(path, &message);
     let (target, mut part) = begin(path)?;
@@ -27,10 +27,10 @@ pub fn replace_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Resul
     part.path.persist(&target).map_err(|e| fail(e.error.to_string()))
 }
 
-/// Whether [`replace`] could begin there: a long computation should not fail at its end.
+/// Checks whether [`replace`] can start, so that a long computation does not fail at its end.
 ///
 /// # Errors
-/// As those of [`replace`].
+/// As [`replace`].
 pub fn check_replaceable(path: &Path) -> Result<()> {
     begin(path).map(drop)
 }
@@ -39,9 +39,9 @@ fn failure(path: &Path, message: &str) -> Error {
     Error::output(format!("cannot be written: {message}")).in_file(path)
 }
 
-/// The file behind symbolic links, and a temporary one beside it. What writers that were killed have left there of the
-/// same file is removed.
-fn begin(path: &Path) -> Result<(PathBuf, Part)> {
+/// Resolves symbolic links and creates a temporary file in the target's folder. Removes temporary files of the same
+/// target that killed writers left there.
+fn begin(path: &Path) -> Result<(PathBuf, TemporaryFile)> {
     let fail = |message: String| failure(path, &message);
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if target.is_dir() {
@@ -54,26 +54,26 @@ fn begin(path: &Path) -> Result<(PathBuf, Part)> {
     if !folder.is_dir() {
         return Err(fail(format!("there is no folder \"{}\"", folder.display())));
     }
-    let name = PartName::of(&target);
+    let name = TemporaryName::of(&target);
     name.remove_abandoned(&folder);
-    let part = Part::new(&name, &folder).map_err(fail)?;
+    let part = TemporaryFile::new(&name, &folder).map_err(fail)?;
     Ok((target, part))
 }
 
-/// How the temporary files of a file are called.
-struct PartName {
+/// The name pattern of a file's temporary files.
+struct TemporaryName {
     prefix: String,
     suffix: String,
 }
 
-/// Random characters of a temporary name.
+/// The number of random characters in a temporary name.
 const RANDOM: usize = 6;
 
-impl PartName {
+impl TemporaryName {
     fn of(target: &Path) -> Self {
         let stem = target.file_stem().unwrap_or_default().to_string_lossy();
         let extension = target.extension().unwrap_or_default().to_string_lossy();
-        PartName { prefix: format!("{stem}."), suffix: format!(".part.{extension}") }
+        TemporaryName { prefix: format!("{stem}."), suffix: format!(".part.{extension}") }
     }
 
     fn matches(&self, name: &str) -> bool {
@@ -82,12 +82,12 @@ impl PartName {
             .is_some_and(|random| random.len() == RANDOM && random.bytes().all(|b| b.is_ascii_alphanumeric()))
     }
 
-    /// Removes those whose writers have died: they hold no lock any more.
+    /// Removes the temporary files of dead writers, which hold no lock.
     fn remove_abandoned(&self, folder: &Path) {
         let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
         let named = entries.filter(|entry| entry.file_name().to_str().is_some_and(|n| self.matches(n)));
         for entry in named.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file())) {
-            // It stays if it cannot be removed: nothing depends on it.
+            // A failure to remove it is ignored.
             if let Ok(file) = File::open(entry.path())
                 && file.try_lock().is_ok()
             {
@@ -98,32 +98,31 @@ impl PartName {
 }
 
 /// A temporary file, which is removed when dropped. It is locked while its writer lives.
-struct Part {
+struct TemporaryFile {
     file: File,
     path: tempfile::TempPath,
 }
 
-impl Part {
-    /// A new, empty file in the folder.
-    fn new(name: &PartName, folder: &Path) -> Result<Self, String> {
+impl TemporaryFile {
+    /// Creates an empty file in the folder.
+    fn new(name: &TemporaryName, folder: &Path) -> Result<Self, String> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(&name.prefix).suffix(&name.suffix).rand_bytes(RANDOM);
-        // With the permissions of an ordinary file. Errors are the system's: the temporary name means nothing to
-        // anybody.
+        // The file has default permissions. Error messages omit the temporary name.
         let create = |path: &Path| File::options().read(true).write(true).create_new(true).open(path);
         loop {
             let part = builder.make_in(folder, create).map_err(|e| e.to_string())?;
             let (file, path) = part.into_parts();
-            // File systems without locks go without.
+            // File systems without locks are accepted.
             let _ = file.lock();
-            // Another writer may have taken it for abandoned before it was locked.
+            // Another writer may have removed it as abandoned before it was locked.
             if path.exists() {
-                return Ok(Part { file, path });
+                return Ok(TemporaryFile { file, path });
             }
         }
     }
 
-    /// Writes and waits until all is on the disk: a rename must not overtake it.
+    /// Writes the content and waits until it is on disk, so that the rename cannot happen first.
     fn fill(&mut self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
         let mut buffered = BufWriter::new(&self.file);
         write(&mut buffered)?;
@@ -141,7 +140,7 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn what_cannot_be_made_is_named_as_it_was_asked_for() {
-        // Nobody can make a file there.
+        // Files cannot be created there.
         let error = replace(Path::new("/proc/image.exr"), b"").unwrap_err().to_string();
         assert!(error.contains("cannot be written") && !error.contains(".part"), "{error}");
     }
@@ -173,7 +172,7 @@ mod tests {
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), others.len());
     }
 
-    /// Runs itself in a process whose files may not be longer than 8 KiB.
+    /// Runs this test in a process whose files are limited to 8 KiB.
     #[test]
     fn a_full_disk_leaves_the_older_file_and_nothing_else() {
         const WHERE: &str = "BUFFON_TEST_FULL_DISK";

@@ -1,4 +1,4 @@
-//! Expectations are the numbers that Mitsuba 3.9.1 (scalar_rgb) gives to the same spectra.
+//! The expected values are those of Mitsuba 3.9.1 (scalar_rgb) for the same spectra.
 
 use super::*;
 

@@ -1,18 +1,19 @@
-//! Checkpoints in a file.
+//! The file format of checkpoints.
 //!
-//! A [container](crate::util::container). Its header says whose samples these are, what image they make and where the
-//! render stands. Its body is the sums of the tiles, row by row, and then how adaptive sampling spreads the samples,
-//! if it has begun to.
+//! The file begins with `BUFFONCP`, the version and the length of the header in bytes (u32 each, little-endian like
+//! all numbers). The header is JSON: the identity of the render, the description of its image, and its progress. Then
+//! follow the sums of the tiles, row by row, and the distribution of samples if adaptive sampling has started. The
+//! CRC-32 of everything before it ends the file.
 
-use super::{Checkpoint, Identity, Label};
+use super::{Checkpoint, CheckpointLabel, Identity};
 use crate::error::{Error, Result};
 use crate::estimate::replicates::MAX_REPLICATES;
 use crate::film::{ComponentFormat, PixelFormat, PixelRect, Tile};
 use crate::integrator::Counters;
 use crate::integrator::settings::{Aov, Layer};
 use crate::render::tracing::InvalidSample;
-use crate::render::{Allocation, State};
-use crate::session::Picture;
+use crate::render::{Allocation, RenderState};
+use crate::session::ImageDescription;
 use crate::util::container::Format;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -28,35 +29,35 @@ struct Header {
     rect: [u32; 4],
     pixel_format: String,
     component_format: String,
-    /// Names and what they hold.
+    /// The names and contents of the layers.
     layers: Vec<[String; 2]>,
     camera: [[f32; 16]; 2],
     replicates: usize,
     samples: Vec<[u64; 2]>,
     target: Option<u64>,
-    /// Samples per pixel of adaptive sampling's pilot, if it is over.
+    /// The samples per pixel of the pilot of adaptive sampling, if it is complete.
     pilot: Option<u64>,
     next: u64,
     pass_end: u64,
     elapsed: Duration,
     counters: Counters,
-    invalid: Vec<Invalid>,
+    invalid: Vec<InvalidSampleRecord>,
     invalid_count: u64,
 }
 
-/// A dropped sample; its value in bits, because JSON has no NaN.
+/// A dropped sample. Its value is stored as bits, because JSON has no NaN.
 #[derive(Serialize, Deserialize)]
-struct Invalid {
+struct InvalidSampleRecord {
     pixel: [u32; 2],
     sample: u64,
     value_bits: [u32; 3],
 }
 
-/// Writes a checkpoint, whole or not at all.
+/// Writes a checkpoint. A failed write leaves no partial file.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save(path: &Path, label: &Label, state: &State) -> Result<()> {
+pub fn save(path: &Path, label: &CheckpointLabel, state: &RenderState) -> Result<()> {
     FORMAT.save(path, &Header::of(label, state), |body| {
         for tile in &state.tiles {
             body.write_all(&tile.to_bytes())?;
@@ -71,20 +72,20 @@ pub fn save(path: &Path, label: &Label, state: &State) -> Result<()> {
 /// Reads a checkpoint.
 ///
 /// # Errors
-/// If the file cannot be read, is none, is damaged, or if another version has written it.
+/// If the file cannot be read, is not a checkpoint, is damaged, or was written by another version.
 pub fn load(path: &Path) -> Result<Checkpoint> {
     read(path).map_err(|why| Error::output(why).in_file(path).about("checkpoint"))
 }
 
 fn read(path: &Path) -> Result<Checkpoint, String> {
     let (header, mut body) = FORMAT.open::<Header>(path)?;
-    let picture = header.picture()?;
-    let (channels, pixels) = (picture.channels(), picture.rect.area());
+    let image_description = header.image_description()?;
+    let (channels, pixels) = (image_description.channels(), image_description.rect.area());
     let allocation_bytes = if header.pilot.is_some() { Allocation::byte_count(pixels) } else { 0 };
     let tile_bytes = pixels.checked_mul(Tile::bytes_per_pixel(channels, header.replicates) as u64);
     body.expect_length(tile_bytes.and_then(|bytes| bytes.checked_add(allocation_bytes)))?;
     let damaged = || "is damaged: its numbers are those of no render".to_string();
-    let mut state = State::new(picture.rect, channels, header.replicates, header.next);
+    let mut state = RenderState::new(image_description.rect, channels, header.replicates, header.next);
     let mut bytes = Vec::new();
     for tile in &mut state.tiles {
         bytes.resize(tile.pixel_count() * Tile::bytes_per_pixel(channels, header.replicates), 0);
@@ -96,23 +97,24 @@ fn read(path: &Path) -> Result<Checkpoint, String> {
     if let Some(pilot) = header.pilot {
         bytes.resize(allocation_bytes as usize, 0);
         body.read(&mut bytes)?;
-        state.allocation = Some(Allocation::from_bytes(&bytes, picture.rect, pilot).ok_or_else(damaged)?);
+        state.allocation =
+            Some(Allocation::from_bytes(&bytes, image_description.rect, pilot).ok_or_else(damaged)?);
     }
     body.finish()?;
-    Ok(header.checkpoint(picture, state))
+    Ok(header.checkpoint(image_description, state))
 }
 
-/// Whether a file is a checkpoint, as far as its first bytes say.
+/// Returns whether a file begins with the identifier of checkpoints.
 pub fn is_checkpoint(path: &Path) -> bool {
     FORMAT.is_of(path)
 }
 
 impl Header {
-    fn of(label: &Label, state: &State) -> Self {
-        let Label { identity, picture, samples, target } = label;
-        let PixelRect { x, y, width, height } = picture.rect;
+    fn of(label: &CheckpointLabel, state: &RenderState) -> Self {
+        let CheckpointLabel { identity, image_description, samples, target } = label;
+        let PixelRect { x, y, width, height } = image_description.rect;
         let layer = |layer: &Layer| [layer.name.clone(), layer.aov.name().into()];
-        let invalid = |s: &InvalidSample| Invalid {
+        let invalid = |s: &InvalidSample| InvalidSampleRecord {
             pixel: [s.x, s.y],
             sample: s.sample,
             value_bits: s.value.map(f32::to_bits),
@@ -120,10 +122,10 @@ impl Header {
         Header {
             identity: identity.clone(),
             rect: [x, y, width, height],
-            pixel_format: name_of(&PixelFormat::NAMES, picture.pixel_format),
-            component_format: name_of(&ComponentFormat::NAMES, picture.component_format),
-            layers: picture.layers.iter().map(layer).collect(),
-            camera: picture.camera,
+            pixel_format: name_of(&PixelFormat::NAMES, image_description.pixel_format),
+            component_format: name_of(&ComponentFormat::NAMES, image_description.component_format),
+            layers: image_description.layers.iter().map(layer).collect(),
+            camera: image_description.camera,
             replicates: state.tiles.first().map_or(0, Tile::replicates),
             samples: samples.iter().map(|range| [range.start, range.end]).collect(),
             target: *target,
@@ -137,7 +139,7 @@ impl Header {
         }
     }
 
-    fn picture(&self) -> Result<Picture, String> {
+    fn image_description(&self) -> Result<ImageDescription, String> {
         let damaged = |what: &str| format!("is damaged: its header has {what}");
         let [x, y, width, height] = self.rect;
         let sides = 1..=LONGEST_SIDE;
@@ -159,7 +161,7 @@ impl Header {
         if self.pass_end < self.next || self.samples.last().is_some_and(|last| last[1] != self.next) {
             return Err(damaged("a pass that ends before it begins"));
         }
-        Ok(Picture {
+        Ok(ImageDescription {
             rect: PixelRect { x, y, width, height },
             pixel_format: named(&PixelFormat::NAMES, &self.pixel_format)
                 .ok_or_else(|| damaged("an unknown pixel format"))?,
@@ -172,21 +174,21 @@ impl Header {
         })
     }
 
-    fn checkpoint(self, picture: Picture, sums: State) -> Checkpoint {
-        let invalid = |s: &Invalid| InvalidSample {
+    fn checkpoint(self, image_description: ImageDescription, sums: RenderState) -> Checkpoint {
+        let invalid = |s: &InvalidSampleRecord| InvalidSample {
             x: s.pixel[0],
             y: s.pixel[1],
             sample: s.sample,
             value: s.value_bits.map(f32::from_bits),
         };
         Checkpoint {
-            label: Label {
+            label: CheckpointLabel {
                 identity: self.identity,
-                picture,
+                image_description,
                 samples: self.samples.iter().map(|&[start, end]| start..end).collect(),
                 target: self.target,
             },
-            state: State {
+            state: RenderState {
                 pass_end: self.pass_end,
                 elapsed: self.elapsed,
                 counters: self.counters,

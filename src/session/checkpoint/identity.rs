@@ -1,39 +1,39 @@
-//! Which render samples belong to.
+//! The identity of a render, which determines whether samples can be added.
 
-use crate::session::{Origin, Plan, Session};
+use crate::session::{Plan, SceneHashes, Session};
 use crate::util::digest;
 use serde::{Deserialize, Serialize};
 
-/// What decides the samples of a render. Those of two renders can be added only if it is the same.
+/// Everything that determines the samples of a render. The samples of two renders can be added only if it is equal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
-    /// Buffon's version: another one may draw other random numbers.
+    /// Buffon's version, because random numbers may differ between versions.
     pub version: String,
-    /// Hash of the scene, without sensors.
+    /// Hash of the scene without its sensors.
     pub scene: u64,
     /// Hash of the sensor with its film: view, size, crop, filter.
     pub view: u64,
-    /// Name of the integrator.
+    /// The name of the integrator.
     pub integrator: String,
-    /// Hash of its settings.
+    /// Hash of the integrator's settings.
     pub settings: u64,
-    /// Name of the sampler.
+    /// The name of the sampler.
     pub sampler: String,
-    /// Hash of its parameters: some depend on how many samples there are to be.
+    /// Hash of the sampler's parameters, some of which depend on the number of samples.
     pub sampling: u64,
-    /// The ray traversal: others round differently.
+    /// The ray accelerator, because rounding differs between accelerators.
     pub accel: String,
     /// The seed.
     pub seed: u64,
-    /// Names of the layers.
+    /// The names of the layers.
     pub layers: Vec<String>,
-    /// Samples per pixel that adaptive sampling spreads; 0 without a limit, `None` if sampling is not adaptive.
+    /// The samples per pixel that adaptive sampling distributes; 0 without a limit, `None` without adaptive sampling.
     pub adaptive: Option<u64>,
 }
 
 impl Identity {
-    /// Which render a plan makes of a session's scene.
-    pub fn of(session: &Session, plan: &Plan, origin: Origin) -> Self {
+    /// Returns the identity of a plan for a session's scene.
+    pub fn of(session: &Session, plan: &Plan, origin: SceneHashes) -> Self {
         let job = &plan.job;
         Identity {
             version: env!("CARGO_PKG_VERSION").into(),
@@ -50,7 +50,8 @@ impl Identity {
         }
     }
 
-    /// What this one's samples are, in words that tell them from those of another identity: "samples of another scene".
+    /// Describes the difference to another identity from the point of view of this one, such as "samples of another
+    /// scene".
     pub fn difference(&self, other: &Identity) -> Option<String> {
         let names = |layers: &[String]| if layers.is_empty() { "none".into() } else { layers.join(", ") };
         Some(if self.version != other.version {

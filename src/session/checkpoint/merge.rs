@@ -1,4 +1,4 @@
-//! Merging: the sums of several parts of one render, as those of a whole one.
+//! Merging of checkpoints: the sums of several parts of a render become those of the whole render.
 
 use super::{Checkpoint, list};
 use crate::error::{Error, Result};
@@ -6,11 +6,11 @@ use crate::render::{Rendered, StopReason};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Adds checkpoints of one render, in whatever order they come.
+/// Adds checkpoints of one render, in any order.
 ///
 /// # Errors
-/// If they are of different renders, if two hold the same samples, or if sampling was adaptive: its samples depend on
-/// each other.
+/// If they belong to different renders, two have the same samples, or sampling was adaptive, so that samples depend
+/// on each other.
 pub fn merge(parts: Vec<(PathBuf, Checkpoint)>) -> Result<Checkpoint> {
     let mut parts = parts;
     parts.sort_by_key(|(_, part)| part.label.samples.first().map_or(0, |range| range.start));
@@ -49,7 +49,7 @@ fn refuse(path: &Path, why: &str) -> Error {
     Error::usage(format!("merge: {} {why}", path.display()))
 }
 
-/// Whether two parts can be added.
+/// Checks that two parts can be added.
 fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpoint) -> Result<()> {
     if let Some(difference) = part.label.identity.difference(&first.label.identity) {
         return Err(refuse(path, &format!("holds {difference} as in {}", first_path.display())));
@@ -60,8 +60,8 @@ fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpo
             "is of a render with --adaptive, whose parts are not independent of each other",
         ));
     }
-    if part.label.picture.rect != first.label.picture.rect
-        || part.label.picture.layers != first.label.picture.layers
+    if part.label.image_description.rect != first.label.image_description.rect
+        || part.label.image_description.layers != first.label.image_description.layers
     {
         return Err(refuse(path, &format!("is of another image than {}", first_path.display())));
     }
@@ -79,7 +79,7 @@ fn add(sum: &mut Checkpoint, part: Checkpoint) {
     sum.label.target = sum.label.target.max(part.label.target);
 }
 
-/// The same samples in as few ranges as possible, in their order.
+/// Joins adjacent ranges of samples, in order.
 fn joined(mut ranges: Vec<Range<u64>>) -> Vec<Range<u64>> {
     ranges.sort_by_key(|range| range.start);
     let mut joined: Vec<Range<u64>> = Vec::new();
@@ -93,7 +93,7 @@ fn joined(mut ranges: Vec<Range<u64>>) -> Vec<Range<u64>> {
 }
 
 impl Checkpoint {
-    /// The samples of 0..target that are missing, if it is known how many there are to be.
+    /// Returns the samples of 0..target that are missing, if the target is known.
     pub fn missing(&self) -> Vec<Range<u64>> {
         let mut from = 0;
         let mut missing = Vec::new();
@@ -110,16 +110,16 @@ impl Checkpoint {
         missing
     }
 
-    /// The render that the sums are of, with its error.
+    /// Returns the render of the sums, with its error estimate.
     ///
     /// # Errors
     /// If threads cannot be started.
     pub fn rendered(&self, threads: usize) -> Result<Rendered> {
         let pool = crate::render::thread_pool(threads)?;
         let error = crate::render::state::estimate(&self.state.tiles, &pool);
-        let layers = self.label.picture.layers.clone();
-        let alpha = self.label.picture.pixel_format.has_alpha();
-        let rendered = Rendered::new(self.state.clone(), self.label.picture.rect, layers, alpha);
+        let layers = self.label.image_description.layers.clone();
+        let alpha = self.label.image_description.pixel_format.has_alpha();
+        let rendered = Rendered::new(self.state.clone(), self.label.image_description.rect, layers, alpha);
         let taken: u64 = self.label.samples.iter().map(|range| range.end - range.start).sum();
         let whole = self.label.target.is_some() && self.missing().is_empty();
         Ok(Rendered {

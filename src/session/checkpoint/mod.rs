@@ -1,9 +1,9 @@
-//! Checkpoints: what a render has summed, in a file from which it can go on, and whose sums can be added to others.
+//! Checkpoints: files with the sums of a render, from which it can continue, and which can be merged.
 //!
-//! A checkpoint says which samples of which render it holds ([`Identity`]). Renders go on from their own only, and only
-//! sums of one render are merged. Sums do not depend on how samples were grouped ([`Sum`](crate::math::Sum)), so that a
-//! render that was stopped and gone on with, or split over machines and merged, has the very pixels of an
-//! uninterrupted one.
+//! A checkpoint states the samples and the render to which it belongs ([`Identity`]). A render continues only from
+//! its own checkpoint, and only sums of the same render are merged. Sums do not depend on the grouping of samples
+//! ([`Sum`](crate::math::Sum)). A render that was stopped and continued, or split over machines and merged, therefore
+//! has bit-identical pixels.
 
 pub mod file;
 mod identity;
@@ -11,42 +11,48 @@ pub mod merge;
 
 pub use identity::Identity;
 
-use super::Picture;
+use super::ImageDescription;
 use crate::error::{Error, Result};
-use crate::render::State;
+use crate::render::RenderState;
 use std::ops::Range;
 use std::path::Path;
 
-/// What a checkpoint says of its sums.
+/// The description of a checkpoint's sums.
 #[derive(Clone, Debug)]
-pub struct Label {
-    /// Which render it is.
+pub struct CheckpointLabel {
+    /// The identity of the render.
     pub identity: Identity,
-    /// The image that its sums are of.
-    pub picture: Picture,
-    /// Which samples of each pixel the sums hold: ranges that do not meet, in their order. With adaptive sampling,
-    /// which on average.
+    /// The description of the image.
+    pub image_description: ImageDescription,
+    /// The samples of each pixel in the sums, as disjoint ranges in order. With adaptive sampling, the range of the
+    /// average.
     pub samples: Vec<Range<u64>>,
-    /// How many samples per pixel the whole render is to have, if that is known.
+    /// The samples per pixel of the complete render, if known.
     pub target: Option<u64>,
 }
 
-/// Some of the samples of a render.
+/// A part of the samples of a render.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
-    /// What it is.
-    pub label: Label,
-    /// The sums, and where the render stands.
-    pub state: State,
+    /// The description.
+    pub label: CheckpointLabel,
+    /// The sums and the progress of the render.
+    pub state: RenderState,
 }
 
 impl Checkpoint {
-    /// The state to go on from, if it is of this render, of the range of samples that begins with `first`, and if that
-    /// ends at `end` or before.
+    /// Returns the state from which to continue, if it belongs to this render and to the range of samples that begins
+    /// with `first`, and if it ends at `end` or before.
     ///
     /// # Errors
-    /// If it is not; the message names the file.
-    pub fn resume(self, path: &Path, identity: &Identity, first: u64, end: Option<u64>) -> Result<State> {
+    /// If it does not; the message names the file.
+    pub fn resume(
+        self,
+        path: &Path,
+        identity: &Identity,
+        first: u64,
+        end: Option<u64>,
+    ) -> Result<RenderState> {
         let refuse = |why: String| Err(Error::usage(format!("--resume {}: it {why}", path.display())));
         if let Some(difference) = self.label.identity.difference(identity) {
             return refuse(format!("holds {difference}; name another file, or remove it"));
@@ -62,14 +68,14 @@ impl Checkpoint {
         if end.is_some_and(|end| self.state.next > end) {
             let (has, end) = (self.state.next, end.unwrap_or_default());
             return refuse(format!(
-                "has {has} samples per pixel, more than the {end} that are asked for; --spp {has} writes its picture"
+                "has {has} samples per pixel, more than the {end} that are asked for; --spp {has} writes its image_description"
             ));
         }
         Ok(self.state)
     }
 }
 
-/// "0..64, 128..192" for ranges of samples.
+/// Formats ranges of samples: "0..64, 128..192".
 pub fn list(ranges: &[Range<u64>]) -> String {
     ranges.iter().map(|range| format!("{}..{}", range.start, range.end)).collect::<Vec<_>>().join(", ")
 }

@@ -5,17 +5,17 @@ use crate::util::digest;
 
 /// The scene and the view of a render, as hashes of their data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Origin {
+pub struct SceneHashes {
     /// Hash of the scene, without sensors.
     pub scene: u64,
     /// Hash of the sensor with its film.
     pub view: u64,
 }
 
-impl Origin {
+impl SceneHashes {
     /// The origin of what a sensor of a scene sees.
     pub fn of(description: &Description, sensor: usize) -> Self {
-        Origin { scene: scene(description), view: digest(&description.sensors[sensor]) }
+        SceneHashes { scene: scene(description), view: digest(&description.sensors[sensor]) }
     }
 }
 
@@ -91,7 +91,7 @@ mod tests {
     fn the_hash_of_a_scene_is_the_stored_one() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/cornell-box/cornell-box.xml");
         let scene = load(&path, &LoadOptions::default()).expect("a scene");
-        let Origin { scene, view } = Origin::of(&scene.description, 0);
+        let SceneHashes { scene, view } = SceneHashes::of(&scene.description, 0);
         assert_eq!(format!("{scene:016x} {view:016x}"), "5ae20a2f3125e818 cdfb20eaa2cc0fd6");
     }
 }

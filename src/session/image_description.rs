@@ -1,4 +1,4 @@
-//! The image that a render's sums are of: what is needed to make it of them, without the scene.
+//! The description of a render's image: everything needed to create it from the sums, without the scene.
 
 use super::Session;
 use crate::film::{ComponentFormat, PixelFormat, PixelRect};
@@ -6,18 +6,18 @@ use crate::image::{Image, Metadata, Value};
 use crate::integrator::settings::Layer;
 use crate::render::{Rendered, output};
 
-/// The film of a render.
+/// The film and metadata of a render.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
-    /// The part of the full image that is rendered.
+pub struct ImageDescription {
+    /// The region of the full image.
     pub rect: PixelRect,
-    /// Its channels.
+    /// The channels.
     pub pixel_format: PixelFormat,
-    /// How an EXR stores them.
+    /// The sample type of an EXR file.
     pub component_format: ComponentFormat,
-    /// The layers beside them.
+    /// The layers in addition to the channels.
     pub layers: Vec<Layer>,
-    /// `worldToCamera` and `worldToNDC`, as OpenEXR has them.
+    /// `worldToCamera` and `worldToNDC`, in OpenEXR's convention.
     pub camera: [[f32; 16]; 2],
     /// The integrator's name.
     pub integrator: String,
@@ -25,14 +25,14 @@ pub struct Picture {
     pub seed: u64,
 }
 
-/// Names of the camera's matrices.
+/// The names of the camera's matrices.
 const MATRICES: [&str; 2] = ["worldToCamera", "worldToNDC"];
 
 impl Session {
-    /// The image that renders of a plan give.
-    pub fn picture(&self, plan: &super::Plan) -> Picture {
+    /// Returns the description of a plan's image.
+    pub fn image_description(&self, plan: &super::Plan) -> ImageDescription {
         let film = &self.camera().film;
-        Picture {
+        ImageDescription {
             rect: film.rect(),
             pixel_format: film.pixel_format,
             component_format: film.component_format,
@@ -44,15 +44,15 @@ impl Session {
     }
 }
 
-impl Picture {
-    /// How many numbers are summed for each pixel.
+impl ImageDescription {
+    /// Returns the number of values that are summed for each pixel.
     pub fn channels(&self) -> usize {
         let sampled = self.layers.iter().filter(|layer| layer.aov.is_sampled());
         let layers: usize = sampled.map(|layer| layer.aov.channels().len()).sum();
         3 + usize::from(self.pixel_format.has_alpha()) + layers
     }
 
-    /// The image of a render, with layers and metadata.
+    /// Returns the image of a render, with layers and metadata.
     pub fn image(&self, rendered: &Rendered) -> Image {
         let samples = i32::try_from(rendered.samples_per_pixel).unwrap_or(i32::MAX);
         let mut metadata = Metadata::new()
