@@ -68,7 +68,7 @@ impl Checkpoint {
         if end.is_some_and(|end| self.state.next > end) {
             let (has, end) = (self.state.next, end.unwrap_or_default());
             return refuse(format!(
-                "has {has} samples per pixel, more than the {end} that are asked for; --spp {has} writes its image_description"
+                "has {has} samples per pixel, more than the {end} that are asked for; --spp {has} writes its picture"
             ));
         }
         Ok(self.state)
