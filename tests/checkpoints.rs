@@ -89,18 +89,18 @@ fn mixed_and_overlapping_parts_are_refused() {
     other("scene", "--spp 24");
     folder.write("text", b"no checkpoint at all, but long enough for one");
     for (arguments, sentence) in [
-        ("a seed", "merge: seed holds samples of seed 1, expected 0 as in a"),
-        ("a integrator", "merge: integrator holds samples of the integrator direct, expected path as in a"),
-        ("a settings", "merge: settings holds samples of the integrator ptracer, expected path as in a"),
-        ("a sampler", "merge: sampler holds samples of the sampler halton, expected independent as in a"),
+        ("a seed", "merge: seed has samples of seed 1, expected 0 as in a"),
+        ("a integrator", "merge: integrator has samples of the integrator direct, expected path as in a"),
+        ("a settings", "merge: settings has samples of the integrator ptracer, expected path as in a"),
+        ("a sampler", "merge: sampler has samples of the sampler halton, expected independent as in a"),
         (
             "a view",
-            "merge: view holds samples of another view of the scene (sensor, size, crop or film) as in a",
+            "merge: view has samples of another view of the scene (sensor, size, crop or film) as in a",
         ),
-        ("a layers", "merge: layers holds the layers Z, expected none as in a"),
-        ("a scene", "merge: scene holds samples of another scene as in a"),
-        ("overlap a b", "merge: overlap holds the samples 12..14, of which b has 10..13"),
-        ("a a", "merge: a holds the samples 0..10, of which a has 0..10"),
+        ("a layers", "merge: layers has the layers Z, expected none as in a"),
+        ("a scene", "merge: scene has samples of another scene as in a"),
+        ("overlap a b", "merge: overlap has the samples 12..14; b also has 10..13"),
+        ("a a", "merge: a has the samples 0..10; a also has 0..10"),
     ] {
         let run = merge(&folder, &format!("{arguments} -o m.pfm"));
         assert_eq!((run.code, run.stderr.trim_end()), (2, format!("buffon: {sentence}").as_str()));
@@ -148,15 +148,15 @@ fn what_cannot_be_resumed_is_refused_and_left_as_it_is() {
         ),
         (
             "--spp 4 --checkpoint c --resume",
-            "--resume c: it has 8 samples per pixel, more than the 4 that are asked for; --spp 8 writes its picture",
+            "--resume c: it has 8 samples per pixel, more than the requested 4; use --spp 8 to write its image",
         ),
         (
             "--spp 16 --seed 3 --checkpoint c --resume",
-            "--resume c: it holds samples of seed 0, expected 3; name another file, or remove it",
+            "--resume c: it has samples of seed 0, expected 3; choose another file, or remove it",
         ),
         (
             "--spp 16 --checkpoint c --resume --accel obvhs",
-            "--resume c: it holds samples of the traversal list, expected obvhs; name another file, or remove it",
+            "--resume c: it has samples of the traversal list, expected obvhs; choose another file, or remove it",
         ),
         (
             "--spp 16 --checkpoint range --resume",
@@ -164,15 +164,15 @@ fn what_cannot_be_resumed_is_refused_and_left_as_it_is() {
         ),
         (
             "--spp 4 --sample-range 2..5",
-            "--sample-range 2..5: the whole render has 4 samples per pixel; --spp makes it more",
+            "--sample-range 2..5: the whole render has 4 samples per pixel; increase it with --spp",
         ),
         (
             "--spp 4 --adaptive --sample-range 2..4 --sampler sobol",
-            "--sample-range 2..4: --adaptive decides from the first samples of a pixel where to take more, and needs them all",
+            "--sample-range 2..4: --adaptive needs the first samples of every pixel",
         ),
         (
             "--time 2s --sample-range 2..4",
-            "--sample-range 2..4: a range says how many samples there are; --time and --target-error say otherwise",
+            "--sample-range 2..4: a range fixes the number of samples and excludes --time and --target-error",
         ),
     ] {
         let run = folder.run(&format!("render s.xml -o x.pfm {arguments}"));
@@ -188,7 +188,7 @@ fn what_cannot_be_resumed_is_refused_and_left_as_it_is() {
     );
     assert!(folder.read("c") == before && !folder.files().contains(&"x.pfm".into()));
     let begins = folder.render("s.xml --spp 2 --checkpoint new --resume -o x.pfm");
-    assert!(begins.stderr.contains("note: new is not there yet: the render begins"), "{begins:?}");
+    assert!(begins.stderr.contains("note: new does not exist: starting a new render"), "{begins:?}");
 }
 
 #[test]
@@ -231,7 +231,7 @@ fn damaged_checkpoints_are_refused_before_anything_is_allocated() {
     };
     assert_eq!(with(0, b"X"), "is not a checkpoint");
     assert_eq!(with(8, &[9]), "has version 9, expected 3");
-    assert_eq!(with(12, &[255; 4]), "ends before its header does");
+    assert_eq!(with(12, &[255; 4]), "is truncated: its header is incomplete");
     assert!(with(17, b"!").starts_with("is damaged: its header: "));
     let header = String::from_utf8_lossy(&good).into_owned();
     let rect = header.find("\"rect\":[0,0,5,4]").expect("its place in the header");

@@ -38,7 +38,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "buffon: --integrator aov: expected layers in --aov: albedo, N, geo_normal, P, Z, uv, prim_index, \
              shape_index, variance, standard_error, block_variance, samples, record_radius",
         ),
-        ("render s.xml --aov Z,Z", 2, "buffon: --aov: the layer \"Z\" is there twice"),
+        ("render s.xml --aov Z,Z", 2, "buffon: --aov: found the layer \"Z\" twice"),
         ("render s.xml --aov Z -o s.png", 2, "buffon: --aov: layers need an EXR, which s.png is not"),
         (
             "render s.xml --crop 30,0,20,5",
@@ -56,7 +56,11 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             2,
             "buffon: --display-server: Buffon has no live display; --progress shows where the render stands",
         ),
-        ("render s.xml -o no/x.exr", 4, "buffon: no/x.exr: cannot be written: there is no folder \"no\""),
+        (
+            "render s.xml -o no/x.exr",
+            4,
+            "buffon: no/x.exr: cannot be written: the folder \"no\" does not exist",
+        ),
         (
             "render s.xml -o .",
             4,
@@ -70,7 +74,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         (
             "render s.xml --stats no/s.json",
             4,
-            "buffon: no/s.json: cannot be written: there is no folder \"no\"",
+            "buffon: no/s.json: cannot be written: the folder \"no\" does not exist",
         ),
         ("render s.xml -D foo=1 --strict", 5, "buffon: -D foo=1: the scene never uses $foo"),
         ("diff s.exr s.exr", 4, "buffon: s.exr: no such file"),

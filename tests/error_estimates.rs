@@ -191,8 +191,7 @@ fn adaptive_sampling_works_with_every_rule_and_is_refused_where_it_cannot() {
     }
     let run = folder.run("render s.xml --adaptive --integrator ptracer");
     assert_eq!(run.code, 2);
-    let expected =
-        "--adaptive: ptracer traces its paths from the lights, and cannot decide which pixels they reach";
+    let expected = "--adaptive: ptracer traces paths from the emitters and cannot choose the pixels that they contribute to";
     assert!(run.stderr.contains(expected), "{}", run.stderr);
     for sampler in ["zsobol", "fixed"] {
         let run = folder.run(&format!("render s.xml --adaptive --sampler {sampler}"));

@@ -264,7 +264,7 @@ fn lamps_without_area_or_power_are_never_drawn() {
         let (scene, report) =
             compile(description, CompileOptions { accel, threads: 1, sensor: 0 }).expect("it compiles");
         let warnings: Vec<String> = report.warnings.iter().map(|w| w.to_string()).collect();
-        assert_eq!(warnings, ["an emitter without area sends no light"; 3], "{accel}");
+        assert_eq!(warnings, ["the emitter has no area and emits no light"; 3], "{accel}");
         assert_eq!(scene.lights.len(), 3, "the triangles and the dark points");
         assert_eq!([0, 1, 2].map(|i| scene.light_choice.pmf(i)), [1.0, 0.0, 0.0]);
         let (mut mean, n) = (0.0, 300);

@@ -441,7 +441,7 @@ fn what_cannot_be_read_is_said() {
         assert_eq!(read_error(backend, &file("text.exr", b"hello, world")), expected);
         assert_eq!(read_error(backend, &file("scene.xml", b"<scene/>")), expected);
         let cut = read_error(backend, &file("cut.pfm", b"PF\n2 2\n-1.0\nabc"));
-        assert_eq!(cut, "damaged or cut short PFM file (expected 48 bytes of pixels, found 3)");
+        assert_eq!(cut, "damaged or truncated PFM file (expected 48 bytes of pixels, found 3)");
     }
 }
 
@@ -458,7 +458,7 @@ fn files_cut_short_are_refused_by_name() {
             fs::write(&cut, &bytes[..length]).unwrap();
             for backend in backends() {
                 let error = read_error(backend, &cut);
-                let start = format!("damaged or cut short {format} file (");
+                let start = format!("damaged or truncated {format} file (");
                 assert!(error.starts_with(&start) && error.ends_with(')'), "{backend} {length}: {error}");
                 assert!(!error.contains('\n'), "{error}");
             }
@@ -510,7 +510,7 @@ fn what_cannot_be_written_is_said() {
     assert_eq!(says("a", &good), format!("DIR/a: {extensions}, found none"));
     assert_eq!(
         says("no/such/a.exr", &good),
-        "DIR/no/such/a.exr: cannot be written: there is no folder \"DIR/no/such\""
+        "DIR/no/such/a.exr: cannot be written: the folder \"DIR/no/such\" does not exist"
     );
     fs::create_dir(dir.path().join("folder.exr")).unwrap();
     assert_eq!(says("folder.exr", &good), "DIR/folder.exr: cannot be written: it is a folder");
@@ -519,9 +519,9 @@ fn what_cannot_be_written_is_said() {
         "DIR/a.exr: expected an image of at least one pixel and channel, this one has 0x4 pixels, 1 channels"
     );
     let short = Image { data: vec![0.0; 5], ..good.clone() };
-    assert_eq!(says("a.exr", &short), "DIR/a.exr: 2x2 pixels of 3 channels do not make 5 values");
+    assert_eq!(says("a.exr", &short), "DIR/a.exr: expected 2x2 pixels with 3 channels, found 5 values");
     let twice = Image::new(1, 1, &["R", "R"]);
-    assert_eq!(says("a.exr", &twice), "DIR/a.exr: there are two channels named \"R\"");
+    assert_eq!(says("a.exr", &twice), "DIR/a.exr: expected unique channel names, found \"R\" twice");
     let wide = Image::new(65_501, 1, &["Y"]);
     assert_eq!(says("a.jpg", &wide), "DIR/a.jpg: JPEG: expected at most 65500x65500 pixels, found 65501x1");
     let normals = Image::new(1, 1, &["N.X", "N.Y", "N.Z"]);

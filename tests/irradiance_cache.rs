@@ -211,8 +211,8 @@ fn stale_and_foreign_caches_are_refused_and_kept() {
         ("-D grey=0.5 --cache c", "holds records of another scene"),
         ("-D quality=2 --cache c", "holds records of other settings"),
         ("--cache foreign", "is not a file of irradiance records"),
-        ("--integrator path --cache c", "path computes nothing beforehand"),
-        ("--integrator path --aov record_radius", "has no records"),
+        ("--integrator path --cache c", "path has no preparation that a file could store"),
+        ("--integrator path --aov record_radius", "has no irradiance records"),
     ] {
         let run = folder.run(&format!("render s.xml --spp 2 -q -o a.exr {arguments}"));
         assert!(run.code != 0 && run.stderr.contains(said), "{arguments}: {run:?}");

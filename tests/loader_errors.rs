@@ -188,7 +188,7 @@ fn parameters_includes_and_references() {
         error("<include filename='no.xml'/>"),
         "scene.xml:2:1: <include>: there is no file \"no.xml\""
     );
-    assert_eq!(error("<path value='no'/>"), "scene.xml:2:1: <path>: there is no folder \"no\"");
+    assert_eq!(error("<path value='no'/>"), "scene.xml:2:1: <path>: the folder \"no\" does not exist");
     assert_eq!(
         error("<include filename='scene.xml'/>"),
         "scene.xml:2:1: <include>: scene.xml: the file includes itself"

@@ -206,7 +206,7 @@ fn warnings_and_notes() {
         "<shape type='rectangle'><transform name='to_world'><scale x='1e-30' y='1e-30'/></transform>\
          <emitter type='area'/></shape>",
     );
-    assert_eq!(refused(&lamp, &[]), (5, "s.xml:3:1: an emitter without area sends no light".to_owned()));
+    assert_eq!(refused(&lamp, &[]), (5, "s.xml:3:1: the emitter has no area and emits no light".to_owned()));
     let folder = Folder::with(&scene(SENSOR));
     let run = folder.run("render s.xml -o out.exr --spp 1");
     assert_eq!(run.code, 0);

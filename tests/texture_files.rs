@@ -192,7 +192,7 @@ fn floats_are_linear_and_halves_where_nothing_is_lost() {
     let path = dir.path().join("layers.exr");
     write(&path, &Image::new(2, 2, &["N.X", "N.Y"]), &WriteOptions::default()).unwrap();
     for backend in backends() {
-        let expected = "expected a picture (channels R, G and B, or Y), found N.X, N.Y";
+        let expected = "expected a base layer (channels R, G and B, or Y), found N.X, N.Y";
         assert_eq!(error(backend, &path), expected);
     }
 }
@@ -233,7 +233,7 @@ fn short_and_boasting_files_are_refused() {
             fs::write(&damaged, &bytes[..length]).unwrap();
             for backend in backends() {
                 let found = error(backend, &damaged);
-                let start = format!("damaged or cut short {format} file (");
+                let start = format!("damaged or truncated {format} file (");
                 assert!(found.starts_with(&start), "{name} of {length} by {backend}: {found}");
             }
         }
@@ -255,7 +255,7 @@ fn short_and_boasting_files_are_refused() {
         fs::write(&damaged, &boasting).unwrap();
         for backend in backends() {
             let found = error(backend, &damaged);
-            let start = format!("damaged or cut short {format} file (");
+            let start = format!("damaged or truncated {format} file (");
             assert!(found.starts_with(&start), "{name} by {backend}: {found}");
         }
     }

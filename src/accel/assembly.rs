@@ -130,7 +130,7 @@ impl Assembly {
             }
         }
         if let Some(marks) = self.filter.as_ref().map(|f| f.geometry.len()).filter(|&n| n != count) {
-            return internal(format!("expected a mark for each of {count} geometries, found {marks}"));
+            return internal(format!("expected {count} marks, one for each geometry, found {marks}"));
         }
         let mut checked = CheckedAssembly {
             dropped: 0,

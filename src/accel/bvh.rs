@@ -63,7 +63,7 @@ impl Bvh {
         let Assembly { geometry, groups, instances, filter } = assembly;
         let count = geometry.iter().map(Geometry::len).sum::<usize>() + instances.len();
         if u32::try_from(count).is_err() {
-            return Err(Error::scene(format!("{count} primitives are more than the BVH can number")));
+            return Err(Error::scene(format!("expected fewer than 2^32 primitives, found {count}")));
         }
         let building = memory.reserve(count as u64 * build::BYTES_PER_PRIMITIVE).map_err(|refusal| {
             let what = format!("building the BVH of {}", counted(count as u64, "primitive", "primitives"));

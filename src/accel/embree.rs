@@ -47,7 +47,7 @@ impl EmbreeAccel {
         if numbered.is_none() {
             let (shapes, instances) = (geometry.len(), instances.len());
             let message =
-                format!("{shapes} shapes and {instances} instances are more than Embree can number");
+                format!("expected fewer than 2^32 shapes and instances, found {shapes} and {instances}");
             return Err(Error::scene(message));
         }
         let device = Device::within(DeviceOptions { threads, ..DeviceOptions::default() }, memory.clone())?;

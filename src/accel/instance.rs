@@ -173,10 +173,9 @@ impl Instance {
             let det = least_determinant(&a.matrix3, &b.matrix3);
             if det.is_nan() || det <= f64::from(gamma(32)) * greatest.permanent {
                 return Err(Error::scene(match self.is_moving() {
-                    false => "expected a transform that can be inverted, found one that flattens".to_string(),
+                    false => "expected an invertible transform, found a singular one".to_string(),
                     true => format!(
-                        "expected a motion that can be inverted at all times, found one that flattens between the \
-                         steps {i} and {}; it needs more steps",
+                        "expected a motion that is invertible at all times, found a singular transform between the steps {i} and {}; use more steps",
                         i + 1
                     ),
                 }));
@@ -188,7 +187,7 @@ impl Instance {
             limit = limit.min(share.min_element());
         }
         if limit <= 0.0 {
-            return Err(Error::scene("expected a transform nearer to the origin, for its inverse overflows"));
+            return Err(Error::scene("expected a transform nearer to the origin; its inverse overflows"));
         }
         Ok(limit as f32)
     }
@@ -317,7 +316,7 @@ mod tests {
             matrix3: DMat3::from_cols(DVec3::X, DVec3::Y, DVec3::ONE - DVec3::Z),
             translation: DVec3::ZERO,
         };
-        assert_eq!(refused(&[flat]), "expected a transform that can be inverted, found one that flattens");
+        assert_eq!(refused(&[flat]), "expected an invertible transform, found a singular one");
         let half_turn = [turned(0.0), turned(1.0), turned(1.0 + std::f64::consts::PI)];
         assert!(refused(&half_turn).contains("between the steps 1 and 2; it needs more steps"));
         assert!(refused(&[turned(0.0), DAffine3::from_scale(DVec3::new(1.0, 1.0, -1.0))]).contains("motion"));

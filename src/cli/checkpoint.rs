@@ -43,7 +43,7 @@ impl Checkpointing {
             }
             (false, resume) => {
                 if resume && !args.quiet {
-                    eprintln!("buffon: note: {} is not there yet: the render begins", path.display());
+                    eprintln!("buffon: note: {} does not exist: starting a new render", path.display());
                 }
                 None
             }

@@ -7,17 +7,13 @@ const MAPS: [[&str; 3]; 3] = [
     [
         "global_light_paths",
         "global_photons",
-        "no photon has landed: the picture lacks all light that surfaces scatter more than once",
+        "the global photon map is empty: the image has no light scattered more than once",
     ],
-    [
-        "caustic_light_paths",
-        "caustic_photons",
-        "no photon has landed by way of mirrors or glass: there are no caustics in the picture",
-    ],
+    ["caustic_light_paths", "caustic_photons", "the caustic photon map is empty: the image has no caustics"],
     [
         "light_paths_of_a_pass",
         "photons_of_the_last_pass",
-        "no photon of the last pass has landed after being scattered: it lacks all light but direct light",
+        "the last pass deposited no scattered photons: it has direct light only",
     ],
 ];
 

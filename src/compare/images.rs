@@ -95,14 +95,13 @@ impl fmt::Display for NotComparable {
                 write!(f, "the channels differ: {} and {}", a.join(", "), b.join(", "))
             }
             NotComparable::NoVariance(names) => {
-                write!(f, "a z-test needs variances: no image has the channels {}", names.join(", "))
+                write!(f, "a z-test needs variances: expected the channels {} in at least one image, found none (render with --aov variance)", names.join(", "))
             }
             NotComparable::NoBlockVariance => f.write_str(
-                "the pixels of an image share noise, and it has no layer block_variance to say how much: expected one \
-                 that was rendered with --aov variance",
+                "the pixels of an image share noise: expected the layer block_variance, found none (render with --aov variance)",
             ),
             NotComparable::BadVariance(at) => {
-                write!(f, "a z-test needs variances of at least 0, found another at {at}")
+                write!(f, "expected variances of at least 0, found a negative or invalid one at {at}")
             }
             NotComparable::Library(why) => write!(f, "the comparison failed ({why})"),
         }

@@ -551,13 +551,13 @@ mod tests {
         let says = |a: &Image, b: &Image, v| z_test(a, b, v, 0.01).unwrap_err().to_string();
         assert_eq!(
             says(&plain, &plain, None),
-            "a z-test needs variances: no image has the channels variance.R, variance.G, variance.B"
+            "a z-test needs variances: expected the channels variance.R, variance.G, variance.B in at least one image, found none (render with --aov variance)"
         );
         let mut negative = plain.clone();
         negative.data[1] = -1.0;
         assert_eq!(
             says(&plain, &plain, Some(&negative)),
-            "a z-test needs variances of at least 0, found another at pixel (0, 0), channel G"
+            "expected variances of at least 0, found a negative or invalid one at pixel (0, 0), channel G"
         );
         let other = Image::new(2, 1, &["R", "G", "B"]);
         assert_eq!(says(&plain, &plain, Some(&other)), "the sizes differ: 1x1 and 2x1");

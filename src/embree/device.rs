@@ -115,7 +115,8 @@ impl Device {
         if raw.is_null() {
             // SAFETY: a null device is the documented way to ask why `rtcNewDevice` failed.
             let code = unsafe { sys::rtcGetDeviceError(ptr::null_mut()) };
-            return Err(Error::internal(format!("no device: {}", describe(code))).about("Embree"));
+            return Err(Error::internal(format!("cannot create an Embree device: {}", describe(code)))
+                .about("Embree"));
         }
         let state = Box::new(CallbackState {
             bytes: AtomicIsize::new(0),

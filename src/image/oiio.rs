@@ -67,7 +67,7 @@ impl Message {
     fn text(&self) -> String {
         let bytes: Vec<u8> = self.0.iter().take_while(|&&c| c != 0).map(|&c| c as u8).collect();
         let text = String::from_utf8_lossy(&bytes).trim().replace('\n', "; ");
-        if text.is_empty() { "OpenImageIO gives no reason".into() } else { text }
+        if text.is_empty() { "OpenImageIO reported no reason".into() } else { text }
     }
 }
 
@@ -83,7 +83,7 @@ fn c_path(path: &Path) -> Result<CString, String> {
 /// Appends a NUL to the bytes.
 fn c_text(bytes: impl AsRef<[u8]>) -> Result<CString, String> {
     CString::new(bytes.as_ref())
-        .map_err(|e| format!("{:?} holds a NUL", String::from_utf8_lossy(&e.into_vec())))
+        .map_err(|e| format!("expected text without NUL, found {:?}", String::from_utf8_lossy(&e.into_vec())))
 }
 
 /// Returns the library's name of a format.
@@ -300,7 +300,7 @@ pub(super) fn decode_stored(bytes: &[u8], format: Format, most: u64) -> Result<S
 
 /// Reads the samples of an open file's first part.
 fn stored(mut reader: OiioReader<'_>, most: u64) -> Result<StoredPixels, String> {
-    let part = reader.part(0)?.ok_or("there is no image in it")?;
+    let part = reader.part(0)?.ok_or("expected an image in the file, found none")?;
     if !(1..=4).contains(&part.channels) {
         return Err(format!("expected 1 to 4 channels, found {}", part.channels));
     }
@@ -470,7 +470,11 @@ pub(super) fn encode_bytes(format: Format, pixels: &BytePixels, quality: u8) -> 
 /// Returns width, height and channels, which are checked against the number of values.
 fn shape(image: &Image) -> Result<[i32; 3], String> {
     let sides = [image.width, image.height, image.channels.len()];
-    assert_eq!(image.data.len(), sides.iter().product::<usize>(), "the values do not fit the image");
+    assert_eq!(
+        image.data.len(),
+        sides.iter().product::<usize>(),
+        "the number of values does not match the image's size"
+    );
     match sides.map(i32::try_from) {
         [Ok(width), Ok(height), Ok(channels)] => Ok([width, height, channels]),
         _ => Err(format!("an image of {}x{} is too large for OpenImageIO", image.width, image.height)),

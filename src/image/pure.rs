@@ -179,7 +179,7 @@ fn image_format(format: Format) -> ImageFormat {
         Format::Bmp => ImageFormat::Bmp,
         Format::Tga => ImageFormat::Tga,
         Format::Hdr => ImageFormat::Hdr,
-        Format::OpenExr | Format::Pfm => unreachable!("these have readers of their own"),
+        Format::OpenExr | Format::Pfm => unreachable!("these formats are read by other modules"),
     }
 }
 

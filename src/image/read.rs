@@ -102,9 +102,9 @@ fn layers(backend: Backend, name: &Path, bytes: &[u8], memory: &Budget) -> Resul
         Some(format) => format,
     };
     let damaged =
-        |why: String| fail(format!("damaged or cut short {} image ({})", format.name(), why.trim()));
+        |why: String| fail(format!("damaged or truncated {} image ({})", format.name(), why.trim()));
     if format == Format::Jpeg && !jpeg_is_whole(bytes) {
-        return Err(damaged("the end of the image is missing".into()));
+        return Err(damaged("the file is truncated".into()));
     }
     let admitted = header::reserve_decoding(format, bytes, bytes.len() as u64, Purpose::Texture, memory);
     let reserved = admitted.map_err(|denied| match denied {
@@ -135,7 +135,7 @@ impl<'a> ImageFile<'a> {
     }
 
     fn damaged(&self, why: &str) -> Error {
-        self.fail(format!("damaged or cut short {} file ({})", self.format.name(), why.trim()))
+        self.fail(format!("damaged or truncated {} file ({})", self.format.name(), why.trim()))
     }
 
     /// Reserves the memory for decoding according to the header, whose sizes must not exceed what the file can
@@ -191,7 +191,7 @@ impl<'a> ImageFile<'a> {
         let bytes = std::fs::read(self.path).map_err(|e| self.damaged(&e.to_string()))?;
         match jpeg_is_whole(&bytes) {
             true => Ok(()),
-            false => Err(self.damaged("the end of the image is missing")),
+            false => Err(self.damaged("the file is truncated")),
         }
     }
 }

@@ -97,7 +97,7 @@ impl TextureImage {
     pub(super) fn from_image(image: &Image) -> Result<Self, String> {
         let Some(rgb) = image.rgb_channels() else {
             let found = image.channels.join(", ");
-            return Err(format!("expected a picture (channels R, G and B, or Y), found {found}"));
+            return Err(format!("expected a base layer (channels R, G and B, or Y), found {found}"));
         };
         let wanted: &[usize] = if rgb[0] == rgb[1] { &rgb[..1] } else { &rgb };
         let (width, height, channels) = (image.width, image.height, wanted.len());
@@ -244,7 +244,7 @@ fn check(width: usize, height: usize, channels: usize, found: usize) -> Result<(
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     if found == 0 || expected != Some(found) {
         let size = format!("{width}x{height} pixels of {channels}");
-        return Err(Error::internal(format!("expected the values of {size}, found {found} of them")));
+        return Err(Error::internal(format!("expected the values of {size}, found {found} values")));
     }
     Ok(())
 }
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn a_wrong_number_of_values_is_refused() {
         let error = TextureImage::from_floats(2, 2, 3, vec![0.0; 11]).unwrap_err();
-        assert_eq!(error.to_string(), "expected the values of 2x2 pixels of 3, found 11 of them");
+        assert_eq!(error.to_string(), "expected the values of 2x2 pixels of 3, found 11 values");
         assert!(TextureImage::from_floats(0, 2, 3, vec![]).is_err());
         assert!(TextureImage::from_bytes(1, 1, 2, vec![0; 2]).is_err());
         assert!(TextureImage::from_floats(usize::MAX, 2, 1, vec![0.0]).is_err());

@@ -184,7 +184,9 @@ fn check(image: &Image) -> Result<(), String> {
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     if expected != Some(image.data.len()) {
         let found = image.data.len();
-        return Err(format!("{width}x{height} pixels of {channels} channels do not make {found} values"));
+        return Err(format!(
+            "expected {width}x{height} pixels with {channels} channels, found {found} values"
+        ));
     }
     let mut seen = HashSet::new();
     for name in &image.channels {
@@ -192,7 +194,7 @@ fn check(image: &Image) -> Result<(), String> {
             return Err(format!("expected a channel name of 1 to 255 bytes, found \"{name}\""));
         }
         if !seen.insert(name) {
-            return Err(format!("there are two channels named \"{name}\""));
+            return Err(format!("expected unique channel names, found \"{name}\" twice"));
         }
     }
     for (name, value) in image.metadata.iter() {

@@ -60,9 +60,9 @@ impl<'a> ShadingBlock<'a> {
         let rays = RayX16::load(rays, first);
         let hits = &hits[first..first + count];
         // Inactive lanes repeat the last hit.
-        let hit = |i: usize| hits[i.min(count - 1)].expect("rays without a hit are squeezed out");
+        let hit = |i: usize| hits[i.min(count - 1)].expect("rays without a hit were removed");
         let hits = match hits.first_chunk::<LANES>() {
-            Some(chunk) => chunk.map(|hit| hit.expect("rays without a hit are squeezed out")),
+            Some(chunk) => chunk.map(|hit| hit.expect("rays without a hit were removed")),
             None => std::array::from_fn(hit),
         };
         let at = scene.interactions(&rays, &hits);

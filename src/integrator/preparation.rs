@@ -91,8 +91,7 @@ pub(super) fn reject_motion(integrator: &str, kept: &str, scene: &Scene) -> Resu
     match scene.needs.motion {
         false => Ok(()),
         true => Err(Error::scene(format!(
-            "{integrator}: the scene moves while the shutter is open, and {kept} are not of one time: expected a scene at \
-             rest, or one of path, ptracer, sppm and distribution"
+            "{integrator}: expected a scene without motion, because {kept} have no time; for motion blur use path, ptracer, sppm or distribution"
         ))),
     }
 }

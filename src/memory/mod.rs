@@ -240,10 +240,10 @@ impl Refusal {
     pub fn sentence(&self, what: &str, change: &str) -> String {
         let (whose, or) = match self.source {
             LimitSource::Given => ("--memory-limit", "give a larger --memory-limit"),
-            LimitSource::Machine => ("what was free on this machine", "go beyond that with --memory-limit"),
-            LimitSource::ControlGroup => ("what its control group leaves this process", "raise that limit"),
-            LimitSource::AddressSpace => ("what ulimit -v leaves this process", "raise that limit"),
-            LimitSource::Nobody => ("what can be counted", "split the work"),
+            LimitSource::Machine => ("the free memory of this machine", "go beyond that with --memory-limit"),
+            LimitSource::ControlGroup => ("the limit of the process's control group", "raise that limit"),
+            LimitSource::AddressSpace => ("the limit of ulimit -v", "raise that limit"),
+            LimitSource::Nobody => ("the largest number of bytes", "split the work"),
         };
         let [needed, left, limit] = [self.needed, self.left, self.limit].map(Amount);
         format!(

@@ -183,9 +183,10 @@ impl SceneCompiler {
                     emitter = Some(EmitterId::from(self.lights.len()));
                     self.lights.push(Light::Area(Box::new(area)));
                 }
-                None => {
-                    self.report.warnings.push(locate(Error::scene("an emitter without area sends no light")))
-                }
+                None => self
+                    .report
+                    .warnings
+                    .push(locate(Error::scene("the emitter has no area and emits no light"))),
             }
         }
         let id = ShapeId::from(self.shapes.len());

@@ -76,25 +76,24 @@ impl Session {
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
         if choices.adaptive && !kind.has_independent_pixels() {
             return Err(Error::usage(format!(
-                "--adaptive: the sampler {kind} makes a pixel's samples depend on its neighbours', which decide how many \
-                 it gets: the picture would be biased"
+                "--adaptive: with the sampler {kind}, the samples of neighbouring pixels are correlated, so the image would be biased; use another sampler"
             )));
         }
         if choices.adaptive && created.light_tracer().is_some() {
             return Err(Error::usage(format!(
-                "--adaptive: {} traces its paths from the lights, and cannot decide which pixels they reach",
+                "--adaptive: {} traces paths from the emitters and cannot choose the pixels that they contribute to",
                 created.name()
             )));
         }
         if choices.adaptive && created.progressive().is_some() {
             return Err(Error::usage(format!(
-                "--adaptive: {} traces photons for all pixels at once, and cannot take samples of some pixels alone",
+                "--adaptive: {} traces photons for all pixels together and cannot sample some of the pixels",
                 created.name()
             )));
         }
         if choices.cache.is_some() && !created.supports_cache_file() {
             return Err(Error::usage(format!(
-                "--cache: {} computes nothing beforehand that a file could keep",
+                "--cache: {} has no preparation that a file could store",
                 created.name()
             )));
         }
@@ -110,20 +109,15 @@ fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Resu
     let Range { start, end } = *range;
     let refuse = |why: String| Err(Error::usage(format!("--sample-range {start}..{end}: {why}")));
     if choices.adaptive {
-        return refuse(
-            "--adaptive decides from the first samples of a pixel where to take more, and needs them all"
-                .into(),
-        );
+        return refuse("--adaptive needs the first samples of every pixel".into());
     }
     if stop.error.is_some() || stop.time.is_some() {
-        return refuse(
-            "a range says how many samples there are; --time and --target-error say otherwise".into(),
-        );
+        return refuse("a range fixes the number of samples and excludes --time and --target-error".into());
     }
     let total = stop.samples.unwrap_or(0);
     if end > total {
         let samples = counted(total, "sample", "samples");
-        return refuse(format!("the whole render has {samples} per pixel; --spp makes it more"));
+        return refuse(format!("the whole render has {samples} per pixel; increase it with --spp"));
     }
     stop.samples = Some(end);
     Ok(start)
@@ -175,7 +169,7 @@ fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<
         };
         if aov == Aov::RecordRadius && !matches!(cached, Settings::Irrcache(_)) {
             return Err(Error::usage(format!(
-                "--aov record_radius: {} has no records; irrcache has",
+                "--aov record_radius: {} has no irradiance records; use irrcache",
                 settings.name()
             )));
         }
@@ -184,7 +178,7 @@ fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<
             continue;
         }
         if layers.iter().any(|l| l.name == *name) {
-            return Err(Error::usage(format!("--aov: the layer \"{name}\" is there twice")));
+            return Err(Error::usage(format!("--aov: found the layer \"{name}\" twice")));
         }
         layers.push(Layer { name: name.clone(), aov });
     }

@@ -258,7 +258,7 @@ fn cylinder(ends: [Vec3; 2], radius: f32, to_world: &DAffine3, flip: bool) -> Re
     let lean = [side[0].dot(side[1]) / lengths[0], side[0].dot(axis), side[1].dot(axis)];
     let uneven = (lengths[1] - lengths[0]).abs();
     if lean.iter().chain([&uneven]).any(|off| off.abs() > 1e-4 * lengths[0]) {
-        return Err(Error::scene("expected a cylinder's cross section to stay a circle across its axis"));
+        return Err(Error::scene("expected a transform that keeps the cylinder's cross section circular"));
     }
     Ok(WorldShape::Cylinder {
         p0: p0.as_vec3(),

@@ -88,7 +88,7 @@ impl Format {
         let length = u64::from(word(12));
         let left = metadata.len().saturating_sub(PREFIX + CHECKSUM);
         if length > u64::from(LONGEST_HEADER) || length > left {
-            return Err("ends before its header does".into());
+            return Err("is truncated: its header is incomplete".into());
         }
         let mut bytes = vec![0; length as usize];
         file.read_exact(&mut bytes).map_err(unreadable)?;
@@ -138,7 +138,7 @@ impl Body {
         if checksum.finalize() == u32::from_le_bytes(sum) {
             Ok(())
         } else {
-            Err("is damaged: its checksum is not that of its bytes".into())
+            Err("is damaged: its checksum is wrong".into())
         }
     }
 }
@@ -235,12 +235,12 @@ mod tests {
         assert_eq!(refused(b""), "is not a test file");
         assert_eq!(with(0, b"PNG"), "is not a test file");
         assert_eq!(with(8, &[9]), "has version 9, expected 7");
-        assert_eq!(with(12, &[255; 4]), "ends before its header does");
-        assert_eq!(refused(&good[..30]), "ends before its header does");
+        assert_eq!(with(12, &[255; 4]), "is truncated: its header is incomplete");
+        assert_eq!(refused(&good[..30]), "is truncated: its header is incomplete");
         assert!(with(17, b"!").starts_with("is damaged: its header: "));
         let short = "is damaged: it has 4 bytes after its header, expected 5";
         assert_eq!(refused(&good[..good.len() - 1]), short);
-        let damaged = "is damaged: its checksum is not that of its bytes";
+        let damaged = "is damaged: its checksum is wrong";
         assert_eq!(with(good.len() - 6, b"!"), damaged);
         assert_eq!(with(good.len() - 1, &[good[good.len() - 1] ^ 1]), damaged);
         let (_, body) = FORMAT.open::<Vec<u64>>(&path).unwrap();

@@ -52,7 +52,7 @@ fn begin(path: &Path) -> Result<(PathBuf, TemporaryFile)> {
         _ => PathBuf::from("."),
     };
     if !folder.is_dir() {
-        return Err(fail(format!("there is no folder \"{}\"", folder.display())));
+        return Err(fail(format!("the folder \"{}\" does not exist", folder.display())));
     }
     let name = TemporaryName::of(&target);
     name.remove_abandoned(&folder);

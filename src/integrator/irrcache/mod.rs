@@ -129,7 +129,7 @@ impl IrradianceCache {
             }),
             None if self.settings.overture => Ok(CacheContents::default()),
             None => Err(Error::scene(
-                "irrcache: without an overture the records must come from a file: expected --cache FILE",
+                "irrcache: with overture=false, records come from a file only: expected --cache FILE",
             )),
         }
     }

@@ -154,7 +154,7 @@ fn read(contents: &PhotonFileContents, mut body: Body) -> Result<Vec<(MapLabel, 
 fn map(entry: &MapEntry, photons: Vec<Photon>) -> Result<(MapLabel, PhotonMap), String> {
     let map = PhotonMap::new(photons, entry.emitted);
     if map.dropped() > 0 || (entry.emitted == 0 && !map.is_empty()) {
-        return Err("holds photons that no light path has left".into());
+        return Err("is damaged: it has an invalid photon".into());
     }
     Ok((entry.label, map))
 }
@@ -259,7 +259,7 @@ mod tests {
         assert_eq!(refused(&[u64::MAX, 1], 0, 1, &photon), endless);
         let short = "is damaged: it has 24 bytes after its header, expected 26388279066624";
         assert_eq!(refused(&[1 << 40], 0, 1, &photon), short);
-        let unsent = "holds photons that no light path has left";
+        let unsent = "is damaged: it has an invalid photon";
         assert_eq!(refused(&[1], 0, 0, &photon), unsent);
         assert_eq!(refused(&[1], 0, 1, &f32::NAN.to_le_bytes().repeat(6)), unsent);
         assert!(load(folder.path(), ORIGIN).is_err());

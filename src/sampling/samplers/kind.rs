@@ -71,8 +71,7 @@ impl SamplerKind {
         let Some(samples) = samples_per_pixel else {
             let planned = super::DEFAULT_COUNT;
             return Some(format!(
-                "the sampler {self} is laid out for {planned} samples per pixel where --spp names no number, and begins \
-                 anew after those"
+                "the sampler {self} assumes {planned} samples per pixel without --spp, and starts a new sequence after that"
             ));
         };
         let (most, fits): (u64, fn(u64) -> bool) = match of_two {
@@ -80,7 +79,7 @@ impl SamplerKind {
             false => (2 * Grid::MAX_POINTS, |n| n % 2 == 0 && u64::from(Grid::new(n / 2).cells()) == n / 2),
         };
         if samples > most {
-            return Some(format!("the sampler {self} begins anew after {most} samples per pixel"));
+            return Some(format!("the sampler {self} starts a new sequence after {most} samples per pixel"));
         }
         if samples == 1 || fits(samples) {
             return None;
@@ -88,10 +87,12 @@ impl SamplerKind {
         let below = (1..samples).rev().find(|&n| fits(n)).unwrap_or(1);
         let above = (samples + 1..).find(|&n| fits(n)).unwrap_or(most);
         let why = match of_two {
-            true => "spreads its error best at powers of two",
-            false => "fills all of its strata only at some numbers of samples",
+            true => "has the best error distribution for powers of two",
+            false => "fills all strata only for certain numbers of samples",
         };
-        Some(format!("the sampler {self} {why}: {below} or {above} samples per pixel instead of {samples}"))
+        Some(format!(
+            "the sampler {self} {why}: use {below} or {above} samples per pixel instead of {samples}"
+        ))
     }
 }
 

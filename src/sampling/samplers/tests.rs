@@ -145,19 +145,18 @@ fn advice_names_the_nearest_numbers_that_fit() {
     assert_eq!([1, 2, 64, 1 << 17].map(|spp| advice(SamplerKind::Zsobol, Some(spp))), [""; 4]);
     assert_eq!(
         advice(SamplerKind::Multijitter, Some(62)),
-        "the sampler multijitter fills all of its strata only at some numbers of samples: 60 or 64 samples per pixel \
-         instead of 62"
+        "the sampler multijitter fills all strata only for certain numbers of samples: use 60 or 64 samples per pixel instead of 62"
     );
     assert_eq!(
         advice(SamplerKind::Zsobol, Some(100)),
-        "the sampler zsobol spreads its error best at powers of two: 64 or 128 samples per pixel instead of 100"
+        "the sampler zsobol has the best error distribution for powers of two: use 64 or 128 samples per pixel instead of 100"
     );
     assert_eq!(
         advice(SamplerKind::Zsobol, None),
-        "the sampler zsobol is laid out for 128 samples per pixel where --spp names no number, and begins anew after those"
+        "the sampler zsobol assumes 128 samples per pixel without --spp, and starts a new sequence after that"
     );
     assert_eq!(
         advice(SamplerKind::Stratified, Some(u64::MAX)),
-        "the sampler stratified begins anew after 2097152 samples per pixel"
+        "the sampler stratified starts a new sequence after 2097152 samples per pixel"
     );
 }

@@ -84,7 +84,7 @@ fn read(path: &Path) -> Result<Checkpoint, String> {
     let allocation_bytes = if header.pilot.is_some() { Allocation::byte_count(pixels) } else { 0 };
     let tile_bytes = pixels.checked_mul(Tile::bytes_per_pixel(channels, header.replicates) as u64);
     body.expect_length(tile_bytes.and_then(|bytes| bytes.checked_add(allocation_bytes)))?;
-    let damaged = || "is damaged: its numbers are those of no render".to_string();
+    let damaged = || "is damaged: its sums are invalid".to_string();
     let mut state = RenderState::new(image_description.rect, channels, header.replicates, header.next);
     let mut bytes = Vec::new();
     for tile in &mut state.tiles {
@@ -156,7 +156,7 @@ impl Header {
         }
         let ordered = self.samples.iter().flatten().is_sorted_by(|a, b| a <= b);
         if !ordered || self.samples.iter().any(|[start, end]| start >= end) {
-            return Err(damaged("samples in no order"));
+            return Err(damaged("ranges of samples that are not in order"));
         }
         if self.pass_end < self.next || self.samples.last().is_some_and(|last| last[1] != self.next) {
             return Err(damaged("a pass that ends before it begins"));

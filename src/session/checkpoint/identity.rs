@@ -75,7 +75,7 @@ impl Identity {
         } else if self.layers != other.layers {
             format!("the layers {}, expected {}", names(&self.layers), names(&other.layers))
         } else if self.adaptive != other.adaptive {
-            "samples that were spread otherwise over the pixels (--adaptive, --spp)".into()
+            "samples with another distribution over the pixels (--adaptive, --spp)".into()
         } else {
             return None;
         })

@@ -28,7 +28,7 @@ pub fn merge(parts: Vec<(PathBuf, Checkpoint)>) -> Result<Checkpoint> {
                 return Err(refuse(
                     &path,
                     &format!(
-                        "holds the samples {}, of which {} has {}",
+                        "has the samples {}; {} also has {}",
                         list(std::slice::from_ref(range)),
                         file.display(),
                         list(std::slice::from_ref(other))
@@ -52,18 +52,15 @@ fn refuse(path: &Path, why: &str) -> Error {
 /// Checks that two parts can be added.
 fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpoint) -> Result<()> {
     if let Some(difference) = part.label.identity.difference(&first.label.identity) {
-        return Err(refuse(path, &format!("holds {difference} as in {}", first_path.display())));
+        return Err(refuse(path, &format!("has {difference} as in {}", first_path.display())));
     }
     if part.label.identity.adaptive.is_some() {
-        return Err(refuse(
-            path,
-            "is of a render with --adaptive, whose parts are not independent of each other",
-        ));
+        return Err(refuse(path, "belongs to a render with --adaptive, whose parts are not independent"));
     }
     if part.label.image_description.rect != first.label.image_description.rect
         || part.label.image_description.layers != first.label.image_description.layers
     {
-        return Err(refuse(path, &format!("is of another image than {}", first_path.display())));
+        return Err(refuse(path, &format!("belongs to another image than {}", first_path.display())));
     }
     Ok(())
 }

@@ -55,7 +55,7 @@ impl Checkpoint {
     ) -> Result<RenderState> {
         let refuse = |why: String| Err(Error::usage(format!("--resume {}: it {why}", path.display())));
         if let Some(difference) = self.label.identity.difference(identity) {
-            return refuse(format!("holds {difference}; name another file, or remove it"));
+            return refuse(format!("has {difference}; choose another file, or remove it"));
         }
         let expected = Range { start: first, end: self.state.next };
         match self.label.samples.as_slice() {
@@ -68,7 +68,7 @@ impl Checkpoint {
         if end.is_some_and(|end| self.state.next > end) {
             let (has, end) = (self.state.next, end.unwrap_or_default());
             return refuse(format!(
-                "has {has} samples per pixel, more than the {end} that are asked for; --spp {has} writes its picture"
+                "has {has} samples per pixel, more than the requested {end}; use --spp {has} to write its image"
             ));
         }
         Ok(self.state)
