@@ -390,8 +390,8 @@ impl CommittedScene {
         valid
     }
 
-    /// Sets `t_near` of the inactive rays to NaN, so that Embree does not trace them even if it ignores the mask. Returns
-    /// the previous values of `t_near`.
+    /// Sets `t_near` of the inactive rays to NaN, so that Embree does not trace them even if it ignores the mask.
+    /// Returns the previous values of `t_near`.
     #[inline]
     fn deactivate(&self, valid: &Mask16, rays: &mut Rays16) -> Option<[f32; WIDTH]> {
         if self.honours_masks || *valid == Mask16::ALL {

@@ -327,7 +327,8 @@ impl Scene {
         samples
     }
 
-    /// Returns shadow rays from surface points to emitters. They end short of the emitter by at most the rounding error.
+    /// Returns shadow rays from surface points to emitters. They end short of the emitter by at most the rounding
+    /// error.
     #[inline]
     pub fn shadow_rays(&self, at: &SurfaceInteractionX16, sample: &EmitterSampleX16, time: f32x16) -> RayX16 {
         let o = offset_origin_x16(at.p, at.error, at.ng, sample.wi);

@@ -11,7 +11,8 @@ use std::time::Duration;
 
 /// The value of [`LeafPrimitive::primitive`] for an analytic surface.
 pub const ANALYTIC: u32 = u32::MAX;
-/// The value of [`LeafPrimitive::primitive`] for an instance; [`LeafPrimitive::geometry`] is then the index of the instance.
+/// The value of [`LeafPrimitive::primitive`] for an instance; [`LeafPrimitive::geometry`] is then the index of the
+/// instance.
 pub const INSTANCE: u32 = u32::MAX - 1;
 
 /// The peak memory of construction in bytes per primitive, the finished tree included: boxes, origins and leaf
@@ -32,7 +33,8 @@ pub struct LeafPrimitive {
 pub struct BvhTree {
     pub nodes: CwBvh,
     pub entries: Vec<LeafPrimitive>,
-    /// A second tree over the boxes of [`lbvh::find_overlapping`](super::lbvh::find_overlapping). Those are not in `nodes`.
+    /// A second tree over the boxes of [`lbvh::find_overlapping`](super::lbvh::find_overlapping). Those are not in
+    /// `nodes`.
     pub overlapping: Option<Box<BvhTree>>,
 }
 
