@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// is right-handed.
 ///
 /// The point with the coordinates u and v is `p0 + v·(p1 − p0) + radius·(cos(2πu)·x + sin(2πu)·y)`. x and y depend on
-/// the axis alone. [Duff et al. 2017, "Building an Orthonormal Basis, Revisited"]
+/// the axis alone. [Duff 2017]
 pub fn cylinder_frame(p0: Vec3, p1: Vec3) -> [DVec3; 3] {
     let axis = (p1.as_dvec3() - p0.as_dvec3()).normalize();
     let (x, y) = axis.any_orthonormal_pair();

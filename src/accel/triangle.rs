@@ -1,4 +1,4 @@
-//! The watertight ray/triangle test. [Woop, Benthin, Wald 2013, "Watertight Ray/Triangle Intersection"]
+//! The watertight ray/triangle test. [Woop 2013]
 
 use crate::math::robust::gamma;
 use crate::math::{DVec3, Ray, Vec3};

@@ -503,8 +503,8 @@ mod tests {
 
     #[test]
     fn a_lamp_is_compared_with_itself_and_an_edge_with_its_side() {
-        let lamp = |x, y| if (x, y) == (7, 9) { [100.0, 1.0] } else { [0.1, 0.0] };
-        let estimate = sums(16, 16, lamp).estimate(2).expect("pixels");
+        let emitter = |x, y| if (x, y) == (7, 9) { [100.0, 1.0] } else { [0.1, 0.0] };
+        let estimate = sums(16, 16, emitter).estimate(2).expect("pixels");
         assert!((estimate.relmse * 256.0 / 1e-4 - 1.0).abs() < 0.01, "{estimate:?}");
         let edge = |x, _| if x < 8 { [0.0, 0.001] } else { [10.0, 0.0] };
         let estimate = sums(16, 16, edge).estimate(2).expect("pixels");

@@ -2,7 +2,7 @@
 
 use super::photon::Kernel;
 
-/// A feature of the first surface that a camera ray meets, written as an image layer.
+/// A feature of the first surface that a camera ray hits, written as an image layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub enum Aov {
     /// Directional albedo under uniform white illumination.
@@ -254,7 +254,7 @@ pub struct SppmSettings {
     pub initial_radius: f32,
     /// Whether a pilot pass learns how to emit light paths whose photons are visible.
     pub guided: bool,
-    /// Exponent of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
+    /// Parameter of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
     pub alpha: f32,
 }
 
