@@ -255,8 +255,7 @@ fn acceleration_structures_and_photon_maps_are_refused() {
     );
     #[cfg(feature = "embree")]
     {
-        let text =
-            refused(&folder, &format!("render m.ply -q --size 8x8 --accel embree --memory-limit 90M"), 3);
+        let text = refused(&folder, "render m.ply -q --size 8x8 --accel embree --memory-limit 90M", 3);
         let start = "Embree: one more part of the acceleration structure would take ";
         says(&text, start, "use fewer triangles, or give a larger --memory-limit");
     }
