@@ -318,7 +318,7 @@ mod tests {
         };
         assert_eq!(refused(&[flat]), "expected an invertible transform, found a singular one");
         let half_turn = [turned(0.0), turned(1.0), turned(1.0 + std::f64::consts::PI)];
-        assert!(refused(&half_turn).contains("between the steps 1 and 2; it needs more steps"));
+        assert!(refused(&half_turn).contains("between the steps 1 and 2; use more steps"));
         assert!(refused(&[turned(0.0), DAffine3::from_scale(DVec3::new(1.0, 1.0, -1.0))]).contains("motion"));
         assert!(Instance::new(0, &[turned(0.0), turned(1.5), turned(3.0)]).check().is_ok());
         assert!(Instance::new(0, &[DAffine3::from_scale(DVec3::new(1.0, -1.0, 1e-8))]).check().is_ok());

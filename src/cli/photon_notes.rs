@@ -38,6 +38,6 @@ mod tests {
         };
         assert!(notes(0.0, 0.0).is_empty() && notes(9.0, 1.0).is_empty() && photon_notes(&[]).is_empty());
         let missing = notes(9.0, 0.0);
-        assert!(missing.len() == 1 && missing[0].ends_with("there are no caustics in the picture"));
+        assert!(missing.len() == 1 && missing[0].ends_with("the image has no caustics"));
     }
 }
