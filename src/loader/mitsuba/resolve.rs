@@ -280,7 +280,8 @@ impl Resolver<'_> {
         }
         let name = element.attribute("value").unwrap_or_default();
         let found = self.out.folders.find(element.spot.file(), name).filter(|p| p.is_dir());
-        let folder = found.ok_or_else(|| element.error(format!("there is no folder {}", quoted(name))))?;
+        let folder =
+            found.ok_or_else(|| element.error(format!("the folder {} does not exist", quoted(name))))?;
         self.out.folders.prepend(folder);
         Ok(())
     }
