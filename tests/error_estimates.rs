@@ -196,8 +196,9 @@ fn adaptive_sampling_works_with_every_rule_and_is_refused_where_it_cannot() {
     for sampler in ["zsobol", "fixed"] {
         let run = folder.run(&format!("render s.xml --adaptive --sampler {sampler}"));
         assert_eq!(run.code, 2);
-        let expected =
-            format!("--adaptive: the sampler {sampler} makes a pixel's samples depend on its neighbours'");
+        let expected = format!(
+            "--adaptive: with the sampler {sampler}, the samples of neighbouring pixels are correlated"
+        );
         assert!(run.stderr.contains(&expected), "{}", run.stderr);
     }
 }
