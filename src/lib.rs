@@ -43,9 +43,9 @@
 //! let rendered = session.render(&plan, &Progress::new())?;
 //! println!("{} samples per pixel, estimated relMSE {:?}", rendered.samples_per_pixel, rendered.relmse);
 //!
-//! let picture = session.image(&plan, &rendered);
-//! assert_eq!((picture.width, picture.height), (32, 24));
-//! image::write(&folder.path().join("sphere.exr"), &picture, &WriteOptions::default())?;
+//! let output = session.image(&plan, &rendered);
+//! assert_eq!((output.width, output.height), (32, 24));
+//! image::write(&folder.path().join("sphere.exr"), &output, &WriteOptions::default())?;
 //! # Ok(())
 //! # }
 //! ```
@@ -74,7 +74,8 @@
 //! ```
 //!
 //! [`compare::z_test`] tests whether the difference of two renders is due to noise alone. It needs their variances,
-//! which the layer `variance` contains. Here two estimators of the same integral are compared:
+//! which the layer `variance` contains. Here, two renders with different seeds pass. A render with direct light only
+//! fails, because indirect light is missing.
 //!
 //! ```
 //! use buffon::accel::AccelKind;
@@ -100,8 +101,13 @@
 //! # let scene = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box/cornell-box.xml"));
 //! # let choices = SceneChoices { size: Some((32, 32)), ..SceneChoices::default() };
 //! let session = SceneFile::load(scene, &choices)?.compile(AccelKind::Auto, default_threads())?;
-//! let test = z_test(&render(&session, "path", 1)?, &render(&session, "distribution", 2)?, None, 0.01)?;
+//! let reference = render(&session, "path", 1)?;
+//!
+//! let test = z_test(&render(&session, "path", 2)?, &reference, None, 0.01)?;
 //! assert!(test.passes(), "{} of {} blocks rejected", test.rejected, test.blocks);
+//!
+//! let test = z_test(&render(&session, "direct", 2)?, &reference, None, 0.01)?;
+//! assert!(!test.passes());
 //! # Ok(())
 //! # }
 //! ```
