@@ -248,7 +248,13 @@ fn the_depth_integrator_shows_the_distance_from_the_near_plane() {
         let mut description = Description::default();
         add(&mut description, Shape::Rectangle, DAffine3::IDENTITY, diffuse(0.5));
         description.sensors.push(camera(DVec3::new(0.3, 0.1, 2.0), DVec3::new(0.3, 0.1, 0.0), 0.02, 4));
-        let rendered = render(&compiled(description, accel), &Settings::Depth, sampler, 4, 8);
+        let rendered = render(
+            &compiled(description, accel),
+            &Settings::by_name("depth", Default::default()).unwrap(),
+            sampler,
+            4,
+            8,
+        );
         group.expect(&format!("{sampler}, {accel}"), &rendered, [2.0 - 1e-4; 3]);
     }
 }

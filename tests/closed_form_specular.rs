@@ -6,7 +6,7 @@ use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, s
 use buffon::accel::{AccelKind, Coherence};
 use buffon::color::Rgb;
 use buffon::integrator::settings::{DirectSettings, PathLimits};
-use buffon::integrator::{self, Radiance, RadianceQuery, Settings, Wave, Worker};
+use buffon::integrator::{Radiance, RadianceQuery, Settings, Wave, Worker};
 use buffon::loader::{LoadOptions, load};
 use buffon::material::{
     Conductor, Dielectric, Distribution, Input, Interface, Material, Metal, RoughConductor, Roughness,
@@ -189,7 +189,7 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
         .unzip();
     let mut out = vec![Radiance::NONE; rays.len()];
     let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent };
-    integrator::create(settings).li(
+    settings.create().li(
         scene,
         wave,
         query,

@@ -154,7 +154,7 @@ fn passes_change_no_bit() {
     });
     for settings in [loaded.integrator, direct] {
         for kind in SamplerKind::ALL {
-            let integrator = integrator::create(&settings);
+            let integrator = settings.create();
             let progress = Progress::new();
             let stop = StopRules { samples: Some(64), ..StopRules::default() };
             let sampler = Sampler::new(kind, Some(64));

@@ -4,7 +4,7 @@ use crate::support::cli::Folder;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::image::{Value, read};
-use buffon::integrator::{self, Settings};
+use buffon::integrator::Settings;
 use buffon::loader::{LoadOptions, load};
 use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
 use buffon::sampling::{Sampler, SamplerKind};
@@ -29,7 +29,7 @@ fn render(
     seed: u64,
     adaptive: bool,
 ) -> Rendered {
-    let integrator = integrator::create(settings);
+    let integrator = settings.create();
     let sampler = Sampler::new(sampler, stop.samples);
     let job = JobSettings { sampler, seed, threads: 2, stop, layers: Vec::new() };
     let progress = Progress::new();

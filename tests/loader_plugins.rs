@@ -5,7 +5,7 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{Aov, DirectSettings, Layer};
+use buffon::integrator::settings::{Aov, AovSettings, DepthSettings, DirectSettings, Layer};
 use buffon::loader::LoadOptions;
 use buffon::material::{Conductor, Distribution, Material, Metal, RoughConductor};
 use buffon::math::Vec3;
@@ -62,7 +62,7 @@ fn every_value_of_film_and_sensor_is_read() {
 #[test]
 fn every_integrator_is_read() {
     let integrator = |inside: &str| loaded(&format!("<integrator {inside}</integrator>")).integrator;
-    assert_eq!(integrator("type='depth'>"), Settings::Depth);
+    assert_eq!(integrator("type='depth'>"), Settings::Depth(DepthSettings));
     let direct = DirectSettings { emitter_samples: 4, bsdf_samples: 4, hide_emitters: false };
     assert_eq!(
         integrator("type='direct'><integer name='shading_samples' value='4'/>"),
@@ -74,7 +74,10 @@ fn every_integrator_is_read() {
     let text = "type='aov'><string name='aovs' value='dd.y:depth,nn:sh_normal'/><integrator type='path' name='image'/>";
     let layer = |name: &str, aov| Layer { name: name.to_owned(), aov };
     let layers = vec![layer("dd.y", Aov::Depth), layer("nn", Aov::ShadingNormal)];
-    assert_eq!(integrator(text), Settings::Aov { layers, image: Some(Box::new(Settings::default())) });
+    assert_eq!(
+        integrator(text),
+        Settings::Aov(AovSettings { layers, image: Some(Box::new(Settings::default())) })
+    );
 }
 
 #[test]

@@ -86,7 +86,9 @@ impl<'a> Candidate<'a> {
         let integrator = plan.integrator.name().to_string();
         let sampler = plan.job.sampler.kind();
         let ready = match plan.integrator {
-            Settings::Depth => Err("its picture is distances: no light, and no error of light".to_string()),
+            Settings::Depth(_) => {
+                Err("its picture is distances: no light, and no error of light".to_string())
+            }
             _ => Ok((session, plan)),
         };
         Ok(Candidate { combination: Combination { integrator, sampler, accel }, choices, ready })

@@ -3,15 +3,33 @@
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::path::first_hits;
-use super::settings::DirectSettings;
+use super::settings::{MAX_SAMPLES, PathLimits, Plugin, Read, Source};
 use super::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::bsdf;
+use crate::error::Result;
 use crate::math::lanes::{f32x16, load};
 use crate::sampling::Dimension;
 use crate::scene::Scene;
 use bumpalo::Bump;
+
+/// Direct illumination only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct DirectSettings {
+    /// Samples of the emitters at each shading point.
+    pub emitter_samples: u32,
+    /// Samples of the BSDF at each shading point.
+    pub bsdf_samples: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl Default for DirectSettings {
+    fn default() -> Self {
+        DirectSettings { emitter_samples: 1, bsdf_samples: 1, hide_emitters: false }
+    }
+}
 
 /// Samples the emitters and the BSDF at the first surface, with a given number of samples each, weighted by the power
 /// heuristic.
@@ -87,6 +105,42 @@ impl DirectIntegrator {
                 out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
             }
         }
+    }
+}
+
+impl Plugin for DirectIntegrator {
+    const NAME: &'static str = "direct";
+    type Settings = DirectSettings;
+
+    fn read(source: &mut dyn Source) -> Result<DirectSettings> {
+        let default = DirectSettings::default();
+        let both = source.integer("shading_samples", 0..=i64::from(MAX_SAMPLES))?.map(|n| n as u32);
+        if both.is_some() && (source.has("emitter_samples") || source.has("bsdf_samples")) {
+            let message = "expected either shading_samples or emitter_samples and bsdf_samples, found both";
+            return Err(source.error("shading_samples", message));
+        }
+        let mut count = |name, default| source.count(name, 0..=MAX_SAMPLES, both.unwrap_or(default));
+        let settings = DirectSettings {
+            emitter_samples: count("emitter_samples", default.emitter_samples)?,
+            bsdf_samples: count("bsdf_samples", default.bsdf_samples)?,
+            hide_emitters: source.boolean("hide_emitters", default.hide_emitters)?,
+        };
+        match settings.emitter_samples + settings.bsdf_samples {
+            0 => Err(source.object_error("expected at least one emitter or bsdf sample")),
+            _ => Ok(settings),
+        }
+    }
+
+    fn with_limits(limits: PathLimits) -> DirectSettings {
+        DirectSettings { hide_emitters: limits.hide_emitters, ..DirectSettings::default() }
+    }
+
+    fn limits(settings: &DirectSettings) -> PathLimits {
+        PathLimits { hide_emitters: settings.hide_emitters, ..PathLimits::default() }
+    }
+
+    fn create(settings: &DirectSettings) -> Box<dyn Integrator> {
+        Box::new(DirectIntegrator::new(*settings))
     }
 }
 

@@ -12,14 +12,45 @@
 
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
-use super::settings::DistributionSettings;
+use super::settings::{MAX_SAMPLES, PathLimits, Plugin, Read, Source};
 use super::tree::{RayTree, TreeStrategy, split};
 use super::worker::{Continuation, PathWave, draw_1d, draw_2d};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::bsdf;
+use crate::error::Result;
 use crate::math::lanes::{f32x16, load};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
+
+/// Distribution ray tracing. [Cook 1984]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct DistributionSettings {
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light.
+    pub max_depth: u32,
+    /// Samples of the emitters at each surface.
+    pub emitter_samples: u32,
+    /// BSDF samples at each surface, at least 1; each Dirac delta gets one.
+    pub bsdf_samples: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl DistributionSettings {
+    /// The greatest number of rays at the last level of a camera ray's tree. If Dirac deltas would exceed it, each
+    /// surface continues with one ray.
+    pub const MAX_RAYS: u64 = 1 << 20;
+
+    /// Returns the greatest number of rays at the last level of a camera ray's tree, Dirac deltas excepted.
+    pub fn rays_at_last_level(&self) -> u64 {
+        u64::from(self.bsdf_samples).saturating_pow(self.max_depth.saturating_sub(1))
+    }
+}
+
+impl Default for DistributionSettings {
+    fn default() -> Self {
+        DistributionSettings { max_depth: 4, emitter_samples: 4, bsdf_samples: 4, hide_emitters: false }
+    }
+}
 
 /// A branching path tracer.
 pub struct DistributionIntegrator {
@@ -145,6 +176,45 @@ impl TreeStrategy for DistributionTree {
         }
         paths.truncate(alive);
         paths
+    }
+}
+
+impl Plugin for DistributionIntegrator {
+    const NAME: &'static str = "distribution";
+    type Settings = DistributionSettings;
+
+    fn read(source: &mut dyn Source) -> Result<DistributionSettings> {
+        let default = DistributionSettings::default();
+        let settings = DistributionSettings {
+            max_depth: source.count("max_depth", 1..=u32::MAX, default.max_depth)?,
+            emitter_samples: source.count("emitter_samples", 0..=MAX_SAMPLES, default.emitter_samples)?,
+            bsdf_samples: source.count("bsdf_samples", 1..=MAX_SAMPLES, default.bsdf_samples)?,
+            hide_emitters: source.boolean("hide_emitters", default.hide_emitters)?,
+        };
+        match settings.rays_at_last_level() {
+            0..=DistributionSettings::MAX_RAYS => Ok(settings),
+            _ => Err(source.object_error(&format!(
+                "bsdf_samples {} at max_depth {} are more than {} rays for each camera ray: expected fewer of either",
+                settings.bsdf_samples,
+                settings.max_depth,
+                DistributionSettings::MAX_RAYS
+            ))),
+        }
+    }
+
+    fn with_limits(limits: PathLimits) -> DistributionSettings {
+        let default = DistributionSettings::default();
+        let max_depth = limits.depth_within(default.max_depth);
+        DistributionSettings { max_depth, hide_emitters: limits.hide_emitters, ..default }
+    }
+
+    fn limits(settings: &DistributionSettings) -> PathLimits {
+        let DistributionSettings { max_depth, hide_emitters, .. } = *settings;
+        PathLimits { max_depth: Some(max_depth), hide_emitters, ..PathLimits::default() }
+    }
+
+    fn create(settings: &DistributionSettings) -> Box<dyn Integrator> {
+        Box::new(DistributionIntegrator::new(*settings))
     }
 }
 

@@ -35,7 +35,7 @@ pub use photon::Photonmapper;
 pub use preparation::{Preparation, Statistic};
 pub use progressive::{PreparedPass, Progressive, SamplePass};
 pub use ptracer::{Ptracer, Splat};
-pub use settings::Settings;
+pub use settings::{PathLimits, Plugin, Settings, Source};
 pub use sppm::Sppm;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
@@ -204,21 +204,4 @@ pub trait Integrator: Send + Sync {
 pub fn replicates(integrator: &dyn Integrator, sampler: SamplerKind) -> u32 {
     const { assert!(SHARED_REPLICATES as usize <= MAX_REPLICATES) };
     if integrator.shares_noise() || sampler.shares_noise() { SHARED_REPLICATES } else { 2 }
-}
-
-/// Creates the integrator described by the settings. The render job handles the layers of `aov`.
-pub fn create(settings: &Settings) -> Box<dyn Integrator> {
-    match settings {
-        Settings::Path(path) => Box::new(PathIntegrator::new(*path)),
-        Settings::Direct(direct) => Box::new(DirectIntegrator::new(*direct)),
-        Settings::Whitted(whitted) => Box::new(WhittedIntegrator::new(*whitted)),
-        Settings::Distribution(distribution) => Box::new(DistributionIntegrator::new(*distribution)),
-        Settings::Depth => Box::new(DepthIntegrator),
-        Settings::Ptracer(ptracer) => Box::new(Ptracer::new(*ptracer)),
-        Settings::Irrcache(irrcache) => Box::new(IrradianceCache::new(irrcache)),
-        Settings::Photonmapper(mapper) => Box::new(Photonmapper::new(*mapper)),
-        Settings::Sppm(sppm) => Box::new(Sppm::new(*sppm)),
-        Settings::Aov { image: Some(image), .. } => create(image),
-        Settings::Aov { image: None, .. } => Box::new(aov::NoImage),
-    }
 }

@@ -7,11 +7,12 @@
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
-use super::settings::PathLimits;
+use super::settings::{PathLimits, Plugin, Source};
 use super::worker::{BounceNumbers, Continuation, RandomNumbers, ShadowQueue, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker, emission};
 use crate::accel::Coherence;
 use crate::bsdf;
+use crate::error::Result;
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::scene::Scene;
 
@@ -43,6 +44,27 @@ impl PathIntegrator {
     /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
         self.settings.allows(edges)
+    }
+}
+
+impl Plugin for PathIntegrator {
+    const NAME: &'static str = "path";
+    type Settings = PathLimits;
+
+    fn read(source: &mut dyn Source) -> Result<PathLimits> {
+        PathLimits::read(source)
+    }
+
+    fn with_limits(limits: PathLimits) -> PathLimits {
+        limits
+    }
+
+    fn limits(limits: &PathLimits) -> PathLimits {
+        *limits
+    }
+
+    fn create(settings: &PathLimits) -> Box<dyn Integrator> {
+        Box::new(PathIntegrator::new(*settings))
     }
 }
 

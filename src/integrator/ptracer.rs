@@ -8,11 +8,12 @@
 use super::block::ShadingBlock;
 use super::light_path::{self, LightVertex, Survivors};
 use super::roulette::Roulette;
-use super::settings::PathLimits;
+use super::settings::{PathLimits, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::color::Rgb;
+use crate::error::Result;
 use crate::math::lanes::{LANES, bits};
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
@@ -97,6 +98,27 @@ impl Ptracer {
         if camera.has_lens() {
             draw_2d(*sampler, Dimension::emitter_point(depth), &paths.keys, &mut numbers.emitter_point);
         }
+    }
+}
+
+impl Plugin for Ptracer {
+    const NAME: &'static str = "ptracer";
+    type Settings = PathLimits;
+
+    fn read(source: &mut dyn Source) -> Result<PathLimits> {
+        PathLimits::read(source)
+    }
+
+    fn with_limits(limits: PathLimits) -> PathLimits {
+        limits
+    }
+
+    fn limits(limits: &PathLimits) -> PathLimits {
+        *limits
+    }
+
+    fn create(settings: &PathLimits) -> Box<dyn Integrator> {
+        Box::new(Ptracer::new(*settings))
     }
 }
 

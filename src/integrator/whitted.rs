@@ -11,7 +11,7 @@
 
 use super::block::ShadingBlock;
 use super::lighting::TechniqueCounts;
-use super::settings::WhittedSettings;
+use super::settings::{PathLimits, Plugin, Read, Source};
 use super::tree::{RayTree, TreeStrategy};
 use super::worker::PathWave;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
@@ -19,6 +19,29 @@ use crate::emitter::Light;
 use crate::error::{Error, Result};
 use crate::math::lanes::bits;
 use crate::scene::Scene;
+
+/// Hard shadows, mirrors and glass. [Whitted 1980]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct WhittedSettings {
+    /// Greatest number of edges of a path from camera to emitter: 1 shows emitters only, 2 adds direct light (ray
+    /// casting). At most [`MAX_DEPTH`](Self::MAX_DEPTH).
+    pub max_depth: u32,
+    /// Whether emitters are invisible to the camera.
+    pub hide_emitters: bool,
+}
+
+impl WhittedSettings {
+    /// The upper limit of `max_depth`: glass doubles the number of rays at every level.
+    pub const MAX_DEPTH: u32 = 20;
+    /// The greatest number of rays at the last level of a camera ray's tree.
+    pub const MAX_RAYS: u64 = 1 << 20;
+}
+
+impl Default for WhittedSettings {
+    fn default() -> Self {
+        WhittedSettings { max_depth: 8, hide_emitters: false }
+    }
+}
 
 /// Direct light from point emitters, mirrors and glass.
 pub struct WhittedIntegrator {
@@ -96,6 +119,33 @@ impl TreeStrategy for WhittedIntegrator {
         _worker: &mut Worker,
     ) -> PathWave {
         PathWave::default()
+    }
+}
+
+impl Plugin for WhittedIntegrator {
+    const NAME: &'static str = "whitted";
+    type Settings = WhittedSettings;
+
+    fn read(source: &mut dyn Source) -> Result<WhittedSettings> {
+        let default = WhittedSettings::default();
+        Ok(WhittedSettings {
+            max_depth: source.count("max_depth", 1..=WhittedSettings::MAX_DEPTH, default.max_depth)?,
+            hide_emitters: source.boolean("hide_emitters", default.hide_emitters)?,
+        })
+    }
+
+    fn with_limits(limits: PathLimits) -> WhittedSettings {
+        let max_depth = limits.depth_within(WhittedSettings::default().max_depth);
+        WhittedSettings { max_depth, hide_emitters: limits.hide_emitters }
+    }
+
+    fn limits(settings: &WhittedSettings) -> PathLimits {
+        let WhittedSettings { max_depth, hide_emitters } = *settings;
+        PathLimits { max_depth: Some(max_depth), hide_emitters, ..PathLimits::default() }
+    }
+
+    fn create(settings: &WhittedSettings) -> Box<dyn Integrator> {
+        Box::new(WhittedIntegrator::new(*settings))
     }
 }
 

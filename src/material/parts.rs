@@ -1,6 +1,6 @@
 //! Groups of parameters that several plugins have.
 
-use super::source::{NumberOrName, Source};
+use super::source::{NumberOrName, Read, Source};
 use super::{Input, Inputs};
 use crate::bsdf::fresnel::ConductorFresnel;
 use crate::bsdf::microfacet::{Distribution, Microfacets};

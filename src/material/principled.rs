@@ -1,5 +1,6 @@
 //! `principled`: the model of many lobes. [Burley 2012, 2015]
 
+use super::source::Read;
 use super::{Input, Inputs, Plugin, Prepared, Source};
 use crate::bsdf::{self, Bsdf};
 use crate::color::Rgb;

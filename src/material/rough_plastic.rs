@@ -1,6 +1,7 @@
 //! `roughplastic`: a diffuse base under a rough dielectric coat.
 
 use super::parts::{LEAST_ALPHA, read_distribution};
+use super::source::Read;
 use super::{Coated, Distribution, Input, Inputs, Interface, Plugin, Prepared, Source};
 use crate::bsdf::microfacet::Microfacets;
 use crate::bsdf::{self, Bsdf, RoughTransmittance};

@@ -3,37 +3,13 @@
 use super::{Input, Material};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
+pub use crate::util::parameters::{Parameters, Read};
 use std::ops::RangeInclusive;
 
-/// An object of a scene file that describes a material. Loaders implement it, so that a plugin declares its
-/// parameters and their defaults in its own file.
-///
-/// Every method that reads returns an error where the parameter has another type or is out of range, with its
-/// position in the file.
-pub trait Source {
-    /// Returns whether a parameter is given.
-    fn has(&self, name: &'static str) -> bool;
-
-    /// Reads a truth value.
-    ///
-    /// # Errors
-    /// As for all that read.
-    fn boolean(&mut self, name: &'static str, default: bool) -> Result<bool>;
-
-    /// Reads a number that is the same everywhere.
-    ///
-    /// # Errors
-    /// As for all that read.
-    fn float(&mut self, name: &'static str) -> Result<Option<f64>>;
-
-    /// Reads a text.
-    ///
-    /// # Errors
-    /// As for all that read.
-    fn text(&mut self, name: &'static str) -> Result<Option<String>>;
-
+/// An object of a scene file that describes a material.
+pub trait Source: Parameters {
     /// Reads a number or a name.
     ///
     /// # Errors
@@ -66,18 +42,6 @@ pub trait Source {
 
     /// Returns the materials that were read before.
     fn materials(&self) -> &[Material];
-
-    /// Accepts parameters that make no difference, with a note that says why.
-    fn ignore(&mut self, names: &[&'static str], why: &str);
-
-    /// Makes the error for a parameter with a value that was not expected.
-    fn refusal(&self, name: &'static str, expected: &str) -> Error;
-
-    /// Makes an error about a parameter.
-    fn error(&self, name: &'static str, message: &str) -> Error;
-
-    /// Makes an error about the whole object.
-    fn object_error(&self, message: &str) -> Error;
 }
 
 /// The value of a parameter that may be a number or a name.
@@ -90,31 +54,6 @@ pub enum NumberOrName {
 }
 
 impl dyn Source + '_ {
-    /// Reads a number greater than 0 that is the same everywhere.
-    ///
-    /// # Errors
-    /// If it is not.
-    pub fn positive(&mut self, name: &'static str, default: f32) -> Result<f32> {
-        let value = self.float(name)?.unwrap_or(f64::from(default)) as f32;
-        match value > 0.0 && value.is_finite() {
-            true => Ok(value),
-            false => Err(self.refusal(name, "expected a number greater than 0")),
-        }
-    }
-
-    /// Reads one of several words, in any case.
-    ///
-    /// # Errors
-    /// If it is none of them.
-    pub fn choice<T: Copy>(&mut self, name: &'static str, words: &[(&str, T)], default: T) -> Result<T> {
-        let Some(text) = self.text(name)? else { return Ok(default) };
-        let found = words.iter().find(|(word, _)| word.eq_ignore_ascii_case(&text));
-        found.map(|(_, value)| *value).ok_or_else(|| {
-            let list: Vec<_> = words.iter().map(|(word, _)| *word).collect();
-            self.refusal(name, &format!("expected one of {}", list.join(", ")))
-        })
-    }
-
     /// Reads a reflectance or transmittance in [0, 1].
     ///
     /// # Errors

@@ -19,7 +19,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
 use crate::image::Image;
-use crate::integrator::{self, Preparation, Settings};
+use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
 use crate::render::{self, CheckpointSink, Job, Progress, RenderState, Rendered};
@@ -209,7 +209,7 @@ impl Session {
         checkpoints: Option<CheckpointSink<'_>>,
     ) -> Result<Rendered> {
         let _reserved = self.reserve(plan)?;
-        let mut integrator = integrator::create(&plan.integrator);
+        let mut integrator = plan.integrator.create();
         let pool = render::thread_pool(self.threads)?;
         let started = Instant::now();
         integrator.prepare(&Preparation {

@@ -3,7 +3,7 @@
 use super::Session;
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{Aov, IrrcacheSettings, Layer};
+use crate::integrator::settings::{Aov, AovSettings, IrrcacheSettings, Layer};
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -63,7 +63,7 @@ impl Session {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
         }
         let kind = choices.sampler.or(self.defaults.sampler).unwrap_or_default();
-        let created = integrator::create(&integrator);
+        let created = integrator.create();
         created.check(&self.scene)?;
         let replicates = integrator::replicates(created.as_ref(), kind);
         let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
@@ -131,7 +131,7 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         None => of_scene,
         Some(name) if name == of_scene.name() => of_scene,
         // Its layers are those of --aov: see `choose_layers`.
-        Some("aov") => Settings::Aov { layers: Vec::new(), image: Some(Box::new(of_scene)) },
+        Some("aov") => Settings::Aov(AovSettings { layers: Vec::new(), image: Some(Box::new(of_scene)) }),
         Some(name) => Settings::by_name(name, of_scene.limits()).ok_or_else(|| {
             let (last, others) = Settings::NAMES.split_last().expect("there are integrators");
             let list = others.join(", ");
@@ -147,13 +147,13 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
 /// If pixels share noise, variances of blocks are added to those of pixels.
 fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<Vec<Layer>> {
     let mut layers = match settings {
-        Settings::Aov { layers, .. } => layers.clone(),
+        Settings::Aov(aov) => aov.layers.clone(),
         Settings::Irrcache(IrrcacheSettings { debug: true, .. }) => {
             vec![Layer { name: "record_radius".into(), aov: Aov::RecordRadius }]
         }
         _ => Vec::new(),
     };
-    if layers.is_empty() && names.is_empty() && matches!(settings, Settings::Aov { .. }) {
+    if layers.is_empty() && names.is_empty() && matches!(settings, Settings::Aov(_)) {
         return Err(Error::usage(format!(
             "--integrator aov: expected layers in --aov: {}",
             Aov::NAMES.join(", ")
@@ -164,7 +164,7 @@ fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<
             Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
         })?;
         let cached = match settings {
-            Settings::Aov { image: Some(image), .. } => image.as_ref(),
+            Settings::Aov(AovSettings { image: Some(image), .. }) => image.as_ref(),
             other => other,
         };
         if aov == Aov::RecordRadius && !matches!(cached, Settings::Irrcache(_)) {

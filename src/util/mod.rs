@@ -1,7 +1,8 @@
-//! Utilities that are independent of rendering: atomic replacement of files.
+//! Utilities that are independent of rendering.
 
 pub mod container;
 mod digest;
+pub mod parameters;
 mod replace;
 pub mod wording;
 

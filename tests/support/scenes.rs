@@ -86,7 +86,7 @@ pub fn compiled(description: Description, accel: AccelKind) -> Scene {
 
 /// Renders the scene's first sensor.
 pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64, seed: u64) -> Rendered {
-    let mut integrator = integrator::create(settings);
+    let mut integrator = settings.create();
     let progress = Progress::new();
     let replicates = integrator::replicates(integrator.as_ref(), sampler);
     let sampler = Sampler::with_replicates(sampler, Some(spp), replicates);

@@ -28,8 +28,10 @@ mod shading;
 pub mod weight;
 
 use super::preparation::reject_motion;
-use super::settings::{Aov, IrrcacheSettings, PathLimits, PhotonmapperSettings, Settings};
-use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, create};
+use super::settings::{Aov, PathLimits, PhotonmapperSettings, Plugin, Read, Settings, Source};
+use super::{
+    Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker,
+};
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::error::{Error, Result};
@@ -37,12 +39,60 @@ use crate::math::{Bounds, DVec2, Ray, Vec2, Vec3};
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
 use crate::util::digest;
+use crate::util::wording::quoted;
 use file::CacheContents;
 use interpolation::Interpolation;
 use overture::RecordLevel;
 use rayon::prelude::*;
 use record::Record;
 use shading::CachedPath;
+
+/// Irradiance caching around another integrator. [Ward 1988]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct IrrcacheSettings {
+    /// Number of elevation strata of a record's hemisphere, at least 2; there are π times as many azimuth strata.
+    /// Each of the eight replicates has its own records.
+    pub resolution: u32,
+    /// Accuracy, positive. The radii of records are inversely proportional to it, so their number grows with its
+    /// square.
+    pub quality: f32,
+    /// Whether interpolation uses the records' gradients.
+    pub gradients: bool,
+    /// Whether a record's radius is limited by its neighbours' radii. [Křivánek 2006]
+    pub clamp_neighbor: bool,
+    /// Whether the radii of records are clamped to a range in pixels.
+    pub clamp_screen: bool,
+    /// Whether an overture pass creates records over the image. Otherwise records come only from a cache file.
+    pub overture: bool,
+    /// Factor on the quality when the cache is used, in (0, 1]; a smaller factor averages more records.
+    pub quality_adjustment: f32,
+    /// Whether only the light from the cache is shown.
+    pub indirect_only: bool,
+    /// Whether the positions of records are drawn over the image.
+    pub debug: bool,
+    /// The integrator of the light that records gather.
+    pub child: Box<Settings>,
+}
+
+impl Default for IrrcacheSettings {
+    fn default() -> Self {
+        IrrcacheSettings {
+            resolution: 9,
+            quality: 1.0,
+            gradients: true,
+            clamp_neighbor: true,
+            clamp_screen: true,
+            overture: true,
+            quality_adjustment: 0.7,
+            indirect_only: false,
+            debug: false,
+            child: Box::default(),
+        }
+    }
+}
+
+/// The integrators that can compute the light that records gather.
+const GATHERERS: [&str; 2] = [PathIntegrator::NAME, Photonmapper::NAME];
 
 /// An integrator that interpolates the indirect light of diffuse surfaces.
 pub struct IrradianceCache {
@@ -75,7 +125,7 @@ impl IrradianceCache {
         let fine = CachedPath { caches: empty(), path, only_cached, caustics: None, far_only: false };
         IrradianceCache {
             settings: settings.clone(),
-            child: create(&gathered),
+            child: gathered.create(),
             fine,
             records: Vec::new(),
             pixel: [0.0; 2],
@@ -160,6 +210,54 @@ impl IrradianceCache {
         let caustics = self.fine.caustics.clone();
         let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
         contents.fine = all(&self.settings, &traced, RecordLevel::Fine, std::mem::take(&mut contents.fine));
+    }
+}
+
+impl Plugin for IrradianceCache {
+    const NAME: &'static str = "irrcache";
+    type Settings = IrrcacheSettings;
+
+    fn read(source: &mut dyn Source) -> Result<IrrcacheSettings> {
+        let default = IrrcacheSettings::default();
+        let child = source.integrator()?.map_or(default.child, Box::new);
+        if !GATHERERS.contains(&child.name()) {
+            return Err(source.object_error(&format!(
+                "expected an integrator inside it that follows light through any number of bounces ({}), found {}",
+                GATHERERS.join(", "),
+                quoted(child.name())
+            )));
+        }
+        let quality_adjustment = source.positive("quality_adjustment", default.quality_adjustment)?;
+        if quality_adjustment > 1.0 {
+            return Err(source.refusal("quality_adjustment", "expected at most 1"));
+        }
+        Ok(IrrcacheSettings {
+            resolution: source.count("resolution", 2..=256, default.resolution)?,
+            quality: source.positive("quality", default.quality)?,
+            gradients: source.boolean("gradients", default.gradients)?,
+            clamp_neighbor: source.boolean("clamp_neighbor", default.clamp_neighbor)?,
+            clamp_screen: source.boolean("clamp_screen", default.clamp_screen)?,
+            overture: source.boolean("overture", default.overture)?,
+            quality_adjustment,
+            indirect_only: source.boolean("indirect_only", default.indirect_only)?,
+            debug: source.boolean("debug", default.debug)?,
+            child,
+        })
+    }
+
+    fn with_limits(limits: PathLimits) -> IrrcacheSettings {
+        IrrcacheSettings { child: Box::new(Settings::Path(limits)), ..IrrcacheSettings::default() }
+    }
+
+    fn limits(settings: &IrrcacheSettings) -> PathLimits {
+        match settings.child.as_ref() {
+            Settings::Path(limits) => *limits,
+            _ => PathLimits::default(),
+        }
+    }
+
+    fn create(settings: &IrrcacheSettings) -> Box<dyn Integrator> {
+        Box::new(IrradianceCache::new(settings))
     }
 }
 

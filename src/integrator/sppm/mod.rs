@@ -22,7 +22,7 @@ use super::photon::{
     Deposit, EmissionGuide, GridPhoton, LightPathTracer, PathLimit, PathSequence, PhotonGrid, PhotonPaths,
 };
 use super::progressive::{PreparedPass, Progressive, SamplePass};
-use super::settings::SppmSettings;
+use super::settings::{MAX_PHOTONS, PathLimits, Plugin, Read, Source};
 use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker};
 use crate::error::{Error, Result, counted};
 use crate::memory::Reservation;
@@ -37,6 +37,34 @@ use visible_surfaces::VisibleSurfaces;
 const PHOTONS_PER_PATH: u64 = 2;
 /// The bytes of a photon: when traced, when sorted, in the grid of this pass and in that of the previous one.
 const BYTES_PER_PHOTON: u64 = 150;
+
+/// Stochastic progressive photon mapping. [Hachisuka and Jensen 2009; Knaus and Zwicker 2011]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct SppmSettings {
+    /// The paths from the camera and from emitters.
+    pub limits: PathLimits,
+    /// Light paths in each pass, with one pass for each sample of the pixels; 0 selects one for each pixel of the
+    /// full image.
+    pub photon_count: u32,
+    /// Radius of the first pass in scene units; 0 selects three pixel widths.
+    pub initial_radius: f32,
+    /// Whether a pilot pass learns how to emit light paths whose photons are visible.
+    pub guided: bool,
+    /// Parameter of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
+    pub alpha: f32,
+}
+
+impl Default for SppmSettings {
+    fn default() -> Self {
+        SppmSettings {
+            limits: PathLimits::default(),
+            photon_count: 0,
+            initial_radius: 0.0,
+            guided: true,
+            alpha: 0.7,
+        }
+    }
+}
 
 /// The integrator. Its passes need [`Progressive::begin_sample`].
 pub struct Sppm {
@@ -99,6 +127,45 @@ impl Sppm {
 
     fn pass(&self) -> Arc<PhotonPass> {
         self.pass.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Plugin for Sppm {
+    const NAME: &'static str = "sppm";
+    type Settings = SppmSettings;
+
+    fn read(source: &mut dyn Source) -> Result<SppmSettings> {
+        source.ignore(&["granularity", "max_passes"], "the render job decides");
+        let default = SppmSettings::default();
+        let initial_radius = source.float("initial_radius")?.map_or(default.initial_radius, |r| r as f32);
+        if !(initial_radius == 0.0 || (1e-18..=1e18).contains(&initial_radius)) {
+            let expected =
+                "expected a radius of at least 1e-18 and at most 1e18, or 0 for three widths of a pixel";
+            return Err(source.refusal("initial_radius", expected));
+        }
+        let alpha = source.float("alpha")?.map_or(default.alpha, |a| a as f32);
+        if !(alpha > 0.0 && alpha <= 1.0) {
+            return Err(source.refusal("alpha", "expected a number above 0 and at most 1"));
+        }
+        Ok(SppmSettings {
+            limits: PathLimits::read(source)?,
+            photon_count: source.count("photon_count", 0..=MAX_PHOTONS, default.photon_count)?,
+            initial_radius,
+            guided: source.boolean("guided", default.guided)?,
+            alpha,
+        })
+    }
+
+    fn with_limits(limits: PathLimits) -> SppmSettings {
+        SppmSettings { limits, ..SppmSettings::default() }
+    }
+
+    fn limits(settings: &SppmSettings) -> PathLimits {
+        settings.limits
+    }
+
+    fn create(settings: &SppmSettings) -> Box<dyn Integrator> {
+        Box::new(Sppm::new(*settings))
     }
 }
 

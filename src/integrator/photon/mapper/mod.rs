@@ -23,17 +23,74 @@ mod debug;
 mod maps;
 mod paths;
 
-use super::{DensityEstimator, LookupPoint};
+use super::{DensityEstimator, Kernel, LookupPoint};
 use crate::error::Result;
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::preparation::reject_motion;
-use crate::integrator::settings::{PhotonDebug, PhotonmapperSettings};
+use crate::integrator::settings::{MAX_PHOTONS, MAX_SAMPLES, PathLimits, Plugin, Read, Source};
 use crate::integrator::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker};
 use crate::scene::Scene;
 use maps::Maps;
 use std::sync::Arc;
 
 pub use caustics::CausticMaps;
+
+/// Photon maps and final gathering. [Jensen 2001]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct PhotonmapperSettings {
+    /// The paths from the camera and from emitters.
+    pub limits: PathLimits,
+    /// Emitter samples at the first surface that is not specular, at least 1.
+    pub direct_samples: u32,
+    /// BSDF samples at that surface if all its lobes are glossy, at least 1.
+    pub glossy_samples: u32,
+    /// BSDF samples at that surface if it has a diffuse lobe, at least 1: the final gather.
+    pub gather_samples: u32,
+    /// Number of photons in each global map.
+    pub global_photons: u32,
+    /// Number of photons in each caustic map.
+    pub caustic_photons: u32,
+    /// Maximum lookup radius in the global map, relative to the radius of the scene; positive.
+    pub global_lookup_radius: f32,
+    /// Maximum lookup radius in the caustic map, relative to the radius of the scene; positive.
+    pub caustic_lookup_radius: f32,
+    /// Number of photons in a lookup, at least 2.
+    pub lookup_size: u32,
+    /// The kernel that weights photons by their distance.
+    pub kernel: Kernel,
+    /// The debug image to show instead of the rendered image.
+    pub debug: PhotonDebug,
+}
+
+/// The output of a photon mapper.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub enum PhotonDebug {
+    /// The rendered image.
+    #[default]
+    None,
+    /// The photons of the global map as coloured points.
+    Photons,
+    /// The radiance estimate of the global map at the first surface, without direct sampling or final gathering.
+    Radiance,
+}
+
+impl Default for PhotonmapperSettings {
+    fn default() -> Self {
+        PhotonmapperSettings {
+            limits: PathLimits::default(),
+            direct_samples: 1,
+            glossy_samples: 1,
+            gather_samples: 4,
+            global_photons: 250_000,
+            caustic_photons: 500_000,
+            global_lookup_radius: 0.05,
+            caustic_lookup_radius: 0.0125,
+            lookup_size: 120,
+            kernel: Kernel::Epanechnikov,
+            debug: PhotonDebug::None,
+        }
+    }
+}
 
 /// Final gathering with photon maps.
 pub struct Photonmapper {
@@ -70,6 +127,56 @@ fn estimators(settings: &PhotonmapperSettings, scale: f32, replicates: u32) -> [
 fn lookup_point(block: &ShadingBlock<'_>, i: usize) -> LookupPoint {
     let (n, d) = (block.at.ng.lane(i), block.rays.d.lane(i));
     LookupPoint { p: block.at.p.lane(i), n: if n.dot(d) > 0.0 { -n } else { n } }
+}
+
+impl Plugin for Photonmapper {
+    const NAME: &'static str = "photonmapper";
+    type Settings = PhotonmapperSettings;
+
+    fn read(source: &mut dyn Source) -> Result<PhotonmapperSettings> {
+        source.ignore(&["granularity"], "the render job decides");
+        source.ignore(&["volume_photons", "volume_lookup_radius"], "there are no media");
+        let default = PhotonmapperSettings::default();
+        let kernels = Kernel::ALL.map(|kernel| (kernel.name(), kernel));
+        let debug_images = [
+            ("none", PhotonDebug::None),
+            ("photons", PhotonDebug::Photons),
+            ("radiance", PhotonDebug::Radiance),
+        ];
+        Ok(PhotonmapperSettings {
+            limits: PathLimits::read(source)?,
+            direct_samples: source.count("direct_samples", 1..=MAX_SAMPLES, default.direct_samples)?,
+            glossy_samples: source.count("glossy_samples", 1..=MAX_SAMPLES, default.glossy_samples)?,
+            gather_samples: source.count("gather_samples", 1..=MAX_SAMPLES, default.gather_samples)?,
+            global_photons: source.count("global_photons", 0..=MAX_PHOTONS, default.global_photons)?,
+            caustic_photons: source.count("caustic_photons", 0..=MAX_PHOTONS, default.caustic_photons)?,
+            global_lookup_radius: radius(source, "global_lookup_radius", default.global_lookup_radius)?,
+            caustic_lookup_radius: radius(source, "caustic_lookup_radius", default.caustic_lookup_radius)?,
+            lookup_size: source.count("lookup_size", 2..=MAX_SAMPLES, default.lookup_size)?,
+            kernel: source.choice("kernel", &kernels, default.kernel)?,
+            debug: source.choice("debug", &debug_images, default.debug)?,
+        })
+    }
+
+    fn with_limits(limits: PathLimits) -> PhotonmapperSettings {
+        PhotonmapperSettings { limits, ..PhotonmapperSettings::default() }
+    }
+
+    fn limits(settings: &PhotonmapperSettings) -> PathLimits {
+        settings.limits
+    }
+
+    fn create(settings: &PhotonmapperSettings) -> Box<dyn Integrator> {
+        Box::new(Photonmapper::new(*settings))
+    }
+}
+
+/// Reads a lookup radius.
+fn radius(source: &mut dyn Source, name: &'static str, default: f32) -> Result<f32> {
+    match source.positive(name, default)? {
+        radius if (1e-6..=1e6).contains(&radius) => Ok(radius),
+        _ => Err(source.refusal(name, "expected a part of the scene's radius, from 1e-6 to 1e6")),
+    }
 }
 
 impl Integrator for Photonmapper {

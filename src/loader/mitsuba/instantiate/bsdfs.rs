@@ -1,9 +1,9 @@
 //! BSDFs: the plugins of [`material`](crate::material) read their parameters from objects of the file.
 
-use super::{Builder, unknown_plugin};
+use super::{Builder, ObjectSource, unknown_plugin};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
 use crate::loader::mitsuba::graph::{ObjectId, Value};
 use crate::loader::mitsuba::props::Props;
@@ -33,7 +33,7 @@ impl Builder<'_> {
             return Ok(*id);
         }
         let props = Props::new(self.graph, object);
-        let read = Material::read(&props.object.plugin, &mut BsdfSource { builder: self, props: &props })?;
+        let read = Material::read(&props.object.plugin, &mut ObjectSource { builder: self, props: &props })?;
         let Some(material) = read else {
             return Err(unknown_plugin(props.object, Material::NAMES, &MITSUBA));
         };
@@ -56,29 +56,7 @@ impl Builder<'_> {
     }
 }
 
-/// A `<bsdf>` element, from which a plugin reads its parameters.
-struct BsdfSource<'b, 'g> {
-    builder: &'b mut Builder<'g>,
-    props: &'b Props<'g>,
-}
-
-impl Source for BsdfSource<'_, '_> {
-    fn has(&self, name: &'static str) -> bool {
-        self.props.has(name)
-    }
-
-    fn boolean(&mut self, name: &'static str, default: bool) -> Result<bool> {
-        self.props.boolean(name, default)
-    }
-
-    fn float(&mut self, name: &'static str) -> Result<Option<f64>> {
-        self.props.float(name)
-    }
-
-    fn text(&mut self, name: &'static str) -> Result<Option<String>> {
-        Ok(self.props.text(name)?.map(str::to_owned))
-    }
-
+impl Source for ObjectSource<'_, '_> {
     fn number_or_name(&mut self, name: &'static str) -> Result<Option<NumberOrName>> {
         let Some(property) = self.props.find(name) else { return Ok(None) };
         match &property.value {
@@ -127,21 +105,5 @@ impl Source for BsdfSource<'_, '_> {
 
     fn materials(&self) -> &[Material] {
         &self.builder.loaded.description.materials
-    }
-
-    fn ignore(&mut self, names: &[&'static str], why: &str) {
-        self.builder.ignore(self.props, names, why);
-    }
-
-    fn refusal(&self, name: &'static str, expected: &str) -> Error {
-        self.props.refusal(name, expected)
-    }
-
-    fn error(&self, name: &'static str, message: &str) -> Error {
-        self.props.error(name, message)
-    }
-
-    fn object_error(&self, message: &str) -> Error {
-        self.props.object.error(message)
     }
 }

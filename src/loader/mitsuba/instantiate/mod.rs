@@ -8,6 +8,7 @@ mod integrators;
 mod samplers;
 mod sensors;
 mod shapes;
+mod source;
 mod textures;
 
 use super::graph::{Graph, Object, ObjectId};
@@ -22,6 +23,7 @@ use crate::loader::files::Folders;
 use crate::material::Material;
 use crate::memory::Budget;
 use crate::util::wording;
+use source::ObjectSource;
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
