@@ -1,30 +1,30 @@
-//! Finding the files that a scene names.
+//! The search for the files that a scene names.
 
 use std::path::{Path, PathBuf};
 
-/// Folders to look for files in, besides that of the file that names them.
+/// Folders in which files are searched for, after the folder of the file that names them.
 #[derive(Clone, Debug, Default)]
 pub struct Folders {
-    /// `<path>` folders, the latest first.
+    /// Folders of `<path>` elements, the latest first.
     scene: Vec<PathBuf>,
-    /// The first scene file's folder and the user's `-a` folders.
+    /// The folder of the first scene file, then the user's `-a` folders.
     user: Vec<PathBuf>,
 }
 
 impl Folders {
-    /// The folder of the scene and the user's.
+    /// Creates the list of the scene file's folder and the user's folders.
     pub fn new(scene_file: &Path, search_paths: &[PathBuf]) -> Self {
         let own = scene_file.parent().map(Path::to_path_buf);
         Folders { scene: Vec::new(), user: own.into_iter().chain(search_paths.iter().cloned()).collect() }
     }
 
-    /// Adds the folder of a `<path>` element; it is looked in before those added earlier.
+    /// Adds the folder of a `<path>` element, which is searched before the folders added earlier.
     pub fn prepend(&mut self, folder: PathBuf) {
         self.scene.insert(0, folder);
     }
 
-    /// The first existing file or folder of a name: as named if absolute, else beside the file that names it, then in
-    /// the scene's folders, then in the user's.
+    /// Returns the first existing file or folder of a name. An absolute name is used as it is. Any other is searched
+    /// for beside the file that names it, then in the scene's folders, then in the user's folders.
     pub fn find(&self, named_in: &Path, name: &str) -> Option<PathBuf> {
         let name = Path::new(name);
         let own = named_in.parent().map(Path::to_path_buf);

@@ -1,4 +1,4 @@
-//! What a scene needs and a file may lack: a camera that sees everything, and light from everywhere.
+//! Defaults for a file without a camera or an emitter: a camera that sees the whole scene, and a white environment.
 
 use crate::color::Rgb;
 use crate::emitter::Emitter;
@@ -6,20 +6,20 @@ use crate::film::FilmSettings;
 use crate::math::{DAffine3, DMat3, DVec3};
 use crate::sensor::{FovAxis, Projection, SensorSettings};
 
-/// The camera's field of view across the smaller side of the image, degrees.
+/// The camera's field of view across the smaller side of the image, in degrees.
 const FOV_DEG: f64 = 35.0;
-/// From the middle to the camera: y is up, z towards the viewer.
+/// The direction from the centre of the scene to the camera: y is up, z points towards the viewer.
 const TO_CAMERA: DVec3 = DVec3::new(0.35, 0.45, 1.0);
-/// Room around what is seen, as a factor on the camera's distance.
+/// The margin around the scene, as a factor on the camera's distance.
 const MARGIN: f64 = 1.05;
 
-/// An even white environment.
+/// Returns a constant white environment.
 pub fn white_environment() -> Emitter {
     Emitter::Constant { radiance: Rgb::WHITE }
 }
 
-/// A camera that sees the sphere around the bounding box of the points, from the front and above; `None` where the
-/// box is empty or infinite. Points that are not finite are left out.
+/// Returns a camera in front of and above the points that sees the sphere around their bounding box; `None` if the box
+/// is empty, a point or infinite. Points that are not finite are left out.
 pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
     let finite = points.filter(|p| p.is_finite());
     let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
@@ -47,19 +47,19 @@ pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
     })
 }
 
-/// The frame of a viewer at `origin`, with unit `left` across the unit viewing `direction`.
+/// Returns the frame of a camera at `origin` with the unit viewing `direction` and the unit vector `left` across it.
 pub fn frame(origin: DVec3, left: DVec3, direction: DVec3) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_cols(left, direction.cross(left), direction), translation: origin }
 }
 
-/// Refuses a transformation that is singular, relative to the lengths of its axes, or not finite.
+/// Returns an error if a transformation is not finite, or is singular relative to the lengths of its axes.
 pub fn check_invertible(transform: &DAffine3) -> Result<(), String> {
     let m = transform.matrix3;
     let volume = m.x_axis.length() * m.y_axis.length() * m.z_axis.length();
     if !transform.is_finite() || !m.determinant().is_finite() || !volume.is_finite() {
         return Err("the transformation is not finite".to_owned());
     }
-    // Written so that a determinant and a volume of zero fail too.
+    // In this form, the comparison also fails for a determinant and a volume of zero.
     if m.determinant().abs() > 1e-12 * volume && transform.inverse().is_finite() {
         return Ok(());
     }

@@ -1,7 +1,7 @@
-//! Loaders: scene files in, [`Description`] and settings out.
+//! Loaders, which convert scene files to a [`Description`] and settings.
 //!
-//! A scene file is XML in Mitsuba's language ([`mitsuba`]) or glTF ([`gltf`]). A mesh alone ([`bare`]) gets a camera
-//! and a light.
+//! A scene file is XML in Mitsuba's language ([`mitsuba`]) or glTF ([`gltf`]). A bare mesh ([`bare`]) gets a camera and
+//! an environment.
 
 mod bare;
 mod files;
@@ -17,48 +17,48 @@ use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use std::path::{Path, PathBuf};
 
-/// What the user adds to a scene file.
+/// The user's additions to a scene file.
 #[derive(Clone, Debug, Default)]
 pub struct LoadOptions {
     /// `-D name=value`: values that replace those of `<default>` elements.
     pub defines: Vec<(String, String)>,
-    /// `-a DIR`: folders to look for files in, after the scene's own.
+    /// `-a DIR`: folders in which files are searched for after the scene's own.
     pub search_paths: Vec<PathBuf>,
-    /// `--memory-limit`: the most memory that the program may take.
+    /// `--memory-limit`: the most memory that the program may use.
     pub memory: Limit,
 }
 
 /// A loaded scene file.
 #[derive(Clone, Debug, Default)]
 pub struct Loaded {
-    /// What is in the scene.
+    /// The scene.
     pub description: Description,
-    /// The integrator that the file asks for.
+    /// The integrator that the file specifies.
     pub integrator: integrator::Settings,
-    /// The sampler that the file asks for, mapped to one of ours; `None` where it names none.
+    /// The sampler that the file specifies, mapped to one of Buffon's; `None` if it specifies none.
     pub sampler: Option<SamplerKind>,
-    /// Samples per pixel that the file asks for.
+    /// The samples per pixel that the file specifies.
     pub samples_per_pixel: Option<u32>,
-    /// What was ignored, mapped or upgraded; errors under `--strict`.
+    /// Warnings about what was ignored, mapped or upgraded; errors under `--strict`.
     pub warnings: Vec<Error>,
-    /// What the user should know but need not change (a sampler that was mapped).
+    /// Notes for the user that require no change (a sampler that was mapped).
     pub notes: Vec<String>,
-    /// What is planned of memory: so far the meshes and textures.
+    /// The planned memory: so far the meshes and textures.
     pub memory: Budget,
 }
 
-/// What the program can load, by the extension of the file.
+/// The extensions of the files that can be loaded.
 pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
 
 /// Loads a scene (`.xml`, `.gltf`, `.glb`) or a bare mesh (`.obj`, `.ply`).
 ///
-/// A bare mesh gets a camera that frames it from the front and above, an even white environment and a grey
-/// material, and a note that says so.
+/// A bare mesh gets a camera that frames it from the front and above, a constant white environment, a grey material,
+/// and a note that says so.
 ///
 /// # Errors
-/// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column where there are any: what cannot be read,
-/// is malformed, unknown, out of range, or does not fit into memory. All missing mesh and spectrum files come in one
-/// error.
+/// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column if there are any: if the file cannot be
+/// read, is malformed, unknown or out of range, or does not fit into memory. All missing mesh and spectrum files are in
+/// one error.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let memory = Budget::open(options.memory);
@@ -76,7 +76,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     Ok(Loaded { memory, ..loaded })
 }
 
-/// Adds a warning for each value that the user gives to a parameter, where files have none.
+/// Adds a warning for each parameter that the user defines; the files of these formats have none.
 fn warn_of_defines(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
     let unused = |(name, _): &(String, String)| {
         Error::scene("nothing to define: files of this kind have no parameters").about(format!("-D {name}"))
@@ -85,10 +85,10 @@ fn warn_of_defines(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
     loaded
 }
 
-/// Reads a file; its bytes are planned for as long as the reservation lives.
+/// Reads a file. The reservation covers its bytes until it is dropped.
 ///
 /// # Errors
-/// When it does not exist or cannot be read, with what the system says, or is larger than the memory that is left.
+/// If the file does not exist or cannot be read, with the system's message, or is larger than the memory that is left.
 fn read_bytes(path: &Path, memory: &Budget) -> Result<(Vec<u8>, Reservation)> {
     let length = std::fs::metadata(path).map_or(0, |about| about.len());
     let reserved = memory.reserve(length).map_err(|refusal| {
@@ -101,7 +101,7 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Error {
     Error::scene(format!("cannot be read: {}", system_message(error))).in_file(path)
 }
 
-/// The system's words for an error without the code that Rust appends.
+/// Returns the system's message for an error, without the code that Rust appends.
 fn system_message(error: &std::io::Error) -> String {
     let text = error.to_string();
     match text.split_once(" (os error") {
@@ -113,7 +113,7 @@ fn system_message(error: &std::io::Error) -> String {
 /// Reads a text file.
 ///
 /// # Errors
-/// As [`read_bytes`]; when it is not UTF-8.
+/// As for [`read_bytes`], and if the file is not UTF-8.
 fn read_text(path: &Path, memory: &Budget) -> Result<String> {
     let (bytes, _reserved) = read_bytes(path, memory)?;
     let text = String::from_utf8(bytes).map_err(|e| {

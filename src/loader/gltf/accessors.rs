@@ -1,4 +1,4 @@
-//! Numbers in buffers. [glTF 2.0, 3.6]
+//! Accessors: arrays of numbers in buffers. [glTF 2.0, 3.6]
 
 use super::file::File;
 use crate::error::{Error, Result, counted};
@@ -6,24 +6,24 @@ use gltf::accessor::sparse::IndexType;
 use gltf::accessor::{Accessor, DataType, Dimensions};
 use gltf::buffer::View;
 
-/// The most elements of an accessor that has no buffer view: they are all zero but for a few, so that the file's size
-/// is no bound.
+/// The greatest number of elements of an accessor without a buffer view. All but a few of its elements are zero, so the
+/// size of the file does not bound their number.
 const MOST_ZEROS: usize = 1 << 24;
 
-/// How integers become numbers.
+/// The conversion of integers to numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Integers {
-    /// As the accessor says.
+    /// As the accessor specifies.
     AsTold,
-    /// As fractions of the largest, whatever the accessor says.
+    /// As fractions of the largest integer, whatever the accessor specifies.
     Fractions,
 }
 
 impl File {
-    /// The elements of an accessor as `N` numbers each.
+    /// Returns the elements of an accessor as `N` numbers each.
     ///
     /// # Errors
-    /// If its elements have another number of components, or reach beyond their buffer view.
+    /// If the elements have another number of components, or reach beyond their buffer view.
     pub fn numbers<const N: usize>(
         &self,
         accessor: &Accessor<'_>,
@@ -41,10 +41,10 @@ impl File {
         })
     }
 
-    /// The elements of an accessor as indices.
+    /// Returns the elements of an accessor as indices.
     ///
     /// # Errors
-    /// If they are not single unsigned integers, or reach beyond their buffer view.
+    /// If the elements are not single unsigned integers, or reach beyond their buffer view.
     pub fn indices(&self, accessor: &Accessor<'_>) -> Result<Vec<u32>> {
         let kind = accessor.data_type();
         let unsigned = matches!(kind, DataType::U8 | DataType::U16 | DataType::U32);
@@ -54,7 +54,7 @@ impl File {
         self.elements(accessor, 0, index)
     }
 
-    /// All elements, sparse ones in their places.
+    /// Returns all elements, with the sparse ones inserted.
     fn elements<T: Clone>(
         &self,
         accessor: &Accessor<'_>,
@@ -106,7 +106,7 @@ impl File {
         Ok(elements)
     }
 
-    /// The bytes of `count` elements of `size` bytes from `offset` on in a view.
+    /// Returns the bytes of `count` elements of `size` bytes, from `offset` on in a view.
     fn slices<'a>(
         &'a self,
         accessor: &Accessor<'_>,
@@ -143,7 +143,7 @@ fn is_matrix(dimensions: Dimensions) -> bool {
     matches!(dimensions, Dimensions::Mat2 | Dimensions::Mat3 | Dimensions::Mat4)
 }
 
-/// A component as a number: integers as they are, or as fractions of the largest. [glTF 2.0, 3.11]
+/// Converts a component to a number: an integer to its value, or to a fraction of the largest integer. [glTF 2.0, 3.11]
 fn number(kind: DataType, normalized: bool, bytes: &[u8]) -> f32 {
     let (value, largest) = match (kind, bytes) {
         (DataType::F32, &[a, b, c, d]) => return f32::from_le_bytes([a, b, c, d]),
@@ -156,7 +156,7 @@ fn number(kind: DataType, normalized: bool, bytes: &[u8]) -> f32 {
     if normalized { (value / largest).max(-1.0) } else { value }
 }
 
-/// An unsigned integer of one, two or four bytes.
+/// Reads a little-endian unsigned integer of one, two or four bytes.
 fn index(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }

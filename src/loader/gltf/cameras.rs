@@ -8,16 +8,16 @@ use crate::sensor::{FovAxis, Projection, SensorSettings};
 use gltf::json::camera::{Orthographic, Perspective};
 use std::f64::consts::PI;
 
-/// Columns and rows of an image at most, and where the camera has no aspect ratio.
+/// The greatest number of columns and rows of an image, and the size if the camera has no aspect ratio.
 const SIZE: [f64; 2] = [1280.0, 720.0];
-/// The far clipping plane of a camera that sees without end.
+/// The least distance of the far clipping plane if the camera does not specify one.
 const FAR: f64 = 1e4;
 
 impl Builder<'_> {
-    /// Adds a sensor for a camera that stands at a node.
+    /// Adds a sensor for the camera of a node.
     ///
     /// # Errors
-    /// Angles, sizes and distances out of range; a node without direction.
+    /// If angles, sizes or distances are out of range, or the node has no direction.
     pub fn camera(&mut self, camera: &gltf::Camera<'_>, name: &str, to_world: &DAffine3) -> Result<()> {
         let thing = format!("cameras[{}]", camera.index());
         let Some(frame) = viewer(to_world) else {
@@ -25,8 +25,8 @@ impl Builder<'_> {
         };
         let described = &self.file.document.as_json().cameras[camera.index()];
         let sensor = match (&described.perspective, &described.orthographic) {
-            (Some(perspective), None) => look(perspective, frame),
-            (None, Some(orthographic)) => draw(orthographic, frame),
+            (Some(perspective), None) => perspective_sensor(perspective, frame),
+            (None, Some(orthographic)) => orthographic_sensor(orthographic, frame),
             _ => Err(Error::scene("expected either a perspective or an orthographic camera")),
         };
         let mut sensor = sensor.map_err(|e| e.about(thing).at(self.file.place()))?;
@@ -36,7 +36,7 @@ impl Builder<'_> {
     }
 }
 
-/// The largest film of a shape that fits the usual size.
+/// Returns the largest film of an aspect ratio that fits [`SIZE`].
 fn film(aspect: f64) -> FilmSettings {
     let [width, height] = SIZE;
     let fit = |side: f64, most: f64| side.round().clamp(1.0, most) as u32;
@@ -47,7 +47,7 @@ fn film(aspect: f64) -> FilmSettings {
     }
 }
 
-fn look(camera: &Perspective, frame: DAffine3) -> Result<SensorSettings> {
+fn perspective_sensor(camera: &Perspective, frame: DAffine3) -> Result<SensorSettings> {
     let fov = f64::from(camera.yfov);
     if !(fov > 0.0 && fov < PI) {
         return Err(Error::scene(format!("expected a yfov between 0 and π, found {}", camera.yfov)));
@@ -62,7 +62,7 @@ fn look(camera: &Perspective, frame: DAffine3) -> Result<SensorSettings> {
     sensor(frame, projection, [near, far], film(aspect))
 }
 
-fn draw(camera: &Orthographic, frame: DAffine3) -> Result<SensorSettings> {
+fn orthographic_sensor(camera: &Orthographic, frame: DAffine3) -> Result<SensorSettings> {
     let [x, y] = [camera.xmag, camera.ymag].map(|side| f64::from(side.abs()));
     if !(x > 0.0 && y > 0.0 && x.is_finite() && y.is_finite()) {
         let message =
@@ -70,12 +70,12 @@ fn draw(camera: &Orthographic, frame: DAffine3) -> Result<SensorSettings> {
         return Err(Error::scene(message));
     }
     let film = film(x / y);
-    // Our image is two units wide, and its pixels are square.
+    // The image of an orthographic sensor is two units wide, and its pixels are square.
     let scale_y = y * f64::from(film.width) / f64::from(film.height);
     let m = frame.matrix3;
     let matrix3 = DMat3::from_cols(m.x_axis * x, m.y_axis * scale_y, m.z_axis);
     let far = f64::from(camera.zfar);
-    // Objects at the camera may be seen; ours sees from a distance greater than 0 on.
+    // A glTF camera may have a znear of 0; the near clipping plane of a sensor must be at a distance greater than 0.
     let near = f64::from(camera.znear).max(1e-6 * far);
     sensor(DAffine3 { matrix3, ..frame }, Projection::Orthographic, [near, far], film)
 }

@@ -1,4 +1,4 @@
-//! The file itself: JSON, buffers and the bytes of images, checked so that nothing in them is out of range.
+//! The file: its JSON, its buffers and the bytes of its images, all checked to be in range.
 
 use super::uri::{self, Target};
 use crate::error::{Error, Place, Result, counted};
@@ -13,7 +13,7 @@ use gltf::json::{Path as JsonPath, Root};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// Extensions that a file may require.
+/// The extensions that a file may require.
 const SUPPORTED: [&str; 7] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -23,9 +23,9 @@ const SUPPORTED: [&str; 7] = [
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];
-/// How many faults are listed at most.
+/// The greatest number of faults in an error.
 const MOST_FAULTS: usize = 10;
-/// The start of a chunk of text and of one of bytes in a binary file. [glTF 2.0, 4.4]
+/// The types of the chunks of a binary file: JSON and binary data. [glTF 2.0, 4.4]
 const CHUNK_JSON: u32 = 0x4e4f_534a;
 const CHUNK_BIN: u32 = 0x004e_4942;
 
@@ -33,13 +33,13 @@ const CHUNK_BIN: u32 = 0x004e_4942;
 pub struct File {
     path: PathBuf,
     folders: Folders,
-    /// What it says.
+    /// The contents of its JSON.
     pub document: Document,
     buffers: Vec<Vec<u8>>,
     memory: Budget,
-    /// Of the buffers.
+    /// The memory of the buffers.
     reserved: Vec<Reservation>,
-    /// Files that it names and that are not there.
+    /// Errors for the missing files that it names.
     pub missing: Vec<Error>,
 }
 
@@ -47,7 +47,8 @@ impl File {
     /// Reads a file and its buffers.
     ///
     /// # Errors
-    /// What cannot be read or is malformed; required extensions that are not supported; buffers that are too short.
+    /// If a file cannot be read or is malformed, requires an extension that is not supported, or has a buffer that is
+    /// too short.
     pub fn open(
         path: &Path,
         search_paths: &[PathBuf],
@@ -71,7 +72,7 @@ impl File {
         Ok(file)
     }
 
-    /// An error in this file about a thing in it.
+    /// Creates an error about a thing in this file.
     pub fn error(&self, thing: impl Into<String>, message: impl Into<String>) -> Error {
         Error::scene(message).about(thing).in_file(&self.path)
     }
@@ -79,26 +80,26 @@ impl File {
     /// Reserves memory for a thing in this file.
     ///
     /// # Errors
-    /// If so much is not left.
+    /// If less memory is left.
     pub fn reserve(&self, bytes: u64, thing: &str, what: &str) -> Result<Reservation> {
         let refused = |r: Refusal| self.error(thing, r.sentence(what, "use a smaller scene"));
         self.memory.reserve(bytes).map_err(refused)
     }
 
-    /// As [`reserve`](Self::reserve), for good.
+    /// Reserves memory as [`reserve`](Self::reserve) does, permanently.
     ///
     /// # Errors
-    /// If so much is not left.
+    /// If less memory is left.
     pub fn keep(&self, bytes: u64, thing: &str, what: &str) -> Result<()> {
         self.reserve(bytes, thing, what).map(|reserved| reserved.keep(bytes))
     }
 
-    /// What is planned of memory.
+    /// Returns the planned memory.
     pub fn memory(&self) -> &Budget {
         &self.memory
     }
 
-    /// The file as a place.
+    /// Returns the place that stands for the whole file.
     pub fn place(&self) -> Place {
         Place::file(&self.path)
     }
@@ -130,7 +131,7 @@ impl File {
         Ok(buffers)
     }
 
-    /// The bytes at an address; `None` for a file that is missing, which is remembered.
+    /// Returns the bytes at a URI; `None` if the file is missing, which is recorded.
     fn fetch(&mut self, thing: &str, uri: &str) -> Result<Option<Vec<u8>>> {
         match uri::read(uri).map_err(|message| self.error(thing, message))? {
             Target::Data(bytes) => Ok(Some(bytes)),
@@ -149,10 +150,10 @@ impl File {
         }
     }
 
-    /// The bytes of an image; `None` for a missing file, which is remembered.
+    /// Returns the bytes of an image; `None` if a file is missing, which is recorded.
     ///
     /// # Errors
-    /// An image with neither address nor bytes, or with bytes out of range.
+    /// If the image has neither a URI nor a buffer view, or its bytes are out of range.
     pub fn image(&mut self, index: usize) -> Result<Option<Vec<u8>>> {
         let thing = format!("images[{index}]");
         let image = &self.document.as_json().images[index];
@@ -167,10 +168,10 @@ impl File {
         self.view(&view).map(|bytes| Some(bytes.to_vec()))
     }
 
-    /// The bytes of a buffer view.
+    /// Returns the bytes of a buffer view.
     ///
     /// # Errors
-    /// If they reach beyond the buffer.
+    /// If the view reaches beyond its buffer.
     pub fn view(&self, view: &View<'_>) -> Result<&[u8]> {
         let buffer = &self.buffers[view.buffer().index()];
         let (offset, length) = (view.offset(), view.length());
@@ -187,7 +188,7 @@ impl File {
     }
 }
 
-/// Text and binary chunk of a file. [glTF 2.0, 4.4]
+/// Splits a file into its JSON and its binary chunk. [glTF 2.0, 4.4]
 fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
     let number = |at: usize| {
         let bytes = bytes.get(at..at.checked_add(4)?)?.try_into().ok()?;
@@ -236,7 +237,7 @@ fn parse(path: &Path, json: &[u8]) -> Result<Root> {
     })
 }
 
-/// A line of text; nothing of one too long to be looked at.
+/// Returns a line as text; the empty text if the line is too long to be shown.
 fn shown(line: &[u8], column: usize) -> Cow<'_, str> {
     if line.len() > 10_000 || column > line.len() {
         return Cow::Borrowed("");
@@ -244,7 +245,8 @@ fn shown(line: &[u8], column: usize) -> Cow<'_, str> {
     String::from_utf8_lossy(line)
 }
 
-/// Refuses what cannot be used safely, and what a scene needs and Buffon does not know.
+/// Returns an error if the file cannot be used safely or requires an unsupported extension. Adds a warning for each
+/// unsupported extension that it does not require.
 fn check(path: &Path, root: &Root, warnings: &mut Vec<Error>) -> Result<()> {
     let version = root.asset.min_version.as_ref().unwrap_or(&root.asset.version);
     if version.split('.').next() != Some("2") {
@@ -258,7 +260,7 @@ fn check(path: &Path, root: &Root, warnings: &mut Vec<Error>) -> Result<()> {
     let required = root.extensions_required.iter().filter(unknown);
     let mut faults: Vec<Error> =
         required.map(|name| unsupported(name, "is required and not supported")).collect();
-    // The validation looks positions up before it has looked at their index.
+    // The validation of `gltf` looks up positions before it checks their index.
     let mut attributes = root.meshes.iter().flat_map(|m| &m.primitives).flat_map(|p| p.attributes.values());
     if let Some(index) = attributes.find(|index| index.value() >= root.accessors.len()) {
         let message = format!("there is no accessors[{}], which a mesh refers to", index.value());
@@ -279,8 +281,8 @@ fn check(path: &Path, root: &Root, warnings: &mut Vec<Error>) -> Result<()> {
     Ok(())
 }
 
-/// Whether a fault does no harm here: missing positions or bounds of them, attributes of unknown names; extensions are
-/// told of elsewhere.
+/// Returns whether a fault is harmless here: missing positions, missing bounds of positions, and attributes with
+/// unknown names. Unsupported extensions are reported elsewhere.
 fn is_harmless(place: &str, fault: Fault) -> bool {
     match fault {
         Fault::Unsupported => true,

@@ -1,4 +1,4 @@
-//! Lights without extent. [KHR_lights_punctual]
+//! Point, spot and directional emitters. [KHR_lights_punctual]
 
 use super::{Builder, viewer};
 use crate::color::Rgb;
@@ -8,7 +8,7 @@ use gltf::khr_lights_punctual::{Kind, Light};
 use std::f32::consts::FRAC_PI_2;
 
 impl Builder<'_> {
-    /// Adds a light that stands at a node.
+    /// Adds the emitter of a node.
     pub fn light(&mut self, light: &Light<'_>, to_world: &DAffine3) {
         let thing = format!("lights[{}]", light.index());
         let strength = Rgb::from(light.color()) * light.intensity();

@@ -1,4 +1,4 @@
-//! Materials: metal and roughness become the principled model. [glTF 2.0, 3.9]
+//! Materials: metallic-roughness materials become principled BSDFs. [glTF 2.0, 3.9]
 
 use super::Builder;
 use super::meshes::{ALPHA, COLOR};
@@ -11,36 +11,36 @@ use crate::texture::{Adjusted, MeshAttribute, Texture};
 use gltf::material::AlphaMode;
 use std::sync::Arc;
 
-/// The index of refraction of what says nothing of it. [KHR_materials_ior]
+/// The index of refraction of a material that does not specify one. [KHR_materials_ior]
 const DEFAULT_IOR: f32 = 1.5;
-/// From where on a masked point is there, if the material does not say. [glTF 2.0, 3.9.4]
+/// The alpha cutoff of a masked material that does not specify one. [glTF 2.0, 3.9.4]
 const DEFAULT_CUTOFF: f32 = 0.5;
 
-/// What a primitive's material becomes.
+/// The properties of a primitive's surface that its material determines.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// What scatters.
+    /// The BSDF.
     pub material: MaterialId,
-    /// What shines.
+    /// The emitted radiance.
     pub emission: Option<Input<Rgb>>,
-    /// The set of texture coordinates that its textures use.
+    /// The set of texture coordinates that the textures use.
     pub uv_set: u32,
 }
 
-/// Which vertex colours a primitive has.
+/// The vertex colours of a primitive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct VertexColors {
-    /// Whether it has any.
+    /// Whether the primitive has vertex colours.
     pub color: bool,
-    /// Whether they have an alpha.
+    /// Whether the vertex colours have an alpha.
     pub alpha: bool,
 }
 
 impl Builder<'_> {
-    /// The surface of a material on a primitive with such vertex colours; made once.
+    /// Returns the surface of a material on a primitive with such vertex colours. Each surface is created once.
     ///
     /// # Errors
-    /// Images that cannot be read.
+    /// If an image cannot be read.
     pub fn surface(&mut self, material: &gltf::Material<'_>, vertex: VertexColors) -> Result<Surface> {
         let key = (material.index(), vertex);
         if let Some(surface) = self.surfaces.get(&key) {
@@ -79,7 +79,7 @@ impl Builder<'_> {
         MaterialId::from(materials.len() - 1)
     }
 
-    /// The one set of texture coordinates that a material's textures use.
+    /// Returns the set of texture coordinates that is used for all textures of a material.
     fn uv_set(&mut self, material: &gltf::Material<'_>, thing: &str) -> u32 {
         let pbr = material.pbr_metallic_roughness();
         let infos = [
@@ -150,7 +150,7 @@ impl Builder<'_> {
         })
     }
 
-    /// The index of refraction.
+    /// Returns the index of refraction.
     fn eta(&mut self, material: &gltf::Material<'_>, thing: &str) -> f32 {
         let ior = material.ior().unwrap_or(DEFAULT_IOR);
         if ior >= 1.0 && ior.is_finite() {
@@ -163,7 +163,7 @@ impl Builder<'_> {
         DEFAULT_IOR
     }
 
-    /// The material with bent normals.
+    /// Returns the material with perturbed normals.
     fn normal_map(
         &mut self,
         normals: &gltf::material::NormalTexture<'_>,
@@ -175,7 +175,7 @@ impl Builder<'_> {
         }
         let scale = normals.scale();
         if scale != 1.0 && scale.is_finite() {
-            // Colours are (n + 1) / 2, and the scale is one of n's x and y.
+            // Colours are (n + 1) / 2; the scale applies to x and y of n.
             let offset = 0.5 - 0.5 * scale;
             texture = Arc::new(Texture::Adjusted(Adjusted {
                 offset: Rgb::new(offset, offset, 0.0),
@@ -187,7 +187,7 @@ impl Builder<'_> {
         Ok(self.add_material(NormalMap { normals, bending, inner }))
     }
 
-    /// The material where alpha lets it be.
+    /// Returns the material with the opacity that alpha specifies.
     fn mask(
         &mut self,
         material: &gltf::Material<'_>,
@@ -225,7 +225,7 @@ impl Builder<'_> {
         Ok(self.add_material(Mask { opacity, inner }))
     }
 
-    /// Radiance of the front; `None` where there is none.
+    /// Returns the radiance of the front; `None` if there is none.
     fn emission(&mut self, material: &gltf::Material<'_>, thing: &str) -> Result<Option<Input<Rgb>>> {
         let strength = material.emissive_strength().unwrap_or(1.0);
         let factor = Rgb::from(material.emissive_factor()) * strength;
@@ -245,12 +245,12 @@ impl Builder<'_> {
     }
 }
 
-/// A number in [0, 1].
+/// Clamps a number to [0, 1].
 fn share(value: f32) -> f32 {
     value.clamp(0.0, 1.0)
 }
 
-/// The texture of a vertex attribute.
+/// Returns the texture of a vertex attribute.
 fn attribute(name: &str) -> Arc<Texture> {
     Arc::new(Texture::MeshAttribute(MeshAttribute { name: name.to_owned(), scale: 1.0 }))
 }

@@ -1,4 +1,4 @@
-//! Meshes: each primitive of triangles is one of our meshes. [glTF 2.0, 3.7.2]
+//! Meshes: each primitive of triangles becomes a mesh. [glTF 2.0, 3.7.2]
 
 use super::Builder;
 use super::accessors::Integers;
@@ -10,16 +10,16 @@ use crate::texture::Attribute;
 use gltf::Primitive;
 use gltf::mesh::{Mode, Semantic};
 
-/// The attributes that vertex colours become.
+/// The mesh attribute of vertex colours.
 pub const COLOR: &str = "vertex_color";
-/// As [`COLOR`], for their alpha.
+/// The mesh attribute of the alpha of vertex colours.
 pub const ALPHA: &str = "vertex_alpha";
 
 impl Builder<'_> {
-    /// The triangles of a primitive with the texture coordinates of a set; `None` where there are none.
+    /// Returns the triangles of a primitive with the texture coordinates of a set; `None` if there are no triangles.
     ///
     /// # Errors
-    /// Accessors of another form or out of range, or of different lengths; indices of vertices that do not exist.
+    /// If an accessor has another form, is out of range or has another length, or an index has no vertex.
     pub fn mesh(&mut self, primitive: &Primitive<'_>, thing: &str, uv_set: u32) -> Result<Option<Mesh>> {
         if !matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan) {
             self.warn(thing, "points and lines are left out");
@@ -69,7 +69,7 @@ impl Builder<'_> {
         Ok(self.file.numbers::<3>(accessor, integers)?.into_iter().map(Vec3::from).collect())
     }
 
-    /// Vertex colours, and their alpha where they have any.
+    /// Returns the vertex colours, and their alpha if they have one.
     fn colors(&self, accessor: &gltf::Accessor<'_>) -> Result<Vec<Attribute>> {
         let attribute = |name: &str, channels, values| Attribute { name: name.to_owned(), channels, values };
         if accessor.dimensions().multiplicity() != 4 {
@@ -82,7 +82,7 @@ impl Builder<'_> {
         Ok(vec![attribute(COLOR, 3, rgb), attribute(ALPHA, 1, alpha)])
     }
 
-    /// Refuses attributes that are not there for each vertex.
+    /// Returns an error if an attribute does not have one value for each vertex.
     fn check_lengths(&self, mesh: &Mesh, thing: &str) -> Result<()> {
         let n = mesh.positions.len();
         let attributes = mesh.attributes.iter().map(|a| ("COLOR_0", a.values.len() / a.channels));
@@ -98,7 +98,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Mends normals, and tells of vertices that are nowhere.
+    /// Repairs normals, and adds a warning if vertices are not finite.
     fn check_values(&mut self, mesh: &mut Mesh, thing: &str) {
         let broken = mesh.positions.iter().filter(|p| !p.is_finite()).count();
         if broken > 0 {
@@ -116,14 +116,14 @@ impl Builder<'_> {
     }
 }
 
-/// Triangles of a list, strip or fan of vertices. [glTF 2.0, 3.7.2.1]
+/// Returns the triangles of a list, strip or fan of vertices. [glTF 2.0, 3.7.2.1]
 fn triangles(mode: Mode, corners: &[u32]) -> Vec<[u32; 3]> {
     let windows = corners.windows(3);
     match mode {
         Mode::TriangleStrip => {
             let turned =
                 |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
-            // Strips are sewn together by triangles without area.
+            // Triangles without area connect the parts of a strip.
             windows.enumerate().map(turned).filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]).collect()
         }
         Mode::TriangleFan => windows.map(|w| [w[1], w[2], corners[0]]).collect(),
@@ -131,7 +131,7 @@ fn triangles(mode: Mode, corners: &[u32]) -> Vec<[u32; 3]> {
     }
 }
 
-/// The mesh without vertices of no triangle: primitives may share accessors and use a part of each.
+/// Removes the vertices that no triangle uses: primitives may share accessors and use a part of each.
 fn without_unused(mesh: Mesh) -> Mesh {
     let mut place = vec![u32::MAX; mesh.positions.len()];
     mesh.indices.iter().flatten().for_each(|i| place[*i as usize] = 0);

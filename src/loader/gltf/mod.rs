@@ -1,7 +1,7 @@
 //! glTF 2.0: scenes of triangles as modelling programs export them, as text (`.gltf`) or in one binary file (`.glb`).
 //!
-//! [`file`] reads and checks the file, [`Builder`] walks through the nodes of its scene and makes of meshes, materials,
-//! lights and cameras what the scene's plain data have for them.
+//! [`file`] reads and checks the file. [`Builder`] traverses the nodes of its scene and converts meshes, materials,
+//! lights and cameras to the scene's plain data.
 
 mod accessors;
 mod cameras;
@@ -30,15 +30,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use textures::Plane;
 
-/// Loads the default scene of a file, or its first.
+/// Loads the default scene of a file, or its first scene if there is no default.
 ///
 /// # Errors
-/// What cannot be read, is malformed, out of range, required and not supported, or does not fit into memory. All
-/// missing files come in one error.
+/// If the file cannot be read, is malformed or out of range, requires what is not supported, or does not fit into
+/// memory. All missing files are in one error.
 pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Loaded> {
     let mut loaded = Loaded::default();
     let mut file = File::open(path, search_paths, memory, &mut loaded.warnings)?;
-    // What the file says stays as it is, while the builder remembers what of it is missing.
+    // The document is cloned, because the builder records missing files in `file`.
     let document = Document::clone(&file.document);
     let mut builder = Builder {
         file: &mut file,
@@ -64,15 +64,15 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
 /// A texture, a plane of its image, and the bits of the transformation of texture coordinates.
 type BitmapKey = (usize, Plane, [u32; 6]);
 
-/// A scene in the making.
+/// A scene under construction.
 struct Builder<'f> {
     file: &'f mut File,
     loaded: Loaded,
-    /// How many nodes have a mesh.
+    /// By mesh: the number of nodes that use it.
     uses: HashMap<usize, usize>,
-    /// By mesh: the group of what of it does not shine, if there is such.
+    /// By mesh: the group of its shapes that do not emit, if there are any.
     groups: HashMap<usize, Option<usize>>,
-    /// By mesh: what it consists of.
+    /// By mesh: its shapes.
     meshes: HashMap<usize, Arc<Vec<PlacedShape>>>,
     surfaces: HashMap<(Option<usize>, VertexColors), Surface>,
     images: HashMap<usize, Option<TextureLayers>>,
@@ -80,7 +80,7 @@ struct Builder<'f> {
     bitmaps: HashMap<BitmapKey, Arc<Texture>>,
 }
 
-/// A node of the scene and where it is.
+/// A node of the scene with its transformation.
 struct PlacedNode<'d> {
     node: Node<'d>,
     to_world: DAffine3,
@@ -95,7 +95,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Adds a note unless there is one of the same words.
+    /// Adds a note unless it exists already.
     fn note(&mut self, text: &str) {
         if !self.loaded.notes.iter().any(|note| note == text) {
             self.loaded.notes.push(text.to_owned());
@@ -120,10 +120,10 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The nodes below some, each before those below it, in the file's order.
+    /// Returns the roots and all nodes below them, each before its children, in the file's order.
     ///
     /// # Errors
-    /// A node that is reached twice; one that is not placed by finite numbers.
+    /// If a node is reached twice, or its transformation is not finite.
     fn nodes<'d>(&mut self, roots: Vec<Node<'d>>, count: usize) -> Result<Vec<PlacedNode<'d>>> {
         let (mut reached, mut nodes) = (vec![false; count], Vec::new());
         let mut waiting: Vec<(Node, DAffine3)> = roots.into_iter().map(|n| (n, DAffine3::IDENTITY)).collect();
@@ -147,7 +147,7 @@ impl Builder<'_> {
         Ok(nodes)
     }
 
-    /// Adds what stands at a node.
+    /// Adds the camera, the emitter and the mesh of a node.
     fn place(&mut self, placed: &PlacedNode<'_>) -> Result<()> {
         let PlacedNode { node, to_world } = placed;
         let thing = format!("nodes[{}]", node.index());
@@ -175,7 +175,7 @@ impl Builder<'_> {
             let instance = PlacedGroup { name, place, group, to_world: (*to_world).into() };
             self.loaded.description.instances.push(instance);
         }
-        // The front of a faceted mesh is that of the order of its vertices, which a mirror exchanges.
+        // The order of the vertices determines the front of a faceted mesh, and a mirror reverses that order.
         let placed = |shape: PlacedShape| PlacedShape {
             name: name.clone(),
             flip_normals: mirrored && is_faceted(&shape),
@@ -194,12 +194,12 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The group of what of a mesh does not shine. Its front stays the front where an instance mirrors it.
+    /// Returns the group of a mesh's shapes that do not emit. An instance that mirrors them keeps their front.
     fn group(&mut self, mesh: usize, shapes: &[PlacedShape]) -> Option<usize> {
         let groups = &mut self.loaded.description.groups;
         *self.groups.entry(mesh).or_insert_with(|| {
-            let dark = shapes.iter().filter(|shape| shape.emission.is_none());
-            let members: Vec<PlacedShape> = dark.cloned().collect();
+            let not_emitting = shapes.iter().filter(|shape| shape.emission.is_none());
+            let members: Vec<PlacedShape> = not_emitting.cloned().collect();
             if members.is_empty() {
                 return None;
             }
@@ -208,7 +208,7 @@ impl Builder<'_> {
         })
     }
 
-    /// The primitives of a mesh in its own coordinates, made once.
+    /// Returns the primitives of a mesh in its own coordinates. Each mesh is converted once.
     fn shapes(&mut self, mesh: &gltf::Mesh<'_>) -> Result<Arc<Vec<PlacedShape>>> {
         if let Some(shapes) = self.meshes.get(&mesh.index()) {
             return Ok(shapes.clone());
@@ -241,7 +241,7 @@ impl Builder<'_> {
     }
 }
 
-/// Bytes of a shape's mesh.
+/// Returns the bytes of a shape's mesh.
 fn mesh_bytes(placed: &PlacedShape) -> u64 {
     match &placed.shape {
         Shape::Mesh(mesh) => mesh.memory_bytes(),
@@ -253,7 +253,7 @@ fn is_faceted(placed: &PlacedShape) -> bool {
     matches!(&placed.shape, Shape::Mesh(mesh) if mesh.normals.is_empty())
 }
 
-/// A node's own transformation.
+/// Returns a node's own transformation.
 fn local(transform: &Transform) -> Result<DAffine3, String> {
     match transform {
         Transform::Matrix { matrix } => {
@@ -277,8 +277,8 @@ fn local(transform: &Transform) -> Result<DAffine3, String> {
     }
 }
 
-/// The frame of what looks or shines along -z of a node with y up, as ours do along +z with x to the left; without
-/// scale. `None` where there is no direction.
+/// Returns the frame, without scale, of a camera or emitter that points along -z of a node with y up; in Buffon it
+/// points along +z with x to the left. `None` if there is no direction.
 fn viewer(to_world: &DAffine3) -> Option<DAffine3> {
     let direction = (-to_world.matrix3.z_axis).try_normalize()?;
     let left = to_world.matrix3.y_axis.cross(direction).try_normalize();
@@ -286,16 +286,16 @@ fn viewer(to_world: &DAffine3) -> Option<DAffine3> {
     Some(framing::frame(to_world.translation, left, direction))
 }
 
-/// Adds a light and a camera to a scene that has none.
+/// Adds an emitter and a camera to a scene without one.
 fn complete(loaded: &mut Loaded, file: &File) -> Result<()> {
     let Description { shapes, emitters, sensors, .. } = &loaded.description;
-    let (dark, blind) =
+    let (lacks_emitter, lacks_sensor) =
         (emitters.is_empty() && shapes.iter().all(|s| s.emission.is_none()), sensors.is_empty());
-    if dark {
+    if lacks_emitter {
         loaded.description.emitters.push(framing::white_environment());
         loaded.notes.push("the file has no light: everything is in an even white light".to_owned());
     }
-    if blind {
+    if lacks_sensor {
         let sensor = framing::camera(corners(&loaded.description).into_iter());
         let Some(sensor) = sensor else {
             return Err(file.error("", "the scene has neither a camera nor triangles to look at"));
@@ -308,7 +308,8 @@ fn complete(loaded: &mut Loaded, file: &File) -> Result<()> {
     Ok(())
 }
 
-/// Corners of boxes around everything in the world: of each shape's own box, taken there.
+/// Returns the corners of the bounding boxes of all shapes. Each box is computed in the shape's own coordinates and
+/// transformed to world space.
 fn corners(description: &Description) -> Vec<DVec3> {
     let bounds = |shape: &PlacedShape| -> Vec<DVec3> {
         let Shape::Mesh(mesh) = &shape.shape else { return Vec::new() };

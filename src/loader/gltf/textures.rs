@@ -1,4 +1,4 @@
-//! Images and textures: which picture, which of its channels, and where on the surface. [glTF 2.0, 3.8]
+//! Images and textures: the image, its channels, and the transformation of texture coordinates. [glTF 2.0, 3.8]
 
 use super::Builder;
 use crate::color::Rgb;
@@ -13,20 +13,20 @@ use gltf::texture::{Info, MagFilter, WrappingMode};
 use std::path::Path;
 use std::sync::Arc;
 
-/// What of an image is wanted.
+/// The part of an image that a texture uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Plane {
-    /// Its colours.
+    /// The colours.
     Color,
-    /// Three numbers, not encoded.
+    /// Three numbers that are not encoded in sRGB.
     Vector,
-    /// One channel's number, not encoded: 0 is red.
+    /// One channel that is not encoded in sRGB: 0 is red.
     Channel(usize),
-    /// Its alpha; 1 where it has none.
+    /// The alpha; 1 if the image has none.
     Alpha,
 }
 
-/// A texture as a material refers to it.
+/// A material's reference to a texture.
 pub struct TextureUse<'a> {
     texture: gltf::Texture<'a>,
     /// The set of texture coordinates.
@@ -34,11 +34,11 @@ pub struct TextureUse<'a> {
     to_uv: Affine2,
 }
 
-/// The extension that moves textures about.
+/// The extension that transforms texture coordinates.
 const TRANSFORM: &str = "KHR_texture_transform";
 
 impl<'a> TextureUse<'a> {
-    /// Of the usual reference.
+    /// Creates the use of a texture from a reference.
     pub fn new(info: &Info<'a>) -> Self {
         let mut used =
             TextureUse { texture: info.texture(), set: info.tex_coord(), to_uv: Affine2::IDENTITY };
@@ -49,7 +49,7 @@ impl<'a> TextureUse<'a> {
         used
     }
 
-    /// Of the reference to a normal map.
+    /// Creates the use of a texture from a reference to a normal map.
     pub fn of_normals(normals: &NormalTexture<'a>) -> Self {
         let mut used =
             TextureUse { texture: normals.texture(), set: normals.tex_coord(), to_uv: Affine2::IDENTITY };
@@ -65,19 +65,20 @@ impl<'a> TextureUse<'a> {
     }
 }
 
-/// Scale, then rotation counter-clockwise where v points down, then offset. [KHR_texture_transform]
+/// Returns a transformation: scale, then rotation counter-clockwise with v downwards, then offset.
+/// [KHR_texture_transform]
 ///
-/// The extension's words say so, and renderers do; its example in GLSL, read by columns, turns the other way.
+/// The text of the extension and renderers agree on this; its GLSL example, read by columns, rotates the other way.
 fn to_uv(offset: [f32; 2], rotation: f32, scale: [f32; 2]) -> Affine2 {
     let ((sin, cos), [x, y]) = (rotation.sin_cos(), scale);
     Affine2::from_cols_array(&[cos * x, -sin * x, sin * y, cos * y, offset[0], offset[1]])
 }
 
 impl Builder<'_> {
-    /// A texture that reads a plane of an image.
+    /// Returns a texture that reads a plane of an image.
     ///
     /// # Errors
-    /// As for the image.
+    /// If the image cannot be read.
     pub fn bitmap(&mut self, used: &TextureUse<'_>, plane: Plane) -> Result<Arc<Texture>> {
         let key = (used.texture.index(), plane, used.to_uv.to_cols_array().map(f32::to_bits));
         if let Some(texture) = self.bitmaps.get(&key) {
@@ -102,7 +103,7 @@ impl Builder<'_> {
         Ok(texture)
     }
 
-    /// A plane of an image; `None` where the image has no such plane or is missing.
+    /// Returns a plane of an image; `None` if the image has no such plane or is missing.
     fn plane(&mut self, index: usize, plane: Plane) -> Result<Option<Arc<TextureImage>>> {
         if let Some(image) = self.planes.get(&(index, plane)) {
             return Ok(image.clone());
@@ -125,10 +126,10 @@ impl Builder<'_> {
         Ok(image)
     }
 
-    /// An image; `None` for a missing file, which is remembered.
+    /// Reads an image; `None` if a file is missing, which is recorded.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the image cannot be read.
     fn image(&mut self, index: usize) -> Result<Option<TextureLayers>> {
         let Some(bytes) = self.file.image(index)? else { return Ok(None) };
         let layers = image::read_texture_bytes_within(Path::new(""), &bytes, self.file.memory());
@@ -138,7 +139,7 @@ impl Builder<'_> {
         })
     }
 
-    /// The product of textures and a factor.
+    /// Returns the product of textures and a factor.
     pub fn product(&mut self, textures: Vec<Arc<Texture>>, factor: Rgb) -> Input<Rgb> {
         let product = textures.into_iter().reduce(|a, b| Arc::new(Texture::Product(Product([a, b]))));
         match product {
@@ -151,7 +152,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The product of textures and a number.
+    /// Returns the product of textures and a number.
     pub fn number(&mut self, textures: Vec<Arc<Texture>>, factor: f32) -> Input<f32> {
         match self.product(textures, Rgb::splat(factor)) {
             Input::Constant(_) => Input::Constant(factor),
@@ -159,7 +160,7 @@ impl Builder<'_> {
         }
     }
 
-    /// Adds a texture to the scene, once.
+    /// Adds a texture to the scene unless it exists already.
     pub fn add_texture(&mut self, texture: Arc<Texture>) -> TextureId {
         let textures = &mut self.loaded.description.textures;
         if let Some(i) = textures.iter().position(|t| Arc::ptr_eq(t, &texture)) {
@@ -187,7 +188,7 @@ mod tests {
     fn coordinates_are_scaled_then_turned_then_moved() {
         let found =
             to_uv([0.5, 0.25], std::f32::consts::FRAC_PI_2, [2.0, 3.0]).transform_point2(Vec2::new(1.0, 1.0));
-        // (2, 3) turned counter-clockwise with v downwards: u goes to -v, v to u.
+        // (2, 3) rotated counter-clockwise with v downwards: u becomes -v, v becomes u.
         assert!((found - Vec2::new(3.5, -1.75)).length() < 1e-6, "{found}");
     }
 }

@@ -1,17 +1,17 @@
-//! Addresses of buffers and images: names of files, or the data themselves.
+//! URIs of buffers and images: names of files, or the data themselves.
 
-/// What an address stands for.
+/// The target of a URI.
 pub enum Target {
     /// A file, relative to the scene.
     File(String),
-    /// These bytes.
+    /// The bytes in the URI.
     Data(Vec<u8>),
 }
 
-/// Reads an address.
+/// Reads a URI.
 ///
 /// # Errors
-/// Data that are not in base 64; a scheme other than `data`.
+/// If the data are not in base 64, or the scheme is not `data`.
 pub fn read(uri: &str) -> Result<Target, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let Some((_, text)) = data.split_once(',').filter(|(kind, _)| kind.ends_with(";base64")) else {
@@ -25,7 +25,7 @@ pub fn read(uri: &str) -> Result<Target, String> {
     Ok(Target::File(decode_percent(uri)))
 }
 
-/// Bytes in base 64, with or without padding. [RFC 4648]
+/// Decodes base 64, with or without padding. [RFC 4648]
 fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
     let digits = text.trim_end_matches('=').as_bytes();
     let mut bytes = Vec::with_capacity(digits.len() / 4 * 3 + 3);
@@ -53,7 +53,7 @@ fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// A name in which `%20` and the like stand for bytes; left as it is where that is no text.
+/// Decodes percent-encoded bytes in a name; returns the name unchanged if the result is not UTF-8.
 fn decode_percent(name: &str) -> String {
     let bytes = name.as_bytes();
     let mut decoded = Vec::with_capacity(bytes.len());

@@ -1,4 +1,4 @@
-//! Triangle meshes from files: reading, checking, and the vertex normals that a file lacks.
+//! Triangle meshes from files: reading, checking, and computing missing vertex normals.
 
 mod normals;
 mod obj;
@@ -20,31 +20,31 @@ pub enum Format {
     Obj,
     /// Stanford PLY.
     Ply,
-    /// Mitsuba's own format.
+    /// Mitsuba's serialized format.
     Serialized {
-        /// Which of the file's meshes.
+        /// Index of the mesh in the file.
         shape_index: usize,
     },
 }
 
-/// What the scene asks of a mesh.
+/// The options of a mesh in the scene file.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Whether the mesh is faceted: normals are neither read nor computed.
     pub face_normals: bool,
-    /// Whether v of the texture coordinates is turned upside down.
+    /// Whether v of the texture coordinates is replaced by 1 − v.
     pub flip_tex_coords: bool,
 }
 
 /// Reads a mesh.
 ///
-/// Polygons are split into fans. Where the file has no vertex normals (or invalid ones) and the mesh is not faceted,
-/// they are computed in the world, as Mitsuba does, so `to_world` matters where it is no similarity. Vertices that no
-/// face uses are of no harm. What had to be ignored or mended is added to `warnings`.
+/// Polygons are split into fans. If the file has no vertex normals (or invalid ones) and the mesh is not faceted, they
+/// are computed in world space, as in Mitsuba, so `to_world` matters if it is not a similarity. Vertices that no face
+/// uses are accepted. A warning is added for all that is ignored or repaired.
 ///
 /// # Errors
-/// When the file cannot be read or is malformed (with the line, where it is text), when a face refers to a vertex
-/// that does not exist, when there is no face, or when the mesh does not fit into memory.
+/// If the file cannot be read or is malformed (with the line, if it is text), a face refers to a vertex that does not
+/// exist, there is no face, or the mesh does not fit into memory.
 pub fn load(
     path: &Path,
     format: Format,
@@ -78,10 +78,10 @@ pub fn load(
     Ok(mesh)
 }
 
-/// Bytes of a vertex while its normal is computed: the normal, and the sum that it comes from.
+/// The bytes of each vertex while its normal is computed: the normal, and the sum of weighted normals.
 const NORMAL_BYTES: u64 = (size_of::<Vec3>() + size_of::<DVec3>()) as u64;
 
-/// Reads the file; also says whether the mesh is faceted.
+/// Reads the file, and returns whether the mesh is faceted.
 fn read(
     path: &Path,
     format: Format,
@@ -92,7 +92,7 @@ fn read(
     let memory = planned.budget().clone();
     Ok(match format {
         Format::Obj => {
-            // Only to find the line that is wrong.
+            // The whole file is read only to find the line of an error.
             let whole = || {
                 let length = std::fs::metadata(path)?.len();
                 let refused = |_| std::io::Error::from(std::io::ErrorKind::OutOfMemory);
@@ -116,13 +116,13 @@ fn read(
         Format::Serialized { shape_index } => {
             let (bytes, _reserved) = super::read_bytes(path, &memory)?;
             let read = serialized::parse(path, &bytes, shape_index, planned)?;
-            // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 obeys it.
+            // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 applies it.
             (read.mesh, options.face_normals || read.face_normals)
         }
     })
 }
 
-/// The error for a mesh that does not fit into memory.
+/// Returns the error for a mesh that does not fit into memory.
 fn too_large(path: &Path, refusal: &Refusal) -> Error {
     Error::scene(refusal.sentence("its mesh", "use a mesh of fewer triangles")).in_file(path)
 }

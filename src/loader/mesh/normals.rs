@@ -5,22 +5,22 @@ use crate::shape::Mesh;
 use rayon::prelude::*;
 use wide::f64x4;
 
-/// Triangles whose normals are in memory at once.
+/// The number of triangles whose normals are in memory at the same time.
 const BLOCK: usize = 1 << 15;
-/// Vertices, or fours of triangles, that a thread takes at least.
+/// The least number of vertices, or of groups of four triangles, in a task.
 const LEAST: usize = 1 << 8;
-/// Sums of weighted normals whose squared length is not above this have no direction: their faces cancel.
+/// A sum of weighted normals with a squared length of at most this has no direction: the normals cancel.
 const LEAST_SQUARE: f64 = 1e-60;
 
-/// What four triangles add to their corners: unit normals in the world (x, y, z), and the angle at each corner; zero
-/// for a triangle that has no area or is not finite.
+/// The contributions of four triangles to their corners: unit normals in world space (x, y, z), and the angle at each
+/// corner; zero for a triangle that has no area or is not finite.
 type Shares = [[f64; 4]; 6];
 
-/// Unit vertex normals in the mesh's own coordinates: at each vertex the mean of its faces' normals weighted by the
-/// angle that the face spans there. [Thürmer and Wüthrich 1998]
+/// Returns unit vertex normals in the mesh's own coordinates: at each vertex the mean of its faces' normals, weighted
+/// by the angle of each face at the vertex. [Thürmer and Wüthrich 1998]
 ///
-/// Angles and normals are those of the mesh in the world, which is where Mitsuba takes them. Vertices without a valid
-/// face get (1, 0, 0) in the world. Faces are added in their order, whatever the number of threads.
+/// Angles and normals are those of the mesh in world space, as in Mitsuba. Vertices without a valid face get (1, 0, 0)
+/// in world space. Faces are added in their order, for any number of threads.
 pub fn compute(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
     let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
     let shares = |block: Option<&[[u32; 3]]>, into: &mut Vec<Shares>| {
@@ -37,7 +37,7 @@ pub fn compute(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
         std::mem::swap(&mut ready, &mut next);
         block = following;
     }
-    // Normals go to the world by the inverse transpose, so they come from there by the transpose.
+    // Normals are transformed to world space by the inverse transpose, and back by the transpose.
     let from_world = to_world.matrix3.transpose();
     let own = |sum: &DVec3| {
         let known = sum.length_squared() > LEAST_SQUARE;
@@ -46,7 +46,7 @@ pub fn compute(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
     sums.par_iter().with_min_len(LEAST).map(own).collect()
 }
 
-/// Adds what triangles give to their corners.
+/// Adds the contributions of triangles to their corners.
 fn add(triangles: &[[u32; 3]], shares: &[Shares], sums: &mut [DVec3]) {
     for (four, shares) in triangles.chunks(4).zip(shares) {
         for (lane, triangle) in four.iter().enumerate() {
@@ -58,7 +58,7 @@ fn add(triangles: &[[u32; 3]], shares: &[Shares], sums: &mut [DVec3]) {
     }
 }
 
-/// Up to four vectors at once.
+/// Up to four vectors, one in each lane.
 type Vec3x4 = [f64x4; 3];
 
 fn shares(mesh: &Mesh, to_world: &DAffine3, four: &[[u32; 3]]) -> Shares {
@@ -103,7 +103,7 @@ fn dot(a: Vec3x4, b: Vec3x4) -> f64x4 {
 mod tests {
     use super::*;
 
-    /// A square and a triangle that stands on one of its edges.
+    /// Returns a square, and a triangle perpendicular to it at one of its edges.
     fn corner() -> Mesh {
         let positions = [[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.], [0., 0., 1.], [5., 5., 5.]];
         let indices = vec![[0, 1, 2], [0, 2, 3], [0, 1, 4]];
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn normals_are_weighted_by_angle_as_in_mitsuba() {
-        // What Mitsuba 3.9.1 computes for this mesh.
+        // The normals that Mitsuba 3.9.1 computes for this mesh.
         let s = std::f32::consts::FRAC_1_SQRT_2;
         let expected = [
             [0., -s, s],
@@ -155,7 +155,7 @@ mod tests {
         assert_normals(&compute(&mesh, &DAffine3::IDENTITY), &expected);
     }
 
-    /// The definition, one triangle after the other.
+    /// Computes normals by the definition, one triangle after the other.
     fn plain(mesh: &Mesh, to_world: &DAffine3) -> Vec<Vec3> {
         let world: Vec<DVec3> =
             mesh.positions.iter().map(|p| to_world.transform_point3(p.as_dvec3())).collect();
@@ -193,7 +193,7 @@ mod tests {
                 _ => p,
             });
         }
-        // Also triangles with fewer than three different corners.
+        // Some triangles have fewer than three different corners.
         mesh.indices =
             (0..2 * BLOCK + 5).map(|_| [random(), random(), random()].map(|i| i % 20_000)).collect();
         for i in (0..mesh.indices.len()).step_by(77) {

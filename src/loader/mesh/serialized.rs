@@ -1,5 +1,4 @@
-//! Mitsuba's `.serialized` files: meshes in binary, each compressed by zlib, and a table of where they start at the
-//! end.
+//! Mitsuba's `.serialized` files: binary meshes, each compressed by zlib, and a table of their offsets at the end.
 
 use crate::error::{Error, Result, counted};
 use crate::math::{Vec2, Vec3};
@@ -11,21 +10,21 @@ use std::io::Read;
 use std::path::Path;
 
 const MAGIC: [u8; 2] = 0x041cu16.to_le_bytes();
-/// Bytes before the compressed data of a mesh.
+/// The bytes before the compressed data of a mesh.
 const HEADER: usize = 4;
 const NORMALS: u32 = 0x1;
 const UVS: u32 = 0x2;
 const COLORS: u32 = 0x8;
 const FACE_NORMALS: u32 = 0x10;
 const DOUBLE: u32 = 0x2000;
-/// At most so many bytes come from one compressed byte.
+/// The greatest number of bytes that one compressed byte expands to.
 const MOST_EXPANSION: u64 = 1032;
-/// Bytes decompressed at once: a multiple of every size that a vector or triangle has.
+/// The bytes that are decompressed at once: a multiple of the size of every vector and of a triangle.
 const BLOCK: usize = 48 * 1024;
-/// Names of meshes are not longer.
+/// The greatest length of a mesh's name, in bytes.
 const LONGEST_NAME: usize = 1 << 16;
 
-/// A mesh, and whether its file says that it is faceted.
+/// A mesh, and whether the file marks it as faceted.
 #[derive(Debug)]
 pub struct Serialized {
     pub mesh: Mesh,
@@ -35,7 +34,7 @@ pub struct Serialized {
 /// Reads the mesh with the index `shape_index`.
 ///
 /// # Errors
-/// See [`load`](super::load); also when there are not so many meshes.
+/// As for [`load`](super::load), and if there is no such mesh.
 pub fn parse(path: &Path, bytes: &[u8], shape_index: usize, planned: &mut Reservation) -> Result<Serialized> {
     read(bytes, shape_index, planned).map_err(|message| Error::scene(message).in_file(path))
 }
@@ -92,7 +91,7 @@ fn malformed(message: &str) -> String {
     format!("malformed serialized file: {message}")
 }
 
-/// The version of the format of the mesh that starts with `bytes`.
+/// Returns the format version of the mesh that starts with `bytes`.
 fn version(bytes: &[u8]) -> Result<u8, String> {
     match *bytes {
         [a, b, version @ (3 | 4), 0, ..] if [a, b] == MAGIC => Ok(version),
@@ -104,7 +103,7 @@ fn version(bytes: &[u8]) -> Result<u8, String> {
     }
 }
 
-/// Where a mesh starts, from the table at the file's end.
+/// Returns the offset of a mesh, from the table at the end of the file.
 fn start(bytes: &[u8], version: u8, shape_index: usize) -> Result<usize, String> {
     let (before, count) = bytes.split_last_chunk().ok_or_else(|| malformed("it ends early"))?;
     let count = u32::from_le_bytes(*count) as usize;
@@ -147,7 +146,7 @@ impl Data<'_> {
         Ok(u64::from_le_bytes(bytes))
     }
 
-    /// Passes over the name of the mesh.
+    /// Skips the name of the mesh.
     fn name(&mut self) -> Result<(), String> {
         let mut byte = [0];
         for _ in 0..LONGEST_NAME {
@@ -159,7 +158,7 @@ impl Data<'_> {
         Err(malformed("the name of the mesh does not end"))
     }
 
-    /// Decodes `n` things of `size` bytes. Memory grows with what is there, not with what is promised.
+    /// Decodes `n` items of `size` bytes. Memory grows with the data that exist, not with `n`.
     fn decode<T>(&mut self, n: usize, size: usize, one: impl Fn(&[u8]) -> T) -> Result<Vec<T>, String> {
         let mut things = Vec::new();
         let mut block = [0; BLOCK];
@@ -219,7 +218,7 @@ mod tests {
         encoder.finish().unwrap()
     }
 
-    /// A triangle: its flags, name, counts and arrays.
+    /// Returns the data of a triangle: flags, name, counts and arrays.
     fn data(version: u8, flags: u32, triangle: [u32; 3]) -> Vec<u8> {
         let mut data = flags.to_le_bytes().to_vec();
         if version == 4 {
@@ -240,7 +239,7 @@ mod tests {
         data
     }
 
-    /// A file of several meshes.
+    /// Returns a file of several meshes.
     fn file(version: u8, meshes: &[Vec<u8>]) -> Vec<u8> {
         let mut file = Vec::new();
         let mut table = Vec::new();

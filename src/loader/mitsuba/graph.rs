@@ -1,4 +1,4 @@
-//! A resolved scene file: objects with typed properties, in an arena.
+//! A resolved scene file: objects with typed properties in an arena.
 
 use super::xml::Spot;
 use crate::color::spectrum::Spectrum;
@@ -11,12 +11,12 @@ use std::collections::HashMap;
 /// Index of an object in its [`Graph`].
 pub type ObjectId = usize;
 
-/// A chain of objects inside objects longer than this is refused.
+/// The greatest length of a chain of objects inside objects.
 const MAX_CHAIN: usize = 100;
-/// Unknown ids that are listed.
+/// The greatest number of unknown ids in an error.
 const MAX_UNKNOWN: usize = 10;
 
-/// What an object is: the names of the elements that declare one.
+/// The classes of objects: the names of the elements that declare one.
 pub const CLASSES: [&str; 13] = [
     "scene",
     "shape",
@@ -42,13 +42,13 @@ pub enum Value {
     Float(f64),
     /// A text.
     Text(String),
-    /// True or false.
+    /// A boolean.
     Boolean(bool),
     /// A linear Rec.709 colour.
     Rgb([f64; 3]),
     /// A spectrum in the scene file.
     Spectrum(Spectrum),
-    /// A spectrum in a file of its own.
+    /// A spectrum in a separate file.
     SpectrumFile(String),
     /// A point or vector.
     Vector(DVec3),
@@ -61,31 +61,31 @@ pub enum Value {
 /// A property of an object.
 #[derive(Clone, Debug)]
 pub struct Property {
-    /// Its name, in today's language.
+    /// Its name, in the current scene language.
     pub name: String,
-    /// Its element's name.
+    /// The name of its element.
     pub tag: String,
     /// Its value.
     pub value: Value,
-    /// Where it is written.
+    /// Its position in the file.
     pub spot: Spot,
 }
 
 impl Property {
-    /// An error about the property, at its place.
+    /// Creates an error about the property, at its place.
     pub fn error(&self, message: impl Into<String>) -> Error {
         Error::scene(message).about(format!("<{} name=\"{}\">", self.tag, self.name)).at(self.spot.place())
     }
 }
 
-/// An object inside another, written there or referred to.
+/// An object inside another, declared there or referenced.
 #[derive(Clone, Debug)]
 pub struct Child {
-    /// The name it has there; mostly none.
+    /// Its name in the other object; usually none.
     pub name: Option<String>,
     /// The object.
     pub object: ObjectId,
-    /// Where it is written or referred to.
+    /// The position of the declaration or reference.
     pub spot: Spot,
 }
 
@@ -94,20 +94,20 @@ pub struct Child {
 pub struct Object {
     /// One of [`CLASSES`].
     pub class: String,
-    /// Its plugin's name; `scene` for the scene itself.
+    /// The name of its plugin; `scene` for the scene itself.
     pub plugin: String,
-    /// Its name for references; may be empty.
+    /// Its id for references; may be empty.
     pub id: String,
     /// Its properties in file order.
     pub properties: Vec<Property>,
     /// The objects inside it in file order.
     pub children: Vec<Child>,
-    /// Where it is written.
+    /// Its position in the file.
     pub spot: Spot,
 }
 
 impl Object {
-    /// The object as messages name it: `<bsdf type="diffuse">`.
+    /// Returns the object's name in messages: `<bsdf type="diffuse">`.
     pub fn thing(&self) -> String {
         match self.class.as_str() {
             "scene" => "<scene>".to_owned(),
@@ -115,13 +115,13 @@ impl Object {
         }
     }
 
-    /// An error about the object, at its place.
+    /// Creates an error about the object, at its place.
     pub fn error(&self, message: impl Into<String>) -> Error {
         Error::scene(message).about(self.thing()).at(self.spot.place())
     }
 }
 
-/// A reference that waits for its target.
+/// A reference whose target is not found yet.
 #[derive(Debug)]
 struct Reference {
     from: ObjectId,
@@ -129,7 +129,7 @@ struct Reference {
     id: String,
 }
 
-/// A second name for an object.
+/// A second id of an object.
 #[derive(Debug)]
 struct Alias {
     id: String,
@@ -140,7 +140,7 @@ struct Alias {
 /// The objects of a scene file; the first is the scene.
 #[derive(Debug, Default)]
 pub struct Graph {
-    /// The objects, in the order in which they are written.
+    /// The objects, in file order.
     pub objects: Vec<Object>,
     ids: HashMap<String, ObjectId>,
     references: Vec<Reference>,
@@ -151,7 +151,7 @@ impl Graph {
     /// Adds an object.
     ///
     /// # Errors
-    /// When its id is taken.
+    /// If its id exists already.
     pub fn add(&mut self, object: Object) -> Result<ObjectId> {
         let index = self.objects.len();
         if !object.id.is_empty() {
@@ -168,14 +168,14 @@ impl Graph {
         Ok(index)
     }
 
-    /// Adds a reference from an object to an id that may come later.
+    /// Adds a reference from an object to an id, which may be declared later.
     pub fn refer(&mut self, from: ObjectId, name: Option<String>, spot: Spot, id: &str) {
         let children = &mut self.objects[from].children;
         self.references.push(Reference { from, slot: children.len(), id: id.to_owned() });
         children.push(Child { name, object: usize::MAX, spot });
     }
 
-    /// Adds a second name for an id that may come later.
+    /// Adds a second id for the object of an id, which may be declared later.
     pub fn alias(&mut self, id: &str, second: &str, spot: Spot) {
         self.aliases.push(Alias { id: id.to_owned(), second: second.to_owned(), spot });
     }
@@ -183,8 +183,8 @@ impl Graph {
     /// Finds the targets of all references.
     ///
     /// # Errors
-    /// Unknown ids (the first ten at once, each with the nearest known one), an alias whose name is taken, a cycle of
-    /// references, objects inside objects more than a hundred deep.
+    /// If there are unknown ids (the first ten in one error, each with the nearest known one), an alias whose id exists
+    /// already, a cycle of references, or objects nested more than 100 levels deep.
     pub fn link(&mut self) -> Result<()> {
         for Alias { id, second, spot } in std::mem::take(&mut self.aliases) {
             let Some(&target) = self.ids.get(&id) else { return Err(self.unknown("alias", &id, &spot)) };
@@ -211,15 +211,15 @@ impl Graph {
         }
     }
 
-    /// The error for an id that no object has.
+    /// Creates the error for an id that no object has.
     fn unknown(&self, tag: &str, id: &str, spot: &Spot) -> Error {
         let near = wording::did_you_mean(id, self.ids.keys().map(String::as_str));
         let message = format!("no object has the id {}{near}", quoted(id));
         Error::scene(message).about(format!("<{tag} id=\"{id}\">")).at(spot.place())
     }
 
-    /// Refuses cycles and long chains. Objects are taken once all that contain them are taken, so what remains is
-    /// in a cycle or inside one.
+    /// Returns an error if there are cycles or long chains. An object is removed after all that contain it, so each
+    /// object that remains is in a cycle or inside one.
     fn check_chains(&self) -> Result<()> {
         let mut containers = vec![0usize; self.objects.len()];
         for child in self.objects.iter().flat_map(|o| &o.children) {
@@ -246,8 +246,8 @@ impl Graph {
         }
     }
 
-    /// The error for a cycle that contains or reaches `start`: walks up among the objects that remain until one
-    /// repeats.
+    /// Creates the error for a cycle that contains or reaches `start`: follows the containers among the remaining
+    /// objects until one repeats.
     fn cycle_error(&self, start: ObjectId, containers: &[usize]) -> Error {
         let container = |inner: ObjectId| {
             let holds = |o: &Object| o.children.iter().any(|c| c.object == inner);

@@ -1,8 +1,8 @@
 //! Scene files in the XML language of Mitsuba 3.
 //!
-//! Loading takes four steps, each in its own file: [`xml`] reads elements with their positions in the file, [`resolve`]
+//! Loading has four steps, each in its own file: [`xml`] reads elements with their positions in the file, [`resolve`]
 //! substitutes parameters, follows includes and references and types the values, [`props`] looks up the properties of
-//! an object and records which were used, and [`instantiate`] turns objects into the scene's plain data.
+//! an object and records their use, and [`instantiate`] converts objects to the scene's plain data.
 
 mod graph;
 mod instantiate;

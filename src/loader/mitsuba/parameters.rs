@@ -18,7 +18,7 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// The values that the user defines. The last of several for one name counts.
+    /// Creates the parameters that the user defines. The last of several values for one name is used.
     pub fn new(defines: &[(String, String)]) -> Self {
         let mut parameters = Parameters::default();
         for (name, value) in defines {
@@ -30,22 +30,22 @@ impl Parameters {
 
     fn add(&mut self, name: &str, value: &str, defined: bool) {
         self.list.push(Parameter { name: name.into(), value: value.into(), defined, used: false });
-        // Longest first: `$resolution` is not `$res` followed by `olution`.
+        // The longest name is first: `$resolution` is not `$res` followed by `olution`.
         self.list.sort_by_key(|p| std::cmp::Reverse(p.name.len()));
     }
 
-    /// A `<default>`: it counts unless the user or an earlier `<default>` has set the name.
+    /// Sets a `<default>`. It has no effect if the user or an earlier `<default>` has set the name.
     pub fn set_default(&mut self, name: &str, value: &str) {
         if !self.list.iter().any(|p| p.name == name) {
             self.add(name, value, false);
         }
     }
 
-    /// `text` with every `$name` replaced by the value of the longest parameter name that follows the `$`, and
-    /// `\$` by `$`. Values are not searched for parameters again.
+    /// Returns `text` with every `$name` replaced by the value of the longest parameter name that follows the `$`, and
+    /// every `\$` replaced by `$`. Values are not searched for parameters.
     ///
     /// # Errors
-    /// A sentence when no parameter matches.
+    /// With a sentence, if no parameter matches.
     pub fn substitute(&mut self, text: &str) -> Result<String, String> {
         let mut out = String::with_capacity(text.len());
         let mut rest = text;
@@ -71,7 +71,7 @@ impl Parameters {
         Ok(out)
     }
 
-    /// Warnings about values that the user defines and the scene never uses.
+    /// Returns warnings about values that the user defines and the scene never uses.
     pub fn unused(&self) -> impl Iterator<Item = Error> {
         let known = || self.list.iter().filter(|p| p.used || !p.defined).map(|p| p.name.as_str());
         self.list.iter().filter(|p| p.defined && !p.used).map(move |p| {

@@ -1,4 +1,4 @@
-//! Questions to an object's properties. Each is remembered, so that what nobody asked for can be told.
+//! Lookups of an object's properties. They are recorded, so that unused properties can be reported.
 
 use super::graph::{Child, Graph, Object, ObjectId, Property, Value};
 use crate::error::{Error, Result};
@@ -8,50 +8,50 @@ use crate::util::wording::quoted;
 use std::cell::{Cell, RefCell};
 use std::ops::RangeInclusive;
 
-/// An object's properties and children, and which of them were asked for.
+/// An object's properties and children, with a record of the lookups.
 pub struct Props<'g> {
     /// The object.
     pub object: &'g Object,
     /// Its index.
     pub id: ObjectId,
     graph: &'g Graph,
-    asked: RefCell<Vec<&'static str>>,
+    looked_up: RefCell<Vec<&'static str>>,
     used: Vec<Cell<bool>>,
     used_children: Vec<Cell<bool>>,
 }
 
 impl<'g> Props<'g> {
-    /// The properties of an object.
+    /// Creates the lookup of an object's properties.
     pub fn new(graph: &'g Graph, id: ObjectId) -> Self {
         let object = &graph.objects[id];
         Props {
             object,
             id,
             graph,
-            asked: RefCell::default(),
+            looked_up: RefCell::default(),
             used: vec![Cell::new(false); object.properties.len()],
             used_children: vec![Cell::new(false); object.children.len()],
         }
     }
 
-    /// A property by name.
+    /// Returns a property by name.
     pub fn find(&self, name: &'static str) -> Option<&'g Property> {
-        self.asked.borrow_mut().push(name);
+        self.looked_up.borrow_mut().push(name);
         let i = self.object.properties.iter().position(|p| p.name == name)?;
         self.used[i].set(true);
         Some(&self.object.properties[i])
     }
 
-    /// Whether there is a property or an object of the name.
+    /// Returns whether there is a property or a child of the name.
     pub fn has(&self, name: &str) -> bool {
         self.object.properties.iter().any(|p| p.name == name)
             || self.object.children.iter().any(|c| c.name.as_deref() == Some(name))
     }
 
-    /// A number.
+    /// Returns a number.
     ///
     /// # Errors
-    /// When the property is of another type, as for all typed questions.
+    /// If the property has another type, as for all typed lookups.
     pub fn float(&self, name: &'static str) -> Result<Option<f64>> {
         self.typed(name, "a number", |value| match value {
             Value::Float(v) => Some(*v),
@@ -60,10 +60,10 @@ impl<'g> Props<'g> {
         })
     }
 
-    /// A number that fits an `f32` and is greater than zero.
+    /// Returns a number that fits an `f32` and is greater than zero, or the default.
     ///
     /// # Errors
-    /// Also when it is not positive.
+    /// If the property has another type or is not positive.
     pub fn positive(&self, name: &'static str, default: f32) -> Result<f32> {
         let value = self.float(name)?.unwrap_or(f64::from(default)) as f32;
         match value > 0.0 && value.is_finite() {
@@ -72,10 +72,10 @@ impl<'g> Props<'g> {
         }
     }
 
-    /// A whole number in a range, or the default.
+    /// Returns a whole number in a range.
     ///
     /// # Errors
-    /// Also when it is out of the range.
+    /// If the property has another type or is out of the range.
     pub fn integer(&self, name: &'static str, range: RangeInclusive<i64>) -> Result<Option<i64>> {
         let value = self.typed(name, "a whole number", |value| match value {
             Value::Integer(v) => Some(*v),
@@ -90,10 +90,10 @@ impl<'g> Props<'g> {
         }
     }
 
-    /// True or false.
+    /// Returns a boolean, or the default.
     ///
     /// # Errors
-    /// When the property is of another type.
+    /// If the property has another type.
     pub fn boolean(&self, name: &'static str, default: bool) -> Result<bool> {
         let value = self.typed(name, "true or false", |value| match value {
             Value::Boolean(v) => Some(*v),
@@ -102,10 +102,10 @@ impl<'g> Props<'g> {
         Ok(value.unwrap_or(default))
     }
 
-    /// A text.
+    /// Returns a text.
     ///
     /// # Errors
-    /// When the property is of another type.
+    /// If the property has another type.
     pub fn text(&self, name: &'static str) -> Result<Option<&'g str>> {
         self.typed(name, "a string", |value| match value {
             Value::Text(v) => Some(v.as_str()),
@@ -113,10 +113,10 @@ impl<'g> Props<'g> {
         })
     }
 
-    /// One of several words, in any case.
+    /// Returns the value of one of several words, in any case, or the default.
     ///
     /// # Errors
-    /// Also when it is none of them.
+    /// If the property has another type or is none of the words.
     pub fn choice<T: Copy>(&self, name: &'static str, words: &[(&str, T)], default: T) -> Result<T> {
         let Some(text) = self.text(name)? else { return Ok(default) };
         let found = words.iter().find(|(word, _)| word.eq_ignore_ascii_case(text));
@@ -126,10 +126,10 @@ impl<'g> Props<'g> {
         })
     }
 
-    /// A point.
+    /// Returns a point.
     ///
     /// # Errors
-    /// When the property is of another type.
+    /// If the property has another type.
     pub fn point(&self, name: &'static str) -> Result<Option<DVec3>> {
         self.typed(name, "a point", |value| match value {
             Value::Vector(v) => Some(*v),
@@ -137,10 +137,10 @@ impl<'g> Props<'g> {
         })
     }
 
-    /// `to_world`, or the identity.
+    /// Returns `to_world`, or the identity.
     ///
     /// # Errors
-    /// When the property is of another type, or changes over time.
+    /// If the property has another type, or changes over time.
     pub fn to_world(&self) -> Result<DAffine3> {
         match self.motion()?.fixed() {
             Some(transform) => Ok(transform),
@@ -148,10 +148,10 @@ impl<'g> Props<'g> {
         }
     }
 
-    /// A transformation that does not change over time, or the identity.
+    /// Returns a transformation that does not change over time, or the identity.
     ///
     /// # Errors
-    /// When the property is of another type.
+    /// If the property has another type.
     pub fn transform(&self, name: &'static str) -> Result<DAffine3> {
         let value = self.typed(name, "a transform", |value| match value {
             Value::Transform(v) => Some(*v),
@@ -160,10 +160,10 @@ impl<'g> Props<'g> {
         Ok(value.unwrap_or(DAffine3::IDENTITY))
     }
 
-    /// `to_world`, possibly changing over time, or the identity.
+    /// Returns `to_world`, which may change over time, or the identity.
     ///
     /// # Errors
-    /// When the property is of another type.
+    /// If the property has another type.
     pub fn motion(&self) -> Result<Motion> {
         let value = self.typed("to_world", "a transform", |value| match value {
             Value::Transform(v) => Some(Motion::from(*v)),
@@ -186,7 +186,7 @@ impl<'g> Props<'g> {
         }
     }
 
-    /// An error about a property, or about the object where it has none of the name.
+    /// Creates an error about a property, or about the object if it has no property of the name.
     pub fn error(&self, name: &'static str, message: &str) -> Error {
         match self.object.properties.iter().find(|p| p.name == name) {
             Some(property) => property.error(message),
@@ -194,7 +194,7 @@ impl<'g> Props<'g> {
         }
     }
 
-    /// The error for a property with a value that cannot be: what was expected, and what was found.
+    /// Creates the error for a property with an invalid value: the expected and the found value.
     pub fn refusal(&self, name: &'static str, expected: &str) -> Error {
         let property = self.object.properties.iter().find(|p| p.name == name);
         let found = match property.map(|p| &p.value) {
@@ -207,17 +207,17 @@ impl<'g> Props<'g> {
         self.error(name, &format!("{expected}, found {found}"))
     }
 
-    /// The objects of a class inside the object.
+    /// Returns the objects of a class inside the object.
     pub fn children(&self, class: &str) -> Vec<&'g Child> {
         let of_class = |(_, child): &(usize, &'g Child)| self.graph.objects[child.object].class == class;
         let found = self.object.children.iter().enumerate().filter(of_class);
         found.inspect(|(i, _)| self.used_children[*i].set(true)).map(|(_, child)| child).collect()
     }
 
-    /// The object of a class inside the object, if there is one.
+    /// Returns the object of a class inside the object, if there is one.
     ///
     /// # Errors
-    /// When there are several.
+    /// If there are several.
     pub fn child(&self, class: &str) -> Result<Option<ObjectId>> {
         match self.children(class)[..] {
             [] => Ok(None),
@@ -230,21 +230,21 @@ impl<'g> Props<'g> {
         }
     }
 
-    /// The object inside the object that has a name there, such as a texture.
+    /// Returns the child of a name, such as a texture.
     pub fn named_child(&self, name: &'static str) -> Option<ObjectId> {
-        self.asked.borrow_mut().push(name);
+        self.looked_up.borrow_mut().push(name);
         let i = self.object.children.iter().position(|c| c.name.as_deref() == Some(name))?;
         self.used_children[i].set(true);
         Some(self.object.children[i].object)
     }
 
-    /// Warnings about what nobody asked for.
+    /// Returns warnings about the properties and children that were never looked up.
     pub fn finish(self) -> Vec<Error> {
-        let asked = self.asked.into_inner();
+        let looked_up = self.looked_up.into_inner();
         let thing = self.object.thing();
         let properties = self.object.properties.iter().zip(&self.used).filter(|(_, used)| !used.get());
         let properties = properties.map(|(property, _)| {
-            let near = wording::did_you_mean(&property.name, asked.iter().copied());
+            let near = wording::did_you_mean(&property.name, looked_up.iter().copied());
             property.error(format!("{thing} has no such property{near}"))
         });
         let children = self.object.children.iter().zip(&self.used_children).filter(|(_, used)| !used.get());

@@ -1,4 +1,4 @@
-//! From elements to objects: parameters, includes, folders, references, typed values, old versions.
+//! The conversion of elements to objects: parameters, includes, folders, references, typed values, old versions.
 
 use super::graph::{CLASSES, Graph, Object, ObjectId, Property, Value};
 use super::parameters::Parameters;
@@ -13,37 +13,37 @@ use crate::util::wording;
 use crate::util::wording::quoted;
 use std::path::{Path, PathBuf};
 
-/// The version of the scene language that Buffon speaks.
+/// The version of the scene language that Buffon supports.
 const CURRENT_MAJOR: u32 = 3;
-/// Files that include files deeper than this are refused.
+/// The greatest depth of files that include files.
 const MAX_INCLUDES: usize = 32;
-/// A scene may include this many files, a file counted as often as it is included.
+/// The greatest number of files of a scene. A file counts as often as it is included.
 const MAX_FILES: usize = 10_000;
-/// All files of a scene together may have this many elements.
+/// The greatest number of elements of all files of a scene.
 const MAX_ELEMENTS: usize = 50_000_000;
 
-/// Elements that are a property, and those that are neither property nor object.
+/// Elements that are a property, and elements that are neither a property nor an object.
 const PROPERTY_TAGS: [&str; 10] =
     ["integer", "float", "string", "boolean", "rgb", "spectrum", "point", "vector", "transform", "animation"];
 const OTHER_TAGS: [&str; 5] = ["ref", "default", "include", "path", "alias"];
 
-/// A scene file, resolved.
+/// A resolved scene file.
 #[derive(Debug)]
 pub struct Resolved {
     /// Its objects.
     pub graph: Graph,
-    /// Where its other files are looked for.
+    /// The folders in which its other files are searched for.
     pub folders: Folders,
-    /// What was ignored.
+    /// Warnings about what was ignored.
     pub warnings: Vec<Error>,
-    /// What was upgraded.
+    /// Notes about what was upgraded.
     pub notes: Vec<String>,
 }
 
-/// Reads a scene file and what it includes.
+/// Reads a scene file and the files that it includes.
 ///
 /// # Errors
-/// Whatever is malformed, unknown or inconsistent, with its place.
+/// If anything is malformed, unknown or inconsistent, with its place.
 pub fn resolve(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Resolved> {
     let mut resolver = Resolver {
         memory,
@@ -65,7 +65,7 @@ pub fn resolve(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Re
     Ok(resolver.out)
 }
 
-/// Refuses attributes that an element lacks or that it should not have.
+/// Returns an error if an element lacks a required attribute or has an unknown one.
 pub fn check_attributes(element: &Element, required: &[&str], optional: &[&str]) -> Result<()> {
     let known = || required.iter().chain(optional).copied();
     if let Some(missing) = required.iter().find(|name| element.attribute(name).is_none()) {
@@ -90,17 +90,18 @@ struct Resolver<'m> {
     out: Resolved,
 }
 
-/// What an element stands in.
+/// The context of an element.
 #[derive(Clone, Copy)]
 struct Context {
-    /// The object around it.
+    /// The object that contains it.
     parent: ObjectId,
     /// Whether its file is older than version 2.
     old: bool,
 }
 
 impl Resolver<'_> {
-    /// Reads a file; its objects go into `parent`, under `name` if it is one object, or it is the scene itself.
+    /// Reads a file. Its objects are added to `parent`, under `name` if the file is a single object. Without a parent,
+    /// the file is the scene itself.
     fn file(&mut self, path: &Path, parent: Option<ObjectId>, name: Option<&Attribute>) -> Result<()> {
         let identity = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         if self.including.contains(&identity) {
@@ -130,7 +131,7 @@ impl Resolver<'_> {
         Ok(())
     }
 
-    /// Whether the file of a root element is older than version 2.
+    /// Returns whether the file of a root element is older than version 2.
     fn version(&mut self, root: &Element) -> Result<bool> {
         let Some(text) = root.attribute("version") else {
             return Err(
@@ -170,7 +171,7 @@ impl Resolver<'_> {
         Ok(())
     }
 
-    /// Reads an object whose parameters are substituted, and what is inside it.
+    /// Reads an object, whose parameters are substituted already, and its contents.
     fn object(&mut self, element: Element, around: Option<Context>, old: bool) -> Result<()> {
         let is_scene = element.tag == "scene";
         if around.is_none() && !is_scene {
@@ -206,7 +207,7 @@ impl Resolver<'_> {
         Ok(())
     }
 
-    /// The name that an element gives to an object inside another.
+    /// Returns the name that an element gives to an object inside another.
     fn child_name(&self, element: &Element, context: Context) -> Option<String> {
         let name = element.attribute("name")?;
         let plugin = &self.out.graph.objects[context.parent].plugin;
@@ -264,7 +265,7 @@ impl Resolver<'_> {
         let path = found.ok_or_else(|| element.error(format!("there is no file {}", quoted(name))))?;
         let named = element.attributes.iter().find(|a| a.name == "name");
         self.file(&path, Some(context.parent), named).map_err(|e| match e.place {
-            // The file itself is at fault, so the message should say who asks for it.
+            // The error is about the whole file, so the message also says which element includes it.
             Some(ref place) if place.line == 0 => {
                 element.error(format!("{}: {}", place.file.display(), e.message))
             }
@@ -317,7 +318,7 @@ impl Resolver<'_> {
         self.add_property(&element, Value::Transform(whole), context)
     }
 
-    /// The product of the transformations inside an element.
+    /// Returns the product of the transformations inside an element.
     fn product(&mut self, element: &mut Element, context: Context) -> Result<DAffine3> {
         let mut whole = DAffine3::IDENTITY;
         for mut child in std::mem::take(&mut element.children) {
@@ -334,7 +335,7 @@ impl Resolver<'_> {
         Ok(whole)
     }
 
-    /// Transforms at key times: `<transform time="...">` elements.
+    /// Reads transformations at key times: `<transform time="...">` elements.
     fn animation(&mut self, mut element: Element, context: Context) -> Result<()> {
         let mut keys = Vec::new();
         for mut child in std::mem::take(&mut element.children) {
@@ -369,7 +370,7 @@ impl Resolver<'_> {
     }
 }
 
-/// A point or vector: `x`, `y` and `z`, or `value`.
+/// Reads a point or vector: `x`, `y` and `z`, or `value`.
 fn point(element: &Element) -> Result<Value, String> {
     let axes = ["x", "y", "z"].map(|name| element.attribute(name));
     match (element.attribute("value"), axes) {
@@ -381,7 +382,7 @@ fn point(element: &Element) -> Result<Value, String> {
     }
 }
 
-/// A spectrum: `value` or `filename`.
+/// Reads a spectrum: `value` or `filename`.
 fn spectrum(element: &Element) -> Result<Value, String> {
     match (element.attribute("value"), element.attribute("filename")) {
         (Some(text), None) => values::spectrum(text).map(Value::Spectrum),
@@ -390,7 +391,7 @@ fn spectrum(element: &Element) -> Result<Value, String> {
     }
 }
 
-/// Refuses elements inside one that is a property.
+/// Returns an error if an element contains elements.
 fn no_children(element: &Element) -> Result<()> {
     match element.children.first() {
         Some(child) => Err(child.error(format!("{} cannot have elements inside it", element.thing()))),

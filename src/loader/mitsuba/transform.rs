@@ -1,4 +1,4 @@
-//! Transformations: the elements inside `<transform>`, each applied after those before it.
+//! Transformations: the elements inside `<transform>`, each applied after the previous ones.
 
 use super::values;
 use super::xml::Element;
@@ -6,14 +6,14 @@ use crate::error::Result;
 use crate::loader::framing::{check_invertible, frame};
 use crate::math::{DAffine3, DMat3, DVec3};
 
-/// Names of the elements that a transformation is made of.
+/// Names of the elements inside a transformation.
 pub const TAGS: [&str; 5] = ["translate", "rotate", "scale", "matrix", "lookat"];
 
-/// The transformation of one element inside `<transform>`; `tag` is its name in today's language.
+/// Returns the transformation of one element inside `<transform>`; `tag` is its name in the current scene language.
 ///
 /// # Errors
-/// Missing, unknown or malformed attributes; a rotation without axis; a matrix that is not affine; a `lookat`
-/// without direction or with a parallel `up`; any transformation that is singular or not finite.
+/// If attributes are missing, unknown or malformed, a rotation has no axis, a matrix is not affine, a `lookat` has no
+/// direction or a parallel `up`, or the transformation is singular or not finite.
 pub fn step(tag: &str, element: &Element) -> Result<DAffine3> {
     let fail = |message: String| element.error(message);
     let (required, optional): (&[&str], &[&str]) = match tag {
@@ -34,7 +34,7 @@ pub fn step(tag: &str, element: &Element) -> Result<DAffine3> {
     Ok(matrix)
 }
 
-/// `x`, `y`, `z` or `value` (one number for all three, or three).
+/// Reads `x`, `y`, `z` or `value` (one number for all three, or three).
 fn xyz(element: &Element, default: f64) -> Result<DVec3, String> {
     let axes = ["x", "y", "z"].map(|name| element.attribute(name));
     if let Some(value) = element.attribute("value") {
@@ -52,7 +52,7 @@ fn xyz(element: &Element, default: f64) -> Result<DVec3, String> {
     Ok(v)
 }
 
-/// A rotation about an axis of any length. (Mitsuba 3.9.1 means the same only where the length is 1.)
+/// Reads a rotation about an axis of any length. (Mitsuba 3.9.1 gives the same rotation only if the length is 1.)
 fn rotation(element: &Element) -> Result<DAffine3, String> {
     let angle = values::float(element.attribute("angle").unwrap_or_default())?;
     let axis = xyz(element, 0.0)?;
@@ -60,7 +60,7 @@ fn rotation(element: &Element) -> Result<DAffine3, String> {
     Ok(DAffine3::from_axis_angle(axis, angle.to_radians()))
 }
 
-/// Nine or sixteen numbers, row by row.
+/// Reads a matrix of nine or sixteen numbers, row by row.
 fn matrix(element: &Element) -> Result<DAffine3, String> {
     let v = values::floats(element.attribute("value").unwrap_or_default())?;
     let n = match v.len() {
@@ -76,7 +76,8 @@ fn matrix(element: &Element) -> Result<DAffine3, String> {
     Ok(DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation })
 }
 
-/// A frame at `origin` whose z axis points to `target`, with y as near to `up` as can be and x to the left.
+/// Returns the frame at `origin` with the z axis towards `target`, the y axis as near to `up` as possible, and x to the
+/// left.
 fn look_at(element: &Element) -> Result<DAffine3, String> {
     let read = |name: &str| values::vector(element.attribute(name).unwrap_or_default());
     let (origin, target) = (read("origin")?, read("target")?);

@@ -1,6 +1,6 @@
-//! What changed in the scene language at version 2: camelCase names became snake_case, and a few were renamed.
+//! Changes of the scene language at version 2: camelCase names became snake_case, and a few names were replaced.
 
-/// A property's name in today's language: `toWorld` becomes `to_world`, `intIOR` becomes `int_ior`.
+/// Returns a property's name in the current scene language: `toWorld` becomes `to_world`, `intIOR` becomes `int_ior`.
 pub fn property(plugin: &str, name: &str) -> String {
     let snake = snake_case(name);
     match (plugin, snake.as_str()) {
@@ -9,12 +9,13 @@ pub fn property(plugin: &str, name: &str) -> String {
     }
 }
 
-/// An element's name in today's language.
+/// Returns an element's name in the current scene language.
 pub fn tag(tag: &str) -> &str {
     if tag == "lookAt" { "lookat" } else { tag }
 }
 
-/// An underscore before each run of capitals that follows a small letter, and the run in small letters.
+/// Inserts an underscore before each run of capitals that follows a small letter, and converts the run to small
+/// letters.
 fn snake_case(name: &str) -> String {
     let mut out = String::with_capacity(name.len() + 4);
     let mut previous = ' ';

@@ -1,25 +1,25 @@
-//! The texts of values: numbers, lists of numbers, colours, spectra.
+//! Parsing of values: numbers, lists of numbers, colours, spectra.
 
 use crate::color::spectrum::Spectrum;
 use crate::color::srgb;
 use crate::math::DVec3;
 use crate::util::wording::quoted;
 
-/// A number: finite, in decimal or scientific notation.
+/// Parses a number: finite, in decimal or scientific notation.
 ///
 /// # Errors
-/// A sentence with what was found, as for all functions here.
+/// A sentence with the text that was found, as for all functions here.
 pub fn float(text: &str) -> Result<f64, String> {
     let number = text.trim().parse::<f64>().ok().filter(|v| v.is_finite());
     number.ok_or_else(|| format!("expected a number, found {}", quoted(text)))
 }
 
-/// A whole number.
+/// Parses a whole number.
 pub fn integer(text: &str) -> Result<i64, String> {
     text.trim().parse().map_err(|_| format!("expected a whole number, found {}", quoted(text)))
 }
 
-/// `true` or `false`, in any case.
+/// Parses `true` or `false`, in any case.
 pub fn boolean(text: &str) -> Result<bool, String> {
     match text.trim().to_ascii_lowercase().as_str() {
         "true" => Ok(true),
@@ -28,12 +28,12 @@ pub fn boolean(text: &str) -> Result<bool, String> {
     }
 }
 
-/// Numbers separated by white space, commas or both.
+/// Parses numbers separated by white space, commas or both.
 pub fn floats(text: &str) -> Result<Vec<f64>, String> {
     tokens(text).map(float).collect()
 }
 
-/// Three numbers, or one for all three.
+/// Parses three numbers, or one number for all three.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     match floats(text)?[..] {
         [v] => Ok([v; 3]),
@@ -42,7 +42,7 @@ pub fn triple(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// Three numbers.
+/// Parses three numbers.
 pub fn vector(text: &str) -> Result<DVec3, String> {
     match floats(text)?[..] {
         [x, y, z] => Ok(DVec3::new(x, y, z)),
@@ -50,7 +50,7 @@ pub fn vector(text: &str) -> Result<DVec3, String> {
     }
 }
 
-/// A colour: three linear values, one for all three, or `#rrggbb` in sRGB.
+/// Parses a colour: three linear values, one for all three, or `#rrggbb` in sRGB.
 pub fn rgb(text: &str) -> Result<[f64; 3], String> {
     if !text.trim().starts_with('#') {
         return triple(text);
@@ -60,7 +60,7 @@ pub fn rgb(text: &str) -> Result<[f64; 3], String> {
     Ok(colour.to_array().map(f64::from))
 }
 
-/// A spectrum: one value for all wavelengths, or `wavelength:value` pairs in nm.
+/// Parses a spectrum: one value for all wavelengths, or `wavelength:value` pairs in nm.
 pub fn spectrum(text: &str) -> Result<Spectrum, String> {
     if !text.contains(':') {
         return match floats(text)?[..] {
@@ -80,7 +80,7 @@ pub fn spectrum(text: &str) -> Result<Spectrum, String> {
     Spectrum::from_samples(tokens(text).map(pair).collect::<Result<_, String>>()?)
 }
 
-/// The lines of a spectrum file: wavelength and value, comments from `#`.
+/// Parses the lines of a spectrum file: wavelength and value, with comments from `#` on.
 pub fn spectrum_file(text: &str) -> Result<Spectrum, (usize, String)> {
     let mut samples = Vec::new();
     for (i, line) in text.lines().enumerate() {

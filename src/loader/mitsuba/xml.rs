@@ -1,30 +1,30 @@
-//! XML in, elements that know their place out.
+//! XML elements with their positions in the file.
 
 use crate::error::{Error, Place, Result};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Elements nested deeper than this are refused, so that no recursion over them exhausts the stack.
+/// The greatest depth of nested elements. It bounds the recursion over them, so that the stack is not exhausted.
 pub const MAX_DEPTH: usize = 100;
 
-/// Lines longer than this (in bytes) are not repeated in messages.
+/// The greatest length, in bytes, of a line that is repeated in messages.
 const MAX_SHOWN_LINE: usize = 4096;
-/// Bytes between the counts that columns are found by.
+/// The number of bytes between the counts from which columns are computed.
 const BLOCK: usize = 1024;
 
-/// A text file that elements come from.
+/// A text file that contains elements.
 #[derive(Debug)]
 pub struct Source {
     /// The file, as the user named it or as it was found.
     pub path: PathBuf,
     text: String,
     line_starts: Vec<usize>,
-    /// Characters before each block of [`BLOCK`] bytes, so that a column is found without counting from the line's
-    /// start.
+    /// The number of characters before each block of [`BLOCK`] bytes, so that a column is found without counting from
+    /// the start of the line.
     chars_before: Vec<usize>,
 }
 
-/// Where an element or attribute stands; cheap to clone.
+/// The position of an element or attribute in a file; cheap to clone.
 #[derive(Clone, Debug)]
 pub struct Spot {
     source: Arc<Source>,
@@ -36,7 +36,7 @@ pub struct Spot {
 pub struct Attribute {
     /// Its name.
     pub name: String,
-    /// Its value with XML's own escapes resolved.
+    /// Its value, with XML escapes resolved.
     pub value: String,
 }
 
@@ -49,7 +49,7 @@ pub struct Element {
     pub attributes: Vec<Attribute>,
     /// The elements inside it.
     pub children: Vec<Element>,
-    /// Where it starts.
+    /// The position of its start.
     pub spot: Spot,
 }
 
@@ -64,20 +64,20 @@ impl Source {
         Source { path: path.to_path_buf(), line_starts, chars_before, text }
     }
 
-    /// Characters before an offset that is between two of them.
+    /// Returns the number of characters before an offset that is between two characters.
     fn chars_to(&self, offset: usize) -> usize {
         let block = offset / BLOCK;
         self.chars_before[block] + chars_in(&self.text.as_bytes()[block * BLOCK..offset])
     }
 }
 
-/// Characters that start in these bytes of a text.
+/// Returns the number of characters that start in these bytes of a text.
 fn chars_in(bytes: &[u8]) -> usize {
     bytes.iter().filter(|b| **b & 0xC0 != 0x80).count()
 }
 
 impl Spot {
-    /// Line, column and text of the spot.
+    /// Returns line, column and text of the position.
     pub fn place(&self) -> Place {
         let source = &*self.source;
         let line = source.line_starts.partition_point(|start| *start <= self.offset).max(1);
@@ -89,19 +89,19 @@ impl Spot {
         Place { file: source.path.clone(), line: line as u32, column: column as u32, text: text.to_owned() }
     }
 
-    /// The file that the spot is in.
+    /// Returns the file of the position.
     pub fn file(&self) -> &Path {
         &self.source.path
     }
 }
 
 impl Element {
-    /// The value of an attribute.
+    /// Returns the value of an attribute.
     pub fn attribute(&self, name: &str) -> Option<&str> {
         self.attributes.iter().find(|a| a.name == name).map(|a| a.value.as_str())
     }
 
-    /// The element as messages name it: `<float name="alpha">`, `<bsdf type="diffuse">` or `<translate>`.
+    /// Returns the element's name in messages: `<float name="alpha">`, `<bsdf type="diffuse">` or `<translate>`.
     pub fn thing(&self) -> String {
         let shown = ["name", "type", "id"].iter().find_map(|n| self.attribute(n).map(|v| (n, v)));
         match shown {
@@ -110,24 +110,24 @@ impl Element {
         }
     }
 
-    /// An error about the element, at its place.
+    /// Creates an error about the element, at its place.
     pub fn error(&self, message: impl Into<String>) -> Error {
         Error::scene(message).about(self.thing()).at(self.spot.place())
     }
 }
 
-/// Parses a file's text. Text between elements is of no meaning; where there is any, a warning is added.
+/// Parses a file's text. Text between elements is ignored with a warning.
 ///
 /// # Errors
-/// What is wrong with the XML, at its place; a document type declaration (so no entities can be defined);
-/// elements nested deeper than [`MAX_DEPTH`].
+/// If the XML is malformed, at its place; if there is a document type declaration (so no entities can be defined); if
+/// elements are nested deeper than [`MAX_DEPTH`].
 pub fn parse(path: &Path, text: String, warnings: &mut Vec<Error>) -> Result<Element> {
     let source = Arc::new(Source::new(path, text));
     let document = roxmltree::Document::parse(&source.text).map_err(|e| parse_error(&source, &e))?;
     convert(document.root_element(), &source, 1, warnings)
 }
 
-/// The library's error as ours.
+/// Converts an error of the library.
 fn parse_error(source: &Arc<Source>, error: &roxmltree::Error) -> Error {
     if matches!(error, roxmltree::Error::DtdDetected) {
         let offset = source.text.find("<!DOCTYPE").unwrap_or(0);
@@ -147,7 +147,7 @@ fn parse_error(source: &Arc<Source>, error: &roxmltree::Error) -> Error {
     Error::scene(format!("malformed XML: {message}")).at(spot.place())
 }
 
-/// An element and what is inside it.
+/// Converts an element and its contents.
 fn convert(
     node: roxmltree::Node,
     source: &Arc<Source>,

@@ -1,32 +1,33 @@
-//! Which properties of an element are attributes of the mesh: the rules of Mitsuba 3.9.1.
+//! The properties of an element that are attributes of the mesh, by the rules of Mitsuba 3.9.1.
 //!
-//! * `r g b` or `red green blue`, with `a` or `alpha` if it is there, are the attribute `color`.
-//! * Neighbouring properties of one prefix whose suffixes count along `_x _y _z`, `_r _g _b`, `_0 _1 _2` or `_1 _2
-//!   _3` are an attribute named by the prefix, with `_color` appended after the second kind. They are one or three.
-//! * Numbers of type `uchar` are taken as they are; other integers are divided by the largest of their type and
-//!   decoded from sRGB.
+//! * `r g b` or `red green blue`, with `a` or `alpha` if there is one, are the attribute `color`.
+//! * Neighbouring properties with the same prefix, whose suffixes count along `_x _y _z`, `_r _g _b`, `_0 _1 _2` or
+//!   `_1 _2 _3`, are an attribute named by the prefix, with `_color` appended for the second kind. There must be one or
+//!   three of them.
+//! * Numbers of type `uchar` keep their values; other integers are divided by the largest of their type and decoded
+//!   from sRGB.
 //!
-//! Properties without such a suffix are of no use.
+//! Properties without such a suffix are ignored.
 
 use super::header::{Element, Kind, Number};
 use crate::color::srgb::srgb_to_linear;
 
-/// An attribute to be read.
+/// An attribute of the mesh.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Group {
-    /// Its name, with the element's name before it.
+    /// Its name, prefixed by the element's name.
     pub name: String,
-    /// The properties that are its channels.
+    /// Indices of the properties that are its channels.
     pub columns: Vec<usize>,
 }
 
-/// Suffixes that belong together, in their order.
+/// The suffixes of each kind of attribute, in order.
 const SUFFIXES: [[&str; 4]; 4] =
     [["x", "y", "z", "w"], ["r", "g", "b", "a"], ["0", "1", "2", "3"], ["1", "2", "3", "4"]];
 const COLORS: usize = 1;
 
-/// The attributes of an element, of which the columns in `used` mean something else, and a sentence for each that
-/// breaks the rules.
+/// Returns the attributes of an element, and a sentence for each that breaks the rules. The columns in `used` have
+/// other meanings.
 pub fn groups(element: &Element, used: &[usize]) -> (Vec<Group>, Vec<String>) {
     let (mut groups, mut warnings) = (Vec::new(), Vec::new());
     let scalar = |i: &usize| matches!(element.properties[*i].kind, Kind::Scalar(_));
@@ -77,7 +78,7 @@ pub fn groups(element: &Element, used: &[usize]) -> (Vec<Group>, Vec<String>) {
     (groups, warnings)
 }
 
-/// The channels of the colour.
+/// Returns the channels of the colour.
 fn color(element: &Element) -> Option<Vec<usize>> {
     let find = |names: [&str; 3], alpha: &str| -> Option<Vec<usize>> {
         let rgb: Option<Vec<usize>> = names.iter().map(|name| element.find(name)).collect();
@@ -86,12 +87,12 @@ fn color(element: &Element) -> Option<Vec<usize>> {
     find(["r", "g", "b"], "a").or_else(|| find(["red", "green", "blue"], "alpha"))
 }
 
-/// Prefix and one-letter suffix.
+/// Splits a name into a prefix and a one-letter suffix.
 fn split(name: &str) -> Option<(&str, &str)> {
     name.rsplit_once('_').filter(|(_, suffix)| suffix.len() == 1)
 }
 
-/// The value of an attribute from its number.
+/// Returns the value of an attribute for a number in the file.
 pub fn decode(number: Number, value: f64) -> f32 {
     if number == Number::U8 || number.is_float() {
         return value as f32;
@@ -114,14 +115,14 @@ mod tests {
         }
     }
 
-    /// Names and numbers of channels.
+    /// Returns the names of the attributes and the indices of their channels.
     fn found(names: &str) -> String {
         let (groups, _) = groups(&element(names), &[]);
         let text: Vec<_> = groups.iter().map(|g| format!("{} {:?}", g.name, g.columns)).collect();
         text.join(" ")
     }
 
-    /// The expectations are what Mitsuba 3.9.1 makes of the same properties.
+    /// The expected attributes are those of Mitsuba 3.9.1 for the same properties.
     #[test]
     fn attributes_are_those_of_mitsuba() {
         for (names, expected) in [

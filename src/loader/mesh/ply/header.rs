@@ -1,8 +1,8 @@
-//! The header of a PLY file: which elements follow, and of which properties.
+//! The header of a PLY file: the elements and their properties.
 
 use exr::prelude::f16;
 
-/// How the numbers after the header are written.
+/// The encoding of the numbers after the header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     Text,
@@ -10,7 +10,7 @@ pub enum Encoding {
     BigEndian,
 }
 
-/// Types of numbers. Those of 64 bits in integers and of 16 bits in floats are Mitsuba's extension.
+/// Types of numbers. 64-bit integers and 16-bit floats are extensions of Mitsuba.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Number {
     I8,
@@ -26,7 +26,7 @@ pub enum Number {
     F64,
 }
 
-/// A number of an element, or a list of them.
+/// A number of an element, or a list of numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Property {
     pub name: String,
@@ -39,7 +39,7 @@ pub enum Kind {
     List { count: Number, item: Number },
 }
 
-/// A table: `count` rows of the same properties.
+/// A table: `count` rows with the same properties.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Element {
     pub name: String,
@@ -51,18 +51,18 @@ pub struct Element {
 pub struct Header {
     pub encoding: Encoding,
     pub elements: Vec<Element>,
-    /// Where the numbers start, in bytes from the file's start.
+    /// The offset of the first number, in bytes from the start of the file.
     pub size: usize,
 }
 
-/// What is wrong, and in which line (from 1).
+/// The line (from 1) of a fault and its description.
 pub type Fault = (u32, String);
 
 impl Header {
     /// Reads a header.
     ///
     /// # Errors
-    /// When it is malformed.
+    /// If the header is malformed.
     pub fn parse(bytes: &[u8]) -> Result<Header, Fault> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
@@ -116,7 +116,7 @@ impl Header {
         Err((number, "the file ends within its header".to_owned()))
     }
 
-    /// The element of a name.
+    /// Returns the element of a name.
     pub fn element(&self, name: &str) -> Option<&Element> {
         self.elements.iter().find(|e| e.name == name)
     }
@@ -149,7 +149,7 @@ impl Property {
         Some(Property { name: name.to_owned(), kind })
     }
 
-    /// Bytes of the number, or of the length of the list.
+    /// Returns the bytes of the number, or of the length of the list.
     pub fn least_size(&self) -> usize {
         match self.kind {
             Kind::Scalar(number) | Kind::List { count: number, .. } => number.size(),
@@ -158,7 +158,7 @@ impl Property {
 }
 
 impl Element {
-    /// The index of the property of a name.
+    /// Returns the index of the property of a name.
     pub fn find(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.name == name)
     }
@@ -182,7 +182,7 @@ impl Number {
         })
     }
 
-    /// Bytes of one number.
+    /// Returns the bytes of a number.
     pub fn size(self) -> usize {
         match self {
             Number::I8 | Number::U8 => 1,
@@ -196,7 +196,7 @@ impl Number {
         matches!(self, Number::F16 | Number::F32 | Number::F64)
     }
 
-    /// The range of an integer type; that of `i64` for the others and for `u64`.
+    /// Returns the range of an integer type, limited to that of `i64`; the range of `i64` for floats.
     pub fn range(self) -> (i64, i64) {
         match self {
             Number::I8 => (i8::MIN.into(), i8::MAX.into()),
@@ -210,10 +210,11 @@ impl Number {
         }
     }
 
-    /// Decodes the integer that `bytes` start with; floats are truncated, integers above the range of `i64` its end.
+    /// Decodes the integer at the start of `bytes`. Floats are truncated, and integers above the range of `i64` are
+    /// clamped to it.
     ///
     /// # Panics
-    /// When there are fewer bytes than [`size`](Number::size).
+    /// If there are fewer bytes than [`size`](Number::size).
     #[inline]
     pub fn integer(self, bytes: &[u8], encoding: Encoding) -> i64 {
         match self {
@@ -232,10 +233,10 @@ impl Number {
         }
     }
 
-    /// Decodes the number that `bytes` start with.
+    /// Decodes the number at the start of `bytes`.
     ///
     /// # Panics
-    /// When there are fewer bytes than [`size`](Number::size).
+    /// If there are fewer bytes than [`size`](Number::size).
     #[inline]
     pub fn float(self, bytes: &[u8], encoding: Encoding) -> f64 {
         match self {
@@ -250,7 +251,7 @@ impl Number {
     }
 }
 
-/// Decodes the first `N` bytes in one of the two orders.
+/// Decodes the first `N` bytes in either byte order.
 #[inline]
 fn array<const N: usize, T>(
     bytes: &[u8],

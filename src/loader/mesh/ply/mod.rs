@@ -1,6 +1,6 @@
-//! Stanford PLY: text and both binary orders.
+//! Stanford PLY: text and binary files in either byte order.
 //!
-//! Elements without lists, and faces that are all triangles, are tables of fixed width and are decoded in parallel.
+//! Elements without lists, and faces that are all triangles, are tables of fixed width, which are decoded in parallel.
 
 mod attributes;
 mod header;
@@ -18,14 +18,14 @@ use rows::Rest;
 use std::path::Path;
 use table::Table;
 
-/// What is wrong, and in which line (from 1; 0 where there are no lines).
+/// The line (from 1; 0 if there are no lines) of a fault and its description.
 type Fault = (u32, String);
 
 /// Reads a mesh. Vertices may have normals `nx ny nz`, texture coordinates `u v`, `texture_u texture_v` or `s t`, and
 /// [attributes].
 ///
 /// # Errors
-/// See [`load`](super::load).
+/// As for [`load`](super::load).
 pub fn parse(
     path: &Path,
     bytes: &[u8],
@@ -48,20 +48,20 @@ pub fn parse(
         };
         read.map_err(at)?;
     }
-    let mut tell = |message: String| warnings.push(Error::scene(message).in_file(path));
-    ignored.into_iter().for_each(&mut tell);
+    let mut warn = |message: String| warnings.push(Error::scene(message).in_file(path));
+    ignored.into_iter().for_each(&mut warn);
     if !rest.left().trim_ascii().is_empty() {
-        tell("what follows the last element is ignored".to_owned());
+        warn("what follows the last element is ignored".to_owned());
     }
     Ok(mesh)
 }
 
-/// What is wrong with a file whose mesh does not fit into memory.
+/// Returns the fault of a file whose mesh does not fit into memory.
 fn too_large(refusal: Refusal) -> Fault {
     (0, refusal.sentence("its mesh", "use a mesh of fewer triangles"))
 }
 
-/// Channels of all groups.
+/// Returns the number of channels of all groups.
 fn channels(groups: &[Group]) -> usize {
     groups.iter().map(|group| group.columns.len()).sum()
 }
@@ -70,7 +70,7 @@ fn malformed(line: u32, message: &str) -> Fault {
     (line, format!("malformed PLY file: {message}"))
 }
 
-/// Passes over an element that is of no use here.
+/// Skips an element that is not used.
 fn skip<'a>(rest: &mut Rest<'a>, element: &'a Element) -> Result<(), Fault> {
     match Table::take(rest, element)? {
         Some(_) => Ok(()),
@@ -78,7 +78,7 @@ fn skip<'a>(rest: &mut Rest<'a>, element: &'a Element) -> Result<(), Fault> {
     }
 }
 
-/// Splits a polygon into triangles; fewer than three corners make none.
+/// Splits a polygon into triangles; none if it has fewer than three corners.
 fn fan(face: u64, corners: &[i64], vertices: usize, indices: &mut Vec<[u32; 3]>) -> Result<(), Fault> {
     if let Some(bad) = corners.iter().find(|c| !(0..vertices as i64).contains(c)) {
         return Err(no_vertex(face, *bad, vertices));
@@ -91,21 +91,21 @@ fn no_vertex(face: u64, vertex: i64, vertices: usize) -> Fault {
     (0, format!("face {face}: there is no vertex {vertex}; the file has {vertices}"))
 }
 
-/// What the properties of vertices and faces mean.
+/// The meaning of the properties of vertices and faces.
 struct Layout {
-    /// How many vertices there are.
+    /// The number of vertices.
     count: usize,
     position: [usize; 3],
     normal: Option<[usize; 3]>,
     uv: Option<[usize; 2]>,
     vertex_groups: Vec<Group>,
-    /// The list of a face's vertices.
+    /// The property with the list of a face's vertices.
     corners: usize,
     face_groups: Vec<Group>,
 }
 
 impl Layout {
-    /// Also gives warnings.
+    /// Creates the layout of a header, with warnings.
     fn of(header: &Header) -> Result<(Self, Vec<String>), String> {
         let vertex = header.element("vertex").ok_or("the file has no element vertex")?;
         let position = find(vertex, ["x", "y", "z"]).ok_or("the vertices lack x, y or z")?;
@@ -185,14 +185,14 @@ impl Layout {
                 None => Ok(()),
             };
         }
-        // No triangle takes fewer bytes than "3 0 1 2" and a line end.
+        // A triangle takes at least as many bytes as "3 0 1 2" and a line end.
         let least = usize::try_from(element.count).unwrap_or(usize::MAX).min(rest.left().len() / 8);
         mesh.indices.reserve_exact(least);
         let first = mesh.attributes.len();
         mesh.attributes.extend(groups.iter().map(empty));
         rest.each_row(element, Some(self.corners), |i, row| {
             let before = mesh.indices.len();
-            // Polygons are more triangles than there are faces.
+            // Polygons may give more triangles than there are faces.
             let after = (before + row.list.len()) as u64;
             if after > room {
                 let more = after.max(2 * room) - room;
@@ -208,7 +208,7 @@ impl Layout {
 
 const FACE_NAMES: [&str; 2] = ["vertex_indices", "vertex_index"];
 
-/// The scalar properties of these names.
+/// Returns the scalar properties of these names.
 fn find<const N: usize>(element: &Element, names: [&str; N]) -> Option<[usize; N]> {
     let mut found = [0; N];
     for (found, name) in found.iter_mut().zip(names) {
@@ -217,12 +217,12 @@ fn find<const N: usize>(element: &Element, names: [&str; N]) -> Option<[usize; N
     Some(found)
 }
 
-/// An attribute without values.
+/// Returns an attribute without values.
 fn empty(group: &Group) -> Attribute {
     Attribute { name: group.name.clone(), channels: group.columns.len(), values: Vec::new() }
 }
 
-/// Appends a row's values `times` times.
+/// Appends the values of a row `times` times.
 fn push(into: &mut [Attribute], groups: &[Group], element: &Element, scalars: &[f64], times: usize) {
     for (attribute, group) in into.iter_mut().zip(groups) {
         for _ in 0..times {
@@ -232,7 +232,7 @@ fn push(into: &mut [Attribute], groups: &[Group], element: &Element, scalars: &[
     }
 }
 
-/// The type of a property, or of a list's items.
+/// Returns the type of a property, or of the items of a list.
 fn number(element: &Element, i: usize) -> Number {
     match element.properties[i].kind {
         Kind::Scalar(number) | Kind::List { item: number, .. } => number,
@@ -301,7 +301,8 @@ mod tests {
         assert_eq!(read(&big).unwrap(), square());
     }
 
-    /// Colours of vertices as half-precision floats, one number a face; a triangle and, if asked for, a square.
+    /// Returns a file with vertex colours as half-precision floats, a number for each face, a triangle and optionally a
+    /// square.
     fn coloured(encoding: &str, square: bool) -> Vec<u8> {
         let faces = if square { 2 } else { 1 };
         let header = format!(

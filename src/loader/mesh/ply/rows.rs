@@ -1,20 +1,20 @@
-//! The rows of an element one after the other, from text or from binary data with lists of any length.
+//! The rows of an element, in order, from text or from binary data with lists of any length.
 
 use super::header::{Element, Encoding, Kind, Number};
 use super::{Fault, malformed};
 use crate::util::wording::quoted;
 
-/// What is left of a file.
+/// The unread part of a file.
 #[derive(Clone, Debug)]
 pub struct Rest<'a> {
     /// The whole file.
     pub bytes: &'a [u8],
-    /// Where the rest starts.
+    /// The offset of the unread part.
     pub at: usize,
     pub encoding: Encoding,
 }
 
-/// A row: the value of every property (0 for a list), and the items of the one list that was asked for.
+/// A row: the value of every property (0 for a list), and the items of the selected list.
 #[derive(Debug, Default)]
 pub struct Row {
     pub scalars: Vec<f64>,
@@ -22,18 +22,18 @@ pub struct Row {
 }
 
 impl<'a> Rest<'a> {
-    /// The bytes that are left.
+    /// Returns the unread bytes.
     pub fn left(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }
 
-    /// Checks that the file is long enough for the rows of an element, so that a wrong count allocates nothing.
+    /// Checks that the file is long enough for the rows of an element, so that nothing is allocated for a wrong count.
     ///
     /// # Errors
-    /// When it is too short.
+    /// If it is too short.
     pub fn check(&self, element: &Element) -> Result<(), Fault> {
         let row: usize = match self.encoding {
-            // A digit and a space or line end for each; the last line end may be missing.
+            // Each takes at least a digit and a space or line end; the last line end may be missing.
             Encoding::Text => 2 * element.properties.len(),
             _ => element.properties.iter().map(|p| p.least_size()).sum(),
         };
@@ -51,7 +51,7 @@ impl<'a> Rest<'a> {
     /// Calls `each` for every row of an element, with the items of the list property `list`.
     ///
     /// # Errors
-    /// Where a row is malformed, and those of `each`.
+    /// If a row is malformed, and the errors of `each`.
     pub fn each_row(
         &mut self,
         element: &Element,
@@ -73,7 +73,7 @@ impl<'a> Rest<'a> {
         Ok(())
     }
 
-    /// Reads a row; `None` where the file ends or a list has a negative length.
+    /// Reads a row; `None` if the file ends or a list has a negative length.
     fn binary_row(&mut self, element: &Element, list: Option<usize>, row: &mut Row) -> Option<()> {
         for (i, property) in element.properties.iter().enumerate() {
             match property.kind {
@@ -122,7 +122,7 @@ impl<'a> Rest<'a> {
     }
 }
 
-/// Reads a line.
+/// Reads a row from a line.
 fn parse(line: &[u8], element: &Element, list: Option<usize>, row: &mut Row) -> Result<(), String> {
     let mut words = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
     let mut word = || words.next().ok_or_else(|| format!("the line ends within a row of {}", element.name));

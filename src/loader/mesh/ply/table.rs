@@ -1,4 +1,4 @@
-//! Elements whose rows are all of one width in binary data.
+//! Elements in binary data whose rows all have the same width.
 
 use super::attributes::{self, Group};
 use super::header::{Element, Encoding, Kind, Number};
@@ -7,16 +7,16 @@ use super::{Fault, number};
 use crate::texture::Attribute;
 use rayon::prelude::*;
 
-/// Rows that a thread takes at least.
+/// The least number of rows in a task.
 const LEAST_ROWS: usize = 4096;
-/// Stands for an index that is out of range.
+/// The value of an index that is out of range.
 const OUTSIDE: u32 = u32::MAX;
 
 /// The rows of an element.
 pub struct Table<'a> {
     rows: &'a [u8],
     width: usize,
-    /// Where each property's number or list (without its length) starts in a row.
+    /// The offset of each property's number or list (without its length) in a row.
     offsets: Vec<usize>,
     element: &'a Element,
     encoding: Encoding,
@@ -38,10 +38,10 @@ impl Column {
 }
 
 impl<'a> Table<'a> {
-    /// Takes an element off the rest of a file; `None` where it is text or has lists.
+    /// Reads an element; `None` if it is text or has lists.
     ///
     /// # Errors
-    /// When the file is too short.
+    /// If the file is too short.
     pub fn take(rest: &mut Rest<'a>, element: &'a Element) -> Result<Option<Self>, Fault> {
         let scalars = element.properties.iter().all(|p| matches!(p.kind, Kind::Scalar(_)));
         if rest.encoding == Encoding::Text || !scalars {
@@ -50,7 +50,7 @@ impl<'a> Table<'a> {
         Table::of_width(rest, element, 0).map(Some).ok_or_else(|| rest.too_short(element))
     }
 
-    /// Takes an element off the rest of a file if it has one list, and that has three items in every row.
+    /// Reads an element if it has a single list, with three items in every row.
     pub fn take_triangles(rest: &mut Rest<'a>, element: &'a Element, list: usize) -> Option<Self> {
         let lists = element.properties.iter().filter(|p| matches!(p.kind, Kind::List { .. })).count();
         let Kind::List { count, .. } = element.properties[list].kind else { return None };
@@ -69,7 +69,7 @@ impl<'a> Table<'a> {
         })
     }
 
-    /// Takes an element with `items` items in every list.
+    /// Reads an element with `items` items in every list.
     fn of_width(rest: &mut Rest<'a>, element: &'a Element, items: usize) -> Option<Self> {
         let mut width = 0;
         let mut offsets = Vec::with_capacity(element.properties.len());
@@ -95,7 +95,7 @@ impl<'a> Table<'a> {
         Column { offset: self.offsets[i], number: number(self.element, i), encoding: self.encoding }
     }
 
-    /// Vectors whose coordinates are these columns.
+    /// Returns the vectors whose coordinates are these columns.
     pub fn vectors<const N: usize, T: From<[f32; N]> + Send>(&self, columns: [usize; N]) -> Vec<T> {
         let columns = columns.map(|i| self.column(i));
         let single = |c: &Column| c.number == Number::F32 && c.encoding == Encoding::LittleEndian;
@@ -108,7 +108,7 @@ impl<'a> Table<'a> {
         self.rows().map(|row| T::from(columns.map(|c| c.get(row) as f32))).collect()
     }
 
-    /// The values of an attribute.
+    /// Returns the values of an attribute.
     pub fn attribute(&self, group: &Group) -> Attribute {
         let columns: Vec<Column> = group.columns.iter().map(|i| self.column(*i)).collect();
         let channels = columns.len();
@@ -121,7 +121,7 @@ impl<'a> Table<'a> {
         Attribute { name: group.name.clone(), channels, values }
     }
 
-    /// The first three items of a list; what is negative or too large for an index is [`OUTSIDE`].
+    /// Returns the first three items of a list; an item that is negative or too large for an index is [`OUTSIDE`].
     pub fn triangles(&self, list: usize) -> Vec<[u32; 3]> {
         let Column { offset, number, encoding } = self.column(list);
         let size = number.size();
@@ -142,7 +142,7 @@ impl<'a> Table<'a> {
             .collect()
     }
 
-    /// The first item of a row's list that is no index of a vertex.
+    /// Returns the first item of a row's list that is not the index of a vertex.
     pub fn corner_outside(&self, row: usize, list: usize, vertices: usize) -> i64 {
         let Column { offset, number, encoding } = self.column(list);
         let items = self.rows[row * self.width + offset..].chunks_exact(number.size()).take(3);
@@ -151,7 +151,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// The first triangle with a corner outside `0..vertices`.
+/// Returns the first triangle with a corner outside `0..vertices`.
 pub fn first_outside(triangles: &[[u32; 3]], vertices: usize) -> Option<usize> {
     let outside = |t: &[u32; 3]| t.iter().any(|i| *i as usize >= vertices);
     triangles.par_iter().with_min_len(LEAST_ROWS).position_first(outside)

@@ -24,7 +24,7 @@ const MITSUBA: [&str; 9] = [
 ];
 
 impl Builder<'_> {
-    /// The material of a BSDF, instantiated once.
+    /// Returns the material of a BSDF. Each is instantiated once.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -43,7 +43,8 @@ impl Builder<'_> {
         Ok(id)
     }
 
-    /// The material of shapes that name none, as in Mitsuba: diffuse with reflectance 0.5, and black where they emit.
+    /// Returns the material of shapes that name none, as in Mitsuba: diffuse with reflectance 0.5, and black if they
+    /// emit.
     pub fn default_material(&mut self, emits: bool) -> MaterialId {
         let index = usize::from(emits);
         if let Some(id) = self.default_materials[index] {

@@ -1,4 +1,4 @@
-//! Properties that are colours: numbers, `<rgb>` and `<spectrum>`, checked for what they stand for.
+//! Colour properties: numbers, `<rgb>` and `<spectrum>`, checked for the range of their quantity.
 
 use super::Builder;
 use crate::color::Rgb;
@@ -12,12 +12,12 @@ use crate::util::wording::quoted;
 use std::ops::RangeInclusive;
 
 impl Builder<'_> {
-    /// A colour property, or the default.
+    /// Returns a colour property, or the default.
     ///
-    /// A number is neutral, also as emission (a constant `<spectrum>` is equal-energy white then).
+    /// A number is neutral, also as an emission, for which a constant `<spectrum>` is equal-energy white.
     ///
     /// # Errors
-    /// A wrong type, a texture, a negative channel, a reflectance over 1.
+    /// If the type is wrong, there is a texture or a negative channel, or a reflectance is greater than 1.
     pub fn colour(
         &mut self,
         props: &Props,
@@ -57,10 +57,10 @@ impl Builder<'_> {
         Err(property.error(format!("{expected}, found {}, {}, {}", rgb.r, rgb.g, rgb.b)))
     }
 
-    /// A colour property that may be a texture, or the default.
+    /// Returns a colour property that may be a texture, or the default.
     ///
     /// # Errors
-    /// As for [`colour`](Self::colour), and those of the texture.
+    /// As for [`colour`](Self::colour), and the errors of the texture.
     pub fn color_input(
         &mut self,
         props: &Props,
@@ -77,10 +77,10 @@ impl Builder<'_> {
         })
     }
 
-    /// A number in a range that may be a texture, or the default.
+    /// Returns a number in a range that may be a texture, or the default.
     ///
     /// # Errors
-    /// A wrong type, a number out of the range, and those of the texture.
+    /// If the type is wrong or the number is out of the range, and the errors of the texture.
     pub fn number_input(
         &mut self,
         props: &Props,
@@ -105,7 +105,7 @@ impl Builder<'_> {
         Err(props.refusal(name, &expected))
     }
 
-    /// The colour of an object that is a spectrum (`d65`, `blackbody`, ...); `None` where it is a texture.
+    /// Returns the colour of an object that is a spectrum (`d65`, `blackbody`, ...); `None` if it is a texture.
     fn spectrum_plugin(&mut self, object: ObjectId, quantity: Quantity) -> Result<Option<Rgb>> {
         let props = Props::new(self.graph, object);
         let rgb = match props.object.plugin.as_str() {
@@ -147,7 +147,7 @@ impl Builder<'_> {
         reduced.rgb
     }
 
-    /// Reads a spectrum's file; a missing one is remembered.
+    /// Reads a spectrum's file. A missing file is recorded.
     fn spectrum_file(&mut self, property: &Property, file: &str) -> Result<Option<Spectrum>> {
         let Some(path) = self.folders.find(property.spot.file(), file) else {
             self.missing.push(property.error(format!("there is no file {}", quoted(file))));
@@ -172,12 +172,12 @@ fn out_of_gamut(raw: Rgb) -> String {
     format!("the spectrum's colour {:.3}, {:.3}, {:.3} is out of range and clamped", raw.r, raw.g, raw.b)
 }
 
-/// Shortest and longest visible wavelengths, nm.
+/// The shortest and longest visible wavelengths, nm.
 const VISIBLE: [f64; 2] = [360.0, 830.0];
-/// Wavelengths at which a black body is tabulated.
+/// The number of wavelengths at which the spectrum of a black body is tabulated.
 const BLACKBODY_STEPS: usize = 471;
 
-/// The samples of a `regular`, `irregular` or `blackbody` spectrum.
+/// Returns the samples of a `regular`, `irregular` or `blackbody` spectrum.
 fn spectrum_samples(props: &Props) -> Result<Spectrum> {
     let list = |name: &'static str| -> Result<Vec<f64>> {
         let Some(text) = props.text(name)? else {
@@ -216,7 +216,7 @@ fn spectrum_samples(props: &Props) -> Result<Spectrum> {
     Spectrum::from_samples(samples).map_err(|message| props.object.error(message))
 }
 
-/// `wavelength_min` and `wavelength_max`, in nm.
+/// Returns `wavelength_min` and `wavelength_max`, in nm.
 fn range(props: &Props) -> Result<[f64; 2]> {
     let low = props.float("wavelength_min")?.unwrap_or(VISIBLE[0]);
     let high = props.float("wavelength_max")?.unwrap_or(VISIBLE[1]);
@@ -228,7 +228,7 @@ fn range(props: &Props) -> Result<[f64; 2]> {
     }
 }
 
-/// Radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at a wavelength in nm and a temperature in K. [Planck 1901]
+/// Returns the radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at a wavelength in nm and a temperature in K. [Planck 1901]
 fn planck(nm: f64, temperature: f64) -> f64 {
     const H: f64 = 6.626_070_15e-34;
     const C: f64 = 299_792_458.0;

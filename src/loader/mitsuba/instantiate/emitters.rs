@@ -18,10 +18,10 @@ const SUPPORTED: [&str; 7] = ["area", "constant", "directional", "envmap", "poin
 const MITSUBA: [&str; 4] = ["directionalarea", "sunsky", "timed_sunsky", "volumelight"];
 
 impl Builder<'_> {
-    /// An emitter of the scene.
+    /// Adds an emitter of the scene.
     ///
     /// # Errors
-    /// As for [`instantiate`](super::instantiate); a second environment.
+    /// As for [`instantiate`](super::instantiate), and if there is a second environment.
     pub fn emitter(&mut self, object: ObjectId) -> Result<()> {
         let props = Props::new(self.graph, object);
         match props.object.plugin.as_str() {
@@ -66,7 +66,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Refuses a second light from every direction.
+    /// Returns an error if the scene has an environment already.
     fn check_only_environment(&self, props: &Props) -> Result<()> {
         match self.loaded.description.emitters.iter().any(Emitter::is_environment) {
             true => Err(props.object.error("a scene has room for one environment")),
@@ -139,7 +139,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The radiance of an emitter inside a shape.
+    /// Returns the radiance of an emitter inside a shape.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -158,7 +158,7 @@ impl Builder<'_> {
     }
 }
 
-/// `position`, or where `to_world` takes the origin.
+/// Returns `position`, or the point to which `to_world` maps the origin.
 fn position(props: &Props) -> Result<DVec3> {
     match (props.point("position")?, props.find("to_world")) {
         (Some(_), Some(property)) => Err(property.error("expected either position or to_world, found both")),

@@ -9,15 +9,15 @@ use crate::loader::mitsuba::props::Props;
 const SUPPORTED: [&str; 2] = ["hdrfilm", "ldrfilm"];
 const MITSUBA: [&str; 1] = ["specfilm"];
 const SUPPORTED_FILTERS: [&str; 6] = ["box", "catmullrom", "gaussian", "lanczos", "mitchell", "tent"];
-/// Longest side of an image.
+/// The longest side of an image, in pixels.
 const MAX_SIDE: i64 = 65_536;
-/// Most pixels of an image.
+/// The greatest number of pixels of an image.
 const MAX_PIXELS: u64 = 1 << 28;
-/// Widest filter, in pixels.
+/// The greatest radius or standard deviation of a filter, in pixels.
 const MAX_FILTER: f32 = 100.0;
 
 impl Builder<'_> {
-    /// The film inside a sensor, or the default one.
+    /// Returns the film inside a sensor, or the default film.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -66,7 +66,7 @@ impl Builder<'_> {
         Ok(film)
     }
 
-    /// A reconstruction filter.
+    /// Returns a reconstruction filter.
     fn filter(&mut self, object: ObjectId) -> Result<Filter> {
         let props = Props::new(self.graph, object);
         let width = |name, default| {
@@ -93,7 +93,7 @@ impl Builder<'_> {
     }
 }
 
-/// A coefficient of the Mitchell-Netravali filter: a third by default. In old scenes its name may be small.
+/// Returns a coefficient of the Mitchell-Netravali filter; 1/3 by default.
 fn coefficient(props: &Props, name: &'static str) -> Result<f32> {
     let value = props.float(name)?.unwrap_or(1.0 / 3.0) as f32;
     match value.is_finite() {
@@ -102,7 +102,7 @@ fn coefficient(props: &Props, name: &'static str) -> Result<f32> {
     }
 }
 
-/// The crop window, where any of its four properties is given.
+/// Returns the crop window; `None` if it is the whole image.
 fn crop(props: &Props, width: u32, height: u32) -> Result<Option<PixelRect>> {
     let get =
         |name, least, default: u32| Ok(props.integer(name, least..=MAX_SIDE)?.map_or(default, |v| v as u32));

@@ -21,7 +21,7 @@ const MITSUBA: [&str; 11] = [
 ];
 
 impl Builder<'_> {
-    /// The settings of an integrator.
+    /// Returns the settings of an integrator.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).

@@ -1,4 +1,4 @@
-//! From objects to the scene's plain data: one file for each family of plugins.
+//! Converts objects to the scene's plain data, in one file for each family of plugins.
 
 mod bsdfs;
 mod colours;
@@ -28,11 +28,11 @@ use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Turns a resolved scene file into a scene.
+/// Converts a resolved scene file to a scene.
 ///
 /// # Errors
-/// Unknown plugins, values out of range, what Buffon does not support, what does not fit into memory, missing files
-/// (all of them at once).
+/// If a plugin is unknown, a value is out of range, a feature is not supported, the scene does not fit into memory, or
+/// files are missing (all of them in one error).
 pub fn instantiate(resolved: Resolved, memory: &Budget) -> Result<Loaded> {
     let loaded = Loaded { warnings: resolved.warnings, notes: resolved.notes, ..Loaded::default() };
     let mut builder = Builder {
@@ -56,7 +56,7 @@ pub fn instantiate(resolved: Resolved, memory: &Budget) -> Result<Loaded> {
     Ok(builder.loaded)
 }
 
-/// A scene in the making.
+/// A scene under construction.
 struct Builder<'g> {
     graph: &'g Graph,
     folders: &'g Folders,
@@ -64,17 +64,17 @@ struct Builder<'g> {
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
     textures: HashMap<ObjectId, TextureId>,
-    /// By file, and whether it is taken as it is.
+    /// By file, and whether its values are used without decoding.
     images: HashMap<(PathBuf, bool), Arc<TextureImage>>,
     groups: HashMap<ObjectId, usize>,
     finished: HashSet<ObjectId>,
-    /// Of shapes that name no material, and of those among them that emit.
+    /// The materials of shapes that name none: of those that do not emit, and of those that do.
     default_materials: [Option<MaterialId>; 2],
     missing: Vec<Error>,
 }
 
 impl<'g> Builder<'g> {
-    /// Instantiates what is in the scene itself, each object once.
+    /// Instantiates the contents of the scene itself, each object once.
     fn scene(&mut self) -> Result<()> {
         let graph = self.graph;
         let props = Props::new(graph, 0);
@@ -115,21 +115,21 @@ impl<'g> Builder<'g> {
         Ok(())
     }
 
-    /// The objects of a class in the scene, without those that it contains twice.
+    /// Returns the objects of a class in the scene, without duplicates.
     fn once(&self, props: &Props, class: &str) -> Vec<ObjectId> {
         let all = props.children(class).into_iter().map(|child| child.object);
         let mut seen = HashSet::new();
         all.filter(|object| seen.insert(*object)).collect()
     }
 
-    /// Collects the warnings about what an object was not asked for, once for an object that is used twice.
+    /// Collects the warnings about the unused properties of an object, once for an object that is used twice.
     fn finish(&mut self, props: Props) {
         if self.finished.insert(props.id) {
             self.loaded.warnings.extend(props.finish());
         }
     }
 
-    /// Adds a note unless there is one of the same words.
+    /// Adds a note unless it exists already.
     fn note(&mut self, text: impl Into<String>) {
         let text = text.into();
         if !self.loaded.notes.contains(&text) {
@@ -137,7 +137,7 @@ impl<'g> Builder<'g> {
         }
     }
 
-    /// Accepts properties that make no difference here, with a note that says why.
+    /// Accepts properties that make no difference in Buffon, with a note that says why.
     fn ignore(&mut self, props: &Props, names: &[&'static str], why: &str) {
         for name in names {
             if props.find(name).is_some() {
@@ -154,12 +154,12 @@ impl<'g> Builder<'g> {
         MaterialId::from(materials.len() - 1)
     }
 
-    /// Adds an emitter that is no shape.
+    /// Adds an emitter that is not a shape.
     fn add_emitter(&mut self, emitter: Emitter) {
         self.loaded.description.emitters.push(emitter);
     }
 
-    /// The file of a property; `None` is remembered as missing.
+    /// Returns the file of a property; `None` if it is missing, which is recorded.
     fn find_file(&mut self, props: &Props, name: &'static str) -> Result<Option<std::path::PathBuf>> {
         let Some(text) = props.text(name)? else {
             return Err(props.object.error(format!("the property {name} is missing")));
@@ -175,7 +175,7 @@ impl<'g> Builder<'g> {
     }
 }
 
-/// The error for a plugin that is not one of those that can be used: known to Mitsuba but not supported, or unknown.
+/// Creates the error for a plugin that cannot be used: known to Mitsuba but not supported, or unknown.
 fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Error {
     if mitsuba.contains(&object.plugin.as_str()) {
         return unsupported(object);
@@ -184,7 +184,7 @@ fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Erro
     object.error(format!("unknown {}{near}", object.class))
 }
 
-/// The error for a plugin that Mitsuba has and Buffon does not.
+/// Creates the error for a plugin that Mitsuba has and Buffon does not.
 fn unsupported(object: &Object) -> Error {
     object.error(format!("this {} is not supported", object.class))
 }

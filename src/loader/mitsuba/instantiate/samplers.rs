@@ -6,12 +6,12 @@ use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::sampling::SamplerKind;
 
-/// Mitsuba's samplers that are another one here, with the closest.
+/// Mitsuba's samplers that Buffon does not have, each with the closest that it has.
 const MAPPED: [(&str, SamplerKind); 2] =
     [("orthogonal", SamplerKind::Multijitter), ("ldsampler", SamplerKind::Sobol)];
 
 impl Builder<'_> {
-    /// A sensor's sampler; the first sensor's is the scene's.
+    /// Reads a sensor's sampler. The first sensor's sampler is the scene's.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).

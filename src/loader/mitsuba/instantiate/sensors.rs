@@ -9,15 +9,15 @@ use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 
 const SUPPORTED: [&str; 3] = ["orthographic", "perspective", "thinlens"];
 const MITSUBA: [&str; 5] = ["batch", "distant", "irradiancemeter", "measured", "radiancemeter"];
-/// Focal length in mm of a camera that gives neither it nor a field of view.
+/// The focal length, in mm, of a camera without a focal length or a field of view.
 const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
-/// Diagonal of the 35 mm film's 36 mm x 24 mm frame, which focal lengths refer to.
+/// The diagonal, in mm, of the 36 mm x 24 mm frame of 35 mm film, which focal lengths refer to.
 const FRAME_DIAGONAL: f64 = 43.266_615_305_567_87;
-/// How far the lengths of a camera's axes may be from 1.
+/// The greatest difference of the lengths of a camera's axes from 1.
 const SCALE_TOLERANCE: f64 = 1e-2;
 
 impl Builder<'_> {
-    /// Adds a sensor. The first one's sampler is the scene's.
+    /// Adds a sensor. The first sensor's sampler is the scene's.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -74,7 +74,7 @@ impl Builder<'_> {
     }
 }
 
-/// Refuses a `to_world` with scale: lengths along the viewing axis would not be those of the world.
+/// Returns an error if `to_world` has a scale: lengths along the viewing axis would differ from those of the world.
 fn check_rigid(props: &Props, to_world: &Motion) -> Result<()> {
     for transform in to_world.keys() {
         let m = transform.matrix3;
@@ -86,7 +86,7 @@ fn check_rigid(props: &Props, to_world: &Motion) -> Result<()> {
     Ok(())
 }
 
-/// The lens of a `thinlens`; `None` for an aperture of radius 0, which is a pinhole.
+/// Returns the lens of a `thinlens`; `None` for an aperture of radius 0, which is a pinhole.
 fn thin_lens(props: &Props) -> Result<Option<ThinLens>> {
     let Some(aperture_radius) = props.float("aperture_radius")? else {
         return Err(props.object.error("the property aperture_radius is missing"));
@@ -104,7 +104,7 @@ fn thin_lens(props: &Props) -> Result<Option<ThinLens>> {
     Ok(Some(ThinLens { aperture_radius, focus_distance }))
 }
 
-/// The field of view in radians and what it spans, from `fov` or `focal_length`.
+/// Returns the field of view in radians and the axis that it spans, from `fov` or `focal_length`.
 pub fn field_of_view(props: &Props) -> Result<(f64, FovAxis)> {
     let axes = [
         ("x", FovAxis::X),

@@ -1,4 +1,4 @@
-//! Shapes, and groups of them.
+//! Shapes and groups of shapes.
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
@@ -24,8 +24,8 @@ const SUPPORTED: [&str; 11] = [
 ];
 const MITSUBA: [&str; 7] =
     ["bsplinecurve", "blender", "ellipsoids", "ellipsoidsmesh", "linearcurve", "sdfgrid", "catmullrom"];
-/// How much the axes of a sphere's transformation may differ, relatively: more than a matrix printed with six digits
-/// does.
+/// The greatest relative difference of the axes of a sphere's transformation. It is greater than the difference in a
+/// matrix that is printed with six digits.
 const SPHERE_TOLERANCE: f64 = 1e-4;
 
 impl Builder<'_> {
@@ -46,7 +46,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The index of a group, instantiated once.
+    /// Returns the index of a group. Each group is instantiated once.
     fn group(&mut self, object: ObjectId) -> Result<usize> {
         if let Some(group) = self.groups.get(&object) {
             return Ok(*group);
@@ -70,7 +70,7 @@ impl Builder<'_> {
         Ok(groups.len() - 1)
     }
 
-    /// A group put into the world.
+    /// Adds an instance of a group.
     fn instance(&mut self, object: ObjectId) -> Result<()> {
         let props = Props::new(self.graph, object);
         let inside = props.child("shape")?;
@@ -86,7 +86,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// A shape with its material and emitter, or those of a `merge`.
+    /// Adds a shape with its material and emitter to `out`, or the shapes of a `merge`.
     fn placed_shapes(&mut self, object: ObjectId, out: &mut Vec<PlacedShape>) -> Result<()> {
         let props = Props::new(self.graph, object);
         if props.object.plugin == "merge" {
@@ -140,11 +140,11 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// A mesh from a file; an empty one while files are missing.
+    /// Reads a mesh from a file; returns an empty mesh if the file is missing.
     fn mesh(&mut self, props: &Props, format: Format, to_world: &DAffine3) -> Result<Shape> {
         let options = mesh::Options {
             face_normals: props.boolean("face_normals", false)?,
-            // OBJ's v points up and an image's down, so it is turned by default there, as in Mitsuba.
+            // v points up in OBJ and down in an image, so it is flipped by default, as in Mitsuba.
             flip_tex_coords: match format {
                 Format::Obj => props.boolean("flip_tex_coords", true)?,
                 Format::Ply => props.boolean("flip_tex_coords", false)?,

@@ -1,4 +1,4 @@
-//! Objects of a scene file, from which plugins read their parameters.
+//! Objects of a scene file as sources of parameters for plugins.
 
 use super::Builder;
 use crate::error::{Error, Result};
@@ -6,11 +6,11 @@ use crate::loader::mitsuba::props::Props;
 use crate::util::parameters::Parameters;
 use std::ops::RangeInclusive;
 
-/// An element of the file, from which a plugin reads its parameters.
+/// An object of the file, from which a plugin reads its parameters.
 pub struct ObjectSource<'b, 'g> {
-    /// What the file has been made into so far.
+    /// The scene under construction.
     pub builder: &'b mut Builder<'g>,
-    /// The element's properties.
+    /// The object's properties.
     pub props: &'b Props<'g>,
 }
 

@@ -18,7 +18,7 @@ const SUPPORTED: [&str; 3] = ["bitmap", "checkerboard", "mesh_attribute"];
 const MITSUBA: [&str; 1] = ["volume"];
 
 impl Builder<'_> {
-    /// The texture of an object, instantiated once.
+    /// Returns the texture of an object. Each is instantiated once.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -45,7 +45,7 @@ impl Builder<'_> {
         Ok(id)
     }
 
-    /// A colour or texture inside a texture.
+    /// Returns a colour or texture inside a texture, as a texture.
     fn texture_of(&mut self, props: &Props, name: &'static str, default: f32) -> Result<Texture> {
         Ok(match self.color_input(props, name, Quantity::Unbounded, default)? {
             Input::Constant(value) => Texture::Constant(value),
@@ -72,13 +72,13 @@ impl Builder<'_> {
         Ok(Texture::Bitmap(Bitmap::new(image, filter, wrap, to_uv)))
     }
 
-    /// An image, read once.
+    /// Returns an image. Each image is read once.
     pub fn image(&mut self, path: &Path, raw: bool) -> Result<Arc<TextureImage>> {
         let key = (path.to_path_buf(), raw);
         if let Some(image) = self.images.get(&key) {
             return Ok(image.clone());
         }
-        // What an image library finds wrong is the scene's fault here.
+        // An error of the image library is an error in the scene.
         let image =
             image::read_texture_within(path, self.memory).map_err(|e| Error { kind: Kind::Scene, ..e })?;
         let image = Arc::new(if raw { image.as_linear() } else { image });
@@ -87,7 +87,7 @@ impl Builder<'_> {
     }
 }
 
-/// The transformation of texture coordinates: of a transformation of space, what happens in the plane.
+/// Returns the transformation of texture coordinates: the part of a spatial transformation in the plane.
 fn to_uv(props: &Props) -> Result<Affine2> {
     let m = props.transform("to_uv")?;
     let (x, y, t) = (m.matrix3.x_axis, m.matrix3.y_axis, m.translation);
