@@ -7,20 +7,20 @@ use super::scale::number;
 /// A bar.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bar {
-    /// What it is, above the bar.
+    /// The name, above the bar.
     pub name: String,
-    /// How long it is; NaN and values below 0 are shown as 0.
+    /// The length; NaN and values below 0 are shown as 0.
     pub value: f64,
-    /// The least and greatest of the values that it stands for, if there are several.
+    /// The least and greatest of the values that the bar represents, if there are several.
     pub range: Option<[f64; 2]>,
-    /// Number of the colour, modulo how many there are.
+    /// Index of the colour, modulo the number of colours.
     pub style: usize,
 }
 
-/// Bars of one unit, from zero.
+/// Bars with a common unit, starting at zero.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Bars {
-    /// What they show; the caption.
+    /// The caption.
     pub title: String,
     /// The unit, after each value.
     pub unit: String,
@@ -29,12 +29,12 @@ pub struct Bars {
 }
 
 const WIDTH: f64 = 480.0;
-/// Room for the value behind the longest bar.
+/// The space for the value beside the longest bar.
 const ROOM: f64 = 110.0;
 const ROW: f64 = 42.0;
 
 impl Bars {
-    /// A figure.
+    /// Returns the figure.
     pub fn html(&self) -> Html {
         let height = ROW * self.bars.len() as f64;
         let (title, unit) = (escape(&self.title), escape(&self.unit));

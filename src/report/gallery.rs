@@ -1,20 +1,19 @@
-//! Small pictures with their captions.
+//! Small images with captions.
 
 use super::html::{Html, add, escape};
 
-/// A small picture.
+/// Small images with a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Addresses of images that are held by the addresses themselves (see [`thumbnail`](super::thumbnail)), shown
-    /// beside each other.
+    /// The images as data URIs (see [`thumbnail`](super::thumbnail)), shown beside each other.
     pub images: Vec<String>,
-    /// What they show.
+    /// The title.
     pub title: String,
     /// Figures under the title; may be empty.
     pub note: String,
 }
 
-/// Pictures in rows, as many beside each other as there is room for.
+/// Returns the pictures in rows, as many beside each other as fit.
 pub fn gallery(pictures: &[Picture]) -> Html {
     let mut text = String::from("<div class=\"gallery\">\n");
     for Picture { images, title, note } in pictures {

@@ -1,4 +1,4 @@
-//! Mark-up: text is escaped where it enters, so that no name can break a page.
+//! HTML: text is escaped when it is added, so that no name can break a page.
 
 use std::fmt::Write;
 
@@ -7,23 +7,23 @@ use std::fmt::Write;
 pub struct Html(String);
 
 impl Html {
-    /// Text, escaped.
+    /// Escapes text.
     pub fn text(text: &str) -> Self {
         Html(escape(text))
     }
 
-    /// A paragraph of text, escaped.
+    /// Creates a paragraph of escaped text.
     pub fn paragraph(text: &str) -> Self {
         Html::element("p", "", &Html::text(text))
     }
 
-    /// An element with a class (none, if it is empty) around other mark-up.
+    /// Creates an element around other mark-up, with a class unless it is empty.
     pub fn element(tag: &str, class: &str, content: &Html) -> Self {
         let class = if class.is_empty() { String::new() } else { format!(" class=\"{}\"", escape(class)) };
         Html(format!("<{tag}{class}>{}</{tag}>\n", content.0))
     }
 
-    /// A list of texts, escaped.
+    /// Creates a list of escaped texts.
     pub fn list<S: AsRef<str>>(items: impl IntoIterator<Item = S>) -> Self {
         let mut content = Html::default();
         for item in items {
@@ -32,24 +32,24 @@ impl Html {
         Html::element("ul", "", &content)
     }
 
-    /// Mark-up that is already well-formed and escaped.
+    /// Creates HTML from mark-up that is already well-formed and escaped.
     pub(super) fn raw(markup: impl Into<String>) -> Self {
         Html(markup.into())
     }
 
-    /// Adds mark-up at the end.
+    /// Appends mark-up.
     pub fn push(&mut self, other: &Html) {
         self.0.push_str(&other.0);
     }
 
-    /// The mark-up.
+    /// Returns the mark-up.
     pub fn as_str(&self) -> &str {
         &self.0
     }
 }
 
-/// Text with everything escaped that means something in HTML, in content and in quoted attributes. Characters that
-/// no HTML or XML may hold become U+FFFD.
+/// Escapes all characters that have a meaning in HTML, for content and for quoted attributes. Characters that are not
+/// allowed in HTML or XML become U+FFFD.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -67,7 +67,7 @@ pub fn escape(text: &str) -> String {
     escaped
 }
 
-/// Adds formatted mark-up to a string.
+/// Appends formatted mark-up to a string.
 pub(super) fn add(to: &mut String, markup: std::fmt::Arguments<'_>) {
     // Writing to a string cannot fail.
     let _ = to.write_fmt(markup);

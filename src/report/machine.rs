@@ -1,8 +1,8 @@
-//! Under which circumstances figures were measured.
+//! The circumstances of a measurement.
 
 use std::fs;
 
-/// Whether the processor has a SIMD feature, after the feature's name.
+/// The name of a SIMD feature, and a test whether the processor has it.
 type Width = (&'static str, fn() -> bool);
 
 /// The features, the widest first.
@@ -15,25 +15,25 @@ const WIDTHS: [Width; 3] = [
 #[cfg(not(target_arch = "x86_64"))]
 const WIDTHS: [Width; 0] = [];
 
-/// The widest SIMD that the processor has, of those that a renderer gains from; "baseline" if it has none of them.
+/// Returns the widest SIMD feature of the processor that a renderer benefits from; "baseline" if there is none.
 pub fn simd() -> &'static str {
     WIDTHS.iter().find(|(_, present)| present()).map_or("baseline", |(name, _)| name)
 }
 
-/// The processor's name, as the system tells it.
+/// Returns the processor's name as the system reports it.
 pub fn processor() -> String {
-    let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = told.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':'));
+    let cpuinfo = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = cpuinfo.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':'));
     name.map_or_else(|| std::env::consts::ARCH.into(), |(_, name)| name.trim().into())
 }
 
-/// The date and time, in UTC, to the second: 2026-11-21T10:20:30Z.
+/// Returns the date and time, in UTC, to the second: 2026-11-21T10:20:30Z.
 pub fn date() -> String {
     let now = jiff::Timestamp::now();
     now.round(jiff::Unit::Second).unwrap_or(now).to_string()
 }
 
-/// The command line, quoted so that a shell takes it back.
+/// Returns the command line, quoted for a shell.
 pub fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
     let quoted = |word: String| {
@@ -46,7 +46,7 @@ pub fn command_line() -> String {
     std::env::args_os().map(|w| quoted(w.to_string_lossy().into_owned())).collect::<Vec<_>>().join(" ")
 }
 
-/// Names and values: processor, system, Buffon's version, command line, date.
+/// Returns names and values: processor, system, Buffon's version, command line, date.
 pub fn facts() -> Vec<(&'static str, String)> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let release = fs::read_to_string("/etc/os-release").unwrap_or_default();

@@ -1,12 +1,13 @@
-//! Reports: tables for a terminal, and one HTML page that needs nothing besides itself.
+//! Reports: tables for a terminal, and a self-contained HTML page.
 //!
-//! This is presentation alone: it knows images and numbers, not where they come from.
+//! The module presents images and numbers, and does not depend on their origin.
 //!
-//! - [`Page`] puts [`Html`] into sections; style and script are in the file, light and dark follow the reader's system.
+//! - [`Page`] arranges [`Html`] in sections; style and script are in the file, light and dark follow the reader's
+//!   system.
 //! - [`Table`] is text for a terminal and mark-up for a page.
 //! - [`Plot`] and [`Bars`] are SVG.
-//! - [`Viewer`] shows images beside each other; [`thumbnail`] and [`error_thumbnail`] make small ones, [`gallery`]
-//!   shows them.
+//! - [`Viewer`] shows images beside each other; [`thumbnail`] and [`error_thumbnail`] create small images, and
+//!   [`gallery`] shows them.
 
 mod bars;
 mod gallery;

@@ -1,6 +1,6 @@
 'use strict';
 (() => {
-  // Halves as floats, by their bits.
+  // The values of all halves, indexed by their bits.
   const FLOATS = (() => {
     const table = new Float32Array(65536);
     for (let bits = 0; bits < 65536; bits++) {
@@ -12,7 +12,7 @@
     return table;
   })();
 
-  // Inferno [Smith and van der Walt 2015] by Zucker's polynomials, as src/image/heat.rs has them.
+  // Inferno [Smith and van der Walt 2015], approximated by Zucker's polynomials as in src/compare/heat.rs.
   const INFERNO = [
     [0.000218940369119, 0.001651004631001, -0.019480898437092],
     [0.106513419485612, 0.563956436788409, 3.932712388889277],
@@ -33,7 +33,7 @@
   })();
   const INVALID = [0, 255, 255];
 
-  // The sRGB codes of all halves at an exposure.
+  // Returns the sRGB codes of all halves at an exposure.
   function codes(exposure) {
     const table = new Uint8ClampedArray(65536), scale = 2 ** exposure;
     for (let bits = 0; bits < 65536; bits++) {
@@ -43,7 +43,7 @@
     return table;
   }
 
-  // Planes of red, green and blue; each is stored as low bytes, then high bytes.
+  // Unpacks the planes of red, green and blue. In each plane, the low bytes precede the high bytes.
   async function unpack(text, count) {
     const packed = atob(text.trim()), bytes = new Uint8Array(packed.length);
     for (let i = 0; i < packed.length; i++) bytes[i] = packed.charCodeAt(i);
@@ -155,7 +155,7 @@
       canvas.addEventListener('pointerleave', () => this.tell(null));
     }
 
-    // One pointer pans, or slides where everything is in sight; two zoom.
+    // One pointer pans, or moves the divider if the image fits the stage; two pointers zoom.
     drag(event, slide) {
       const before = this.pointers.get(event.pointerId);
       if (!before) return;
@@ -182,7 +182,7 @@
       return Math.min(this.canvas.clientWidth / this.width, this.canvas.clientHeight / this.height) || 1;
     }
 
-    // Zooms; the image stays where it is under the event, or at the centre.
+    // Zooms about the position of the event, or about the centre.
     zoomBy(factor, event) {
       const old = this.zoom ?? this.fit();
       if (this.zoom === null) this.centre = [this.width / 2, this.height / 2];
@@ -209,13 +209,13 @@
       return this.repaint();
     }
 
-    // The planes of an image, unpacked when they are first wanted.
+    // Returns the planes of an image, which are unpacked at their first use.
     planes(i) {
       this.unpacked[i] ??= unpack(this.packed[i].textContent, this.width * this.height);
       return this.unpacked[i];
     }
 
-    // Paints both sides anew, as many times as choices or exposure changed meanwhile.
+    // Repaints both sides, and again if choices or exposure changed during painting.
     async repaint() {
       this.stale = true;
       if (this.painting) return;
@@ -302,7 +302,7 @@
       this.percent.textContent = `${Number((zoom * ratio * 100).toPrecision(3))} %`;
     }
 
-    // Says what is under the pointer.
+    // Shows the values of the pixel under the pointer.
     async tell(event) {
       if (!event) { this.readout.replaceChildren(); return; }
       const [x, y] = this.imagePoint(event, this.zoom ?? this.fit()).map(Math.floor);

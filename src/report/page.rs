@@ -1,4 +1,4 @@
-//! One page in one file: style and script are in it, and it asks nobody for anything.
+//! A page in one file, which contains its style and script and requests nothing else.
 
 use super::html::{Html, add, escape};
 use super::machine;
@@ -9,7 +9,7 @@ use std::path::Path;
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// What the page may load: nothing but what it holds. A browser reports any attempt as an error.
+/// The page may load only what it contains. A browser reports any other request as an error.
 const POLICY: &str = include_str!("policy.txt");
 
 /// A page.
@@ -22,12 +22,12 @@ pub struct Page {
 }
 
 impl Page {
-    /// A page with a title and no section.
+    /// Creates a page with a title and no section.
     pub fn new(title: impl Into<String>) -> Self {
         Page { title: title.into(), ..Page::default() }
     }
 
-    /// Adds to what stands under the title: what was done, and what came out.
+    /// Appends to the text under the title: what was done, and its result.
     pub fn lead(&mut self, content: &Html) {
         self.lead.push(content);
     }
@@ -37,17 +37,17 @@ impl Page {
         self.sections.push((title.into(), content));
     }
 
-    /// Adds a line at the foot.
+    /// Adds a line to the footer.
     pub fn fact(&mut self, name: impl Into<String>, value: impl Into<String>) {
         self.facts.push((name.into(), value.into()));
     }
 
-    /// Adds machine, versions, command line and date at the foot.
+    /// Adds machine, versions, command line and date to the footer.
     pub fn circumstances(&mut self) {
         self.facts.extend(machine::facts().into_iter().map(|(name, value)| (name.to_string(), value)));
     }
 
-    /// The page.
+    /// Returns the page.
     pub fn html(&self) -> String {
         let (title, policy) = (escape(&self.title), POLICY.trim_end());
         let mut text = format!(

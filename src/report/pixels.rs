@@ -1,4 +1,4 @@
-//! Images in a page: small ones to look at as PNG, and the pixels themselves as packed halves.
+//! Images in a page: thumbnails as PNG, and pixel values as packed halves.
 
 use crate::compare::{HeatScale, heat};
 use crate::error::{Error, Result};
@@ -11,14 +11,14 @@ use base64::engine::general_purpose::STANDARD;
 use half::f16;
 use std::io::Write;
 
-/// The relative squared error that has the last colour of the heat maps.
+/// The relative squared error with the last colour of the heat maps.
 pub const HEAT_MAX: f64 = 1.0;
-/// How many powers of ten the heat maps span.
+/// The number of powers of ten that the heat maps span.
 pub const HEAT_DECADES: f64 = 5.0;
 
-/// The picture's values as a script can unpack them, in Base64: the deflated planes of red, green and blue as halves,
-/// of each plane all the low bytes before all the high ones, which deflates best. A half has 11 significant bits;
-/// what is beyond its range is infinite.
+/// Returns the pixel values in Base64, for a script to unpack: the deflated planes of red, green and blue as halves. In
+/// each plane, all low bytes precede all high bytes, which compresses best. A half has 11 significant bits;
+/// values beyond its range become infinite.
 pub(super) fn packed(image: &Image) -> Result<String> {
     let mut planes = Vec::with_capacity(6 * image.width * image.height);
     let colours = image.colours();
@@ -33,20 +33,20 @@ pub(super) fn packed(image: &Image) -> Result<String> {
     Ok(STANDARD.encode(deflated))
 }
 
-/// The image scaled by 2^exposure and reduced to a width of at most `width` pixels, as the address of a PNG.
+/// Returns the image scaled by 2^exposure and reduced to a width of at most `width` pixels, as the data URI of a PNG.
 ///
 /// # Errors
-/// If there is no pixel.
+/// If the image has no pixel.
 pub fn thumbnail(image: &Image, width: usize, exposure: f32) -> Result<String> {
     let small = reduced(image, width);
     png(&small, exposure)
 }
 
-/// The relative squared error of each pixel in false colours, reduced as a [`thumbnail`]: a colour is that of the
-/// mean error.
+/// Returns the relative squared error of each pixel in false colours, reduced like a [`thumbnail`]: a colour is that of
+/// the mean error.
 ///
 /// # Errors
-/// If there is no pixel.
+/// If the image has no pixel.
 ///
 /// # Panics
 /// If the sizes differ.
@@ -58,7 +58,8 @@ pub fn error_thumbnail(image: &Image, reference: &Image, width: usize) -> Result
     png(&heat(&reduced(&errors, width), scale), 0.0)
 }
 
-/// The picture at a width of at most `width`: means over boxes of pixels, the last of a row or column smaller.
+/// Reduces the image to a width of at most `width`: means over boxes of pixels. The last box of a row or column may be
+/// smaller.
 fn reduced(image: &Image, width: usize) -> Image {
     let step = image.width.div_ceil(width.max(1)).max(1);
     let (columns, rows) = (image.width.div_ceil(step), image.height.div_ceil(step));
@@ -80,7 +81,7 @@ fn reduced(image: &Image, width: usize) -> Image {
     small
 }
 
-/// The address of a PNG in sRGB that is held by the address itself.
+/// Returns the data URI of a PNG in sRGB.
 fn png(image: &Image, exposure: f32) -> Result<String> {
     let scale = f64::from(exposure).exp2();
     let encode = |v: f32| (to_srgb(f64::from(v) * scale).clamp(0.0, 1.0) * 255.0).round() as u8;

@@ -1,4 +1,4 @@
-//! Plots of points over an axis, as SVG whose colours follow the page's theme.
+//! Plots of points, as SVG with colours that follow the page's theme.
 
 use super::html::{Html, add, escape};
 use super::scale::{Scale, Ticks, number};
@@ -6,19 +6,19 @@ use super::scale::{Scale, Ticks, number};
 /// An axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Axis {
-    /// What is along it, with its unit.
+    /// The quantity along the axis, with its unit.
     pub label: String,
-    /// How it is spread.
+    /// The spacing of values.
     pub scale: Scale,
 }
 
 impl Axis {
-    /// A logarithmic axis.
+    /// Creates a logarithmic axis.
     pub fn log(label: impl Into<String>) -> Self {
         Axis { label: label.into(), scale: Scale::Log }
     }
 
-    /// A linear axis.
+    /// Creates a linear axis.
     pub fn linear(label: impl Into<String>) -> Self {
         Axis { label: label.into(), scale: Scale::Linear }
     }
@@ -27,36 +27,36 @@ impl Axis {
 /// A point of a series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Point {
-    /// Along the horizontal axis.
+    /// The horizontal coordinate.
     pub x: f64,
-    /// Along the vertical axis.
+    /// The vertical coordinate.
     pub y: f64,
-    /// Ends of the error bar, if there is one.
+    /// The ends of the error bar, if there is one.
     pub interval: Option<[f64; 2]>,
-    /// What the pointer is told besides the coordinates; may be empty.
+    /// The text of the tooltip besides the coordinates; may be empty.
     pub note: String,
 }
 
 impl Point {
-    /// A point without an error bar.
+    /// Creates a point without an error bar.
     pub fn new(x: f64, y: f64) -> Self {
         Point { x, y, ..Point::default() }
     }
 }
 
-/// How the points of a series are joined.
+/// The line that joins the points of a series.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Line {
-    /// A line.
+    /// A solid line.
     #[default]
     Solid,
     /// A dashed line.
     Dashed,
     /// A dotted line.
     Dotted,
-    /// Not at all.
+    /// No line.
     None,
-    /// A thin line without markers: a law to compare with. Its points do not widen the axes.
+    /// A thin line without markers, for a law to compare with. Its points do not widen the axes.
     Guide,
 }
 
@@ -65,44 +65,44 @@ pub enum Line {
 pub struct Series {
     /// Its name in the legend.
     pub name: String,
-    /// Its points, in the order of the line; those without a place on an axis are left out.
+    /// Its points, in the order of the line. Points that the axes cannot show are left out.
     pub points: Vec<Point>,
-    /// Number of the colour and of the marker, each taken modulo how many there are.
+    /// Index of the colour and of the marker, each modulo the number of them.
     pub style: usize,
-    /// How they are joined.
+    /// The line that joins the points.
     pub line: Line,
 }
 
 /// A plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// What it shows; its caption.
+    /// The caption.
     pub title: String,
     /// The horizontal axis.
     pub x: Axis,
     /// The vertical axis.
     pub y: Axis,
-    /// What is plotted.
+    /// The series of points.
     pub series: Vec<Series>,
 }
 
-/// How many colours the style sheet has (`.s0` and so on).
+/// The number of colours in the style sheet (`.s0` and so on).
 pub(super) const COLOURS: usize = 8;
 
-/// Size in units of the picture, of which a page shows one or two beside each other.
+/// The size of a plot, in units of the SVG. A page shows one or two plots beside each other.
 const SIZE: [f64; 2] = [480.0, 340.0];
 /// The frame: left, top, right, bottom.
 const FRAME: [f64; 4] = [66.0, 10.0, 470.0, 292.0];
 /// Half the size of a marker.
 const MARKER: f64 = 4.0;
 
-/// Both axes with the frame they are in.
-struct Place {
+/// Both axes, which map values to positions in the frame.
+struct PlotAxes {
     x: Ticks,
     y: Ticks,
 }
 
-impl Place {
+impl PlotAxes {
     fn x(&self, value: f64) -> f64 {
         FRAME[0] + self.x.position(value) * (FRAME[2] - FRAME[0])
     }
@@ -113,7 +113,7 @@ impl Place {
 }
 
 impl Plot {
-    /// A figure: the caption, the picture and the legend; a sentence if there is nothing to show.
+    /// Returns the figure: caption, plot and legend, or caption and a sentence if there is nothing to plot.
     pub fn html(&self) -> Html {
         let mut text = format!("<figure class=\"plot\">\n<figcaption>{}</figcaption>\n", escape(&self.title));
         match self.svg() {
@@ -132,12 +132,12 @@ impl Plot {
         Html::raw(text)
     }
 
-    /// The picture alone; its colours are classes of the style sheet. `None` if no point has a place.
+    /// Returns the plot alone; its colours are classes of the style sheet. `None` if the axes can show no point.
     fn svg(&self) -> Option<String> {
         let points =
             || self.series.iter().filter(|s| s.line != Line::Guide).flat_map(|s| self.placed(&s.points));
         let heights = points().flat_map(|p| [p.y].into_iter().chain(p.interval.into_iter().flatten()));
-        let place = Place {
+        let axes = PlotAxes {
             x: self.x.scale.ticks(points().map(|p| p.x))?,
             y: self.y.scale.ticks(heights.collect::<Vec<_>>().into_iter())?,
         };
@@ -147,8 +147,8 @@ impl Plot {
             SIZE[1],
             escape(&self.title)
         );
-        self.draw_axes(&mut svg, &place);
-        // A picture in the picture clips what is in it, and needs no name for that.
+        self.draw_axes(&mut svg, &axes);
+        // An SVG element inside the SVG clips its contents and needs no id for that.
         let [left, top, right, bottom] = FRAME;
         let (width, height) = (right - left, bottom - top);
         add(
@@ -161,7 +161,7 @@ impl Plot {
         let (guides, others): (Vec<&Series>, Vec<&Series>) =
             self.series.iter().partition(|s| s.line == Line::Guide);
         for series in guides.into_iter().chain(others) {
-            self.draw_series(&mut svg, series, &place);
+            self.draw_series(&mut svg, series, &axes);
         }
         svg.push_str("</svg>\n</svg>\n");
         Some(svg)
@@ -172,7 +172,7 @@ impl Plot {
         points.iter().filter(move |p| x.holds(p.x) && y.holds(p.y))
     }
 
-    fn draw_axes(&self, svg: &mut String, place: &Place) {
+    fn draw_axes(&self, svg: &mut String, axes: &PlotAxes) {
         let [left, top, right, bottom] = FRAME;
         let mut grid = |class: &str, values: &mut dyn Iterator<Item = [f64; 4]>| {
             add(svg, format_args!("<path class=\"{class}\" d=\""));
@@ -181,18 +181,18 @@ impl Plot {
             }
             svg.push_str("\"/>\n");
         };
-        let column = |v: f64| [place.x(v), top, place.x(v), bottom];
-        let row = |v: f64| [left, place.y(v), right, place.y(v)];
-        let minor = place.x.minor.iter().map(|&v| column(v)).chain(place.y.minor.iter().map(|&v| row(v)));
+        let column = |v: f64| [axes.x(v), top, axes.x(v), bottom];
+        let row = |v: f64| [left, axes.y(v), right, axes.y(v)];
+        let minor = axes.x.minor.iter().map(|&v| column(v)).chain(axes.y.minor.iter().map(|&v| row(v)));
         grid("grid minor", &mut minor.into_iter());
-        let major = place.x.major.iter().map(|t| column(t.0)).chain(place.y.major.iter().map(|t| row(t.0)));
+        let major = axes.x.major.iter().map(|t| column(t.0)).chain(axes.y.major.iter().map(|t| row(t.0)));
         grid("grid", &mut major.into_iter());
-        for (value, label) in &place.x.major {
-            let (x, y) = (place.x(*value), bottom + 17.0);
+        for (value, label) in &axes.x.major {
+            let (x, y) = (axes.x(*value), bottom + 17.0);
             add(svg, format_args!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"middle\">{label}</text>\n"));
         }
-        for (value, label) in &place.y.major {
-            let (x, y) = (left - 7.0, place.y(*value) + 4.5);
+        for (value, label) in &axes.y.major {
+            let (x, y) = (left - 7.0, axes.y(*value) + 4.5);
             add(svg, format_args!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"end\">{label}</text>\n"));
         }
         let (x, y) = (f64::midpoint(left, right), f64::midpoint(top, bottom));
@@ -208,14 +208,14 @@ impl Plot {
         );
     }
 
-    fn draw_series(&self, svg: &mut String, series: &Series, place: &Place) {
+    fn draw_series(&self, svg: &mut String, series: &Series, axes: &PlotAxes) {
         add(svg, format_args!("<g class=\"{}\">\n", class(series)));
         let points: Vec<&Point> = self.placed(&series.points).collect();
         if series.line != Line::None {
             svg.push_str("<path class=\"line\" d=\"");
             for (i, p) in points.iter().enumerate() {
                 let step = if i == 0 { 'M' } else { 'L' };
-                add(svg, format_args!("{step}{:.1} {:.1}", place.x(p.x), place.y(p.y)));
+                add(svg, format_args!("{step}{:.1} {:.1}", axes.x(p.x), axes.y(p.y)));
             }
             svg.push_str("\"/>\n");
         }
@@ -224,10 +224,10 @@ impl Plot {
             return;
         }
         for p in points {
-            let (x, y) = (place.x(p.x), place.y(p.y));
+            let (x, y) = (axes.x(p.x), axes.y(p.y));
             if let Some(ends) = p.interval {
-                let (low, high) = place.y.range();
-                let [a, b] = ends.map(|v| place.y(v.clamp(low, high)));
+                let (low, high) = axes.y.range();
+                let [a, b] = ends.map(|v| axes.y(v.clamp(low, high)));
                 add(
                     svg,
                     format_args!(
@@ -264,7 +264,7 @@ fn class(series: &Series) -> String {
     format!("s{}{line}", series.style % COLOURS)
 }
 
-/// The sample of a series in the legend.
+/// Returns the sample of a series in the legend.
 fn key(series: &Series) -> String {
     let line = if series.line == Line::None { "" } else { "<path class=\"line\" d=\"M1 7H33\"/>" };
     let marker = if series.line == Line::Guide {
@@ -278,7 +278,7 @@ fn key(series: &Series) -> String {
     )
 }
 
-/// The outline of a marker.
+/// Returns the outline of a marker.
 fn marker(style: usize, x: f64, y: f64) -> String {
     let r = MARKER;
     let polygon = |corners: &[[f64; 2]]| {
@@ -345,7 +345,8 @@ mod tests {
                 .filter(|n| n.attribute("class") == Some(class) && n.ancestors().any(|a| a.has_tag_name("g")))
                 .count()
         };
-        // Two points have a place; one more marker is in the legend, and a line each for series and guide.
+        // The axes show two points, and the legend has one more marker. Series and guide have a line in the plot and
+        // one in the legend.
         assert_eq!((count("marker"), count("bar"), count("line")), (3, 1, 4));
     }
 

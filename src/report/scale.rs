@@ -1,11 +1,11 @@
 //! Axes: scales, ticks and their labels.
 
-/// How values are spread along an axis.
+/// The spacing of values along an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Evenly.
+    /// Linear.
     Linear,
-    /// By their logarithm; only positive values have a place.
+    /// Logarithmic; only positive values can be shown.
     Log,
 }
 
@@ -17,18 +17,18 @@ pub(super) struct Ticks {
     high: f64,
     /// Values with a label.
     pub(super) major: Vec<(f64, String)>,
-    /// Values with a line alone.
+    /// Values with a grid line only.
     pub(super) minor: Vec<f64>,
 }
 
-/// Labels that fit beside each other.
+/// The least and greatest number of labels of an axis.
 const FEWEST_LABELS: usize = 3;
 const MOST_LABELS: f64 = 7.0;
-/// What is left free at either end, as a share of the range.
+/// The free space at each end, as a fraction of the range.
 const MARGIN: f64 = 0.06;
 
 impl Scale {
-    /// Whether a value has a place.
+    /// Returns whether the axis can show a value.
     pub(super) fn holds(self, value: f64) -> bool {
         value.is_finite() && (self == Scale::Linear || value > 0.0)
     }
@@ -47,7 +47,7 @@ impl Scale {
         }
     }
 
-    /// An axis that shows all of the values and a little more; `None` if none of them has a place.
+    /// Creates an axis that shows all of the values with a margin; `None` if it can show none of them.
     pub(super) fn ticks(self, values: impl Iterator<Item = f64>) -> Option<Ticks> {
         let (low, high) = values
             .filter(|&v| self.holds(v))
@@ -74,12 +74,12 @@ impl Scale {
 }
 
 impl Ticks {
-    /// Where a value lies, 0 at the axis' start and 1 at its end.
+    /// Returns the position of a value: 0 at the start of the axis, 1 at its end.
     pub(super) fn position(&self, value: f64) -> f64 {
         (self.scale.forward(value) - self.low) / (self.high - self.low)
     }
 
-    /// The values at the ends.
+    /// Returns the values at the ends.
     pub(super) fn range(&self) -> (f64, f64) {
         (self.scale.back(self.low), self.scale.back(self.high))
     }
@@ -109,7 +109,7 @@ impl Ticks {
                 break;
             }
         }
-        // Every second or third decade, where there are many.
+        // Only every second or third decade is labelled if there are many.
         let every = (labelled.len() as f64 / MOST_LABELS).ceil().max(1.0) as usize;
         let plain = 10f64.powf(self.low) >= 0.9e-3 && 10f64.powf(self.high) <= 1.1e5;
         let label = |v: f64| if plain { number(v) } else { power_of_ten(v) };
@@ -121,12 +121,12 @@ impl Ticks {
     }
 }
 
-/// A tenth of the mantissa times a power of ten, rounded once.
+/// Returns a tenth of the mantissa times a power of ten, rounded once.
 fn decimal(mantissa: u32, power: i32) -> f64 {
     format!("{mantissa}e{}", power - 1).parse().unwrap_or(f64::NAN)
 }
 
-/// A number as people write it: 0.25, 1500, 2·10⁻⁷.
+/// Formats a number for a reader: 0.25, 1500, 2·10⁻⁷.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     if !value.is_finite() || value == 0.0 || (1e-4..1e6).contains(&size) {
@@ -138,7 +138,7 @@ pub fn number(value: f64) -> String {
     power_of_ten(value)
 }
 
-/// 10⁻³, or 2·10⁻³.
+/// Formats a number as 10⁻³ or 2·10⁻³.
 fn power_of_ten(value: f64) -> String {
     let text = format!("{value:.2e}");
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));

@@ -2,18 +2,18 @@
 
 use super::html::{Html, add, escape};
 
-/// On which side the cells of a column are flush.
+/// The alignment of the cells of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
-    /// Names.
+    /// Left, for names.
     Left,
-    /// Numbers.
+    /// Right, for numbers.
     Right,
 }
 
-/// A row.
+/// A row of a [`Table`].
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Row {
+enum TableRow {
     Cells(Vec<String>),
     /// The first cells, and a sentence in place of the others.
     Remark(Vec<String>, String),
@@ -23,45 +23,45 @@ enum Row {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
     columns: Vec<(String, Align)>,
-    rows: Vec<Row>,
+    rows: Vec<TableRow>,
 }
 
 impl Table {
-    /// An empty table with titled columns.
+    /// Creates an empty table with titled columns.
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = (S, Align)>) -> Self {
         Table { columns: columns.into_iter().map(|(t, a)| (t.into(), a)).collect(), rows: Vec::new() }
     }
 
-    /// Adds a row: one cell for each column.
+    /// Adds a row with one cell for each column.
     ///
     /// # Panics
     /// If there are more or fewer cells than columns.
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) {
         let cells: Vec<String> = cells.into_iter().map(Into::into).collect();
         assert_eq!(cells.len(), self.columns.len(), "one cell for each column");
-        self.rows.push(Row::Cells(cells));
+        self.rows.push(TableRow::Cells(cells));
     }
 
-    /// Adds a row of fewer cells than columns, with a sentence in place of the others: why they are missing.
+    /// Adds a row with fewer cells than columns, and in place of the others a sentence that says why they are missing.
     ///
     /// # Panics
     /// If there are as many cells as columns, or more.
     pub fn remark<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>, remark: impl Into<String>) {
         let cells: Vec<String> = cells.into_iter().map(Into::into).collect();
         assert!(cells.len() < self.columns.len(), "fewer cells than columns");
-        self.rows.push(Row::Remark(cells, remark.into()));
+        self.rows.push(TableRow::Remark(cells, remark.into()));
     }
 
-    /// Whether there is no row.
+    /// Returns whether there is no row.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 
-    /// Lines of text, columns two spaces apart.
+    /// Returns the lines of text, with two spaces between columns.
     pub fn text(&self) -> String {
         let mut widths: Vec<usize> = self.columns.iter().map(|(title, _)| width(title)).collect();
         for row in &self.rows {
-            let (Row::Cells(cells) | Row::Remark(cells, _)) = row;
+            let (TableRow::Cells(cells) | TableRow::Remark(cells, _)) = row;
             for (w, cell) in widths.iter_mut().zip(cells) {
                 *w = (*w).max(width(cell));
             }
@@ -83,14 +83,14 @@ impl Table {
         let mut text = line(&titles, "");
         for row in &self.rows {
             text.push_str(&match row {
-                Row::Cells(cells) => line(cells, ""),
-                Row::Remark(cells, remark) => line(cells, remark),
+                TableRow::Cells(cells) => line(cells, ""),
+                TableRow::Remark(cells, remark) => line(cells, remark),
             });
         }
         text
     }
 
-    /// The table as mark-up; a narrow screen scrolls it sideways.
+    /// Returns the mark-up. The table scrolls sideways on a narrow screen.
     pub fn html(&self) -> Html {
         let class = |i: usize| match self.columns.get(i) {
             Some((_, Align::Right)) => " class=\"number\"",
@@ -104,11 +104,11 @@ impl Table {
         text.push_str("</tr></thead>\n<tbody>\n");
         for row in &self.rows {
             text.push_str("<tr>");
-            let (Row::Cells(cells) | Row::Remark(cells, _)) = row;
+            let (TableRow::Cells(cells) | TableRow::Remark(cells, _)) = row;
             for (i, cell) in cells.iter().enumerate() {
                 add(&mut text, format_args!("<td{}>{}</td>", class(i), escape(cell)));
             }
-            if let Row::Remark(_, remark) = row {
+            if let TableRow::Remark(_, remark) = row {
                 let span = self.columns.len() - cells.len();
                 add(
                     &mut text,
@@ -122,8 +122,8 @@ impl Table {
     }
 }
 
-/// Columns of a terminal; combining characters and wide ones do not occur in what tables hold, but in file names,
-/// where a crooked column is no harm.
+/// Returns the columns that a text takes in a terminal. Combining and wide characters are counted as one column; they
+/// occur only in file names, and misaligned columns are accepted for these.
 fn width(text: &str) -> usize {
     text.chars().count()
 }

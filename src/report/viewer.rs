@@ -1,7 +1,7 @@
-//! The side-by-side viewer: two images under a slider, down to their pixels' values.
+//! The side-by-side viewer: two images with a divider between them, and the values of their pixels.
 //!
-//! The pixels are in the page as halves; `page.js` unpacks and shows them. Where there is no script, or a browser
-//! cannot unpack them, the small pictures remain.
+//! The pixels are in the page as halves, which `page.js` unpacks and shows. Without a script, or in a browser that
+//! cannot unpack them, the thumbnails remain.
 
 use super::html::{Html, add, escape};
 use super::pixels::{HEAT_DECADES, HEAT_MAX, packed, thumbnail};
@@ -9,33 +9,33 @@ use crate::compare::{HeatScale, heat};
 use crate::error::{Error, Result};
 use crate::image::{Image, to_srgb};
 
-/// Images of one size to look at beside each other.
+/// Images of one size, shown beside each other.
 #[derive(Clone, Debug, Default)]
 pub struct Viewer<'a> {
-    /// What they show; the caption.
+    /// The caption.
     pub title: String,
     /// The images with their names.
     pub images: Vec<(String, &'a Image)>,
-    /// Which of them is the truth that errors are shown against, if there is one.
+    /// Index of the reference for the errors, if there is one.
     pub reference: Option<usize>,
-    /// Which is on the left at first.
+    /// Index of the image that is initially on the left.
     pub left: usize,
-    /// Which is on the right at first.
+    /// Index of the image that is initially on the right.
     pub right: usize,
-    /// The images are shown scaled by 2^exposure at first.
+    /// The initial exposure: the images are scaled by 2^exposure.
     pub exposure: f32,
 }
 
-/// Width of the small pictures, in pixels.
+/// The width of the thumbnails, in pixels.
 const THUMBNAIL: usize = 200;
-/// Colours that the legend of the heat map is made of.
+/// The number of colours in the legend of the heat map.
 const STOPS: usize = 16;
 
 impl Viewer<'_> {
-    /// The viewer.
+    /// Returns the viewer.
     ///
     /// # Errors
-    /// If there is no image, if sizes differ, or an index is none of an image.
+    /// If there is no image, sizes differ, or an index is out of range.
     pub fn html(&self) -> Result<Html> {
         self.check()?;
         let first = self.images[0].1;
@@ -103,8 +103,8 @@ impl Viewer<'_> {
     }
 }
 
-/// An exposure in steps of a half at which most of an image is neither black nor white: its 80th percentile of
-/// luminance becomes 0.4. 0 for an image that is black, or bright enough as it is.
+/// Returns an exposure, in steps of ½, at which most of an image is neither black nor white: the 80th percentile of
+/// luminance becomes 0.4. Returns 0 if that percentile is 0, or from 0.1 to 1.5.
 pub fn exposure_of(image: &Image) -> f32 {
     let colours = image.colours();
     let mut luminances: Vec<f32> =
@@ -117,7 +117,7 @@ pub fn exposure_of(image: &Image) -> f32 {
     ((0.4 / bright).log2() * 2.0).round().clamp(-20.0, 20.0) / 2.0
 }
 
-/// The colours of the heat maps with the errors that they mean.
+/// Returns the legend of the heat maps: the colours, with their errors.
 fn heat_legend() -> String {
     let mut ramp = Image::new(STOPS, 1, &["Y"]);
     (0..STOPS).for_each(|i| ramp.data[i] = i as f32 / (STOPS - 1) as f32);
