@@ -1,4 +1,4 @@
-//! What every BSDF is held to.
+//! Checks for every BSDF.
 
 use super::chi2::{check_directions, check_square};
 use buffon::bsdf::fresnel::ConductorFresnel;
@@ -13,7 +13,7 @@ use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
-/// Directions above the surface, from the normal to grazing.
+/// Returns directions above the surface, from the normal to grazing.
 pub fn directions() -> Vec<Vec3> {
     let mut list = Vec::new();
     for z in [1.0f32, 0.8, 0.3, 0.05] {
@@ -23,14 +23,14 @@ pub fn directions() -> Vec<Vec3> {
     list
 }
 
-/// [`directions`], and some below.
+/// Returns [`directions`] and some below the surface.
 pub fn directions_of_both_sides() -> Vec<Vec3> {
     let mut list = directions();
     list.extend([Vec3::new(0.3, -0.5, -0.8).normalize(), Vec3::new(-0.99, 0.02, -0.1).normalize()]);
     list
 }
 
-/// Asserts that the weight and density of a sample of a finite lobe are what evaluation says.
+/// Asserts that the weight and density of a sample of a finite lobe agree with evaluation.
 pub fn check_sample(name: &str, bsdf: &Bsdf, wo: Vec3, s: &BsdfSample, tolerance: f32) {
     let e = bsdf.eval(wo, s.wi);
     let close = |a: f32, b: f32| (a - b).abs() <= tolerance * a.abs().max(b.abs()) + 1e-5;
@@ -56,22 +56,24 @@ pub fn check_bsdf(name: &str, tests: usize, bsdf: &Bsdf, wo: Vec3) {
     );
 }
 
-/// Which facet stands for a sampled direction.
+/// The facet that represents a sampled direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Chart {
-    /// The facet that mirrors, for directions on the side of `wo`.
+    /// The facet that reflects, for directions on the side of `wo`.
     Mirrored,
-    /// The facet that refracts, for directions on the other side; the index of that side over that of wo's.
+    /// The facet that refracts, for directions on the other side; the index of refraction of that side over that of the
+    /// side of `wo`.
     Refracted(f64),
-    /// The facet that mirrors to the image of the direction in the surface, for directions on the other side.
+    /// The facet that reflects to the mirror image of the direction in the surface, for directions on the other side.
     Through,
 }
 
-/// The scale of the charts' first axis.
+/// The scale of the first axis of the charts.
 const MIDDLE: f64 = 2.0;
 
 impl Chart {
-    /// A sum of both directions along the facet's normal, for directions that are in the chart. `wo` is above.
+    /// Returns a weighted sum of both directions along the facet's normal, for directions that are in the chart. `wo`
+    /// is above the surface.
     fn normal(self, wo: DVec3, wi: DVec3) -> Option<DVec3> {
         match self {
             Chart::Mirrored => (wi.z > 0.0).then(|| wo + wi),
@@ -80,7 +82,7 @@ impl Chart {
         }
     }
 
-    /// The direction that the facet m makes of `wo`, and its solid angle per solid angle of m.
+    /// Returns the direction into which the facet m scatters `wo`, and its solid angle per solid angle of m.
     fn direction(self, wo: DVec3, m: DVec3) -> Option<(DVec3, f64)> {
         let cos = wo.dot(m);
         if cos <= 0.0 {
@@ -102,17 +104,17 @@ impl Chart {
     }
 }
 
-/// Compares sampled directions with their density, over the slopes of the facet between the directions: sharp
-/// lobes and broad ones are both resolved.
+/// Compares sampled directions with their density, over the slopes of the facet between the directions. This resolves
+/// both sharp and broad lobes.
 ///
-/// The square's first axis is `t/(2 + t)` with `t = ln(1 + r²)` for a facet's slope r in units of the roughness, the
-/// second its azimuth. Specular lobes are left out.
+/// The square's first axis is `t/(2 + t)` with `t = ln(1 + r²)` for a facet's slope r in units of the roughness; the
+/// second is its azimuth. Specular lobes are left out.
 pub fn check_facets(name: &str, tests: usize, bsdf: &Bsdf, alpha: [f64; 2], wo: Vec3, chart: Chart) {
     let name = format!("{name}, wo.z = {}, {chart:?}", wo.z);
     if let Chart::Refracted(eta) = chart
         && f64::from(wo.z).powi(2) < 1.0 - eta * eta
     {
-        // The mean facet is beyond the critical angle, and facets that are not hardly send light to the other side.
+        // The mean facet is beyond the critical angle, and the facets that are not transmit hardly any light.
         return;
     }
     let side = 1f32.copysign(wo.z);
@@ -143,7 +145,7 @@ pub fn check_facets(name: &str, tests: usize, bsdf: &Bsdf, alpha: [f64; 2], wo: 
     check_square(&name, tests, sample, density);
 }
 
-/// Quasi-random numbers within a lobe, each with some that choose the lobe.
+/// Quasi-random numbers within a lobe, each with several that choose the lobe.
 static NUMBERS: LazyLock<Vec<(f32, Vec2)>> = LazyLock::new(|| {
     const SAMPLES: usize = 1 << 12;
     const CHOICES: usize = 4;
@@ -162,8 +164,8 @@ static NUMBERS: LazyLock<Vec<(f32, Vec2)>> = LazyLock::new(|| {
     (0..SAMPLES).flat_map(choices).collect()
 });
 
-/// The share of the energy that is scattered from `wo`, to about 10⁻³. Radiance that was refracted is turned to
-/// energy by the square of the indices' ratio.
+/// Returns the fraction of the energy that is scattered from `wo`, to about 10⁻³. The square of the ratio of the
+/// indices of refraction converts refracted radiance to energy.
 pub fn scattered_energy(bsdf: &Bsdf, wo: Vec3) -> Rgb {
     let mut sum = Rgb::BLACK;
     for &(u_lobe, u) in NUMBERS.iter() {
@@ -179,10 +181,10 @@ pub fn scattered_energy(bsdf: &Bsdf, wo: Vec3) -> Rgb {
     sum / NUMBERS.len() as f32
 }
 
-/// Asserts that light that goes the other way is scattered alike, where it is scattered both ways. `eta` is the index
-/// below over that above.
+/// Asserts that scattering is reciprocal, for directions that scatter both ways. `eta` is the index of refraction below
+/// the surface over that above it.
 pub fn check_reciprocity(bsdf: &Bsdf, wo: Vec3, wi: Vec3, eta: f32) {
-    // Radiance over the squared index of refraction is what is reciprocal. [Veach 1997, Eq. 5.14]
+    // Radiance over the squared index of refraction is reciprocal. [Veach 1997, Eq. 5.14]
     let index = |w: Vec3| if w.z > 0.0 { 1.0 } else { eta };
     let (there, back) = (bsdf.eval(wo, wi).f, bsdf.eval(wi, wo).f);
     for c in 0..3 {
@@ -202,7 +204,7 @@ fn facets(distribution: Distribution, alpha: [f32; 2], sample_visible: bool) -> 
 
 pub const DIFFUSE: Bsdf<'static> = Bsdf::Diffuse(Diffuse { reflectance: Rgb::WHITE });
 
-/// Models with a single surface.
+/// Returns the models with a single surface.
 pub fn simple_models() -> Vec<Bsdf<'static>> {
     let white = Rgb::WHITE;
     vec![
@@ -245,7 +247,7 @@ pub fn simple_models() -> Vec<Bsdf<'static>> {
     ]
 }
 
-/// Models of microfacets.
+/// Returns the models of microfacets.
 pub fn rough_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
     let white = Rgb::WHITE;
     let mut all = Vec::new();
@@ -280,17 +282,17 @@ pub fn rough_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
     all
 }
 
-/// The tables of the rough plastics of [`rough_models`].
+/// Returns the tables of the rough plastics of [`rough_models`].
 pub fn transmittances() -> [RoughTransmittance; 2] {
     [0.1, 0.6].map(|alpha| RoughTransmittance::new(Distribution::Ggx, alpha, 1.5))
 }
 
-/// Models with a single surface and models of microfacets.
+/// Returns the models with a single surface and the models of microfacets.
 pub fn plain_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
     [simple_models(), rough_models(transmittance)].concat()
 }
 
-/// These models, and each in every wrapper.
+/// Returns these models, and each of them in every wrapper.
 pub fn wrapped<'a>(plain: &'a [Bsdf<'a>]) -> Vec<Bsdf<'a>> {
     let frame = Frame::from_normal(Vec3::new(0.3, -0.2, 1.0).normalize());
     let mut all = plain.to_vec();

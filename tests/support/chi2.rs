@@ -1,33 +1,33 @@
 //! A chi-square test of samples against their density, over the unit square.
 //!
-//! Whatever is sampled is mapped to the unit square first, by a map whose cells the density is smooth in: a sharp
-//! lobe or a small emitter gets a map of its own.
+//! Samples are first mapped to the unit square, such that the density is smooth within each cell: a sharp lobe or a
+//! small emitter has its own map.
 
 use super::statistics::{chi2_tail, sidak};
 use buffon::math::{Vec2, Vec3};
 use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use std::f64::consts::{PI, TAU};
 
-/// Cells along the first axis; odd, so that cell borders avoid the equator and the poles' symmetries.
+/// The number of cells along the first axis; odd, so that cell borders avoid the equator and the poles' symmetries.
 const ROWS: usize = 31;
-/// Cells along the second axis.
+/// The number of cells along the second axis.
 const COLUMNS: usize = 61;
 const SAMPLES: usize = 200_000;
-/// Cells are refined this often where the density varies within them.
+/// The greatest number of refinements of a cell in which the density varies.
 const REFINEMENTS: u32 = 4;
 /// Cells with fewer expected samples are pooled.
 const FEWEST: f64 = 5.0;
-/// Cells that must be told apart, or nothing is tested.
+/// The least number of cells for a test.
 const FEWEST_CELLS: f64 = 20.0;
-/// Probability that a correct sampler fails any of the `tests` that it is part of.
+/// The probability that a correct sampler fails at least one of the `tests`.
 const SIGNIFICANCE: f64 = 0.01;
 
-/// Compares sampled directions with `pdf` per unit solid angle. Returns the density's integral.
+/// Compares sampled directions with `pdf` per unit solid angle. Returns the integral of the density.
 ///
 /// `tests` is the number of comparisons that share the significance level.
 ///
 /// # Panics
-/// As [`check_square`], and if a direction is not of unit length.
+/// As for [`check_square`], and if a direction is not of unit length.
 pub fn check_directions(
     name: &str,
     tests: usize,
@@ -48,11 +48,11 @@ pub fn check_directions(
     check_square(name, tests, |u_lobe, u| sample(u_lobe, u).map(to_square), density)
 }
 
-/// Compares sampled points of the unit square with `density` per unit area. Returns the density's integral.
+/// Compares sampled points of the unit square with `density` per unit area. Returns the integral of the density.
 ///
 /// # Panics
-/// With the figures, if the distributions differ, if the density integrates to more than 1 or it is so concentrated
-/// that nothing is tested.
+/// With the figures, if the distributions differ, the density integrates to more than 1, or it is so concentrated that
+/// nothing is tested.
 pub fn check_square(
     name: &str,
     tests: usize,
@@ -81,7 +81,8 @@ pub fn check_square(
     total
 }
 
-/// Pearson's statistic and its number of cells, with rare cells pooled. Samples that were not drawn are a cell, too.
+/// Returns Pearson's statistic and its number of cells, with rare cells pooled. The samples that were not drawn are
+/// also a cell.
 fn statistic(name: &str, counts: &[u64], shares: &[f64]) -> (f64, f64) {
     let (mut sum, mut cells) = (0.0, 0.0);
     let mut add = |count: u64, expected: f64| {
@@ -110,7 +111,7 @@ fn statistic(name: &str, counts: &[u64], shares: &[f64]) -> (f64, f64) {
     (sum, cells)
 }
 
-/// The cells that contribute most, for the message of a failure.
+/// Returns the cells that contribute most, for the message of a failure.
 fn outliers(counts: &[u64], shares: &[f64]) -> Vec<(usize, usize, u64, f64)> {
     let mut list: Vec<_> = counts
         .iter()
@@ -125,7 +126,7 @@ fn outliers(counts: &[u64], shares: &[f64]) -> Vec<(usize, usize, u64, f64)> {
     list
 }
 
-/// Independent random numbers, the same in every run.
+/// Returns independent random numbers, the same in every run.
 fn numbers() -> impl Iterator<Item = (f32, Vec2)> {
     let keys: Vec<_> = (0..SAMPLES as u32).map(|i| SampleKey::new(11, i % 1024, i / 1024, 0)).collect();
     let draw = |d: u64| {
@@ -138,7 +139,7 @@ fn numbers() -> impl Iterator<Item = (f32, Vec2)> {
     lobe.into_iter().zip(x.into_iter().zip(y).map(|(x, y)| Vec2::new(x, y)))
 }
 
-/// The cell of a point; rounding may carry a point a little over the border of the square.
+/// Returns the cell of a point. Rounding may move a point slightly over the border of the square.
 fn cell_of(name: &str, [x, y]: [f64; 2]) -> usize {
     let inside = -1e-3..=1.0 + 1e-3;
     assert!(
@@ -149,7 +150,7 @@ fn cell_of(name: &str, [x, y]: [f64; 2]) -> usize {
     index(x, ROWS) * COLUMNS + index(y, COLUMNS)
 }
 
-/// The density's integral over each cell.
+/// Returns the integral of the density over each cell.
 fn integrate(density: &impl Fn([f64; 2]) -> f64) -> Vec<f64> {
     let mut result = Vec::with_capacity(ROWS * COLUMNS);
     for row in 0..ROWS {
@@ -178,12 +179,12 @@ fn gauss(density: &impl Fn([f64; 2]) -> f64, x: [f64; 2], y: [f64; 2], rule: &[(
     sum * 0.25 * (x[1] - x[0]) * (y[1] - y[0])
 }
 
-/// Two rules, and quarters of the cell where they disagree.
+/// Integrates a cell with two rules, and divides it into quarters if they disagree.
 fn integrate_cell(density: &impl Fn([f64; 2]) -> f64, x: [f64; 2], y: [f64; 2], level: u32) -> f64 {
     let coarse = gauss(density, x, y, &GAUSS_2);
     let fine = gauss(density, x, y, &GAUSS_3);
     let mean_cell = 1.0 / (ROWS * COLUMNS) as f64;
-    // A corner of the domain may hide between the points of both rules.
+    // A corner of the domain may be between the points of both rules.
     let hidden = fine == 0.0 && coarse == 0.0 && level < 2;
     if !hidden && (level == REFINEMENTS || (coarse - fine).abs() <= 1e-3 * fine + 1e-5 * mean_cell) {
         return fine;

@@ -1,4 +1,4 @@
-//! Running the program in a folder of its own.
+//! Runs of the program in a temporary folder.
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// A scene of every shape, material and emitter, small and quick, with a full-precision film of 40x30 pixels.
+/// A small, fast scene with several types of shape, material and emitter, and a full-precision film of 40x30 pixels.
 pub const SCENE: &str = r#"<scene version="3.0.0">
   <default name="spp" value="8"/>
   <integrator type="path"><integer name="max_depth" value="6"/></integrator>
@@ -44,7 +44,7 @@ pub const SCENE: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
-/// What a run of the program left behind.
+/// The results of a run of the program.
 #[derive(Debug)]
 pub struct Run {
     /// Exit code.
@@ -59,19 +59,19 @@ pub struct Run {
 pub struct Folder(TempDir);
 
 impl Folder {
-    /// A new folder with [`SCENE`].
+    /// Creates a folder with [`SCENE`].
     pub fn new() -> Self {
         Folder::with(SCENE)
     }
 
-    /// A new folder with a scene.
+    /// Creates a folder with a scene.
     pub fn with(scene: &str) -> Self {
         let folder = Folder(TempDir::new().expect("a folder for temporary files"));
         folder.write("s.xml", scene.as_bytes());
         folder
     }
 
-    /// A new folder with one of the scenes that come with Buffon, as `s.xml`, and the files beside it.
+    /// Creates a folder with one of Buffon's scenes, as `s.xml`, and the files beside it.
     pub fn of_scene(topic: &str, name: &str) -> Self {
         let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
         let from = scenes.join(topic);
@@ -84,7 +84,7 @@ impl Folder {
         folder
     }
 
-    /// A file's path.
+    /// Returns the path of a file.
     pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
@@ -94,12 +94,12 @@ impl Folder {
         std::fs::write(self.path(name), bytes).expect("the file can be written");
     }
 
-    /// A file's bytes.
+    /// Returns the bytes of a file.
     pub fn read(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
     }
 
-    /// The names of the files in the folder, in order.
+    /// Returns the names of the files in the folder, in order.
     pub fn files(&self) -> Vec<String> {
         let entries = std::fs::read_dir(self.0.path()).expect("the folder is there");
         let mut names: Vec<String> =
@@ -123,7 +123,7 @@ impl Folder {
         }
     }
 
-    /// As [`run`](Self::run), for a run that must succeed and print nothing on standard output.
+    /// Runs `buffon render` with the arguments, and asserts that it succeeds and prints nothing on standard output.
     pub fn render(&self, arguments: &str) -> Run {
         let run = self.run(&format!("render {arguments}"));
         assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{arguments}: {run:?}");
@@ -131,23 +131,23 @@ impl Folder {
     }
 }
 
-/// The program under test.
+/// Returns the program under test.
 pub fn program() -> &'static str {
     env!("CARGO_BIN_EXE_buffon")
 }
 
-/// A program under way, which does not outlive this.
+/// A running program, which is killed when this is dropped.
 pub struct Running(Child);
 
 impl Running {
-    /// How long a program may take to end.
-    const PATIENCE: Duration = Duration::from_secs(120);
+    /// The greatest time until a program ends.
+    const TIMEOUT: Duration = Duration::from_secs(120);
 
-    /// Starts a command; signals mean to it what they mean to a program that is started by hand, whatever the test
-    /// runner ignores.
+    /// Starts a command. It handles signals like a program that is started by hand, also if the test runner ignores
+    /// them.
     pub fn start(command: &mut Command) -> Self {
         #[cfg(unix)]
-        // SAFETY: `signal` may be called between fork and exec, and nothing else is.
+        // SAFETY: `signal` may be called between fork and exec, and nothing else is called.
         unsafe {
             use std::os::unix::process::CommandExt;
             command.pre_exec(|| {
@@ -160,53 +160,53 @@ impl Running {
         Running(command.spawn().expect("the program starts"))
     }
 
-    /// Sends a signal. The program has not been waited for.
+    /// Sends a signal to the program, which has not been waited for.
     #[cfg(unix)]
     pub fn signal(&self, signal: i32) {
         let id = i32::try_from(self.0.id()).expect("a process id");
-        // SAFETY: the child has not been waited for, so the number is still its own.
+        // SAFETY: the child has not been waited for, so the process id is still its own.
         unsafe { libc::kill(id, signal) };
     }
 
-    /// Its standard output, if that is a pipe and was not taken.
+    /// Returns its standard output, which must be a pipe that was not taken.
     pub fn stdout(&mut self) -> BufReader<impl Read + use<>> {
         BufReader::new(self.0.stdout.take().expect("a pipe"))
     }
 
-    /// Its standard error, if that is a pipe and was not taken.
+    /// Returns its standard error, which must be a pipe that was not taken.
     pub fn stderr(&mut self) -> BufReader<impl Read + use<>> {
         BufReader::new(self.0.stderr.take().expect("a pipe"))
     }
 
-    /// Waits until it has ended.
+    /// Waits until the program has ended.
     ///
     /// # Panics
-    /// If that takes more than two minutes.
+    /// If it takes more than two minutes.
     pub fn wait(mut self) -> ExitStatus {
         let started = Instant::now();
-        while started.elapsed() < Self::PATIENCE {
+        while started.elapsed() < Self::TIMEOUT {
             if let Some(status) = self.0.try_wait().expect("a child") {
                 return status;
             }
             std::thread::sleep(Duration::from_millis(2));
         }
-        panic!("the program has not ended after {:?}", Self::PATIENCE);
+        panic!("the program has not ended after {:?}", Self::TIMEOUT);
     }
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It may have ended.
+        // The program may have ended already.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// Waits until a file is there.
+/// Waits until a file exists.
 pub fn wait_for_file(path: &Path) {
     let started = Instant::now();
     while !path.exists() {
-        assert!(started.elapsed() < Running::PATIENCE, "{} was not written", path.display());
+        assert!(started.elapsed() < Running::TIMEOUT, "{} was not written", path.display());
         std::thread::sleep(Duration::from_millis(5));
     }
 }

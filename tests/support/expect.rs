@@ -1,4 +1,4 @@
-//! Estimated means against exact ones and against each other.
+//! Comparisons of estimated means with exact means and with each other.
 
 use super::scenes::mean;
 use super::statistics::{normal_tail, sidak};
@@ -6,30 +6,30 @@ use buffon::accel::AccelKind;
 use buffon::render::Rendered;
 use buffon::sampling::SamplerKind;
 
-/// Probability that any of the `tests` comparisons of right means fails.
+/// The probability that at least one of the `tests` comparisons of correct means fails.
 const SIGNIFICANCE: f64 = 0.01;
-/// What rounding in `f32` may add up to, relative to the mean.
+/// An upper bound on the accumulated rounding in `f32`, relative to the mean.
 const ROUNDING: f64 = 3e-5;
 
 /// A group of comparisons that share the significance level.
 #[derive(Clone, Copy)]
 pub struct Means {
-    /// How many means are compared, three for an image.
+    /// The number of means that are compared, three for an image.
     pub tests: usize,
-    /// The largest standard error, relative to the mean: a noisy estimate proves nothing.
+    /// The largest accepted standard error, relative to the mean.
     pub largest_error: f64,
 }
 
 impl Means {
-    /// A group of comparisons of so many images.
+    /// Creates a group of comparisons for a number of images.
     pub fn of_images(images: usize, largest_error: f64) -> Self {
         Means { tests: 3 * images, largest_error }
     }
 
-    /// The mean of an image must be `exact`.
+    /// Asserts that the mean of an image is `exact`.
     ///
     /// # Panics
-    /// With the figures, if it is not, if it is too noisy to tell, or if samples were dropped.
+    /// With the figures, if it is not, if it is too noisy for a decision, or if samples were dropped.
     pub fn expect(&self, name: &str, rendered: &Rendered, exact: [f64; 3]) {
         assert_eq!(
             rendered.invalid_count,
@@ -43,10 +43,10 @@ impl Means {
         }
     }
 
-    /// The means of two images that are rendered independently must be the same.
+    /// Asserts that the means of two images that are rendered independently are the same.
     ///
     /// # Panics
-    /// As [`expect`](Self::expect).
+    /// As for [`expect`](Self::expect).
     pub fn expect_same(&self, name: &str, a: &Rendered, b: &Rendered) {
         let ((a, error_a), (b, error_b)) = (mean(a), mean(b));
         for c in 0..3 {
@@ -70,8 +70,8 @@ impl Means {
     }
 }
 
-/// Every traversal with samplers whose pixels are independent of each other, as a standard error of the mean over
-/// pixels supposes; `samplers.rs` has the others.
+/// Returns every traversal with the samplers whose pixels are independent of each other, as the standard error of the
+/// mean over pixels assumes; `samplers.rs` has the others.
 pub fn combinations() -> Vec<(AccelKind, SamplerKind)> {
     let samplers = [SamplerKind::Independent, SamplerKind::Stratified, SamplerKind::Sobol];
     let with = |&accel| samplers.map(|sampler| (accel, sampler));

@@ -1,4 +1,4 @@
-//! glTF files made in tests.
+//! glTF files created in tests.
 
 use buffon::error::Result;
 use buffon::loader::{LoadOptions, Loaded, load};
@@ -6,17 +6,17 @@ use serde_json::{Value, json};
 use std::io::Cursor;
 use tempfile::TempDir;
 
-/// A file in the making: its JSON and its one buffer.
+/// A file under construction: its JSON and its only buffer.
 #[derive(Clone)]
 pub struct Model {
-    /// All but the buffer.
+    /// The JSON without the buffer.
     pub json: Value,
     /// The buffer.
     pub bytes: Vec<u8>,
 }
 
 impl Model {
-    /// A file whose scene has these nodes, all of them roots but those named as children.
+    /// Creates a file whose scene has these nodes. All of them are roots except the children of others.
     pub fn new(nodes: Value) -> Self {
         let list = nodes.as_array().unwrap();
         let children: Vec<u64> = list
@@ -32,7 +32,7 @@ impl Model {
         Model { json, bytes: Vec::new() }
     }
 
-    /// Adds an entry to a list of the file's and returns its index.
+    /// Adds an entry to a list of the file and returns its index.
     pub fn add(&mut self, list: &str, entry: Value) -> usize {
         if self.json[list].is_null() {
             self.json[list] = json!([]);
@@ -42,7 +42,7 @@ impl Model {
         list.len() - 1
     }
 
-    /// Adds bytes.
+    /// Adds bytes and returns the index of their buffer view.
     pub fn view(&mut self, bytes: &[u8]) -> usize {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         let entry = json!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() });
@@ -50,7 +50,7 @@ impl Model {
         self.add("bufferViews", entry)
     }
 
-    /// Adds an accessor of floats; `kind` is `VEC3` or the like.
+    /// Adds an accessor of floats; `kind` is, for example, `VEC3`.
     pub fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
         let components = match kind {
             "SCALAR" => 1,
@@ -72,7 +72,7 @@ impl Model {
         self.add("meshes", json!({ "primitives": [primitive] }))
     }
 
-    /// A square from (-1, -1) to (1, 1) that faces +z, with v downwards.
+    /// Adds a square from (-1, -1) to (1, 1) that faces +z, with v downwards, and returns its primitive.
     pub fn square(&mut self) -> Value {
         let positions = self.floats("VEC3", &[-1., -1., 0., 1., -1., 0., 1., 1., 0., -1., 1., 0.]);
         let uvs = self.floats("VEC2", &[0., 1., 1., 1., 1., 0., 0., 0.]);
@@ -80,7 +80,7 @@ impl Model {
         json!({ "attributes": { "POSITION": positions, "TEXCOORD_0": uvs }, "indices": indices })
     }
 
-    /// Adds a picture with alpha as a PNG inside the buffer, and a texture of it.
+    /// Adds an image with alpha as a PNG inside the buffer, and a texture of it.
     pub fn texture(&mut self, width: u32, pixels: &[[u8; 4]], sampler: Value) -> usize {
         let view = self.view(&png(width, pixels));
         let image = self.add("images", json!({ "bufferView": view, "mimeType": "image/png" }));
@@ -88,14 +88,14 @@ impl Model {
         self.add("textures", json!({ "source": image, "sampler": sampler }))
     }
 
-    /// The file as text, its buffer inside.
+    /// Returns the file as text, with its buffer inside.
     pub fn text(&self) -> String {
         let mut json = self.json.clone();
         json["buffers"] = json!([{ "byteLength": self.bytes.len(), "uri": data_uri(&self.bytes) }]);
         serde_json::to_string_pretty(&json).unwrap()
     }
 
-    /// The binary file.
+    /// Returns the binary file.
     pub fn binary(&self) -> Vec<u8> {
         let mut json = self.json.clone();
         json["buffers"] = json!([{ "byteLength": self.bytes.len() }]);
@@ -110,25 +110,25 @@ impl Model {
         [b"glTF".as_slice(), &head, &body].concat()
     }
 
-    /// What the loader makes of the text.
+    /// Loads the text.
     pub fn load(&self) -> Result<Loaded> {
         load_bytes("scene.gltf", self.text().as_bytes())
     }
 
-    /// What the loader makes of the text, without warnings.
+    /// Loads the text, and asserts that there are no warnings.
     pub fn loaded(&self) -> Loaded {
         let loaded = self.load().unwrap_or_else(|e| panic!("{e}"));
         assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
         loaded
     }
 
-    /// The loader's error about the text.
+    /// Returns the loader's error about the text.
     pub fn error(&self) -> String {
         self.load().map(|_| ()).unwrap_err().to_string()
     }
 }
 
-/// What the loader makes of a file's bytes. Errors name it without its folder.
+/// Loads the bytes of a file. Errors name it without its folder.
 pub fn load_bytes(name: &str, bytes: &[u8]) -> Result<Loaded> {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join(name);
@@ -142,7 +142,7 @@ pub fn load_bytes(name: &str, bytes: &[u8]) -> Result<Loaded> {
     })
 }
 
-/// A PNG of pixels with alpha.
+/// Returns a PNG of pixels with alpha.
 pub fn png(width: u32, pixels: &[[u8; 4]]) -> Vec<u8> {
     let picture = image::RgbaImage::from_raw(width, pixels.len() as u32 / width, pixels.concat()).unwrap();
     let mut bytes = Cursor::new(Vec::new());
@@ -150,7 +150,7 @@ pub fn png(width: u32, pixels: &[[u8; 4]]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Bytes in base 64 as an address.
+/// Returns bytes in base 64 as a data URI.
 pub fn data_uri(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::from("data:application/octet-stream;base64,");

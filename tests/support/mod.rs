@@ -1,4 +1,4 @@
-//! What the tests share.
+//! Functions and data that the tests share.
 
 pub mod bsdfs;
 pub mod chi2;

@@ -1,6 +1,6 @@
 //! Adaptive quadrature in `f64`.
 
-/// Points and weights of Gauss and Legendre's rule of five points on [−1, 1].
+/// Points and weights of the Gauss-Legendre rule with five points on [−1, 1].
 const GAUSS: [(f64, f64); 5] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
     (-0.538_469_310_105_683, 0.478_628_670_499_366_47),
@@ -8,14 +8,14 @@ const GAUSS: [(f64, f64); 5] = [
     (0.538_469_310_105_683, 0.478_628_670_499_366_47),
     (0.906_179_845_938_664, 0.236_926_885_056_189_08),
 ];
-/// What a square may be off by, relative to the integral.
+/// The tolerance of a square, relative to the integral.
 const TOLERANCE: f64 = 1e-9;
-/// A square is divided no more often.
+/// The greatest number of divisions of a square.
 const MOST_DIVISIONS: u32 = 60;
 
-/// The integral of `f` over the unit square, to about 10⁻⁷ of itself.
+/// Returns the integral of `f` over the unit square, with a relative error of about 10⁻⁷.
 pub fn over_square(f: impl Fn([f64; 2]) -> f64) -> f64 {
-    // How small is small is known step by step.
+    // The absolute tolerance is estimated in steps.
     let about = integrate(&f, [0.0; 2], 1.0, 0, 0.0).abs();
     let about = integrate(&f, [0.0; 2], 1.0, MOST_DIVISIONS, 1e-3 * about).abs();
     integrate(&f, [0.0; 2], 1.0, MOST_DIVISIONS, TOLERANCE * about)

@@ -1,4 +1,4 @@
-//! Scenes built in code, and rendering them.
+//! Scenes built in code, and their rendering.
 
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
@@ -19,7 +19,7 @@ use buffon::scene::{CompileOptions, Scene, compile};
 use buffon::sensor::{FovAxis, Projection, SensorSettings};
 use buffon::shape::Shape;
 
-/// A shape with a material of its own.
+/// Adds a shape with its own material and returns its index.
 pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: Material) -> usize {
     let id = MaterialId::from(scene.materials.len());
     scene.materials.push(material);
@@ -35,22 +35,22 @@ pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: 
     scene.shapes.len() - 1
 }
 
-/// A grey diffuse material.
+/// Returns a grey diffuse material.
 pub fn diffuse(reflectance: f32) -> Material {
     Material::Diffuse(Diffuse { reflectance: Rgb::splat(reflectance).into() })
 }
 
-/// A sphere shape around the origin.
+/// Returns a sphere around the origin.
 pub fn sphere(radius: f32) -> Shape {
     Shape::Sphere { center: Vec3::ZERO, radius }
 }
 
-/// A constant environment.
+/// Returns a constant environment.
 pub fn constant(radiance: f32) -> Emitter {
     Emitter::Constant { radiance: Rgb::splat(radiance) }
 }
 
-/// A small square image seen from `eye` towards `target`.
+/// Returns a camera at `eye`, directed towards `target`, with a small square image.
 pub fn camera(eye: DVec3, target: DVec3, fov_degrees: f64, size: u32) -> SensorSettings {
     let z = (target - eye).normalize();
     let up = if z.y.abs() > 0.99 { DVec3::Z } else { DVec3::Y };
@@ -112,7 +112,7 @@ pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64
     Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress).run_with(pool)
 }
 
-/// Mean over the image of each channel, and an estimate of its standard error from the replicates.
+/// Returns the mean over the image of each channel, and an estimate of its standard error from the replicates.
 pub fn mean(rendered: &Rendered) -> ([f64; 3], [f64; 3]) {
     let (mut mean, mut variance, mut n) = ([0.0; 3], [0.0; 3], 0.0);
     for tile in &rendered.tiles {
@@ -134,7 +134,7 @@ pub fn mean(rendered: &Rendered) -> ([f64; 3], [f64; 3]) {
     (mean.map(|m| m / n), variance.map(|v| v.sqrt() / n))
 }
 
-/// The means of the pixels, row by row.
+/// Returns the means of the pixels, row by row.
 pub fn pixels(rendered: &Rendered) -> Vec<[f64; 3]> {
     let rect = rendered.rect;
     let mut image = vec![[0.0; 3]; (rect.width * rect.height) as usize];

@@ -1,6 +1,6 @@
 //! Distribution functions for tests, from their series and asymptotics.
 
-/// The upper tail of the chi-square distribution: the probability of a value above `x` with `k` degrees of
+/// Returns the upper tail of the chi-square distribution: the probability of a value above `x` with `k` degrees of
 /// freedom. [Abramowitz and Stegun 1964, 26.4.14 via the regularised incomplete gamma function 6.5]
 pub fn chi2_tail(x: f64, k: f64) -> f64 {
     let (a, x) = (0.5 * k, 0.5 * x);
@@ -36,12 +36,12 @@ pub fn chi2_tail(x: f64, k: f64) -> f64 {
     front * h
 }
 
-/// The two-sided tail of the normal distribution: the probability of a value beyond ±z.
+/// Returns the two-sided tail of the normal distribution: the probability of a value beyond ±z.
 pub fn normal_tail(z: f64) -> f64 {
     libm::erfc(z.abs() / std::f64::consts::SQRT_2)
 }
 
-/// The significance of each of `n` tests so that all of them together have `alpha`. [Šidák 1967]
+/// Returns the significance of each of `n` tests such that all of them together have `alpha`. [Šidák 1967]
 pub fn sidak(alpha: f64, n: usize) -> f64 {
     1.0 - (1.0 - alpha).powf(1.0 / n as f64)
 }
