@@ -13,9 +13,9 @@ const MOST_ZEROS: usize = 1 << 24;
 /// The conversion of integers to numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Integers {
-    /// As the accessor specifies.
+    /// Integers or fractions, as the accessor specifies.
     AsTold,
-    /// As fractions of the largest integer, whatever the accessor specifies.
+    /// Fractions of the largest integer, whatever the accessor specifies.
     Fractions,
 }
 

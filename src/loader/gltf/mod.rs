@@ -68,11 +68,11 @@ type BitmapKey = (usize, Plane, [u32; 6]);
 struct Builder<'f> {
     file: &'f mut File,
     loaded: Loaded,
-    /// By mesh: the number of nodes that use it.
+    /// The number of nodes that use each mesh.
     uses: HashMap<usize, usize>,
-    /// By mesh: the group of its shapes that do not emit, if there are any.
+    /// For each mesh, the group of its shapes that do not emit, if there are any.
     groups: HashMap<usize, Option<usize>>,
-    /// By mesh: its shapes.
+    /// The shapes of each mesh.
     meshes: HashMap<usize, Arc<Vec<PlacedShape>>>,
     surfaces: HashMap<(Option<usize>, VertexColors), Surface>,
     images: HashMap<usize, Option<TextureLayers>>,

@@ -64,7 +64,7 @@ struct Builder<'g> {
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
     textures: HashMap<ObjectId, TextureId>,
-    /// By file, and whether its values are used without decoding.
+    /// The images of each file, with and without decoding of its values (`raw`).
     images: HashMap<(PathBuf, bool), Arc<TextureImage>>,
     groups: HashMap<ObjectId, usize>,
     finished: HashSet<ObjectId>,
