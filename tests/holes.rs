@@ -155,6 +155,29 @@ fn shadow_rays_pass_holes_by_their_share() {
     }
 }
 
+/// Camera rays and light paths pass a black surface by the fraction that is missing, and no more: a surface that is
+/// hit does not let light pass a second time.
+#[test]
+fn camera_rays_pass_holes_by_their_share() {
+    let cases = between();
+    let group = Means::of_images(2 * cases.len() * AccelKind::CHOICES.len(), 0.02);
+    for accel in AccelKind::CHOICES {
+        for (name, put, share) in &cases {
+            let mut description = plane();
+            put(&mut description);
+            description.sensors = vec![camera(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, 0.002, 8)];
+            let irradiance = Rgb::splat(2.0);
+            description.emitters.push(Emitter::Directional { direction: Vec3::NEG_Z, irradiance });
+            let scene = compiled(description, *accel);
+            let exact = [0.5 / PI * 2.0 * share * share; 3];
+            for settings in [path(None), Settings::Ptracer(PathLimits::default())] {
+                let rendered = render(&scene, &settings, SamplerKind::Independent, 1024, 4);
+                group.expect(&format!("{name}, {settings:?}, {accel}"), &rendered, exact);
+            }
+        }
+    }
+}
+
 /// A lamp behind a sheet is found by either technique, and both together.
 #[test]
 fn lamps_behind_holes_are_found_by_every_technique() {

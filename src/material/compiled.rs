@@ -213,8 +213,8 @@ impl<'a> Context<'a> {
     pub fn scattering(&self, id: MaterialId) -> Scattering<'a> {
         let entry = self.materials.get(id);
         match entry.constant {
-            Some(bsdf) => Scattering { bsdf, opacity: 1.0 },
-            None => entry.material.scattering(&entry.prepared, self),
+            Some(bsdf) if !entry.holes => Scattering { bsdf, opacity: 1.0 },
+            _ => entry.material.scattering(&entry.prepared, self),
         }
     }
 
