@@ -2,6 +2,7 @@
 
 use super::regress_cases::{CaseLines, Tables};
 use super::render::listen;
+use super::shared::{accels, integrators, samplers};
 use super::values;
 use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
@@ -17,6 +18,7 @@ use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 /// The exit code when a scene fails, has no reference or cannot be rendered.
 const FAILED: u8 = 1;
@@ -57,6 +59,10 @@ pub struct RegressArgs {
     /// leaves room for --gain]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..), requires = "update")]
     pub update_spp: Option<u64>,
+    /// The longest that sampling a reference may take (90s, 1.5m, 2h), for each scene: what time allows is written,
+    /// with the number of samples it has. A reference that will take more than 10 s is announced
+    #[arg(long, value_name = "TIME", value_parser = values::duration, requires = "update")]
+    pub time: Option<Duration>,
     /// Samples per pixel of tests [default: what the scene asks for, and up to 16 times as many until --gain is found]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
     pub spp: Option<u64>,
@@ -94,16 +100,20 @@ pub struct RegressArgs {
     /// Give a default of the scenes another value
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, sppm, depth or aov; of cases only those that it claims [default: the
-    /// scene's, of cases all that claim them]
-    #[arg(long, value_name = "NAME")]
+    /// The integrator.
+    #[arg(long, value_name = "NAME", help = format!(
+        "The integrator: {}; of cases only those that it claims [default: the scene's, of cases all that claim them]",
+        integrators()
+    ))]
     pub integrator: Option<String>,
-    /// The sampler: independent, stratified or sobol [default: the scene's]
-    #[arg(long, value_name = "NAME")]
+    /// The sampler.
+    #[arg(long, value_name = "NAME", help = format!("The sampler: {} [default: the scene's]", samplers()))]
     pub sampler: Option<SamplerKind>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in; of cases all, and the list if it
-    /// applies]
-    #[arg(long, value_name = "NAME")]
+    /// The ray traversal.
+    #[arg(long, value_name = "NAME", help = format!(
+        "The ray traversal: {} [default: auto; of cases all, and the list if it applies]",
+        accels()
+    ))]
     pub accel: Option<AccelKind>,
     /// Seed of the tests; references have one of their own
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -230,6 +240,8 @@ fn options(args: &RegressArgs) -> Options {
         strict: args.strict,
         update: args.update.map(Update::from),
         update_samples: args.update_spp,
+        update_time: args.time,
+        note: if args.quiet { |_| {} } else { |text| eprintln!("buffon: note: {text}") },
         output: args.output.clone(),
         cross_accel: args.cross_accel,
     }
