@@ -1,6 +1,7 @@
 //! Under which circumstances figures were measured.
 
 use std::fs;
+use std::path::Path;
 
 /// Whether the processor has a SIMD feature, after the feature's name.
 type Width = (&'static str, fn() -> bool);
@@ -33,7 +34,8 @@ pub fn date() -> String {
     now.round(jiff::Unit::Second).unwrap_or(now).to_string()
 }
 
-/// The command line, quoted so that a shell takes it back.
+/// The command line, quoted so that a shell takes it back: the program by its name alone, and files below the current
+/// folder by their paths from there.
 pub fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
     let quoted = |word: String| {
@@ -43,7 +45,14 @@ pub fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    std::env::args_os().map(|w| quoted(w.to_string_lossy().into_owned())).collect::<Vec<_>>().join(" ")
+    let folder = std::env::current_dir().unwrap_or_default();
+    let short = |(i, word): (usize, std::ffi::OsString)| {
+        let path = Path::new(&word);
+        let shown = if i == 0 { path.file_name().map(Path::new) } else { path.strip_prefix(&folder).ok() };
+        let shown = shown.filter(|shown| !shown.as_os_str().is_empty()).unwrap_or(path);
+        quoted(shown.to_string_lossy().into_owned())
+    };
+    std::env::args_os().enumerate().map(short).collect::<Vec<_>>().join(" ")
 }
 
 /// Names and values: processor, system, Buffon's version, command line, date.

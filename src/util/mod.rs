@@ -2,8 +2,10 @@
 
 pub mod container;
 mod digest;
+mod relative;
 mod replace;
 pub mod wording;
 
 pub use digest::digest;
+pub use relative::relative;
 pub use replace::{check_replaceable, replace, replace_with};
