@@ -96,7 +96,8 @@ impl Check {
     fn is_confirmed(&self) -> bool {
         let Measured { value, error, .. } = self.number;
         let half = quantile(INTERVAL, self.freedom()) * error;
-        value - half >= self.low && value + half <= self.high
+        let rounding = 1e-12 * value.abs().max(1.0);
+        value - half >= self.low - rounding && value + half <= self.high + rounding
     }
 }
 
