@@ -87,9 +87,9 @@ fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
     for integrator in ["path", "ptracer", "sppm"] {
         let folder = Folder::new();
         let samples = if integrator == "sppm" { 60 } else { 600 };
-        let render = format!("--integrator {integrator} --spp {samples} --sampler sobol");
-        folder.render(&format!("s.xml -q {render} -o whole.pfm"));
-        let resume = format!("{render} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");
+        let options = format!("--integrator {integrator} --spp {samples} --sampler sobol");
+        folder.render(&format!("s.xml -q {options} -o whole.pfm"));
+        let resume = format!("{options} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");
         let mut kills = 0;
         // It comes to its end: more checkpoints are written before each kill.
         for trial in 0.. {

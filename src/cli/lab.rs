@@ -14,7 +14,8 @@ use std::time::Instant;
 /// Measure what lectures on Monte Carlo ray tracing claim.
 ///
 /// Every experiment states claims, measures them with an interval, and says whether that confirms or refutes them. A
-/// run refutes a true claim with a probability of at most 0.001. The text goes to standard output; with -o there is a page with plots and pictures, too. Everything but times is decided by the seed.
+/// run refutes a true claim with a probability of at most 0.001. The text goes to standard output; with -o there is a
+/// page with plots and pictures, too. Everything but times is decided by the seed.
 #[derive(Clone, Debug, Args)]
 pub struct LabArgs {
     /// The experiments.

@@ -51,15 +51,7 @@ pub struct MethodArgs {
     #[arg(long, value_name = "NAME", help = format!("The integrator: {} [default: the scene's]", integrators()))]
     pub integrator: Option<String>,
     /// The sampler.
-    ///
-    /// independent: uniform random numbers, what the others are measured against.
-    /// stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and
-    /// column; they fill all of their cells at some numbers of samples only, of which every power of two is one.
-    /// halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol
-    /// at powers of two. zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs
-    /// a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.
-    #[arg(long, value_name = "NAME",
-        help = format!("The sampler: {} [default: the scene's, else sobol]", samplers()))]
+    #[arg(long, value_name = "NAME", help = sampler_help(), long_help = format!("{}\n\n{SAMPLERS}", sampler_help()))]
     pub sampler: Option<SamplerKind>,
     /// The ray traversal.
     #[arg(long, value_name = "NAME", help = accel_help())]
@@ -78,6 +70,18 @@ pub struct ViewArgs {
     /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     pub size: Option<(u32, u32)>,
+}
+
+/// What the samplers are.
+const SAMPLERS: &str = "independent: uniform random numbers, what the others are measured against. \
+    stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and \
+    column; they fill all of their cells at some numbers of samples only, of which every power of two is one. \
+    halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol \
+    at powers of two. zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs \
+    a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.";
+
+fn sampler_help() -> String {
+    format!("The sampler: {} [default: the scene's, else sobol]", samplers())
 }
 
 /// Returns the help of the traversal.

@@ -21,8 +21,6 @@ const DOMAINS: [(Domain, &str); 6] = [
     (Domain::Bsdf, "glossy reflection"),
     (Domain::Hemisphere, "indirect light"),
 ];
-/// Pairs of renders for each error.
-const PAIRS: u64 = 4;
 const SAMPLERS: [SamplerKind; 2] = [SamplerKind::Independent, SamplerKind::Sobol];
 
 /// The sampler with one domain switched on.
@@ -49,7 +47,8 @@ fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<
         for sampler in SAMPLERS {
             let mut squares = Vec::new();
             for spp in (1..=most).map(|k| 1u64 << k) {
-                squares.push((spp, studio.squares(integrator, alone(of, sampler, spp), PAIRS)?));
+                squares
+                    .push((spp, studio.squares(integrator, alone(of, sampler, spp), options.scaled(8, 4))?));
             }
             let errors: Vec<_> = squares.iter().map(|(spp, s)| (*spp, Measured::root(s))).collect();
             let law = PowerLaw::fit(errors.iter().map(|(spp, e)| (*spp as f64, e.value)));

@@ -160,16 +160,17 @@ fn plot(algorithms: &[Algorithm], rows: &[Row]) -> Plot {
     }
 }
 
+/// The mean squared error of a row, of all groups of pixels or all but one.
+fn mse(row: &Row, left_out: Option<usize>) -> f64 {
+    let kept = row.squares.iter().enumerate().filter(|(group, _)| Some(*group) != left_out);
+    Measured::mean(&kept.map(|(_, square)| *square).collect::<Vec<_>>()).value
+}
+
 /// Rays times squared error: what one unit of precision costs, the same for any number of samples.
-fn cost(rows: &[Row], algorithm: usize) -> Measured {
-    let (mut sum, mut uncertainty, mut n) = (0.0, 0.0, 0.0);
-    for Row { rays_per_pixel, error, .. } in of(rows, algorithm) {
-        sum += (rays_per_pixel * error.value.powi(2)).ln();
-        uncertainty += (2.0 * error.error / error.value).powi(2);
-        n += 1.0;
-    }
-    let value = (sum / n).exp();
-    Measured { value, error: value * uncertainty.sqrt() / n, freedom: (GROUPS - 1) as f64 }
+fn cost(rows: &[Row], algorithm: usize, left_out: Option<usize>) -> f64 {
+    let logs: Vec<f64> =
+        of(rows, algorithm).map(|row| (row.rays_per_pixel * mse(row, left_out)).ln()).collect();
+    Measured::mean(&logs).value.exp()
 }
 
 /// The brightness of an algorithm's best picture, as a part of the truth's.
@@ -178,17 +179,20 @@ fn brightness(rows: &[Row], algorithm: usize) -> Measured {
 }
 
 fn findings(rows: &[Row]) -> Vec<Finding> {
-    let errors = |i: usize| -> Vec<Measured> { of(rows, i).map(|row| row.error).collect() };
-    let [casting, whitted] = [0, 1].map(errors);
     // Four times the samples halve the error of an unbiased picture.
-    let gain = |errors: &[Measured]| errors[errors.len() - 2].over(errors[errors.len() - 1]);
-    let biased = |i: usize, errors: &[Measured]| {
+    let gain = |i: usize| {
+        let rows: Vec<&Row> = of(rows, i).collect();
+        let [few, many] = [rows[rows.len() - 2], rows[rows.len() - 1]];
+        Measured::jackknife(GROUPS, |left_out| (mse(few, left_out) / mse(many, left_out)).sqrt())
+    };
+    let biased = |i: usize| {
+        let errors: Vec<f64> = of(rows, i).map(|row| row.error.value).collect();
         format!(
             "RMS error {:.4} at 16 spp, {:.4} at 64: lower by {} (without bias by 2; allowed 1.5); brightness {:.1} % of \
              the truth (allowed 99 %)",
-            errors[errors.len() - 2].value,
-            errors[errors.len() - 1].value,
-            plus_minus(gain(errors)),
+            errors[errors.len() - 2],
+            errors[errors.len() - 1],
+            plus_minus(gain(i)),
             100.0 * brightness(rows, i).value
         )
     };
@@ -199,18 +203,18 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
     });
     let same = unbiased().map(|brightness| Check::near(brightness, 1.0, 0.02));
     let same: Vec<Check> = exponents.map(|e| Check::near(e, -0.5, 0.15)).into_iter().chain(same).collect();
-    let costs = cost(rows, 2).over(cost(rows, 3));
+    let costs = Measured::jackknife(GROUPS, |left_out| cost(rows, 2, left_out) / cost(rows, 3, left_out));
     vec![
         Finding::new(
             "Ray casting sees what is lit from points; it is biased, and more samples do not help.",
-            biased(0, &casting),
-            &[Check::below(gain(&casting), 1.5), Check::below(brightness(rows, 0), 0.99)],
+            biased(0),
+            &[Check::below(gain(0), 1.5), Check::below(brightness(rows, 0), 0.99)],
         ),
         Finding::new(
             "Whitted's rays add mirrors and glass, but neither penumbrae nor light between diffuse surfaces: still biased.",
-            biased(1, &whitted),
+            biased(1),
             &[
-                Check::below(gain(&whitted), 1.5),
+                Check::below(gain(1), 1.5),
                 Check::below(brightness(rows, 0).minus(brightness(rows, 1)), 0.0),
                 Check::below(brightness(rows, 1), 0.99),
             ],

@@ -47,6 +47,12 @@ impl Measured {
             let law = PowerLaw::fit(points.iter().map(|(x, squares)| (*x, rms(squares))));
             law.map_or(f64::NAN, |law| law.exponent)
         };
+        Measured::jackknife(groups, without)
+    }
+
+    /// An estimate from all groups of the data, `without(None)`, whose standard error comes from the estimates without
+    /// one of the groups. With fewer than two groups the error is not known.
+    pub fn jackknife(groups: usize, without: impl Fn(Option<usize>) -> f64) -> Measured {
         if groups < 2 {
             return Measured { value: without(None), ..Measured::NONE };
         }

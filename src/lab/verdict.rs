@@ -126,13 +126,13 @@ mod tests {
         assert_eq!([near(1.2, 0.0), near(f64::NAN, f64::NAN)], [Verdict::Refuted, Verdict::Undecided]);
     }
 
-    /// Means of 20 skewed values, the fourth powers of uniform numbers, at the bound of the claim: in 20,000
-    /// repetitions none is refuted, though 0.8 would be of 1,000 claims that are each tested at the level of all.
+    /// Means of 100 skewed values, the fourth powers of uniform numbers, at the bound of the claim: in 10,000
+    /// repetitions none is refuted.
     #[test]
     fn a_true_claim_is_not_refuted() {
-        for run in 0..20_000 {
+        for run in 0..10_000 {
             let mut stream = Stream::new(3, 0, run);
-            let values: Vec<f64> = (0..20).map(|_| stream.uniform().powi(4)).collect();
+            let values: Vec<f64> = (0..100).map(|_| stream.uniform().powi(4)).collect();
             let mean = Measured::mean(&values);
             let checks = [Check::below(mean, 0.2), Check::above(mean, 0.2)];
             for check in checks {
