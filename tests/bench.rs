@@ -84,6 +84,27 @@ fn a_bench_writes_table_csv_json_and_a_page() {
         assert!(!page.contains(outside), "{outside}");
     }
     assert!(page.contains("<h2>a&amp;b&lt;i&gt;</h2>"));
+    assert!(page.contains("<p>../a&amp;b&lt;i&gt;.xml: 40 × 30 pixels, "), "a path from the page's folder");
+    // Neither the program's folder nor that of the test.
+    for absolute in [folder.path(""), std::path::Path::new(program()).parent().expect("a folder").into()] {
+        assert!(!page.contains(&*absolute.to_string_lossy()), "{}", absolute.display());
+    }
+    assert!(page.contains("<dd>buffon bench &#39;a&amp;b&lt;i&gt;.xml&#39; "));
+    let (table, container) = ("<table>", "<div class=\"table\" tabindex=\"0\" role=\"region\"");
+    assert!(
+        page.matches(table).count() == page.matches(container).count()
+            && page.contains(".table { overflow-x: auto;")
+    );
+    for row in rows.iter().filter(|row| row["failure"].is_null()) {
+        let known = row["slope"].is_object();
+        assert_eq!(known, row["slope_unknown"].is_null(), "{row}");
+        let width = row["slope"]["high"].as_f64().zip(row["slope"]["low"].as_f64()).map(|(b, a)| b - a);
+        assert!(width.is_none_or(|width| width <= 1.0), "{row}");
+    }
+    let measured = rows.iter().filter(|row| row["failure"].is_null());
+    let unknown = measured.filter(|row| row["slope_unknown"].is_string()).count();
+    assert_eq!(page.matches("<td class=\"number\">not known</td>").count(), unknown);
+    assert_eq!(page.matches(" is not known: ").count(), unknown);
     assert_eq!(page.matches("class=\"pixels\"").count(), 3);
 }
 

@@ -387,6 +387,17 @@ fn shells_and_manuals_are_served() {
         let run = folder.run(arguments);
         assert!(run.code == 0 && run.stdout.contains(title), "{arguments}: {}", run.stdout);
     }
+    // Every page that the program's page refers to is installed beside it.
+    assert_eq!(folder.run("man --dir pages/man1").code, 0);
+    let page = String::from_utf8(folder.read("pages/man1/buffon.1")).expect("UTF-8");
+    let references: Vec<&str> = page.lines().filter_map(|line| line.strip_suffix("(1)")).collect();
+    assert_eq!(references.len(), 9, "{page}");
+    for name in references {
+        let name = name.replace('\\', "");
+        let text = String::from_utf8(folder.read(&format!("pages/man1/{name}.1"))).expect("UTF-8");
+        assert!(text.contains(&format!(".TH {name} 1")), "{name}: {text}");
+    }
+    assert_eq!((folder.run("man none").code, folder.run("man --dir s.xml").code), (2, 4));
     for arguments in ["--help", "--version", "render --help", "-V"] {
         let run = folder.run(arguments);
         assert!(run.code == 0 && run.stderr.is_empty() && !run.stdout.is_empty(), "{arguments}");
@@ -396,20 +407,24 @@ fn shells_and_manuals_are_served() {
 #[test]
 fn progress_goes_to_standard_error() {
     let folder = Folder::new();
-    let run = folder.render("s.xml --progress json --time 2.5s -t 1");
-    let lines: Vec<&str> = run.stderr.lines().filter(|line| line.starts_with('{')).collect();
-    assert!(!lines.is_empty(), "{}", run.stderr);
-    for line in lines {
-        let json: Json = serde_json::from_str(line).expect("a JSON object on a line");
-        assert!(json["samples"].as_u64().is_some_and(|n| n > 0), "{line}");
-        assert!(json["share"].as_f64().is_some_and(|s| s > 0.0 && s < 1.0), "{line}");
-        for key in ["seconds", "seconds_left", "samples_per_pixel", "relmse_estimate"] {
-            assert!(json.get(key).is_some(), "{key} in {line}");
-        }
+    // The line of progress that `fits` comes after some seconds; the render ends with the test.
+    let line = |kind: &str, fits: &dyn Fn(&str) -> bool| {
+        let mut command = Command::new(program());
+        command.args(["render", "s.xml", "--time", "10m", "-t", "1", "--progress", kind]);
+        let mut child = Running::start(command.current_dir(folder.path("")).stderr(Stdio::piped()));
+        let mut lines = child.stderr().lines().map(|line| line.expect("a line"));
+        lines.find(|line| fits(line)).expect("a line of progress")
+    };
+    let line_of_json =
+        line("json", &|line| !line.contains("\"samples\":0,") && !line.contains("\"relmse_estimate\":null"));
+    let json: Json = serde_json::from_str(&line_of_json).expect("a JSON object on a line");
+    assert!(json["samples"].as_u64().is_some_and(|n| n > 0), "{json}");
+    assert!(json["share"].as_f64().is_some_and(|s| s > 0.0 && s < 1.0), "{json}");
+    for key in ["seconds", "seconds_left", "samples_per_pixel", "relmse_estimate"] {
+        assert!(json.get(key).is_some(), "{key} in {json}");
     }
-    let run = folder.render("s.xml --progress plain --time 6.5s -t 1");
-    let line = run.stderr.lines().next().expect("a line after five seconds");
-    for part in [" %, ", " samples per pixel, ", " s of 6.5 s, relMSE ", " M samples/s, ", " s left"] {
+    let line = line("plain", &|line| line.contains("relMSE"));
+    for part in [" %, ", " samples per pixel, ", " s of 600 s, relMSE ", " M samples/s, ", " s left"] {
         assert!(line.contains(part), "{part} in {line}");
     }
 }

@@ -17,12 +17,34 @@ fn every_experiment_runs_and_the_page_is_written() {
         assert!(run.stdout.contains(&format!("{name}: {title}\n")), "{name}: {}", run.stdout);
         assert!(page.contains(&format!("<h2>{title}</h2>")), "{name}");
     }
-    assert!(run.stdout.trim_end().ends_with("claims held"), "{}", run.stdout);
+    let summary = run.stdout.trim_end().lines().last().expect("a summary");
+    assert!(summary.starts_with("29 claims: ") && summary.ends_with(", 0 refuted"), "{}", run.stdout);
     assert!(page.matches("<svg").count() > 15 && page.matches("<img").count() > 20);
     for outside in ["http://", "https://"] {
         assert!(!page.contains(outside));
     }
     assert_eq!(folder.files(), ["page", "s.xml"]);
+}
+
+/// Runs experiments with many seeds; none may refute its claims, which are true.
+fn refutes_nothing(experiments: &str, arguments: &str, seeds: std::ops::Range<u64>) {
+    let folder = Folder::new();
+    for seed in seeds {
+        let run = folder.run(&format!("lab {experiments} -q --quick {arguments} --seed {seed}"));
+        assert!(
+            run.code == 0 && run.stdout.trim_end().ends_with(", 0 refuted"),
+            "seed {seed}: {}",
+            run.stdout
+        );
+    }
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn true_claims_are_confirmed_or_undecided_with_any_seed() {
+    refutes_nothing("one-dimension", "", 0..300);
+    refutes_nothing("light-sampling glossy paths", "", 0..20);
+    refutes_nothing("domains patterns history", "", 0..20);
 }
 
 /// The seed decides everything but times: not the threads, and not the other experiments.

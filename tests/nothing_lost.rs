@@ -84,18 +84,21 @@ fn kill_at_random(trials: Range<u32>) {
 
 #[test]
 fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
-    for (i, integrator) in ["path", "ptracer", "sppm"].into_iter().enumerate() {
+    for integrator in ["path", "ptracer", "sppm"] {
         let folder = Folder::new();
         let samples = if integrator == "sppm" { 60 } else { 600 };
-        let render = format!("--integrator {integrator} --spp {samples} --sampler sobol");
-        let whole = duration(&folder, &format!("{render} -o whole.pfm"));
-        let resume = format!("{render} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");
+        let options = format!("--integrator {integrator} --spp {samples} --sampler sobol");
+        folder.render(&format!("s.xml -q {options} -o whole.pfm"));
+        let resume = format!("{options} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");
         let mut kills = 0;
-        // It comes to its end between kills that are ever farther apart.
+        // It comes to its end: more checkpoints are written before each kill.
         for trial in 0.. {
             let signal = [libc::SIGKILL, libc::SIGINT][trial as usize % 2];
-            let share = 0.1 + 0.3 * random(1 + i as u32, trial) + 0.02 * f64::from(trial);
-            let status = killed(&folder, &resume, signal, whole.mul_f64(share));
+            let mut child = render(&folder, &resume);
+            if (0..=trial).all(|_| child.wait_for_change(&folder.path("c"))) {
+                child.signal(signal);
+            }
+            let status = child.wait();
             match (status.code(), status.signal()) {
                 (Some(0), None) => break,
                 (Some(85 | 130), None) | (None, Some(2 | 9)) => kills += 1,

@@ -2,7 +2,7 @@
 
 use crate::support::cli::{Folder, Run, Running, program};
 use buffon::image::{Compression, SampleFormat, WriteOptions};
-use buffon::image::{Image, read, write};
+use buffon::image::{Image, Value, read, write};
 use std::process::{Command, Stdio};
 
 /// A scene of 32x24 pixels that sees a floor and a ball of a material, lit by two lights.
@@ -97,6 +97,28 @@ fn twenty_seeds_pass_and_halves_do_too() {
     }
 }
 
+/// A reference that takes too long is announced, and holds what time allows.
+#[test]
+fn time_bounds_a_reference() {
+    let folder = Folder::with(&scene(DIFFUSE, 1.0, ""));
+    let run = folder.run("regress . --update --update-spp 1000000 --time 0.3s");
+    assert_eq!(run.code, 0, "{run:?}");
+    let forecast = "buffon: note: s.xml: the reference takes about ";
+    assert!(run.stderr.starts_with(forecast), "{run:?}");
+    assert!(
+        run.stderr.trim_end().ends_with(" for 1000000 samples per pixel; --time allows 0.3 s"),
+        "{run:?}"
+    );
+    let reference = read(&folder.path("refs/s.exr")).expect("a reference");
+    let Some(Value::Int(samples)) = reference.metadata.get("samplesPerPixel") else { panic!("no samples") };
+    assert!((2..1_000_000).contains(samples), "{samples}");
+    let bounded = format!("; --time allowed {samples} of 1000000 samples per pixel");
+    assert!(line(&run, "s.xml").ends_with(&bounded), "{run:?}");
+    assert_eq!(folder.run("regress . --seed 1").code, 0);
+    let refused = folder.run("regress . --time 1s");
+    assert_eq!(refused.code, 2, "{refused:?}");
+}
+
 #[test]
 fn the_four_faults_are_found() {
     let folder = folder();
@@ -112,7 +134,10 @@ fn the_four_faults_are_found() {
         let brighter = says(&scene(material, 1.005, ""));
         // Of the glass it is seen in the sky, which has no noise.
         let bias = brighter.contains(" of R is +0.");
-        assert!(bias || (material == GLASS && brighter.contains(" blocks rejected (p ")), "{brighter}");
+        assert!(
+            bias || (material == GLASS && brighter.contains(" blocks without variance differ ")),
+            "{brighter}"
+        );
         let shift = format!("<float name='principal_point_offset_x' value='{}'/>", 1.0 / 32.0);
         let shifted = says(&scene(material, 1.0, &shift));
         assert!(shifted.contains(" blocks rejected (p "), "{shifted}");

@@ -42,6 +42,7 @@ mod meshes;
 mod mistakes;
 #[cfg(unix)]
 mod nothing_lost;
+mod options;
 mod own_scenes;
 mod parity;
 mod parity_instances;

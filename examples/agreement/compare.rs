@@ -273,7 +273,7 @@ impl Comparer<'_> {
             let far = (a - b).abs() > BIAS * b.abs();
             return (far && !test.is_unbiased()).then(|| format!("mean {a:.5}, by paths {b:.5}"));
         }
-        let blocks = test.rejected > 0 && test.block_probability < significance;
+        let blocks = test.rejected > 0 && (test.block_probability < significance || test.unequal > 0);
         (blocks || !test.is_unbiased()).then(|| {
             format!(
                 "mean {a:.5}, by paths {b:.5}; {} of {} blocks rejected (p {:.0e}), bias p {:.0e}",

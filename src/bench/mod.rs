@@ -18,7 +18,7 @@ pub use measure::Measurement;
 pub use output::{csv, json};
 pub use page::page;
 pub use reference::Reference;
-pub use summary::{Median, Slope};
+pub use summary::{Median, Slope, WIDEST_SLOPE};
 pub use tables::text;
 
 use crate::accel::AccelKind;

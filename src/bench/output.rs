@@ -121,7 +121,7 @@ fn scene_json(report: &Report, scene: &SceneReport) -> Value {
         "width": scene.size[0],
         "height": scene.size[1],
         "triangles": scene.triangles,
-        "reference": { "origin": scene.reference.origin, "relmse": scene.reference.floor },
+        "reference": { "origin": scene.reference.origin(None), "relmse": scene.reference.floor },
         "traversals": scene.traversals.iter().map(traversal).collect::<Vec<_>>(),
         "rows": scene.rows.iter().map(|row| row_json(report, scene, row)).collect::<Vec<_>>(),
     })
@@ -130,8 +130,10 @@ fn scene_json(report: &Report, scene: &SceneReport) -> Value {
 fn row_json(report: &Report, scene: &SceneReport, row: &Row) -> Value {
     let c = &row.combination;
     let budgets = report.options.budgets.iter().zip(&row.cells);
-    let slope = row
-        .slope(&scene.reference)
+    let law = row.slope(&scene.reference);
+    let slope = law
+        .as_ref()
+        .ok()
         .map(|law| json!({ "exponent": law.exponent, "low": law.interval[0], "high": law.interval[1] }));
     let [closest, occlusion] = row.mrays_per_thread_second();
     json!({
@@ -140,6 +142,7 @@ fn row_json(report: &Report, scene: &SceneReport, row: &Row) -> Value {
         "accel": c.accel.to_string(),
         "failure": row.failure,
         "slope": slope,
+        "slope_unknown": law.err(),
         "mrays_per_thread_second": { "closest": closest, "occlusion": occlusion },
         "budgets": budgets.map(|(budget, runs)| {
             let near = |m: &Median| m.is_near_floor(&scene.reference);

@@ -6,17 +6,19 @@ use crate::report::{
     Axis, Bar, Bars, Html, Line, Page, Picture, Plot, Point, Series, Viewer, error_thumbnail, exposure_of,
     gallery, number, thumbnail,
 };
+use crate::util::relative;
+use std::path::Path;
 
 /// The pixels of all images in the viewers of a page, at most: a browser has to hold them.
 const MOST_PIXELS: usize = 24_000_000;
 /// Width of the small pictures.
 const THUMBNAIL: usize = 240;
 
-/// The page of a bench.
+/// The page of a bench, with paths as seen from its folder.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn page(report: &Report) -> Result<Page> {
+pub fn page(report: &Report, folder: &Path) -> Result<Page> {
     let options = &report.options;
     let names: Vec<String> = report.scenes.iter().map(SceneReport::name).collect();
     let mut page = Page::new(format!("Speed against error: {}", names.join(", ")));
@@ -34,7 +36,7 @@ pub fn page(report: &Report) -> Result<Page> {
     page.lead(&Html::list(winners));
     let mut pixels = MOST_PIXELS;
     for scene in &report.scenes {
-        page.section(scene.name(), section(report, scene, &mut pixels)?);
+        page.section(scene.name(), section(report, scene, folder, &mut pixels)?);
     }
     page.section("How to read this", explanation(report));
     page.circumstances();
@@ -68,19 +70,22 @@ fn label(c: &Combination) -> String {
     format!("{}\u{a0}· {}\u{a0}· {}", c.integrator, c.sampler, c.accel)
 }
 
-fn section(report: &Report, scene: &SceneReport, pixels: &mut usize) -> Result<Html> {
+fn section(report: &Report, scene: &SceneReport, folder: &Path, pixels: &mut usize) -> Result<Html> {
     let [width, height] = scene.size;
-    let reference = tables::reference(scene);
+    let reference = tables::reference(scene, Some(folder));
     let triangles = crate::error::counted(scene.triangles as u64, "triangle", "triangles");
     let mut html = Html::paragraph(&format!(
         "{}: {width} × {height} pixels, {triangles}; {reference}.",
-        scene.path.display()
+        relative(&scene.path, folder).display()
     ));
     let mut figures = convergence(report, scene).html();
     figures.push(&efficiency(scene).html());
     figures.push(&rays(scene).html());
     html.push(&Html::element("div", "figures", &figures));
     html.push(&tables::figures(report, scene).html());
+    for reason in tables::unknown_slopes(scene) {
+        html.push(&Html::element("p", "note", &Html::text(&reason)));
+    }
     if tables::any_near_floor(scene) {
         html.push(&Html::element("p", "note", &Html::text(tables::NEAR_FLOOR)));
     }
@@ -257,7 +262,7 @@ fn explanation(report: &Report) -> Html {
         "Mray/s in the table counts all queries over wall time, shading and sampling included; in the bars it is per thread and \
          per second inside the traversal, and the black line spans the combinations.",
         "The slope is that of log relMSE against log seconds over all runs, with its 95 % interval. Independent samples give −1; \
-         an interval from few runs is wide. Error bars in the plot span the runs.",
+         an interval from few runs is wide, and no slope is stated if it is wider than 1. Error bars in the plot span the runs.",
     ]);
     html.push(&Html::element("h3", "", &Html::text("The traversals and their handicaps")));
     let threads = report.options.threads;

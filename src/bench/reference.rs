@@ -10,7 +10,8 @@ use crate::integrator::Settings;
 use crate::render::{Progress, StopRules};
 use crate::sampling::SamplerKind;
 use crate::session::{Choices, Session};
-use std::path::Path;
+use crate::util::relative;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// A picture that stands for the truth.
@@ -18,10 +19,20 @@ use std::time::Duration;
 pub struct Reference {
     /// The picture: red, green, blue.
     pub image: Image,
-    /// Where it is from, in words.
-    pub origin: String,
+    /// The file that it is from; `None` if it was rendered.
+    pub file: Option<PathBuf>,
+    /// How it was made, in words; after the path of its file, if there is one.
+    pub made: String,
     /// Its own relMSE, which every measured one holds besides the image's; `None` if nothing tells it.
     pub floor: Option<f64>,
+}
+
+impl Reference {
+    /// Returns where it is from, in words, with the path as seen from a folder or as it was given.
+    pub fn origin(&self, folder: Option<&Path>) -> String {
+        let file = self.file.as_deref().map(|file| folder.map_or(file.to_owned(), |f| relative(file, f)));
+        format!("{}{}", file.map_or_else(String::new, |file| file.display().to_string()), self.made)
+    }
 }
 
 /// How many times the samples or the time of the largest budget a rendered reference gets.
@@ -137,7 +148,7 @@ fn render(
     let plan = session.plan(&choices)?;
     let rendered = session.render(&plan, progress)?;
     let image = picture(&session.image(&plan, &rendered));
-    let origin = format!(
+    let made = format!(
         "rendered by {integrator} with {}, {} samples per pixel in {:.1} s",
         SamplerKind::default(),
         rendered.samples_per_pixel,
@@ -149,7 +160,7 @@ fn render(
         rendered.samples_per_pixel,
         rendered.relmse.map_or_else(|| "unknown".into(), |e| format!("{e:.1e}"))
     ));
-    Ok(Reference { image, origin, floor: rendered.relmse })
+    Ok(Reference { image, file: None, made, floor: rendered.relmse })
 }
 
 /// `refs/<stem>.exr` beside the scene, if it is of the picture that is measured.
@@ -204,7 +215,7 @@ fn read(path: &Path) -> Result<Reference> {
         }
         _ => String::new(),
     };
-    Ok(Reference { image, origin: format!("{}{made}", path.display()), floor })
+    Ok(Reference { image, file: Some(path.to_owned()), made, floor })
 }
 
 /// The variances of a picture's channels: its layers `variance.*`, else the channels of `<stem>_var.exr`.

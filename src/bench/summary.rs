@@ -1,6 +1,7 @@
 //! Medians over runs, and how fast the error falls.
 
 use super::{Measurement, Reference, Row};
+use crate::error::counted;
 use crate::estimate::convergence::PowerLaw;
 
 /// relMSE against seconds as a power law.
@@ -8,6 +9,9 @@ pub type Slope = PowerLaw;
 
 /// A measured error of less than this many times the reference's own is marked, and not fitted.
 pub(super) const CLEAR_OF_FLOOR: f64 = 10.0;
+
+/// The greatest width of a slope's 95 % interval with which the slope is stated.
+pub const WIDEST_SLOPE: f64 = 1.0;
 
 /// Medians of the runs of one combination with one budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,11 +65,22 @@ impl Row {
         self.cells.iter().map(|runs| Median::of(runs)).collect()
     }
 
-    /// The law that relMSE follows over all runs that are clear of the reference's error; `None` of too few.
-    pub fn slope(&self, reference: &Reference) -> Option<Slope> {
+    /// The law that relMSE follows over all runs that are clear of the reference's error.
+    ///
+    /// # Errors
+    /// The reason why it is not known: too few runs, or an interval wider than [`WIDEST_SLOPE`].
+    pub fn slope(&self, reference: &Reference) -> Result<Slope, String> {
         let limit = reference.floor.map_or(0.0, |floor| CLEAR_OF_FLOOR * floor);
-        let runs = self.cells.iter().flatten().filter(|m| m.relmse >= limit);
-        PowerLaw::fit(runs.map(|m| (m.seconds, m.relmse)))
+        let runs = || self.cells.iter().flatten().filter(|m| m.relmse >= limit);
+        let law = PowerLaw::fit(runs().map(|m| (m.seconds, m.relmse))).ok_or_else(|| {
+            let runs = counted(runs().count() as u64, "render", "renders");
+            format!("{runs} with an error clear of the reference's, at least 3 of different times are needed")
+        })?;
+        let width = law.interval[1] - law.interval[0];
+        if width <= WIDEST_SLOPE {
+            return Ok(law);
+        }
+        Err(format!("its 95 % interval is {width:.1} wide, of at most {WIDEST_SLOPE}; more runs narrow it"))
     }
 
     /// Millions of rays per second and thread inside the traversal, over all runs: for nearest hits, for occlusion.
@@ -119,5 +134,39 @@ mod tests {
         assert_eq!((m.seconds, m.relmse, m.relmse_range), (2.0, 0.2, [0.1, 0.3]));
         assert_eq!((m.efficiency, m.mrays_per_second), (2.5, 2.0));
         assert_eq!(Median::of(&[]), None);
+    }
+
+    #[test]
+    fn a_slope_is_stated_if_its_interval_is_narrow() {
+        let run = |seconds: f64, relmse: f64| Measurement {
+            seed: 0,
+            seconds,
+            samples_per_pixel: 16,
+            relmse,
+            trimmed_relmse: relmse,
+            mse: relmse,
+            relmse_estimate: None,
+            rays: [1, 1],
+            thread_seconds: [1.0, 1.0],
+            invalid_samples: 0,
+        };
+        let slope = |points: &[(f64, f64)], floor: f64| {
+            let combination = super::super::Combination {
+                integrator: "path".into(),
+                sampler: crate::sampling::SamplerKind::Sobol,
+                accel: crate::accel::AccelKind::Auto,
+            };
+            let cells = vec![points.iter().map(|&(s, e)| run(s, e)).collect()];
+            let image = crate::image::Image::new(1, 1, &["R", "G", "B"]);
+            let reference = Reference { image, file: None, made: String::new(), floor: Some(floor) };
+            Row { combination, failure: None, cells, image: None }.slope(&reference)
+        };
+        let law = [(1.0, 1.0), (2.0, 0.51), (4.0, 0.25), (8.0, 0.125)];
+        assert!(slope(&law, 0.0).is_ok_and(|law| (law.exponent + 1.0).abs() < 0.02));
+        // Times that hardly differ.
+        let wide = slope(&[(1.0, 1.0), (1.01, 0.5), (1.02, 0.9)], 0.0).unwrap_err();
+        assert!(wide.starts_with("its 95 % interval is ") && wide.contains(" wide, of at most 1;"), "{wide}");
+        let few = slope(&law, 0.05).unwrap_err();
+        assert!(few.starts_with("2 renders with an error clear of the reference's, at least 3 "), "{few}");
     }
 }

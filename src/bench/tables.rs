@@ -1,15 +1,17 @@
 //! The figures as tables.
 
-use super::{Report, Row, SceneReport};
+use super::{Combination, Report, Row, SceneReport};
 use crate::report::{Align, Table};
+use std::path::Path;
 
 /// All tables as text for a terminal.
 pub fn text(report: &Report) -> String {
     let mut text = String::new();
     for scene in &report.scenes {
         let [width, height] = scene.size;
-        text.push_str(&format!("{} ({width}x{height}): {}\n", scene.name(), reference(scene)));
+        text.push_str(&format!("{} ({width}x{height}): {}\n", scene.name(), reference(scene, None)));
         text.push_str(&figures(report, scene).text());
+        unknown_slopes(scene).iter().for_each(|reason| text.push_str(&format!("{reason}\n")));
         text.push('\n');
     }
     if report.scenes.iter().any(any_near_floor) {
@@ -24,9 +26,9 @@ pub(super) const NEAR_FLOOR: &str =
     "* less than ten times the reference's own relMSE: too near to it to be told apart, and not in the slope";
 
 /// What the scene is compared with, and how good that is.
-pub(super) fn reference(scene: &SceneReport) -> String {
+pub(super) fn reference(scene: &SceneReport, folder: Option<&Path>) -> String {
     let floor = scene.reference.floor.map_or_else(|| "unknown".into(), |f| format!("about {f:.1e}"));
-    format!("the reference is {}; its own relMSE is {floor}", scene.reference.origin)
+    format!("the reference is {}; its own relMSE is {floor}", scene.reference.origin(folder))
 }
 
 /// Whether an error is too near to the reference's own.
@@ -72,9 +74,20 @@ pub(super) fn figures(report: &Report, scene: &SceneReport) -> Table {
 }
 
 /// The slope with its interval: "−1.02 [−1.10, −0.94]".
-pub(super) fn slope(row: &Row, scene: &SceneReport) -> String {
+fn slope(row: &Row, scene: &SceneReport) -> String {
     row.slope(&scene.reference).map_or_else(
-        || "–".into(),
+        |_| "not known".into(),
         |law| format!("{:.2} [{:.2}, {:.2}]", law.exponent, law.interval[0], law.interval[1]),
     )
+}
+
+/// Why slopes are not known: a sentence for each combination.
+pub(super) fn unknown_slopes(scene: &SceneReport) -> Vec<String> {
+    let measured = scene.rows.iter().filter(|row| row.cells.iter().any(|runs| !runs.is_empty()));
+    let reason = |row: &Row| {
+        let Combination { integrator, sampler, accel } = &row.combination;
+        let reason = row.slope(&scene.reference).err()?;
+        Some(format!("the slope of {integrator}, {sampler}, {accel} is not known: {reason}"))
+    };
+    measured.filter_map(reason).collect()
 }

@@ -1,16 +1,15 @@
 //! `buffon bench`: speed against error.
 
 use super::render::listen;
+use super::shared::{SceneArgs, ViewArgs, accels, integrators, samplers};
 use super::values;
 use crate::accel::AccelKind;
 use crate::bench::{self, Budget, Options};
 use crate::error::{Error, Result};
 use crate::image;
-use crate::loader::LoadOptions;
-use crate::memory::Limit;
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
-use crate::session::{SceneChoices, default_threads};
+use crate::session::SceneChoices;
 use crate::util;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -33,14 +32,23 @@ pub struct BenchArgs {
     /// The scene files
     #[arg(required = true)]
     pub scenes: Vec<PathBuf>,
-    /// Integrators, separated by commas [default: the scene's]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    /// Integrators.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
+        "Integrators, separated by commas, of {} [default: the scene's]",
+        integrators()
+    ))]
     pub integrators: Vec<String>,
-    /// Samplers, separated by commas [default: the scene's]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    /// Samplers.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
+        "Samplers, separated by commas, of {} [default: the scene's]",
+        samplers()
+    ))]
     pub samplers: Vec<SamplerKind>,
-    /// Ray traversals, separated by commas [default: all of this build, and `auto` where it is neither]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    /// Ray traversals.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
+        "Ray traversals, separated by commas, of {} [default: all, and auto where it is none of the others]",
+        accels()
+    ))]
     pub accels: Vec<AccelKind>,
     /// What each render may take: times (1s,2s,4s) or samples per pixel (16,64,256)
     #[arg(long, value_name = "LIST", default_value = "1s,2s,4s")]
@@ -57,28 +65,15 @@ pub struct BenchArgs {
     /// How often each render is made, every time with another seed
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub runs: u32,
-    /// Give a default of the scenes another value
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
-    pub define: Vec<(String, String)>,
-    /// Size of the images, instead of the scene's
-    #[arg(long, value_name = "WxH", value_parser = values::size)]
-    pub size: Option<(u32, u32)>,
+    /// Definitions, folders, memory and threads.
+    #[command(flatten)]
+    pub resources: SceneArgs,
+    /// Sensor and size.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Seed of the first run
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Threads [default: all cores]
-    #[arg(short, long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub threads: Option<u32>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
-    /// available]
-    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
-    pub memory_limit: Option<Limit>,
-    /// Which sensor of the scenes, from 0
-    #[arg(short, long, value_name = "N", default_value_t = 0)]
-    pub sensor: usize,
-    /// Folders to look for the scenes' files in, besides their own; several are separated by ';'
-    #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
-    pub search_path: Vec<PathBuf>,
     /// Say nothing but the table and errors
     #[arg(short, long)]
     pub quiet: bool,
@@ -105,7 +100,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
     super::print(&bench::text(&report))?;
     if !report.scenes.is_empty() {
         let [page, csv, json] = &files;
-        bench::page(&report)?.write(page)?;
+        bench::page(&report, &args.output)?.write(page)?;
         util::replace(csv, &bench::csv(&report)?)?;
         util::replace(json, format!("{:#}\n", bench::json(&report)).as_bytes())?;
         tell(&format!("wrote {}", page.display()));
@@ -126,13 +121,9 @@ fn options(args: &BenchArgs) -> Result<Options> {
     Ok(Options {
         scenes: args.scenes.clone(),
         choices: SceneChoices {
-            load: LoadOptions {
-                defines: args.define.clone(),
-                search_paths: args.search_path.clone(),
-                memory: args.memory_limit.unwrap_or_default(),
-            },
-            sensor: args.sensor,
-            size: args.size,
+            load: args.resources.load_options(),
+            sensor: args.view.sensor,
+            size: args.view.size,
             crop: None,
         },
         integrators,
@@ -141,7 +132,7 @@ fn options(args: &BenchArgs) -> Result<Options> {
         budgets,
         runs: args.runs,
         seed: args.seed,
-        threads: args.threads.map_or_else(default_threads, |n| n as usize),
+        threads: args.resources.threads(),
         reference: args.reference.clone(),
         reference_time: args.reference_time,
     })

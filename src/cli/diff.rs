@@ -44,7 +44,8 @@ pub struct DiffArgs {
     /// Test whether both images may be estimates of the same picture, by the variance layers of either: in blocks
     /// of 4x4 pixels (significance 0.01 over all blocks; 99.75 % of the blocks must pass), and for a bias of the
     /// whole. Images whose pixels share noise (caches, photons, light paths) say so in their metadata, and are judged
-    /// by their layer block_variance. What rounding may have done to the values is not held against them
+    /// by their layer block_variance. What rounding may have done to the values is not held against them. Blocks
+    /// without variance must not differ by more than 0.1 %
     #[arg(long)]
     pub z: bool,
     /// With --z, an image that holds the variances of B
@@ -238,6 +239,21 @@ fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
             "  mean z {:.4}   rms z {:.4}   bias {:.2} deviations   largest {:.3} at {}",
             z.mean, z.rms, z.bias, z.max, z.max_at
         );
+        if z.without_variance > 0 {
+            let (without, share) = (z.without_variance, 100.0 * ZTest::SAME);
+            _ = write!(text, "  {without} of {} blocks have no variance", z.blocks);
+            _ = match z.unequal_at.as_ref().filter(|_| z.unequal > 0) {
+                None => writeln!(text, "; their values differ by {share} % at most"),
+                Some((worst, at)) => {
+                    let worst = 100.0 * worst;
+                    writeln!(
+                        text,
+                        "; {} differ by more than {share} %, up to {worst:.3} % at {at}",
+                        z.unequal
+                    )
+                }
+            };
+        }
     }
     let result = if verdict.same { "same" } else { "different" };
     _ = match (verdict.threshold, verdict.comparison.has_invalid()) {
@@ -270,6 +286,7 @@ fn to_json(args: &DiffArgs, verdict: &Verdict) -> String {
             "significance": z.significance, "accepted": z.accepted, "mean": z.mean, "rms": z.rms, "bias": z.bias,
             "bias_probability": z.bias_probability,
             "max": z.max, "max_at": [z.max_at.x, z.max_at.y], "without_variance": z.without_variance,
+            "unequal": z.unequal,
             "passes": z.passes(),
         })
     });

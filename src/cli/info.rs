@@ -1,16 +1,17 @@
 //! `buffon info`: what a scene, an image, a file of photon maps or a checkpoint holds, what it needs, and what it
 //! will cost.
 
+use super::shared::{SceneArgs, accel_help};
 use super::{info_image, print};
 use crate::accel::AccelKind;
 use crate::error::{Result, counted};
 use crate::image;
 use crate::integrator::photon;
-use crate::loader::{self, LoadOptions};
-use crate::memory::{Amount, Budget, Limit};
+use crate::loader;
+use crate::memory::{Amount, Budget};
 use crate::scene::{CompileOptions, Scene, compile_within};
+use crate::session::RenderMemory;
 use crate::session::checkpoint::{self, Checkpoint, CheckpointLabel};
-use crate::session::{RenderMemory, default_threads};
 use crate::shape::WorldShape;
 use clap::Args;
 use std::collections::BTreeMap;
@@ -23,16 +24,12 @@ pub struct InfoArgs {
     /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a
     /// checkpoint
     pub file: PathBuf,
-    /// Give a default of the scene another value
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = super::values::definition)]
-    pub define: Vec<(String, String)>,
-    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is
-    /// compiled in]
-    #[arg(long, value_name = "NAME")]
+    /// Definitions, folders, memory and threads.
+    #[command(flatten)]
+    pub resources: SceneArgs,
+    /// The ray traversal.
+    #[arg(long, value_name = "NAME", help = accel_help())]
     pub accel: Option<AccelKind>,
-    /// The most memory that the program may take (4G, 512M) [default: what is available]
-    #[arg(long, value_name = "SIZE", value_parser = super::values::memory)]
-    pub memory_limit: Option<Limit>,
 }
 
 /// Prints the account.
@@ -90,15 +87,13 @@ fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
 }
 
 fn describe_scene(args: &InfoArgs) -> Result<String> {
-    let options = LoadOptions {
-        defines: args.define.clone(),
-        search_paths: Vec::new(),
-        memory: args.memory_limit.unwrap_or_default(),
-    };
-    let loaded = loader::load(&args.file, &options)?;
+    let loaded = loader::load(&args.file, &args.resources.load_options())?;
     let settings = loaded.description.sensors.clone();
-    let compile_options =
-        CompileOptions { accel: args.accel.unwrap_or_default(), threads: default_threads(), sensor: 0 };
+    let compile_options = CompileOptions {
+        accel: args.accel.unwrap_or_default(),
+        threads: args.resources.threads(),
+        sensor: 0,
+    };
     let (scene, report) = compile_within(loaded.description, compile_options, &loaded.memory)?;
     let mut text = String::new();
     let mut line = |name: &str, value: String| {

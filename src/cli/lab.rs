@@ -1,9 +1,10 @@
 //! `buffon lab`: experiments, as text and as a page.
 
 use super::print;
+use super::shared::accels;
 use crate::accel::AccelKind;
-use crate::error::{Error, Result};
-use crate::lab::{Experiment, Options, Outcome};
+use crate::error::{Error, Result, counted};
+use crate::lab::{Experiment, Options, Outcome, Verdict};
 use crate::report::{Html, Page};
 use crate::session::default_threads;
 use clap::Args;
@@ -12,12 +13,16 @@ use std::time::Instant;
 
 /// Measure what lectures on Monte Carlo ray tracing claim.
 ///
-/// Every experiment states claims, measures them with an interval, and says which held. The text goes to standard
-/// output; with -o there is a page with plots and pictures, too. Everything but times is decided by the seed.
+/// Every experiment states claims, measures them with an interval, and says whether that confirms or refutes them. A
+/// run refutes a true claim with a probability of at most 0.001. The text goes to standard output; with -o there is a
+/// page with plots and pictures, too. Everything but times is decided by the seed.
 #[derive(Clone, Debug, Args)]
 pub struct LabArgs {
-    /// The experiments: one-dimension, domains, patterns, light-sampling, glossy, paths, history [default: all]
-    #[arg(value_name = "EXPERIMENT")]
+    /// The experiments.
+    #[arg(value_name = "EXPERIMENT", help = format!(
+        "The experiments: {} [default: all]",
+        Experiment::ALL.map(Experiment::name).join(", ")
+    ))]
     pub experiments: Vec<Experiment>,
     /// List the experiments
     #[arg(long)]
@@ -37,8 +42,8 @@ pub struct LabArgs {
     /// Threads; they change the speed, never the numbers [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in]
-    #[arg(long, value_name = "NAME")]
+    /// The ray traversal.
+    #[arg(long, value_name = "NAME", help = format!("The ray traversal: {} [default: auto]", accels()))]
     pub accel: Option<AccelKind>,
     /// Say nothing on standard error but errors
     #[arg(short, long)]
@@ -93,18 +98,20 @@ fn say_where(args: &LabArgs, file: &Path) {
     }
 }
 
-/// How many claims held.
+/// How many claims are confirmed, undecided and refuted.
 fn summary(outcomes: &[Outcome]) -> String {
     let findings = || outcomes.iter().flat_map(|outcome| &outcome.findings);
-    let (held, all) = (findings().filter(|finding| finding.held).count(), findings().count());
-    format!("{held} of {all} claims held")
+    let count = |verdict| findings().filter(|finding| finding.verdict == verdict).count();
+    let counts = Verdict::ALL.map(|verdict| format!("{} {}", count(verdict), verdict.word()));
+    format!("{}: {}", counted(findings().count() as u64, "claim", "claims"), counts.join(", "))
 }
 
 fn page(outcomes: &[Outcome], options: &Options) -> Page {
     let mut page = Page::new("Buffon lab");
     page.lead(&Html::paragraph(
-        "What lectures on Monte Carlo ray tracing claim, measured. Intervals hold with 95 % confidence; a claim about a number \
-         holds if the number is within three standard errors, or as it says.",
+        "What lectures on Monte Carlo ray tracing claim, measured. Intervals hold with 95 % confidence. A claim is confirmed if the \
+         intervals of its numbers lie where it says, and refuted if a test rejects that they do. A run refutes a true claim with a \
+         probability of at most 0.001.",
     ));
     page.lead(&Html::paragraph(&format!("{}.", summary(outcomes))));
     for outcome in outcomes {

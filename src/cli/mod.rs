@@ -13,6 +13,7 @@ pub mod progress;
 pub mod regress;
 mod regress_cases;
 pub mod render;
+pub mod shared;
 pub mod shell;
 pub mod stats;
 pub mod values;

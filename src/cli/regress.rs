@@ -2,21 +2,19 @@
 
 use super::regress_cases::{CaseLines, Tables};
 use super::render::listen;
+use super::shared::{MethodArgs, SceneArgs};
 use super::values;
-use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::image;
-use crate::loader::LoadOptions;
-use crate::memory::Limit;
 use crate::regress::{self, Found, Options, Report, Row, Status, Update, discover, junit, write_page};
 use crate::render::Progress;
-use crate::sampling::SamplerKind;
-use crate::session::{Choices, default_threads};
+use crate::session::Choices;
 use crate::util;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 /// The exit code when a scene fails, has no reference or cannot be rendered.
 const FAILED: u8 = 1;
@@ -34,7 +32,8 @@ const FAILED: u8 = 1;
 /// with an expected value, its tolerance and the reason. Every case is rendered on every traversal and by every
 /// integrator that claims it, and passes if the whole confidence interval of the measured mean lies within the
 /// tolerance. A failure that the file calls known is shown as KNOWN with its cause, and does not fail the run. Such a
-/// scene needs no reference. --table writes the cases as a table.
+/// scene needs no reference. --table writes the cases as a table. --integrator selects those of the integrators that a
+/// case claims, and --accel one of the traversals. --seed is that of tests; references have a seed of their own.
 ///
 /// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor,
 /// or whose root is not `scene` are left out, and so are folders named refs. Of several sensors the first is
@@ -57,6 +56,10 @@ pub struct RegressArgs {
     /// leaves room for --gain]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..), requires = "update")]
     pub update_spp: Option<u64>,
+    /// The longest that sampling a reference may take (90s, 1.5m, 2h), for each scene: what time allows is written,
+    /// with the number of samples it has. A reference that will take more than 10 s is announced
+    #[arg(long, value_name = "TIME", value_parser = values::duration, requires = "update")]
+    pub time: Option<Duration>,
     /// Samples per pixel of tests [default: what the scene asks for, and up to 16 times as many until --gain is found]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
     pub spp: Option<u64>,
@@ -91,33 +94,12 @@ pub struct RegressArgs {
     /// A folder for what failed: the images, their heat maps, and index.html, a page to compare them
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Give a default of the scenes another value
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
-    pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, sppm, depth or aov; of cases only those that it claims [default: the
-    /// scene's, of cases all that claim them]
-    #[arg(long, value_name = "NAME")]
-    pub integrator: Option<String>,
-    /// The sampler: independent, stratified or sobol [default: the scene's]
-    #[arg(long, value_name = "NAME")]
-    pub sampler: Option<SamplerKind>,
-    /// The ray traversal: embree or obvhs [default: embree, if it is compiled in; of cases all, and the list if it
-    /// applies]
-    #[arg(long, value_name = "NAME")]
-    pub accel: Option<AccelKind>,
-    /// Seed of the tests; references have one of their own
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub seed: u64,
-    /// Threads; they change the speed, never the pixels [default: all cores]
-    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub threads: Option<u32>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
-    /// available]
-    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
-    pub memory_limit: Option<Limit>,
-    /// Folders to look for the scenes' files in, besides their own; several are separated by ';'
-    #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
-    pub search_path: Vec<PathBuf>,
+    /// Integrator, sampler, traversal and seed.
+    #[command(flatten)]
+    pub method: MethodArgs,
+    /// Definitions, folders, memory and threads.
+    #[command(flatten)]
+    pub resources: SceneArgs,
     /// Treat warnings as errors
     #[arg(long)]
     pub strict: bool,
@@ -209,18 +191,14 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
 /// What the command line says of the run.
 fn options(args: &RegressArgs) -> Options {
     Options {
-        load: LoadOptions {
-            defines: args.define.clone(),
-            search_paths: args.search_path.clone(),
-            memory: args.memory_limit.unwrap_or_default(),
-        },
-        accel: args.accel.unwrap_or_default(),
-        case_accels: args.accel.map_or_else(|| Options::default().case_accels, |kind| vec![kind]),
-        threads: args.threads.map_or_else(default_threads, |n| n as usize),
+        load: args.resources.load_options(),
+        accel: args.method.accel.unwrap_or_default(),
+        case_accels: args.method.accel.map_or_else(|| Options::default().case_accels, |kind| vec![kind]),
+        threads: args.resources.threads(),
         choices: Choices {
-            integrator: args.integrator.clone(),
-            sampler: args.sampler,
-            seed: args.seed,
+            integrator: args.method.integrator.clone(),
+            sampler: args.method.sampler,
+            seed: args.method.seed,
             ..Choices::default()
         },
         samples: args.spp,
@@ -230,6 +208,8 @@ fn options(args: &RegressArgs) -> Options {
         strict: args.strict,
         update: args.update.map(Update::from),
         update_samples: args.update_spp,
+        update_time: args.time,
+        note: if args.quiet { |_| {} } else { |text| eprintln!("buffon: note: {text}") },
         output: args.output.clone(),
         cross_accel: args.cross_accel,
     }
@@ -289,7 +269,7 @@ fn summary(args: &RegressArgs, report: &Report) -> String {
         "{scenes}: {} in {:.1} s (seed {}, significance {} over all, {:.1e} for each test)",
         counts.join(", "),
         report.elapsed.as_secs_f64(),
-        args.seed,
+        args.method.seed,
         args.significance,
         report.significance_each
     )

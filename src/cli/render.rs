@@ -3,18 +3,16 @@
 use super::checkpoint::Checkpointing;
 use super::photon_notes::photon_notes;
 use super::progress::{ProgressKind, Watcher};
+use super::shared::{MethodArgs, SceneArgs, ViewArgs};
 use super::stats::{Account, Seconds};
 use super::values;
-use crate::accel::AccelKind;
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
-use crate::loader::LoadOptions;
-use crate::memory::Limit;
+use crate::integrator::settings::Aov;
 use crate::render::{CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
-use crate::sampling::SamplerKind;
-use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session, default_threads};
+use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
 use clap::Args;
 use std::ops::Range;
@@ -32,7 +30,7 @@ use std::time::{Duration, Instant};
 pub struct RenderArgs {
     /// The scene file
     pub scene: PathBuf,
-    /// The image to write [default: the scene's name with .exr]
+    /// The image to write [default: the scene's name with .exr, in the current directory]
     #[arg(short, long, visible_alias = "outfile", value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Stop at N samples per pixel [default: what the scene asks for, if no other rule is given]
@@ -47,27 +45,12 @@ pub struct RenderArgs {
     /// Take more samples where the error is larger, as many as --spp says on average; adds no bias
     #[arg(long)]
     pub adaptive: bool,
-    /// Give a default of the scene another value
-    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
-    pub define: Vec<(String, String)>,
-    /// The integrator: path, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, depth or aov
-    /// [default: the scene's]
-    #[arg(long, value_name = "NAME")]
-    pub integrator: Option<String>,
-    /// The sampler: independent, stratified, multijitter, halton, sobol, zsobol or fixed [default: sobol]
-    ///
-    /// independent: uniform random numbers, what the others are measured against.
-    /// stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and
-    /// column; they fill all of their cells at some numbers of samples only, of which every power of two is one.
-    /// halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol
-    /// at powers of two. zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs
-    /// a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.
-    #[arg(long, value_name = "NAME")]
-    pub sampler: Option<SamplerKind>,
-    /// The ray traversal: auto, embree or obvhs [default: auto, a list for a few dozen surfaces, else embree if it is
-    /// compiled in]
-    #[arg(long, value_name = "NAME")]
-    pub accel: Option<AccelKind>,
+    /// Definitions, folders, memory and threads.
+    #[command(flatten)]
+    pub resources: SceneArgs,
+    /// Integrator, sampler, traversal and seed.
+    #[command(flatten)]
+    pub method: MethodArgs,
     /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache,
     /// photonmapper)
     #[arg(long, value_name = "FILE")]
@@ -87,31 +70,17 @@ pub struct RenderArgs {
     /// merge` makes the very picture of the whole render of all ranges
     #[arg(long, value_name = "A..B", value_parser = values::range)]
     pub sample_range: Option<Range<u64>>,
-    /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
-    #[arg(long, value_name = "WxH", value_parser = values::size)]
-    pub size: Option<(u32, u32)>,
+    /// Sensor and size.
+    #[command(flatten)]
+    pub view: ViewArgs,
     /// Render only this part; its pixels are those of the full image
     #[arg(long, value_name = "X,Y,W,H", value_parser = values::rect)]
     pub crop: Option<PixelRect>,
-    /// Seed of all random numbers
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub seed: u64,
-    /// Threads; they change the speed, never the pixels [default: all cores]
-    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub threads: Option<u32>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
-    /// available]
-    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
-    pub memory_limit: Option<Limit>,
-    /// Which sensor of the scene, from 0
-    #[arg(short, long, value_name = "N", default_value_t = 0)]
-    pub sensor: usize,
-    /// Folders to look for the scene's files in, besides its own; several are separated by ';'
-    #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
-    pub search_path: Vec<PathBuf>,
-    /// Layers to add to an EXR: albedo, N, geo_normal, P, Z, uv, prim_index, shape_index, variance, standard_error,
-    /// samples, record_radius
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    /// Layers.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
+        "Layers to add to an EXR, separated by commas: {}",
+        Aov::NAMES.join(", ")
+    ))]
     pub aov: Vec<String>,
     /// Write an account of the render as JSON ("-" is standard output)
     #[arg(long, value_name = "FILE")]
@@ -122,7 +91,7 @@ pub struct RenderArgs {
     /// Say nothing but errors
     #[arg(short, long, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Say more
+    /// Say where the time went, too
     #[arg(short, long)]
     pub verbose: bool,
     /// Treat warnings and dropped samples as errors
@@ -178,6 +147,13 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     if !args.quiet {
         eprintln!("{}", summary(&target, &rendered));
+        if args.verbose {
+            let Seconds { load, build, prepare, render, write, total } = seconds;
+            eprintln!(
+                "buffon: note: loading {load:.2} s, building {build:.2} s, preparing {prepare:.2} s, sampling {render:.2} s, \
+                 writing {write:.2} s, total {total:.2} s"
+            );
+        }
         photon_notes(&rendered.statistics).iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
     warn_of_values(args, &target, &rendered, report.clamped_half)?;
@@ -203,11 +179,13 @@ fn early_exit(args: &RenderArgs, target: &Path) -> EarlyExit {
 /// Exit code of a render that a signal has stopped, and that can be gone on with.
 const INTERRUPTED_WITH_CHECKPOINT: u8 = 85;
 
-/// The scene's name, with the range of samples if there is one: ranges do not overwrite each other's pictures.
+/// The scene's name in the current directory, with the range of samples if there is one: ranges do not overwrite each
+/// other's images.
 fn default_output(args: &RenderArgs) -> PathBuf {
+    let name = Path::new(args.scene.file_name().unwrap_or(args.scene.as_os_str()));
     match &args.sample_range {
-        Some(range) => args.scene.with_extension(format!("{}-{}.exr", range.start, range.end)),
-        None => args.scene.with_extension("exr"),
+        Some(range) => name.with_extension(format!("{}-{}.exr", range.start, range.end)),
+        None => name.with_extension("exr"),
     }
 }
 
@@ -228,13 +206,9 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
 /// Loads and compiles the scene, saying what there is to say about it.
 fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let choices = SceneChoices {
-        load: LoadOptions {
-            defines: args.define.clone(),
-            search_paths: args.search_path.clone(),
-            memory: args.memory_limit.unwrap_or_default(),
-        },
-        sensor: args.sensor,
-        size: args.size,
+        load: args.resources.load_options(),
+        sensor: args.view.sensor,
+        size: args.view.size,
         crop: args.crop,
     };
     let mut file = SceneFile::load(&args.scene, &choices)?;
@@ -245,9 +219,9 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     }
     let kept_beyond = args.cache.is_some() || args.checkpoint.is_some();
     let origin = kept_beyond.then(|| file.origin());
-    let threads = args.threads.map_or_else(default_threads, |n| n as usize);
+    let threads = args.resources.threads();
     image::set_threads(threads);
-    let mut session = file.compile(args.accel.unwrap_or_default(), threads)?;
+    let mut session = file.compile(args.method.accel.unwrap_or_default(), threads)?;
     warn(args, std::mem::take(&mut session.warnings))?;
     let build = session.report.build_seconds;
     Ok((session, origin, Seconds { load, build, ..Seconds::default() }))
@@ -261,10 +235,10 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         view,
     };
     Choices {
-        integrator: args.integrator.clone(),
-        sampler: args.sampler,
+        integrator: args.method.integrator.clone(),
+        sampler: args.method.sampler,
         stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
-        seed: args.seed,
+        seed: args.method.seed,
         aov: args.aov.clone(),
         adaptive: args.adaptive,
         cache: args.cache.as_ref().zip(origin).map(cache),
@@ -375,7 +349,7 @@ fn warn_of_values(args: &RenderArgs, target: &Path, rendered: &Rendered, clamped
             first.value,
             first.x,
             first.y,
-            args.seed,
+            args.method.seed,
             first.sample + 1
         ));
     }

@@ -1,13 +1,16 @@
 //! Comparison of images: differences, statistical tests of equality, and false colours.
 
+mod block;
 mod heat;
 mod images;
+mod noise;
 mod rounding;
-pub mod ztest;
+mod ztest;
 
 pub use heat::{HeatScale, heat};
 pub use images::{
     Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,
     is_of_noise,
 };
+pub use noise::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
 pub use ztest::{ZTest, ZTestOptions, z_test, z_test_with};

@@ -1,19 +1,11 @@
 //! A z-test: whether two images are estimates of the same image, given their variances.
 
-use super::images::{BLOCK_VARIANCE, Location, NotComparable, VARIANCE, layer_channels, location};
+use super::block::{BlockSums, ImagePair};
+use super::images::{Location, NotComparable, VARIANCE, layer_channels, location};
+use super::noise::{ImageNoise, noise_of, variance_of};
 use super::rounding::Rounding;
-use crate::estimate::student::{of_all, quantile, share, tail};
-use crate::image::{Image, Value};
-
-/// The metadata key that states whether the pixels of an image share noise.
-pub const NOISE: &str = "buffon:noise";
-/// The value of [`NOISE`] if they do.
-pub const SHARED_NOISE: &str = "shared by pixels";
-/// The metadata key for the number of independent replicates from which the variances of an image with shared noise
-/// were computed.
-pub const REPLICATES: &str = "buffon:replicates";
-/// The prefix of the metadata keys for the variance of a channel's mean in such an image.
-pub const MEAN_VARIANCE: &str = "buffon:mean_variance.";
+use crate::estimate::student::{of_all, share};
+use crate::image::Image;
 
 /// The result of a z-test of the base layer, in blocks of [`ZTest::SIDE`]² pixels, with each channel separately.
 ///
@@ -28,6 +20,9 @@ pub const MEAN_VARIANCE: &str = "buffon:mean_variance.";
 /// The largest possible effect of rounding (half a step of the format for each stored value, summed over the block)
 /// is subtracted from |Σ(a − b)|, because the rounding error of a smooth image is not noise. Images in which all
 /// values are halves are assumed to be rounded to halves.
+///
+/// A block has no variance if all samples of its pixels had the same value, in both images. It has no z. It is
+/// accepted if no two values differ by more than [`ZTest::SAME`] of the larger one, beyond rounding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ZTest {
     /// α, the significance of the whole test.
@@ -38,8 +33,8 @@ pub struct ZTest {
     pub rejected: usize,
     /// The fraction of accepted blocks.
     pub accepted: f64,
-    /// The probability that some block deviates as much as the worst one, for images with the same expected value; 0
-    /// if a block has a NaN.
+    /// The probability that some block with a variance deviates as much as the worst one, for images with the same
+    /// expected value; 0 if a block has a NaN.
     pub block_probability: f64,
     /// The mean of z over blocks with a variance: about 0 ± 1/√n for unbiased images.
     pub mean: f64,
@@ -55,13 +50,19 @@ pub struct ZTest {
     /// The least relative difference of the means that the test detects in some channel with a probability of 0.95,
     /// for these variances; infinite if the reference is black.
     pub gain: f64,
-    /// The largest |z|; infinite if values differ without any variance.
+    /// The largest |z| of the blocks with a variance; infinite if a value is NaN or infinite.
     pub max: f64,
     /// The first pixel of that block, and its channel.
     pub max_at: Location,
-    /// The number of blocks without variance in either image. They are accepted if they are equal.
+    /// The number of blocks without variance in either image.
     pub without_variance: usize,
-    /// The z of each pixel's block, for the channels of the base layer.
+    /// The number of rejected blocks among them.
+    pub unequal: usize,
+    /// The largest relative difference of two values in blocks without variance, and the first pixel of that block;
+    /// `None` if no such block differs.
+    pub unequal_at: Option<(f64, Location)>,
+    /// The z of each pixel's block, for the channels of the base layer. Of a block without variance it is 0 if the
+    /// block is accepted, and otherwise infinite.
     pub scores: Image,
 }
 
@@ -69,6 +70,8 @@ impl ZTest {
     /// The fraction of blocks that must be accepted, as in Mitsuba's render tests. It allows for a few outliers of a
     /// heavy-tailed estimator.
     pub const ENOUGH: f64 = 0.9975;
+    /// The largest relative difference between values without variance that are accepted as equal.
+    pub const SAME: f64 = 1e-3;
     /// The side of a block in pixels.
     pub const SIDE: usize = 4;
 
@@ -157,226 +160,14 @@ pub fn z_test_with(a: &Image, b: &Image, options: &ZTestOptions<'_>) -> Result<Z
     Ok(summarise(x, &ImagePair { r: &r, noise: &noise, rounding, sample_ratio }, significance))
 }
 
-/// Returns the variance layer of the base layer's channels.
-fn variance_of(image: &Image, names: &[&str]) -> Option<Image> {
-    image.select(&names.iter().map(|c| format!("{VARIANCE}.{c}")).collect::<Vec<_>>())
-}
-
-/// The noise of an image.
-struct ImageNoise {
-    /// For each pixel and channel; their sum over a block is the variance of the block's sum.
-    variances: Image,
-    /// The shared noise, if pixels share noise.
-    shared: Option<SharedNoise>,
-}
-
-/// ImageNoise that pixels share.
-struct SharedNoise {
-    /// The degrees of freedom of the variance of a block, and of the whole image.
-    freedom: f64,
-    /// The variance of the sum over all pixels, for each channel.
-    of_sum: Vec<f64>,
-}
-
-impl ImageNoise {
-    /// Creates the noise of independent pixels.
-    fn by_pixels(variances: Image) -> Self {
-        ImageNoise { variances, shared: None }
-    }
-}
-
-/// Returns the noise stated by an image; `None` if there is no statement.
-fn noise_of(image: &Image, names: &[&str]) -> Result<Option<ImageNoise>, NotComparable> {
-    let shares = matches!(image.metadata.get(NOISE), Some(Value::Text(noise)) if noise == SHARED_NOISE);
-    let by_pixels = variance_of(image, names);
-    if !shares || by_pixels.is_none() {
-        return Ok(by_pixels.map(ImageNoise::by_pixels));
-    }
-    let missing = || NotComparable::NoBlockVariance;
-    let layers: Vec<String> = names.iter().map(|c| format!("{BLOCK_VARIANCE}.{c}")).collect();
-    let variances = image.select(&layers).ok_or_else(missing)?;
-    let freedom = match image.metadata.get(REPLICATES) {
-        Some(Value::Int(replicates)) if *replicates > 1 => f64::from(replicates - 1),
-        _ => return Err(missing()),
-    };
-    let pixels = (image.width * image.height) as f64;
-    let of_sum = names.iter().map(|c| match image.metadata.get(&format!("{MEAN_VARIANCE}{c}")) {
-        Some(Value::Float(variance)) => Ok(f64::from(*variance) * pixels * pixels),
-        _ => Err(missing()),
-    });
-    let of_sum = of_sum.collect::<Result<_, _>>()?;
-    Ok(Some(ImageNoise { variances, shared: Some(SharedNoise { freedom, of_sum }) }))
-}
-
-/// The reference and the data for the comparison.
-struct ImagePair<'a> {
-    r: &'a Image,
-    /// The noise of the first image and of the second.
-    noise: &'a [Option<ImageNoise>; 2],
-    rounding: [Rounding; 2],
-    sample_ratio: Option<f64>,
-}
-
-/// The ratio between rounding and standard deviation below which rounding is ignored.
-const NEGLIGIBLE: f64 = 1e-5;
-
-/// A variance with its uncertainty.
-#[derive(Clone, Copy, Default)]
-struct VarianceEstimate {
-    variance: f64,
-    /// Half the variance of the variance: Σ v²/ν.
-    uncertainty: f64,
-}
-
-impl VarianceEstimate {
-    fn freedom(self) -> f64 {
-        // If the squared variance underflows, one degree of freedom is assumed.
-        let freedom = self.variance * self.variance / self.uncertainty;
-        if freedom.is_finite() { freedom.max(1.0) } else { 1.0 }
-    }
-
-    fn plus(self, other: VarianceEstimate) -> VarianceEstimate {
-        VarianceEstimate {
-            variance: self.variance + other.variance,
-            uncertainty: self.uncertainty + other.uncertainty,
-        }
-    }
-
-    fn times(self, factor: f64) -> VarianceEstimate {
-        VarianceEstimate { variance: self.variance * factor, uncertainty: self.uncertainty * factor * factor }
-    }
-}
-
-/// Sums over the pixels of a block in one channel.
-#[derive(Clone, Copy, Default)]
-struct BlockSums {
-    difference: f64,
-    reference: f64,
-    /// The upper bound of the effect of rounding on the difference.
-    rounding: f64,
-    /// Whether any two values differ by more than rounding, or are not finite, even if the differences cancel.
-    differs: bool,
-    /// For independent pixels of either image and of both: the sum of variances, and that of their squares.
-    by_pixels: [[f64; 2]; 3],
-    /// For images whose pixels share noise.
-    shared: [Option<VarianceEstimate>; 2],
-    /// The expected ratio between the variance of both images together and that of the second.
-    expected: Option<f64>,
-}
-
-impl BlockSums {
-    /// Adds the value with index `i`; `x` is the first image.
-    fn add(&mut self, x: &Image, images: &ImagePair<'_>, i: usize) {
-        let (a, b) = (x.data[i], images.r.data[i]);
-        let difference = f64::from(a) - f64::from(b);
-        let rounding = images.rounding[0].bound(a) + images.rounding[1].bound(b);
-        self.difference += difference;
-        self.reference += f64::from(b);
-        self.rounding += rounding;
-        self.differs |= difference.abs() > rounding;
-        self.expected = images.sample_ratio.map(|ratio| 1.0 + ratio);
-        let mut both = 0.0;
-        for (k, noise) in images.noise.iter().enumerate() {
-            let Some(ImageNoise { variances, shared }) = noise else { continue };
-            let v = f64::from(variances.data[i]);
-            match shared {
-                Some(SharedNoise { freedom, .. }) => {
-                    let variance = self.shared[k].unwrap_or_default().variance + v;
-                    self.shared[k] =
-                        Some(VarianceEstimate { variance, uncertainty: variance * variance / freedom });
-                }
-                None => {
-                    self.by_pixels[k][0] += v;
-                    self.by_pixels[k][1] += v * v;
-                    both += v;
-                }
-            }
-        }
-        self.by_pixels[2][0] += both;
-        self.by_pixels[2][1] += both * both;
-    }
-
-    /// Sets the variances of the sums over the whole image, if its pixels share noise.
-    fn set_whole_image(&mut self, images: &ImagePair<'_>, channel: usize) {
-        for (spread, noise) in self.shared.iter_mut().zip(images.noise) {
-            if let Some(SharedNoise { freedom, of_sum }) = noise.as_ref().and_then(|n| n.shared.as_ref()) {
-                let variance = of_sum[channel];
-                *spread = Some(VarianceEstimate { variance, uncertainty: variance * variance / freedom });
-            }
-        }
-    }
-
-    /// Returns the variance of a sum, from variances of single pixels with one degree of freedom each.
-    fn pixel_estimate(&self, k: usize) -> VarianceEstimate {
-        let [variance, squares] = self.by_pixels[k];
-        // ν = 3·(Σv)²/Σv² − 2.
-        let freedom = 3.0 * variance * variance / squares - 2.0;
-        let freedom = if freedom.is_finite() { freedom.max(1.0) } else { 1.0 };
-        VarianceEstimate { variance, uncertainty: variance * variance / freedom }
-    }
-
-    /// Returns the variance of the difference: the larger one of the estimated and the expected variance.
-    fn spread(&self) -> VarianceEstimate {
-        let found =
-            self.shared.iter().flatten().fold(self.pixel_estimate(2), |sum, spread| sum.plus(*spread));
-        let of_second = self.shared[1].unwrap_or_else(|| self.pixel_estimate(1));
-        match self.expected.map(|factor| of_second.times(factor)) {
-            Some(expected) if expected.variance > found.variance => expected,
-            _ => found,
-        }
-    }
-
-    fn variance(&self) -> f64 {
-        self.spread().variance
-    }
-
-    fn z(&self) -> f64 {
-        let variance = self.variance();
-        if variance > 0.0 && !self.difference.is_nan() {
-            let deviation = variance.sqrt();
-            let rounding = if self.rounding > NEGLIGIBLE * deviation { self.rounding } else { 0.0 };
-            (self.difference.abs() - rounding).max(0.0).copysign(self.difference) / deviation
-        } else if self.difference.is_nan() {
-            self.difference
-        } else if self.differs {
-            f64::INFINITY
-        } else {
-            0.0
-        }
-    }
-
-    /// Returns the degrees of freedom of the variance.
-    fn freedom(&self) -> f64 {
-        self.spread().freedom()
-    }
-
-    /// Returns the p-value of the block; NaN if z is NaN.
-    fn probability(&self) -> f64 {
-        let t = self.z();
-        if self.variance() == 0.0 || !t.is_finite() {
-            return if t.is_nan() { f64::NAN } else { f64::from(u8::from(t == 0.0)) };
-        }
-        tail(t, self.freedom())
-    }
-
-    /// Returns the least relative difference of the block's sum that is detected at a significance with a probability
-    /// of 0.95.
-    fn gain(&self, significance: f64) -> f64 {
-        /// The 95 % quantile of the standard normal distribution.
-        const POWER: f64 = 1.644_853_627;
-        let variance = self.variance();
-        let far_out = if variance > 0.0 { quantile(significance, self.freedom()) + POWER } else { 0.0 };
-        (far_out * variance.sqrt() + self.rounding) / self.reference.abs()
-    }
-}
-
 /// Computes the scores of all blocks. `x` becomes the image of the scores.
 fn summarise(mut x: Image, images: &ImagePair<'_>, significance: f64) -> ZTest {
     let channels = x.channels.len();
     let (columns, rows) = (x.width.div_ceil(ZTest::SIDE), x.height.div_ceil(ZTest::SIDE));
     let n = columns * rows * channels;
     let each = share(significance, n);
-    let (mut accepted, mut without_variance) = (0usize, 0usize);
+    let (mut accepted, mut without_variance, mut unequal) = (0, 0, 0);
+    let (mut largest, mut largest_index) = (0.0, 0);
     let mut whole = vec![BlockSums::default(); channels];
     let (mut sum, mut squares, mut least) = (0.0, 0.0, 1f64);
     let (mut max, mut max_index) = (0.0, 0);
@@ -388,19 +179,27 @@ fn summarise(mut x: Image, images: &ImagePair<'_>, significance: f64) -> ZTest {
                 block.add(&x, images, i);
                 whole.add(&x, images, i);
             }
-            let (z, probability) = (block.z(), block.probability());
-            if block.variance() > 0.0 {
+            let z = if block.variance() > 0.0 {
+                let (z, probability) = (block.z(), block.probability());
                 sum += z;
                 squares += z * z;
+                accepted += usize::from(probability >= each);
+                least = least.min(probability);
+                let size = if z.is_nan() { f64::INFINITY } else { z.abs() };
+                if size > max {
+                    (max, max_index) = (size, indices[0]);
+                }
+                z
             } else {
+                let differs = block.largest > ZTest::SAME;
                 without_variance += 1;
-            }
-            // NaN is never accepted.
-            accepted += usize::from(probability >= each);
-            least = if probability.is_nan() { 0.0 } else { least.min(probability) };
-            if z.abs() > max {
-                (max, max_index) = (z.abs(), indices[0]);
-            }
+                unequal += usize::from(differs);
+                accepted += usize::from(!differs);
+                if block.largest > largest {
+                    (largest, largest_index) = (block.largest, indices[0]);
+                }
+                if differs { f64::INFINITY } else { 0.0 }
+            };
             indices.into_iter().for_each(|i| x.data[i] = z as f32);
         }
     }
@@ -423,6 +222,8 @@ fn summarise(mut x: Image, images: &ImagePair<'_>, significance: f64) -> ZTest {
         max,
         max_at: location(&x, max_index),
         without_variance,
+        unequal,
+        unequal_at: (largest > 0.0).then(|| (largest, location(&x, largest_index))),
         scores: x,
     }
 }
@@ -526,16 +327,40 @@ mod tests {
     }
 
     #[test]
-    fn without_variance_only_equal_values_pass() {
+    fn without_variance_values_pass_that_differ_by_a_thousandth_at_most() {
         let mut a = Image::new(7, 1, &["Y"]);
-        let b = a.clone();
         let variance = a.clone();
-        let equal = z_test(&a, &b, Some(&variance), 0.01).unwrap();
+        a.data.fill(0.3);
+        let b = a.clone();
+        let test = |a: &Image| z_test(a, &b, Some(&variance), 0.01).unwrap();
+        let equal = test(&a);
         assert_eq!((equal.accepted, equal.without_variance, equal.passes()), (1.0, 2, true));
+        assert_eq!(equal.unequal_at, None);
         // Differences that cancel in the sum are detected.
-        (a.data[5], a.data[6]) = (1e-20, -1e-20);
-        let test = z_test(&a, &b, Some(&variance), 0.01).unwrap();
-        assert_eq!((test.accepted, test.max, test.max_at.x), (0.5, f64::INFINITY, 4));
+        (a.data[5], a.data[6]) = (0.3 * 1.0009, 0.3 * 0.9991);
+        let almost = test(&a);
+        let (difference, place) = almost.unequal_at.clone().unwrap();
+        assert!((difference - 0.0009).abs() < 1e-6 && place.x == 4, "{almost:?}");
+        assert_eq!((almost.accepted, almost.unequal, almost.max), (1.0, 0, 0.0));
+        (a.data[5], a.data[6]) = (0.3 * 1.002, 0.3 * 0.998);
+        let different = test(&a);
+        assert_eq!((different.accepted, different.unequal, different.max), (0.5, 1, 0.0));
+        assert_eq!(different.scores.data[4..], [f32::INFINITY; 3]);
+        // Against black any value differs.
+        assert_eq!(z_test(&Image::new(7, 1, &["Y"]), &b, Some(&variance), 0.01).unwrap().unequal, 2);
+    }
+
+    /// A block without variance beside one with: z is that of the latter.
+    #[test]
+    fn z_is_finite_where_a_block_lacks_a_variance() {
+        let (mut a, mut b) = images(&[0.0, 2.0]);
+        for (x, y) in (0..16).map(|k| (k % 4, k / 4)) {
+            a.pixel_mut(x, y).copy_from_slice(&[1.1, 0.0]);
+            b.pixel_mut(x, y)[1] = 0.0;
+        }
+        let test = z_test(&a, &b, None, 0.01).unwrap();
+        assert!((test.max - 2.0).abs() < 1e-6 && test.block_probability > 0.05, "{test:?}");
+        assert_eq!((test.blocks, test.rejected, test.without_variance, test.unequal), (2, 1, 1, 1));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! The domains that a pixel is an integral over, each switched on alone.
 
-use super::outcome::{Evidence, Finding, may_be, slope};
+use super::outcome::{Evidence, Finding, plus_minus, slope};
 use super::studio::{ROOM, Sampling, Studio, picture};
+use super::verdict::Check;
 use super::{Found, Options};
 use crate::error::Result;
 use crate::estimate::convergence::PowerLaw;
@@ -35,6 +36,8 @@ struct Row {
     /// RMS errors at each sample count.
     errors: Vec<(u64, Measured)>,
     law: Option<PowerLaw>,
+    /// The exponent of the law, from pairs of renders.
+    exponent: Measured,
 }
 
 fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<Vec<Row>> {
@@ -42,12 +45,15 @@ fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<
     let mut rows = Vec::new();
     for (domain, (of, _)) in DOMAINS.into_iter().enumerate() {
         for sampler in SAMPLERS {
-            let mut errors = Vec::new();
+            let mut squares = Vec::new();
             for spp in (1..=most).map(|k| 1u64 << k) {
-                errors.push((spp, studio.noise(integrator, alone(of, sampler, spp), options.scaled(4, 2))?));
+                squares
+                    .push((spp, studio.squares(integrator, alone(of, sampler, spp), options.scaled(8, 4))?));
             }
+            let errors: Vec<_> = squares.iter().map(|(spp, s)| (*spp, Measured::root(s))).collect();
             let law = PowerLaw::fit(errors.iter().map(|(spp, e)| (*spp as f64, e.value)));
-            rows.push(Row { domain, sampler, errors, law });
+            let points: Vec<_> = squares.iter().map(|(spp, s)| (*spp as f64, s.as_slice())).collect();
+            rows.push(Row { domain, sampler, errors, law, exponent: Measured::exponent(&points) });
         }
     }
     Ok(rows)
@@ -87,29 +93,24 @@ fn plot(rows: &[Row], sampler: SamplerKind) -> Plot {
 }
 
 fn findings(rows: &[Row]) -> Vec<Finding> {
-    let exponents = |sampler: SamplerKind| -> Vec<f64> {
-        rows.iter().filter(|r| r.sampler == sampler).filter_map(|r| r.law.map(|law| law.exponent)).collect()
+    let exponents = |sampler: SamplerKind| -> Vec<Measured> {
+        rows.iter().filter(|row| row.sampler == sampler).map(|row| row.exponent).collect()
     };
-    let listed = |values: &[f64]| {
-        let named = DOMAINS.iter().zip(values).map(|((domain, _), e)| format!("{domain} {e:.2}"));
+    let listed = |values: &[Measured]| {
+        let named = DOMAINS.iter().zip(values).map(|((domain, _), e)| format!("{domain} {}", plus_minus(*e)));
         named.collect::<Vec<_>>().join(", ")
     };
     let [independent, sobol] = SAMPLERS.map(exponents);
     vec![
         Finding::new(
             "Pixel, lens, time, light, BSDF and hemisphere are domains of one integral: of each, the error falls as 1/√N.",
-            format!(
-                "slopes of independent samples: {} (held within 0.1 or their intervals)",
-                listed(&independent)
-            ),
-            rows.iter()
-                .filter(|row| row.sampler == SamplerKind::Independent)
-                .all(|row| row.law.is_some_and(|law| may_be(law, -0.5, 0.1))),
+            format!("slopes of independent samples: {} (allowed 0.1)", listed(&independent)),
+            &independent.iter().map(|e| Check::near(*e, -0.5, 0.1)).collect::<Vec<_>>(),
         ),
         Finding::new(
             "Stratified over a domain, samples of it converge faster than independent ones.",
             format!("slopes of Sobol samples: {}", listed(&sobol)),
-            sobol.len() == DOMAINS.len() && sobol.iter().zip(&independent).all(|(s, i)| s < i),
+            &sobol.iter().zip(&independent).map(|(s, i)| Check::below(s.minus(*i), 0.0)).collect::<Vec<_>>(),
         ),
     ]
 }

@@ -1,8 +1,9 @@
 //! From ray casting to path tracing, on one scene.
 
 use super::moments::Measured;
-use super::outcome::{Evidence, Finding, may_be, slope};
+use super::outcome::{Evidence, Finding, plus_minus, slope};
 use super::studio::{BALLS, Sampling, Shot, Studio, viewer};
+use super::verdict::Check;
 use super::{Found, Options};
 use crate::error::Result;
 use crate::estimate::convergence::PowerLaw;
@@ -49,11 +50,24 @@ struct Row {
     rays: f64,
     rays_per_pixel: f64,
     seconds: f64,
+    /// Mean squared errors against the reference, of groups of pixels.
+    squares: Vec<f64>,
     /// RMS error against the reference.
-    error: f64,
+    error: Measured,
     /// Mean of the picture over that of the reference; its error is that of an unbiased picture.
     brightness: Measured,
     image: Image,
+}
+
+/// The groups that the pixels of a picture are divided into.
+const GROUPS: usize = 10;
+
+/// Mean squared differences of the pixels of two images, for each group: every tenth pixel.
+fn squares(image: &Image, truth: &Image) -> Vec<f64> {
+    let pixels = || image.data.chunks_exact(3).zip(truth.data.chunks_exact(3));
+    let square = |(a, b): (&[f32], &[f32])| metrics::mse(a, b);
+    let group = |k| Measured::mean(&pixels().skip(k).step_by(GROUPS).map(square).collect::<Vec<_>>()).value;
+    (0..GROUPS).map(group).collect()
 }
 
 /// The mean of an image's values.
@@ -68,17 +82,22 @@ fn measure(studio: &Studio, algorithms: &[Algorithm], truth: &Image) -> Result<V
             let sampling = Sampling::new(SamplerKind::Independent, spp);
             let Shot { image, counters, seconds, .. } = studio.shoot(&algorithm.settings, sampling, 0)?;
             let rays = (counters.closest_rays + counters.occlusion_rays) as f64;
-            let error = metrics::mse(&image.data, &truth.data).sqrt();
+            let squares = squares(&image, truth);
+            let error = Measured::root(&squares);
             let pixels = (image.width * image.height) as f64;
             // Pixels are independent; the colours of one are not.
-            let brightness =
-                Measured { value: mean(&image) / mean(truth), error: error / pixels.sqrt() / mean(truth) };
+            let brightness = Measured {
+                value: mean(&image) / mean(truth),
+                error: error.value / pixels.sqrt() / mean(truth),
+                freedom: pixels - 1.0,
+            };
             rows.push(Row {
                 algorithm: i,
                 spp,
                 rays,
                 rays_per_pixel: rays / pixels,
                 seconds,
+                squares,
                 error,
                 brightness,
                 image,
@@ -105,7 +124,7 @@ fn table(algorithms: &[Algorithm], rows: &[Row]) -> Table {
             format!("{:.2} M", row.rays * 1e-6),
             format!("{:.0}", row.rays_per_pixel),
             format!("{:.2}", row.seconds),
-            format!("{:.4}", row.error),
+            format!("{:.4}", row.error.value),
             format!("{:.1} %", 100.0 * row.brightness.value),
         ]);
     }
@@ -118,7 +137,7 @@ fn of(rows: &[Row], algorithm: usize) -> impl Iterator<Item = &Row> {
 }
 
 fn law(rows: &[Row], algorithm: usize) -> Option<PowerLaw> {
-    PowerLaw::fit(of(rows, algorithm).map(|row| (row.rays_per_pixel, row.error)))
+    PowerLaw::fit(of(rows, algorithm).map(|row| (row.rays_per_pixel, row.error.value)))
 }
 
 fn plot(algorithms: &[Algorithm], rows: &[Row]) -> Plot {
@@ -127,7 +146,7 @@ fn plot(algorithms: &[Algorithm], rows: &[Row]) -> Plot {
         points: of(rows, i)
             .map(|row| Point {
                 note: format!("{} spp", row.spp),
-                ..Point::new(row.rays_per_pixel, row.error)
+                ..Point::new(row.rays_per_pixel, row.error.value)
             })
             .collect(),
         style: i,
@@ -141,64 +160,80 @@ fn plot(algorithms: &[Algorithm], rows: &[Row]) -> Plot {
     }
 }
 
-/// Rays times squared error: what one unit of precision costs, the same for any number of samples.
-fn cost(rows: &[Row], algorithm: usize) -> f64 {
-    let (sum, n) = of(rows, algorithm)
-        .fold((0.0, 0.0), |(sum, n), row| (sum + (row.rays_per_pixel * row.error * row.error).ln(), n + 1.0));
-    (sum / n).exp()
+/// The mean squared error of a row, of all groups of pixels or all but one.
+fn mse(row: &Row, left_out: Option<usize>) -> f64 {
+    let kept = row.squares.iter().enumerate().filter(|(group, _)| Some(*group) != left_out);
+    Measured::mean(&kept.map(|(_, square)| *square).collect::<Vec<_>>()).value
 }
 
-/// The brightness of an algorithm's best picture, in percent of the truth's.
-fn brightness(rows: &[Row], algorithm: usize) -> f64 {
-    of(rows, algorithm).last().map_or(f64::NAN, |row| 100.0 * row.brightness.value)
+/// Rays times squared error: what one unit of precision costs, the same for any number of samples.
+fn cost(rows: &[Row], algorithm: usize, left_out: Option<usize>) -> f64 {
+    let logs: Vec<f64> =
+        of(rows, algorithm).map(|row| (row.rays_per_pixel * mse(row, left_out)).ln()).collect();
+    Measured::mean(&logs).value.exp()
+}
+
+/// The brightness of an algorithm's best picture, as a part of the truth's.
+fn brightness(rows: &[Row], algorithm: usize) -> Measured {
+    of(rows, algorithm).last().map_or(Measured::NONE, |row| row.brightness)
 }
 
 fn findings(rows: &[Row]) -> Vec<Finding> {
-    let errors = |i: usize| -> Vec<f64> { of(rows, i).map(|row| row.error).collect() };
-    let [casting, whitted] = [0, 1].map(errors);
     // Four times the samples halve the error of an unbiased picture.
-    let gain = |errors: &[f64]| errors[errors.len() - 2] / errors[errors.len() - 1];
-    let biased = |i: usize, errors: &[f64]| {
+    let gain = |i: usize| {
+        let rows: Vec<&Row> = of(rows, i).collect();
+        let [few, many] = [rows[rows.len() - 2], rows[rows.len() - 1]];
+        Measured::jackknife(GROUPS, |left_out| (mse(few, left_out) / mse(many, left_out)).sqrt())
+    };
+    let biased = |i: usize| {
+        let errors: Vec<f64> = of(rows, i).map(|row| row.error.value).collect();
         format!(
-            "RMS error {:.4} at 16 spp, {:.4} at 64: lower by {:.2} (without bias by 2; held below 1.5); brightness {:.1} % of \
-             the truth",
+            "RMS error {:.4} at 16 spp, {:.4} at 64: lower by {} (without bias by 2; allowed 1.5); brightness {:.1} % of \
+             the truth (allowed 99 %)",
             errors[errors.len() - 2],
             errors[errors.len() - 1],
-            gain(errors),
-            brightness(rows, i)
+            plus_minus(gain(i)),
+            100.0 * brightness(rows, i).value
         )
     };
     let unbiased = || [2, 3].into_iter().flat_map(|i| of(rows, i)).map(|row| row.brightness);
-    let slopes = [law(rows, 2), law(rows, 3)];
-    let near_half = |law: &Option<PowerLaw>| law.is_some_and(|law| may_be(law, -0.5, 0.15));
-    let costs = cost(rows, 2) / cost(rows, 3);
+    let exponents = [2, 3].map(|i| {
+        let points: Vec<_> = of(rows, i).map(|row| (row.rays_per_pixel, row.squares.as_slice())).collect();
+        Measured::exponent(&points)
+    });
+    let same = unbiased().map(|brightness| Check::near(brightness, 1.0, 0.02));
+    let same: Vec<Check> = exponents.map(|e| Check::near(e, -0.5, 0.15)).into_iter().chain(same).collect();
+    let costs = Measured::jackknife(GROUPS, |left_out| cost(rows, 2, left_out) / cost(rows, 3, left_out));
     vec![
         Finding::new(
             "Ray casting sees what is lit from points; it is biased, and more samples do not help.",
-            biased(0, &casting),
-            gain(&casting) < 1.5 && brightness(rows, 0) < 99.0,
+            biased(0),
+            &[Check::below(gain(0), 1.5), Check::below(brightness(rows, 0), 0.99)],
         ),
         Finding::new(
             "Whitted's rays add mirrors and glass, but neither penumbrae nor light between diffuse surfaces: still biased.",
-            biased(1, &whitted),
-            gain(&whitted) < 1.5 && brightness(rows, 0) < brightness(rows, 1) && brightness(rows, 1) < 99.0,
+            biased(1),
+            &[
+                Check::below(gain(1), 1.5),
+                Check::below(brightness(rows, 0).minus(brightness(rows, 1)), 0.0),
+                Check::below(brightness(rows, 1), 0.99),
+            ],
         ),
         Finding::new(
             "Distribution ray tracing and path tracing estimate the same picture without bias: error falls as 1/√rays.",
             format!(
-                "slopes {} and {} (held within 0.15 or its interval); brightness {:.2} % and {:.2} % of the truth (held within three standard \
-                 errors)",
-                slope(slopes[0]),
-                slope(slopes[1]),
-                brightness(rows, 2),
-                brightness(rows, 3)
+                "slopes {} and {} (allowed 0.15); brightness {:.2} % and {:.2} % of the truth (allowed 2 %)",
+                plus_minus(exponents[0]),
+                plus_minus(exponents[1]),
+                100.0 * brightness(rows, 2).value,
+                100.0 * brightness(rows, 3).value
             ),
-            slopes.iter().all(near_half) && unbiased().all(|brightness| brightness.agrees_with(1.0)),
+            &same,
         ),
         Finding::new(
             "One secondary ray at each surface and many camera rays (path tracing) is the better use of rays than a tree.",
-            format!("for the same error the tree casts {costs:.2} times as many rays"),
-            costs > 1.0,
+            format!("for the same error the tree casts {} times as many rays", plus_minus(costs)),
+            &[Check::above(costs, 1.0)],
         ),
     ]
 }

@@ -1,8 +1,9 @@
 //! A rectangular lamp sampled by its area, by its solid angle, and not at all.
 
 use super::moments::Measured;
-use super::outcome::{Evidence, Finding, slope};
+use super::outcome::{Evidence, Finding, plus_minus, slope};
 use super::studio::{BALLS, Sampling, Studio, viewer};
+use super::verdict::Check;
 use super::{Found, Options};
 use crate::error::Result;
 use crate::estimate::convergence::PowerLaw;
@@ -102,7 +103,7 @@ fn measure(way: Way, height: f64, options: &Options) -> Result<Row> {
     let studio = Studio::open_with(&way.scene(height), &files, (side, side), options)?;
     let exact = exact(height);
     let mut errors = Vec::new();
-    let mut mean = Measured { value: f64::NAN, error: f64::NAN };
+    let mut mean = Measured::NONE;
     for spp in (0..=4).map(|k| 1u64 << (2 * k)) {
         let image = studio.shoot(&way.integrator(), Sampling::new(SamplerKind::Independent, spp), spp)?.image;
         // Every pixel is an estimate of the same number.
@@ -157,30 +158,37 @@ fn plot(rows: &[Row], height: f64) -> Plot {
 fn findings(rows: &[Row]) -> Vec<Finding> {
     let error = |way: Way, height: f64| {
         let row = rows.iter().find(|row| row.way == way && row.height == height);
-        row.map_or(f64::NAN, |row| row.errors[row.errors.len() - 1].1.value)
+        row.map_or(Measured::NONE, |row| row.errors[row.errors.len() - 1].1)
     };
     let [near, far] = HEIGHTS;
     let offs = rows.iter().map(|row| (row.mean.value - exact(row.height)).abs() / row.mean.error);
     let worst = offs.fold(0.0, f64::max);
-    let near_gain = error(Way::Area, near) / error(Way::SolidAngle, near);
-    let far_gain = error(Way::NotAtAll, far) / error(Way::SolidAngle, far);
+    let near_gain = error(Way::Area, near).over(error(Way::SolidAngle, near));
+    let far_gain = error(Way::NotAtAll, far).over(error(Way::SolidAngle, far));
+    let means = rows.iter().map(|row| Check::near(row.mean, exact(row.height), 0.02 * exact(row.height)));
     vec![
         Finding::new(
             "Over area or over solid angle: with the right density every way estimates the same light.",
             format!(
-                "the means of 256 samples are at most {worst:.1} standard errors off the closed form (held within 4)"
+                "the means of 256 samples are at most {worst:.1} standard errors off the closed form (allowed 2 %)"
             ),
-            worst < 4.0,
+            &means.collect::<Vec<_>>(),
         ),
         Finding::new(
             "Near a lamp, uniform points of its area are a worse density than uniform directions to it.",
-            format!("at height {near}, by area the error is {near_gain:.2} times that by solid angle"),
-            near_gain > 1.2,
+            format!(
+                "at height {near}, by area the error is {} times that by solid angle",
+                plus_minus(near_gain)
+            ),
+            &[Check::above(near_gain, 1.0)],
         ),
         Finding::new(
             "A lamp that is small as seen from the surface must be sampled: rays in random directions rarely find it.",
-            format!("at height {far}, without sampling it the error is {far_gain:.1} times as large"),
-            far_gain > 3.0,
+            format!(
+                "at height {far}, without sampling it the error is {} times as large (at least 3)",
+                plus_minus(far_gain)
+            ),
+            &[Check::above(far_gain, 3.0)],
         ),
     ]
 }

@@ -1,8 +1,7 @@
 //! Experiments: claims about Monte Carlo integration and ray tracing, each measured.
 //!
-//! An experiment states what is claimed, measures it with an interval, says whether it held, and shows what it was
-//! measured from. Everything but times is decided by the seed. A claim about a number holds if the number is within
-//! three standard errors of what is claimed, or as the finding says.
+//! An experiment states what is claimed, measures it with an interval, says whether that confirms or refutes the claim
+//! ([`Verdict`]), and shows what it was measured from. Everything but times is decided by the seed.
 
 mod domains;
 mod glossy;
@@ -15,8 +14,10 @@ mod paths;
 mod patterns;
 mod random;
 mod studio;
+mod verdict;
 
 pub use outcome::{Evidence, Finding, Outcome};
+pub use verdict::{LEVEL, Verdict};
 
 use crate::accel::AccelKind;
 use crate::error::Result;

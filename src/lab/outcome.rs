@@ -2,6 +2,7 @@
 
 use crate::estimate::convergence::PowerLaw;
 use crate::lab::moments::Measured;
+use crate::lab::verdict::{Check, Verdict};
 use crate::report::{Html, Picture, Plot, Table, gallery};
 
 /// A claim and what became of it.
@@ -11,14 +12,14 @@ pub struct Finding {
     pub claim: String,
     /// The measured number with its interval.
     pub measured: String,
-    /// Whether the claim held.
-    pub held: bool,
+    /// What that says of the claim.
+    pub verdict: Verdict,
 }
 
 impl Finding {
-    /// A finding.
-    pub fn new(claim: impl Into<String>, measured: impl Into<String>, held: bool) -> Self {
-        Finding { claim: claim.into(), measured: measured.into(), held }
+    /// Judges a claim by what it implies.
+    pub fn new(claim: impl Into<String>, measured: impl Into<String>, checks: &[Check]) -> Self {
+        Finding { claim: claim.into(), measured: measured.into(), verdict: Verdict::of(checks) }
     }
 }
 
@@ -73,8 +74,9 @@ impl Outcome {
     /// The text for a terminal.
     pub fn text(&self) -> String {
         let mut text = format!("{}: {}\n", self.name, self.title);
-        for Finding { claim, measured, held } in &self.findings {
-            text.push_str(&format!("  {} {claim}\n           {measured}\n", mark(*held)));
+        for Finding { claim, measured, verdict } in &self.findings {
+            let word = format!("{}:", verdict.word());
+            text.push_str(&format!("  {word:<10} {claim}\n             {measured}\n"));
         }
         for evidence in &self.evidence {
             match evidence {
@@ -93,8 +95,8 @@ impl Outcome {
     pub fn html(&self) -> Html {
         let mut html = Html::default();
         let mut list = Html::default();
-        for Finding { claim, measured, held } in &self.findings {
-            let mut item = Html::element("b", "", &Html::text(mark(*held).trim_end()));
+        for Finding { claim, measured, verdict } in &self.findings {
+            let mut item = Html::element("b", "", &Html::text(&format!("{}:", verdict.word())));
             item.push(&Html::text(&format!("{claim} ")));
             item.push(&Html::element("em", "", &Html::text(measured)));
             list.push(&Html::element("li", "", &item));
@@ -112,16 +114,6 @@ impl Outcome {
         }
         html
     }
-}
-
-/// The word before a claim, of one width.
-fn mark(held: bool) -> &'static str {
-    if held { "held:   " } else { "refuted:" }
-}
-
-/// Whether the exponent of a law may be `expected`: within a tolerance, or within its interval.
-pub fn may_be(law: PowerLaw, expected: f64, tolerance: f64) -> bool {
-    (law.exponent - expected).abs() <= tolerance || (law.interval[0]..=law.interval[1]).contains(&expected)
 }
 
 /// `-0.501 [-0.503, -0.499]`; a dash where there is no law.
@@ -150,23 +142,30 @@ mod tests {
 
     #[test]
     fn intervals_have_two_digits() {
-        assert_eq!(plus_minus(Measured { value: 1.77777, error: 0.01 }), "1.778 ± 0.020");
-        assert_eq!(plus_minus(Measured { value: 1235.6, error: 20.0 }), "1236 ± 39");
-        assert_eq!(plus_minus(Measured { value: 0.5, error: 0.0 }), "0.5000 ± 0.0000");
+        let number = |value, error| Measured { value, error, freedom: 9.0 };
+        assert_eq!(plus_minus(number(1.77777, 0.01)), "1.778 ± 0.020");
+        assert_eq!(plus_minus(number(1235.6, 20.0)), "1236 ± 39");
+        assert_eq!(plus_minus(number(0.5, 0.0)), "0.5000 ± 0.0000");
         assert_eq!(slope(None), "–");
     }
 
     #[test]
-    fn text_and_page_tell_what_held() {
+    fn text_and_page_tell_the_verdict() {
         let outcome = Outcome {
             name: "x",
             title: "an experiment",
-            findings: vec![Finding::new("Up is up.", "1 ± 0", true), Finding::new("Down < up.", "2", false)],
+            findings: [("Up is up.", "1 ± 0", Verdict::Confirmed), ("Down < up.", "2", Verdict::Refuted)]
+                .map(|(claim, measured, verdict)| Finding {
+                    claim: claim.into(),
+                    measured: measured.into(),
+                    verdict,
+                })
+                .into(),
             evidence: vec![Evidence::Text("Because.".into())],
         };
         assert_eq!(
             outcome.text(),
-            "x: an experiment\n  held:    Up is up.\n           1 ± 0\n  refuted: Down < up.\n           2\n\n  Because.\n"
+            "x: an experiment\n  confirmed: Up is up.\n             1 ± 0\n  refuted:   Down < up.\n             2\n\n  Because.\n"
         );
         assert!(outcome.html().as_str().contains("<b>refuted:</b>"));
         assert!(outcome.html().as_str().contains("Down &lt; up."));

@@ -109,19 +109,26 @@ impl Studio {
         })
     }
 
-    /// The root mean square error of an unbiased picture, without a reference: half the mean square of the difference
-    /// of two independent takes is the variance. `pairs` of takes give the interval.
+    /// The root mean square error of an unbiased picture, without a reference. `pairs` of takes give the interval.
     ///
     /// # Errors
     /// As [`shoot`](Self::shoot).
     pub fn noise(&self, integrator: &Settings, sampling: Sampling, pairs: u64) -> Result<Measured> {
+        Ok(Measured::root(&self.squares(integrator, sampling, pairs)?))
+    }
+
+    /// The mean squared errors of an unbiased picture: half the mean square of the difference of two independent takes
+    /// is the variance.
+    ///
+    /// # Errors
+    /// As [`shoot`](Self::shoot).
+    pub fn squares(&self, integrator: &Settings, sampling: Sampling, pairs: u64) -> Result<Vec<f64>> {
         let mut squares = Vec::new();
         for pair in 0..pairs {
             let [a, b] = [2 * pair, 2 * pair + 1].map(|take| self.shoot(integrator, sampling, take));
             squares.push(0.5 * metrics::mse(&a?.image.data, &b?.image.data));
         }
-        let Measured { value, error } = Measured::mean(&squares);
-        Ok(Measured { value: value.sqrt(), error: 0.5 * error / value.sqrt().max(f64::MIN_POSITIVE) })
+        Ok(squares)
     }
 }
 

@@ -64,10 +64,18 @@ fn differences(
     if comparison.has_invalid() {
         faults.push(format!("NaN or infinite values: {}; {}", comparison.invalid_a, comparison.invalid_b));
     }
-    if test.rejected > 0 {
+    if test.rejected > test.unequal {
         faults.push(format!(
             "{} of {} blocks differ by more than their noise, the worst at {}",
-            test.rejected, test.blocks, test.max_at
+            test.rejected - test.unequal,
+            test.blocks,
+            test.max_at
+        ));
+    }
+    if let Some((_, at)) = test.unequal_at.as_ref().filter(|_| test.unequal > 0) {
+        faults.push(format!(
+            "{} of {} blocks without noise differ, the worst at {at}",
+            test.unequal, test.without_variance
         ));
     }
     if rms > RMS {

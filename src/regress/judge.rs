@@ -2,7 +2,7 @@
 
 use super::reference::Reference;
 use crate::compare::{
-    Invalid, Location, NotComparable, ZTest, ZTestOptions, compare, invalid, is_of_noise, z_test_with,
+    Invalid, NotComparable, ZTest, ZTestOptions, compare, invalid, is_of_noise, z_test_with,
 };
 use crate::image::Image;
 
@@ -98,14 +98,23 @@ fn by_variance(
     };
     let test = z_test_with(image, &reference.image, &options)?;
     let mut faults = Vec::new();
-    if test.rejected > 0 {
-        let Location { x, y, channel } = &test.max_at;
+    let by_noise = test.rejected - test.unequal;
+    if by_noise > 0 {
         faults.push(format!(
-            "{} of {} blocks rejected (p {}), |z| up to {:.1} at pixel ({x}, {y}), channel {channel}",
-            test.rejected,
+            "{by_noise} of {} blocks rejected (p {}), |z| up to {:.1} at {}",
             test.blocks,
             probability(test.block_probability),
-            test.max
+            test.max,
+            test.max_at
+        ));
+    }
+    if let Some((difference, at)) = test.unequal_at.as_ref().filter(|_| test.unequal > 0) {
+        faults.push(format!(
+            "{} of {} blocks without variance differ by more than {}, the worst by {} at {at}",
+            test.unequal,
+            test.without_variance,
+            percent(ZTest::SAME),
+            percent(*difference)
         ));
     }
     if let Some((channel, share)) = test.bias_at.as_ref().filter(|_| !test.is_unbiased()) {
@@ -122,7 +131,11 @@ fn by_variance(
     } else {
         "; black".to_owned()
     };
-    let figures = format!("p {blocks} of blocks, {bias} of bias{gain}");
+    let without = match test.without_variance {
+        0 => String::new(),
+        n => format!("; {n} of {} blocks have no variance", test.blocks),
+    };
+    let figures = format!("p {blocks} of blocks, {bias} of bias{gain}{without}");
     Ok(Judgement { faults, figures, gain: Some(test.gain), scores: Some(scores(&test)) })
 }
 
@@ -231,6 +244,20 @@ mod tests {
             "{}",
             says(&spot, &r)
         );
+        let (mut constant, mut exact) = (a.clone(), r.image.clone());
+        for image in [&mut constant, &mut exact] {
+            for (x, y) in (0..16).map(|k| (4 + k % 4, 8 + k / 4)) {
+                image.pixel_mut(x, y).copy_from_slice(&[0.3, 0.3, 0.3, 0.0, 0.0, 0.0]);
+            }
+        }
+        let exact = reference(exact);
+        let figures = judge(&constant, 16, &exact, &RULES).figures;
+        assert!(figures.ends_with("; 3 of 192 blocks have no variance"), "{figures}");
+        assert_eq!(says(&constant, &exact), "");
+        constant.pixel_mut(5, 9)[2] = 0.315;
+        let unequal = "1 of 3 blocks without variance differ by more than 0.10 %, the worst by 4.8 % at \
+                       pixel (4, 8), channel B";
+        assert_eq!(says(&constant, &exact), unequal);
         let mut bad = a.clone();
         bad.pixel_mut(3, 2)[1] = f32::NAN;
         let nan = "the render holds 1 NaN and 0 infinite values, the first at pixel (3, 2), channel G";

@@ -79,6 +79,10 @@ pub struct Options {
     /// Samples per pixel of a reference; without it, 16 times as many as those of a test, and up to 64 times as many
     /// until its noise leaves room to find the gain.
     pub update_samples: Option<u64>,
+    /// The time for each reference. A reference whose time is up is written with the samples that it has.
+    pub update_time: Option<Duration>,
+    /// Receives sentences about the run, such as the time that a reference will take.
+    pub note: fn(&str),
     /// The folder for images of what failed.
     pub output: Option<PathBuf>,
     /// Whether to compare the traversals instead of references.
@@ -100,6 +104,8 @@ impl Default for Options {
             strict: false,
             update: None,
             update_samples: None,
+            update_time: None,
+            note: |_| {},
             output: None,
             cross_accel: false,
         }

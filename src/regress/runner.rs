@@ -11,7 +11,7 @@ use crate::integrator::settings::Aov;
 use crate::render::output;
 use crate::render::{Progress, Rendered, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Samples per pixel where the scene says nothing.
 const DEFAULT_SPP: u64 = 64;
@@ -19,6 +19,13 @@ const DEFAULT_SPP: u64 = 64;
 const MOST: [u64; 2] = [16, 64];
 /// How many times the samples of a test a reference has, at least.
 const REFERENCE_SAMPLES: u64 = 16;
+
+/// Samples per pixel from which the time of a reference is forecast.
+const PILOT: u64 = 8;
+/// References of this many samples are not forecast.
+const FEW: u64 = 8 * PILOT;
+/// A shorter time than this is not told before a reference is rendered.
+const SHORT: Duration = Duration::from_secs(10);
 
 /// A run's settings.
 pub(super) struct Runner<'a> {
@@ -223,32 +230,67 @@ impl<'a> Runner<'a> {
         let seed = self.options.choices.seed;
         let first = self.samples(session);
         let most = if self.options.samples.is_some() { first } else { first.saturating_mul(MOST[0]) };
-        self.render_until(session, seed, [first, most], limit, gain)
+        self.render_until(session, seed, [first, most], None, limit, gain)
     }
 
-    /// Renders with twice the samples, or as many times more as it takes, until the gain is at most `limit` or the
-    /// samples the most there may be. Only the last render counts: looking at several would give chance as many
-    /// chances.
+    /// Renders with twice the samples, or as many times more as it takes, until the gain is at most `limit`, the
+    /// samples the most there may be, or the deadline is reached. Only the last render counts: looking at several
+    /// would give chance as many chances.
     fn render_until(
         &self,
         session: &Session,
         seed: u64,
         [first, most]: [u64; 2],
+        deadline: Option<Instant>,
         limit: f64,
         gain: impl Fn(&Picture) -> f64,
     ) -> Result<Option<Picture>> {
         let mut samples = first;
         loop {
-            let plan = self.plan(session, samples, seed)?;
+            let mut plan = self.plan(session, samples, seed)?;
+            let started = Instant::now();
+            plan.job.stop.time = deadline.map(|deadline| deadline.saturating_duration_since(started));
             let Some(picture) = self.render(session, &plan)? else { return Ok(None) };
             let gain = gain(&picture);
-            if samples >= most || gain <= limit || !gain.is_finite() {
+            let done = picture.samples_per_pixel;
+            if samples >= most || done < samples || gain <= limit || !gain.is_finite() {
+                return Ok(Some(picture));
+            }
+            let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+            if left.is_some_and(|left| left < 2 * started.elapsed()) {
                 return Ok(Some(picture));
             }
             // Variances fall at least as one over the samples.
             let doublings = (2.0 * (gain / limit).log2()).ceil().clamp(1.0, 20.0) as u32;
             samples = samples.saturating_mul(1 << doublings).min(most);
         }
+    }
+
+    /// Tells the time that a reference will take, from a render of a few samples, if it is long or longer than
+    /// allowed.
+    fn forecast(&self, scene: &FoundScene, session: &Session, [first, most]: [u64; 2]) -> Result<()> {
+        if first <= FEW {
+            return Ok(());
+        }
+        let plan = self.plan(session, PILOT, REFERENCE_SEED)?;
+        let pilot = session.render(&plan, self.progress)?;
+        let taken = pilot.samples_per_pixel.max(1) as f64;
+        let time = |samples: u64| pilot.prepared + pilot.elapsed.mul_f64(samples as f64 / taken);
+        let limit = self.options.update_time;
+        if self.progress.is_interrupted() || time(first) < limit.map_or(SHORT, |limit| limit.min(SHORT)) {
+            return Ok(());
+        }
+        let more = match most > first && limit.is_none_or(|limit| time(first) < limit) {
+            true => format!(", and up to {} for {most}", duration(time(most))),
+            false => String::new(),
+        };
+        let allowed = limit.map_or_else(String::new, |limit| format!("; --time allows {}", duration(limit)));
+        let time = duration(time(first));
+        (self.options.note)(&format!(
+            "{}: the reference takes about {time} for {first} samples per pixel{more}{allowed}",
+            scene.name
+        ));
+        Ok(())
     }
 
     /// Renders and writes the reference of a scene.
@@ -263,9 +305,10 @@ impl<'a> Runner<'a> {
             gain_of_reference(&reference, &self.rules)
         };
         let limit = 0.5 * self.options.gain;
-        let Some(picture) = self.render_until(session, REFERENCE_SEED, [first, most], limit, gain)? else {
-            return Ok(Outcome::interrupted());
-        };
+        let deadline = self.options.update_time.map(|time| Instant::now() + time);
+        self.forecast(scene, session, [first, most])?;
+        let picture = self.render_until(session, REFERENCE_SEED, [first, most], deadline, limit, gain)?;
+        let Some(picture) = picture else { return Ok(Outcome::interrupted()) };
         if let Some(dropped) = picture.dropped {
             return Err(Error::scene(format!("the reference was not written: {dropped}")));
         }
@@ -276,10 +319,26 @@ impl<'a> Runner<'a> {
         } else {
             String::new()
         };
-        let message = format!("{}{stale}{why}", path.display());
         let samples_per_pixel = picture.samples_per_pixel;
+        let bounded = if samples_per_pixel < first {
+            format!("; --time allowed {samples_per_pixel} of {first} samples per pixel")
+        } else {
+            String::new()
+        };
+        let message = format!("{}{bounded}{stale}{why}", path.display());
         Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Wrote, message) })
     }
+}
+
+/// A time for people: `5.9 s`, `12 min` or `3.4 h`.
+fn duration(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    let (number, unit) = match seconds {
+        s if s < 120.0 => (s, "s"),
+        s if s < 7200.0 => (s / 60.0, "min"),
+        s => (s / 3600.0, "h"),
+    };
+    if number < 10.0 { format!("{number:.1} {unit}") } else { format!("{number:.0} {unit}") }
 }
 
 /// The gain that a test without any noise would find; 0 if nothing is known about the noise.

@@ -2,8 +2,7 @@
 
 use super::job::Rendered;
 use crate::color::Rgb;
-use crate::compare::ZTest;
-use crate::compare::ztest::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
+use crate::compare::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE, ZTest};
 use crate::film::tile::variance_of_mean;
 use crate::film::{ComponentFormat, PixelFormat, Tile};
 use crate::image::{Image, Metadata, SampleFormat, Value};

@@ -1,6 +1,7 @@
 //! The circumstances of a measurement.
 
 use std::fs;
+use std::path::Path;
 
 /// The name of a SIMD feature, and a test whether the processor has it.
 type Width = (&'static str, fn() -> bool);
@@ -33,7 +34,8 @@ pub fn date() -> String {
     now.round(jiff::Unit::Second).unwrap_or(now).to_string()
 }
 
-/// Returns the command line, quoted for a shell.
+/// Returns the command line, quoted for a shell: the program by its name alone, and files below the current folder by
+/// their relative paths.
 pub fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
     let quoted = |word: String| {
@@ -43,7 +45,14 @@ pub fn command_line() -> String {
             format!("'{}'", word.replace('\'', r"'\''"))
         }
     };
-    std::env::args_os().map(|w| quoted(w.to_string_lossy().into_owned())).collect::<Vec<_>>().join(" ")
+    let folder = std::env::current_dir().unwrap_or_default();
+    let short = |(i, word): (usize, std::ffi::OsString)| {
+        let path = Path::new(&word);
+        let shown = if i == 0 { path.file_name().map(Path::new) } else { path.strip_prefix(&folder).ok() };
+        let shown = shown.filter(|shown| !shown.as_os_str().is_empty()).unwrap_or(path);
+        quoted(shown.to_string_lossy().into_owned())
+    };
+    std::env::args_os().enumerate().map(short).collect::<Vec<_>>().join(" ")
 }
 
 /// Returns names and values: processor, system, Buffon's version, command line, date.

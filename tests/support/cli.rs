@@ -178,6 +178,23 @@ impl Running {
         BufReader::new(self.0.stderr.take().expect("a pipe"))
     }
 
+    /// Waits until a file is replaced or created; `false` if the program has ended before.
+    #[cfg(unix)]
+    pub fn wait_for_change(&mut self, path: &Path) -> bool {
+        use std::os::unix::fs::MetadataExt;
+        let version =
+            || std::fs::metadata(path).ok().map(|file| (file.ino(), file.mtime(), file.mtime_nsec()));
+        let (started, before) = (Instant::now(), version());
+        while version() == before {
+            if self.0.try_wait().expect("a child").is_some() {
+                return false;
+            }
+            assert!(started.elapsed() < Self::TIMEOUT, "{} was not written", path.display());
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        true
+    }
+
     /// Waits until the program has ended.
     ///
     /// # Panics

@@ -5,6 +5,7 @@ use crate::estimate::convergence::PowerLaw;
 use crate::lab::moments::Measured;
 use crate::lab::outcome::{Evidence, Finding, plus_minus, slope};
 use crate::lab::random::Stream;
+use crate::lab::verdict::Check;
 use crate::lab::{Found, Options};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use rayon::prelude::*;
@@ -47,6 +48,14 @@ fn law(rows: &[Row], estimator: usize) -> Option<PowerLaw> {
     PowerLaw::fit(fitted.map(|row| (f64::from(row.n), Measured::rms(&row.errors[estimator]).value)))
 }
 
+/// The exponent of the law, from the runs.
+fn exponent(rows: &[Row], estimator: usize) -> Measured {
+    let fitted = rows.iter().filter(|row| row.n >= FIT_FROM);
+    let squares = |row: &Row| row.errors[estimator].iter().map(|e| e * e).collect();
+    let points: Vec<(f64, Vec<f64>)> = fitted.map(|row| (f64::from(row.n), squares(row))).collect();
+    Measured::exponent(&points.iter().map(|(n, squares)| (*n, squares.as_slice())).collect::<Vec<_>>())
+}
+
 /// Squared errors of the independent estimator times N: their expectation is the variance of f.
 fn scaled(row: &Row) -> impl Iterator<Item = f64> {
     row.errors[0].iter().map(|e| e * e * f64::from(row.n))
@@ -83,7 +92,7 @@ fn plot(integrand: &Integrand, rows: &[Row], laws: [Option<PowerLaw>; 2]) -> Plo
     let mut series = Vec::new();
     for (i, name) in ["independent", "stratified"].into_iter().enumerate() {
         let points = rows.iter().map(|row| {
-            let Measured { value, error } = Measured::rms(&row.errors[i]);
+            let Measured { value, error, .. } = Measured::rms(&row.errors[i]);
             let interval = Some([value - 1.96 * error, value + 1.96 * error]);
             Point { interval, ..Point::new(f64::from(row.n), value) }
         });
@@ -103,30 +112,40 @@ fn plot(integrand: &Integrand, rows: &[Row], laws: [Option<PowerLaw>; 2]) -> Plo
     }
 }
 
-fn findings(integrand: &Integrand, rows: &[Row], laws: [Option<PowerLaw>; 2]) -> Vec<Finding> {
+fn findings(integrand: &Integrand, rows: &[Row]) -> Vec<Finding> {
     let name = integrand.name;
     let last = &rows[rows.len() - 1];
+    let off = Measured::mean(&last.errors[1]);
+    let slopes = [0, 1].map(|estimator| exponent(rows, estimator));
     let variance = Measured::mean(&rows.iter().flat_map(scaled).collect::<Vec<_>>());
     vec![
         Finding::new(
             format!("The integral of {name} over [0, 1] is {:.5}.", integrand.integral),
-            format!("{:.5} by {} stratified samples (held within 5e-6)", last.first[1], last.n),
-            (last.first[1] - integrand.integral).abs() < 5e-6,
+            format!(
+                "{:.5} by {} stratified samples, the mean of all runs (allowed 5e-6)",
+                integrand.integral + off.value,
+                last.n
+            ),
+            &[Check::near(off, 0.0, 5e-6)],
         ),
         Finding::new(
             format!("The error of a mean of N independent values of {name} falls as N to the power −1/2."),
-            format!("slope {} (held within 0.03)", slope(laws[0])),
-            laws[0].is_some_and(|law| (law.exponent + 0.5).abs() <= 0.03),
+            format!("slope {} (allowed 0.03)", plus_minus(slopes[0])),
+            &[Check::near(slopes[0], -0.5, 0.03)],
         ),
         Finding::new(
             format!("Stratified, the error for {name} falls at least as 1/N."),
-            format!("slope {} (−3/2 is expected of smooth functions)", slope(laws[1])),
-            laws[1].is_some_and(|law| law.interval[1] <= -1.0),
+            format!("slope {} (−3/2 is expected of smooth functions)", plus_minus(slopes[1])),
+            &[Check::below(slopes[1], -1.0)],
         ),
         Finding::new(
             format!("The variance of a mean of N independent values of {name} is σ²/N."),
-            format!("N·variance {} over all N; σ² = {:.5}", plus_minus(variance), integrand.variance),
-            variance.agrees_with(integrand.variance),
+            format!(
+                "N·variance {} over all N; σ² = {:.5} (allowed 10 %)",
+                plus_minus(variance),
+                integrand.variance
+            ),
+            &[Check::near(variance, integrand.variance, 0.1 * integrand.variance)],
         ),
     ]
 }
@@ -137,7 +156,7 @@ pub fn run(options: &Options) -> Found {
     for (i, integrand) in [power(), exponential()].into_iter().enumerate() {
         let rows = measure(&integrand, 100 * (i as u32 + 1), options);
         let laws = [law(&rows, 0), law(&rows, 1)];
-        found.0.extend(findings(&integrand, &rows, laws));
+        found.0.extend(findings(&integrand, &rows));
         let title = format!(
             "{}: {} runs; slopes of the RMS errors from N = {FIT_FROM} on: independent {}, stratified {}",
             integrand.name,
@@ -155,8 +174,9 @@ pub fn run(options: &Options) -> Found {
 mod tests {
     use super::*;
     use crate::accel::AccelKind;
+    use crate::lab::verdict::Verdict;
 
-    /// 200 runs: −1/2 within 0.03, −3/2 within 0.05, and the exact variance within three standard errors.
+    /// 200 runs: −1/2 within 0.03, −3/2 within 0.05, and the exact variance.
     #[test]
     fn slopes_and_variances_are_those_of_the_theory() {
         let options = Options { seed: 1, runs: 200, quick: true, threads: 2, accel: AccelKind::default() };
@@ -166,8 +186,8 @@ mod tests {
             let [independent, stratified] = laws.map(|law| law.expect("eleven points").exponent);
             assert!((independent + 0.5).abs() < 0.03, "{} {independent}", integrand.name);
             assert!((stratified + 1.5).abs() < 0.05, "{} {stratified}", integrand.name);
-            let findings = findings(&integrand, &rows, laws);
-            assert!(findings.iter().all(|finding| finding.held), "{findings:?}");
+            let findings = findings(&integrand, &rows);
+            assert!(findings.iter().all(|finding| finding.verdict != Verdict::Refuted), "{findings:?}");
         }
     }
 }

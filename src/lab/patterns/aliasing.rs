@@ -6,9 +6,9 @@ use crate::estimate::convergence::PowerLaw;
 use crate::image::Image;
 use crate::lab::moments::Measured;
 use crate::lab::outcome::{Evidence, Finding, plus_minus, slope};
-use crate::lab::paths::ratio;
 use crate::lab::random::Stream;
 use crate::lab::studio::picture;
+use crate::lab::verdict::Check;
 use crate::lab::{Found, Options};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use rayon::prelude::*;
@@ -68,6 +68,8 @@ struct Row {
     edge: Vec<Measured>,
     discrepancy: Vec<f64>,
     law: Option<PowerLaw>,
+    /// The exponent of the law, from the runs.
+    exponent: Measured,
 }
 
 fn measure(i: usize, options: &Options) -> Row {
@@ -81,11 +83,14 @@ fn measure(i: usize, options: &Options) -> Row {
         };
         let values: Vec<[f64; 2]> = (0..2 * options.runs).into_par_iter().map(one).collect();
         let [errors, discrepancies] = [0, 1].map(|j| values.iter().map(|v| v[j]).collect::<Vec<f64>>());
-        (Measured::rms(&errors), Measured::mean(&discrepancies).value)
+        (errors.iter().map(|e| e * e).collect::<Vec<f64>>(), Measured::mean(&discrepancies).value)
     };
-    let (edge, discrepancy): (Vec<Measured>, Vec<f64>) = SIDES.iter().enumerate().map(of).unzip();
+    let (squares, discrepancy): (Vec<Vec<f64>>, Vec<f64>) = SIDES.iter().enumerate().map(of).unzip();
+    let edge: Vec<Measured> = squares.iter().map(|squares| Measured::root(squares)).collect();
     let law = PowerLaw::fit(SIDES.iter().zip(&edge).map(|(&side, e)| (f64::from(side * side), e.value)));
-    Row { pattern, edge, discrepancy, law }
+    let points = SIDES.iter().zip(&squares).map(|(&side, s)| (f64::from(side * side), s.as_slice()));
+    let exponent = Measured::exponent(&points.collect::<Vec<_>>());
+    Row { pattern, edge, discrepancy, law, exponent }
 }
 
 /// Rings of a frequency that grows to one cycle for each pixel at the corners; the origin is a corner of the image.
@@ -149,11 +154,10 @@ fn plot(rows: &[Row]) -> Plot {
 
 fn findings(rows: &[Row]) -> Vec<Finding> {
     let of = |pattern: Pattern| rows.iter().find(|row| row.pattern == pattern);
-    let at =
-        |pattern| of(pattern).map_or(Measured { value: f64::NAN, error: f64::NAN }, |row| row.edge[TYPICAL]);
-    let exponent = |pattern| of(pattern).and_then(|row| row.law).map_or(f64::NAN, |law| law.exponent);
-    let jittered = ratio(at(Pattern::Random), at(Pattern::Jittered));
-    let disk = ratio(at(Pattern::Random), at(Pattern::BestCandidate));
+    let at = |pattern| of(pattern).map_or(Measured::NONE, |row| row.edge[TYPICAL]);
+    let exponent = |pattern| of(pattern).map_or(Measured::NONE, |row| row.exponent);
+    let [jittered, disk] =
+        [Pattern::Jittered, Pattern::BestCandidate].map(|p| at(Pattern::Random).over(at(p)));
     vec![
         Finding::new(
             "Jittered samples have a lower variance than random ones.",
@@ -161,17 +165,19 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
                 "16 samples of a pixel with an edge: the error of random ones is {} times as large",
                 plus_minus(jittered)
             ),
-            jittered.value - 3.0 * jittered.error > 1.0,
+            &[Check::above(jittered, 1.0)],
         ),
         Finding::new(
             "Of an edge, jittering finds the coverage with an error that falls as N to the power −3/4, random samples −1/2.",
             format!(
-                "slopes {:.3} and {:.3} (held within 0.05)",
-                exponent(Pattern::Jittered),
-                exponent(Pattern::Random)
+                "slopes {} and {} (allowed 0.05)",
+                plus_minus(exponent(Pattern::Jittered)),
+                plus_minus(exponent(Pattern::Random))
             ),
-            (exponent(Pattern::Jittered) + 0.75).abs() <= 0.05
-                && (exponent(Pattern::Random) + 0.5).abs() <= 0.05,
+            &[
+                Check::near(exponent(Pattern::Jittered), -0.75, 0.05),
+                Check::near(exponent(Pattern::Random), -0.5, 0.05),
+            ],
         ),
         Finding::new(
             "Samples that keep their distance (Poisson-disk-like) beat random ones, too.",
@@ -179,7 +185,7 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
                 "16 samples of a pixel with an edge: the error of random ones is {} times as large",
                 plus_minus(disk)
             ),
-            disk.value - 3.0 * disk.error > 1.0,
+            &[Check::above(disk, 1.0)],
         ),
     ]
 }

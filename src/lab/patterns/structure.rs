@@ -5,8 +5,10 @@ use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::Settings;
 use crate::integrator::settings::PathLimits;
-use crate::lab::outcome::{Evidence, Finding};
+use crate::lab::moments::Measured;
+use crate::lab::outcome::{Evidence, Finding, plus_minus};
 use crate::lab::studio::{BALLS, Sampling, Studio, viewer};
+use crate::lab::verdict::Check;
 use crate::lab::{Found, Options};
 use crate::report::{Align, Table};
 use crate::sampling::SamplerKind;
@@ -17,7 +19,7 @@ const SAMPLERS: [SamplerKind; 3] = [SamplerKind::Independent, SamplerKind::Sobol
 ///
 /// Differences are relative to the brightness, and squeezed into (−1, 1), so that single bright paths do not decide.
 /// As they are as often positive as negative, those of independent pixels remain uncorrelated.
-fn correlation(a: &Image, b: &Image) -> f64 {
+fn correlation(a: &Image, b: &Image) -> Measured {
     let differences: Vec<f64> = a
         .data
         .chunks_exact(3)
@@ -33,8 +35,9 @@ fn correlation(a: &Image, b: &Image) -> f64 {
     let squeezed: Vec<f64> = differences.iter().map(|d| d / (d.abs() + typical)).collect();
     let square = squeezed.iter().map(|e| e * e).sum::<f64>() / squeezed.len() as f64;
     let rows = squeezed.chunks_exact(a.width);
-    let pairs: f64 = rows.flat_map(|row| row.windows(2)).map(|w| w[0] * w[1]).sum();
-    pairs / (a.height * (a.width - 1)) as f64 / square
+    let by_row =
+        |row: &[f64]| row.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / (row.len() - 1) as f64 / square;
+    Measured::mean(&rows.map(by_row).collect::<Vec<_>>())
 }
 
 /// Renders with each sampler, and looks for structure in the error.
@@ -54,18 +57,18 @@ pub fn run(options: &Options) -> Result<Found> {
         let image = image?.image;
         let found = correlation(&image, &other?.image);
         let rms = metrics::mse(&image.data, &truth.data).sqrt();
-        table.row([sampler.to_string(), format!("{rms:.4}"), format!("{found:.3}")]);
+        table.row([sampler.to_string(), format!("{rms:.4}"), plus_minus(found)]);
         correlations.push(found);
         shots.push((format!("{sampler}, 16 spp"), image));
     }
-    let chance = 3.0 / ((truth.width - 1) as f64 * truth.height as f64).sqrt();
     let finding = Finding::new(
         "The same sequence in every pixel makes neighbours err alike, so that the eye sees structure; random numbers do not.",
         format!(
-            "correlation of neighbouring errors: independent {:.3}, fixed {:.3} (by chance up to {chance:.3}: three standard errors)",
-            correlations[0], correlations[2]
+            "correlation of neighbouring errors: independent {} (allowed 0.1), fixed {} (at least 0.2)",
+            plus_minus(correlations[0]),
+            plus_minus(correlations[2])
         ),
-        correlations[0].abs() <= chance && correlations[2] > 5.0 * chance,
+        &[Check::near(correlations[0], 0.0, 0.1), Check::above(correlations[2], 0.2)],
     );
     let mut images: Vec<(String, &Image)> = shots.iter().map(|(name, image)| (name.clone(), image)).collect();
     images.push(("reference".into(), &truth));

@@ -1,0 +1,128 @@
+//! Arguments and lists of names that several subcommands share.
+
+use super::values;
+use crate::accel::AccelKind;
+use crate::integrator::Settings;
+use crate::loader::LoadOptions;
+use crate::memory::Limit;
+use crate::sampling::SamplerKind;
+use crate::session::default_threads;
+use clap::Args;
+use std::path::PathBuf;
+
+/// What the scene of any command is loaded with.
+#[derive(Clone, Debug, Args)]
+pub struct SceneArgs {
+    /// Give a default of the scene another value
+    #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
+    pub define: Vec<(String, String)>,
+    /// Folders to look for the scene's files in, besides its own; several are separated by ';'
+    #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
+    pub search_path: Vec<PathBuf>,
+    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
+    /// available]
+    #[arg(long, value_name = "SIZE", value_parser = values::memory)]
+    pub memory_limit: Option<Limit>,
+    /// Threads; they change the speed, never the pixels [default: all cores]
+    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub threads: Option<u32>,
+}
+
+impl SceneArgs {
+    /// Returns how the scene is loaded.
+    pub fn load_options(&self) -> LoadOptions {
+        LoadOptions {
+            defines: self.define.clone(),
+            search_paths: self.search_path.clone(),
+            memory: self.memory_limit.unwrap_or_default(),
+        }
+    }
+
+    /// Returns the number of threads.
+    pub fn threads(&self) -> usize {
+        self.threads.map_or_else(default_threads, |n| n as usize)
+    }
+}
+
+/// How a scene is rendered, as far as the scene leaves it open.
+#[derive(Clone, Debug, Args)]
+pub struct MethodArgs {
+    /// The integrator.
+    #[arg(long, value_name = "NAME", help = format!("The integrator: {} [default: the scene's]", integrators()))]
+    pub integrator: Option<String>,
+    /// The sampler.
+    #[arg(long, value_name = "NAME", help = sampler_help(), long_help = format!("{}\n\n{SAMPLERS}", sampler_help()))]
+    pub sampler: Option<SamplerKind>,
+    /// The ray traversal.
+    #[arg(long, value_name = "NAME", help = accel_help())]
+    pub accel: Option<AccelKind>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+}
+
+/// What the camera sees.
+#[derive(Clone, Debug, Args)]
+pub struct ViewArgs {
+    /// Which sensor of the scene, from 0
+    #[arg(short, long, value_name = "N", default_value_t = 0)]
+    pub sensor: usize,
+    /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
+    #[arg(long, value_name = "WxH", value_parser = values::size)]
+    pub size: Option<(u32, u32)>,
+}
+
+/// What the samplers are.
+const SAMPLERS: &str = "independent: uniform random numbers, what the others are measured against. \
+    stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and \
+    column; they fill all of their cells at some numbers of samples only, of which every power of two is one. \
+    halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol \
+    at powers of two. zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs \
+    a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.";
+
+fn sampler_help() -> String {
+    format!("The sampler: {} [default: the scene's, else sobol]", samplers())
+}
+
+/// Returns the help of the traversal.
+pub fn accel_help() -> String {
+    format!(
+        "The ray traversal: {} [default: auto, a list for a few dozen surfaces, else embree if it is compiled in]",
+        accels()
+    )
+}
+
+/// Returns the names of the integrators: "path, direct or aov".
+pub fn integrators() -> String {
+    one_of(Settings::NAMES)
+}
+
+/// Returns the names of the samplers.
+pub fn samplers() -> String {
+    one_of(SamplerKind::ALL)
+}
+
+/// Returns the names of the traversals of this build.
+pub fn accels() -> String {
+    one_of(AccelKind::CHOICES)
+}
+
+/// Returns "a, b or c".
+pub fn one_of<T: ToString>(names: impl IntoIterator<Item = T>) -> String {
+    let mut names: Vec<String> = names.into_iter().map(|name| name.to_string()).collect();
+    let last = names.pop().unwrap_or_default();
+    if names.is_empty() { last } else { format!("{} or {last}", names.join(", ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_are_sentences() {
+        assert_eq!(
+            [one_of(["a"]), one_of(["a", "b"]), one_of(["a", "b", "c"])],
+            ["a", "a or b", "a, b or c"]
+        );
+    }
+}
