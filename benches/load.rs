@@ -20,7 +20,7 @@ use std::time::Instant;
 const SIDE: u32 = 1000;
 const RUNS: usize = 5;
 
-/// Position, normal and texture coordinates of vertex `i`.
+/// Returns position, normal and texture coordinates of vertex `i`.
 fn vertex(i: u32) -> [f32; 8] {
     let coordinate = |i: u32| 2.0 * i as f32 / SIDE as f32 - 1.0;
     let (x, y) = (coordinate(i % (SIDE + 1)), coordinate(i / (SIDE + 1)));

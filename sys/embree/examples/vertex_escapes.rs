@@ -242,7 +242,7 @@ fn escapes_rounded(mesh: &Mesh, ray: &Aim) -> bool {
     })
 }
 
-/// The same test in `f64`, without a tolerance.
+/// Returns the result of the same test in `f64`, without a tolerance.
 fn escapes_exact(mesh: &Mesh, ray: &Aim) -> bool {
     let d = ray.d.map(f64::from);
     let edge = |p: V3, q: V3| {
