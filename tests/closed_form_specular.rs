@@ -80,8 +80,8 @@ fn glass_of_index_one_changes_nothing() {
     }
 }
 
-/// Returns Fresnel's reflectance of a conductor for unpolarised light, computed from the complex refraction. [Born and
-/// Wolf 1999, section 14.2]
+/// Returns Fresnel's reflectance of a conductor for unpolarised light, computed from the complex refraction.
+/// [Born and Wolf 1999, section 14.2]
 fn conductor_reflectance(eta: f64, k: f64, cos: f64) -> f64 {
     let multiply = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
     let squared = |a: [f64; 2]| a[0] * a[0] + a[1] * a[1];

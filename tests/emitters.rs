@@ -133,7 +133,7 @@ fn picture(filter: FilterType) -> Arc<Texture> {
     Arc::new(Texture::Bitmap(Bitmap::new(Arc::new(image), filter, WrapMode::Clamp, Affine2::IDENTITY)))
 }
 
-/// Samples of a textured rectangle are proportional to the emitted light. The density of the whole rectangle is known.
+/// Samples of a textured rectangle are proportional to the emitted light, and their density integrates to 1.
 #[test]
 fn textured_rectangle_samples_follow_their_density() {
     for (name, filter, flip) in [

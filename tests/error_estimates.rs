@@ -57,8 +57,8 @@ fn errors(images: &[Vec<[f64; 3]>]) -> Vec<f64> {
     images.iter().map(error).collect()
 }
 
-/// For 40 seeds of each case, the coverage of the intervals is consistent with 95 % (90 % with fireflies): a smaller
-/// number has a probability of at most one in a thousand. The estimates have the right mean.
+/// For 40 seeds of each case, the number of intervals that hold the true error is not significantly (one in a thousand)
+/// below a coverage of 95 % (90 % with fireflies), and the estimates have the right mean.
 #[test]
 fn intervals_hold_the_true_error_as_often_as_they_claim() {
     const SEEDS: u64 = 40;
@@ -86,7 +86,7 @@ fn intervals_hold_the_true_error_as_often_as_they_claim() {
 }
 
 /// Adaptive and uniform sampling with different seeds agree: the means of the image and of its quarters are within 4.5
-/// standard errors (a false alarm of 7 in a million for each of 20 comparisons).
+/// standard errors (exceeded with a probability of 7 in a million for each of 20 comparisons).
 #[test]
 fn adaptive_sampling_is_unbiased() {
     const SEEDS: u64 = 48;

@@ -6,7 +6,7 @@ use buffon::image::{Image, read};
 
 /// The probability that a correct pair of images is rejected.
 const SIGNIFICANCE: f64 = 1e-5;
-/// The largest detectable bias, found with a probability of 0.95, that a comparison may have.
+/// Upper bound on the detectable bias of every comparison; a larger one is found with a probability of 0.95.
 const FOUND: f64 = 0.05;
 
 /// Returns a scene of 16×16 pixels with a box filter.

@@ -223,7 +223,7 @@ fn every_camera_makes_rays_of_the_ends_of_film_and_lens() {
                     let ray = camera.ray(p.as_dvec2(), u, time);
                     let fine = ray.o.is_finite() && (ray.d.length() - 1.0).abs() < 1e-6 && ray.t_max > 0.0;
                     assert!(fine, "{} {p} {u} {time}: {ray:?}", settings.kind());
-                    // A point on the ray projects to the start of the ray.
+                    // A point on the ray projects to the film position of the ray.
                     let at = ray.at(5.0);
                     let Some(seen) = camera.importance(at, u, time, 4.0) else {
                         panic!("{} {p} {u}: {at} is not seen", settings.kind())

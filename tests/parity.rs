@@ -5,7 +5,7 @@
 //! * `same`: the same primitive, at the same distance within δ times the condition of the triangle (the angle of
 //! incidence and the ratio of its length to its height);
 //! * `tie`: two primitives at the same distance, within the same bound;
-//! * `edge`: the nearer hit is within δ of the outline of its triangle (as for one that is seen edge-on), and the other
+//! * `edge`: the nearer hit is within δ of the outline of its triangle (also if it is seen edge-on), and the other
 //! traversal misses it;
 //! * `bound`: the nearer hit is within that bound of 0 or of `t_max`.
 //!

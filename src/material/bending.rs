@@ -6,7 +6,7 @@ use crate::error::Result;
 use crate::ids::MaterialId;
 use crate::math::{Frame, Vec3};
 
-/// The use of perturbed normals.
+/// Options for perturbed normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Bending {
     /// Whether a normal that points away from the viewer is mirrored to point to the viewer. [Schüßler 2017]
@@ -28,7 +28,7 @@ impl Bending {
         Sampling { chooses_lobe: inner.chooses_lobe || self.flip_invalid, ..inner }
     }
 
-    /// Returns the inner material around the local normal `n`, which need not have unit length.
+    /// Returns the inner material in the frame of the local normal `n`, which need not have unit length.
     pub(super) fn tilted<'a>(&self, context: &Context<'a>, n: Vec3, inner: MaterialId) -> Scattering<'a> {
         let Context { at, arena, .. } = *context;
         let mirrored = Vec3::new(-n.x, -n.y, n.z);

@@ -13,9 +13,9 @@ pub struct BumpMap {
     pub height: TextureId,
     /// Factor on the height.
     pub scale: f32,
-    /// The use of the perturbed normals.
+    /// Options for the perturbed normals.
     pub bending: Bending,
-    /// The material around the perturbed normals.
+    /// The material in the perturbed frame.
     pub inner: MaterialId,
 }
 

@@ -284,7 +284,7 @@ impl SceneMaterial {
         self.sampling.chooses_lobe || (emits && self.holes)
     }
 
-    /// Returns whether the opacity is 0 everywhere, as for [`Material::Null`].
+    /// Returns whether the material is [`Material::Null`].
     pub fn is_absent(&self) -> bool {
         matches!(self.material, Material::Null(_))
     }

@@ -12,9 +12,9 @@ use crate::texture::TexturePoint;
 pub struct NormalMap {
     /// The local normals n as colours (n + 1) / 2.
     pub normals: TextureId,
-    /// The use of the perturbed normals.
+    /// Options for the perturbed normals.
     pub bending: Bending,
-    /// The material around the perturbed normals.
+    /// The material in the perturbed frame.
     pub inner: MaterialId,
 }
 
