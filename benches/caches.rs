@@ -5,7 +5,7 @@
 //!
 //! Handicaps:
 //! * kiddo's leaves hold 32, 64 or 128 points; the best of the three is shown for every k. Queries request unsorted
-//! results if possible (`nearest_n_within`, without a bound), and use `nearest_one` for the nearest point.
+//!   results if possible (`nearest_n_within`, without a bound), and use `nearest_one` for the nearest point.
 //! * kiddo allocates the results of every query; ours are in a buffer that is reused.
 //! * kiddo is built on one thread; ours also on all threads (the second figure).
 //! * Neither tree specifies which of several equally distant points it returns.

@@ -2,11 +2,11 @@
 //!
 //! Handicaps:
 //! * Rays come from 2 threads, each with its own waves. The time of a wave is its shortest over the passes. The
-//! machine's ISA and Embree's packet width are printed.
+//!   machine's ISA and Embree's packet width are printed.
 //! * "robust no" is Embree without watertight edges, which is never used for rendering.
 //! * "obvhs' own" is obvhs' CWBVH with its own node test and its own precomputed triangles: single rays, SSE (four
-//! boxes at a time), not watertight, without barycentric coordinates. It is built with the same settings as "bvh",
-//! which traverses the same nodes conservatively with a watertight triangle test.
+//!   boxes at a time), not watertight, without barycentric coordinates. It is built with the same settings as "bvh",
+//!   which traverses the same nodes conservatively with a watertight triangle test.
 //! * Neither BVH has packets. Coherent rays are faster there only because of the processor's cache.
 
 use buffon::accel::{Accel, AccelKind, Coherence, Geometry, Hit, build};

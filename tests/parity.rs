@@ -3,10 +3,10 @@
 //! Each difference must belong to one of these classes. The bounds are in terms of δ, a few roundings of the largest
 //! coordinate of the ray and its hits:
 //! * `same`: the same primitive, at the same distance within δ times the condition of the triangle (the angle of
-//! incidence and the ratio of its length to its height);
+//!   incidence and the ratio of its length to its height);
 //! * `tie`: two primitives at the same distance, within the same bound;
 //! * `edge`: the nearer hit is within δ of the outline of its triangle (also if it is seen edge-on), and the other
-//! traversal misses it;
+//!   traversal misses it;
 //! * `bound`: the nearer hit is within that bound of 0 or of `t_max`.
 //!
 //! Analytic surfaces have no tolerance, because every traversal calls the same function.
@@ -212,7 +212,7 @@ fn every_back_end_finds_what_brute_force_finds() {
     }
 }
 
-/// Checks that a ray is occluded exactly if it has a hit.
+/// Checks that a ray is occluded if and only if it has a hit.
 fn compare_occlusion(scene: &Scene, kind: AccelKind, accel: &dyn Accel, rays: &[Ray], hits: &[Option<Hit>]) {
     let mut occluded = vec![false; rays.len()];
     accel.occluded_wave(rays, &mut occluded, Coherence::Incoherent);
