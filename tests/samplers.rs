@@ -163,8 +163,8 @@ fn chi2_excess(counts: &[usize]) -> f64 {
 }
 
 /// All seeds are fixed, so the result is always the same. A correct sampler deviates by more than five standard
-/// deviations (of a chi² with 255 degrees of freedom) with a probability below 10^−5, and below 10^−3 in one of about a
-/// hundred tests.
+/// deviations (of a chi² with 255 degrees of freedom) with a probability below 10^−5 in one test, and below 10^−3 in
+/// any of about a hundred tests.
 const SIGMAS: f64 = 5.0;
 
 #[test]
