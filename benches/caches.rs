@@ -1,17 +1,15 @@
-//! NeighbourBuffer photons: `cargo bench --bench caches [-- LARGEST]`, with up to LARGEST points (10 million if
-//! nothing is said).
+//! Nearest photons: `cargo bench --bench caches [-- LARGEST]`, with up to LARGEST points (default 10 million).
 //!
-//! Our kd-tree beside kiddo's `ImmutableKdTree`, from one thread; each figure is the shortest of several rounds, so
-//! that what else the machine does in between is not measured.
+//! Compares our kd-tree with kiddo's `ImmutableKdTree` on one thread. Each figure is the shortest of several rounds,
+//! which excludes other activity of the machine.
 //!
-//! Handicaps, so that no row is read for more than it says:
-//! * kiddo's leaves hold 32, 64 or 128 points; the best of the three is shown for every k by itself. It is asked for
-//!   unsorted results where it can give them (`nearest_n_within`, without a bound), and for the nearest one by
-//!   `nearest_one`.
-//! * kiddo allocates the results of every query; ours are in a buffer that is kept.
-//! * kiddo is built by one thread, ours is also by all (the second figure).
-//! * Ours does not say which of several equally far points it takes; neither does kiddo's.
-//! * Bytes are those that the process has more of after building, where there are a million points or more.
+//! Handicaps:
+//! * kiddo's leaves hold 32, 64 or 128 points; the best of the three is shown for every k. Queries request unsorted
+//!   results if possible (`nearest_n_within`, without a bound), and use `nearest_one` for the nearest point.
+//! * kiddo allocates the results of every query; ours are in a buffer that is reused.
+//! * kiddo is built on one thread; ours also on all threads (the second figure).
+//! * Neither tree specifies which of several equally distant points it returns.
+//! * Bytes are the growth of the process while the tree is built, from a million points on.
 
 use buffon::integrator::photon::kdtree::{BuiltTree, Euclidean, KdTree, NeighbourBuffer};
 use buffon::math::Vec3;
@@ -38,7 +36,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
     }
 
-    /// A point on one of the five walls of a room.
+    /// Returns a point on one of the five walls of an open box.
     fn on_walls(&mut self) -> Vec3 {
         let wall = (5.0 * self.unit()) as u32;
         let (u, v) = (2.0 * self.unit() - 1.0, 2.0 * self.unit() - 1.0);
@@ -51,7 +49,7 @@ impl Random {
         }
     }
 
-    /// A point of a bright ring on the floor, as a caustic has.
+    /// Returns a point of a bright ring on the floor, as in a caustic.
     fn on_ring(&mut self) -> Vec3 {
         let (sin, cos) = (std::f32::consts::TAU * self.unit()).sin_cos();
         let r = 0.3 + 0.02 * (self.unit() + self.unit() - 1.0);
@@ -59,20 +57,20 @@ impl Random {
     }
 }
 
-/// Resident memory of the process in bytes; 0 where the system does not say.
+/// Returns the resident memory of the process in bytes; 0 if the system does not report it.
 fn resident() -> f64 {
     let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
     statm.split(' ').nth(1).and_then(|pages| pages.parse::<f64>().ok()).unwrap_or(0.0) * 4096.0
 }
 
-/// What `build` makes, and the seconds and bytes that it takes.
+/// Returns the result of `build`, and the seconds and bytes that it takes.
 fn built<T>(build: impl FnOnce() -> T) -> (T, f64, f64) {
     let (before, start) = (resident(), Instant::now());
     let made = build();
     (made, start.elapsed().as_secs_f64(), resident() - before)
 }
 
-/// The shortest ns a query takes, and the sum of what the queries return.
+/// Returns the shortest time of a query in ns, and the sum of the results of the queries.
 fn ns_per_query(queries: &[Vec3], mut query: impl FnMut(Vec3) -> f32) -> (f64, f64) {
     let (mut shortest, mut sum) = (f64::INFINITY, 0.0);
     for _ in 0..ROUNDS {
@@ -83,7 +81,7 @@ fn ns_per_query(queries: &[Vec3], mut query: impl FnMut(Vec3) -> f32) -> (f64, f
     (shortest * 1e9 / queries.len() as f64, sum)
 }
 
-/// ns per query and the sum of the farthest squared distances, for each k.
+/// Returns the build time and bytes, and for each k the ns per query and the sum of the largest squared distances.
 fn kiddo_row<const LEAF: usize>(points: &[[f32; 3]], queries: &[Vec3]) -> (f64, f64, Vec<(f64, f64)>) {
     let (tree, seconds, bytes) = built(|| Kiddo::<LEAF>::new_from_slice(points));
     let row = K.map(|k| {
@@ -119,7 +117,7 @@ fn our_row(points: &[Vec3], queries: &[Vec3]) -> (f64, f64, Vec<(f64, f64)>) {
     (seconds, tree.memory_bytes() as f64, row.to_vec())
 }
 
-/// Compares the farthest of the nearest k with a search of all points, for a few queries.
+/// Compares the distance of the k-th nearest point with a search of all points, for a few queries.
 fn check(points: &[Vec3], queries: &[Vec3]) {
     let BuiltTree { tree, .. } = KdTree::build(points.len(), |i| points[i]);
     let mut buffer = NeighbourBuffer::default();

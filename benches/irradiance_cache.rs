@@ -1,9 +1,9 @@
-//! Looking irradiance up: `cargo bench --bench irradiance_cache [-- LARGEST]`, with up to LARGEST records (a million
-//! if nothing is said), from one thread.
+//! Lookup of irradiance: `cargo bench --bench irradiance_cache [-- LARGEST]`, with up to LARGEST records (default one
+//! million), on one thread.
 //!
-//! Records cover the walls of a room evenly, as densely as a quality asks for: so many reach a point that the figure
-//! is that of a render, whatever their number. Two rows of queries: neighbours one after the other, as the pixels of
-//! a tile ask, and random ones, for which nothing is in a cache of the processor.
+//! Records cover the five walls of an open box evenly. The number of records around a point does not depend on their
+//! total and is that of a render. There are two rows of queries: neighbours in order, as in the pixels of a tile, and
+//! random ones, for which no cache of the processor helps.
 
 use buffon::integrator::irrcache::interpolation::Interpolation;
 use buffon::integrator::irrcache::record::Record;
@@ -15,7 +15,7 @@ use std::time::Instant;
 const QUERIES: u32 = 400_000;
 const ROUNDS: u32 = 5;
 
-/// Point `i` of a wall with its normal; `spread` is the share of the walls that is asked for.
+/// Returns point `i` of the walls with its normal; `spread` is the fraction of the walls that is used.
 fn on_walls(i: u32, seed: u32, spread: f32) -> (Vec3, Vec3) {
     let [wall, u, v] = pcg3d(i, seed, 7).map(to_unit);
     let [u, v] = [u, v].map(|u| 2.0 * u * spread - 1.0);
@@ -28,7 +28,7 @@ fn on_walls(i: u32, seed: u32, spread: f32) -> (Vec3, Vec3) {
     }
 }
 
-/// The shortest of several rounds, in nanoseconds per query, and the share of queries that found something.
+/// Returns the shortest of several rounds in nanoseconds per query, and the fraction of queries with a result.
 fn measure(cache: &Interpolation, queries: &[(Vec3, Vec3)]) -> (f64, f64) {
     let (mut best, mut found) = (f64::INFINITY, 0);
     for _ in 0..ROUNDS {
@@ -43,7 +43,7 @@ fn main() {
     let largest: u32 = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(1_000_000);
     println!("  records  build s  MB     bytes/record  ns neighbours  ns random  found");
     for count in [1_000, 10_000, 100_000, 1_000_000].into_iter().filter(|&n| n <= largest) {
-        // About ten records reach a point: 20 units of area hold `count` discs.
+        // About ten records reach a point: an area of 20 contains `count` disks.
         let radius = (10.0 * 20.0 / (std::f32::consts::PI * count as f32)).sqrt();
         let records: Vec<Record> = (0..count)
             .map(|i| {
@@ -56,7 +56,7 @@ fn main() {
         let cache = Interpolation::new(&records, bounds, 1.0);
         let built = started.elapsed().as_secs_f64();
         let random: Vec<_> = (0..QUERIES).map(|i| on_walls(i, 2, 1.0)).collect();
-        // A tile of an image sees a part of one wall, row by row.
+        // Points of one tile on a part of one wall, row by row.
         let side = (QUERIES as f32).sqrt();
         let near: Vec<_> = (0..QUERIES)
             .map(|i| {

@@ -1,11 +1,11 @@
 //! Seconds, MB/s and memory of loading meshes: `cargo bench --bench load [-- FILTER]`.
 //!
-//! Each row is a height field of two million triangles and a million vertices, written to a temporary directory, so
-//! that it is read from the system's cache. A load is the whole of `loader::load`, from the file to the description
-//! of a scene with vertex normals, in a process of its own; it counts with the median of its runs. Memory is the
-//! process' largest resident set above the one at its start, beside the size of the arrays that it ends with.
+//! Each row is a height field of two million triangles and a million vertices. It is written to a temporary directory,
+//! so that it is read from the system's cache. A load is the whole of `loader::load`, from the file to the description
+//! of a scene with vertex normals, in a process of its own. The row shows the median of the runs. Memory is the largest
+//! resident set of the process minus the one at its start; beside it is the size of the final arrays.
 //!
-//! `cargo bench --bench load -- --keep DIRECTORY` writes the files there and leaves them, for other programs to load.
+//! `cargo bench --bench load -- --keep DIRECTORY` writes the files there and keeps them, for other programs to load.
 
 use buffon::loader::{LoadOptions, load};
 use buffon::shape::Shape;
@@ -16,11 +16,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// Squares along each side.
+/// Number of squares along each side.
 const SIDE: u32 = 1000;
 const RUNS: usize = 5;
 
-/// Position, normal and texture coordinates of vertex `i`.
+/// Returns position, normal and texture coordinates of vertex `i`.
 fn vertex(i: u32) -> [f32; 8] {
     let coordinate = |i: u32| 2.0 * i as f32 / SIDE as f32 - 1.0;
     let (x, y) = (coordinate(i % (SIDE + 1)), coordinate(i / (SIDE + 1)));
@@ -68,7 +68,7 @@ fn ply(encoding: &str, columns: &[usize]) -> Vec<u8> {
     file
 }
 
-/// Six digits, as most programs write them.
+/// Returns an OBJ file with six decimals, as most programs write.
 fn obj(all: bool) -> Vec<u8> {
     let mut text = String::new();
     for [x, y, z, ..] in vertices() {
@@ -113,7 +113,7 @@ fn serialized() -> Vec<u8> {
 /// Makes the contents of a file.
 type Contents = fn() -> Vec<u8>;
 
-/// The files: name and contents.
+/// Returns name and contents of the files.
 fn files() -> Vec<(&'static str, Contents)> {
     vec![
         ("ply-normals.ply", || ply("binary_little_endian", &[0, 1, 2, 3, 4, 5])),
@@ -125,14 +125,14 @@ fn files() -> Vec<(&'static str, Contents)> {
     ]
 }
 
-/// A figure of this process in kB, from `/proc`.
+/// Returns an entry of `/proc/self/status` in kB.
 fn status(name: &str) -> u64 {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'));
     line.and_then(|line| line.trim().trim_end_matches("kB").trim().parse().ok()).unwrap_or_default()
 }
 
-/// Loads the scene, and prints seconds, bytes at the peak and bytes of the arrays.
+/// Loads the scene and prints seconds, peak memory in bytes and the size of the arrays in bytes.
 fn measure(scene: &Path) {
     let before = status("VmRSS");
     let start = Instant::now();

@@ -1,13 +1,13 @@
 //! Mray/s of every traversal on the same rays: `cargo bench --bench traversal [-- FILTER]`.
 //!
-//! Handicaps, so that no row is read for more than it says:
-//! * Rays come from 2 threads, each with its own waves; a wave counts with its shortest time over the passes. The
+//! Handicaps:
+//! * Rays come from 2 threads, each with its own waves. The time of a wave is its shortest over the passes. The
 //!   machine's ISA and Embree's packet width are printed.
-//! * "robust no" is Embree without watertight edges; it is never used for rendering.
-//! * "obvhs' own" is obvhs' CWBVH with its own node test and its own precomputed triangles, single rays, SSE
-//!   (four boxes at a time), not watertight, and it returns no barycentric coordinates. It is built with the same
-//!   settings as "bvh", which traverses the same nodes conservatively with a watertight triangle test.
-//! * Neither BVH has packets: their coherent rows gain by the cache alone.
+//! * "robust no" is Embree without watertight edges, which is never used for rendering.
+//! * "obvhs' own" is obvhs' CWBVH with its own node test and its own precomputed triangles: single rays, SSE (four
+//!   boxes at a time), not watertight, without barycentric coordinates. It is built with the same settings as "bvh",
+//!   which traverses the same nodes conservatively with a watertight triangle test.
+//! * Neither BVH has packets. Coherent rays are faster there only because of the processor's cache.
 
 use buffon::accel::{Accel, AccelKind, Coherence, Geometry, Hit, build};
 use buffon::math::{Ray, Vec3};
@@ -20,11 +20,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 const THREADS: usize = 2;
-/// Rays of a wave: what a worker of the renderer hands over at once.
+/// Number of rays of a wave, as in the renderer.
 const WAVE: usize = 4096;
-/// Waves of each thread in a pass.
+/// Number of waves of each thread in a pass.
 const WAVES: usize = 16;
-/// A row is measured for at least this long.
+/// Minimum time of the measurement of a row.
 const LEAST_TIME: Duration = Duration::from_millis(600);
 
 /// A mesh to trace.
@@ -54,7 +54,7 @@ impl Random {
     }
 }
 
-/// The faces of a box as 12 triangles, turned around y by `angle`.
+/// Adds faces of a box, rotated about y by `angle`, with two triangles each.
 fn push_box(mesh: &mut Mesh, center: Vec3, half: Vec3, angle: f32, faces: &[usize]) {
     const FACES: [[u32; 4]; 6] =
         [[0, 2, 6, 4], [1, 5, 7, 3], [0, 4, 5, 1], [2, 3, 7, 6], [0, 1, 3, 2], [4, 6, 7, 5]];
@@ -71,7 +71,7 @@ fn push_box(mesh: &mut Mesh, center: Vec3, half: Vec3, angle: f32, faces: &[usiz
     }
 }
 
-/// Five walls, a light and two blocks: 36 triangles.
+/// Returns five walls, an emitter and two blocks: 36 triangles.
 fn cornell() -> Mesh {
     let eye = Vec3::new(0.0, 0.0, 3.5);
     let mut mesh = Mesh { name: String::new(), positions: Vec::new(), indices: Vec::new(), eye };
@@ -82,7 +82,7 @@ fn cornell() -> Mesh {
     mesh
 }
 
-/// A sphere with bumps, seen from inside and outside alike: 2·n² triangles.
+/// Returns a sphere with bumps: 2·n² triangles.
 fn bumpy_sphere(n: u32) -> Mesh {
     let mut positions = Vec::new();
     for i in 0..=n {
@@ -103,7 +103,7 @@ fn bumpy_sphere(n: u32) -> Mesh {
     Mesh { name: String::new(), positions, indices: indices.collect(), eye: Vec3::new(0.0, 0.4, 3.0) }
 }
 
-/// Camera rays in tiles of 4 × 4, or rays from surface points to everywhere.
+/// Returns camera rays in tiles of 4 × 4, or rays from surface points in all directions.
 fn rays(mesh: &Mesh, accel: &dyn Accel, coherence: Coherence, count: usize) -> Vec<Ray> {
     let mut random = Random(7);
     let side = (count as f32).sqrt() as usize / 4 * 4;
@@ -127,8 +127,8 @@ fn rays(mesh: &Mesh, accel: &dyn Accel, coherence: Coherence, count: usize) -> V
     result
 }
 
-/// Mray/s of `f`, called from every thread for its own waves. Each wave counts with its shortest time over the
-/// passes, so that what else the machine does in between is not measured.
+/// Returns the Mray/s of `f`, called by every thread for its own waves. The time of a wave is its shortest over the
+/// passes, which excludes other activity of the machine.
 fn measure(rays: &[Ray], f: impl Fn(&[Ray], &mut Vec<Option<Hit>>, &mut Vec<bool>) + Sync) -> f64 {
     let run = |share: &[Ray]| {
         let (mut hits, mut occluded) = (vec![None; WAVE], vec![false; WAVE]);
@@ -152,7 +152,7 @@ fn measure(rays: &[Ray], f: impl Fn(&[Ray], &mut Vec<Option<Hit>>, &mut Vec<bool
     })
 }
 
-/// The rows of one accelerator: single rays and waves, or single rays alone.
+/// Prints the rows of one traversal: single rays and, if `waves`, waves.
 fn rows(label: &str, accel: &dyn Accel, sets: &[(Coherence, Vec<Ray>)], waves: bool) {
     for mode in if waves { &["single", "wave"][..] } else { &["single"] } {
         let mut figures = Vec::new();
@@ -175,7 +175,7 @@ fn print_row(label: &str, mode: &str, f: &[f64]) {
     println!("  {label:<22} {mode:<7} {:>9.1} {:>9.1} {:>9.1} {:>9.1}", f[0], f[1], f[2], f[3]);
 }
 
-/// obvhs' own traversal over its own triangles.
+/// Prints the rows of obvhs' own traversal with its own triangles.
 fn obvhs_rows(mesh: &Mesh, sets: &[(Coherence, Vec<Ray>)]) {
     let triangle = |t: &[u32; 3]| {
         let [v0, v1, v2] = t.map(|i| mesh.positions[i as usize].into());

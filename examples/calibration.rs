@@ -1,10 +1,11 @@
-//! How often the interval of an error estimate holds the error: `cargo run --release --example calibration -- 100`.
+//! Measures the coverage of the intervals of error estimates: `cargo run --release --example calibration -- 100`.
 //!
-//! Renders each scene with that many seeds and prints, for each integrator, sampler and number of samples: the mean
-//! relMSE, the mean estimate over it, how often the 95 % interval held the error of its own image and how often its
-//! upper end did, the geometric mean of the factors from the estimate to either end, and the bias. The error is that
-//! of noise alone: the difference from the mean of all other images. The bias is the relMSE of the mean of all images
-//! against that of `path`, less what the noise of both explains; it is printed from the second integrator on.
+//! Renders each scene with that many seeds. For each integrator, sampler and number of samples it prints the mean
+//! relMSE, the mean estimate divided by it, the fraction of images with their error within the 95 % interval, the
+//! fraction with their error below its upper end, the geometric means of the factors from the estimate to both ends,
+//! and the bias. The error is that of noise alone: the difference from the mean of all other images. The bias is the
+//! relMSE of the mean of all images against that of `path`, minus the noise of both. It is printed from the second
+//! integrator on.
 //!
 //! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper), `--samplers LIST`, `--spp LIST`, `--size
 //! N`, `--adaptive`; other arguments are scenes.
@@ -96,7 +97,7 @@ fn calibrate(file: &Path, options: &Options) -> Result<(), Error> {
                 let bias = reference.as_ref().map(|reference| seeds.bias(reference));
                 let name = format!("{name:<14} {integrator:<12} {:<11} {samples:>4}", sampler.name());
                 seeds.print(&name, bias);
-                // What has the most samples comes first.
+                // The first renders, which have the most samples, are the reference.
                 reference.get_or_insert(seeds);
             }
         }
@@ -104,10 +105,10 @@ fn calibrate(file: &Path, options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-/// Renders of one kind that differ by their seeds.
+/// Renders that differ only by their seeds.
 struct Seeds {
     renders: Vec<Rendered>,
-    /// Their values, in the order of their tiles.
+    /// The values of the images, in the order of their tiles.
     images: Vec<Vec<f64>>,
     mean: Vec<f64>,
 }
@@ -135,7 +136,7 @@ impl Seeds {
         Ok(Seeds { renders, images, mean })
     }
 
-    /// The error of each image: against the mean of the others, whose own error is one part in their number.
+    /// Returns the error of each image against the mean of the others, corrected for the error of that mean.
     fn errors(&self) -> Vec<f64> {
         let n = self.images.len() as f64;
         let others = |image: &[f64], i: usize| (n * self.mean[i] - image[i]) / (n - 1.0);
@@ -146,7 +147,7 @@ impl Seeds {
         self.errors().iter().sum::<f64>() / self.images.len() as f64
     }
 
-    /// The relMSE of the mean image against that of other renders, less what the noise of both is expected to be.
+    /// Returns the relMSE of the mean image against that of other renders, minus the expected noise of both.
     fn bias(&self, reference: &Seeds) -> f64 {
         let noise = |seeds: &Seeds| seeds.mean_error() / seeds.images.len() as f64;
         relmse(&self.mean, |i| reference.mean[i]) - noise(self) - noise(reference)
@@ -175,7 +176,7 @@ impl Seeds {
     }
 }
 
-/// All values of an image, in the order of its tiles.
+/// Returns all values of an image, in the order of its tiles.
 fn values(rendered: &Rendered) -> Vec<f64> {
     let pixels = rendered.tiles.iter().flat_map(|tile| (0..tile.pixel_count()).map(move |i| (tile, i)));
     pixels.flat_map(|(tile, i)| [0, 1, 2].map(|c| tile.estimate(i, c).mean)).collect()

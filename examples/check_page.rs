@@ -1,9 +1,8 @@
-//! Opens a page of Buffon in headless Chromium and checks what a reader would: that plots are there, that the
-//! viewer's slider, zoom and exposure change pixels, that names are shown, and that nothing is logged as an error.
-//! Saves screenshots.
+//! Opens a page of Buffon in headless Chromium and checks that it has plots and names, that the viewer's slider, zoom
+//! and exposure change pixels, and that no error is logged. Saves screenshots.
 //!
-//! `cargo run --example check_page -- PAGE.html DIR`; `CHROMIUM` names another browser. The browser is driven through
-//! the Chrome DevTools Protocol over a pipe, with real mouse events.
+//! `cargo run --example check_page -- PAGE.html DIR`; `CHROMIUM` names another browser. The browser is controlled
+//! through the Chrome DevTools Protocol over a pipe, with real mouse events.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -16,7 +15,7 @@ use std::time::{Duration, Instant};
 
 type Result<T> = std::result::Result<T, String>;
 
-/// How long the browser may take for an answer.
+/// The maximum time to wait for an answer of the browser.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A browser with one page.
@@ -26,9 +25,9 @@ struct Browser {
     messages: Receiver<Value>,
     session: Option<String>,
     next: u64,
-    /// Everything that the page logged as an error.
+    /// The messages that the page logged as errors.
     errors: Vec<String>,
-    /// Its profile, which goes with it.
+    /// The browser's profile, which is deleted with this value.
     _profile: tempfile::TempDir,
 }
 
@@ -37,7 +36,7 @@ impl Browser {
     fn start() -> Result<Self> {
         let profile = tempfile::tempdir().map_err(|e| format!("no folder for the browser's profile: {e}"))?;
         let browser = std::env::var("CHROMIUM").unwrap_or_else(|_| "chromium".into());
-        // The protocol is spoken over descriptors 3 and 4.
+        // The protocol uses the file descriptors 3 and 4.
         let mut process = Command::new("sh")
             .args(["-c", "exec \"$@\" 3<&0 4>&1 </dev/null >/dev/null 2>&1", "sh", &browser])
             .args([
@@ -76,7 +75,7 @@ impl Browser {
         Ok(browser)
     }
 
-    /// Calls a method and waits for its result.
+    /// Calls a method and returns its result.
     fn call(&mut self, method: &str, parameters: Value) -> Result<Value> {
         self.next += 1;
         let mut message = json!({ "id": self.next, "method": method, "params": parameters });
@@ -102,7 +101,7 @@ impl Browser {
         }
     }
 
-    /// Keeps what the page reports as an error, and any request to somewhere else.
+    /// Records errors of the page and requests to other hosts.
     fn listen(&mut self, message: &Value) {
         let parameters = &message["params"];
         let error = match message["method"].as_str() {
@@ -121,7 +120,7 @@ impl Browser {
         self.errors.extend(error);
     }
 
-    /// The value of an expression in the page; promises are awaited.
+    /// Returns the value of an expression in the page. Promises are awaited.
     fn evaluate(&mut self, expression: &str) -> Result<Value> {
         let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let answer = self.call("Runtime.evaluate", parameters)?;
@@ -142,7 +141,7 @@ impl Browser {
         Ok(())
     }
 
-    /// Opens a page in a window of a size, in light or dark.
+    /// Opens a page in a window of the given size, in the given theme.
     fn open(&mut self, page: &str, [width, height]: [u32; 2], theme: &str, phone: bool) -> Result<()> {
         let scale = if phone { 2 } else { 1 };
         let metrics =
@@ -156,7 +155,7 @@ impl Browser {
         self.wait_for("the page is ready", ready)
     }
 
-    /// Saves the whole page as a picture.
+    /// Saves a screenshot of the whole page.
     fn screenshot(&mut self, path: &Path) -> Result<()> {
         let parameters = json!({ "format": "png", "captureBeyondViewport": true });
         let answer = self.call("Page.captureScreenshot", parameters)?;
@@ -168,7 +167,7 @@ impl Browser {
         Ok(())
     }
 
-    /// The window as large as the page, so that a screenshot shows all of it.
+    /// Enlarges the window to the size of the page, so that a screenshot shows all of it.
     fn grow(&mut self, width: u32, phone: bool) -> Result<()> {
         let height = self.evaluate("Math.min(document.documentElement.scrollHeight, 16000)")?;
         let scale = if phone { 2 } else { 1 };
@@ -191,7 +190,7 @@ impl Browser {
         self.mouse("mouseReleased", at)
     }
 
-    /// The centre of an element in the window.
+    /// Returns the centre of an element in the window.
     fn centre(&mut self, selector: &str) -> Result<[f64; 2]> {
         let expression = format!(
             "(() => {{ const e = document.querySelector('{selector}'); e.scrollIntoView({{ block: 'center', behavior: 'instant' }}); \
@@ -207,13 +206,13 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The process may have ended already.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 }
 
-/// A hash of the first viewer's pixels and how many colours they have.
+/// Evaluates to a hash of the first viewer's pixels and the number of their colours.
 const PIXELS: &str = "(() => { const c = document.querySelector('.viewer canvas'); \
     const d = new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer); \
     let h = 0; const colours = new Set(); for (const v of d) { h = (Math.imul(h, 31) + v) | 0; colours.add(v); } \
@@ -227,7 +226,7 @@ fn expect(holds: bool, what: &str) -> Result<()> {
     Err(format!("expected that {what}"))
 }
 
-/// What must be on every page.
+/// Checks the content that every page must have.
 fn check_content(browser: &mut Browser) -> Result<()> {
     let count = |browser: &mut Browser, selector: &str| {
         browser
@@ -244,7 +243,7 @@ fn check_content(browser: &mut Browser) -> Result<()> {
     expect(wide == false, "nothing is wider than the window")
 }
 
-/// Moves the slider, zooms, pans and exposes, and sees that pixels change.
+/// Uses the slider, zoom, pan and exposure, and checks that pixels change.
 fn check_viewer(browser: &mut Browser) -> Result<()> {
     let mut seen = browser.evaluate(PIXELS)?;
     expect(seen[1].as_u64().unwrap_or(0) > 8, "the viewer shows a picture")?;
@@ -304,7 +303,7 @@ fn check_viewer(browser: &mut Browser) -> Result<()> {
 fn check(page: &Path, folder: &Path) -> Result<()> {
     let path = page.canonicalize().map_err(|e| format!("{}: {e}", page.display()))?;
     std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    // Letters that mean something in an address are few in the names of temporary folders.
+    // Other characters with a meaning in URLs are rare in the names of temporary folders.
     let address = format!(
         "file://{}",
         path.display().to_string().replace('%', "%25").replace('#', "%23").replace('?', "%3F")

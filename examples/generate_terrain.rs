@@ -1,7 +1,7 @@
 //! Writes the mesh of `scenes/terrain`: a height field of value noise as a binary PLY with vertex normals.
 //!
-//! `cargo run --release --example generate_terrain -- FILE [CELLS]`; CELLS per side, two triangles each (default 724,
-//! which makes 1,048,352 triangles). The same arguments give the same bytes.
+//! `cargo run --release --example generate_terrain -- FILE [CELLS]`; CELLS is the number of cells per side, with two
+//! triangles each (default 724: 1,048,352 triangles). The same arguments give the same bytes.
 
 use buffon::sampling::hash::{combine, to_unit};
 use std::io::{BufWriter, Write};
@@ -11,12 +11,12 @@ use std::process::ExitCode;
 const EXTENT: f32 = 3.0;
 const OCTAVES: u32 = 9;
 
-/// A value in [0, 1) at a lattice point.
+/// Returns a random value in [0, 1) for a lattice point.
 fn lattice(x: i32, z: i32, octave: u32) -> f32 {
     to_unit(combine(combine(combine(17, octave), x as u32), z as u32))
 }
 
-/// Smooth noise: lattice values, blended by a quintic.
+/// Returns smooth noise: lattice values interpolated with a quintic.
 fn noise(x: f32, z: f32, octave: u32) -> f32 {
     let (i, j) = (x.floor(), z.floor());
     let fade = |t: f32| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
@@ -26,7 +26,8 @@ fn noise(x: f32, z: f32, octave: u32) -> f32 {
     a + v * (b - a)
 }
 
-/// Height of the terrain: octaves of noise, each of half the size and a little less than half the height.
+/// Returns the height of the terrain: octaves of noise. Each has half the size and a little less than half the height
+/// of the previous one.
 fn height(x: f32, z: f32) -> f32 {
     let mut sum = 0.0;
     for octave in 0..OCTAVES {

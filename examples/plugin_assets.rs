@@ -1,6 +1,6 @@
 //! Writes the textures and meshes of the scenes under `scenes/plugins`: `cargo run --example plugin_assets`.
 //!
-//! The files are tiny and in the repository; this program says what is in them, and makes the same bytes' worth again.
+//! The files are tiny and in the repository. This program documents and reproduces their contents.
 
 use buffon::image::{Image, WriteOptions, write};
 use flate2::{Compression, write::ZlibEncoder};
@@ -15,16 +15,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::create_dir_all(&textures)?;
     std::fs::create_dir_all(&meshes)?;
 
-    // Colours without any symmetry; neither image is square.
+    // Colours without any symmetry. Neither image is square.
     RgbImage::from_fn(6, 4, |x, y| Rgb([code(x, y, 1), code(x, y, 2), code(x, y, 3)]))
         .save(textures.join("colours.png"))?;
     let colour = |x, y, c: u32| 1.5 * f32::from(code(x, y, c + 4)) / 255.0;
     exr(&textures.join("colours.exr"), 5, 3, |x, y| [0, 1, 2].map(|c| colour(x, y, c)))?;
-    // Numbers: a board of greys, and an image whose values go from 0 to 1.
+    // Numbers: an image of random greys, and an image with values from 0 to 1.
     GrayImage::from_fn(7, 5, |x, y| Luma([code(x, y, 8)])).save(textures.join("greys.png"))?;
     GrayImage::from_fn(8, 6, |x, y| Luma([if (x / 2 + y / 2) % 2 == 0 { 230 } else { 20 + 10 * x as u8 }]))
         .save(textures.join("holes.png"))?;
-    // A height field of waves, and the normals of another one.
+    // A height field of waves, and the normals of another height field.
     let wave = |x: u32, y: u32| {
         let (u, v) = (x as f32 / 16.0, y as f32 / 12.0);
         0.5 + 0.25 * (TAU * (2.0 * u + v)).sin() + 0.25 * (TAU * 2.0 * v).cos()
@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Rgb([-slope[0] / length, -slope[1] / length, 1.0 / length].map(|n| (127.5 * (n + 1.0)).round() as u8))
     })
     .save(textures.join("normals.png"))?;
-    // A sky with one bright spot, its zenith above.
+    // A sky with one bright spot. The zenith is the top row.
     exr(&textures.join("sky.exr"), 16, 8, |x, y| {
         let sun = if (x, y) == (11, 2) { 40.0 } else { 0.0 };
         let (height, side) = (1.0 - y as f32 / 8.0, (TAU * x as f32 / 16.0).sin());
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// A byte for a pixel and a channel that looks drawn at random.
+/// Returns a pseudo-random byte for a pixel and a channel.
 fn code(x: u32, y: u32, channel: u32) -> u8 {
     let mut h = (x + 31 * y + 1009 * channel).wrapping_mul(0x9e37_79b9) ^ 0x5bd1_e995;
     h = (h ^ (h >> 15)).wrapping_mul(0x85eb_ca6b);
@@ -78,7 +78,7 @@ fn exr(
     Ok(())
 }
 
-/// A dented ball of quadrilaterals with normals, texture coordinates and colours.
+/// A dented sphere of quadrilaterals with normals, texture coordinates and colours.
 struct Ball {
     positions: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
@@ -91,7 +91,7 @@ impl Ball {
         let (mut positions, mut normals, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
         for (i, k) in (0..=rings).flat_map(|i| (0..=sectors).map(move |k| (i, k))) {
             let (v, u) = (i as f32 / rings as f32, k as f32 / sectors as f32);
-            // The poles are a little open.
+            // There are small holes at the poles.
             let theta = PI * (0.04 + 0.92 * v);
             let (sin, cos) = theta.sin_cos();
             let n = [sin * (TAU * u).cos(), cos, -sin * (TAU * u).sin()];
@@ -126,7 +126,7 @@ impl Ball {
         text
     }
 
-    /// Triangles, as not every reader of PLY takes quadrilaterals.
+    /// Returns the surface as triangles, because some PLY readers do not support quadrilaterals.
     fn triangles(&self) -> impl Iterator<Item = [u32; 3]> {
         self.quads.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]])
     }
@@ -160,7 +160,7 @@ impl Ball {
     }
 }
 
-/// Meshes in Mitsuba's binary format, version 4, single precision, with normals and texture coordinates.
+/// Returns meshes in Mitsuba's binary format, version 4, single precision, with normals and texture coordinates.
 fn serialized(balls: &[Ball]) -> std::io::Result<Vec<u8>> {
     let (mut bytes, mut starts) = (Vec::new(), Vec::new());
     for ball in balls {

@@ -1,7 +1,7 @@
 //! Writes the smooth meshes of `scenes/interior` and `scenes/caustics`: `cargo run --release --example scene_meshes`.
 //!
-//! Each is a parametric surface, cut into a grid of triangles with the surface's own normals at its vertices. The
-//! files are in the repository; this program says what is in them, and writes the same bytes again.
+//! Each mesh is a parametric surface, divided into a grid of triangles, with the normals of the surface at the
+//! vertices. The files are in the repository. This program documents their contents and writes the same bytes.
 
 use std::f64::consts::{PI, TAU};
 use std::io::Write;
@@ -17,7 +17,8 @@ fn main() -> std::io::Result<()> {
     })
 }
 
-/// A vase of height 1 that stands at the origin, from the middle of its foot to its rim: radius and height.
+/// Returns radius and height of the profile of a vase of height 1 at the origin, from the centre of its foot to its
+/// rim.
 fn vase_profile(v: f64) -> [f64; 2] {
     if v < 0.1 {
         return [0.2 * v / 0.1, 0.0];
@@ -27,14 +28,14 @@ fn vase_profile(v: f64) -> [f64; 2] {
     [0.2 - 0.12 * y + belly + 0.1 * y.powi(6), y]
 }
 
-/// The cross-section of a ring of inner radius 0.5, counter-clockwise: high, flat within, and round at its edges.
+/// Returns the counter-clockwise cross-section of a ring of inner radius 0.5, which is flat inside and has round edges.
 fn ring_profile(v: f64) -> [f64; 2] {
     let (sin, cos) = (TAU * v).sin_cos();
     let power = |x: f64| x.signum() * x.abs().powf(0.5);
     [0.54 + 0.04 * power(cos), 0.15 + 0.15 * power(sin)]
 }
 
-/// The height of the water: five waves that cross.
+/// Returns the height of the water: the sum of five waves in different directions.
 fn water_height(x: f64, z: f64) -> f64 {
     const WAVES: [[f64; 4]; 5] = [
         [0.02, 7.1, 3.3, 0.4],
@@ -46,14 +47,14 @@ fn water_height(x: f64, z: f64) -> f64 {
     WAVES.iter().map(|[height, a, b, phase]| height * (a * x + b * z + phase).sin()).sum()
 }
 
-/// A profile turned about the y axis.
+/// Rotates a point of a profile about the y axis.
 fn revolve(u: f64, [radius, height]: [f64; 2]) -> [f64; 3] {
     let (sin, cos) = (TAU * u).sin_cos();
     [radius * cos, height, -radius * sin]
 }
 
-/// Writes the surface over the unit square as a binary PLY with normals, of `columns` x `rows` cells with two
-/// triangles each. Front is where ∂u × ∂v points to.
+/// Writes the surface over the unit square as a binary PLY with normals. It has `columns` × `rows` cells with two
+/// triangles each. The front is the side of ∂u × ∂v.
 fn write(
     path: &Path,
     columns: u32,
@@ -86,7 +87,7 @@ fn write(
     std::fs::write(path, out)
 }
 
-/// The unit normal along ∂u × ∂v, from differences that stay within the unit square.
+/// Returns the unit normal along ∂u × ∂v, from differences within the unit square.
 fn normal(surface: impl Fn(f64, f64) -> [f64; 3], u: f64, v: f64) -> [f64; 3] {
     const STEP: f64 = 1e-6;
     let inside = |x: f64| x.clamp(STEP, 1.0 - STEP);

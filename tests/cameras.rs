@@ -1,4 +1,4 @@
-//! Lenses and shutters against averages of many sharp frames.
+//! Lenses and shutters, compared with averages of many sharp frames.
 
 use crate::support::scenes::{add, camera, compiled, diffuse, pixels, render, sphere};
 use buffon::accel::AccelKind;
@@ -13,7 +13,7 @@ use buffon::shape::Shape;
 
 const SIZE: u32 = 24;
 
-/// Emitted light alone: no noise but that of positions, lens and time.
+/// Returns the settings for emitted light alone. Its only noise is that of positions, lens and time.
 fn emitted() -> Settings {
     Settings::Path(PathLimits { max_depth: Some(1), ..PathLimits::default() })
 }
@@ -36,7 +36,7 @@ fn image(
     pixels(&render(&scene, &emitted(), SamplerKind::Sobol, spp, seed))
 }
 
-/// The pixels' mean over many frames.
+/// Returns the mean of many frames.
 fn average(frames: impl Iterator<Item = Vec<[f64; 3]>>) -> Vec<[f64; 3]> {
     let mut sum = vec![[0.0; 3]; (SIZE * SIZE) as usize];
     let mut n = 0.0;
@@ -49,14 +49,14 @@ fn average(frames: impl Iterator<Item = Vec<[f64; 3]>>) -> Vec<[f64; 3]> {
     sum.into_iter().map(|p| p.map(|v| v / n)).collect()
 }
 
-/// The greatest and the root mean square difference of two images.
+/// Returns the maximum and the root mean square difference of two images.
 fn difference(a: &[[f64; 3]], b: &[[f64; 3]]) -> (f64, f64) {
     let off = a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| (a - b).abs());
     let (max, sum) = off.fold((0.0, 0.0), |(max, sum): (f64, f64), d| (max.max(d), sum + d * d));
     (max, (sum / (3 * a.len()) as f64).sqrt())
 }
 
-/// A lens is the mean of pinholes over its aperture that agree on the plane in focus.
+/// A thin lens gives the mean of pinhole images over its aperture. The pinholes have the same plane of focus.
 #[test]
 fn a_thin_lens_is_the_mean_of_pinholes() {
     let mut description = Description::default();
@@ -68,7 +68,7 @@ fn a_thin_lens_is_the_mean_of_pinholes() {
     let lens = ThinLens { aperture_radius: 0.25, focus_distance: 5.0 };
     let Projection::Perspective { fov, fov_axis, .. } = pinhole.projection else { unreachable!() };
     let half = (0.5 * fov).tan();
-    // Points of equal weight over the aperture: a spiral. [Vogel 1979]
+    // Equally weighted points on a spiral over the aperture. [Vogel 1979]
     let n = 512;
     let frames = (0..n).map(|i| {
         let r = lens.aperture_radius * ((f64::from(i) + 0.5) / f64::from(n)).sqrt();
@@ -93,7 +93,7 @@ fn a_thin_lens_is_the_mean_of_pinholes() {
     }
 }
 
-/// Shapes that translate, turn and grow, and a camera that moves: the mean of sharp frames at as many times.
+/// The motion blur of moving shapes and a moving camera is the mean of sharp frames over the shutter interval.
 #[test]
 fn motion_blur_is_the_mean_of_sharp_frames() {
     let turn = |degrees: f64| DAffine3::from_rotation_z(degrees.to_radians());
@@ -134,7 +134,7 @@ fn motion_blur_is_the_mean_of_sharp_frames() {
     assert!(difference(&sharp, &expected).1 > 0.1, "motion blurs");
 }
 
-/// Lamps that move light a floor as the mean of lamps at rest does, by every technique.
+/// A moving emitter lights a floor as the mean of emitters at rest does, for every shape.
 #[test]
 fn moving_lamps_light_as_the_mean_of_lamps_at_rest() {
     let motion = |a: DAffine3, b: DAffine3| Motion::new(vec![(0.0, a), (1.0, b)]).expect("times increase");

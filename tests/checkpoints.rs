@@ -1,10 +1,10 @@
-//! Renders that are stopped and gone on with, or split and merged: the very pixels of a whole one.
+//! Renders that are interrupted and resumed, or split and merged, have exactly the pixels of a whole render.
 
 use crate::support::cli::{Folder, Run, SCENE};
 use buffon::session::checkpoint::file;
 
-/// A folder with the sums of samples 0..10, 10..13 and 13..24 of the scene in `a`, `b` and `c`, and the whole render's
-/// picture in `whole.exr`.
+/// Returns a folder with the sums of the samples 0..10, 10..13 and 13..24 of the scene in `a`, `b` and `c`, and the
+/// image of the whole render in `whole.exr`.
 fn parts(options: &str) -> Folder {
     let folder = Folder::new();
     folder.render(&format!("s.xml {options} --spp 24 -q -o whole.exr"));
@@ -32,7 +32,7 @@ fn merged_ranges_are_the_whole_render_in_any_order() {
             assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{options}");
             assert!(folder.read("m.pfm") == whole, "{options}: {order}");
         }
-        // What is merged can be merged on, with the same result.
+        // The result of a merge can be merged again.
         assert_eq!(merge(&folder, "c a --checkpoint ac -q").code, 0);
         assert_eq!(merge(&folder, "ac b -o m.pfm -q").code, 0);
         assert!(folder.read("m.pfm") == whole, "{options}");
@@ -122,14 +122,14 @@ fn a_resumed_render_is_the_uninterrupted_one() {
     for options in ["", "--integrator ptracer", "--adaptive", "--aov N,variance --sampler sobol"] {
         let folder = Folder::new();
         folder.render(&format!("s.xml {options} --spp 40 -q -o whole.exr"));
-        // An adaptive render spreads the samples that it is to have in all, and goes on to no others.
+        // An adaptive render distributes a fixed total of samples and cannot be extended.
         let first = if options == "--adaptive" { 40 } else { 13 };
         folder.render(&format!("s.xml {options} --spp {first} -q --checkpoint c -o r.exr"));
         folder.render(&format!("s.xml {options} --spp 40 -q --checkpoint c --resume -o r.exr"));
         let [whole, resumed] = ["whole.exr", "r.exr"].map(|f| buffon::image::read(&folder.path(f)).unwrap());
         assert_eq!((whole.channels, whole.data), (resumed.channels, resumed.data), "{options}");
         assert_eq!(resumed.metadata.get("buffon:relmse"), whole.metadata.get("buffon:relmse"));
-        // A render that has its samples takes no more.
+        // A complete render takes no more samples.
         let again = folder.render(&format!("s.xml {options} --spp 40 --checkpoint c --resume -o r.exr"));
         assert!(again.stderr.contains("40 samples per pixel"), "{again:?}");
     }
@@ -238,7 +238,7 @@ fn damaged_checkpoints_are_refused_before_anything_is_allocated() {
     assert_eq!(with(rect, b"\"rect\":[0,0,0,4]"), "is damaged: its header has an image of impossible size");
     let larger = with(rect, b"\"rect\":[0,0,9,4]");
     assert!(larger.starts_with("is damaged: it has ") && larger.contains(", expected "), "{larger}");
-    // Any one byte that is another, and any end that is missing.
+    // Every changed byte and every truncation is detected.
     for at in (16..good.len()).step_by(7) {
         assert!(with(at, &[good[at] ^ 0x55]).starts_with("is damaged"), "{at}");
     }

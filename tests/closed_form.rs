@@ -1,4 +1,4 @@
-//! Scenes whose radiance is known: integrators × samplers × traversals.
+//! Scenes of known radiance: integrators × samplers × traversals.
 
 use crate::support::expect::{Means, combinations};
 use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, sphere};
@@ -12,7 +12,7 @@ use buffon::scene::Description;
 use buffon::shape::{Mesh, Shape};
 use std::f64::consts::PI;
 
-/// A path integrator with a longest path and the depth from which roulette is played.
+/// Returns the settings of a path integrator with a maximum depth and a first depth of roulette.
 fn path(max_depth: Option<u32>, rr_depth: u32) -> Settings {
     Settings::Path(PathLimits { max_depth, rr_depth, hide_emitters: false })
 }
@@ -21,17 +21,17 @@ fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {
     Settings::Direct(DirectSettings { emitter_samples, bsdf_samples, hide_emitters: false })
 }
 
-/// Direct light by every technique alone and together.
+/// Returns settings of direct light with different numbers of samples, each technique alone and both together.
 fn direct_settings() -> [Settings; 5] {
     [direct(1, 1), direct(4, 1), direct(1, 4), direct(1, 0), direct(0, 1)]
 }
 
-/// Whether an integrator finds emitters by chance only, with the noise that this brings.
+/// Returns whether an integrator samples no emitters, which gives more noise.
 fn by_chance(settings: &Settings) -> bool {
     matches!(settings, Settings::Direct(DirectSettings { emitter_samples: 0, .. }))
 }
 
-/// The inside of a closed surface that emits and reflects, seen from within.
+/// Returns a closed surface that emits and reflects, with the camera inside.
 fn furnace(shape: Shape, albedo: Rgb, emission: f32) -> Description {
     let mut scene = Description::default();
     let id =
@@ -42,7 +42,7 @@ fn furnace(shape: Shape, albedo: Rgb, emission: f32) -> Description {
     scene
 }
 
-/// Le = 1/2 and Kd = 1/2: light of k edges adds 2^−k, all of it is 1.
+/// With Le = 1/2 and Kd = 1/2, paths of k edges contribute 2^−k and the radiance is 1.
 #[test]
 fn a_half_grey_and_half_bright_sphere_is_one_everywhere() {
     let combinations = combinations();
@@ -55,7 +55,7 @@ fn a_half_grey_and_half_bright_sphere_is_one_everywhere() {
             let name = format!("{settings:?}, {sampler}, {accel}");
             let rendered = render(&scene, &settings, sampler, 128, 1);
             group.expect(&name, &rendered, [exact; 3]);
-            // Not only on average.
+            // Every pixel has this value, not only the mean.
             for tile in &rendered.tiles {
                 for i in 0..tile.pixel_count() {
                     let pixel = tile.estimate(i, 0).mean;
@@ -66,7 +66,7 @@ fn a_half_grey_and_half_bright_sphere_is_one_everywhere() {
     }
 }
 
-/// Emission 1 and albedo a: 1/(1 − a).
+/// With emission 1 and albedo a, the radiance is 1/(1 − a).
 #[test]
 fn furnaces_multiply_light_by_bouncing() {
     let albedo = Rgb::new(0.1, 0.5, 0.9);
@@ -82,7 +82,7 @@ fn furnaces_multiply_light_by_bouncing() {
     }
 }
 
-/// Light of two edges in a furnace, by every technique: 1 + a.
+/// Light of at most two edges in a furnace is 1 + a by every technique.
 #[test]
 fn direct_light_in_a_furnace_bounces_once() {
     let albedo = Rgb::new(0.1, 0.5, 0.9);
@@ -97,7 +97,7 @@ fn direct_light_in_a_furnace_bounces_once() {
     }
 }
 
-/// Roulette from the first bounce, late, and never, with paths of at most 20 edges: the same finite sum.
+/// Roulette from the first bounce, late or never gives the same finite sum of paths of at most 20 edges.
 #[test]
 fn roulette_does_not_change_the_mean() {
     let albedo = [0.1, 0.5, 0.9];
@@ -113,10 +113,10 @@ fn roulette_does_not_change_the_mean() {
     }
 }
 
-/// The reflectance of the plane z = 0 under the lights.
+/// The reflectance of the plane z = 0.
 const RHO: [f32; 3] = [0.2, 0.5, 0.8];
 
-/// A plane z = 0, looked at around the origin: a point, as far as light is concerned, from below all lights.
+/// Returns the plane z = 0 seen from below all emitters, in a view so narrow that the origin is the only receiver.
 fn plane() -> Description {
     let mut scene = Description::default();
     let [r, g, b] = RHO;
@@ -126,12 +126,12 @@ fn plane() -> Description {
     scene
 }
 
-/// The radiance of the plane for an irradiance.
+/// Returns the radiance of the plane for an irradiance.
 fn reflected(irradiance: f64) -> [f64; 3] {
     RHO.map(|rho| f64::from(rho) / PI * irradiance)
 }
 
-/// An irradiance I·cosθ/d², and none from below.
+/// The irradiance of a point light is I·cosθ/d², and zero from below.
 #[test]
 fn point_lights_fall_off_with_distance_and_angle() {
     let combinations = combinations();
@@ -152,11 +152,11 @@ fn point_lights_fall_off_with_distance_and_angle() {
     }
 }
 
-/// An area light, what it is called, and the irradiance at the origin for a radiance of 1.
+/// The name of an area emitter, its shape and transformation, and the irradiance at the origin for a radiance of 1.
 type AreaLight = (&'static str, Shape, DAffine3, f64);
 
-/// The form factor between an element and a parallel rectangle over it, one of whose corners lies on the element's
-/// normal, at distances of 1. [Howell, A Catalog of Radiation Heat Transfer Configuration Factors, B-3]
+/// Returns the form factor between an element and a parallel rectangle at the distance 1, with one corner of the
+/// rectangle on the element's normal. [Howell, A Catalog of Radiation Heat Transfer Configuration Factors, B-3]
 fn rectangle_factor(x: f64, y: f64) -> f64 {
     let (p, q) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
     (x / p * (y / p).atan() + y / q * (x / q).atan()) / (2.0 * PI)
@@ -167,7 +167,7 @@ fn area_lights() -> Vec<AreaLight> {
     let at = |x: f64, z: f64| DAffine3::from_translation(DVec3::new(x, 0.0, z));
     let scaled = |x: f64, y: f64| DAffine3::from_scale(DVec3::new(x, y, 1.0));
     let centred = 4.0 * rectangle_factor(0.7 / 1.5, 0.4 / 1.5);
-    // From x = 0.6 to 1.4, from y = −0.4 to 0.4.
+    // The rectangle 0.6 < x < 1.4, −0.4 < y < 0.4.
     let aside = 2.0 * (rectangle_factor(1.4 / 1.2, 0.4 / 1.2) - rectangle_factor(0.6 / 1.2, 0.4 / 1.2));
     let far = 4.0 * rectangle_factor(1.0 / 6.0, 0.5 / 6.0);
     let square = |x: f32, y: f32| Vec3::new(x * 0.7, y * 0.4, 1.5);
@@ -194,7 +194,7 @@ fn area_lights() -> Vec<AreaLight> {
     ]
 }
 
-/// Each kind of area light, by every way of sampling it.
+/// Each kind of area emitter gives its irradiance by every sampling technique.
 #[test]
 fn area_lights_have_their_form_factors() {
     let (combinations, lights) = (combinations(), area_lights());
@@ -206,7 +206,7 @@ fn area_lights_have_their_form_factors() {
             description.shapes[id].emission = Some(Rgb::splat(3.0).into());
             let scene = compiled(description, accel);
             for settings in direct_settings().into_iter().chain([path(Some(2), 5), path(None, 5)]) {
-                // Chance finds a light the more seldom the smaller it is.
+                // BSDF sampling hits a small emitter rarely.
                 let spp = if by_chance(&settings) { 512 + (256.0 / irradiance) as u64 } else { 128 };
                 let rendered = render(&scene, &settings, sampler, spp, 5);
                 let name = format!("{name}, {settings:?}, {sampler}, {accel}");
@@ -216,7 +216,7 @@ fn area_lights_have_their_form_factors() {
     }
 }
 
-/// A convex object scatters a constant environment once: ρL.
+/// A convex object reflects ρL in a constant environment L.
 #[test]
 fn convex_diffuse_objects_show_their_reflectance_of_the_environment() {
     let combinations = combinations();
@@ -239,7 +239,7 @@ fn convex_diffuse_objects_show_their_reflectance_of_the_environment() {
     }
 }
 
-/// A flat wall at distance 2 of a camera whose near plane is at 1e-4.
+/// A flat wall at the distance 2 from a camera with its near plane at 1e-4.
 #[test]
 fn the_depth_integrator_shows_the_distance_from_the_near_plane() {
     let combinations = combinations();

@@ -1,4 +1,4 @@
-//! Scenes of mirrors and glass whose radiance is known, and agreement between estimators.
+//! Scenes of mirrors and glass with known radiance, and agreement between estimators.
 
 use crate::support::cli::Folder;
 use crate::support::expect::{Means, combinations};
@@ -34,7 +34,7 @@ fn rough_metal(distribution: Distribution, alpha: [f32; 2], colours: [Rgb; 3]) -
     Material::RoughConductor(RoughConductor { metal: metal(colours), roughness })
 }
 
-/// Glass loses nothing: in a constant environment it cannot be seen.
+/// Glass without loss is invisible in a constant environment.
 #[test]
 fn lossless_glass_vanishes_in_a_constant_environment() {
     let combinations = combinations();
@@ -52,7 +52,7 @@ fn lossless_glass_vanishes_in_a_constant_environment() {
     }
 }
 
-/// A floor under an area light and an environment, with or without a sphere in front of it and over it.
+/// Returns a floor under an area emitter and an environment, optionally with a sphere between camera and floor.
 fn floor_behind(sphere_of: Option<Material>, accel: AccelKind) -> Scene {
     let mut description = Description::default();
     let down = DAffine3::from_translation(DVec3::new(0.5, 0.0, 3.0))
@@ -68,7 +68,7 @@ fn floor_behind(sphere_of: Option<Material>, accel: AccelKind) -> Scene {
     compiled(description, accel)
 }
 
-/// Shadow rays are stopped by glass, paths go through it: with an index of 1 all the light still arrives.
+/// Glass blocks shadow rays but not paths. With an index of 1, paths still carry all of the light.
 #[test]
 fn glass_of_index_one_changes_nothing() {
     let combinations = combinations();
@@ -80,7 +80,7 @@ fn glass_of_index_one_changes_nothing() {
     }
 }
 
-/// Fresnel's reflectance of a conductor in unpolarised light, from the complex refraction itself.
+/// Returns Fresnel's reflectance of a conductor for unpolarised light, computed from the complex refraction.
 /// [Born and Wolf 1999, section 14.2]
 fn conductor_reflectance(eta: f64, k: f64, cos: f64) -> f64 {
     let multiply = |a: [f64; 2], b: [f64; 2]| [a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0]];
@@ -124,7 +124,7 @@ fn mirrors_reflect_by_fresnels_equations() {
     }
 }
 
-/// A lossless rough mirror in a constant environment: never brighter than it, and hardly darker where it is smooth.
+/// A lossless rough mirror is never brighter than a constant environment, and almost as bright if it is smooth.
 #[test]
 fn rough_mirrors_gain_no_light() {
     for accel in AccelKind::CHOICES {
@@ -146,14 +146,14 @@ fn rough_mirrors_gain_no_light() {
     }
 }
 
-/// The scene with everything in it.
+/// Returns the default scene, which has all kinds of light paths.
 fn everything(accel: AccelKind) -> Scene {
     let folder = Folder::new();
     let loaded = load(&folder.path("s.xml"), &LoadOptions::default()).expect("the scene loads");
     compiled(loaded.description, accel)
 }
 
-/// Every number of samples of either technique estimates what paths of two edges estimate.
+/// All numbers of emitter and BSDF samples have the expected value of paths of two edges.
 #[test]
 fn direct_light_is_the_same_by_every_technique() {
     let techniques = [(1, 1), (4, 1), (1, 4), (3, 0)];
@@ -175,7 +175,7 @@ fn direct_light_is_the_same_by_every_technique() {
     }
 }
 
-/// One sample of every pixel, with the wanted parts only.
+/// Returns one sample of every pixel, with only the parts of the query.
 fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radiance> {
     let camera = &scene.sensors[0];
     let pixels = (0..camera.film.height).flat_map(|y| (0..camera.film.width).map(move |x| (x, y)));
@@ -199,7 +199,7 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
     out
 }
 
-/// Emitted, direct, indirect light and caustics make up all light, path by path.
+/// For each ray, emitted, direct and indirect light and caustics sum to the whole.
 #[test]
 fn the_parts_of_a_query_sum_to_the_whole() {
     let none = RadianceQuery { emitted: false, direct: false, indirect: false, caustic: false };
@@ -233,7 +233,7 @@ fn the_parts_of_a_query_sum_to_the_whole() {
     }
 }
 
-/// A camera that looks at a floor through a light: hidden, the light still shines but is not in the way.
+/// A camera looks at a floor through an emitter. A hidden emitter still lights the floor and does not hide it.
 #[test]
 fn hidden_emitters_shine_without_being_seen() {
     let combinations = combinations();
@@ -246,7 +246,7 @@ fn hidden_emitters_shine_without_being_seen() {
         description.sensors.push(camera(DVec3::new(0.0, 0.0, 5.0), DVec3::ZERO, 0.02, 8));
         let scene = compiled(description, accel);
         for hide_emitters in [false, true] {
-            // ρL(r/d)² on the floor, in light of two edges.
+            // The radiance ρL(r/d)² of the floor for paths of two edges.
             let exact = if hide_emitters { 0.5 * 3.0 * (0.5f64 / 1.5).powi(2) } else { 3.0 };
             let direct = Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() });
             let two_edges = PathLimits { max_depth: Some(2), hide_emitters, ..PathLimits::default() };

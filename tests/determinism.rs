@@ -1,4 +1,4 @@
-//! The same numbers every time: threads, crops, passes and traversals change nothing.
+//! Images do not depend on threads, crops, passes or the traversal.
 
 use crate::support::cli::{Folder, SCENE};
 use crate::support::scenes;
@@ -12,18 +12,18 @@ use buffon::render::tracing::CameraWorker;
 use buffon::render::{Job, JobSettings, Progress, StopRules};
 use buffon::sampling::{Sampler, SamplerKind};
 
-/// A picture's values, bit by bit.
+/// Returns the bits of all values of an image.
 fn bits(image: &Image) -> Vec<u32> {
     image.data.iter().map(|v| v.to_bits()).collect()
 }
 
-/// Renders the scene to `name`.exr and reads it back.
+/// Renders the scene to `name`.exr and reads the image.
 fn picture(folder: &Folder, name: &str, arguments: &str) -> Image {
     folder.render(&format!("s.xml -q -o {name}.exr {arguments}"));
     read(&folder.path(&format!("{name}.exr"))).expect("the image can be read")
 }
 
-/// An image without what a clock put into it.
+/// Returns an image without its render time.
 fn timeless(mut image: Image) -> Image {
     image.metadata.set("renderTimeSeconds", buffon::image::Value::Float(0.0));
     image
@@ -42,7 +42,7 @@ fn threads_and_repetition_change_no_bit() {
             assert_eq!(timeless(again), timeless(once.clone()));
         }
     }
-    // A format that holds no times is the same file, byte for byte.
+    // A file format without times has identical bytes.
     for threads in [1, 2, 5] {
         folder.render(&format!("s.xml -q -o {threads}.pfm -t {threads}"));
         assert_eq!(folder.read(&format!("{threads}.pfm")), folder.read("1.pfm"));
@@ -62,7 +62,7 @@ fn a_crop_has_the_very_pixels_of_the_whole() {
         assert_eq!((crop.width, crop.height), (width, height));
         assert_eq!(bits(&crop), bits(&part), "{x},{y},{width},{height}");
     }
-    // The scene's own crop does the same.
+    // A crop in the scene file has the same pixels.
     let cropped = SCENE.replace(
         "<string name=\"component_format\"",
         "<integer name=\"crop_offset_x\" value=\"7\"/><integer name=\"crop_offset_y\" value=\"5\"/>\
@@ -73,7 +73,7 @@ fn a_crop_has_the_very_pixels_of_the_whole() {
     assert_eq!(bits(&crop), bits(&whole.crop(7, 5, 20, 19).expect("the crop is inside")));
 }
 
-/// Also with samplers whose pixels belong together.
+/// A crop has exactly the pixels of the whole image, also for samplers whose pixels depend on each other.
 #[test]
 fn a_crop_has_the_very_pixels_of_the_whole_with_every_sampler() {
     let folder = Folder::new();
@@ -105,7 +105,7 @@ fn seeds_and_samplers_differ_and_estimate_the_same_picture() {
     }
 }
 
-/// The relMSE between two pictures.
+/// Returns the relMSE between two images.
 fn picture_error(a: &Image, b: &Image) -> f64 {
     compare(a, b).expect("images of one size").layers[0].relmse
 }
@@ -120,7 +120,7 @@ fn every_traversal_gives_the_same_picture() {
     for image in &images[1..] {
         let comparison = compare(image, &images[0]).expect("images of one size");
         assert_eq!(comparison.layers.len(), 2);
-        // The same paths, but for rounding at edges: far below the noise.
+        // The paths are the same except for rounding at edges, so the difference is far below the noise.
         let (picture, noise) = (&comparison.layers[0], 1e-3);
         assert!(picture.relmse < noise, "relMSE {}", picture.relmse);
         assert!((picture.mean_ratio - 1.0).abs() < 1e-3, "ratio {}", picture.mean_ratio);
@@ -129,7 +129,7 @@ fn every_traversal_gives_the_same_picture() {
     }
 }
 
-/// The sums of a 16x16 tile after the given passes.
+/// Returns the sums of a 16×16 tile after the given passes.
 fn sums(job: &Job<'_>, passes: &[u64]) -> Vec<(u64, u64)> {
     let mut tile = Tile::new(PixelRect { x: 16, y: 3, width: 16, height: 16 }, 3, 2);
     let mut worker = CameraWorker::new(Worker::new(job.settings.sampler));
@@ -172,7 +172,7 @@ fn passes_change_no_bit() {
     }
 }
 
-/// The bits of the red mean of a pixel.
+/// Returns the bits of the red mean of a pixel.
 fn pixel_bits(tiles: &[Tile], x: u32, y: u32) -> u64 {
     let tile = tiles
         .iter()

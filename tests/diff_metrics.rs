@@ -1,4 +1,4 @@
-//! `buffon diff`: verdicts and exit codes.
+//! `buffon diff`: results and exit codes.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use buffon::error::Kind;
 use buffon::image::{Image, WriteOptions, read, write};
 use clap::Parser;
 
-/// The arguments as the command line gives them.
+/// The arguments of the command line.
 #[derive(Parser)]
 struct Line {
     #[command(flatten)]
@@ -33,12 +33,12 @@ impl Folder {
     }
 }
 
-/// The exit code of `buffon diff A B MORE...`.
+/// Returns the exit code of `buffon diff A B MORE...`.
 fn diff(a: &Path, b: &Path, more: &[&str]) -> u8 {
     said(a, b, more).exit_code
 }
 
-/// What `buffon diff A B MORE...` says.
+/// Returns the outcome of `buffon diff A B MORE...`.
 fn said(a: &Path, b: &Path, more: &[&str]) -> Outcome {
     let words = [Path::new("diff"), a, b].map(|p| p.as_os_str().to_owned());
     let line = Line::try_parse_from(words.into_iter().chain(more.iter().map(|w| w.into()))).unwrap();
@@ -175,7 +175,7 @@ fn the_z_test_accepts_noise_of_the_stated_variance_and_rejects_bias() {
     for y in 0..10 {
         for x in 0..20 {
             for c in 0..3 {
-                // The sum of 12 uniform numbers: variance 1, mean 6.
+                // The sum of 12 uniform random numbers has variance 1 and mean 6.
                 let noise = 0.1 * ((0..12).map(|_| uniform()).sum::<f32>() - 6.0);
                 a.pixel_mut(x, y)[c] += noise;
                 biased.pixel_mut(x, y)[c] += noise + 0.6;
@@ -204,7 +204,7 @@ fn the_report_says_what_was_found_as_text_and_as_json() {
     image.pixel_mut(4, 3)[2] = 1.0;
     let (a, r) = (dir.save("a.exr", &image), dir.save("r.exr", &flat(0.5, &RGB)));
     let found = said(&a, &r, &["--metric", "max", "--fail", "0.25"]);
-    // One value of 600 is off by 0.5: MSE 0.25 / 600, relMSE that over 0.26.
+    // One of 600 values differs by 0.5: the MSE is 0.25 / 600, and the relMSE is that divided by 0.26.
     let expected = "\
 picture (R, G, B)
   relMSE 1.602564e-3   trimmed 0.000000e0

@@ -1,19 +1,19 @@
-//! Distributions over the unit square against their densities.
+//! Distributions over the unit square, compared with their densities.
 
 use crate::support::chi2::check_square;
 use buffon::sampling::{BilinearDistribution2D, Distribution2D};
 
-/// Comparisons that share the significance.
+/// The number of comparisons by which the significance is divided.
 const TESTS: usize = 3;
 
-/// Weights from 0 to 22 without any order.
+/// Returns irregular weights from 0 to 22.
 fn weights(n: usize) -> Vec<f64> {
     (0..n).map(|i| (i * 37 % 23) as f64).collect()
 }
 
 #[test]
 fn cells_are_drawn_by_their_weight() {
-    // The test's own cells, each of one weight.
+    // The cells of the test, each with one weight.
     let (width, height) = (31, 61);
     let d = Distribution2D::new(width, height, &weights(width * height));
     let total = check_square(

@@ -1,4 +1,4 @@
-//! The safe wrapper of Embree keeps its promises: layouts, padding, panics in callbacks, order of drops.
+//! The safe wrapper of Embree: layouts, padding, panics in callbacks, order of drops.
 
 use buffon::embree::{
     CandidateHit, Coherence, CommittedScene, Device, DeviceOptions, INVALID_ID, Isa, Mask16, RayHit1,
@@ -8,25 +8,25 @@ use buffon::memory::{Budget, Limit};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
-/// From (0.25, 0.25, 1) straight down.
+/// A ray from (0.25, 0.25, 1) in the direction −z.
 const DOWN: [f32; 8] = [0.25, 0.25, 1.0, f32::INFINITY, 0.0, 0.0, -1.0, 0.0];
 
 fn device() -> Device {
     Device::new(DeviceOptions::default()).expect("a device")
 }
 
-/// A device for each set of instructions: Embree has code of its own for each, and packets of other widths.
+/// Returns a device for each instruction set. Embree has separate code and a packet width for each.
 fn devices() -> impl Iterator<Item = Device> {
     let options = |isa| DeviceOptions { threads: 2, max_isa: Some(isa) };
     Isa::ALL.into_iter().map(move |isa| Device::new(options(isa)).expect("a device"))
 }
 
-/// Whether it is the number, but for the reciprocals of different CPUs.
+/// Returns whether two numbers are equal, up to the different reciprocals of different CPUs.
 fn near(found: f32, expected: f32) -> bool {
     found == expected || (found - expected).abs() < 1e-6 * expected.abs()
 }
 
-/// One triangle in the plane z = 0 and its padding.
+/// Returns the vertices of one triangle in the plane z = 0, with padding.
 fn vertices() -> Arc<Vec<[f32; 3]>> {
     Arc::new(vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]])
 }
@@ -37,7 +37,7 @@ fn triangle_scene(device: &Device) -> CommittedScene {
     builder.commit().expect("built")
 }
 
-/// A plane z = 0 as user geometry that panics for rays beyond x = 0.5.
+/// The plane z = 0 as user geometry. It panics for rays with x ≥ 0.5.
 struct Trap;
 
 impl UserPrimitives for Trap {
@@ -181,7 +181,7 @@ fn a_panic_in_a_callback_goes_on_after_the_query() {
     packet.load(&rays);
     let mut trace = || _ = scene.occluded16(&Mask16::ALL, &mut packet, Coherence::Coherent);
     assert_eq!(caught(&mut trace), "the trap is shut");
-    // The scene is as good as before.
+    // The scene can still be used.
     let mut ray = RayHit1::new(&DOWN);
     scene.intersect1(&mut ray, Coherence::Incoherent);
     assert_eq!((ray.geometry, ray.t_far, ray.u, ray.v), (3, 1.0, 0.25, 0.75));
@@ -263,7 +263,7 @@ fn the_memory_monitor_counts_what_a_scene_takes_and_gives_back() {
     assert!(device.memory_bytes() < before + 100_000);
 }
 
-/// Twice as large and three to the right.
+/// A matrix that scales by 2 and then moves by 3 along x.
 const TWICE: [f32; 12] = [2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 2.0, 3.0, 0.0, 0.0];
 
 /// A square in the plane z = 0 as user geometry.
@@ -293,7 +293,7 @@ fn patch_scene(device: &Device) -> CommittedScene {
     builder.commit().expect("built")
 }
 
-/// Instances 20 and 21 of scenes that nothing else keeps.
+/// Returns instances 20 and 21. Only they own their scenes.
 fn instance_scene(device: &Device) -> CommittedScene {
     let mut builder = SceneBuilder::new(device, SceneOptions::default()).expect("a scene");
     let moved = [TWICE, TWICE].map(|m| m.map(|x| if x == 3.0 { -3.0 } else { x }));
@@ -306,7 +306,7 @@ fn instance_scene(device: &Device) -> CommittedScene {
 fn instances_report_themselves_singly_and_in_packets() {
     for device in devices() {
         let scene = instance_scene(&device);
-        // Both are hit at their (0.25, 0.25, 0) from one above, in units of the direction in the world.
+        // Both are hit at (0.25, 0.25, 0) of their scene, from a height of 1 in units of the world direction.
         let above = |x: f32| [x + 0.5, 0.5, 1.0, f32::INFINITY, 0.0, 0.0, -0.5, 0.25];
         let rays: [_; WIDTH] = std::array::from_fn(|i| above([3.0, -3.0, 40.0][i % 3]));
         let expected = [(7, 20, 2.0, 0.25), (3, 21, 2.0, 0.25), (INVALID_ID, INVALID_ID, f32::INFINITY, 0.0)];
@@ -367,7 +367,7 @@ fn instances_of_another_device_and_without_numbers_are_refused() {
     builder.add_instance(0, group, &[TWICE; 129]).expect("added");
 }
 
-/// Accepts what a ray of an even number hits; shut for the number 99.
+/// Accepts the hits of rays with an even number. Panics for the number 99.
 struct Even;
 
 impl TriangleFilter for Even {
@@ -427,7 +427,7 @@ fn a_filter_sees_the_ray_in_its_instance_and_its_panic_goes_on_after_the_query()
     }
 }
 
-/// A grid of `n` by `n` vertices, and triangles between them.
+/// Builds a grid of `n` × `n` vertices with triangles between them.
 fn grid_scene(device: &Device, n: u32) -> Result<CommittedScene, buffon::error::Error> {
     let vertices: Vec<[f32; 3]> = (0..=n * n).map(|i| [(i % n) as f32, (i / n) as f32, 0.0]).collect();
     let indices: Vec<[u32; 3]> = (0..n * (n - 1) - 1).map(|i| [i, i + 1, i + n]).collect();
@@ -436,7 +436,7 @@ fn grid_scene(device: &Device, n: u32) -> Result<CommittedScene, buffon::error::
     builder.commit()
 }
 
-/// However late in a build the budget is used up, there is an error and nothing is lost.
+/// A budget that is exhausted at any point of a build gives an error, and all memory is returned.
 #[test]
 fn a_budget_that_is_too_small_stops_the_build_and_gets_everything_back() {
     let options = || DeviceOptions { threads: 2, ..DeviceOptions::default() };

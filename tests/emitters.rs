@@ -1,4 +1,4 @@
-//! Sampling of emitters against their densities, seen from receivers.
+//! Sampling of emitters, compared with their densities.
 
 use crate::support::chi2::{check_directions, check_square};
 use crate::support::scenes;
@@ -16,7 +16,7 @@ use glam::DQuat;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// An emitter alone in a scene, with its only light.
+/// Returns a scene with one shape, which emits.
 fn emitting(shape: Shape, to_world: DAffine3, flip_normals: bool) -> Scene {
     let mut description = Description::default();
     let id = scenes::add(&mut description, shape, to_world, scenes::diffuse(0.5));
@@ -27,14 +27,14 @@ fn emitting(shape: Shape, to_world: DAffine3, flip_normals: bool) -> Scene {
     scene
 }
 
-/// A map of a surface to the unit square: the point for (s, t), and back.
+/// A map between the unit square and a surface: the point for (s, t), and the inverse.
 struct Chart<'a> {
     point: &'a dyn Fn([f64; 2]) -> DVec3,
     inverse: &'a dyn Fn(DVec3) -> [f64; 2],
 }
 
 impl Chart<'_> {
-    /// The vector area of the surface per unit area of the square, by central differences.
+    /// Returns the vector area of the surface per unit area of the square, by central differences.
     fn area(&self, [s, t]: [f64; 2]) -> DVec3 {
         const H: f64 = 1e-5;
         let ds = (self.point)([s + H, t]) - (self.point)([s - H, t]);
@@ -43,8 +43,8 @@ impl Chart<'_> {
     }
 }
 
-/// Samples of an emitter as seen from `from`, over a chart of its surface, against the density at the point that a
-/// ray to the chart's point meets. Returns the density's integral.
+/// Compares samples of an emitter from `from` with the density, over a chart of its surface. The density is that of the
+/// point hit by a ray to the chart's point. Returns the integral of the density.
 fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f64 {
     let Light::Area(area) = &scene.lights[0] else { panic!("{name} is an area emitter") };
     let mut differ = 0;
@@ -59,7 +59,7 @@ fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f6
             let at = scene.interaction(&ray, &hit);
             let pdf = scene.emitter_pdf(EmitterId(0), from, &at);
             let seen = scene.emitted(EmitterId(0), &at);
-            // A texture may change between the point and where the ray meets it again.
+            // The hit of the ray differs from the sampled point by rounding, so a texture may have another value there.
             let close = (seen.r - s.radiance.r).abs() <= 1e-3 * seen.r.max(s.radiance.r);
             differ += usize::from(!close);
             assert!(
@@ -86,10 +86,10 @@ fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f6
     total
 }
 
-/// Emitters that share the significance.
+/// The number of emitters by which the significance is divided.
 const EMITTER_TESTS: usize = 17;
 
-/// Turned to face −z, scaled and moved.
+/// Returns a transform that turns a shape to face −z, scales and moves it.
 fn place(x: f64, y: f64, z: f64, scale: f64) -> DAffine3 {
     DAffine3::from_scale_rotation_translation(
         DVec3::splat(scale),
@@ -126,14 +126,14 @@ fn rectangle_samples_follow_their_density() {
     }
 }
 
-/// A picture of 4 x 3 texels, one of them black, none like another.
+/// Returns a texture of 4×3 different texels, one of them black.
 fn picture(filter: FilterType) -> Arc<Texture> {
     let values = (0..12).map(|i| if i == 5 { 0.0 } else { 0.2 + 0.7 * i as f32 });
     let image = TextureImage::from_floats(4, 3, 1, values.collect()).expect("a picture");
     Arc::new(Texture::Bitmap(Bitmap::new(Arc::new(image), filter, WrapMode::Clamp, Affine2::IDENTITY)))
 }
 
-/// Where a texture shines, samples are drawn by its light; all of a rectangle has a density.
+/// Samples of a textured rectangle are proportional to the emitted light, and their density integrates to 1.
 #[test]
 fn textured_rectangle_samples_follow_their_density() {
     for (name, filter, flip) in [
@@ -166,7 +166,7 @@ fn textured_rectangle_samples_follow_their_density() {
     }
 }
 
-/// From inside, all of a tube is seen.
+/// The whole cylinder is visible from inside.
 #[test]
 fn cylinder_samples_follow_their_density() {
     let (p0, p1) = (DVec3::new(0.2, -0.5, -1.0), DVec3::new(0.4, 0.1, 1.2));
@@ -225,7 +225,7 @@ fn disk_samples_follow_their_density() {
 
 #[test]
 fn sphere_samples_follow_their_density() {
-    // From outside: the cap that is seen, by the cosine and the azimuth around the axis to the receiver.
+    // Outside a sphere, the chart is the visible cap: the cosine and the azimuth around the axis to the receiver.
     for (name, centre) in [
         ("sphere", DVec3::new(0.5, 0.3, 1.5)),
         ("sphere from nearby", DVec3::new(0.0, 0.0, 1.05)),
@@ -284,7 +284,7 @@ fn mesh_samples_follow_their_density() {
         ..Mesh::default()
     };
     let scene = emitting(Shape::Mesh(mesh), DAffine3::IDENTITY, false);
-    // Each triangle has half of the square.
+    // Each triangle corresponds to half of the square.
     let weights = |p: DVec3, [a, b, c]: [DVec3; 3]| {
         let n = (b - a).cross(c - a);
         let area = n.length_squared();
@@ -337,7 +337,7 @@ fn environment_samples_follow_their_density() {
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }
 
-/// One of several emitters is chosen in proportion to its power, and the density says so.
+/// Emitters are chosen in proportion to their power, and the density agrees.
 #[test]
 fn emitters_are_chosen_by_power() {
     let mut description = Description::default();
@@ -366,7 +366,7 @@ fn emitters_are_chosen_by_power() {
     assert_eq!(right, n * 3 / 4);
 }
 
-/// Solid-angle sampling reaches every limit: the smallest and the largest cones, and a rectangle nearly edge-on.
+/// Solid-angle sampling works for the smallest and the largest cones.
 #[test]
 fn emitters_are_sampled_at_every_scale() {
     for distance in [1.000_01f64, 1.5, 10.0, 1e3, 1e6] {

@@ -1,4 +1,4 @@
-//! Environment maps: what they show, and how they are sampled.
+//! Radiance and sampling of environment maps.
 
 use crate::support::chi2::{check_directions, check_square};
 use buffon::color::Rgb;
@@ -8,23 +8,23 @@ use buffon::math::{DAffine3, DVec3, Vec2, Vec3};
 use glam::DQuat;
 use std::f64::consts::{PI, TAU};
 
-/// Comparisons that share the significance.
+/// The number of comparisons by which the significance is divided.
 const TESTS: usize = 14;
 
-/// A map of `values` of red, green and blue.
+/// Returns a map of `values` of red, green and blue.
 fn map(width: usize, height: usize, values: Vec<f32>) -> EnvMap {
     let image = TextureImage::from_floats(width, height, 3, values).unwrap();
     EnvMap::new(image, 1.0, &DAffine3::IDENTITY).unwrap()
 }
 
-/// One texel of 100 on black.
+/// Returns a black map with one texel of 100.
 fn sun(width: usize, height: usize, x: usize, y: usize) -> EnvMap {
     let mut values = vec![0.0; 3 * width * height];
     values[3 * (y * width + x)..][..3].fill(100.0);
     map(width, height, values)
 }
 
-/// Values without any symmetry.
+/// Returns values without any symmetry.
 fn uneven(width: usize, height: usize) -> Vec<f32> {
     (0..3 * width * height).map(|i| ((i * 37) % 23) as f32 / 16.0).collect()
 }
@@ -33,14 +33,14 @@ fn turned() -> DAffine3 {
     DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 40f64.to_radians())
 }
 
-/// The direction at a longitude in turns and an angle from +y.
+/// Returns the direction for a longitude in turns and an angle from +y.
 fn direction(turns: f64, theta: f64) -> DVec3 {
     let (sin_phi, cos_phi) = (TAU * turns).sin_cos();
     let (sin, cos) = theta.sin_cos();
     DVec3::new(sin_phi * sin, cos, -cos_phi * sin)
 }
 
-/// Radiance that Mitsuba 3.9.1 computes for the same image: across its seam, by the poles, turned and mirrored.
+/// The radiance is that of Mitsuba 3.9.1 for the same image: across the seam, near the poles, rotated and mirrored.
 #[test]
 fn radiance_agrees_with_the_scene_languages_map() {
     let directions = [
@@ -131,7 +131,7 @@ fn samples_follow_their_density() {
     }
 }
 
-/// A sun of one texel, in a chart of the columns and rows that it reaches; at the poles, and across the seam.
+/// A sun of one texel, at the poles and across the seam, in a chart of the columns and rows of its footprint.
 #[test]
 fn a_sun_of_one_texel_is_sampled() {
     let (width, height) = (64, 33);
@@ -170,7 +170,7 @@ fn a_sun_of_one_texel_is_sampled() {
     }
 }
 
-/// At the poles themselves the density is finite and is the limit of what surrounds them.
+/// At the poles the density is finite and continuous.
 #[test]
 fn the_density_is_continuous_at_the_poles() {
     let map = map(8, 9, uneven(8, 9));
@@ -185,7 +185,7 @@ fn the_density_is_continuous_at_the_poles() {
     }
 }
 
-/// The mean radiance by its formula, by quadrature and by samples.
+/// The mean radiance is the same by the formula, by quadrature and by sampling.
 #[test]
 fn energies_agree() {
     let image = TextureImage::from_floats(7, 5, 3, uneven(7, 5)).unwrap();
@@ -218,7 +218,7 @@ fn energies_agree() {
             );
             assert!((samples[c] / points / mean - 1.0).abs() < 2e-3, "{c}: {} {mean}", samples[c] / points);
         }
-        // Samples are nearly in proportion to the luminance.
+        // The density of samples is almost proportional to the luminance.
         let mean = f64::from(map.mean_radiance().luminance());
         let relative_variance = squares / points / (mean * mean) - 1.0;
         assert!(relative_variance < 0.03, "{relative_variance}");
@@ -259,7 +259,7 @@ fn what_is_no_map_is_refused() {
     let scaled = DAffine3::from_scale(DVec3::new(1.0, 2.0, 1.0));
     let error = EnvMap::new(image(), 1.0, &scaled).unwrap_err();
     assert_eq!(error.to_string(), "expected a to_world transform that rotates, mirrors or scales evenly");
-    // A scale, and where the map is, do not matter.
+    // Uniform scale and translation have no effect.
     let image = || TextureImage::from_floats(3, 3, 3, uneven(3, 3)).unwrap();
     let rotation = DQuat::from_rotation_x(0.7);
     let plain = EnvMap::new(image(), 1.0, &DAffine3::from_quat(rotation)).unwrap();

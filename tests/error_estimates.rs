@@ -1,4 +1,4 @@
-//! Error estimates hold what they promise: intervals, stop rules, adaptive sampling.
+//! Error estimates: coverage of intervals, stop rules, adaptive sampling.
 
 use crate::support::cli::Folder;
 use crate::support::scenes;
@@ -13,7 +13,7 @@ use serde_json::Value as Json;
 use statrs::distribution::{Binomial, DiscreteCDF};
 use std::path::Path;
 
-/// A scene of `scenes/error`, so many pixels wide and high.
+/// Returns a scene of `scenes/error` with `size` × `size` pixels.
 fn scene(name: &str, size: u32) -> (Scene, Settings) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/error").join(name);
     let mut loaded = load(&file, &LoadOptions::default()).expect("the scene loads");
@@ -41,7 +41,7 @@ fn samples(n: u64) -> StopRules {
     StopRules { samples: Some(n), ..StopRules::default() }
 }
 
-/// The relMSE of each image against the mean of all others, without what that mean's own error adds.
+/// Returns the relMSE of each image against the mean of all others, corrected for the error of that mean.
 fn errors(images: &[Vec<[f64; 3]>]) -> Vec<f64> {
     let n = images.len() as f64;
     let sum = |pixel: usize, c: usize| images.iter().map(|image| image[pixel][c]).sum::<f64>();
@@ -57,8 +57,8 @@ fn errors(images: &[Vec<[f64; 3]>]) -> Vec<f64> {
     images.iter().map(error).collect()
 }
 
-/// 40 seeds of each case: no fewer intervals hold the true error than a coverage of 95 % (90 % among fireflies)
-/// leaves a chance of one in a thousand, and the estimates are right on average.
+/// For 40 seeds of each case, the number of intervals that hold the true error is not significantly (one in a thousand)
+/// below a coverage of 95 % (90 % with fireflies), and the estimates have the right mean.
 #[test]
 fn intervals_hold_the_true_error_as_often_as_they_claim() {
     const SEEDS: u64 = 40;
@@ -85,8 +85,8 @@ fn intervals_hold_the_true_error_as_often_as_they_claim() {
     }
 }
 
-/// Adaptive and uniform sampling of other seeds: the means of the image and of its quarters agree within 4.5 standard
-/// errors (a chance of 7 in a million for each of 20 comparisons).
+/// Adaptive and uniform sampling with different seeds agree: the means of the image and of its quarters are within 4.5
+/// standard errors (exceeded with a probability of 7 in a million for each of 20 comparisons).
 #[test]
 fn adaptive_sampling_is_unbiased() {
     const SEEDS: u64 = 48;

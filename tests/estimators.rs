@@ -1,15 +1,15 @@
-//! Two estimators of one picture agree, in scenes where only one of them is tempted to go wrong.
+//! Agreement of two estimators of the same image, in scenes in which one of them could easily be wrong.
 
 use crate::support::cli::Folder;
 use buffon::compare::z_test;
 use buffon::image::{Image, read};
 
-/// The probability that a pair of right pictures is taken for a wrong one.
+/// The probability that a correct pair of images is rejected.
 const SIGNIFICANCE: f64 = 1e-5;
-/// A bias that every comparison would find with a probability of 0.95.
+/// Upper bound on the detectable bias of every comparison; a larger one is found with a probability of 0.95.
 const FOUND: f64 = 0.05;
 
-/// A scene of 16 by 16 pixels with a box filter.
+/// Returns a scene of 16×16 pixels with a box filter.
 fn scene(sensor: &str, things: &str) -> String {
     format!(
         r#"<scene version="3.0.0">
@@ -27,7 +27,7 @@ fn scene(sensor: &str, things: &str) -> String {
     )
 }
 
-/// A camera over a floor.
+/// A camera above a floor.
 const SENSOR: &str = r#"<sensor type="perspective">
     <float name="fov" value="45"/>
     <transform name="to_world"><lookat origin="0,1.5,5" target="0,0.7,0" up="0,1,0"/></transform>"#;
@@ -42,7 +42,7 @@ const LAMP: &str = r#"<shape type="rectangle">
     <emitter type="area"><rgb name="radiance" value="4"/></emitter>
   </shape>"#;
 
-/// The picture that options make, with its variances.
+/// Renders an image with its variances.
 fn picture(folder: &Folder, options: &str) -> Image {
     folder.render(&format!("s.xml -q -o p.exr --aov variance {options}"));
     read(&folder.path("p.exr")).expect("an image")
@@ -53,7 +53,7 @@ fn mean(image: &Image) -> f64 {
     rgb.data.iter().map(|v| f64::from(*v)).sum::<f64>() / rgb.data.len() as f64
 }
 
-/// Two renders of one picture differ by noise alone, in blocks and as a whole.
+/// Checks that two renders of the same image differ only by noise, in blocks and in the mean.
 #[track_caller]
 fn agree(folder: &Folder, one: &str, other: &str) {
     let [a, b] = [format!("--seed 1 {one}"), format!("--seed 2 {other}")].map(|o| picture(folder, &o));
@@ -70,7 +70,7 @@ fn agree(folder: &Folder, one: &str, other: &str) {
     assert!(test.gain < FOUND, "{one}, {other}: only a bias of {} would be found", test.gain);
 }
 
-/// A picture whose estimator is biased by design is nearly that of one that is not.
+/// Checks that the mean of an estimator that is biased by design is close to that of an unbiased one.
 #[track_caller]
 fn nearly_agree(folder: &Folder, one: &str, other: &str, tolerance: f64) {
     let [a, b] = [format!("--seed 1 {one}"), format!("--seed 2 {other}")].map(|o| mean(&picture(folder, &o)));
@@ -78,7 +78,7 @@ fn nearly_agree(folder: &Folder, one: &str, other: &str, tolerance: f64) {
     assert!((a / b - 1.0).abs() < tolerance, "{one}: {a}; {other}: {b}");
 }
 
-/// A plate that rises by 1 while the shutter is open, lit through a mirror above it, seen from above.
+/// Returns a plate that rises by 1 while the shutter is open, seen from above and lit through a mirror above it.
 fn rising_plate() -> Folder {
     let sensor = r#"<sensor type="orthographic">
     <float name="shutter_open" value="0"/><float name="shutter_close" value="1"/>
@@ -119,7 +119,7 @@ fn maps_and_caches_refuse_motion() {
     }
 }
 
-/// A leaf seen from behind: bent normals below `twosided`, below a mask.
+/// A leaf seen from behind: perturbed normals inside `twosided`, inside a mask.
 #[test]
 fn the_back_of_a_leaf_has_the_normals_of_its_front() {
     let leaf = |before: &str, after: &str| {
@@ -152,7 +152,7 @@ fn the_back_of_a_leaf_has_the_normals_of_its_front() {
     }
 }
 
-/// A lamp over the floor, below it what `bsdf` and `more` make of a larger rectangle.
+/// Returns a floor under an emitter, with a larger rectangle of `bsdf` between them.
 fn below_a_lamp(bsdf: &str) -> Folder {
     let things = format!(
         r#"{FLOOR}
@@ -165,8 +165,8 @@ fn below_a_lamp(bsdf: &str) -> Folder {
     Folder::with(&scene(SENSOR, &things))
 }
 
-/// What lets light pass straight on does so to photons and to the rays of caches: it need not look like a hole or
-/// like glass.
+/// Photons and the rays of caches pass through every surface that transmits light in a straight line, also one that is
+/// neither a hole nor smooth glass.
 #[test]
 fn photons_and_caches_see_through_whatever_lets_light_pass() {
     for bsdf in [
@@ -184,7 +184,7 @@ fn photons_and_caches_see_through_whatever_lets_light_pass() {
     }
 }
 
-/// A bent normal is turned to who looks at it: for light paths that is not who sent the light.
+/// A perturbed normal is turned to the viewer. On a light path the viewer is not in the direction of the light.
 #[test]
 fn light_paths_see_bent_normals_as_viewers_do() {
     for flip in ["true", "false"] {
@@ -210,7 +210,7 @@ fn light_paths_see_bent_normals_as_viewers_do() {
     }
 }
 
-/// An opaque horizontal sheet with bent normals.
+/// Returns an opaque horizontal plane with perturbed normals.
 fn bent_sheet(flip: &str, colors: [&str; 2], size_and_place: &str) -> String {
     let [first, second] = colors;
     format!(
@@ -227,7 +227,7 @@ fn bent_sheet(flip: &str, colors: [&str; 2], size_and_place: &str) -> String {
     )
 }
 
-/// Light from below an opaque sheet does not reach its upper side, however its normals are bent.
+/// Light from below an opaque plane does not reach its upper side, whatever its perturbed normals are.
 #[test]
 fn no_light_passes_a_two_sided_sheet_with_bent_normals() {
     for flip in ["true", "false"] {
@@ -238,7 +238,7 @@ fn no_light_passes_a_two_sided_sheet_with_bent_normals() {
     }
 }
 
-/// Below an opaque sheet with bent normals, with all lamps above it, it is dark.
+/// Below an opaque plane with perturbed normals, with all emitters above it, the radiance is zero.
 #[test]
 fn no_light_path_goes_on_through_a_two_sided_wall() {
     let place = r#"<scale value="50"/><translate y="2"/>"#;
@@ -250,7 +250,7 @@ fn no_light_path_goes_on_through_a_two_sided_wall() {
     }
 }
 
-/// Photons and camera rays both hit a surface with holes with the probability of its opacity. The opacity counts once.
+/// Photons and camera rays both hit a surface with the probability of its opacity. The opacity is not counted twice.
 #[test]
 fn surfaces_with_holes_are_lit_by_photons_as_others_are() {
     for opacity in ["0.2", "0.6"] {
@@ -273,7 +273,7 @@ fn surfaces_with_holes_are_lit_by_photons_as_others_are() {
     }
 }
 
-/// Clipping planes of a parallel projection whose transform scales.
+/// Clipping planes of an orthographic camera with a scale in its transform.
 #[test]
 fn light_paths_are_clipped_where_camera_rays_are() {
     let sensor = r#"<sensor type="orthographic">
@@ -293,7 +293,7 @@ const OCTAHEDRON: &str = "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -
     f 1//1 3//3 5//5\nf 3//3 2//2 5//5\nf 2//2 4//4 5//5\nf 4//4 1//1 5//5\n\
     f 3//3 1//1 6//6\nf 2//2 3//3 6//6\nf 4//4 2//2 6//6\nf 1//1 4//4 6//6\n";
 
-/// A floor below a lamp that is a mesh.
+/// Returns a floor below an emitter that is a mesh.
 fn lit_by(mesh: &str, place: &str) -> Folder {
     let things = format!(
         r#"{FLOOR}
@@ -308,7 +308,7 @@ fn lit_by(mesh: &str, place: &str) -> Folder {
     folder
 }
 
-/// The options of `direct` with so many samples of emitters and of BSDFs, by a scene of its own.
+/// Renders with `direct` and the given numbers of emitter and BSDF samples. The options are written to a scene file.
 fn direct(folder: &Folder, emitter_samples: u32, bsdf_samples: u32) -> Image {
     let integrator = format!(
         r#"<integrator type="direct"><integer name="emitter_samples" value="{emitter_samples}"/>
@@ -342,7 +342,7 @@ fn lamps_with_smooth_normals_have_one_front() {
     );
 }
 
-/// A square of area 1, and a triangle of 8·10^10 that faces away, in one lamp.
+/// One emitter of a square of area 1 and a triangle of area 8·10^10 that faces away.
 #[test]
 fn small_triangles_beside_huge_ones_are_drawn() {
     let mesh = "v -0.5 0 -0.5\nv 0.5 0 -0.5\nv 0.5 0 0.5\nv -0.5 0 0.5\n\
@@ -358,7 +358,7 @@ fn small_triangles_beside_huge_ones_are_drawn() {
     );
 }
 
-/// A lamp that is hidden from the camera is not in the way of light paths either.
+/// An emitter that is hidden from the camera does not block light paths either.
 #[test]
 fn hidden_lamps_do_not_stand_in_the_way_of_light() {
     let things = r#"<shape type="rectangle"><transform name="to_world"><scale value="3"/></transform><bsdf type="diffuse"/></shape>
@@ -379,7 +379,7 @@ fn hidden_lamps_do_not_stand_in_the_way_of_light() {
     nearly_agree(&folder, "-D integrator=sppm --spp 64 --sampler sobol", path, 0.03);
 }
 
-/// A box filter of a film 65,536 pixels wide: positions keep their precision, and no light counts for two pixels.
+/// In a film 65,536 pixels wide with a box filter, positions are precise and no light counts for two pixels.
 #[test]
 fn light_paths_find_the_pixels_of_wide_films() {
     let sensor = r#"<sensor type="orthographic">
@@ -391,11 +391,11 @@ fn light_paths_find_the_pixels_of_wide_films() {
     );
     let path = mean(&picture(&folder, "--integrator path --spp 4 --sampler sobol"));
     let light = mean(&picture(&folder, "--integrator ptracer --spp 32 --sampler sobol"));
-    // The sums over a quarter of a million pixels are known to 0.05 %.
+    // The standard error of the sum over a quarter of a million pixels is 0.05 %.
     assert!((light / path - 1.0).abs() < 1.5e-3, "{light}, by paths {path}");
 }
 
-/// Trees have the depth that was asked for, and end.
+/// Ray trees have the requested depth and terminate.
 #[test]
 fn trees_of_rays_are_as_deep_as_they_are_asked_to_be() {
     let furnace = r#"<shape type="sphere"><boolean name="flip_normals" value="true"/>
@@ -428,8 +428,8 @@ fn trees_of_rays_are_as_deep_as_they_are_asked_to_be() {
     assert!(run.code != 0 && run.stderr.contains("max_depth"), "{run:?}");
 }
 
-/// Pictures that differ by their seeds alone are taken for different ones as seldom as the test says, whatever their
-/// pixels share.
+/// Images that differ only by their seeds are rejected with the probability of the test's significance, also with
+/// shared noise.
 #[test]
 fn pictures_that_differ_by_their_seeds_alone_are_the_same() {
     let folder = Folder::with(&scene(SENSOR, &format!("{FLOOR}\n{LAMP}\n{}", BALL)));

@@ -1,4 +1,4 @@
-//! glTF files: what the loader makes of them.
+//! glTF files: the loaded description.
 
 use crate::support::gltf::{Model, data_uri, load_bytes, png};
 use buffon::color::Rgb;
@@ -21,7 +21,7 @@ fn mesh(placed: &PlacedShape) -> &Mesh {
     }
 }
 
-/// A scene of one square of a material.
+/// Returns a model of one square with a material.
 fn square_of(material: serde_json::Value) -> Model {
     let mut model = Model::new(json!([{ "mesh": 0 }]));
     let mut square = model.square();
@@ -30,12 +30,12 @@ fn square_of(material: serde_json::Value) -> Model {
     model
 }
 
-/// The material of the first shape.
+/// Returns the material of the first shape.
 fn material(loaded: &Loaded) -> &Material {
     &loaded.description.materials[loaded.description.shapes[0].material.index()]
 }
 
-/// The principled material at the bottom of the first shape's.
+/// Returns the principled material inside the material of the first shape.
 fn principled(loaded: &Loaded) -> buffon::material::Principled {
     let materials = &loaded.description.materials;
     let mut found = material(loaded);
@@ -48,12 +48,12 @@ fn principled(loaded: &Loaded) -> buffon::material::Principled {
     }
 }
 
-/// A texture's colour at a point.
+/// Returns the colour of a texture at a point.
 fn color_at(loaded: &Loaded, input: Input<Rgb>, uv: [f32; 2]) -> [f32; 3] {
     texture(loaded, input.texture()).eval(&TexturePoint::at(Vec2::from(uv))).to_array()
 }
 
-/// A texture's number at a point.
+/// Returns the value of a texture at a point.
 fn number_at(loaded: &Loaded, input: Input<f32>, uv: [f32; 2]) -> f32 {
     texture(loaded, input.texture()).eval_scalar(&TexturePoint::at(Vec2::from(uv)))
 }
@@ -63,12 +63,12 @@ fn texture(loaded: &Loaded, id: Option<buffon::ids::TextureId>) -> &Texture {
 }
 
 const NEAREST: &str = r#"{ "magFilter": 9728 }"#;
-/// Red, green / blue, white with an alpha of a fifth.
+/// Red and green in the first row; blue, and white with an alpha of 0.2, in the second.
 const FOUR: [[u8; 4]; 4] = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 255, 51]];
-/// The middles of the four texels of such a picture.
+/// The centres of the four texels of such a texture.
 const MIDDLES: [[f32; 2]; 4] = [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]];
 
-/// A square with a picture of two by two pixels.
+/// Returns a square with a texture of 2×2 texels.
 fn textured(pixels: &[[u8; 4]; 4], set: impl FnOnce(usize) -> serde_json::Value) -> Model {
     let mut model = Model::new(json!([{ "mesh": 0 }]));
     let mut square = model.square();
@@ -295,7 +295,7 @@ fn textures_are_moved_by_their_transformation_and_wrapped_along_each_axis() {
     model.json["samplers"][0]["wrapS"] = json!(33071);
     let loaded = model.loaded();
     let color = principled(&loaded).base_color;
-    // (u, v) is looked up at (0.5 + v, -u): to the right of the picture is its right column, above it its lower row.
+    // (u, v) is evaluated at (0.5 + v, −u): the right column repeats to the right of the image, the lower row above it.
     assert_eq!(color_at(&loaded, color, [0.25, 0.75]), [1.0; 3]);
     assert_eq!(color_at(&loaded, color, [0.75, 0.25]), [0.0, 1.0, 0.0]);
 }

@@ -1,10 +1,10 @@
-//! Malformed glTF files: errors are sentences that say where, and nothing panics.
+//! Malformed glTF files give errors that name the location. Nothing panics.
 
 use crate::support::gltf::{Model, load_bytes};
 use proptest::prelude::*;
 use serde_json::json;
 
-/// A small scene with something of everything.
+/// Returns a small model with all kinds of content.
 fn model() -> Model {
     let mut model = Model::new(json!([
         { "mesh": 0, "children": [1, 2] },
@@ -28,7 +28,7 @@ fn model() -> Model {
     model
 }
 
-/// The error about the scene after a change.
+/// Returns the error of loading the model after a change.
 fn error(change: impl FnOnce(&mut Model)) -> String {
     let mut model = model();
     change(&mut model);
@@ -168,7 +168,7 @@ fn binary_files_that_are_cut_short_are_refused() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever becomes of a file's text, loading it ends with a scene or an error.
+    /// Loading a file with any change of its text gives a scene or an error.
     #[test]
     fn a_mutated_text_never_panics(
         edits in proptest::collection::vec((any::<prop::sample::Index>(), 0usize..6, "[-0-9a-z\\[\\]{}\",:. é]{0,4}"), 1..4)
@@ -184,7 +184,7 @@ proptest! {
         }
     }
 
-    /// Whatever number stands where another stood.
+    /// The same for a number that replaces another one.
     #[test]
     fn a_replaced_number_never_panics(
         edits in proptest::collection::vec((any::<prop::sample::Index>(), prop_oneof![
@@ -203,7 +203,7 @@ proptest! {
         }
     }
 
-    /// Whatever becomes of a binary file's bytes.
+    /// The same for changed bytes of a binary file.
     #[test]
     fn mutated_bytes_never_panic(edits in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8)) {
         let mut bytes = model().binary();
@@ -217,7 +217,7 @@ proptest! {
     }
 }
 
-/// The numbers of a value.
+/// Collects the numbers in a value.
 fn numbers_in<'a>(value: &'a mut serde_json::Value, found: &mut Vec<&'a mut serde_json::Value>) {
     match value {
         serde_json::Value::Array(list) => list.iter_mut().for_each(|v| numbers_in(v, found)),

@@ -1,6 +1,6 @@
-//! The hard cases under `scenes/hard`: each holds, or fails as it is known to, on every traversal.
+//! The hard cases under `scenes/hard`: each passes, or fails as expected, with every traversal.
 //!
-//! `docs/hard-cases.md` shows them as a table.
+//! The table in `docs/hard-cases.md` lists them.
 
 mod formulas;
 mod many_lights;
@@ -10,7 +10,7 @@ use buffon::regress::{Options, Report, Status, discover, run};
 use buffon::render::Progress;
 use std::path::{Path, PathBuf};
 
-/// The folder of the cases.
+/// Returns the folder of the cases.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/hard")
 }
@@ -22,7 +22,7 @@ fn report(folder: &Path) -> Report {
     run(&found.scenes, &options, &Progress::new(), |_| {}).expect("the run begins")
 }
 
-/// All rows are as they are known to be; returns how many are known to fail.
+/// Checks that all rows are as expected, and returns the number of expected failures.
 #[track_caller]
 fn expect_known(report: &Report) -> usize {
     let faults = report.rows.iter().filter(|row| !row.status.is_known());
@@ -31,7 +31,7 @@ fn expect_known(report: &Report) -> usize {
     report.count(Status::Known)
 }
 
-/// Those of rounding and of energy, which are quick.
+/// The cases of rounding and energy, which are fast.
 #[test]
 fn hard_cases_of_intersection_and_energy_hold_or_fail_as_they_are_known_to() {
     for folder in ["intersection", "energy"] {

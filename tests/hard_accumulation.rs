@@ -1,4 +1,4 @@
-//! Hard cases of sums: very many samples, values of very different size in one pixel, and more than a file can hold.
+//! Hard cases of sums: very many samples, very different values in one pixel, and values out of the range of a file.
 
 use crate::support::cli::Folder;
 use buffon::film::{PixelRect, Tile};
@@ -10,7 +10,7 @@ fn pixel() -> Tile {
     Tile::new(PixelRect { x: 0, y: 0, width: 1, height: 1 }, 3, 2)
 }
 
-/// The values of sample `i`, in both halves alike.
+/// Returns a pixel with `samples` values, in alternating halves.
 fn filled(samples: usize, value: impl Fn(usize) -> [f32; 3]) -> Tile {
     let mut tile = pixel();
     for i in 0..samples {
@@ -19,7 +19,7 @@ fn filled(samples: usize, value: impl Fn(usize) -> [f32; 3]) -> Tile {
     tile
 }
 
-/// A sum in `f32` would stall at 2^24, and one of 1/3 has long since lost digits by then.
+/// A sum in `f32` would stop growing at 2^24, and a sum of 1/3 would lose digits long before.
 #[test]
 fn the_mean_of_16_million_samples_is_exact() {
     let value = [1.0f32, 1.0 / 3.0, 1e-30];
@@ -36,8 +36,8 @@ fn the_mean_of_16_million_samples_is_exact() {
     assert_eq!(tile.count(0), MANY as u64 + 4);
 }
 
-/// A firefly of 10⁹ among samples of 1, one of 1 among fireflies, and 10⁻⁹ among both: wherever they come, the mean is
-/// that of whole numbers.
+/// A firefly of 10⁹ among samples of 1, a 1 among fireflies, and 10⁻⁹ with a firefly: at any position in the sequence
+/// the mean is exact.
 #[test]
 fn a_dynamic_range_of_a_billion_loses_nothing() {
     const N: usize = 1 << 20;
@@ -53,7 +53,7 @@ fn a_dynamic_range_of_a_billion_loses_nothing() {
             let estimate = tile.estimate(0, c);
             assert_eq!(estimate.mean as f32, exact as f32, "channel {c}, at {firefly}");
             assert!((estimate.mean / exact - 1.0).abs() < 1e-12, "channel {c}: {} {exact}", estimate.mean);
-            // All of the firefly is in one half.
+            // One half contains the whole firefly.
             let wanted = (1e9 - 1.0) / n;
             let [_, difference] = tile.halves(0, c);
             assert!(
@@ -66,7 +66,7 @@ fn a_dynamic_range_of_a_billion_loses_nothing() {
     }
 }
 
-/// What filters with negative lobes add up to is what remains when the rest cancels out.
+/// Large values that cancel each other, as with negative filter lobes, leave the exact remainder.
 #[test]
 fn what_cancels_out_leaves_the_rest() {
     const N: usize = 3 << 20;
@@ -76,14 +76,14 @@ fn what_cancels_out_leaves_the_rest() {
         _ => [3.0, 3.0, -3e38],
     });
     assert_eq!(tile.estimate(0, 0).mean, 1.0);
-    // Beside the greatest number there is, `f64` has no place for 1; nothing overflows.
+    // Beside the largest `f32`, `f64` cannot represent 1, but nothing overflows.
     for c in 1..3 {
         let mean = tile.estimate(0, c).mean;
         assert!(mean.is_finite() && mean.abs() < 1e-6 * f64::from(f32::MAX), "{mean}");
     }
 }
 
-/// A sky that shines with 10⁹ into a file of halves: clamped, counted, told, and kept by a file of floats.
+/// Radiance of 10⁹ in a file of halves is clamped, counted and reported; a file of floats keeps it.
 #[test]
 fn values_beyond_a_half_are_clamped_and_counted() {
     let scene = |format: &str, radiance: f32| {
@@ -111,7 +111,7 @@ fn values_beyond_a_half_are_clamped_and_counted() {
     assert_eq!(values(&folder), [65504.0; 36]);
 }
 
-/// From the last half on, up to the greatest float, by every library: no value becomes infinite.
+/// No library turns a value between the largest half and the largest float into infinity.
 #[test]
 fn no_finite_value_becomes_infinite_in_a_file_of_halves() {
     let folder = Folder::new();

@@ -1,5 +1,5 @@
-//! Hard cases of caches: photons all in one point, records in the sharpest of corners, and a wall that is thinner than
-//! the distance of the records on it.
+//! Hard cases of caches: all photons at one point, records in the sharpest corners, and a wall thinner than the
+//! distance between records.
 
 use crate::support::scenes::{add, camera, compiled, diffuse, mean, pixels, render};
 use buffon::accel::AccelKind;
@@ -21,8 +21,8 @@ use std::time::Instant;
 
 const PHOTONS: usize = 1_000_000;
 
-/// A million points at one place: the tree is built, and queries at, near and far from the place end and agree with
-/// what a list would say.
+/// A tree of a million points at one position can be built. Queries at this point, near it and far from it terminate
+/// with the correct results.
 #[test]
 fn a_million_points_in_one_place_make_a_tree() {
     let place = Vec3::new(0.3, -0.2, 0.1);
@@ -39,12 +39,12 @@ fn a_million_points_in_one_place_make_a_tree() {
             assert_eq!(found.len(), k);
             assert!(found.iter().all(|n| (n.distance_squared() - distance_squared).abs() < 1e-6));
         }
-        // What the metric says is nearer in the plane than along the normal.
+        // With this metric, points in the plane are nearer than points along the normal.
         assert_eq!(
             tree.nearest(at, 50, 1e-3, disc, |_, all| all, &mut buffer).len(),
             if at == place { 50 } else { 0 }
         );
-        // A million that do not belong, and one that does.
+        // No point is accepted, and then one of a million.
         assert!(tree.nearest(at, 50, f32::INFINITY, disc, |_, _| 0, &mut buffer).is_empty());
         let one = tree.nearest(at, 50, f32::INFINITY, disc, each(|slot| slot == 777_777), &mut buffer);
         assert_eq!(one.iter().map(|n| n.slot()).collect::<Vec<_>>(), [777_777]);
@@ -61,8 +61,8 @@ fn a_million_points_in_one_place_make_a_tree() {
     );
 }
 
-/// As many photons in one point of a floor as around it: density is finite everywhere, zero in the point itself, as is
-/// said of it, and right elsewhere.
+/// A floor has as many photons at one point as on the rest. The density is finite everywhere, correct elsewhere, and
+/// documented to be zero at the point itself.
 #[test]
 fn a_million_photons_in_one_point_leave_the_rest_as_it_is() {
     let place = Vec3::new(0.5, 0.5, 0.0);
@@ -108,8 +108,7 @@ fn a_million_photons_in_one_point_leave_the_rest_as_it_is() {
     }
 }
 
-/// A spot of a thousandth of a degree sends all of its photons to one place: the picture has no value that is no
-/// number.
+/// A spot of a thousandth of a degree sends all of its photons to one point. The image has no invalid values.
 #[test]
 fn a_photon_map_of_a_needle_of_light_renders() {
     for &accel in AccelKind::ALL {
@@ -140,7 +139,7 @@ fn a_photon_map_of_a_needle_of_light_renders() {
     }
 }
 
-/// The cache of a scene and the means that it renders.
+/// Returns the number of records in the cache of a scene.
 fn records(scene: &Scene, settings: &IrrcacheSettings) -> usize {
     let pool = thread_pool(2).expect("the threads start");
     let mut cache = IrradianceCache::new(settings);
@@ -158,14 +157,14 @@ fn records(scene: &Scene, settings: &IrrcacheSettings) -> usize {
     cache.records().iter().map(|records| records.len()).sum()
 }
 
-/// Two walls that meet at an angle of so many degrees along the z axis, 2 long and 2 high, closed by a third wall and
-/// by lids; all of them face the inside.
+/// Returns two walls, 2 long and 2 high, that meet at the z axis at the given angle. A third wall, floor and ceiling
+/// close the scene. All face the inside.
 fn wedge(degrees: f64, reflectance: f32, emission: f32) -> Description {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (a, b) = (DVec3::new(2.0, 0.0, 0.0), DVec3::new(2.0 * cos, 2.0 * sin, 0.0));
     let at = |p: DVec3, z: f64| (p + DVec3::Z * z).as_vec3();
     let positions = [DVec3::ZERO, a, b].into_iter().flat_map(|p| [at(p, 0.0), at(p, 2.0)]).collect();
-    // Corners of floor and ceiling: 0, 2, 4 and 1, 3, 5.
+    // The corners of the floor are 0, 2, 4, those of the ceiling 1, 3, 5.
     let indices =
         vec![[0, 1, 3], [0, 3, 2], [0, 5, 1], [0, 4, 5], [2, 3, 5], [2, 5, 4], [0, 2, 4], [1, 5, 3]];
     let mut scene = Description::default();
@@ -173,20 +172,20 @@ fn wedge(degrees: f64, reflectance: f32, emission: f32) -> Description {
     let id = add(&mut scene, Shape::Mesh(mesh), DAffine3::IDENTITY, diffuse(reflectance));
     scene.shapes[id].emission = (emission > 0.0).then(|| Rgb::splat(emission).into());
     let middle = (a + b) * 0.25 + DVec3::Z;
-    // From between the walls into the corner.
+    // The camera is between the walls and looks into the corner.
     let eye = (a + b) * 0.45 + DVec3::Z;
     scene.sensors.push(camera(eye, middle * 0.2 + DVec3::Z * 0.8, 60.0, 48));
     scene
 }
 
-/// In a closed furnace light is 1/(1 − a) everywhere, also in a corner of one degree; and not more records are needed
-/// than for a corner of ninety.
+/// In a closed furnace the radiance is 1/(1 − a) everywhere, also in a corner of one degree. Such a corner does not
+/// need more records than a right angle.
 #[test]
 fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
     for &accel in AccelKind::ALL {
         for degrees in [1.0, 90.0] {
             let scene = compiled(wedge(degrees, 0.5, 1.0), accel);
-            // Many rays for each record: it is not noise that is in question.
+            // Many rays per record, because the test is not about noise.
             let settings =
                 IrrcacheSettings { resolution: 24, indirect_only: true, ..IrrcacheSettings::default() };
             let started = Instant::now();
@@ -194,7 +193,7 @@ fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
             let seconds = started.elapsed().as_secs_f64();
             let rendered = render(&scene, &Settings::Irrcache(settings), SamplerKind::Sobol, 64, 1);
             assert_eq!(rendered.invalid_count, 0);
-            // Of 2 in all, 1 is emitted, and half of what is emitted is reflected once.
+            // Of a total of 2, emission is 1 and direct light is 0.5.
             let (mean, _) = mean(&rendered);
             let furthest = pixels(&rendered).iter().map(|p| (p[1] / 0.5 - 1.0).abs()).fold(0.0, f64::max);
             println!(
@@ -208,13 +207,13 @@ fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
     }
 }
 
-/// A corner of one degree that a lamp lights through its open side, against path tracing. The records' noise is
-/// common to many pixels, and not in the estimate of the error.
+/// A corner of one degree with an emitter on its open side, compared with path tracing. The noise of records is shared
+/// noise and not part of the error estimate.
 #[test]
 fn a_corner_of_one_degree_has_the_light_of_path_tracing() {
     for &accel in AccelKind::ALL {
         let mut scene = wedge(1.0, 0.8, 0.0);
-        // The third wall shines.
+        // The third wall is the emitter.
         let Shape::Mesh(mesh) = &mut scene.shapes[0].shape else { panic!("a mesh") };
         let lamp = Mesh {
             positions: mesh.positions.clone(),
@@ -239,15 +238,15 @@ fn a_corner_of_one_degree_has_the_light_of_path_tracing() {
     }
 }
 
-/// A rectangle with the given centre and half edges that faces x × y.
+/// Adds a rectangle with the given centre and half edges. It faces x × y.
 fn rectangle(scene: &mut Description, centre: Vec3, x: Vec3, y: Vec3, material: Material) -> usize {
     let n = x.cross(y).normalize();
     let matrix = DMat3::from_cols(x.as_dvec3(), y.as_dvec3(), n.as_dvec3());
     add(scene, Shape::Rectangle, DAffine3::from_mat3_translation(matrix, centre.as_dvec3()), material)
 }
 
-/// A room of 4 by 2 by 2 that a wall of the given thickness divides, with a lamp in its right half. The wall ends `gap`
-/// below the ceiling.
+/// Returns a closed box of 4×2×2 with a wall of the given thickness in the middle and an emitter in its right half. The
+/// wall ends `gap` below the ceiling.
 fn divided_room(thickness: f32, gap: f32) -> Description {
     let mut scene = Description::default();
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
@@ -272,7 +271,7 @@ fn divided_room(thickness: f32, gap: f32) -> Description {
     scene
 }
 
-/// A closed wall of any thickness lets nothing through.
+/// A wall without a gap lets no light through, whatever its thickness.
 #[test]
 fn nothing_leaks_through_a_wall_thinner_than_the_records_are_apart() {
     for &accel in AccelKind::ALL {
@@ -287,8 +286,8 @@ fn nothing_leaks_through_a_wall_thinner_than_the_records_are_apart() {
     }
 }
 
-/// Over a thin wall that is not closed light comes as path tracing has it, but for the cache's bias in a room without
-/// direct light, which it has by a thick wall, too.
+/// Light above a thin wall with a gap agrees with path tracing, up to the bias of the cache in a scene without direct
+/// light. A thick wall gives the same bias.
 #[test]
 fn a_thin_wall_with_a_gap_has_the_light_of_path_tracing() {
     for &accel in AccelKind::ALL {

@@ -1,4 +1,4 @@
-//! Hard cases of sampling: filters, BSDFs, emitters and cameras at the ends of every random number.
+//! Hard cases of sampling: filters, BSDFs, emitters and cameras with random numbers at the ends of their range.
 
 use crate::hard_sampling::{LAST, squares};
 use crate::support::bsdfs::{plain_models, transmittances, wrapped};
@@ -37,14 +37,14 @@ fn every_filter_keeps_to_its_radius_at_the_ends() {
             assert!(s.weight.is_finite() && s.weight != 0.0, "{filter:?} at {u}: {}", s.weight);
             let value = sampler.eval(s.offset.as_dvec2());
             assert!(value.is_finite(), "{filter:?} at {u}: {value}");
-            // A table's cell has one sign; at its ends the filter may be zero.
+            // The filter has one sign in a cell of the table, but may be zero at the ends of the cell.
             let inner = sampler.eval(s.offset.as_dvec2() * 0.999);
             assert!(value * s.weight >= 0.0 || inner * s.weight >= 0.0, "{filter:?} at {u}: {value}");
         }
     }
 }
 
-/// A sample at an end of its square: finite, of unit length, and of the density and weight that evaluation says.
+/// Checks that a sample is finite, has unit length, and has the density and weight of its evaluation.
 fn check_sample(what: &str, bsdf: &Bsdf<'_>, wo: Vec3, s: &BsdfSample) {
     assert!((s.wi.length() - 1.0).abs() < 1e-5 && s.weight.is_valid() && s.pdf > 0.0, "{what}: {s:?}");
     assert!(bsdf.transmits() || s.wi.z * wo.z >= 0.0, "{what}: {s:?}");
@@ -53,7 +53,7 @@ fn check_sample(what: &str, bsdf: &Bsdf<'_>, wo: Vec3, s: &BsdfSample) {
         return;
     }
     let e = bsdf.eval(wo, s.wi);
-    // The horizon is within rounding of grazing directions, and so may lie before them.
+    // Grazing directions may be below the horizon by a rounding error.
     if s.wi.z.abs() < 1e-3 {
         return;
     }
@@ -93,7 +93,7 @@ fn every_bsdf_samples_the_ends_of_its_square() {
     assert!(drawn > 2 * none, "{drawn} {none}");
 }
 
-/// One light of each kind, with texture and without.
+/// Returns a scene with an emitter of each kind, with and without texture.
 fn lights() -> Scene {
     let mut d = Description::default();
     let values = (0..12).map(|i| if i == 5 { 0.0 } else { 0.2 + i as f32 }).collect();
@@ -168,7 +168,7 @@ fn every_emitter_samples_the_ends_of_its_square() {
                 let pdf = match light {
                     Light::Environment(environment) => environment.pdf(s.wi),
                     Light::Area(area) => {
-                        // A point on the very border may be missed, and another surface may be met.
+                        // A ray to a point on the edge may miss, or hit another surface.
                         let ray = Ray::new(from, s.wi);
                         let Some(hit) = scene.accel.intersect(&ray) else { continue };
                         let at = scene.interaction(&ray, &hit);
@@ -184,7 +184,7 @@ fn every_emitter_samples_the_ends_of_its_square() {
                     }
                 };
                 compared += 1;
-                // A texel's or a triangle's border may lie between the sample and the hit.
+                // The edge of a texel or triangle may be between the sample and the hit.
                 assert!(pdf > 0.0 && pdf.is_finite(), "{what}: density {pdf}");
                 differ += usize::from((pdf / s.pdf - 1.0).abs() > if from.x > 1e3 { 0.1 } else { 1e-2 });
             }
@@ -198,7 +198,7 @@ fn every_emitter_samples_the_ends_of_its_square() {
             }
         }
         println!("{} {i}: {drawn} samples, {compared} densities compared, {differ} differ", light.kind());
-        // Half of these samples are on edges, where a cube's ray may meet the other face.
+        // Half of these samples are on edges, at which the ray may hit the adjacent face of a cube.
         assert!(differ * 4 <= compared, "{} {i}: {differ} of {compared} densities differ", light.kind());
         assert!(drawn > 0, "{} {i}", light.kind());
         assert!(
@@ -223,7 +223,7 @@ fn every_camera_makes_rays_of_the_ends_of_film_and_lens() {
                     let ray = camera.ray(p.as_dvec2(), u, time);
                     let fine = ray.o.is_finite() && (ray.d.length() - 1.0).abs() < 1e-6 && ray.t_max > 0.0;
                     assert!(fine, "{} {p} {u} {time}: {ray:?}", settings.kind());
-                    // The point that the ray passes is seen where it began.
+                    // A point on the ray projects to the film position of the ray.
                     let at = ray.at(5.0);
                     let Some(seen) = camera.importance(at, u, time, 4.0) else {
                         panic!("{} {p} {u}: {at} is not seen", settings.kind())

@@ -1,5 +1,5 @@
-//! Hard cases of emitters, as numbers: what sampling finds of lamps that are tiny, huge, edge-on or touched, against
-//! quadrature in `f64`; lamps that cannot shine, many lamps of most unequal power, and the sky beside a small sun.
+//! Hard cases of emitters, as numbers: tiny, huge, edge-on and touching emitters against quadrature in `f64`; emitters
+//! without area or power; many emitters of very different power; and the sky beside a small sun.
 
 use crate::support::quadrature::over_square;
 use crate::support::scenes;
@@ -13,24 +13,24 @@ use buffon::scene::{CompileOptions, Description, Scene, compile};
 use buffon::shape::{Mesh, Shape, WorldShape};
 use std::f64::consts::{PI, TAU};
 
-/// Random numbers along each side of the square.
+/// Number of random numbers along each side of the square.
 const SIDE: usize = 512;
 
-/// A white lamp in the world.
+/// Returns a white emitter in world space.
 fn lamp(shape: Shape, to_world: &DAffine3) -> (Light, WorldShape) {
     let world = WorldShape::new(shape, to_world, false).expect("a shape");
     let area = AreaEmitter::new(&world, Emission::Constant(Rgb::WHITE), None).expect("it has an area");
     (Light::Area(Box::new(area)), world)
 }
 
-/// What samples say of a lamp: the irradiance of a receiver, and the solid angle.
+/// Estimates from samples of an emitter: the irradiance of a receiver and the solid angle.
 #[derive(Debug)]
 struct Seen {
     irradiance: f64,
     solid_angle: f64,
 }
 
-/// Means over a regular grid of random numbers, as the integrators draw them: sixteen at a time.
+/// Returns means over a regular grid of random numbers. As in the integrators, sixteen are sampled at a time.
 fn seen_by_samples(light: &Light, from: Vec3, n: Vec3) -> Seen {
     let mut seen = Seen { irradiance: 0.0, solid_angle: 0.0 };
     let u = |i: usize| (i as f32 + 0.5) / SIDE as f32;
@@ -56,8 +56,8 @@ fn seen_by_samples(light: &Light, from: Vec3, n: Vec3) -> Seen {
     Seen { irradiance: seen.irradiance / samples, solid_angle: seen.solid_angle / samples }
 }
 
-/// The same by quadrature over the image of the unit square under `point`, whose vector area per unit of the square is
-/// `area`.
+/// Returns the same by quadrature over the unit square, which `point` maps to the surface. The second result of `point`
+/// is the vector area per unit of the square.
 fn seen_exactly(point: impl Fn([f64; 2]) -> (DVec3, DVec3), from: Vec3, n: Vec3) -> Seen {
     let (from, n) = (from.as_dvec3(), n.as_dvec3());
     let integral = |cosine: bool| {
@@ -71,7 +71,7 @@ fn seen_exactly(point: impl Fn([f64; 2]) -> (DVec3, DVec3), from: Vec3, n: Vec3)
     Seen { irradiance: integral(true), solid_angle: integral(false) }
 }
 
-/// The rectangle as its numbers in `f32` have it.
+/// Returns the map of the rectangle with its corners as rounded to `f32`.
 fn rectangle(world: &WorldShape) -> impl Fn([f64; 2]) -> (DVec3, DVec3) {
     let WorldShape::Rectangle { corner, edge_x, edge_y, normal, .. } = world else { panic!("a rectangle") };
     let (corner, x, y) = (corner.as_dvec3(), edge_x.as_dvec3(), edge_y.as_dvec3());
@@ -91,7 +91,7 @@ fn check(name: &str, light: &Light, from: Vec3, n: Vec3, exact: &Seen, tolerance
     assert!(e < tolerance && w < tolerance, "{name}: {found:?} instead of {exact:?}");
 }
 
-/// From a millionth of a radian to almost the whole half space.
+/// Angular radii from a millionth of a radian to almost π/2.
 #[test]
 fn spheres_of_every_angular_radius_have_their_light() {
     for distance in [1e6f32, 1e3, 2.0, 1.01, 1.000_1, 1.000_01, 1.000_001] {
@@ -119,7 +119,7 @@ fn rectangles_edge_on_and_from_nearby_have_their_light() {
         let quadrature = rectangle(&world);
         let point = |p: [f64; 3]| to_world.transform_point3(DVec3::from(p)).as_vec3();
         let n = |n: [f64; 3]| to_world.transform_vector3(DVec3::from(n).normalize()).as_vec3();
-        // Where it is not resolved, the height over an askew plane is known to the rounding of its points only.
+        // For a rotated plane, the rounding of its points limits the precision of a small height.
         let coarse = if place.is_empty() { 1e-4 } else { 1e-3 };
         for (name, p, normal, tolerance) in [
             ("from above", [0.1, 0.2, 1.5], [0.0, 0.0, -1.0], 1e-4),
@@ -138,8 +138,8 @@ fn rectangles_edge_on_and_from_nearby_have_their_light() {
     }
 }
 
-/// In the plane z = 0 heights have no rounding: a lamp is seen edge-on from as low as can be, and from the plane
-/// itself not at all.
+/// In the plane z = 0 heights have no rounding error. A rectangle is visible from any height above it, and invisible
+/// from its plane.
 #[test]
 fn a_rectangle_shines_down_to_its_plane_and_not_within() {
     let (light, world) = lamp(Shape::Rectangle, &DAffine3::IDENTITY);
@@ -166,7 +166,7 @@ fn triangle() -> Mesh {
     }
 }
 
-/// A triangle as its numbers in `f32` have it, as the image of a square. [Duffy 1982]
+/// Returns the map from the square to a triangle with its corners as rounded to `f32`. [Duffy 1982]
 fn triangle_chart(corners: [Vec3; 3]) -> impl Fn([f64; 2]) -> (DVec3, DVec3) {
     let [a, b, c] = corners.map(|p| p.as_dvec3());
     let n = (b - a).cross(c - a);
@@ -192,7 +192,7 @@ fn triangles_have_their_light() {
     assert_eq!(light.sample(Vec3::new(3.0, 0.1, 0.0), Vec2::splat(0.4), 0.0), None);
 }
 
-/// A lamp alone in a scene.
+/// Returns a scene with one emitter.
 fn alone(shape: Shape, to_world: DAffine3, accel: AccelKind) -> Scene {
     let mut description = Description::default();
     let id = scenes::add(&mut description, shape, to_world, scenes::diffuse(0.5));
@@ -200,7 +200,7 @@ fn alone(shape: Shape, to_world: DAffine3, accel: AccelKind) -> Scene {
     scenes::compiled(description, accel)
 }
 
-/// Whatever is sampled of a lamp is met by a ray, but for its very outline, and the ray's density is the sample's.
+/// Rays to sampled points hit the emitter, except at its outline, and the density at the hit is that of the sample.
 #[test]
 fn rays_find_extreme_lamps_with_the_density_of_their_samples() {
     let sphere = |distance: f64| (scenes::sphere(1.0), DAffine3::from_translation(DVec3::Z * distance));
@@ -238,7 +238,7 @@ fn rays_find_extreme_lamps_with_the_density_of_their_samples() {
     }
 }
 
-/// What cannot shine is told, is never drawn and takes nothing from what shines.
+/// Emitters without area or power are reported, are never sampled and do not change the sampling of others.
 #[test]
 fn lamps_without_area_or_power_are_never_drawn() {
     for &accel in AccelKind::ALL {
@@ -281,8 +281,8 @@ fn lamps_without_area_or_power_are_never_drawn() {
     }
 }
 
-/// A hundred thousand points, each a factor weaker than the last, from the brightest to 10⁻⁹ of it; one in a hundred
-/// is dark.
+/// Returns a hundred thousand point emitters with powers that decrease geometrically to 10⁻⁹ of the largest. One in a
+/// hundred is black.
 fn many_points() -> Vec<Emitter> {
     const COUNT: usize = 100_000;
     let power = |i: usize| match i % 100 {
@@ -298,8 +298,8 @@ fn many_points() -> Vec<Emitter> {
         .collect()
 }
 
-/// Over all random numbers that a sampler can draw, every lamp that shines is drawn as often as its probability says,
-/// so that the mean is what all lamps together send.
+/// Over all possible random numbers, every emitter with power is chosen with exactly its probability, so the mean is
+/// the light of all emitters.
 #[test]
 fn a_hundred_thousand_lamps_of_power_ratio_a_billion_are_all_drawn() {
     let mut description = Description::default();
@@ -329,7 +329,7 @@ fn a_hundred_thousand_lamps_of_power_ratio_a_billion_are_all_drawn() {
     }
     println!("{} lamps drawn; irradiance {mean:.9} of {exact:.9}", drawn.iter().filter(|n| **n > 0).count());
     assert!((mean / exact - 1.0).abs() < 1e-9, "{mean} instead of {exact}");
-    // Nothing that is bright loses by it.
+    // Bright emitters keep their probability.
     let powers: Vec<f64> = scene.lights.iter().map(|l| f64::from(l.power().luminance())).collect();
     let total: f64 = powers.iter().sum();
     for (i, power) in powers.iter().enumerate().filter(|(_, power)| **power > 1e-4 * total) {
@@ -342,7 +342,7 @@ const HEIGHT: usize = 33;
 /// Column and row of the sun.
 const SUN: [usize; 2] = [20, 10];
 
-/// A sky of 1 with a sun of 10⁸ in one texel; the rows from 24 on are black.
+/// Returns a sky of 1 with a sun of 10⁸ in one texel and black rows from 24 on.
 fn sky() -> EnvMap {
     let mut values = vec![1.0f32; 3 * WIDTH * HEIGHT];
     values[3 * (SUN[1] * WIDTH + SUN[0])..][..3].fill(1e8);
@@ -351,11 +351,11 @@ fn sky() -> EnvMap {
     EnvMap::new(image, 1.0, &DAffine3::IDENTITY).expect("a map")
 }
 
-/// The mean radiance in the upper half of the sphere beside the sun's texels, and in all of it, by samples and exactly.
+/// The mean radiance of the sky, and that of its upper half without the texels of the sun, from samples and exactly.
 #[test]
 fn the_sky_beside_a_sun_of_a_hundred_million_is_found() {
     let map = sky();
-    // Beyond a texel around the sun the sky is 1, down to the row before the black ones.
+    // Outside the footprint of the sun the sky is 1, down to the row above the black ones.
     let beside = |w: Vec3| {
         let turns = f64::from(w.x).atan2(-f64::from(w.z)) / TAU;
         let column = (turns - turns.floor()) * WIDTH as f64 - 0.5;
@@ -370,7 +370,7 @@ fn the_sky_beside_a_sun_of_a_hundred_million_is_found() {
     let n = 2048;
     let (mut all, mut sum, mut squares, mut found) = (0.0, 0.0, 0.0, 0);
     for i in 0..n * n {
-        // A lattice whose points are spread over both axes alone, too. [Korobov 1959]
+        // A lattice that also projects evenly to each of its axes. [Korobov 1959]
         let (k, points) = (i as u64, (n * n) as u64);
         let u = [k, k * 1_588_635 % points].map(|k| (k as f64 + 0.5) / points as f64);
         let Some(s) = map.sample(Vec2::new(u[0] as f32, u[1] as f32)) else { continue };
@@ -393,8 +393,7 @@ fn the_sky_beside_a_sun_of_a_hundred_million_is_found() {
     assert!(found > 10 && (sum - exact).abs() < 4.0 * error, "{sum} ± {error} instead of {exact}");
 }
 
-/// Along lines through the sun, over all random numbers there are that lead behind it: the sky there has its share, to
-/// within a few of the 2^24 random numbers.
+/// Along lines through the sun, the sky behind it has the right fraction of all random numbers, within a few of 2^24.
 #[test]
 fn nothing_is_lost_behind_a_sun_in_its_row() {
     let map = sky();
@@ -410,7 +409,7 @@ fn nothing_is_lost_behind_a_sun_in_its_row() {
     for y in (0..1 << 11).map(|k| (k as f32 + 0.5) / 2048.0) {
         let Some(middle) = map.sample(Vec2::new(0.5, y)).filter(|s| s.pdf > 0.1 * sun) else { continue };
         let row = f64::from(middle.wi.y).acos() * (HEIGHT - 1) as f64 / PI;
-        // Bilinear, so that the trapezoidal rule is exact.
+        // The density is piecewise linear, so the trapezoidal rule is exact.
         let pdf = |column: usize| f64::from(map.pdf(direction(column as f64, row)));
         let all: f64 = (0..WIDTH).map(pdf).sum();
         let part = (SUN[0] + 2..WIDTH).map(pdf).sum::<f64>() + 0.5 * (pdf(SUN[0] + 1) + pdf(0));
@@ -427,7 +426,7 @@ fn nothing_is_lost_behind_a_sun_in_its_row() {
     assert!(lines > 1000 && furthest < 6.0, "{furthest}");
 }
 
-/// The direction of a column's and row's centre.
+/// Returns the direction of a column and row.
 fn direction(column: f64, row: f64) -> Vec3 {
     let (sin_phi, cos_phi) = (TAU * (column + 0.5) / WIDTH as f64).sin_cos();
     let (sin, cos) = (PI * row / (HEIGHT - 1) as f64).sin_cos();
@@ -455,8 +454,8 @@ fn black_rows_are_not_drawn_and_texels_that_are_no_numbers_are_refused() {
     }
 }
 
-/// Where an area is sampled from so near that hardly a sample matters, scattered rays find the lamp: together they
-/// have its light.
+/// A receiver so close to an emitter that few emitter samples matter. BSDF samples hit the emitter, and both techniques
+/// together give its irradiance.
 #[test]
 fn a_triangle_from_a_millionth_away_has_its_light_by_both_techniques() {
     for &kind in AccelKind::ALL {

@@ -1,7 +1,7 @@
-//! Hard cases of meshes on every back end: triangles that are no triangles, slivers and needles, and very many of
-//! them in one place.
+//! Hard cases of meshes with every traversal: invalid triangles, slivers and needles, and very many triangles at one
+//! position.
 //!
-//! `BUFFON_HARD_TRIANGLES` says how many there are in one place.
+//! `BUFFON_HARD_TRIANGLES` sets the number of triangles at one position.
 
 use crate::meshes::{Mesh, Random, cube, soup, sphere};
 use crate::support::scenes;
@@ -17,10 +17,10 @@ use buffon::scene::{CompileOptions, Description, compile};
 use buffon::shape::{self, Shape};
 use std::time::Instant;
 
-/// Rays into every mesh.
+/// Number of rays into every mesh.
 const RAYS: usize = 40_000;
 
-/// Spoils a mesh with triangles that can never be hit, and with some twice; returns how many are invalid.
+/// Adds invalid, degenerate and duplicate triangles to a mesh, and returns the number of invalid ones.
 fn spoil(mesh: &Mesh, random: &mut Random) -> (Mesh, usize) {
     let mut spoiled = mesh.clone();
     let first = mesh.positions.len() as u32;
@@ -57,7 +57,7 @@ fn intersect(accel: &dyn Accel, rays: &[Ray]) -> Vec<Option<Hit>> {
     hits
 }
 
-/// Closed meshes of rounder and thinner triangles, each with the half-extents of a box inside.
+/// Returns closed meshes of triangles of various shapes, each with the half-extents of a box inside.
 fn closed_meshes() -> Vec<(&'static str, Mesh, Vec3)> {
     let slab = Vec3::new(1e3, 1.0, 1e-3);
     vec![
@@ -69,7 +69,7 @@ fn closed_meshes() -> Vec<(&'static str, Mesh, Vec3)> {
     ]
 }
 
-/// What is invalid is dropped and counted, what is twice there is hit once, and a closed mesh stays closed.
+/// Invalid triangles are dropped and counted, duplicates are hit once, and a closed mesh stays closed.
 #[test]
 #[ignore = "takes long: make test-all"]
 fn spoiled_meshes_are_as_closed_as_they_were() {
@@ -95,7 +95,7 @@ fn spoiled_meshes_are_as_closed_as_they_were() {
             let distances = |accel: &dyn Accel| -> Vec<Option<f32>> {
                 intersect(accel, &rays).into_iter().map(|hit| hit.map(|hit| hit.t)).collect()
             };
-            // The back of a triangle may be a rounding nearer than its front.
+            // The back of a triangle may be nearer than its front by a rounding error.
             let same = |(a, b): &(Option<f32>, Option<f32>)| match (a, b) {
                 (Some(a), Some(b)) => (a / b - 1.0).abs() < 1e-3,
                 (a, b) => a == b,
@@ -107,8 +107,8 @@ fn spoiled_meshes_are_as_closed_as_they_were() {
     }
 }
 
-/// Slivers of a soup, from thin to thinner than the rounding of their corners: hits are those of brute force in `f64`,
-/// but for rays within rounding of an outline.
+/// A soup of slivers, down to a width below the rounding of their corners. Hits agree with brute force in `f64`, except
+/// for rays within rounding of an outline.
 #[test]
 fn slivers_of_every_width_are_hit_alike() {
     for (seed, thin) in (1..).zip([1e-2f32, 1e-4, 1e-6, 1e-8]) {
@@ -147,7 +147,7 @@ fn slivers_of_every_width_are_hit_alike() {
     }
 }
 
-/// Many triangles in one place, of each kind.
+/// Returns meshes of many triangles at one position.
 fn crowds(count: usize) -> Vec<(&'static str, Mesh)> {
     let center = Vec3::new(0.3, -0.2, 0.1);
     let corners = [Vec3::new(-0.01, -0.01, 0.0), Vec3::new(0.02, -0.01, 0.0), Vec3::new(-0.01, 0.02, 0.0)];
@@ -168,7 +168,7 @@ fn crowds(count: usize) -> Vec<(&'static str, Mesh)> {
     ]
 }
 
-/// Bytes of an acceleration structure for each triangle.
+/// Upper bound on the bytes of an acceleration structure per triangle.
 const MOST_BYTES: usize = 400;
 
 #[test]
@@ -184,7 +184,7 @@ fn very_many_triangles_in_one_place_build_and_are_found() {
             assert_eq!(built.dropped, 0);
             let started = Instant::now();
             let at = |x: f32, y: f32| built.accel.intersect(&Ray::new(Vec3::new(x, y, 2.0), -Vec3::Z));
-            // Within the triangles, and off them.
+            // One ray inside the triangles and one outside.
             let (hit, miss) = (at(0.301, -0.199), at(0.3, 1.5));
             println!(
                 "{kind}, {count} {name}: built in {seconds:.2} s, {:.0} bytes each; two rays in {:.1} ms",
@@ -204,8 +204,7 @@ fn very_many_triangles_in_one_place_build_and_are_found() {
     }
 }
 
-/// A lamp and a floor, both with triangles that are none: they are counted, shine and reflect as if these were not
-/// there.
+/// An emitter and a floor with invalid triangles: these are counted, and have no influence on emission and reflection.
 #[test]
 fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
     let square = Mesh {
@@ -229,7 +228,7 @@ fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
                 let mut mesh = square.clone();
                 if spoiled {
                     let (bad, count) = spoil(&mesh, &mut random);
-                    // None twice: of two lamps in one place both would shine.
+                    // Duplicates are removed, because two emitters at one position both emit.
                     let mut indices = bad.indices.clone();
                     indices.sort_unstable();
                     indices.dedup();

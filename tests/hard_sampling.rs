@@ -1,5 +1,5 @@
-//! Hard cases of sampling: dimensions and samples far beyond what a render asks for, the ends of every random number,
-//! and the poles and seams of every parametrisation.
+//! Hard cases of sampling: very large dimensions and sample numbers, random numbers at the ends of their range, and the
+//! poles and seams of every parametrisation.
 
 use crate::support::scenes;
 use buffon::accel::AccelKind;
@@ -12,17 +12,17 @@ use buffon::shape::Shape;
 use std::collections::HashSet;
 use std::f32::consts::{PI, TAU};
 
-/// The greatest number that a sampler draws.
+/// The largest number that a sampler returns.
 pub const LAST: f32 = 1.0 - f32::EPSILON / 2.0;
-/// The ends, and what is between.
+/// The ends of the range, and some values between them.
 const ENDS: [f32; 7] = [0.0, f32::EPSILON / 2.0, 1e-4, 0.5, 0.75, 1.0 - 1e-4, LAST];
 
-/// Pairs of them.
+/// Returns all pairs of these numbers.
 pub fn squares() -> impl Iterator<Item = Vec2> {
     ENDS.into_iter().flat_map(|x| ENDS.into_iter().map(move |y| Vec2::new(x, y)))
 }
 
-/// By how many standard deviations the chi² statistic of equally likely cells is off.
+/// Returns the deviation of the chi² statistic of equally likely cells in standard deviations.
 fn chi2_excess(cells: usize, indices: impl Iterator<Item = usize>) -> f64 {
     let mut counts = vec![0u32; cells];
     indices.for_each(|i| counts[i] += 1);
@@ -44,16 +44,16 @@ fn numbers(sampler: Sampler, dimension: Dimension, keys: &[SampleKey]) -> Vec<f3
     out
 }
 
-/// Samples counted from 0, past 2^16, 2^31, 2^32 and 2^33, where 32-bit indices of one or of both halves end.
+/// First samples: 0, and past 2^16, 2^31, 2^32 and 2^33, where 32-bit indices of one or both halves end.
 const STARTS: [u64; 6] = [0, 1 << 17, 1 << 31, 1 << 32, 1 << 33, 1 << 50];
-/// Samples of a window: 6^5, which are whole blocks of strata in bases 2 and 3, in both halves.
+/// Number of samples in a window: 6^5 in each half, which are whole blocks of strata in bases 2 and 3.
 const WINDOW: u64 = 2 * 7776;
-/// Off by more than as many standard deviations (of a chi² with 255 degrees of freedom) a right sampler is with a
+/// Maximum deviation in standard deviations of a chi² with 255 degrees of freedom. A correct sampler exceeds it with a
 /// probability of 10^−5.
 const SIGMAS: f64 = 5.0;
 
-/// Wherever a window of samples begins, and in the thousandth dimension as in the first: numbers in [0, 1), at most as
-/// uneven as random ones, and none that has been there before.
+/// In every window of samples and in every dimension, up to the thousandth and beyond, numbers are in [0, 1), at most
+/// as uneven as random ones, and not repeated.
 #[test]
 fn samples_far_out_are_uniform_and_do_not_repeat() {
     let dimensions = [
@@ -83,7 +83,7 @@ fn samples_far_out_are_uniform_and_do_not_repeat() {
                     assert!(excess < SIGMAS, "{what}: numbers are off by {excess} sigmas");
                     seen.extend(points.iter().map(|p| p.map(f32::to_bits)));
                     let repeated = (window + 1) * WINDOW as usize - seen.len();
-                    // Of so many pairs of 24 bits each some 10^-5 are alike by chance.
+                    // About 10^-5 of these pairs of 24 bits are expected to be equal by chance.
                     assert!(repeated <= 1, "{what}: {repeated} pairs have been there before");
                 }
             }
@@ -91,7 +91,7 @@ fn samples_far_out_are_uniform_and_do_not_repeat() {
     }
 }
 
-/// A value and its density, as `square_to_x` and `square_to_x_pdf` have it.
+/// Checks a direction and its density, the results of `square_to_x` and `square_to_x_pdf`.
 fn check_direction(what: &str, u: Vec2, w: Vec3, pdf: f32) {
     assert!(w.is_finite() && (w.length() - 1.0).abs() < 1e-6, "{what} at {u}: {w}");
     assert!(pdf > 0.0 && pdf.is_finite(), "{what} at {u}: density {pdf}");
@@ -102,7 +102,7 @@ fn every_warp_is_finite_and_inside_at_the_ends_of_its_square() {
     for u in squares() {
         let back = |what: &str, v: Vec2, tolerance: f32| {
             let off = (v - u).abs();
-            // Where the map is singular, the azimuth is anything.
+            // At a singularity of the map the azimuth is arbitrary.
             let off = Vec2::new(off.x.min(1.0 - off.x), off.y);
             assert!(v.is_finite() && off.max_element() < tolerance, "{what} at {u}: back at {v}");
         };
@@ -129,13 +129,13 @@ fn every_warp_is_finite_and_inside_at_the_ends_of_its_square() {
         back("triangle", warp::triangle_to_square(b), 1e-6);
         let x = warp::interval_to_tent(u.x);
         assert!(x.abs() <= 1.0 && (warp::tent_to_interval(x) - u.x).abs() < 1e-6, "tent at {}: {x}", u.x);
-        // At the very end the density is zero, elsewhere it is not.
+        // The density is zero only at the very end.
         assert!(warp::interval_to_tent_pdf(x) > 0.0 || u.x == 0.0, "tent at {}: {x}", u.x);
     }
 }
 
-/// Rays at a surface, exactly at its poles and seams and within rounding of them: texture coordinates in the unit
-/// square, frames of unit vectors, and neighbours on both sides of a seam at its two ends.
+/// Rays hit a surface exactly at its poles and seams and within rounding of them. Texture coordinates are in the unit
+/// square, frames have unit vectors, and both sides of a seam have coordinates at opposite ends.
 #[test]
 fn poles_and_seams_of_every_shape_have_coordinates() {
     let tube = Shape::Cylinder { p0: -Vec3::Z, p1: Vec3::Z, radius: 1.0 };
@@ -151,16 +151,16 @@ fn poles_and_seams_of_every_shape_have_coordinates() {
             let mut hits = 0;
             for (x, y) in signed().flat_map(|x| signed().map(move |y| (x, y))) {
                 let rays = [
-                    // At the poles and the middle of the disk, from both sides.
+                    // The poles and the centre of the disk, from both sides.
                     Ray::new(Vec3::new(x, y, 3.0), -Vec3::Z),
                     Ray::new(Vec3::new(x, y, -3.0), Vec3::Z),
-                    // At the seam, where y changes its sign, and opposite.
+                    // The seam, at which y changes its sign, and the opposite side.
                     Ray::new(Vec3::new(3.0, y, x), -Vec3::X),
                     Ray::new(Vec3::new(-3.0, y, x), Vec3::X),
-                    // At the ends of a tube.
+                    // The ends of a cylinder.
                     Ray::new(Vec3::new(3.0, y, 1.0 - x.abs()), -Vec3::X),
                     Ray::new(Vec3::new(3.0, y, -1.0 + x.abs()), -Vec3::X),
-                    // At the rim and the seam of a disk.
+                    // The edge and the seam of a disk.
                     Ray::new(Vec3::new(1.0 - x.abs(), y, 3.0), -Vec3::Z),
                     Ray::new(Vec3::new(0.5 + x, y, 3.0), -Vec3::Z),
                 ];
@@ -177,7 +177,7 @@ fn poles_and_seams_of_every_shape_have_coordinates() {
                     }
                     let world = &scene.shapes[0].world;
                     assert!(world.partials(&hit, at.p).iter().all(|d| d.is_finite()), "{what}");
-                    // The turn is that of the point.
+                    // The azimuth in the texture coordinates is that of the point.
                     let turn = if name == "disk" { uv.y } else { uv.x };
                     let exact = f64::from(at.p.y).atan2(f64::from(at.p.x)).rem_euclid(std::f64::consts::TAU)
                         / std::f64::consts::TAU;
@@ -192,8 +192,8 @@ fn poles_and_seams_of_every_shape_have_coordinates() {
     }
 }
 
-/// An environment map at its poles and across its seam: finite, continuous, with the same density from sample and
-/// direction.
+/// At the poles and the seam of an environment map, values are finite and continuous, and samples and directions have
+/// the same density.
 #[test]
 fn poles_and_seam_of_an_environment_map_have_radiance() {
     let values: Vec<f32> = (0..3 * 8 * 5).map(|i| ((i * 37) % 23) as f32 / 16.0).collect();
@@ -206,7 +206,7 @@ fn poles_and_seam_of_an_environment_map_have_radiance() {
                 let (radiance, pdf) = (map.eval(w), map.pdf(w));
                 assert!(radiance.is_valid() && pdf > 0.0 && pdf.is_finite(), "{w}: {radiance:?} {pdf}");
             }
-            // The seam of the turns is half a column beside −z.
+            // The seam is half a column from −z.
             let seam = TAU * 0.5 / 8.0;
             let d = |turn: f32| Vec3::new((seam + turn).sin(), 0.0, -(seam + turn).cos());
             let (left, right) = (map.eval(d(-nudge)), map.eval(d(nudge)));
@@ -218,7 +218,7 @@ fn poles_and_seam_of_an_environment_map_have_radiance() {
         let s = map.sample(u).expect("it shines everywhere");
         let (pdf, off) = (map.pdf(s.wi), (map.eval(s.wi) - s.radiance).map(f32::abs).max_component());
         assert!((s.wi.length() - 1.0).abs() < 1e-6 && s.radiance.is_valid(), "{u}: {s:?}");
-        // At a pole itself the longitude is lost.
+        // At a pole the longitude is lost.
         let close = (pdf / s.pdf - 1.0).abs() < 1e-3 && off < 1e-3;
         assert!(close || s.wi.x.hypot(s.wi.z) < 1e-6, "{u}: {s:?}, {pdf}, {off}");
     }

@@ -1,4 +1,4 @@
-//! Surfaces with holes: rays and shadow rays pass them alike, without bias.
+//! Surfaces with holes: rays and shadow rays pass with the same probability, without bias.
 
 use crate::support::expect::Means;
 use crate::support::scenes::{add, camera, compiled, render, sphere};
@@ -28,13 +28,13 @@ fn black() -> Material {
     Material::Diffuse(Diffuse { reflectance: Rgb::BLACK.into() })
 }
 
-/// A black mask of a material that is added before it.
+/// Returns a mask, and adds its black inner material to the description.
 fn mask(description: &mut Description, opacity: f32) -> Material {
     description.materials.push(black());
     Material::Mask(Mask { opacity: opacity.into(), inner: MaterialId::from(description.materials.len() - 1) })
 }
 
-/// A diffuse plane z = 0 of reflectance 1/2, looked at around the origin from low above it.
+/// Returns a diffuse plane z = 0 of reflectance 1/2, seen near the origin from a low angle.
 fn plane() -> Description {
     let mut description = Description::default();
     let half = Material::Diffuse(Diffuse { reflectance: Rgb::splat(0.5).into() });
@@ -47,10 +47,10 @@ fn sheet(z: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::Z * z) * DAffine3::from_scale(DVec3::splat(1.5))
 }
 
-/// What lies between the light and the plane, and the share of the light that passes.
+/// A name, a function that adds shapes between the emitter and the plane, and the fraction of the light that passes.
 type Between = (&'static str, fn(&mut Description), f64);
 
-/// Puts the last shape into a group with one instance.
+/// Moves the last shape into a group with one instance.
 fn as_instance(description: &mut Description) {
     let placed: PlacedShape = description.shapes.pop().expect("a shape");
     let to_world = placed.to_world.clone();
@@ -155,8 +155,8 @@ fn shadow_rays_pass_holes_by_their_share() {
     }
 }
 
-/// Camera rays and light paths pass a black surface by the fraction that is missing, and no more: a surface that is
-/// hit does not let light pass a second time.
+/// Camera rays and light paths pass a black surface with the probability 1 − opacity. After a hit, no light passes a
+/// second time.
 #[test]
 fn camera_rays_pass_holes_by_their_share() {
     let cases = between();
@@ -178,7 +178,7 @@ fn camera_rays_pass_holes_by_their_share() {
     }
 }
 
-/// A lamp behind a sheet is found by either technique, and both together.
+/// An emitter behind a surface with holes is found by each technique and by both together.
 #[test]
 fn lamps_behind_holes_are_found_by_every_technique() {
     let settings = [path(Some(2)), path(None), direct(1, 1), direct(1, 0), direct(0, 1)];
@@ -199,7 +199,7 @@ fn lamps_behind_holes_are_found_by_every_technique() {
     }
 }
 
-/// A lamp with holes emits everywhere, and lets the light of the lamp behind it pass by its share of holes.
+/// An emitter with holes emits everywhere, and light of an emitter behind it passes with the probability 1 − opacity.
 #[test]
 fn lamps_with_holes_emit_everywhere() {
     let group = Means::of_images(2 * AccelKind::CHOICES.len(), 0.02);
@@ -220,7 +220,7 @@ fn lamps_with_holes_emit_everywhere() {
     }
 }
 
-/// A scene without holes installs no filter.
+/// A scene without holes needs no filter.
 #[test]
 fn only_holes_need_a_filter() {
     let opaque = {

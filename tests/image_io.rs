@@ -1,4 +1,4 @@
-//! Image files: what is written is what is read, by either library, and what is wrong is said.
+//! Image files: both libraries read and write the same values, and report errors.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use buffon::image::{
     write, write_with,
 };
 
-/// The libraries that are built in.
+/// Returns the libraries that are compiled in.
 fn backends() -> Vec<Backend> {
     let mut all = vec![Backend::RustCrates];
     if Backend::default() != Backend::RustCrates {
@@ -17,7 +17,7 @@ fn backends() -> Vec<Backend> {
     all
 }
 
-/// A sequence of 32-bit numbers [Steele et al. 2014, splitmix].
+/// A sequence of 32-bit random numbers. [Steele et al. 2014, splitmix]
 struct Numbers(u64);
 
 impl Numbers {
@@ -27,13 +27,13 @@ impl Numbers {
         ((z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb) >> 32) as u32
     }
 
-    /// Between 0 and 1.
+    /// Returns a number in [0, 1).
     fn unit(&mut self) -> f32 {
         (self.next() >> 8) as f32 / (1u32 << 24) as f32
     }
 }
 
-/// A smooth picture with some noise.
+/// Returns a smooth image with some noise.
 fn picture(width: usize, height: usize, channels: &[&str]) -> Image {
     let mut numbers = Numbers(1);
     let mut image = Image::new(width, height, channels);
@@ -43,7 +43,7 @@ fn picture(width: usize, height: usize, channels: &[&str]) -> Image {
     image
 }
 
-/// Values of every kind, with every bit of them in use.
+/// Returns an image of values of all kinds, which use all bits.
 fn hard_values(width: usize, height: usize, channels: &[&str]) -> Image {
     let special = [
         0.0,
@@ -85,7 +85,7 @@ fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a folder for temporary files")
 }
 
-/// The files of a folder.
+/// Returns the names of the files in a folder.
 fn files(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(folder)
         .unwrap()
@@ -95,7 +95,7 @@ fn files(folder: &Path) -> Vec<String> {
     names
 }
 
-/// The error of reading a file, without its path.
+/// Returns the error of reading a file, without the path.
 fn read_error(backend: Backend, path: &Path) -> String {
     let error = read_with(backend, path).expect_err("reading should fail");
     assert_eq!(error.kind, buffon::error::Kind::Output);
@@ -103,7 +103,7 @@ fn read_error(backend: Backend, path: &Path) -> String {
     text.strip_prefix(&format!("{}: ", path.display())).expect("the error names the file first").to_owned()
 }
 
-/// What the crate `exr` reads: names, and bits of each channel.
+/// Reads an image with the crate `exr`: the names and bits of the channels.
 fn by_exr_crate(path: &Path) -> Vec<(String, Vec<u32>)> {
     use exr::prelude::*;
     let file = read_first_flat_layer_from_file(path).expect("the exr crate reads it");
@@ -259,7 +259,7 @@ fn half_values_are_rounded_alike_and_clamped_values_counted() {
     }
 }
 
-/// Variances vanish in a half, and counts and positions are coarse.
+/// Halves would round variances to zero, and counts and positions coarsely.
 #[test]
 fn beside_a_half_picture_layers_are_floats() {
     let dir = folder();
@@ -484,7 +484,7 @@ fn damaged_files_never_bring_the_program_down() {
             }
             fs::write(&damaged, &bytes).unwrap();
             for backend in backends() {
-                // Damage may go unnoticed; an image or an error is all that may come of it.
+                // Damage may remain undetected. The result is an image or an error.
                 let _ = read_with(backend, &damaged);
             }
         }

@@ -1,7 +1,7 @@
-//! Broken image files of every format end in an image or a sentence, by either library: never in a panic or a crash.
+//! Broken image files of every format give an image or an error with both libraries, and never a panic or a crash.
 //!
-//! The cases run in a process of their own, which a crash of a library would end. `BUFFON_FUZZ_CASES` says how many
-//! there are of each file.
+//! The cases run in a separate process, which a crash of a library would end. `BUFFON_FUZZ_CASES` sets their number per
+//! file.
 
 use buffon::image::{
     Backend, Compression, Image, SampleFormat, WriteOptions, read_texture_bytes_with, read_texture_with,
@@ -16,10 +16,10 @@ use std::io::Cursor;
 use std::path::Path;
 use std::process::Command;
 
-/// Cases of each file, unless the environment says otherwise.
+/// The default number of cases per file.
 const CASES: u32 = 60;
 
-/// A change to a file: at a place, in the header or anywhere, some bytes.
+/// A change of a file. Replaced bytes are in the header if the flag is set.
 #[derive(Clone, Debug)]
 enum Edit {
     Replace(prop::sample::Index, bool, Vec<u8>),
@@ -27,7 +27,7 @@ enum Edit {
     Truncate(prop::sample::Index),
 }
 
-/// As far as headers reach.
+/// The number of bytes at the beginning of a file that count as its header.
 const HEADER: usize = 400;
 
 fn edit() -> impl Strategy<Value = Edit> {
@@ -77,7 +77,7 @@ fn backends() -> Vec<Backend> {
     all
 }
 
-/// Files of every format, with their names.
+/// Returns files of every format with their names.
 fn originals(folder: &Path) -> Vec<(String, Vec<u8>)> {
     let mut files = Vec::new();
     let channels = ["R", "G", "B", "A", "N.X"];
@@ -119,7 +119,7 @@ fn originals(folder: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// Reads a file in every way; returns how often there was an image.
+/// Reads a file in all ways and returns the number of images.
 fn check(path: &Path, bytes: &[u8]) -> Result<u32, TestCaseError> {
     fs::write(path, bytes).expect("written");
     let mut read = 0;
@@ -154,7 +154,7 @@ fn run(cases: u32) {
     for (name, bytes) in &files {
         assert!(check(&folder.path().join(name), bytes).unwrap() >= 2, "{name}: the valid file is refused");
     }
-    // More than the usual number of cases are other ones.
+    // The seed depends on the number of cases, so a larger number gives different cases.
     let rng_seed = RngSeed::Fixed(u64::from(cases));
     let config = ProptestConfig { cases, rng_seed, failure_persistence: None, ..ProptestConfig::default() };
     let read = RefCell::new(0);

@@ -20,7 +20,7 @@ fn path() -> Settings {
     Settings::Path(PathLimits::default())
 }
 
-/// A rectangle with the given centre, half edges and emission.
+/// Adds a rectangle with the given centre, half edges and emission.
 fn rectangle(scene: &mut Description, centre: Vec3, x: Vec3, y: Vec3, material: Material, emission: f32) {
     let n = x.cross(y).normalize();
     let matrix = glam::DMat3::from_cols(x.as_dvec3(), y.as_dvec3(), n.as_dvec3());
@@ -31,7 +31,7 @@ fn rectangle(scene: &mut Description, centre: Vec3, x: Vec3, y: Vec3, material: 
     }
 }
 
-/// A closed box or sphere that emits 1 and reflects a: 1/(1 − a) everywhere.
+/// A closed box or sphere with emission 1 and albedo a has the radiance 1/(1 − a).
 #[test]
 fn furnaces_are_as_bright_as_they_must_be() {
     let albedo = Rgb::new(0.1, 0.5, 0.9);
@@ -46,7 +46,7 @@ fn furnaces_are_as_bright_as_they_must_be() {
         scene.shapes[id].emission = Some(Rgb::splat(1.0).into());
         scene.shapes[id].flip_normals = true;
         scene.sensors.push(camera(DVec3::new(0.2, 0.1, -0.3), DVec3::new(-0.3, 0.4, 0.5), 90.0, 64));
-        // Ten bounces are noisy, and a furnace needs few records: so each has many rays.
+        // Ten bounces are noisy and a furnace needs few records, so each record has many rays.
         let settings = IrrcacheSettings { resolution: 32, ..IrrcacheSettings::default() };
         let scene = compiled(scene, AccelKind::default());
         let rendered = render(&scene, &Settings::Irrcache(settings), SamplerKind::Sobol, 32, 1);
@@ -57,7 +57,7 @@ fn furnaces_are_as_bright_as_they_must_be() {
     }
 }
 
-/// A grey sphere under a white sky is grey; inside of an open cup it reflects itself as well.
+/// A sphere of albedo 0.5 in a constant environment of 1 has the radiance 0.5.
 #[test]
 fn a_sphere_in_constant_light_is_its_albedo() {
     let mut scene = Description::default();
@@ -66,7 +66,7 @@ fn a_sphere_in_constant_light_is_its_albedo() {
     scene.sensors.push(camera(DVec3::new(0.0, 0.0, 4.0), DVec3::ZERO, 25.0, 64));
     let rendered = render(&compiled(scene, AccelKind::default()), &irrcache(1.0), SamplerKind::Sobol, 64, 1);
     let (mean, _) = mean(&rendered);
-    // The sphere fills the image but for its corners, where the sky is 1: what is not sphere is known from its outline.
+    // The sphere covers the image except for its corners, which show the environment. The covered fraction is measured.
     let sphere = pixels(&rendered).iter().filter(|p| p[0] < 0.75).count() as f64 / (64.0 * 64.0);
     let exact = 0.5 * sphere + (1.0 - sphere);
     assert!((mean[0] / exact - 1.0).abs() < 5e-3, "{mean:?} instead of {exact}");
@@ -74,7 +74,7 @@ fn a_sphere_in_constant_light_is_its_albedo() {
     assert!((centre / 0.5 - 1.0).abs() < 5e-3, "{centre}");
 }
 
-/// A room with a lamp, a glass ball (caustics), coated plastic and a bump of geometry.
+/// Returns a box with an open front, an emitter, a glass sphere (caustics) and a diffuse sphere.
 fn room() -> Description {
     let mut scene = Description::default();
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
@@ -109,8 +109,7 @@ fn room() -> Description {
     scene
 }
 
-/// Glass, its caustics and what is seen through it are the path tracer's light; nothing is lost, and finer caches are
-/// nearer.
+/// The cache agrees with path tracing, including caustics and light that is seen through glass.
 #[test]
 fn a_room_with_glass_is_as_bright_as_by_path_tracing() {
     let scene = compiled(room(), AccelKind::default());
@@ -125,7 +124,7 @@ fn a_room_with_glass_is_as_bright_as_by_path_tracing() {
     }
 }
 
-/// A wall without thickness between a bright and a dark part of a room, over one floor: no light on the dark side.
+/// No light passes a wall without thickness between a bright and a dark part with a common floor.
 #[test]
 fn nothing_leaks_through_a_wall_without_thickness() {
     let mut scene = Description::default();
@@ -146,7 +145,7 @@ fn nothing_leaks_through_a_wall_without_thickness() {
         rectangle(&mut scene, wall, x * 2.0, y, material, 0.0);
     }
     rectangle(&mut scene, x + y * 0.9, x * 0.3, z * 0.3, diffuse(0.0), 10.0);
-    // Seen from above, through the ceiling.
+    // The camera is below the ceiling of the dark part.
     scene.sensors.push(camera(DVec3::new(-0.9, 0.9, 0.0), DVec3::new(-0.9, -1.0, 0.0), 75.0, 48));
     let scene = compiled(scene, AccelKind::default());
     let rendered = render(&scene, &irrcache(1.0), SamplerKind::Sobol, 16, 1);
@@ -239,7 +238,7 @@ fn mistakes_in_the_scene_are_told() {
     }
 }
 
-/// The debug picture has dots, and the layer has the radii.
+/// The debug image shows records as dots, and the layer contains their radii.
 #[test]
 fn debugging_shows_records() {
     let folder = Folder::with(&SCENE.replacen(

@@ -1,9 +1,9 @@
-//! The layers of the house: a module uses only modules of rows above its own, and `unsafe` has its places.
+//! Layers of modules: a module uses only modules of rows above its own, and `unsafe` is allowed only in some places.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The rows; a module may use those of every row above.
+/// The rows. A module may use the modules of every row above.
 const ROWS: [&[&str]; 12] = [
     &["math", "error", "ids", "memory", "util"],
     &["color", "sampling", "estimate", "image", "embree"],
@@ -19,25 +19,25 @@ const ROWS: [&[&str]; 12] = [
     &["cli", "main"],
 ];
 
-/// Uses within a row, each with its reason.
+/// Allowed uses within a row, each with its reason.
 const WITHIN_A_ROW: [(&str, &str, &str); 2] = [
     ("util", "error", "a file that cannot be written is an error like any other"),
     ("main", "cli", "the program is nothing but its command line"),
 ];
 
-/// What an integrator may not use, although it is in a row above: it asks the scene.
+/// Modules in rows above that an integrator must not use, because it uses the interface of the scene.
 const NOT_FOR_INTEGRATORS: [&str; 4] = ["accel", "embree", "loader", "texture"];
-/// But for plain data that goes through the scene's own interface.
+/// The exceptions: plain data of the scene's interface.
 const PLAIN_DATA: [&str; 2] = ["accel::Hit", "accel::Coherence"];
 
-/// Where `unsafe` may stand.
+/// The places in which `unsafe` is allowed.
 const UNSAFE_PLACES: [&str; 4] = ["sys/", "src/embree/", "src/image/oiio.rs", "tests/support/cli.rs"];
 
 fn row(module: &str) -> Option<usize> {
     ROWS.iter().position(|row| row.contains(&module))
 }
 
-/// Why `module` may not use `path` (from the crate's root), if it may not.
+/// Returns the reason why `module` must not use `path` (from the crate's root), if there is one.
 fn violation(module: &str, path: &str) -> Option<String> {
     let used = path.split("::").next().unwrap_or_default();
     let (Some(from), Some(to)) = (row(module), row(used)) else {
@@ -51,17 +51,17 @@ fn violation(module: &str, path: &str) -> Option<String> {
     (!allowed).then(|| format!("{module} (row {}) uses {path} (row {})", from + 1, to + 1))
 }
 
-/// The code without its comments. (A `//` inside a string ends the line, too: nothing after it is a path.)
+/// Returns the code without comments. A `//` in a string also ends the line, but no path follows it.
 fn without_comments(text: &str) -> String {
     text.lines().map(|line| line.split("//").next().unwrap_or_default()).collect::<Vec<_>>().join("\n")
 }
 
-/// The words of a text: runs of letters, digits and underscores.
+/// Returns the words of a text: sequences of letters, digits and underscores.
 fn words(text: &str) -> impl Iterator<Item = &str> {
     text.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|w| !w.is_empty())
 }
 
-/// Every path that begins with `root`, from the crate's root; groups are taken apart.
+/// Returns every path that begins with `root`, relative to the crate's root. Groups are expanded.
 fn paths(code: &str, root: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (at, _) in code.match_indices(root) {
@@ -74,7 +74,7 @@ fn paths(code: &str, root: &str) -> Vec<String> {
     found
 }
 
-/// Adds the paths of the use tree that `text` begins with; returns how much of it the tree takes.
+/// Adds the paths of the use tree at the beginning of `text`, and returns the length of the tree.
 fn expand(text: &str, prefix: &str, found: &mut Vec<String>) -> usize {
     let start = text.len() - text.trim_start().len();
     let body = &text[start..];
@@ -98,13 +98,13 @@ fn expand(text: &str, prefix: &str, found: &mut Vec<String>) -> usize {
         }
     }
     found.push(path.trim_end_matches("::").to_string());
-    // A renaming belongs to its tree.
+    // A renaming is part of the tree.
     let renamed =
         body[end..].find([',', '}', ';', '\n']).filter(|_| body[end..].trim_start().starts_with("as "));
     start + end + renamed.unwrap_or(0)
 }
 
-/// Whether a chain of `super` leads out of the module: `depth` modules lie between the file and the root.
+/// Returns the first line with a chain of `super` out of the module; `depth` modules are between file and root.
 fn escapes(code: &str, depth: usize) -> Option<String> {
     let mut inline = 0;
     for line in code.lines() {
@@ -123,7 +123,7 @@ fn escapes(code: &str, depth: usize) -> Option<String> {
     None
 }
 
-/// All Rust files below a folder, in order.
+/// Returns all Rust files below a folder, sorted.
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     let mut entries: Vec<PathBuf> =
@@ -139,7 +139,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The package's files below a folder, with their paths from its root and their code.
+/// Returns the package's files below a folder: paths relative to its root, and code.
 fn code_below(folder: &str) -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let files = rust_files(&root.join(folder));
@@ -148,7 +148,7 @@ fn code_below(folder: &str) -> Vec<(String, String)> {
     files.iter().map(|p| (name(p), without_comments(&fs::read_to_string(p).expect("a text")))).collect()
 }
 
-/// The modules between the crate's root and a file in `src`.
+/// Returns the modules between the crate's root and a file in `src`.
 fn modules_of(file: &str) -> Vec<&str> {
     let path = file.trim_start_matches("src/").trim_end_matches(".rs");
     path.split('/').filter(|&part| part != "mod" && part != "lib").collect()
@@ -185,7 +185,7 @@ fn unsafe_stays_in_its_places() {
     }
 }
 
-/// Lines of comments have at most 120 characters; rustfmt breaks those of code, as far as texts in them allow.
+/// Comment lines have at most 120 characters. rustfmt limits lines of code, except for long strings.
 #[test]
 fn comments_are_short_lines() {
     for folder in ["src", "sys", "tests", "benches", "examples"] {
@@ -234,7 +234,7 @@ fn the_reader_finds_made_up_violations() {
     assert!(words("unsafe_code un-safe").all(|w| w != ["un", "safe"].concat()));
 }
 
-/// A file of tests that nobody names would never run.
+/// A file of tests without a `mod` declaration would never run.
 #[test]
 fn every_file_of_tests_is_one_of_the_modules() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests");

@@ -1,13 +1,13 @@
-//! Light tracing against path tracing.
+//! Light tracing, compared with path tracing.
 
 use crate::support::cli::Folder;
 
-/// The scene of Buffon's own with every kind of light, and its texture.
+/// Returns a folder with the scene that has every kind of emitter, and its texture.
 fn folder() -> Folder {
     Folder::of_scene("light-tracing", "lights.xml")
 }
 
-/// Paths from either end estimate one picture, for a pinhole, a lens and parallel rays.
+/// Camera paths and light paths give the same image with a pinhole, a thin lens and an orthographic camera.
 #[test]
 fn light_paths_and_camera_paths_agree() {
     let folder = folder();
@@ -20,7 +20,7 @@ fn light_paths_and_camera_paths_agree() {
     }
 }
 
-/// Paths from either end agree on every kind of emitter, and on the caustics of those that have a size.
+/// Camera paths and light paths agree for every kind of emitter, and for the caustics of emitters with an area.
 #[test]
 fn light_paths_and_camera_paths_agree_on_every_kind_of_emitter() {
     let folder = Folder::of_scene("photon", "emitters.xml");
@@ -31,7 +31,7 @@ fn light_paths_and_camera_paths_agree_on_every_kind_of_emitter() {
     assert_eq!(run.code, 0, "{}{}", run.stdout, run.stderr);
 }
 
-/// Splats are added in one order, whatever threads trace them, and a crop has the very pixels of the whole.
+/// Splats are added in the same order by any number of threads, and a crop has exactly the pixels of the whole image.
 #[test]
 fn splats_do_not_depend_on_threads_or_crops() {
     let folder = folder();
@@ -59,7 +59,7 @@ fn splats_do_not_depend_on_threads_or_crops() {
     }
 }
 
-/// The shortest paths are those of the camera, and the longest as long as the scene says.
+/// `max_depth` has the same meaning as for camera paths.
 #[test]
 fn depths_mean_what_they_mean_to_camera_paths() {
     let folder = folder();

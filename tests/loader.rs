@@ -1,4 +1,4 @@
-//! Scene files as a whole: what the loader makes of them.
+//! Whole scene files: the loaded description.
 
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
@@ -17,7 +17,7 @@ use buffon::shape::Shape;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// A folder with files; the scene is `scene.xml`.
+/// A folder with files. The scene is `scene.xml`.
 pub struct Files(TempDir);
 
 impl Files {
@@ -37,23 +37,23 @@ impl Files {
         load(&self.0.path().join("scene.xml"), options)
     }
 
-    /// The folder.
+    /// Returns the folder.
     pub fn path(&self) -> &Path {
         self.0.path()
     }
 
-    /// A text without the folder's name.
+    /// Returns a text without the name of the folder.
     pub fn relative(&self, text: impl ToString) -> String {
         text.to_string().replace(&format!("{}/", self.0.path().display()), "")
     }
 }
 
-/// A scene of the current version with the given elements.
+/// Returns a scene of the current version with the given elements.
 pub fn scene(inside: &str) -> String {
     format!("<scene version=\"3.0.0\">\n{inside}\n</scene>")
 }
 
-/// What the loader makes of a scene's elements; there must be no warnings.
+/// Loads the elements of a scene and checks that there are no warnings.
 pub fn loaded(inside: &str) -> Loaded {
     let files = Files::new(&[("scene.xml", &scene(&format!("{SENSOR}{inside}")))]);
     let loaded = files.load(&LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));
@@ -61,12 +61,12 @@ pub fn loaded(inside: &str) -> Loaded {
     loaded
 }
 
-/// The least that a scene needs.
+/// The minimum content of a scene.
 pub const SENSOR: &str = "<sensor type='perspective'/>";
 /// A triangle in OBJ.
 pub const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0.25\nf 1/1 2/1 3/1\n";
 
-/// In the manner of the Cornell box that Bitterli's collection has for Mitsuba 3.
+/// A scene similar to the Cornell box for Mitsuba 3 in Bitterli's collection.
 pub const BOX: &str = r#"<scene version="3.0.0">
 	<default name="integrator" value="path" />
 	<default name="spp" value="64" />
@@ -159,7 +159,7 @@ fn a_box_of_the_collection_is_read() {
     assert_eq!(scene.shapes[1].place.as_ref().unwrap().line, 42);
 }
 
-/// In the manner of the collection's scene with an egg of glass and a lamp of metal.
+/// A scene similar to the one with a glass egg and a metal lamp in that collection.
 const LAMP: &str = r#"<scene version="3.0.0">
 	<sensor type="perspective"><float name="fov" value="35" /></sensor>
 	<bsdf type="dielectric" id="GlassBSDF">
@@ -216,7 +216,7 @@ fn a_lamp_of_the_collection_is_read() {
     assert_eq!(*default, Material::Diffuse(Diffuse { reflectance: Rgb::BLACK.into() }));
 }
 
-/// As in Mitsuba, whose lamps reflect nothing unless they are told to.
+/// As in Mitsuba, an emitter without a material reflects nothing.
 #[test]
 fn shapes_that_name_no_material_are_grey_and_lamps_black() {
     let scene = loaded(
@@ -250,7 +250,7 @@ fn assert_transform(steps: &str, expected: [[f64; 4]; 3]) {
 
 #[test]
 fn transformations_apply_in_order() {
-    // What Mitsuba 3.9.1 makes of them.
+    // The values of Mitsuba 3.9.1.
     assert_transform(
         "<scale value='2'/><lookat origin='1,2,3' target='4,5,7' up='0,1,0'/><translate x='5'/>",
         [[1.6, -0.617395, 1.02899, 6.0], [0.0, 1.71499, 1.02899, 2.0], [-1.2, -0.823193, 1.37199, 3.0]],
@@ -275,7 +275,7 @@ fn transformations_apply_in_order() {
             [0.534522, 0.267261, -0.801784, 0.0],
         ],
     );
-    // An axis is a direction, whatever its length (Mitsuba 3.9.1 scales by it).
+    // The length of a rotation axis has no effect. (Mitsuba 3.9.1 scales by it.)
     assert_transform(
         "<rotate z='2' angle='90'/>",
         [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],

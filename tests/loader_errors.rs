@@ -1,9 +1,9 @@
-//! Every sentence that the loader says when something is wrong, whole.
+//! The complete text of every error and warning of the loader.
 
 use crate::loader::{Files, SENSOR, scene};
 use buffon::loader::{LoadOptions, load};
 
-/// The error for a scene's elements, without the lines shown under it.
+/// Returns the error for a scene's elements, without the source lines below it.
 pub fn error(inside: &str) -> String {
     error_of(&[("scene.xml", &scene(inside))])
 }
@@ -18,7 +18,7 @@ fn without_excerpts(text: &str) -> String {
     text.lines().filter(|line| !line.starts_with("  |")).collect::<Vec<_>>().join("\n")
 }
 
-/// The warnings for a scene's elements.
+/// Returns the warnings for a scene's elements.
 fn warnings(inside: &str) -> Vec<String> {
     let files = Files::new(&[("scene.xml", &scene(inside))]);
     let loaded = files.load(&LoadOptions::default()).unwrap_or_else(|e| panic!("{e}"));

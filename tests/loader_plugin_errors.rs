@@ -1,4 +1,4 @@
-//! The sentences about plugins: unknown ones, unsupported ones, values out of range.
+//! Errors about plugins: unknown or unsupported plugins, and values out of range.
 
 use crate::loader_errors::error;
 

@@ -1,4 +1,4 @@
-//! What the loader makes of each family of plugins.
+//! The loaded description of each family of plugins.
 
 use crate::loader::{Files, loaded, scene};
 use buffon::color::Rgb;
@@ -34,7 +34,7 @@ fn every_value_of_film_and_sensor_is_read() {
     };
     let sensor = &loaded.description.sensors[0];
     assert_eq!(sensor.name, "cam");
-    // Mitsuba gives 38.1848 degrees to the width of a 4:3 image, which is this diagonal.
+    // Mitsuba's horizontal field of view is 38.1848 degrees for an image of 4:3 with this diagonal field of view.
     let Projection::Perspective { fov, fov_axis, principal_point_offset } = sensor.projection else {
         panic!()
     };

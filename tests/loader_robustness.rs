@@ -1,4 +1,4 @@
-//! Broken input of every kind ends in a scene or an error, never in a panic.
+//! Broken input of every kind gives a scene or an error, never a panic.
 
 use crate::loader::{BOX, Files};
 use crate::support::scenes::render;
@@ -10,7 +10,7 @@ use buffon::sampling::SamplerKind;
 use buffon::scene::{CompileOptions, compile};
 use proptest::prelude::*;
 
-/// A scene with something of every family.
+/// A scene with a plugin of every family.
 const EVERYTHING: &str = r#"<scene version="3.0.0">
   <default name="spp" value="4"/>
   <integrator type="aov"><string name="aovs" value="n:sh_normal,uv:uv"/><integrator type="path"/></integrator>
@@ -51,12 +51,12 @@ const EVERYTHING: &str = r#"<scene version="3.0.0">
   <emitter type="constant"><rgb name="radiance" value="0.2"/></emitter>
 </scene>"#;
 
-/// Cases of each test: a few here, as many as wanted in a longer run.
+/// Returns the number of cases per test: `few`, or the value of the environment variable.
 fn cases(few: u32) -> u32 {
     std::env::var("BUFFON_FUZZ_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(few)
 }
 
-/// Places, removed characters, and what takes their place.
+/// Returns a strategy for edits: positions, numbers of removed characters, and insertions.
 fn edits() -> impl Strategy<Value = Vec<(prop::sample::Index, usize, String)>> {
     let inserted = prop_oneof![
         4 => "[-0-9a-z<>/\"'=$. é]{0,6}",
@@ -81,7 +81,7 @@ fn mutated(text: &str, edits: Vec<(prop::sample::Index, usize, String)>) -> Stri
 proptest! {
     #![proptest_config(ProptestConfig { cases: cases(300), failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// Whatever becomes of a scene's text, loading it ends with a scene or an error.
+    /// Loading a scene with any change of its text gives a scene or an error.
     #[test]
     fn a_mutated_scene_never_panics(edits in edits()) {
         let files = Files::new(&[("scene.xml", &mutated(BOX, edits))]);
@@ -90,7 +90,7 @@ proptest! {
         }
     }
 
-    /// What loads can be compiled, or is refused, and what compiles can be rendered.
+    /// A loaded scene is compiled or refused, and a compiled scene can be rendered.
     #[test]
     fn a_mutated_scene_renders_or_is_refused(edits in edits()) {
         let files = Files::new(&[("scene.xml", &mutated(EVERYTHING, edits))]);
@@ -108,7 +108,7 @@ proptest! {
     }
 }
 
-/// The scene that is mutated is a right one.
+/// The original of the mutated scenes is valid.
 #[test]
 fn the_scene_of_everything_loads() {
     let loaded = Files::new(&[("scene.xml", EVERYTHING)]).load(&LoadOptions::default()).expect("it loads");

@@ -1,4 +1,4 @@
-//! What does not fit into memory is refused with a sentence, before it is taken.
+//! Work that does not fit into memory is refused with an error before the memory is allocated.
 
 use crate::support::cli::{Folder, Run, SCENE, program};
 use buffon::image::{Backend, Image, WriteOptions, read, read_texture_with, read_with, write};
@@ -8,10 +8,10 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
 
-/// More than the program itself takes, and less than what the tests ask for.
+/// More than the memory of the program itself, and less than the tests need.
 const LIMIT: &str = "--memory-limit 110M";
 
-/// A run that must be refused with this code; its one sentence.
+/// Runs the program, which must refuse with this exit code, and returns its error.
 #[track_caller]
 fn refused(folder: &Folder, arguments: &str, code: i32) -> String {
     let Run { code: found, stdout, stderr } = folder.run(arguments);
@@ -19,14 +19,14 @@ fn refused(folder: &Folder, arguments: &str, code: i32) -> String {
     stderr.trim_end().strip_prefix("buffon: ").expect("the program's name comes first").to_owned()
 }
 
-/// Whether the sentence begins and ends like this; between are amounts that depend on the system.
+/// Checks the beginning and the end of a sentence. Amounts between them depend on the system.
 #[track_caller]
 fn says(sentence: &str, start: &str, end: &str) {
     assert!(sentence.starts_with(start) && sentence.ends_with(end), "{sentence}");
     assert_eq!(sentence.lines().count(), 1, "{sentence}");
 }
 
-/// A scene with this in it, and little else.
+/// Returns a minimal scene with the given elements.
 fn scene(inside: &str) -> Folder {
     Folder::with(&format!(
         r#"<scene version="3.0.0"><integrator type="path"/>
@@ -51,7 +51,7 @@ fn an_image_that_does_not_fit_is_the_fault_of_who_asks_for_it() {
         "large.xml: rendering 16000x1000 pixels would take 1.8 GiB",
         "or give a larger --memory-limit",
     );
-    // 477 MiB for the render, 137 more for the file.
+    // The render needs 477 MiB, and the file another 137 MiB.
     let text = refused(&folder, "render s.xml -q --size 2000x2000 -t 1 --memory-limit 590M", 4);
     says(
         &text,
@@ -65,7 +65,7 @@ fn an_image_that_does_not_fit_is_the_fault_of_who_asks_for_it() {
 #[test]
 fn without_a_limit_that_of_the_machine_holds() {
     let folder = Folder::new();
-    // 500 GB of sums and pixels.
+    // The sums and pixels need 500 GB.
     let text = refused(&folder, "render s.xml --size 65535x65535", 2);
     says(&text, "--size: rendering 65535x65535 pixels would take 4", "");
     assert!(text.contains("the free memory of this machine") || text.contains("the limit of "), "{text}");
@@ -91,7 +91,7 @@ fn a_limit_that_suffices_changes_no_bit() {
     assert!(error.stderr.contains("expected an amount of memory such as 4G, 512M or 1.5G"), "{error:?}");
 }
 
-/// A PNG of grey pixels, which is much smaller than they are.
+/// Writes a PNG of grey pixels. The file is much smaller than the decoded image.
 fn grey_png(path: &Path, side: u32) {
     image::GrayImage::new(side, side).save(path).expect("it can be written");
 }
@@ -109,14 +109,14 @@ fn a_texture_is_refused_by_its_header() {
     let text = refused(&folder, &format!("render s.xml {LIMIT}"), 3);
     let end = "are left (--memory-limit): use a smaller image, or give a larger --memory-limit";
     says(&text, "t.png: decoding 8000x8000 pixels of 2 channels would take 244.1 MiB of memory, but ", end);
-    // A file of a kilobyte does not have 3.6 billion pixels.
+    // A file of one kilobyte cannot contain 3.6 billion pixels.
     let mut bytes = folder.read("t.png")[..1000].to_vec();
     set_png_size(&mut bytes, 60_000);
     folder.write("t.png", &bytes);
     let text = refused(&folder, "render s.xml", 3);
     let start = "t.png: damaged or truncated PNG file (expected at least 3488430 bytes for 60000x60000 pixels, found 1000 bytes)";
     says(&text, start, "");
-    // An environment map needs more: tables of where the light comes from.
+    // An environment map needs additional memory for its sampling tables.
     let folder = Folder::with(&SCENE.replace(
         r#"<emitter type="constant"><rgb name="radiance" value="0.2"/></emitter>"#,
         r#"<emitter type="envmap"><string name="filename" value="sky.png"/></emitter>"#,
@@ -126,7 +126,7 @@ fn a_texture_is_refused_by_its_header() {
     assert!(text.contains("sampling an environment map of 3500x3500 pixels would take"), "{text}");
 }
 
-/// Writes another size into the header of a PNG.
+/// Writes a different size into the header of a PNG.
 fn set_png_size(bytes: &mut [u8], side: u32) {
     bytes[16..20].copy_from_slice(&side.to_be_bytes());
     bytes[20..24].copy_from_slice(&side.to_be_bytes());
@@ -149,7 +149,7 @@ fn a_mesh_is_refused_by_its_header() {
              element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
         );
         folder.write("m.ply", text.as_bytes());
-        // Zeros that take no room on the disk.
+        // A sparse file of zeros takes no space on the disk.
         let file = File::options().write(true).open(folder.path("m.ply")).expect("it was written");
         file.set_len(text.len() as u64 + body).expect("a file may have holes");
     };
@@ -180,18 +180,18 @@ fn a_mesh_is_refused_by_its_header() {
 
 #[test]
 fn meshes_of_other_formats_are_refused_as_they_grow() {
-    // Each line is a vertex of its own.
+    // Each line refers to a new vertex.
     let folder = Folder::new();
     let lines = "vt 0 0\nvn 0 0 1\nv 0 0 0\nf -1/1/1 -1/1/1 -1/1/1\n".repeat(700_000);
     folder.write("m.obj", lines.as_bytes());
     let text = refused(&folder, "render m.obj --memory-limit 90M", 3);
     let end = "are left (--memory-limit): use a mesh of fewer triangles, or give a larger --memory-limit";
     says(&text, "m.obj: its mesh would take ", end);
-    // A line that does not end.
+    // A line without an end.
     folder.write("m.obj", " ".repeat(120_000_000).as_bytes());
     let text = refused(&folder, &format!("render m.obj {LIMIT}"), 3);
     says(&text, "m.obj: its mesh would take ", end);
-    // A file that is a thousand times smaller than what it says.
+    // A file a thousand times smaller than its contents.
     let folder = scene(r#"<shape type="serialized"><string name="filename" value="m"/></shape>"#);
     let mut file = ZlibEncoder::new(vec![0x1c, 4, 3, 0], Compression::fast());
     file.write_all(&[0; 4]).unwrap();
@@ -200,7 +200,7 @@ fn meshes_of_other_formats_are_refused_as_they_grow() {
     folder.write("m", &file.finish().unwrap());
     let text = refused(&folder, &format!("render s.xml {LIMIT}"), 3);
     says(&text, "m: its mesh would take 114.4 MiB of memory, but ", end);
-    // An accessor of zeros has no bytes anywhere.
+    // An accessor of zeros needs no bytes in the file.
     let folder = Folder::new();
     let gltf = |count: u64| {
         let text = format!(
@@ -228,7 +228,7 @@ fn meshes_of_other_formats_are_refused_as_they_grow() {
 #[test]
 fn acceleration_structures_and_photon_maps_are_refused() {
     let folder = Folder::new();
-    // A grid whose mesh fits, but not what is built over it.
+    // The mesh of this grid fits into memory, but its acceleration structure does not.
     let n = 700u32;
     let mut ply = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
@@ -291,7 +291,7 @@ fn info_says_what_a_scene_takes_and_what_is_left() {
     assert!(line("to render").ends_with(" MiB of 110.0 MiB are left"), "{run:?}");
 }
 
-/// The libraries that are built in.
+/// Returns the libraries that are compiled in.
 fn backends() -> Vec<Backend> {
     let mut all = vec![Backend::RustCrates];
     if Backend::default() != Backend::RustCrates {
@@ -300,7 +300,7 @@ fn backends() -> Vec<Backend> {
     all
 }
 
-/// An OpenEXR file of 4x4 pixels with another data window: the last column and row.
+/// Writes an OpenEXR file of 4×4 pixels and returns it with a data window up to the column and row `last`.
 fn boasting_exr(path: &Path, last: [i32; 2]) -> Vec<u8> {
     write(path, &Image::new(4, 4, &["R", "G", "B"]), &WriteOptions::default()).expect("it can be written");
     let mut bytes = fs::read(path).expect("it was written");
@@ -311,7 +311,7 @@ fn boasting_exr(path: &Path, last: [i32; 2]) -> Vec<u8> {
     bytes
 }
 
-/// Headers that promise more than any file holds, and more than any machine has.
+/// Headers with sizes larger than any file or memory are refused.
 #[test]
 fn images_that_boast_are_refused_before_anything_is_allocated() {
     let folder = tempfile::tempdir().unwrap();
@@ -352,7 +352,7 @@ fn images_that_boast_are_refused_before_anything_is_allocated() {
     }
 }
 
-/// The limit of the address space is one that is kept to, and that nothing passes by unseen.
+/// The limit of the address space is respected, and the error names it.
 #[test]
 #[cfg(target_os = "linux")]
 fn an_address_space_that_is_too_small_is_named() {
@@ -363,7 +363,7 @@ fn an_address_space_that_is_too_small_is_named() {
             .arg("-c")
             .arg(format!("ulimit -v 1500000 && exec \"$0\" {arguments}"))
             .arg(program())
-            // Every thread takes address space.
+            // Every thread needs address space.
             .envs([("MALLOC_ARENA_MAX", "1"), ("RAYON_NUM_THREADS", "2")])
             .current_dir(folder.path("."))
             .output()

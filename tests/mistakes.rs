@@ -1,16 +1,16 @@
-//! What a user gets to see who made a mistake: the sentence, the exit code, and no output touched.
+//! Mistakes of the user: the error, the exit code, and an unchanged output file.
 
 use crate::support::cli::Folder;
 
 const SENSOR: &str = "<sensor type='perspective'><film type='hdrfilm'><integer name='width' value='8'/>\
                       <integer name='height' value='8'/></film></sensor>";
 
-/// A scene with a sensor and, from its third line on, something else.
+/// Returns a scene with a sensor, and the given text from its third line on.
 fn scene(text: &str) -> String {
     format!("<scene version='3.0.0'>\n{SENSOR}\n{text}\n</scene>")
 }
 
-/// Renders a scene over an older image, which must stay; returns the exit code and the first line of the message.
+/// Renders over an older image, which must remain. Returns the exit code and the first line of the error.
 fn refused(text: &str, files: &[(&str, &[u8])]) -> (i32, String) {
     let folder = Folder::with(text);
     for (name, bytes) in files {
@@ -199,7 +199,7 @@ fn files() {
     assert_eq!((code, sentence.starts_with("short.png: ")), (3, true), "{sentence}");
 }
 
-/// Light that cannot shine is a warning, and several cameras are a choice.
+/// An emitter that cannot emit gives a warning, and a choice between several cameras a note.
 #[test]
 fn warnings_and_notes() {
     let lamp = scene(

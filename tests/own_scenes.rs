@@ -1,5 +1,5 @@
-//! The scenes that come with Buffon: each loads without a warning and renders without an invalid sample, seen by
-//! each of its cameras.
+//! The scenes of this repository: each loads without warnings and renders without invalid samples, with each of its
+//! cameras.
 
 use assert_cmd::Command;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ fn every_scene_renders_under_strict() {
     assert!(scenes.len() >= 5, "{scenes:?}");
     for scene in scenes {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        // The mesh of the terrain is generated, and only when it is wanted.
+        // The mesh of the terrain is not in the repository. It may not have been generated.
         if scene.ends_with("terrain.xml") && !scene.with_file_name("terrain.ply").exists() {
             continue;
         }

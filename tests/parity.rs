@@ -1,15 +1,15 @@
-//! Every back end finds what brute force in double precision finds, on a million rays.
+//! Every traversal has the hits of brute force in double precision, for a million rays.
 //!
-//! Where they differ, the difference must belong to one of these classes, each bounded by δ, a few roundings of the
-//! largest coordinate that the ray and its hits have to do with:
-//! * `same`: the same primitive, at the same distance within δ times the triangle's condition (the angle of incidence
-//!   and the ratio of its length to its height);
-//! * `tie`: two primitives at one distance, within the same bound;
-//! * `edge`: the nearer answer is a triangle that the ray passes within δ of its outline (so also one that is seen
-//!   edge-on), and the other back end takes it as missed;
-//! * `bound`: the nearer answer lies within that bound of 0 or of `t_max`.
+//! Each difference must belong to one of these classes. The bounds are in terms of δ, a few roundings of the largest
+//! coordinate of the ray and its hits:
+//! * `same`: the same primitive, at the same distance within δ times the condition of the triangle (the angle of
+//!   incidence and the ratio of its length to its height);
+//! * `tie`: two primitives at the same distance, within the same bound;
+//! * `edge`: the nearer hit is within δ of the outline of its triangle (also if it is seen edge-on), and the other
+//!   traversal misses it;
+//! * `bound`: the nearer hit is within that bound of 0 or of `t_max`.
 //!
-//! For an analytic surface, which every back end intersects by the same function, there is no tolerance.
+//! Analytic surfaces have no tolerance, because every traversal calls the same function.
 
 use crate::meshes::{Mesh, Random, cube, soup, sphere, terrain};
 use buffon::accel::brute_force::BruteForce;
@@ -18,7 +18,7 @@ use buffon::math::{DVec3, Ray, Vec3};
 
 const RAYS_PER_SCENE: usize = 200_000;
 
-/// A list of geometries and the meshes in it, by index.
+/// A list of geometries and their meshes, by index.
 struct Scene {
     name: &'static str,
     geometry: Vec<Geometry>,
@@ -59,7 +59,7 @@ fn scenes() -> Vec<Scene> {
     ]
 }
 
-/// Rays of all kinds: between random points, aimed at vertices and edges, along the axes, from surfaces, shadow rays.
+/// Returns a ray: between random points, to a vertex or edge, along an axis, from a surface, or a shadow ray.
 fn ray(scene: &Scene, random: &mut Random) -> Ray {
     let mesh = scene.meshes[random.below(scene.meshes.iter().flatten().count())]
         .as_ref()
@@ -87,8 +87,8 @@ enum Class {
     Bound,
 }
 
-/// The geometry of one answer: δ, and the tolerances of t and of the point that u and v give. The quotients u and v
-/// of a triangle that is `length` long and, as the ray sees it, `height` high carry an error of δ / height.
+/// δ and the tolerances of t and of the point given by u and v. In a triangle of length `length` and projected height
+/// `height`, u and v have an error of δ / height.
 struct Tolerance {
     delta: f64,
     t: f64,
@@ -113,9 +113,9 @@ fn tolerance(scene: &Scene, ray: &Ray, hit: &Hit) -> Tolerance {
     Tolerance { delta, t, coordinates, corners: Some([a, b, c]) }
 }
 
-/// The least distance of the ray's line from the edge a-b.
+/// Returns the distance of the ray's line from the edge a-b.
 fn distance_to_edge(o: DVec3, d: DVec3, a: DVec3, b: DVec3) -> f64 {
-    // Projected along the ray: the distance of the origin from a segment.
+    // In the projection along the ray, this is the distance of the origin from a segment.
     let flat = |p: DVec3| (p - o) - d * ((p - o).dot(d) / d.length_squared());
     let (a, b) = (flat(a), flat(b));
     let e = b - a;
@@ -123,7 +123,7 @@ fn distance_to_edge(o: DVec3, d: DVec3, a: DVec3, b: DVec3) -> f64 {
     (a + e * s).length()
 }
 
-/// Why the answers are equivalent, or `None`.
+/// Returns the class of the difference, or `None` if the hits are not equivalent.
 fn classify(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> Option<Class> {
     let (near, far) = match (a, b) {
         (None, None) => return Some(Class::Same),
@@ -150,7 +150,7 @@ fn classify(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> Option<
     (from_bound <= tol.t).then_some(Class::Bound)
 }
 
-/// Whether a hit's coordinates give the point that its distance gives.
+/// Returns whether u and v of a hit give the same point as its distance.
 fn coordinates_agree(scene: &Scene, ray: &Ray, hit: &Hit) -> bool {
     let tol = tolerance(scene, ray, hit);
     let Some([a, b, c]) = tol.corners else { return true };
@@ -212,7 +212,7 @@ fn every_back_end_finds_what_brute_force_finds() {
     }
 }
 
-/// Occlusion is the existence of a hit: the same tests in another order of traversal.
+/// Checks that a ray is occluded if and only if it has a hit.
 fn compare_occlusion(scene: &Scene, kind: AccelKind, accel: &dyn Accel, rays: &[Ray], hits: &[Option<Hit>]) {
     let mut occluded = vec![false; rays.len()];
     accel.occluded_wave(rays, &mut occluded, Coherence::Incoherent);
@@ -315,7 +315,7 @@ fn many_equal_triangles_build_and_the_first_is_hit() {
     }
 }
 
-/// A ray that starts exactly in the plane of a triangle does not hit it, on any back end, singly or in waves.
+/// A ray that starts exactly in the plane of a triangle does not hit it, with any traversal, singly or in waves.
 #[test]
 fn a_ray_that_starts_in_a_plane_through_the_origin_does_not_hit_it() {
     use buffon::accel::{AccelKind, Coherence, Geometry, VertexBuffer, build};

@@ -1,7 +1,7 @@
-//! Instances, motion, filters and analytic surfaces in groups: every back end finds what brute force finds.
+//! Instances, motion, filters and analytic surfaces in groups: every traversal has the hits of brute force.
 //!
-//! Answers are compared in the coordinates of the hit's group, where they are found. There the ray is known within
-//! what [`Instance::transform_error`] bounds, so unlike in the world analytic surfaces have a tolerance, too.
+//! Hits are compared in the coordinates of their group, in which they are computed. There the ray has an error up to
+//! [`Instance::transform_error`], so analytic surfaces in groups have a tolerance, too.
 
 use crate::meshes::{Mesh, Random, cube, soup, sphere};
 use buffon::accel::brute_force::BruteForce;
@@ -14,16 +14,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 const RAYS: usize = 40_000;
-/// Times at the steps of the moving instances and between.
+/// Times at the steps of the moving instances and between them.
 const TIMES: [f32; 8] = [0.0, 1.0, 0.5, 0.25, 0.1, 0.618, 0.999_999_9, 1e-7];
 
-/// An assembly and the meshes in it, by geometry.
+/// An assembly and its meshes, by geometry.
 struct Scene {
     assembly: Assembly,
     meshes: Vec<Option<Mesh>>,
 }
 
-/// Two groups, each of a mesh and analytic surfaces, and something of each kind in the world.
+/// Returns two groups, each of a mesh and analytic surfaces, and geometry of each kind outside of groups.
 fn scene(instances: Vec<Instance>) -> Scene {
     let mut random = Random(3);
     let tube = |a: f32| Primitive::Cylinder {
@@ -93,7 +93,7 @@ fn moving() -> Vec<Instance> {
     ]
 }
 
-/// Rays between points near an instance, or at vertices and edges; now and then along an axis, or bounded.
+/// Returns rays between points near an instance, or to vertices and edges. Some are along an axis or bounded.
 fn rays(scene: &Scene, seed: u64) -> Vec<Ray> {
     let mut random = Random(seed);
     let instances = &scene.assembly.instances;
@@ -122,13 +122,13 @@ fn rays(scene: &Scene, seed: u64) -> Vec<Ray> {
     (0..RAYS).map(ray).collect()
 }
 
-/// How far an answer may be off: its distance, and whether the hit is so near to the outline that it may be missed.
+/// The tolerance of the distance, and whether the hit is so near to the outline that it may be missed.
 struct Tolerance {
     t: f64,
     edge: bool,
 }
 
-/// The ray in the coordinates of the hit's group, and how well it is known there.
+/// Returns the ray in the coordinates of the hit's group, and the bound on its error there.
 fn local(scene: &Scene, ray: &Ray, hit: &Hit) -> (DVec3, DVec3, f64) {
     let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3());
     if hit.instance == NO_INSTANCE {
@@ -169,10 +169,10 @@ fn tolerance(scene: &Scene, ray: &Ray, hit: &Hit) -> Tolerance {
     }
 }
 
-/// The error of the distance to an analytic surface when the ray is off by `delta`, and whether its outline is that
-/// near.
+/// Returns the error of the distance to an analytic surface for a ray with an error of `delta`, and whether the outline
+/// is within this error.
 fn analytic_tolerance(surface: &Primitive, o: DVec3, d: DVec3, t: f64, delta: f64) -> (f64, bool) {
-    // A circle of radius r that the ray passes at distance b: half the chord is h = √(r² − b²).
+    // For a circle of radius r and a ray at the distance b from its centre, half the chord is h = √(r² − b²).
     let circle = |f: DVec3, d: DVec3, r: f64| {
         let b = (f - d * (f.dot(d) / d.length_squared())).length();
         let h2 = (r - b) * (r + b);
@@ -203,7 +203,7 @@ fn analytic_tolerance(surface: &Primitive, o: DVec3, d: DVec3, t: f64, delta: f6
     }
 }
 
-/// The least distance of the ray's line from the edge a-b.
+/// Returns the distance of the ray's line from the edge a-b.
 fn distance_to_edge(o: DVec3, d: DVec3, a: DVec3, b: DVec3) -> f64 {
     let flat = |p: DVec3| (p - o) - d * ((p - o).dot(d) / d.length_squared());
     let (a, b) = (flat(a), flat(b));
@@ -212,7 +212,7 @@ fn distance_to_edge(o: DVec3, d: DVec3, a: DVec3, b: DVec3) -> f64 {
     (a + e * s).length()
 }
 
-/// Whether two answers are equivalent: the same within their tolerances, or the nearer one at an outline or at a bound.
+/// Returns whether two hits are the same within their tolerances, or the nearer one is at an outline or at a bound.
 fn equivalent(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> bool {
     let (near, far) = match (a, b) {
         (None, None) => return true,
@@ -225,7 +225,7 @@ fn equivalent(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> bool 
     far.is_some_and(close) || tol.edge || f64::from(near.t).min(f64::from(ray.t_max - near.t)) <= tol.t
 }
 
-/// Compares waves, single rays and occlusion on every back end; returns how many rays hit something in an instance.
+/// Compares waves, single rays and occlusion of every traversal. Returns the number of rays that hit an instance.
 fn compare(name: &str, scene: &Scene, rays: &[Ray]) -> usize {
     let oracle = BruteForce::new(scene.assembly.clone()).expect("built");
     let mut expected = vec![None; rays.len()];
@@ -285,7 +285,7 @@ fn moving_instances_are_hit_alike_at_all_times() {
     assert!(hits > RAYS / 4, "{hits}");
 }
 
-/// Accepts a share of the hits, by a hash of the ray's number, the geometry and the primitive.
+/// Accepts a fraction of the hits, by a hash of the ray's number, the geometry and the primitive.
 struct ByChance(u32);
 
 impl HitFilter for ByChance {
@@ -323,7 +323,7 @@ fn a_filter_that_refuses_everything_leaves_only_what_is_not_marked() {
     }
 }
 
-/// Accepts what a ray hits from inside.
+/// Accepts hits from inside.
 struct FromInside;
 
 impl HitFilter for FromInside {
@@ -398,7 +398,7 @@ fn a_panic_of_a_filter_reaches_the_caller() {
     }
 }
 
-/// The inverse of a small instance takes a distant ray beyond what a back end can bear.
+/// The inverse of a small instance moves a distant ray out of the range of a traversal.
 #[test]
 fn rays_from_beyond_an_instances_reach_and_odd_times_hit_nothing() {
     let small = placed([1e-6; 3], DVec3::Z, 0.3, [0.0; 3]);
@@ -419,7 +419,7 @@ fn rays_from_beyond_an_instances_reach_and_odd_times_hit_nothing() {
             accel.intersect_wave(&[ray; 20], &mut hits, Coherence::Incoherent);
             assert_eq!(hits, [None; 20]);
         }
-        // A direction that vanishes in the group's coordinates, or nearly.
+        // A direction that is zero, or almost zero, in the coordinates of the group.
         for length in [1e-30, 1e-38, 1e-44] {
             let _ = accel.intersect(&Ray { d: -Vec3::Z * length, ..near });
         }

@@ -18,7 +18,7 @@ use buffon::scene::{Description, Scene};
 use buffon::shape::Shape;
 use std::f64::consts::PI;
 
-/// A floor from -1 to 1 under a point light of intensity 1 at a height.
+/// Returns a floor from −1 to 1 under a point emitter of intensity 1 at a height.
 fn lit_floor(height: f32) -> Scene {
     let mut scene = Description::default();
     let up = DAffine3::from_quat(DQuat::from_rotation_x(-PI / 2.0));
@@ -67,7 +67,7 @@ fn the_map_alone_knows_the_irradiance_below_a_point_light() {
     assert!(one.photons().eq(map(&scene, 20_000, 5).photons()), "threads change nothing");
 }
 
-/// At an edge the surface fills half of a disc, at a corner a quarter.
+/// At an edge the surface fills half of the disk, at a corner a quarter.
 #[test]
 #[ignore = "takes long: make test-all"]
 fn irradiance_from_beforehand_is_right_up_to_the_edges() {
@@ -87,7 +87,7 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     };
     let inside: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 0.3 * t);
     let edge: &dyn Fn(f32) -> Vec3 = &|t| Vec3::new(t, 0.0, 1.0);
-    // The four corners are those of very few points.
+    // Only very few points are near the four corners.
     let corner: &dyn Fn(f32) -> Vec3 = &|t| {
         let quarter = ((t + 0.5) * 4.0) as u32;
         let sign = |bit: u32| if quarter >> bit & 1 == 0 { -1.0 } else { 1.0 };
@@ -102,7 +102,7 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     }
 }
 
-/// A floor that two rooms share: what one is lit by does not reach the other below the wall without thickness.
+/// A wall without thickness stands on a floor. Light of one side does not reach the other side below it.
 #[test]
 fn light_does_not_pass_below_a_wall() {
     let mut scene = Description::default();
@@ -126,7 +126,7 @@ fn light_does_not_pass_below_a_wall() {
         for i in 0..400 {
             let p = Vec3::new(side * 0.002 * (i / 5) as f32, 0.0, 0.2 * (i % 5) as f32 - 0.4);
             let found = map.nearest(LookupPoint { p: p + Vec3::X * side * 0.001, n: Vec3::Y });
-            // Where what is known lies beyond the wall it is said not to be free.
+            // If the nearest known point is beyond the wall, the lookup must report that the space between is not free.
             let Some(found) = found.filter(|f| f.radius.is_finite() && (f.free || f.at.p.x * side > 0.0))
             else {
                 continue;
@@ -140,7 +140,7 @@ fn light_does_not_pass_below_a_wall() {
     }
 }
 
-/// A room with a lamp, a mirror, glass, polished metal and coated plastic.
+/// A closed scene with an emitter, a mirror, glass, polished metal and coated plastic.
 const ROOM: &str = r#"<scene version="3.0.0">
   <default name="integrator" value="path"/>
   <integrator type="$integrator"><integer name="max_depth" value="12"/></integrator>
@@ -175,11 +175,11 @@ const ROOM: &str = r#"<scene version="3.0.0">
 </scene>
 "#;
 
-/// What a photon mapper with few photons begins with.
+/// The beginning of a photon mapper element with few photons.
 const FEW: &str = "type=\"photonmapper\"><integer name=\"global_photons\" value=\"20000\"/>\
     <integer name=\"caustic_photons\" value=\"20000\"/>";
 
-/// A scene whose integrator is a photon mapper with few photons instead of `path`.
+/// Replaces the integrator `path` of a scene by a photon mapper with few photons.
 fn with_few_photons(scene: &str, path: &str) -> String {
     assert!(scene.contains(path), "the scene has no {path}");
     scene.replacen(path, FEW, 1)
@@ -194,7 +194,7 @@ fn mean(image: &Image) -> f64 {
     image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
 }
 
-/// The bias is small: in the mean of the picture, and in the means of blocks of six by six pixels.
+/// The bias is small, in the mean of the image and in the means of blocks of 6×6 pixels.
 #[test]
 fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
     let folder = Folder::with(ROOM);
@@ -212,7 +212,7 @@ fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
     }
 }
 
-/// Every kind of emitter, each in a box of its own: paths and photons show the same light in each of them.
+/// Each kind of emitter is in a box of its own. Path tracing and photon mapping agree in each of them.
 #[test]
 #[ignore = "takes long: make test-all"]
 fn every_kind_of_light_is_mapped() {
@@ -227,8 +227,8 @@ fn every_kind_of_light_is_mapped() {
     }
 }
 
-/// Also as what gathers the light of an irradiance cache's records. Caustics are then the photons', too: no path
-/// looks for them in vain.
+/// The photon mapper can be the child of an irradiance cache. Caustics are then computed by photons, and paths do not
+/// search for them.
 #[test]
 fn an_irradiance_cache_can_gather_from_photons() {
     let around = |child: &str| {
@@ -253,7 +253,7 @@ fn an_irradiance_cache_can_gather_from_photons() {
     }
 }
 
-/// Emitters are hidden from the camera, not from the records: where the camera sees none, nothing changes.
+/// Emitters are hidden from the camera, not from records. If the camera sees none, nothing changes.
 #[test]
 fn hidden_emitters_light_an_irradiance_cache_as_others_do() {
     let folder = Folder::with(&ROOM.replace(
@@ -315,7 +315,7 @@ fn maps_are_kept_in_files_that_know_where_they_belong() {
     );
 }
 
-/// What a scene does not need is not there.
+/// Only the maps that a scene needs are created.
 #[test]
 fn maps_are_made_where_they_are_needed() {
     let photons = |scene: &str, arguments: &str| {

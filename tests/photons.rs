@@ -1,4 +1,4 @@
-//! Photon tracing against closed forms.
+//! Photon tracing, compared with closed forms.
 
 use crate::support::scenes::{add, camera, compiled, diffuse, sphere};
 use buffon::accel::AccelKind;
@@ -20,7 +20,7 @@ use std::f64::consts::PI;
 const PATHS: PhotonPaths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
 const SEQUENCE: PathSequence = PathSequence { seed: 1, stream: 0, number: 0, first: 0 };
 
-/// Calls `f` with what casts light paths in the scene.
+/// Calls `f` with a tracer of light paths in the scene.
 fn with_caster<T>(
     scene: &Scene,
     threads: usize,
@@ -38,14 +38,14 @@ fn with_caster<T>(
     })
 }
 
-/// All deposits of so many paths.
+/// Returns all deposits of `count` paths.
 fn deposits(scene: &Scene, paths: &PhotonPaths, count: u64) -> TracedPaths<Deposit> {
     with_caster(scene, 2, SamplerKind::Sobol, |tracer| {
         tracer.cast(paths, SEQUENCE, PathLimit { paths: count, kept: None }, |d, _| Some(*d))
     })
 }
 
-/// The power of the deposits that are counted, W.
+/// Returns the power of the deposits accepted by `counted`, W.
 fn power(cast: &TracedPaths<Deposit>, counted: impl Fn(&Deposit) -> bool) -> f64 {
     let powers = cast.kept.iter().filter(|d| counted(d)).map(|d| f64::from(d.power.g));
     powers.sum::<f64>() / cast.emitted as f64
@@ -55,7 +55,7 @@ fn assert_near(what: &str, value: f64, exact: f64, tolerance: f64) {
     assert!((value / exact - 1.0).abs() < tolerance, "{what}: {value}, not {exact}");
 }
 
-/// A floor of 8 by 8 at height 0 that looks up.
+/// Returns a floor of 8×8 at height 0 that faces up.
 fn floor(material: Material) -> Description {
     let mut scene = Description::default();
     let up = DAffine3::from_quat(DQuat::from_rotation_x(-PI / 2.0)) * DAffine3::from_scale(DVec3::splat(4.0));
@@ -69,7 +69,7 @@ fn glass(int_ior: f32) -> Material {
     Material::Dielectric(Dielectric { interface, specular_transmittance: Rgb::WHITE.into() })
 }
 
-/// Irradiance at points from the density of photons around them.
+/// Returns the irradiance at points from the density of photons around them.
 fn densities(cast: &TracedPaths<Deposit>, radius: f32, points: &[Vec3]) -> Vec<f64> {
     let photons: Vec<GridPhoton> = cast.kept.iter().map(GridPhoton::new).collect();
     let grid = PhotonGrid::new(&photons, radius);
@@ -83,13 +83,13 @@ fn densities(cast: &TracedPaths<Deposit>, radius: f32, points: &[Vec3]) -> Vec<f
     points.iter().map(density).collect()
 }
 
-/// A point and a sphere light up a disk and its centre as they must.
+/// A point emitter and a sphere give a disk the correct flux and its centre the correct irradiance.
 #[test]
 fn points_and_spheres_light_a_plane() {
     let (height, reach, radius, radiance) = (1.5f64, 1.0f64, 0.4f32, 5.0f32);
     for is_sphere in [false, true] {
         let mut scene = floor(diffuse(0.5));
-        // A sphere sends what a point in its middle would, as long as all of it is above the horizon.
+        // A sphere above the horizon gives the same irradiance as a point emitter at its centre.
         let intensity = f64::from(radiance * radius * radius) * PI;
         let position = DVec3::Y * height;
         if is_sphere {
@@ -104,7 +104,7 @@ fn points_and_spheres_light_a_plane() {
         let near = |d: &Deposit| d.p.y.abs() < 1e-5 && f64::from(d.p.length()) < reach;
         let cone = 2.0 * PI * (1.0 - height / height.hypot(reach));
         assert_near("flux", power(&cast, near), intensity * cone, 8e-3);
-        // The kernel's mean of I·h/(h² + r²)^(3/2) over a disk.
+        // The mean of I·h/(h² + r²)^(3/2) over a disk, weighted with the kernel.
         let (disk, slant) = (0.5f64, height.hypot(0.5));
         let squared = disk * disk;
         let brackets =
@@ -114,8 +114,8 @@ fn points_and_spheres_light_a_plane() {
     }
 }
 
-/// A count of paths is traced to its end though none leaves anything, for it is a mean over them that is asked for.
-/// Who asks for deposits is told that there are none.
+/// A given number of paths is traced completely, even if there are no deposits, because it is the denominator of a
+/// mean. A search for a number of deposits is abandoned.
 #[test]
 fn only_who_asks_for_deposits_is_given_up_on() {
     let mut scene = Description::default();
@@ -131,7 +131,7 @@ fn only_who_asks_for_deposits_is_given_up_on() {
     }
 }
 
-/// A rectangle lights up the one opposite. [Siegel and Howell 1992, appendix C]
+/// Irradiance and flux from a parallel rectangle. [Siegel and Howell 1992, appendix C]
 #[test]
 fn a_rectangle_lights_a_plane() {
     let (height, side, radiance) = (1.25f64, 1.0f64, 3.0f32);
@@ -151,7 +151,7 @@ fn a_rectangle_lights_a_plane() {
         * (0.5 * ((1.0 + x * x).powi(2) / (1.0 + 2.0 * x * x)).ln() + 2.0 * x * s * (x / s).atan()
             - 2.0 * x * x.atan());
     assert_near("flux", power(&cast, opposite), emitted * form_factor, 8e-3);
-    // From a rectangle with a corner right above the point.
+    // The form factor of a rectangle with a corner exactly above the point.
     let corner = |a: f64, b: f64| {
         let (s, t) = ((1.0 + a * a).sqrt(), (1.0 + b * b).sqrt());
         (a / s * (b / s).atan() + b / t * (a / t).atan()) / (2.0 * PI)
@@ -162,14 +162,14 @@ fn a_rectangle_lights_a_plane() {
         let sum: f64 = corners.map(|(s, t)| corner(reach(p.x, s), reach(p.z, t))).iter().sum();
         sum * PI * f64::from(radiance)
     };
-    // 200,000 photons together: four standard deviations are 1 %; blur takes 0.3 % in the middle, less elsewhere.
+    // With 200,000 photons, four standard deviations are 1 %. The blur is 0.3 % at the centre and less elsewhere.
     let points: Vec<Vec3> =
         (0..81).map(|i| Vec3::new((i % 9 - 4) as f32 * 0.1, 0.0, (i / 9 - 4) as f32 * 0.1)).collect();
     let ratios = densities(&cast, 0.1, &points).into_iter().zip(&points).map(|(value, p)| value / exact(p));
     assert_near("irradiance", ratios.sum::<f64>() / 81.0, 1.0, 1e-2);
 }
 
-/// In a closed box all light lands, and again after every bounce, less what is absorbed; with or without a guide.
+/// In a closed box all light is deposited, and again after every bounce less absorption, with or without a guide.
 #[test]
 fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
     let albedo = 0.6;
@@ -193,12 +193,12 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
         for edges in 1..=8 {
             let expected = emitted * albedo.powi(edges - 1);
             let stored = power(&cast, |d| d.edges == edges as u32);
-            // Few live to be scattered often.
+            // Few paths survive many bounces.
             let tolerance = if edges <= 3 { 5e-3 } else { 1e-2 };
             assert_near(&format!("{edges} edges, guided {guided}"), stored, expected, tolerance);
         }
         assert_near("all", power(&cast, |_| true), emitted / (1.0 - albedo), 3e-3);
-        // After roulette, those that live are as strong as they began.
+        // After roulette, surviving paths have their original power.
         if !guided {
             let power = (4.0 * PI * 0.25) as f32;
             let late = cast.kept.iter().filter(|d| d.edges > 5);
@@ -207,7 +207,7 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
     }
 }
 
-/// Parallel light through a slab of glass: `(1 − R)/(1 + R)` of it comes out below.
+/// A fraction of `(1 − R)/(1 + R)` of parallel light passes a glass slab.
 #[test]
 fn a_slab_of_glass_passes_what_fresnel_says() {
     let eta = 1.5;
@@ -232,7 +232,7 @@ fn a_slab_of_glass_passes_what_fresnel_says() {
     }
 }
 
-/// A guide sends many more photons through a small glass ball, and no more light.
+/// A guide sends many more photons through a small glass sphere, with the same total power.
 #[test]
 #[ignore = "takes long: make test-all"]
 fn a_guide_finds_glass_and_changes_no_power() {
@@ -256,7 +256,7 @@ fn a_guide_finds_glass_and_changes_no_power() {
     assert_near("power", power(&guided, |_| true), power(&unguided, |_| true), 0.02);
 }
 
-/// Deposits are the same for any number of threads, and those of a sequence's parts are those of the whole.
+/// Deposits do not depend on the number of threads, and the parts of a sequence have the deposits of the whole.
 #[test]
 fn deposits_do_not_depend_on_threads() {
     let mut scene = floor(diffuse(0.7));
@@ -280,7 +280,7 @@ fn deposits_do_not_depend_on_threads() {
             once.kept.iter().filter(|(_, path)| *path >= 20_480).map(|(d, _)| *d).collect();
         let rest: Vec<Deposit> = rest.kept.iter().map(|(d, _)| *d).collect();
         assert!(rest == later);
-        // Enough is enough, and at the same place.
+        // Tracing ends after the same path when there are enough deposits.
         let some = PathLimit { paths: u64::MAX, kept: Some(5000) };
         let (one, five) = (cast(1, SEQUENCE, some), cast(5, SEQUENCE, some));
         assert!(one.kept == five.kept && one.emitted == five.emitted);
@@ -288,7 +288,7 @@ fn deposits_do_not_depend_on_threads() {
     }
 }
 
-/// Where no photon lands, tracing ends.
+/// Tracing ends if there are no deposits.
 #[test]
 fn tracing_ends_where_nothing_lands() {
     let mut scene = floor(Material::Null(Null));

@@ -1,7 +1,7 @@
-//! The scenes under `scenes/plugins`, one for each plugin and more for some, against references of many samples.
+//! The scenes under `scenes/plugins`, at least one for each plugin, compared with references of many samples.
 //!
-//! The references are Buffon's own, and stored after the scene was verified as docs/plugins.md says. To make those
-//! that are missing: `buffon regress scenes/plugins --update=missing --update-spp 2048`.
+//! The references are Buffon's own. They were stored after the scene was verified as described in docs/plugins.md. To
+//! render missing ones: `buffon regress scenes/plugins --update=missing --update-spp 2048`.
 
 use buffon::regress::{Options, Status, discover, run};
 use buffon::render::Progress;
@@ -14,7 +14,7 @@ fn every_plugin_renders_its_reference() {
     let found = discover(&root, None).expect("there are scenes");
     assert!(found.scenes.len() >= 90, "{} scenes", found.scenes.len());
     let options = Options {
-        // All seeds are fixed, so it passes always once it passes.
+        // All seeds are fixed, so the result is always the same.
         significance: 0.01,
         choices: Choices { seed: 2, ..Choices::default() },
         samples: Some(64),

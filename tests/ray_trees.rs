@@ -1,4 +1,4 @@
-//! Integrators whose rays branch: hard shadows and specular trees of known radiance, and agreement with paths.
+//! Integrators with branching rays: hard shadows, specular trees of known radiance, and agreement with path tracing.
 
 use crate::support::cli::Folder;
 use crate::support::expect::{Means, combinations};
@@ -42,7 +42,7 @@ fn metal() -> Metal {
     Metal { eta: eta.into(), k: k.into(), specular_reflectance: Rgb::new(0.9, 0.6, 0.3).into() }
 }
 
-/// A plane z = 0 of reflectance 1/2, looked at around the origin from below all lights.
+/// Returns a plane z = 0 of reflectance 1/2, seen near the origin from below all emitters.
 fn plane() -> Description {
     let mut scene = Description::default();
     add(&mut scene, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(10.0)), diffuse(0.5));
@@ -50,14 +50,14 @@ fn plane() -> Description {
     scene
 }
 
-/// A lamp of radiance 3 whose own centre comes to `at`, facing down.
+/// Adds an emitter of radiance 3 with its centre at `at`, facing down.
 fn lamp(scene: &mut Description, shape: Shape, size: f64, at: DVec3) {
     let down = DAffine3::from_rotation_y(PI) * DAffine3::from_scale(DVec3::splat(size));
     let id = add(scene, shape, DAffine3::from_translation(at) * down, diffuse(0.0));
     scene.shapes[id].emission = Some(Rgb::splat(3.0).into());
 }
 
-/// L·A·cosθ·cosθ′/d², however large the lamp; a sphere has the area of its disk and always faces the receiver.
+/// The irradiance of every emitter is L·A·cosθ·cosθ′/d². For a sphere, A is the area of its disk and cosθ′ is 1.
 #[test]
 fn lamps_shine_from_their_centres() {
     let group = Means::of_images(6 * AccelKind::ALL.len(), 1e-4);
@@ -80,8 +80,8 @@ fn lamps_shine_from_their_centres() {
     }
 }
 
-/// What stands before the centre of a lamp takes all of its light, what leaves the centre free takes nothing; paths
-/// know the penumbra.
+/// A shape before the centre of an emitter blocks all of its light, and a shape beside the centre none. Path tracing
+/// shows the penumbra.
 #[test]
 fn shadows_are_hard() {
     for &accel in AccelKind::ALL {
@@ -108,7 +108,7 @@ fn shadows_are_hard() {
     }
 }
 
-/// The environment has no centre: it is seen, but lights no diffuse surface. Point lights are what they are.
+/// The environment has no centre: it is visible, but does not light diffuse surfaces. Point emitters are exact.
 #[test]
 fn whitted_knows_points_and_no_environment() {
     let group = Means::of_images(3 * AccelKind::ALL.len(), 1e-4);
@@ -129,8 +129,8 @@ fn whitted_knows_points_and_no_environment() {
     }
 }
 
-/// Both branches of glass: a ball in a constant environment cannot be seen, up to the light that goes round inside it
-/// more often than the tree is deep, and there is no noise.
+/// Reflection and refraction of glass: a sphere in a constant environment is invisible, up to light with more bounces
+/// inside it than the depth of the tree, and without noise.
 #[test]
 fn reflection_and_refraction_make_up_all_light() {
     for &accel in AccelKind::ALL {
@@ -145,14 +145,14 @@ fn reflection_and_refraction_make_up_all_light() {
                 assert!((pixel[0] - 0.7).abs() < 5e-3, "{settings:?}, {accel}: {pixel:?}");
             }
         }
-        // Cut off after the first surface, what is refracted is missing.
+        // A tree that ends at the first surface has no refracted light.
         let short = pixels(&render(&scene, &whitted(2), SamplerKind::Independent, 2, 1));
         let centre = short[6 * 12 + 6][0];
         assert!((centre - 0.7 * 0.04).abs() < 2e-3, "{accel}: {centre}");
     }
 }
 
-/// A mirror shows the lit floor with its reflectance, from depth 3 on.
+/// A mirror reflects the lit floor with its reflectance, from depth 3 on.
 #[test]
 fn mirrors_show_what_stands_before_them() {
     for &accel in AccelKind::ALL {
@@ -161,11 +161,11 @@ fn mirrors_show_what_stands_before_them() {
             scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 2.0, 3.0), intensity: Rgb::WHITE });
             let eye = if mirror { DVec3::new(0.0, 4.0, 2.0) } else { DVec3::new(0.0, -4.0, 2.0) };
             if mirror {
-                // A wall at y = 0, which faces the eye.
+                // A wall at y = 0 that faces the camera.
                 let wall = DAffine3::from_rotation_x(-PI / 2.0) * DAffine3::from_scale(DVec3::splat(5.0));
                 add(&mut scene, Shape::Rectangle, wall, Material::Conductor(Conductor { metal: metal() }));
             }
-            // The point (0, 1, 0), or its mirror image (0, −1, 0).
+            // The point (0, 1, 0) or its mirror image (0, −1, 0).
             let target = DVec3::new(0.0, if mirror { -1.0 } else { 1.0 }, 0.0);
             scene.sensors[0] = camera(eye, target, 0.002, 4);
             pixels(&render(&compiled(scene, accel), &whitted(max_depth), SamplerKind::Sobol, 2, 1))[0]
@@ -179,7 +179,7 @@ fn mirrors_show_what_stands_before_them() {
     }
 }
 
-/// Le = 1/2 and Kd = 1/2: light of k edges adds 2^−k.
+/// With Le = 1/2 and Kd = 1/2, paths of k edges contribute 2^−k.
 #[test]
 fn trees_sum_the_light_of_a_furnace() {
     let combinations = combinations();
@@ -203,7 +203,7 @@ fn trees_sum_the_light_of_a_furnace() {
     }
 }
 
-/// A floor under a lamp and an environment, with a ball over it.
+/// Returns a floor under an emitter and an environment, with a sphere above it.
 fn ball_over_floor(material: Material) -> Description {
     let mut scene = Description::default();
     add(&mut scene, Shape::Rectangle, DAffine3::from_scale(DVec3::splat(5.0)), diffuse(0.6));
@@ -214,7 +214,7 @@ fn ball_over_floor(material: Material) -> Description {
     scene
 }
 
-/// Every branching estimates the very picture that paths of equal length estimate.
+/// Any branching has the expected value of paths with the same maximum depth.
 #[test]
 fn distribution_ray_tracing_is_path_tracing_in_expectation() {
     let rough = Material::RoughConductor(RoughConductor {
@@ -239,7 +239,7 @@ fn distribution_ray_tracing_is_path_tracing_in_expectation() {
     }
 }
 
-/// A crop is a part of the full image bit for bit: the order of sums does not depend on what else is in a wave.
+/// A crop has exactly the pixels of the whole image: the order of sums does not depend on the rest of the wave.
 #[test]
 fn crops_of_trees_are_parts_of_the_full_image() {
     let folder = Folder::new();
@@ -259,7 +259,7 @@ fn crops_of_trees_are_parts_of_the_full_image() {
     }
 }
 
-/// The command line keeps a scene's depth where a tree can have it, and says what is wrong with parameters.
+/// The command line keeps the depth of a scene if a tree supports it, and reports invalid parameters.
 #[test]
 fn trees_on_the_command_line() {
     let folder = Folder::new();

@@ -1,5 +1,5 @@
-//! Samplers as point sets: strata at their natural counts, uniformity, independence, convergence, the spectrum of the
-//! error.
+//! Samplers as point sets: strata at natural sample counts, uniformity, independence, convergence, and the spectrum of
+//! the error.
 
 use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 
@@ -18,17 +18,17 @@ fn numbers(sampler: Sampler, dimension: Dimension, keys: &[SampleKey]) -> Vec<f3
     out
 }
 
-/// The first `n` points of a half of pixel (x, y).
+/// Returns the first `n` points of a half of pixel (x, y).
 fn half(sampler: Sampler, seed: u64, (x, y): (u32, u32), half: u64, n: u64) -> Vec<SampleKey> {
     (0..n).map(|i| sampler.key(seed, x, y, 2 * i + half)).collect()
 }
 
-/// Which of n intervals a number is in; one whose beginning is no `f32` may be a rounding below it.
+/// Returns the interval, of n, that contains a number. The number may be a rounding below an end that is no `f32`.
 fn interval(u: f32, n: usize) -> usize {
     (f64::from(u) * (1.0 + 0.375 * f64::from(f32::EPSILON)) * n as f64) as usize
 }
 
-/// How many points each box of a regular partition holds.
+/// Returns the number of points in each box of a regular partition.
 fn counts(points: &[[f32; 2]], columns: usize, rows: usize) -> Vec<usize> {
     let mut counts = vec![0; columns * rows];
     for [x, y] in points {
@@ -37,7 +37,7 @@ fn counts(points: &[[f32; 2]], columns: usize, rows: usize) -> Vec<usize> {
     counts
 }
 
-/// Every elementary interval of area 2^−m holds one of 2^m points.
+/// Checks that every elementary interval of area 2^−m contains one of 2^m points.
 fn assert_net(points: &[[f32; 2]], what: &str) {
     let m = points.len().ilog2();
     assert_eq!(points.len(), 1 << m);
@@ -47,7 +47,7 @@ fn assert_net(points: &[[f32; 2]], what: &str) {
     }
 }
 
-/// Every one of n intervals holds one of n numbers.
+/// Checks that every one of n intervals contains one of n numbers.
 fn assert_strata(numbers: impl Iterator<Item = f32>, n: usize, what: &str) {
     let mut cells: Vec<_> = numbers.map(|u| interval(u, n)).collect();
     cells.sort_unstable();
@@ -72,7 +72,7 @@ fn sobol_points_are_nets_in_every_block_of_a_power_of_two() {
     }
 }
 
-/// All pixels of an aligned square are one net, with any power of two of samples, also where the sequence begins anew.
+/// All pixels of an aligned square form one net for any power of two of samples, also after the end of the sequence.
 #[test]
 fn zsobol_squares_of_pixels_are_nets() {
     for (m, log2_side) in [(0, 3), (1, 2), (2, 2), (5, 1)] {
@@ -119,7 +119,7 @@ fn strata_hold_one_point_of_every_block() {
     }
 }
 
-/// Boxes of 1/2^a by 1/3^b, for any a and b up to k, share 6^k points evenly; what lies past 6^6 begins anew.
+/// Boxes of 1/2^a by 1/3^b, with a and b up to k, contain equally many of 6^k points. The sequence restarts after 6^6.
 #[test]
 fn halton_points_are_shared_evenly_by_boxes() {
     let sampler = Sampler::new(SamplerKind::Halton, None);
@@ -147,14 +147,14 @@ fn halton_points_are_shared_evenly_by_boxes() {
     assert!(counts(&pairs(sampler, PAIR, &all), 64, 729).iter().all(|&c| c == 1));
 }
 
-/// Numbers that are independent of each other, one for each of many seeds: pair and number of one sample.
+/// Returns the pair and the number of one sample for each of many seeds. They are independent of each other.
 fn over_seeds(kind: SamplerKind, n: u64, pixel: (u32, u32), sample: u64) -> (Vec<[f32; 2]>, Vec<f32>) {
     let sampler = Sampler::new(kind, Some(24));
     let keys: Vec<_> = (0..n).map(|s| sampler.key(s << 20, pixel.0, pixel.1, sample)).collect();
     (pairs(sampler, PAIR, &keys), numbers(sampler, NUMBER, &keys))
 }
 
-/// By how many standard deviations the chi² statistic of equally likely cells is off.
+/// Returns the deviation of the chi² statistic of equally likely cells in standard deviations.
 fn chi2_excess(counts: &[usize]) -> f64 {
     let expected = counts.iter().sum::<usize>() as f64 / counts.len() as f64;
     let chi2: f64 = counts.iter().map(|&c| (c as f64 - expected).powi(2) / expected).sum();
@@ -162,9 +162,9 @@ fn chi2_excess(counts: &[usize]) -> f64 {
     (chi2 - freedom) / (2.0 * freedom).sqrt()
 }
 
-/// Seeds are fixed, so this passes or fails for good. A sampler without fault is off by more than five standard
-/// deviations (of a chi² with 255 degrees of freedom) with a probability below 10^−5, in one of some hundred tests
-/// below 10^−3.
+/// All seeds are fixed, so the result is always the same. A correct sampler deviates by more than five standard
+/// deviations (of a chi² with 255 degrees of freedom) with a probability below 10^−5 in one test, and below 10^−3 in
+/// any of about a hundred tests.
 const SIGMAS: f64 = 5.0;
 
 #[test]
@@ -181,7 +181,7 @@ fn any_point_is_uniform_over_seeds() {
     }
 }
 
-/// One sample's number against another's: the halves, two dimensions, two axes, and pixels of samplers that say so.
+/// Halves, dimensions and axes are independent of each other, and pixels too except for `zsobol` and `fixed`.
 #[test]
 fn halves_dimensions_and_pixels_are_independent_over_seeds() {
     for kind in SamplerKind::ALL {
@@ -212,8 +212,8 @@ fn halves_dimensions_and_pixels_are_independent_over_seeds() {
     }
 }
 
-/// The points of one half say nothing of the other's, of another dimension's, nor of another pixel's order: the
-/// correlation of whole estimates, over seeds.
+/// The points of one half are independent of those of the other half and of another dimension. The test is the
+/// correlation of estimates over seeds.
 #[test]
 fn estimates_of_halves_are_uncorrelated() {
     for kind in SamplerKind::ALL {
@@ -257,7 +257,7 @@ fn a_number_does_not_depend_on_its_wave() {
     }
 }
 
-/// Seeds and sample counts of more than 32 bits, the last pixels and the last samples there can be.
+/// Seeds and sample numbers of more than 32 bits, and the last possible pixels and samples.
 #[test]
 fn nothing_is_too_large_and_nothing_repeats() {
     let large = [1 << 17, (1 << 32) - 1, 1 << 33, (1 << 33) + 2, 1 << 50, u64::MAX - 1, u64::MAX];
@@ -283,13 +283,13 @@ fn nothing_is_too_large_and_nothing_repeats() {
     }
 }
 
-/// A smooth function of the unit square whose integral is 1.
+/// Evaluates a smooth function on the unit square with the integral 1.
 fn smooth([x, y]: [f32; 2]) -> f64 {
     let (x, y) = (f64::from(x), f64::from(y));
     (x + y * y).exp() / ((1f64.exp() - 1.0) * 1.462_651_745_907_181_6)
 }
 
-/// The variance of the mean of n points of a half, over seeds.
+/// Returns the variance of the mean of n points of a half, over seeds.
 fn variance(kind: SamplerKind, n: u64, runs: u64) -> f64 {
     let sampler = Sampler::new(kind, Some(2 * n));
     let squares = (0..runs).map(|seed| {
@@ -299,7 +299,7 @@ fn variance(kind: SamplerKind, n: u64, runs: u64) -> f64 {
     squares.sum::<f64>() / runs as f64
 }
 
-/// log variance against log n, fitted through the natural counts from 4 to 256.
+/// The slope of log variance against log n, fitted to natural sample counts from 4 to 256.
 #[test]
 fn variance_falls_with_the_slope_of_the_sampler() {
     for (kind, least, most) in [
@@ -323,7 +323,7 @@ fn variance_falls_with_the_slope_of_the_sampler() {
 
 const SIDE: usize = 64;
 
-/// The error of every pixel of a square image in which each integrates the same function, with both halves.
+/// Returns the error of every pixel of a square image, with both halves, if every pixel integrates the same function.
 fn error_image(kind: SamplerKind, spp: u64, seed: u64) -> Vec<f64> {
     let sampler = Sampler::new(kind, Some(spp));
     let pixels = (0..SIDE * SIDE).map(|i| ((i % SIDE) as u32 + 37, (i / SIDE) as u32 + 11));
@@ -335,7 +335,7 @@ fn error_image(kind: SamplerKind, spp: u64, seed: u64) -> Vec<f64> {
         .collect()
 }
 
-/// The share of an image's energy that lies in frequencies of at most a quarter of the largest, over that of white
+/// Returns the fraction of an image's energy in frequencies up to a quarter of the largest, relative to that of white
 /// noise.
 fn low_frequencies(image: &[f64]) -> f64 {
     let total: f64 = image.iter().map(|v| v * v).sum::<f64>() * (SIDE * SIDE) as f64;
@@ -343,7 +343,7 @@ fn low_frequencies(image: &[f64]) -> f64 {
     let (mut energy, mut count) = (0.0, 0u32);
     for ky in -quarter..=quarter {
         let turn = |k: i32, i: usize| 2.0 * std::f64::consts::PI * f64::from(k) * i as f64 / SIDE as f64;
-        // Rows first: one sum over y for each column.
+        // Sums over y for each column.
         let columns: Vec<(f64, f64)> = (0..SIDE)
             .map(|x| {
                 (0..SIDE).fold((0.0, 0.0), |(re, im), y| {
@@ -364,7 +364,7 @@ fn low_frequencies(image: &[f64]) -> f64 {
     energy / total * f64::from((SIDE * SIDE) as u32) / f64::from(count)
 }
 
-/// RMS of the means of 4 x 4 pixels, anywhere in the image, over what independent errors of the same size would have.
+/// Returns the RMS of the means of all squares of 4×4 pixels, relative to independent errors of the same size.
 fn after_blur(image: &[f64]) -> f64 {
     let rms = |values: &[f64]| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
     let blurred: Vec<f64> = (0..(SIDE - 3) * (SIDE - 3))
@@ -376,7 +376,7 @@ fn after_blur(image: &[f64]) -> f64 {
     4.0 * rms(&blurred) / rms(image)
 }
 
-/// The error of `zsobol` is blue noise: as large as that of `sobol`, but little of it is left at low frequencies.
+/// The error of `zsobol` is blue noise: it is as large as that of `sobol`, but mostly at high frequencies.
 #[test]
 fn zsobol_spreads_its_error_as_blue_noise() {
     let rms = |image: &[f64]| (image.iter().map(|v| v * v).sum::<f64>() / image.len() as f64).sqrt();
@@ -397,7 +397,7 @@ fn zsobol_spreads_its_error_as_blue_noise() {
     }
 }
 
-/// The error of `fixed` is the same in all pixels that integrate the same.
+/// The error of `fixed` is the same in all pixels with the same integrand.
 #[test]
 fn fixed_errs_alike_in_every_pixel() {
     let image = error_image(SamplerKind::Fixed, 8, 1);

@@ -1,4 +1,4 @@
-//! Samplers in a render: each gives the same mean, and its estimate of the error is what the error is.
+//! Samplers in a render: all have the same mean and a correct estimate of the error.
 
 use crate::support::scenes::{add, camera, compiled, diffuse, render, sphere};
 use buffon::accel::AccelKind;
@@ -9,10 +9,10 @@ use buffon::math::{DAffine3, DVec3};
 use buffon::sampling::SamplerKind;
 use buffon::scene::{Description, Scene};
 
-/// Renders with different seeds.
+/// Number of renders with different seeds.
 const RUNS: u64 = 48;
 
-/// A half-grey and half-bright sphere seen from within: 1 everywhere.
+/// Returns a sphere with albedo 1/2 and emission 1/2, seen from inside. The radiance is 1 everywhere.
 fn furnace() -> Scene {
     let mut scene = Description::default();
     let id = add(&mut scene, sphere(1.0), DAffine3::IDENTITY, diffuse(0.5));
@@ -22,13 +22,13 @@ fn furnace() -> Scene {
     compiled(scene, AccelKind::default())
 }
 
-/// What some renders of the furnace show.
+/// Statistics of several renders of the furnace.
 struct Figures {
-    /// By how many of its standard errors, taken from the spread of the renders' means, their mean is off.
+    /// The error of the mean of all renders in standard errors, which come from the spread of the renders' means.
     t: f64,
-    /// The mean estimate of a pixel's variance, over the mean square of its error.
+    /// The mean estimate of a pixel's variance, divided by the mean square of its error.
     estimated: f64,
-    /// The mean square of the error of an image's mean, over what independent pixels would have.
+    /// The mean square of the error of an image's mean, divided by that of independent pixels.
     of_mean: f64,
 }
 
@@ -62,7 +62,7 @@ fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
     }
 }
 
-/// Student's t of 47 degrees of freedom passes 4.5 by chance with a probability of 4.5·10^−5.
+/// Student's t with 47 degrees of freedom exceeds 4.5 with a probability of 4.5·10^−5.
 #[test]
 fn every_sampler_has_the_same_mean_and_knows_its_error() {
     let scene = furnace();
@@ -73,7 +73,7 @@ fn every_sampler_has_the_same_mean_and_knows_its_error() {
              image's mean {of_mean:.2} times that of independent pixels"
         );
         assert!(t.abs() < 4.5, "{kind}: the mean is off by {t} standard errors");
-        // Where pixels err alike, 64 of them say little more than one.
+        // If all pixels have the same error, 64 of them contain little more information than one.
         let (least, most) = if kind == SamplerKind::Fixed { (0.5, 2.0) } else { (0.85, 1.18) };
         assert!((least..most).contains(&estimated), "{kind}: {estimated}");
         let expected = match kind {

@@ -1,4 +1,4 @@
-//! Sampling against densities: diffuse reflection, conductors and every warp.
+//! Sampling and densities of diffuse reflection, conductors and all warps.
 
 use crate::support::bsdfs::{
     Chart, check_bsdf, check_facets, check_reciprocity, directions, scattered_energy,
@@ -48,7 +48,7 @@ fn rough_conductor_samples_follow_their_density() {
     }
 }
 
-/// Lobes of small roughness: over the slopes of the facet between the directions, in units of the roughness.
+/// Lobes of small roughness, over the slopes of the microfacet between both directions, in units of the roughness.
 #[test]
 fn sharp_rough_conductor_samples_follow_their_density() {
     let alphas = [[1e-3, 1e-3], [1e-2, 1e-2], [1e-3, 2e-2]];
@@ -67,7 +67,7 @@ fn sharp_rough_conductor_samples_follow_their_density() {
     }
 }
 
-/// Where every facet reflects all light, energy is never gained, and the BSDF is reciprocal.
+/// If every microfacet reflects all light, no energy is gained, and the BSDF is reciprocal.
 #[test]
 fn rough_conductors_conserve_energy_and_are_reciprocal() {
     for distribution in [Distribution::Beckmann, Distribution::Ggx] {
@@ -103,7 +103,7 @@ fn warps_of_directions_follow_their_density() {
     );
     check_directions("sphere", tests, |_, u| Some(warp::square_to_sphere(u)), |_| warp::SQUARE_TO_SPHERE_PDF);
     for cap in [1e-8, 0.02, 1.0] {
-        // The square's first axis is 1 − cosθ, from 0 to the cone's rim.
+        // The first axis of the square is 1 − cosθ, from 0 to the edge of the cone.
         let to_square = |w: Vec3| {
             let sin2 = f64::from(w.x).powi(2) + f64::from(w.y).powi(2);
             let phi = f64::from(w.y).atan2(f64::from(w.x)).rem_euclid(TAU);
@@ -151,7 +151,7 @@ fn warps_of_planes_follow_their_density() {
     }
 }
 
-/// Barycentric weights as distance from the first corner and place between the other two; its area is s·ds·dt.
+/// Maps barycentric weights to (s, t): distance from the first corner, position between the others; area s·ds·dt.
 fn triangle_to_fan(b: Vec2) -> [f64; 2] {
     let s = f64::from(b.x) + f64::from(b.y);
     [s, if s > 0.0 { f64::from(b.y) / s } else { 0.0 }]

@@ -1,23 +1,23 @@
-//! Light that is scattered to viewers against radiance that is gathered from lights: one BSDF, sampled from either end.
+//! The adjoint BSDF of light paths, compared with that of camera paths.
 
 use crate::support::bsdfs::{DIFFUSE, plain_models, transmittances, wrapped};
 use buffon::bsdf::{Blend, Bsdf, Lobe, Mask, Tilted, TwoSided};
 use buffon::math::{DVec3, Frame, Vec2, Vec3};
 use buffon::sampling::{Dimension, SampleKey, Sampler, SamplerKind, warp};
 
-/// Pairs of directions.
+/// Number of pairs of directions.
 const SAMPLES: usize = 1 << 15;
-/// Standard errors that the two estimates may differ by: 3·10⁻⁷ of right pairs differ by more.
+/// Maximum difference of the two estimates in standard errors. Correct pairs exceed it with a probability of 3·10⁻⁷.
 const DEVIATIONS: f64 = 5.1;
 
-/// A function of viewer and light that is not symmetric.
+/// Evaluates an asymmetric function of viewer and light.
 fn weight(viewer: Vec3, light: Vec3) -> f64 {
     let (v, l) = (viewer.as_dvec3(), light.as_dvec3());
     (1.0 + 0.6 * v.dot(DVec3::new(0.5, 0.3, 0.81)) + 0.3 * v.x * l.y)
         * (1.0 + 0.5 * l.dot(DVec3::new(-0.7, 0.1, 0.7)))
 }
 
-/// The mean of `f` over random numbers: of a direction, of a lobe, within the lobe; and its standard error.
+/// Returns the mean of `f` over random directions, lobes and points of the square, and its standard error.
 fn mean(f: impl Fn(Vec3, f32, Vec2) -> f64) -> (f64, f64) {
     let keys: Vec<_> = (0..SAMPLES as u32).map(|i| SampleKey::new(3, i, 0, 0)).collect();
     let draw = |d: u64| {
@@ -36,8 +36,8 @@ fn mean(f: impl Fn(Vec3, f32, Vec2) -> f64) -> (f64, f64) {
     (mean, ((squares / n - mean * mean) / n).sqrt())
 }
 
-/// ∫∫ f(v, l)·|cos v|·|cos l|·w(v, l) over viewers and lights, by viewers and sampled lights, and by lights and
-/// sampled viewers.
+/// Compares two estimates of ∫∫ f(v, l)·|cos v|·|cos l|·w(v, l) over viewers and lights: by viewers and sampled lights,
+/// and by lights and sampled viewers.
 fn check(name: &str, bsdf: &Bsdf<'_>) {
     let by_viewers = mean(|v, u_lobe, u| {
         let sample = bsdf.sample(v, u_lobe, u);
@@ -93,7 +93,7 @@ fn every_bsdf_scatters_light_as_it_gathers_radiance() {
     }
 }
 
-/// No sample is of a kind of lobe that the BSDF does not own up to.
+/// Every sample belongs to a kind of lobe that the BSDF declares.
 #[test]
 fn lobes_are_those_that_samples_are_of() {
     let transmittance = transmittances();

@@ -1,4 +1,4 @@
-//! Every BSDF at the ends of its parameters, directions and random numbers.
+//! All BSDFs at the ends of their parameters, directions and random numbers.
 
 use crate::support::bsdfs::check_sample;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
@@ -13,7 +13,7 @@ const LAST: f32 = 1f32.next_down();
 const COLORS: [Rgb; 3] = [Rgb::BLACK, Rgb::WHITE, Rgb::new(0.0, 0.0, 1.0)];
 const ETAS: [f32; 6] = [0.4, 1.0 / 1.5, 1.0, 1.000_3, 1.5, 4.0];
 
-/// Samples have finite weights and positive densities, and evaluation is finite. Where lobes are broad, both agree.
+/// Checks for finite weights and values and positive densities. For broad lobes, samples and evaluation must agree.
 fn check(bsdf: &Bsdf, broad: bool) {
     let cosines = [1.0, 0.5, 1e-3, 1e-6, 0.0, -1e-6, -1e-3, -0.5, -1.0];
     let directions: Vec<Vec3> = cosines
@@ -32,7 +32,7 @@ fn check(bsdf: &Bsdf, broad: bool) {
                     "{bsdf:?} {wo} {u_lobe} {u:?}: {s:?}"
                 );
                 assert!((s.wi.length() - 1.0).abs() < 1e-5, "{bsdf:?} {wo} {u_lobe} {u:?}: {s:?}");
-                // At the corners are grazing facets, and rounding decides on which side of their horizon is light.
+                // At the corners microfacets are grazing, and rounding decides on which side of their horizon light is.
                 let inside = u.into_iter().all(|u| (0.1..=0.9).contains(&u));
                 if broad && inside && s.lobe != Lobe::Specular && wo.z.abs() > 0.1 && s.wi.z.abs() > 0.01 {
                     check_sample(&format!("{bsdf:?} {wo}"), bsdf, wo, &s, 1e-2);

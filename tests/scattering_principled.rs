@@ -1,4 +1,4 @@
-//! Sampling against densities, energy and reciprocity: the principled models.
+//! Sampling and densities, energy and reciprocity of the principled models.
 
 use crate::support::bsdfs::{
     Chart, check_bsdf, check_facets, check_reciprocity, directions_of_both_sides, scattered_energy,
@@ -12,7 +12,7 @@ use std::f32::consts::TAU;
 
 const BASE: Rgb = Rgb::new(0.2, 0.5, 0.9);
 
-/// Materials of one lobe and of many, sharp and broad.
+/// Returns materials of one and of many lobes, sharp and broad.
 fn materials() -> Vec<(&'static str, Principled)> {
     let base = Principled { base_color: BASE, ..Principled::default() };
     let coat = Principled { clearcoat: 1.0, clearcoat_gloss: 1.0, sheen: 0.5, sheen_tint: 0.5, ..base };
@@ -55,7 +55,7 @@ fn principled_samples_follow_their_density() {
                 assert!(bsdf.sample(wo, 0.5, [0.5, 0.5].into()).is_none());
                 continue;
             }
-            // The sharpest lobe of the material decides.
+            // The sharpest lobe of the material determines the chart.
             let coat = if material.clearcoat > 0.0 { 0.1 - 0.099 * material.clearcoat_gloss } else { 1.0 };
             let alpha = f64::from(material.roughness.powi(2).max(1e-3).min(coat));
             check_facets(name, tests, &bsdf, [alpha; 2], wo, Chart::Mirrored);
@@ -91,8 +91,8 @@ fn at_cosine(z: f32) -> Vec3 {
     Vec3::new((1.0 - z * z).sqrt(), 0.0, z)
 }
 
-/// What white materials scatter, of the energy that arrives: some more than there is. The models are defined so, and
-/// it is for the figures to stay, not for the energy to.
+/// The fraction of energy that white materials scatter. Some gain energy, because the models are defined so. The test
+/// checks that the fractions do not change.
 #[test]
 fn principled_models_gain_what_their_documentation_says() {
     let cosines = [1.0, 0.5, 0.1];
@@ -141,7 +141,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// Whatever the parameters: samples are valid, light is scattered alike both ways, and the gain has a bound.
+    /// For any parameters, samples are valid, the BSDF is reciprocal, and the gain is bounded.
     #[test]
     fn principled_is_valid_and_reciprocal(
         color in prop::array::uniform3(0f32..=1.0),
@@ -204,14 +204,14 @@ proptest! {
         prop_assert!(energy <= THIN_BOUND, "{bsdf:?} {wo}: {energy}");
         let up = |w: Vec3| w * 1f32.copysign(w.z);
         check_reciprocity(&bsdf, up(wo), up(wi), 1.0);
-        // Grazing facets transmit one way only, and it is seen where nothing else is transmitted.
+        // Grazing microfacets transmit in one direction only. This is noticeable without diffuse transmission.
         if sheet.diff_trans == 0.0 {
             check_reciprocity(&bsdf, up(wo), -up(wi), 1.0);
         }
     }
 }
 
-/// The greatest gains that were found among 6000 random materials are 2.35 and 1.67; those of one lobe are in the
-/// documentation.
+/// Upper bounds on the gain. The largest gains of 6000 random materials are 2.35 and 1.67; those of single lobes are in
+/// the documentation.
 const PRINCIPLED_BOUND: f32 = 2.4;
 const THIN_BOUND: f32 = 1.7;

@@ -1,4 +1,4 @@
-//! Sampling against densities, energy and reciprocity: dielectric boundaries and plastic.
+//! Sampling and densities, energy and reciprocity of dielectric boundaries and plastic.
 
 use crate::support::bsdfs::{
     Chart, check_bsdf, check_facets, check_reciprocity, directions, directions_of_both_sides,
@@ -68,7 +68,7 @@ fn sharp_rough_dielectric_samples_follow_their_density() {
     check_glass([0.01, 0.01], false, 2.4);
 }
 
-/// Over all directions at once, where the lobes are broad.
+/// Broad lobes, over the whole sphere of directions.
 #[test]
 fn rough_dielectric_samples_follow_their_density_over_the_sphere() {
     let directions = directions_of_both_sides();
@@ -93,7 +93,7 @@ fn rough_boundaries_between_equals_let_light_pass() {
     }
 }
 
-/// The samples of a boundary whose facets are all but level are near those of a smooth one.
+/// The samples of a boundary with almost flat microfacets are close to those of a smooth boundary.
 #[test]
 fn nearly_smooth_boundaries_are_smooth() {
     let smooth = buffon::bsdf::Dielectric {
@@ -123,7 +123,7 @@ fn nearly_smooth_boundaries_are_smooth() {
 proptest! {
     #![proptest_config(config(200))]
 
-    /// No energy is gained, samples are valid and agree with evaluation, and light is scattered alike both ways.
+    /// No energy is gained, samples are valid and agree with evaluation, and the BSDF is reciprocal.
     #[test]
     fn rough_dielectrics_conserve_energy_and_are_reciprocal(
         ggx in any::<bool>(),
@@ -156,7 +156,7 @@ proptest! {
         prop_assert!((energy - 1.0).abs() < 1e-5, "{bsdf:?} {z}: {energy}");
     }
 
-    /// Plastic gains as much as the fit of the light that is thrown back inside allows: 1.3·10⁻³ up to an index of 2.
+    /// The energy gain of plastic is at most the error of the fit of internal reflection: 1.3·10⁻³ up to an index of 2.
     #[test]
     fn plastic_conserves_energy_but_for_its_fit(
         eta in 1f32..=2.0,
@@ -174,7 +174,7 @@ proptest! {
 }
 
 proptest! {
-    // Each case has a table of transmittance to compute.
+    // Each case computes a table of transmittance.
     #![proptest_config(config(12))]
 
     #[test]
@@ -223,7 +223,7 @@ fn plastic_samples_follow_their_density() {
         let bsdf = Bsdf::Plastic(Plastic::new(Rgb::new(0.2, 0.5, 0.9), Rgb::new(0.5, 1.0, 0.8), eta, true));
         assert!(!bsdf.is_specular() && bsdf.chooses_lobe());
         for &wo in &directions {
-            // Beyond the critical angle there is nothing but the mirror.
+            // Beyond the critical angle only specular reflection remains.
             if wo.z > 0.6 || eta > 1.0 {
                 check_bsdf(&format!("plastic {eta}"), 2 * directions.len(), &bsdf, wo);
             }

@@ -1,4 +1,4 @@
-//! Values that Mitsuba 3.9.1 (`scalar_rgb`) computes for the same directions and parameters, divided by the cosine.
+//! Values of Mitsuba 3.9.1 (`scalar_rgb`) for the same directions and parameters, divided by the cosine.
 
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
 use buffon::bsdf::{
@@ -8,11 +8,11 @@ use buffon::bsdf::{
 use buffon::color::Rgb;
 use buffon::math::{Vec2, Vec3};
 
-/// Directions that are yet to be normalised, and the value.
+/// Two directions, which are not normalised, and the value.
 type Row = ([f32; 3], [f32; 3], [f32; 3]);
 
 const EXACT: f32 = 1e-4;
-/// Mitsuba's masking by Beckmann's facets is a rational function, off by up to 0.35 % for each of two directions.
+/// Mitsuba's rational approximation of Beckmann masking has an error of up to 0.35 % for each of two directions.
 const BECKMANN: f32 = 7e-3;
 
 const SPECULAR_REFLECTANCE: Rgb = Rgb::new(0.9, 0.8, 0.7);
@@ -102,7 +102,7 @@ fn plastic() {
             ([0.1, -0.2, 0.05], [-0.3, 0.2, 0.1], [0.0168035, 0.0527293, 0.143864]),
         ],
     );
-    // The mirror: its weight and its probability, which the diffuse lobe's density lacks.
+    // Weight and probability of specular reflection; the diffuse density is reduced by this probability.
     for (z, expected) in [
         (1.0f32, [0.036, 0.032, 0.028]),
         (0.6, [0.058_072_5, 0.051_62, 0.045_167_5]),
@@ -311,7 +311,7 @@ fn principled_thin() {
     );
 }
 
-/// The probability of the mirror; else light passes.
+/// The probability of reflection. Otherwise light passes.
 #[test]
 fn thin_dielectric() {
     for (eta, z, r) in [
@@ -330,7 +330,7 @@ fn thin_dielectric() {
         };
         let wo = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
         let below = bsdf.sample(wo, r - 1e-5).unwrap();
-        // Weights make up for probabilities that are multiples of the distance of random numbers.
+        // Weights compensate for the rounding of probabilities to multiples of the spacing of random numbers.
         let near = |a: Rgb, b: Rgb| (0..3).all(|c| (a[c] - b[c]).abs() < 2e-6);
         assert!(below.wi == Vec3::new(-wo.x, -wo.y, wo.z) && near(below.weight, SPECULAR_REFLECTANCE));
         if r < 1.0 {

@@ -1,4 +1,4 @@
-//! No surface is in its own way: rays that leave a surface point do not meet the surface again at that point.
+//! Absence of self-intersection: rays that leave a surface point do not hit the surface again at that point.
 
 use crate::meshes::Random;
 use crate::support::scenes::{add, compiled, diffuse, sphere};
@@ -9,14 +9,14 @@ use buffon::math::{DAffine3, DVec3, Frame, Ray, Vec2, Vec3};
 use buffon::scene::{Description, Scene};
 use buffon::shape::{Mesh, Shape};
 
-/// One surface, in a scene of its own, and where to aim at it.
+/// One surface in a scene of its own, and the target of rays.
 struct Surface {
     name: String,
     scene: Scene,
     target: DAffine3,
 }
 
-/// A surface under a transform; rays are aimed at the image of the square [−1, 1]².
+/// Returns a transformed surface. Rays are aimed at the image of the square [−1, 1]².
 fn surface(name: String, shape: Shape, to_world: DAffine3, accel: AccelKind) -> Surface {
     let mut description = Description::default();
     add(&mut description, shape, to_world, diffuse(0.5));
@@ -28,7 +28,7 @@ fn triangle() -> Shape {
     Shape::Mesh(Mesh { positions, indices: vec![[0, 1, 2]], ..Mesh::default() })
 }
 
-/// Flat surfaces on coordinate planes and askew, small and large, at the origin and far from it.
+/// Returns surfaces on coordinate planes and rotated, small and large, at the origin and far from it.
 fn surfaces(accel: AccelKind) -> Vec<Surface> {
     let mut random = Random(5);
     let mut list = Vec::new();
@@ -62,7 +62,7 @@ fn surfaces(accel: AccelKind) -> Vec<Surface> {
     list
 }
 
-/// Rays from all sides at the surface, and what they meet.
+/// Traces rays from all sides to the surface, and returns those with hits.
 fn first_hits(surface: &Surface, random: &mut Random, n: usize) -> Vec<(Ray, Hit)> {
     let size = surface.target.matrix3.x_axis.length();
     let rays: Vec<Ray> = (0..n)
@@ -99,19 +99,19 @@ fn flat_and_convex_surfaces_do_not_shadow_themselves() {
     }
 }
 
-/// A ray that leaves the point of a hit on the side from which it was hit (outside of a sphere), at any angle.
+/// Returns a ray from a hit in any direction on the side of the incoming ray.
 fn leave(scene: &Scene, ray: &Ray, hit: &Hit, random: &mut Random) -> Ray {
     let at = scene.interaction(ray, hit);
     let side = if at.ng.dot(ray.d) < 0.0 { at.ng } else { -at.ng };
-    // Every other direction is within a few degrees of the surface.
+    // Half of the directions are within a few degrees of the surface.
     let flatten = if random.unit() < 0.5 { 0.02 } else { 1.0 };
     let local = random.cube();
     let local = Vec3::new(local.x, local.y, local.z.abs() * flatten + 1e-3).normalize();
     scene.spawn_ray(&at, Frame::from_normal(side).to_world(local), 0.0)
 }
 
-/// A lamp is not in the way of its own light: of a convex lamp alone in the world every front point is seen from
-/// everywhere before it, at whatever angle.
+/// An emitter does not block its own light. All front points of a single convex emitter are visible from any point
+/// before it, at any angle.
 #[test]
 fn lamps_do_not_shadow_themselves() {
     for accel in AccelKind::CHOICES {
@@ -137,7 +137,7 @@ fn lamps_do_not_shadow_themselves() {
     }
 }
 
-/// Lamps on coordinate planes and askew, at the origin and beside it.
+/// Returns emitters on coordinate planes and rotated, at the origin and beside it.
 fn lamps(accel: AccelKind) -> Vec<Surface> {
     let mut list = Vec::new();
     for offset in [DVec3::ZERO, DVec3::new(0.3, 1.75, 0.2), DVec3::new(-40.0, 3.0, 7.0)] {

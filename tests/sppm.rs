@@ -1,9 +1,9 @@
-//! Progressive photon mapping against path tracing and light tracing, and what it promises.
+//! Progressive photon mapping, compared with path tracing and light tracing.
 
 use crate::support::cli::{Folder, SCENE};
 
-/// A scene of Buffon's own with the files beside it, to be rendered as `s.xml`; as `sppm.xml` it has radii so small
-/// that their blur is lost in the noise of a small picture.
+/// Returns a folder with a scene of the repository as `s.xml`. In `sppm.xml` it has radii so small that their blur is
+/// below the noise of a small image.
 fn own_scene(topic: &str, name: &str) -> Folder {
     let folder = Folder::of_scene(topic, name);
     let text = String::from_utf8(folder.read("s.xml")).expect("text");
@@ -11,7 +11,7 @@ fn own_scene(topic: &str, name: &str) -> Folder {
     folder
 }
 
-/// The scene with `sppm` instead of its integrator.
+/// Replaces the integrator of a scene by `sppm`.
 fn with_photons(scene: &str) -> String {
     let start = scene.find("<integrator type=").expect("an integrator");
     let end = start + scene[start..].find('>').expect("its tag ends") + 1;
@@ -22,7 +22,7 @@ fn with_photons(scene: &str) -> String {
     format!("{}{defaults}{sppm}{}", &scene[..start], &scene[end..])
 }
 
-/// A scene in which a path tracer finds all light: a large lamp, a mirror, polished metal, coated plastic.
+/// A scene in which path tracing finds all light: a large emitter, a mirror, polished metal, coated plastic.
 const ROOM: &str = r#"<scene version="3.0.0">
   <integrator type="path"><integer name="max_depth" value="7"/></integrator>
   <sensor type="perspective">
@@ -61,7 +61,7 @@ fn agree(folder: &Folder, one: &str, other: &str) {
     assert_eq!(run.code, 0, "{one} and {other}: {}{}", run.stdout, run.stderr);
 }
 
-/// Paths from either end and photons estimate one picture.
+/// Camera paths, light paths and photons give the same image.
 #[test]
 #[ignore = "takes long: make test-all"]
 fn three_integrators_agree_on_every_kind_of_light() {
@@ -77,8 +77,8 @@ fn three_integrators_agree_on_every_kind_of_light() {
     }
 }
 
-/// Mirrors, glossy and coated surfaces: every part of the light is counted once. Also with short paths, where photons
-/// and camera paths share the edges.
+/// With mirrors, glossy and coated surfaces, every part of the light is counted once. With short paths, photons and
+/// camera paths share the edges.
 #[test]
 fn no_light_is_counted_twice_or_lost() {
     for depth in [3, 4, 7] {
@@ -91,7 +91,7 @@ fn no_light_is_counted_twice_or_lost() {
     }
 }
 
-/// Where paths are guided to depends on the view, and the picture does not.
+/// The guide depends on the view, but the expected image does not.
 #[test]
 fn guided_and_unguided_paths_make_one_picture() {
     let folder = Folder::with(&with_photons(ROOM));
@@ -104,7 +104,7 @@ fn guided_and_unguided_paths_make_one_picture() {
     assert_ne!(folder.read("true.exr"), folder.read("false.exr"));
 }
 
-/// Values do not depend on threads, crops or how many samples are taken at once.
+/// Values do not depend on threads or crops.
 #[test]
 fn pixels_do_not_depend_on_threads_or_crops() {
     let folder = Folder::new();
@@ -122,7 +122,7 @@ fn pixels_do_not_depend_on_threads_or_crops() {
     assert!(picture("seed", "--seed 1").data != once.data);
 }
 
-/// A point light through glass: a caustic that no camera path finds.
+/// A point emitter and glass give a caustic that no camera path finds.
 #[test]
 fn caustics_of_point_lights_are_there() {
     let light =
@@ -142,7 +142,7 @@ fn caustics_of_point_lights_are_there() {
     assert!(sppm > 1.01 * path, "{sppm} {path}");
 }
 
-/// What cannot be is refused where it stands.
+/// Invalid parameters are refused, and the error names them.
 #[test]
 fn mistakes_are_named() {
     let folder = Folder::new();

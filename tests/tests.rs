@@ -1,4 +1,4 @@
-//! The integration tests, in one binary.
+//! The integration tests in one binary.
 
 mod bench;
 mod cameras;

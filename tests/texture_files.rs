@@ -1,4 +1,4 @@
-//! Files read as textures, by either library.
+//! Files as textures, read by both libraries.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use buffon::image::{
 };
 use image::{DynamicImage, ImageBuffer};
 
-/// The libraries that are built in.
+/// Returns the libraries that are compiled in.
 fn backends() -> Vec<Backend> {
     let mut all = vec![Backend::RustCrates];
     if Backend::default() != Backend::RustCrates {
@@ -24,7 +24,7 @@ fn code(i: usize) -> u8 {
     (i * 17 + 3) as u8
 }
 
-/// A picture of bytes with 1 to 4 channels.
+/// Returns an image of bytes with 1 to 4 channels.
 fn picture(channels: usize) -> DynamicImage {
     let (w, h) = (WIDTH as u32, HEIGHT as u32);
     let codes: Vec<u8> = (0..WIDTH * HEIGHT * channels).map(code).collect();
@@ -36,7 +36,7 @@ fn picture(channels: usize) -> DynamicImage {
     }
 }
 
-/// Every pixel is the sRGB code of [`picture`], whatever its alpha.
+/// Checks that every texel is the sRGB code of [`picture`], whatever its alpha.
 fn check_codes(texture: &TextureImage, channels: usize, what: &str) {
     assert_eq!((texture.width(), texture.height()), (WIDTH, HEIGHT), "{what}");
     let colours = if channels < 3 { 1 } else { 3 };
@@ -61,7 +61,7 @@ fn bytes_of_every_format_are_read_alike() {
             for backend in backends() {
                 let texture = read_texture_with(backend, &path).unwrap();
                 let what = format!("{extension} of {channels} by {backend}");
-                // Some readers of BMP give three equal channels for a grey palette.
+                // Some readers of BMP convert a grey palette to three equal channels.
                 if extension == "bmp" && channels == 1 {
                     assert_eq!(
                         texture.rgb(1, 2),
@@ -92,7 +92,7 @@ fn jpeg_stays_bytes_and_is_near_the_picture() {
     }
 }
 
-/// A palette, and samples of a single bit.
+/// A palette, and samples of one bit.
 #[test]
 fn palettes_and_bits_are_expanded() {
     let dir = tempfile::tempdir().unwrap();
@@ -103,7 +103,7 @@ fn palettes_and_bits_are_expanded() {
         bytes.extend_from_slice(&crc(&body).to_be_bytes());
         bytes
     };
-    // Two by one pixels: one row of a filter byte and one byte of samples, in a deflate block that is stored.
+    // 2×1 pixels: one row of a filter byte and a byte of samples, in a stored block of deflate.
     let png = |depth: u8, colour: u8, palette: &[u8], sample: u8| {
         let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
         file.extend(chunk(b"IHDR", &[0, 0, 0, 2, 0, 0, 0, 1, depth, colour, 0, 0, 0]));
@@ -131,7 +131,7 @@ fn palettes_and_bits_are_expanded() {
     }
 }
 
-/// The checksum of a PNG chunk.
+/// Returns the checksum of a PNG chunk.
 fn crc(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |mut crc, &byte| {
         crc ^= u32::from(byte);
@@ -153,7 +153,7 @@ fn sixteen_bits_stay_sixteen_bits() {
     for backend in backends() {
         let texture = read_texture_with(backend, &path).unwrap();
         assert_eq!((texture.memory_bytes(), texture.is_srgb()), (12, true));
-        // As Mitsuba 3.9.1 decodes them.
+        // The values of Mitsuba 3.9.1.
         for (value, expected) in texture.rgb(0, 0).into_iter().zip([0.075_830_27, 0.330_774_04, 1.0]) {
             assert!((value - expected).abs() < 1e-6, "{backend}: {value}");
         }
@@ -210,13 +210,13 @@ fn radiance_files_are_linear() {
     }
 }
 
-/// The sentence of an error, without the file's name.
+/// Returns the error of reading a texture, without the file's name.
 fn error(backend: Backend, path: &Path) -> String {
     let text = read_texture_with(backend, path).expect_err("reading should fail").to_string();
     text.strip_prefix(&format!("{}: ", path.display())).expect("the error names the file first").to_owned()
 }
 
-/// Every beginning of a file, and headers that promise more than any file holds.
+/// Truncated files, and headers with sizes larger than any file.
 #[test]
 fn short_and_boasting_files_are_refused() {
     let dir = tempfile::tempdir().unwrap();
@@ -237,7 +237,7 @@ fn short_and_boasting_files_are_refused() {
                 assert!(found.starts_with(&start), "{name} of {length} by {backend}: {found}");
             }
         }
-        // Width and height as large as the format can say.
+        // The largest width and height of the format.
         let mut boasting = bytes.clone();
         match format {
             "PNG" => {
@@ -261,7 +261,7 @@ fn short_and_boasting_files_are_refused() {
     }
 }
 
-/// Damage may go unnoticed; a texture or an error is all that may come of it.
+/// Damage may remain undetected. The result is a texture or an error.
 #[test]
 fn damaged_textures_never_bring_the_program_down() {
     let dir = tempfile::tempdir().unwrap();
@@ -286,7 +286,7 @@ fn damaged_textures_never_bring_the_program_down() {
         for round in 0..150 {
             let mut bytes = bytes.clone();
             for _ in 0..3 {
-                // Mostly the header; in every third file anywhere.
+                // Two of three files have changes in the header only.
                 let end = if round % 3 == 0 { bytes.len() } else { bytes.len().min(60) };
                 let at = 2 + next() % (end - 2);
                 bytes[at] = next() as u8;

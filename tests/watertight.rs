@@ -1,15 +1,15 @@
-//! No ray from inside a closed mesh escapes, even where it is aimed at a vertex or an edge.
+//! No ray from inside a closed mesh escapes, even if it is aimed at a vertex or an edge.
 //!
-//! Buffon's own BVH holds this without exception: the signs of its edge functions are exact. Embree's robust mode
-//! makes the edge functions of two neighbours agree, but rounds them: along edges nothing escapes, but at a vertex,
-//! where six or more edges meet, all of them may round to the same side. So of rays aimed at a vertex to within
-//! rounding a few in ten thousand pass (0 to 33 in ten thousand, by mesh and by how directions are rounded).
+//! Buffon's own BVH fulfils this without exception, because the signs of its edge functions are exact. In Embree's
+//! robust mode the edge functions of two neighbours agree, but they are rounded. Nothing escapes at edges. At a vertex,
+//! where six or more edges meet, all of them may be rounded to the same side. Of rays aimed at a vertex to within
+//! rounding, 0 to 33 in ten thousand escape, depending on the mesh and the rounding of directions.
 //!
-//! It is a limit of Embree's triangle test alone: single rays and packets, intersection and occlusion, coherent or
-//! not, compact or not, and every build quality let the very same rays out, and computing Embree's edge functions in
-//! `f32` triangle by triangle finds each of them again, while `f64` lets none out. The example `vertex_escapes` of
-//! `buffon-embree-sys` shows it on the raw interface. Embree's authors know it (RenderKit/embree#181, #381). The test
-//! bounds their number and demands that each passes within rounding of a vertex.
+//! This is a limit of Embree's triangle test alone. Single rays and packets, intersection and occlusion, coherent or
+//! not, compact or not, and every build quality lose the same rays. Embree's edge functions computed in `f32` triangle
+//! by triangle lose all of them, those in `f64` none: see the example `vertex_escapes` of `buffon-embree-sys`. The
+//! limit is known to Embree's authors (RenderKit/embree#181, #381). The test bounds the number of escapes and checks
+//! that each is within rounding of a vertex.
 
 use crate::meshes::{Mesh, Random, cube, sphere};
 use buffon::accel::{Accel, AccelKind, Assembly, Coherence, Instance, build};
@@ -17,10 +17,10 @@ use buffon::math::{DAffine3, DQuat, DVec3, Ray, Vec3};
 
 const RAYS: usize = 1_000_000;
 
-/// Rays in a million, a third of them aimed at vertices, that may escape through a vertex on Embree.
+/// Upper bound on escapes at vertices with Embree, for a million rays of which a third are aimed at vertices.
 const EMBREE_VERTEX_ESCAPES: usize = 300;
 
-/// Closed meshes, each with the half-extent of a box around the origin that lies inside.
+/// Returns closed meshes, each with the half-extent of a box around the origin that is inside.
 fn closed_meshes() -> Vec<(&'static str, Mesh, Vec3)> {
     let needles = sphere(4, 800).map(|p| p * Vec3::new(1.0, 1.0, 20.0));
     vec![
@@ -30,8 +30,8 @@ fn closed_meshes() -> Vec<(&'static str, Mesh, Vec3)> {
     ]
 }
 
-/// A ray from inside to a vertex or an edge. Some start at the centre, on the mesh's planes of symmetry; the
-/// direction is of unit length, or the vector to the target.
+/// Returns a ray from inside to a vertex or an edge. Some start at the centre, on planes of symmetry of the mesh. The
+/// direction has unit length or is the vector to the target.
 pub fn aimed_ray(mesh: &Mesh, center: Vec3, inside: Vec3, random: &mut Random) -> Ray {
     let target = mesh.vertex_or_edge_point(random);
     let origin = match random.below(4) {
@@ -42,7 +42,7 @@ pub fn aimed_ray(mesh: &Mesh, center: Vec3, inside: Vec3, random: &mut Random) -
     Ray::new(origin, if random.below(2) == 0 { d.normalize() } else { d })
 }
 
-/// The rays that have no hit, or are not occluded: as a wave and, for a tenth of them, one by one.
+/// Returns the rays without a hit or without occlusion, for a wave and for a tenth of the rays singly.
 pub fn escaped<'a>(accel: &dyn Accel, rays: &'a [Ray]) -> Vec<&'a Ray> {
     let mut hits = vec![None; rays.len()];
     let mut occluded = vec![false; rays.len()];
@@ -54,7 +54,7 @@ pub fn escaped<'a>(accel: &dyn Accel, rays: &'a [Ray]) -> Vec<&'a Ray> {
     (0..rays.len()).filter(escapes).map(|i| &rays[i]).collect()
 }
 
-/// Whether the ray passes a vertex of the mesh within a few roundings of the largest coordinate.
+/// Returns whether the ray passes a vertex of the mesh within a few roundings of the largest coordinate.
 pub fn passes_a_vertex(mesh: &Mesh, ray: &Ray) -> bool {
     let (o, d) = (ray.o.as_dvec3(), ray.d.as_dvec3().normalize());
     mesh.positions.iter().any(|p| {
@@ -90,7 +90,7 @@ fn no_ray_escapes_from_a_closed_mesh_through_vertices_or_edges() {
     assert!(through_vertices <= EMBREE_VERTEX_ESCAPES, "{through_vertices} rays escape through vertices");
 }
 
-/// An instance's rays are transformed once, so the group's mesh is as closed as in the world; its box is not too small.
+/// The rays of an instance are transformed once, so its mesh is closed, too. Its bounding box is large enough.
 #[test]
 fn no_ray_escapes_from_an_instance_of_a_closed_mesh() {
     let near = DVec3::new(0.5, -2.0, 1.0);

@@ -1,4 +1,4 @@
-//! Rendering a scene by all estimators that claim it, and comparing the pictures.
+//! Rendering of a scene by all estimators that support it, and comparison of the images.
 
 use crate::node::Node;
 use buffon::accel::AccelKind;
@@ -11,38 +11,38 @@ use buffon::session::{Choices, SceneChoices, SceneFile};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The probability that a right pair is rendered again with more samples.
+/// The probability that a correct pair is rendered again with more samples.
 const SUSPICIOUS: f64 = 1e-3;
-/// How many times as many samples the second look and the third have.
+/// The number of samples of each look, as a multiple of the first.
 pub const LOOKS: [u64; 3] = [1, 8, 64];
-/// What the sum of a block may be off without a word, relative to the mean of the picture.
+/// Largest ignored difference of the mean of a block, relative to the mean of the image.
 const TRIFLE: f64 = 2e-3;
-/// How far estimators that are biased by design may be off, in the mean of the picture.
+/// Largest accepted difference of the mean of the image for biased estimators, relative.
 const BIAS: f64 = 0.1;
 
-/// An estimator of the picture that paths give.
+/// An estimator of the same image as `path`.
 #[derive(Clone, Copy, Debug)]
 pub struct Estimator {
     pub integrator: &'static str,
     pub accel: AccelKind,
-    /// Samples at the first look.
+    /// Number of samples of the first look.
     samples: u64,
-    /// Compared by its mean only.
+    /// Whether the estimator is biased by design. If so, only the mean is compared.
     biased: bool,
-    /// Whether the paths of a scene's light are as good as those of `path`.
+    /// Whether the estimator finds all light paths that `path` finds in a scene.
     reaches: fn(&Features) -> bool,
-    /// The only depth it has.
+    /// The only supported `max_depth`, if there is one.
     depth: Option<&'static str>,
-    /// One scene of so many is rendered.
+    /// One of this many scenes is rendered.
     every: u64,
 }
 
-/// What in a scene decides which paths an estimator can find.
+/// Features of a scene that limit which paths an estimator can find.
 #[derive(Clone, Copy, Debug)]
 pub struct Features {
-    /// Something scatters into single directions.
+    /// Whether a material has a Dirac delta.
     deltas: bool,
-    /// Some light has no area, or a single direction.
+    /// Whether an emitter has no area, or a single direction.
     delta_lights: bool,
 }
 
@@ -56,7 +56,7 @@ impl Features {
                 && node.children.iter().any(|child| child.attribute("name") == Some("ext_ior"))
         };
         let specular = ["conductor", "dielectric", "thindielectric", "plastic", "principledthin"];
-        // Connections pass holes, but for those of what emits, which is met everywhere.
+        // Connections pass through holes, except those of emitters, whose whole surface is hit.
         let emits_with_holes = |node: &Node| {
             node.tag == "shape"
                 && node.children.iter().any(|child| child.tag == "emitter")
@@ -82,7 +82,7 @@ fn always(_: &Features) -> bool {
     true
 }
 
-/// All estimators; the first one is what the others are held against.
+/// Returns all estimators. The first one is the reference.
 pub fn estimators() -> Vec<Estimator> {
     let native = AccelKind::default();
     let of = |integrator, samples| Estimator {
@@ -109,16 +109,16 @@ pub fn estimators() -> Vec<Estimator> {
     all
 }
 
-/// A difference that is no chance.
+/// A significant difference.
 #[derive(Clone, Debug)]
 pub struct Finding {
     pub estimator: String,
     pub sentence: String,
-    /// At how many times the samples of the first look.
+    /// The look at which it was found, as a multiple of the samples of the first.
     pub seen: u64,
 }
 
-/// What was compared, by estimator; and what was refused, with the sentence.
+/// The number of comparisons by estimator, and of refused scenes by estimator and error.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
     pub compared: BTreeMap<String, u64>,
@@ -133,7 +133,7 @@ impl Tally {
     }
 }
 
-/// The integrator's element.
+/// Returns the integrator's element.
 pub fn integrator(estimator: &Estimator, settings: &[Node], look: u64) -> Node {
     let mut node = Node::plugin("integrator", estimator.integrator);
     if estimator.integrator == "irrcache" {
@@ -149,7 +149,7 @@ pub fn integrator(estimator: &Estimator, settings: &[Node], look: u64) -> Node {
     match estimator.integrator {
         "distribution" => node.add(Node::value("integer", "bsdf_samples", 2)),
         "sppm" => {
-            // More photons on smaller disks, the less they blur.
+            // Later looks use more photons and smaller disks, and so have less bias.
             let shrink = (look as f64).powf(-0.25);
             node.add(Node::value("integer", "photon_count", 2000)).add(Node::value(
                 "float",
@@ -166,12 +166,12 @@ pub fn integrator(estimator: &Estimator, settings: &[Node], look: u64) -> Node {
     }
 }
 
-/// Compares estimators of scenes in a folder, which has the files that scenes name.
+/// Compares estimators of scenes. The folder contains the files that scenes refer to.
 pub struct Comparer<'a> {
     pub folder: &'a Path,
-    /// How many comparisons there are in the whole run, at most.
+    /// Upper bound on the number of comparisons in the whole run.
     pub comparisons: u64,
-    /// The probability that any right pair of the run is called a finding.
+    /// The probability that a run with only correct pairs has any finding.
     pub significance: f64,
 }
 
@@ -192,8 +192,8 @@ impl Comparer<'_> {
         Ok(session.image(&plan, &rendered))
     }
 
-    /// The first look at all estimators of a scene, and as many looks as it takes at those that differ. An error is
-    /// that of the scene as `path` sees it.
+    /// Compares all estimators of a scene at the first look, and at further looks while they differ. Returns an error
+    /// if `path` cannot render the scene.
     pub fn compare(
         &self,
         scene: &Node,
@@ -252,7 +252,7 @@ impl Comparer<'_> {
         Ok(findings)
     }
 
-    /// What tells two pictures apart, if anything does.
+    /// Returns a description of the difference of two images, if there is one.
     fn difference(
         &self,
         estimator: &Estimator,
@@ -283,8 +283,8 @@ impl Comparer<'_> {
     }
 }
 
-/// The image, but for blocks that differ by next to nothing, which are those of the reference: of light so rare that
-/// one picture has not met it nobody knows the variance.
+/// Returns the image with every block of negligible difference replaced by that of the reference. If light is so rare
+/// that one image has none of it, its variance is unknown.
 fn without_trifles(image: &Image, reference: &Image) -> Image {
     let mut result = image.clone();
     let place = |image: &Image, name| image.channels.iter().position(|c| c == name);

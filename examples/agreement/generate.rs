@@ -3,10 +3,10 @@
 use crate::node::Node;
 use buffon::sampling::hash::{combine, mix};
 
-/// Random numbers, the same for a seed wherever the program runs.
+/// A random generator. A seed gives the same numbers on every machine.
 pub struct Random {
     state: u32,
-    /// Whether no material scatters into single directions, so that light paths find all light.
+    /// Whether no material has a Dirac delta, so that light paths find all light.
     smooth: bool,
 }
 
@@ -29,7 +29,7 @@ impl Random {
         self.below(100) < percent
     }
 
-    /// A number of three decimals.
+    /// Returns a number with three decimals.
     fn between(&mut self, low: f64, high: f64) -> f64 {
         let u = f64::from(self.next()) / 2f64.powi(32);
         ((low + (high - low) * u) * 1000.0).round() / 1000.0
@@ -44,14 +44,14 @@ impl Random {
     }
 }
 
-/// The files that scenes use, beside them: a mesh with smooth normals, and an image.
+/// The mesh with smooth normals that scenes refer to.
 pub const MESH: &str = "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n\
     vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nvt 0.5 0.3\nvt 0.3 0.6\n\
     vn 1 0 0\nvn -1 0 0\nvn 0 1 0\nvn 0 -1 0\nvn 0 0 1\nvn 0 0 -1\n\
     f 1/1/1 3/3/3 5/5/5\nf 3/3/3 2/2/2 5/5/5\nf 2/2/2 4/4/4 5/5/5\nf 4/4/4 1/1/1 5/5/5\n\
     f 3/3/3 1/1/1 6/6/6\nf 2/2/2 3/3/3 6/6/6\nf 4/4/4 2/2/2 6/6/6\nf 1/1/1 4/4/4 6/6/6\n";
 
-/// A scene without its integrator.
+/// Returns a scene without its integrator.
 pub fn scene(random: &mut Random) -> Node {
     let moves = random.chance(10);
     let mut scene = Node::new("scene").with("version", "3.0.0").add(sensor(random, moves));
@@ -70,7 +70,7 @@ pub fn scene(random: &mut Random) -> Node {
         let group = Node::plugin("shape", "shapegroup").with("id", "group");
         let group = (0..1 + random.below(2)).fold(group, |group, _| {
             let body = body(random);
-            // Surfaces that are in one place show now one, now the other.
+            // Every member has its own transformation, because coincident surfaces are hit in an arbitrary order.
             let even = is_even(&body);
             group.add(body.add(transform(random, even).named("to_world")))
         });
@@ -135,7 +135,7 @@ fn scale(value: &str) -> Node {
     Node::new("scale").with("value", value)
 }
 
-/// Where a shape is: turned, scaled by a factor for each axis, mirrored now and then.
+/// Returns a random rotation, translation and scale, different for each axis unless `even`, and sometimes a reflection.
 fn transform(random: &mut Random, even: bool) -> Node {
     let sign = if random.chance(20) { -1.0 } else { 1.0 };
     let size = random.between(0.3, 0.9);
@@ -162,7 +162,7 @@ fn place(random: &mut Random, moves: bool) -> Node {
     Node::new("animation").named("to_world").add(place.with("time", "0")).add(end.with("time", "1"))
 }
 
-/// A shape without its place.
+/// Returns a shape without its transformation.
 fn body(random: &mut Random) -> Node {
     let kind = random.pick(&["rectangle", "sphere", "disk", "cube", "cylinder", "obj"]);
     let mut shape = Node::plugin("shape", kind);
@@ -196,7 +196,7 @@ fn shape(random: &mut Random, moves: bool) -> Node {
     shape
 }
 
-/// A lamp of some size above.
+/// Returns an area emitter above the scene.
 fn lamp(random: &mut Random) -> Node {
     let kind = random.pick(&["rectangle", "disk", "obj", "sphere", "cube"]);
     let (turned, size) = (random.between(60.0, 120.0), random.between(0.4, 0.9));
@@ -218,7 +218,7 @@ fn lamp(random: &mut Random) -> Node {
         })
 }
 
-/// An emitter that is no shape.
+/// Returns an emitter without a shape.
 fn light(random: &mut Random) -> Node {
     let at =
         format!("{},{},{}", random.between(-2.0, 2.0), random.between(2.0, 3.0), random.between(0.0, 3.0));
@@ -250,7 +250,7 @@ fn light(random: &mut Random) -> Node {
     }
 }
 
-/// A colour: of one kind everywhere, or a texture.
+/// Returns a colour: a constant or a texture.
 fn color(random: &mut Random, name: &str, low: f64, high: f64) -> Node {
     let scaled = |random: &mut Random, node: Node| {
         node.add(
@@ -277,7 +277,7 @@ fn color(random: &mut Random, name: &str, low: f64, high: f64) -> Node {
     }
 }
 
-/// A number in [0, 1], or a texture.
+/// Returns a number in [0, 1], or a texture.
 fn share(random: &mut Random, name: &str) -> Node {
     if random.chance(30) {
         Node::plugin("texture", "checkerboard")
@@ -297,7 +297,7 @@ fn ior(random: &mut Random, node: Node) -> Node {
     }
 }
 
-/// A material in so many wrappers at most; what is to be made two-sided lets no light pass.
+/// Returns a material inside at most `depth` others. An `opaque` one transmits no light, as a two-sided one requires.
 fn bsdf(random: &mut Random, depth: usize, opaque: bool) -> Node {
     if depth == 0 {
         return leaf(random, opaque);
@@ -406,7 +406,7 @@ fn leaf(random: &mut Random, opaque: bool) -> Node {
     }
 }
 
-/// How long paths are, and whether the camera sees emitters.
+/// Returns the depth settings and whether emitters are visible to the camera.
 pub fn settings(random: &mut Random) -> Vec<Node> {
     let depth = random.pick(&[2, 3, 3, 5, 8]);
     let depth = Node::value("integer", "max_depth", depth);

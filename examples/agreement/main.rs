@@ -1,13 +1,13 @@
-//! Random scenes on which all estimators must agree: `cargo run --release --example agreement -- 300`.
+//! Renders random scenes on which all estimators must agree: `cargo run --release --example agreement -- 300`.
 //!
-//! Makes so many scenes and renders each by every integrator that claims it, on every traversal. A picture that
-//! differs from that of `path` is rendered again with 8 and then 64 times the samples; what differs still is a
-//! finding. The probability that a run of right pictures has any is `--significance` (0.01), divided among its
-//! comparisons; estimators that are biased by design are compared by the means of their pictures, to 10 %. Of each
-//! finding the scene is made simpler as long as the pictures differ, and written.
+//! Generates this many scenes and renders each with every integrator that supports it, on every traversal. An image
+//! that differs from that of `path` is rendered again with 8 and then 64 times as many samples. A difference that
+//! remains is a finding. The probability that a run of correct images has any is `--significance` (0.01), divided by
+//! the number of comparisons. Estimators that are biased by design are compared by the means of their images, to 10 %.
+//! The scene of each finding is simplified as long as the images differ, and written.
 //!
 //! Options: `--seed N`, `--first N` (the number of the first scene), `--threads N`, `--out FOLDER` (for findings),
-//! `--oracle FOLDER` (write all scenes, without rendering them, for another renderer to be asked), `--significance P`.
+//! `--oracle FOLDER` (write all scenes for another renderer, without rendering them), `--significance P`.
 
 mod compare;
 mod generate;
@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// How many simpler scenes are tried for a finding.
+/// The maximum number of simpler scenes that are rendered for a finding.
 const TRIES: usize = 300;
 
 struct Options {
@@ -100,14 +100,14 @@ fn options() -> Result<Options, Failure> {
     Ok(options)
 }
 
-/// The scene of a number, and the settings of its integrators.
+/// Returns the scene with a number, and the settings of its integrators.
 fn scene(options: &Options, number: u64) -> (Node, Vec<Node>) {
     let mut random = Random::new(options.seed, number);
     let settings = generate::settings(&mut random);
     (generate::scene(&mut random), settings)
 }
 
-/// The files that scenes name.
+/// Writes the files that scenes refer to.
 fn write_assets(folder: &Path) -> std::io::Result<()> {
     std::fs::write(folder.join("octahedron.obj"), generate::MESH)?;
     let sky = image::RgbImage::from_fn(16, 8, |x, y| {
@@ -128,7 +128,7 @@ fn write_all(folder: &Path, options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Compares the estimators of a scene and writes what it finds; returns how much that is.
+/// Compares the estimators of a scene, writes the findings and returns their number.
 fn look_at(number: u64, folder: &Path, options: &Options, sums: &Mutex<Tally>) -> std::io::Result<u64> {
     let comparisons = options.scenes * estimators().len() as u64;
     let comparer = Comparer { folder, comparisons, significance: options.significance };
@@ -157,7 +157,7 @@ fn look_at(number: u64, folder: &Path, options: &Options, sums: &Mutex<Tally>) -
     Ok(findings.len() as u64)
 }
 
-/// The simplest scene in which an estimator still differs, and how.
+/// Returns the simplest scene in which an estimator still differs, and the difference.
 fn simplest(
     comparer: &Comparer<'_>,
     mut scene: Node,
@@ -167,7 +167,7 @@ fn simplest(
 ) -> (Node, String) {
     let mut sentence = finding.sentence.clone();
     let mut unused = Tally::default();
-    // Few samples where they show the difference.
+    // The first look that shows the difference is used, because it has the fewest samples.
     let differs = |scene: &Node, look: u64, unused: &mut Tally| {
         let only = Some((finding.estimator.as_str(), &[look][..]));
         comparer.compare(scene, settings, number, only, unused).ok().and_then(|mut found| found.pop())

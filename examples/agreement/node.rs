@@ -1,4 +1,4 @@
-//! Elements of a scene file, to be made, taken apart and written.
+//! Elements of a scene file.
 
 use std::fmt::Write;
 
@@ -15,12 +15,12 @@ impl Node {
         Node { tag, attributes: Vec::new(), children: Vec::new() }
     }
 
-    /// An object of a plugin.
+    /// Creates an object of a plugin.
     pub fn plugin(tag: &'static str, plugin: impl Into<String>) -> Self {
         Node::new(tag).with("type", plugin)
     }
 
-    /// A value with a name.
+    /// Creates a named value.
     pub fn value(tag: &'static str, name: &str, value: impl std::fmt::Display) -> Self {
         Node::new(tag).with("name", name).with("value", value.to_string())
     }
@@ -47,12 +47,12 @@ impl Node {
         self.attributes.iter().find(|(key, _)| *key == name).map(|(_, value)| value.as_str())
     }
 
-    /// Whether this or anything in it is so.
+    /// Returns whether the condition is true for this element or one inside it.
     pub fn any(&self, condition: &impl Fn(&Node) -> bool) -> bool {
         condition(self) || self.children.iter().any(|child| child.any(condition))
     }
 
-    /// The scene with an integrator, as a file.
+    /// Returns the text of a scene file with an integrator.
     pub fn scene(&self, integrator: &Node) -> String {
         let mut text = String::new();
         let mut scene = self.clone();
@@ -75,8 +75,8 @@ impl Node {
         let _ = writeln!(text, "{:level$}</{}>", "", self.tag, level = 2 * level);
     }
 
-    /// All elements that are simpler by one step: without a part, or with a part instead of what is around it. The
-    /// simplest come first.
+    /// Returns all elements that are simpler by one step, the simplest first: with a child removed, or with a child
+    /// replaced by a part of it.
     pub fn simpler(&self) -> Vec<Node> {
         let mut all = Vec::new();
         for i in 0..self.children.len() {

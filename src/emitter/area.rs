@@ -54,7 +54,7 @@ pub(super) struct RectangleSurface {
     pub normal: Vec3,
     /// Bound on the distance of a sampled point from the surface.
     pub error: f32,
-    /// PointDensity per unit area of uniform sampling.
+    /// Density per unit area of uniform sampling.
     pub inverse_area: f32,
 }
 

@@ -38,7 +38,7 @@ pub struct EnvMapSample {
     pub wi: Vec3,
     /// Radiance from that direction.
     pub radiance: Rgb,
-    /// PointDensity per unit solid angle.
+    /// Density per unit solid angle.
     pub pdf: f32,
 }
 

@@ -122,7 +122,7 @@ pub struct EmitterSample {
     pub target: ShadowTarget,
     /// Incident radiance; for a delta light it is integrated over the solid angle.
     pub radiance: Rgb,
-    /// PointDensity per unit solid angle; 1 for a delta light.
+    /// Density per unit solid angle; 1 for a delta light.
     pub pdf: f32,
     /// Whether no other technique can sample this light.
     pub delta: bool,

@@ -1,4 +1,4 @@
-//! Shading normals that a texture bends: what `bumpmap` and `normalmap` share.
+//! Perturbed normals: the common part of `bumpmap` and `normalmap`.
 
 use super::{Context, MaterialPoint, Sampling, Scattering, Source};
 use crate::bsdf::{Bsdf, Tilted};
@@ -6,12 +6,12 @@ use crate::error::Result;
 use crate::ids::MaterialId;
 use crate::math::{Frame, Vec3};
 
-/// How bent normals are used.
+/// Options for perturbed normals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Bending {
-    /// Whether a normal that looks away from the viewer is mirrored to look at him. [Schüßler 2017]
+    /// Whether a normal that points away from the viewer is mirrored to point to the viewer. [Schüßler 2017]
     pub flip_invalid: bool,
-    /// Whether the terminator is softened. [Estevez 2019]
+    /// Whether the shadow terminator is softened. [Estevez 2019]
     pub soften: bool,
 }
 
@@ -23,12 +23,12 @@ impl Bending {
         })
     }
 
-    /// Light paths try both normals, and choose between them.
+    /// Returns the sampling around `inner`. Light paths choose between the normal and its mirror image.
     pub(super) fn sampling(&self, inner: Sampling) -> Sampling {
         Sampling { chooses_lobe: inner.chooses_lobe || self.flip_invalid, ..inner }
     }
 
-    /// The inner material around the local normal `n`, which need not be of unit length.
+    /// Returns the inner material in the frame of the local normal `n`, which need not have unit length.
     pub(super) fn tilted<'a>(&self, context: &Context<'a>, n: Vec3, inner: MaterialId) -> Scattering<'a> {
         let Context { at, arena, .. } = *context;
         let mirrored = Vec3::new(-n.x, -n.y, n.z);

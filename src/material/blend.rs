@@ -1,4 +1,4 @@
-//! `blendbsdf`: two materials in parts.
+//! `blendbsdf`: a weighted sum of two materials.
 
 use super::{Context, Input, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::bsdf::{self, Bsdf};
@@ -6,12 +6,12 @@ use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
 use crate::texture::TexturePoint;
 
-/// Two materials in parts.
+/// A weighted sum of two materials.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Blend {
-    /// The share of the second, in [0, 1].
+    /// The weight of the second material, in [0, 1].
     pub weight: Input<f32>,
-    /// The two.
+    /// The two materials.
     pub inner: [MaterialId; 2],
 }
 

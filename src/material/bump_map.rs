@@ -1,4 +1,4 @@
-//! `bumpmap`: a material whose normals are bent by a height field.
+//! `bumpmap`: a material with normals perturbed by a height field.
 
 use super::{Bending, Context, MaterialPoint, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::error::Result;
@@ -6,16 +6,16 @@ use crate::ids::{MaterialId, TextureId};
 use crate::math::{Vec2, Vec3};
 use crate::texture::TexturePoint;
 
-/// A material whose normals are bent by a height field.
+/// A material with normals perturbed by a height field.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct BumpMap {
-    /// The height.
+    /// The height field.
     pub height: TextureId,
     /// Factor on the height.
     pub scale: f32,
-    /// How the bent normals are used.
+    /// Options for the perturbed normals.
     pub bending: Bending,
-    /// What bends.
+    /// The material in the perturbed frame.
     pub inner: MaterialId,
 }
 
@@ -58,8 +58,8 @@ impl Plugin for BumpMap {
     }
 }
 
-/// The local normal of a surface that is raised by a height with the given derivatives by the texture coordinates.
-/// [Blinn 1978, without the derivative of the surface's own normal]
+/// Returns the local normal of a surface displaced by a height with the given derivatives with respect to the texture
+/// coordinates. [Blinn 1978, without the derivative of the surface's own normal]
 fn bumped_normal(at: &MaterialPoint<'_>, gradient: Vec2) -> Vec3 {
     let n = at.frame.n;
     let [du, dv] = [0, 1].map(|i| {

@@ -1,4 +1,4 @@
-//! Materials of a compiled scene: from a material and a surface point to a BSDF.
+//! Materials of a compiled scene, which turn a surface point into a BSDF.
 
 use super::{Input, Material, Prepared};
 use crate::bsdf::two_sided::mirrored;
@@ -14,22 +14,22 @@ use std::sync::Arc;
 /// A material of the compiled scene.
 #[derive(Clone)]
 pub struct SceneMaterial {
-    /// What the scene says of it; without the outermost [`Material::TwoSided`] of a single material.
+    /// The material of the description, without the outermost [`Material::TwoSided`] of a single material.
     material: Material,
     prepared: Prepared,
-    /// Its BSDF, where that is the same everywhere.
+    /// The BSDF, if it is constant over the surface.
     pub constant: Option<Bsdf<'static>>,
-    /// Whether the back scatters as the front does: surface points turn their frames to the ray then.
+    /// Whether the back scatters as the front does. If so, surface points turn their frames to the ray.
     pub two_sided: bool,
     /// Whether the tangents of the local frame matter.
     pub tangents: bool,
-    /// Whether light may pass as if there were no surface.
+    /// Whether light may pass through the surface without scattering.
     pub holes: bool,
-    /// How it is sampled. Holes are no lobes: see [`lobes_of`](Self::lobes_of).
+    /// The sampling of directions. Holes are not lobes here: see [`lobes_of`](Self::lobes_of).
     sampling: Sampling,
 }
 
-/// How directions are drawn.
+/// Properties of the sampling of directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sampling {
     /// The lobes.
@@ -44,42 +44,42 @@ pub struct Materials {
     textures: Vec<Arc<Texture>>,
 }
 
-/// A surface point as materials see it.
+/// A surface point as the input of a material.
 #[derive(Clone, Copy, Debug)]
 pub struct MaterialPoint<'a> {
-    /// For textures.
+    /// The point at which textures are evaluated.
     pub texture: TexturePoint<'a>,
     /// The shading frame.
     pub frame: Frame,
     /// Geometric normal.
     pub ng: Vec3,
-    /// Derivatives of the position by the texture coordinates.
+    /// Derivatives of the position with respect to the texture coordinates.
     pub dp_duv: [Vec3; 2],
-    /// Where the viewer is, in the shading frame; `None` where light is scattered to viewers yet unknown.
+    /// Direction to the viewer in the shading frame; `None` if it is not known yet, as for light paths.
     pub wo: Option<Vec3>,
 }
 
 impl MaterialPoint<'_> {
-    /// The point as the back's material sees it: the local frame is mirrored in the surface.
+    /// Returns the point for the material of the back, with the local frame mirrored in the surface.
     fn behind(&self) -> Self {
         MaterialPoint { wo: self.wo.map(mirrored), ..*self }
     }
 }
 
-/// What scatters at a point, and the share of the surface that is there.
+/// The BSDF and the opacity at a point.
 #[derive(Clone, Copy, Debug)]
 pub struct Scattering<'a> {
-    /// The BSDF of what is there.
+    /// The BSDF of the surface outside its holes.
     pub bsdf: Bsdf<'a>,
-    /// The share, in [0, 1]; the rest lets light pass.
+    /// Probability that a ray hits the surface, in [0, 1]. Other rays pass through.
     pub opacity: f32,
 }
 
 impl Materials {
-    /// Checks materials and prepares them.
+    /// Checks and prepares materials.
     ///
     /// # Errors
-    /// If an index is out of range, a material contains itself, or one inside a two-sided one transmits light.
+    /// If an index is out of range, a material contains itself, or a material inside a two-sided one transmits light.
     pub fn new(materials: Vec<Material>, textures: Vec<Arc<Texture>>) -> Result<Self> {
         check_references(&materials, textures.len())?;
         let mut list: Vec<SceneMaterial> = Vec::with_capacity(materials.len());
@@ -120,13 +120,13 @@ impl Materials {
         Ok(all)
     }
 
-    /// How a material is sampled.
+    /// Returns how a material is sampled.
     pub(super) fn sampling(&self, id: MaterialId) -> Sampling {
         let entry = self.get(id);
         entry.material.sampling(&entry.prepared, self)
     }
 
-    /// The BSDF of a material that is not made of others, if its inputs are all constant and it refers to nothing.
+    /// Returns the BSDF of a material without inner materials, if its inputs are constant and it borrows nothing.
     fn constant(&self, entry: &SceneMaterial) -> Option<Bsdf<'static>> {
         let SceneMaterial { material, prepared, .. } = entry;
         if !material.inner().is_empty() || !material.textures().is_empty() {
@@ -135,48 +135,48 @@ impl Materials {
         material.bsdf(prepared, &self.inputs(&TexturePoint::at(Vec2::ZERO))).owned()
     }
 
-    /// A material.
+    /// Returns a material.
     #[inline]
     pub fn get(&self, id: MaterialId) -> &SceneMaterial {
         &self.list[id.index()]
     }
 
-    /// How many there are.
+    /// Returns the number of materials.
     pub fn len(&self) -> usize {
         self.list.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no materials.
     pub fn is_empty(&self) -> bool {
         self.list.is_empty()
     }
 
-    /// All of them.
+    /// Returns all materials.
     pub fn iter(&self) -> impl Iterator<Item = &SceneMaterial> {
         self.list.iter()
     }
 
-    /// The textures.
+    /// Returns the textures.
     pub fn textures(&self) -> &[Arc<Texture>] {
         &self.textures
     }
 
-    /// A texture.
+    /// Returns a texture.
     pub(super) fn texture(&self, id: TextureId) -> &Texture {
         &self.textures[id.index()]
     }
 
-    /// The values of parameters at a point.
+    /// Returns an evaluator of parameters at a point.
     pub(super) fn inputs<'a>(&'a self, point: &'a TexturePoint<'a>) -> Inputs<'a> {
         Inputs { textures: &self.textures, point }
     }
 
-    /// The share of the surface that is there.
+    /// Returns the opacity of a material at a point.
     pub fn opacity(&self, id: MaterialId, point: &TexturePoint<'_>) -> f32 {
         self.get(id).material.opacity(self, point)
     }
 
-    /// What scatters at a point. What it is made of lives in the arena.
+    /// Returns the BSDF and opacity at a point. The arena holds inner BSDFs.
     pub fn scattering<'a>(
         &'a self,
         id: MaterialId,
@@ -186,30 +186,30 @@ impl Materials {
         Context { materials: self, at: *at, arena }.scattering(id)
     }
 
-    /// As [`Context::inner`], at a point.
+    /// Calls [`Context::inner`] for a point.
     pub fn inner<'a>(&'a self, id: MaterialId, at: &MaterialPoint<'a>, arena: &'a Bump) -> Scattering<'a> {
         Context { materials: self, at: *at, arena }.inner(id)
     }
 }
 
-/// A surface point, and the materials from which a BSDF is put together there.
+/// A surface point and the materials from which its BSDF is made.
 #[derive(Clone, Copy)]
 pub struct Context<'a> {
     /// All materials.
     pub materials: &'a Materials,
     /// The point.
     pub at: MaterialPoint<'a>,
-    /// Where BSDFs live that others refer to.
+    /// The arena of inner BSDFs.
     pub arena: &'a Bump,
 }
 
 impl<'a> Context<'a> {
-    /// The values of parameters here.
+    /// Returns an evaluator of parameters at this point.
     pub fn inputs(&self) -> Inputs<'_> {
         self.materials.inputs(&self.at.texture)
     }
 
-    /// What scatters of a material.
+    /// Returns the BSDF and opacity of a material.
     pub fn scattering(&self, id: MaterialId) -> Scattering<'a> {
         let entry = self.materials.get(id);
         match entry.constant {
@@ -218,8 +218,8 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// What scatters of a material inside another, or of light that goes to any viewer. Frames are turned to the ray
-    /// for the outermost material only, so one that is two-sided gets both of its sides here.
+    /// Returns the BSDF and opacity of a material inside another one, or for an unknown viewer. Only the outermost
+    /// material has its frame turned to the ray, so a two-sided material has both of its sides here.
     pub fn inner(&self, id: MaterialId) -> Scattering<'a> {
         if !self.materials.get(id).two_sided {
             return self.scattering(id);
@@ -227,8 +227,8 @@ impl<'a> Context<'a> {
         self.both_sides(|_, context| context.scattering(id).bsdf)
     }
 
-    /// What is made for the front (0) and for the back (1), each from the point as that side sees it. Of a viewer who
-    /// is known only the side is made that he sees.
+    /// Makes the BSDFs of the front (0) and the back (1), each with the point in the local frame of that side. If the
+    /// viewer is known, only the visible side is made.
     pub(super) fn both_sides(&self, make: impl Fn(usize, &Self) -> Bsdf<'a>) -> Scattering<'a> {
         let side = |side: usize| -> &'a Bsdf<'a> {
             let at = if side == 0 { self.at } else { self.at.behind() };
@@ -242,7 +242,7 @@ impl<'a> Context<'a> {
     }
 }
 
-/// The values of parameters at a surface point.
+/// An evaluator of parameters at a surface point.
 #[derive(Clone, Copy)]
 pub struct Inputs<'a> {
     textures: &'a [Arc<Texture>],
@@ -250,7 +250,7 @@ pub struct Inputs<'a> {
 }
 
 impl Inputs<'_> {
-    /// The value of a colour.
+    /// Returns the value of a colour.
     pub fn color(&self, input: &Input<Rgb>) -> Rgb {
         match input {
             Input::Constant(value) => *value,
@@ -258,7 +258,7 @@ impl Inputs<'_> {
         }
     }
 
-    /// The value of a number.
+    /// Returns the value of a number.
     pub fn number(&self, input: &Input<f32>) -> f32 {
         match input {
             Input::Constant(value) => *value,
@@ -266,43 +266,43 @@ impl Inputs<'_> {
         }
     }
 
-    /// The value of a number in [0, 1]: textures may overshoot.
+    /// Returns the value of a number in [0, 1], clamped because texture values may lie outside.
     pub fn share(&self, input: &Input<f32>) -> f32 {
         self.number(input).clamp(0.0, 1.0)
     }
 }
 
 impl SceneMaterial {
-    /// Its lobes on a surface that emits light or does not. Holes in what emits are deltas, for rays
-    /// meet all of it; holes elsewhere are not met.
+    /// Returns the lobes on a surface that emits light or does not. A hole in an emitter is a Dirac delta, because rays
+    /// hit the whole surface of an emitter. Rays do not hit a hole in another surface.
     pub fn lobes_of(&self, emits: bool) -> Lobes {
         if emits && self.holes { self.sampling.lobes.and(Lobes::deltas(1)) } else { self.sampling.lobes }
     }
 
-    /// Whether sampling chooses among lobes on a surface that emits light or does not.
+    /// Returns whether sampling chooses among lobes on a surface that emits light or does not.
     pub fn chooses_lobe(&self, emits: bool) -> bool {
         self.sampling.chooses_lobe || (emits && self.holes)
     }
 
-    /// Whether there is nothing anywhere.
+    /// Returns whether the material is [`Material::Null`].
     pub fn is_absent(&self) -> bool {
         matches!(self.material, Material::Null(_))
     }
 
-    /// The name of its kind in the scene language.
+    /// Returns the name of the plugin in the scene language.
     pub fn kind(&self) -> &'static str {
         self.material.kind()
     }
 }
 
-/// Whether something holds for a material or one that it is made of.
+/// Returns whether `f` is true for a material or one of its inner materials.
 fn is_made_of(all: &[Material], material: &Material, f: fn(&Material) -> bool) -> bool {
     f(material) || material.inner().iter().any(|id| is_made_of(all, &all[id.index()], f))
 }
 
-/// Refuses indices that do not exist, and materials that contain themselves.
+/// Checks that all indices exist and that no material contains itself.
 fn check_references(materials: &[Material], textures: usize) -> Result<()> {
-    // A material's depth is known once that of those inside it is.
+    // The depth of a material is known if the depths of its inner materials are.
     let mut known = vec![false; materials.len()];
     loop {
         let mut progress = false;

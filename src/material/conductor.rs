@@ -8,7 +8,7 @@ use crate::ids::TextureId;
 /// A smooth conductor.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Conductor {
-    /// Its optical constants.
+    /// Optical constants.
     pub metal: Metal,
 }
 

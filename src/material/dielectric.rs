@@ -12,7 +12,7 @@ use crate::ids::TextureId;
 pub struct Dielectric {
     /// The boundary.
     pub interface: Interface,
-    /// A factor on the transmission, 1 in nature.
+    /// A factor on the transmission; 1 is physical.
     pub specular_transmittance: Input<Rgb>,
 }
 

@@ -9,7 +9,7 @@ use crate::ids::TextureId;
 /// Ideal Lambertian reflection.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Diffuse {
-    /// Share of the light that is reflected, in [0, 1].
+    /// Reflected fraction of the light, in [0, 1].
     pub reflectance: Input<Rgb>,
 }
 

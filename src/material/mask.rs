@@ -1,16 +1,16 @@
-//! `mask`: a part of the surface is not there.
+//! `mask`: a material with an opacity.
 
 use super::{Context, Input, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
 use crate::texture::TexturePoint;
 
-/// A material of which a part is not there.
+/// A material with an opacity.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Mask {
-    /// The share that is there, in [0, 1].
+    /// Probability that a ray hits the surface, in [0, 1].
     pub opacity: Input<f32>,
-    /// What that is made of.
+    /// The material of the surface outside its holes.
     pub inner: MaterialId,
 }
 

@@ -1,7 +1,7 @@
-//! Materials: what a surface is made of, one plugin of the scene language per file.
+//! Materials: the scattering of surfaces, with one file per plugin of the scene language.
 //!
-//! A plugin's file has its parameters and their defaults ([`Plugin::read`]), the textures and materials that it
-//! refers to, and the BSDF that it makes of them at a surface point. The table at the end of this file names the
+//! The file of a plugin has its parameters with their defaults ([`Plugin::read`]), the textures and materials that it
+//! refers to, and the BSDF that it makes of them at a surface point. The table at the end of this file lists the
 //! plugins.
 
 mod bending;
@@ -54,12 +54,12 @@ use crate::math::Vec2;
 use crate::texture::TexturePoint;
 use std::sync::Arc;
 
-/// A parameter that is the same everywhere, or read from a texture.
+/// A parameter: a constant or a texture.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub enum Input<T> {
-    /// The same everywhere.
+    /// A constant.
     Constant(T),
-    /// The texture's value at the point: its colour, or the luminance where a number is wanted.
+    /// The value of a texture at the point: its colour, or its luminance if the parameter is a number.
     Texture(TextureId),
 }
 
@@ -70,7 +70,7 @@ impl<T> From<T> for Input<T> {
 }
 
 impl<T: Copy> Input<T> {
-    /// The value, if it is the same everywhere.
+    /// Returns the value, if it is constant.
     pub fn constant(&self) -> Option<T> {
         match self {
             Input::Constant(value) => Some(*value),
@@ -78,7 +78,7 @@ impl<T: Copy> Input<T> {
         }
     }
 
-    /// The texture, if there is one.
+    /// Returns the texture, if there is one.
     pub fn texture(&self) -> Option<TextureId> {
         match self {
             Input::Constant(_) => None,
@@ -87,29 +87,29 @@ impl<T: Copy> Input<T> {
     }
 }
 
-/// What a plugin computes once, when the scene is compiled.
+/// Values that a plugin computes once, when the scene is compiled.
 #[derive(Clone, Debug, Default)]
 pub struct Prepared {
-    /// Share of diffuse light that a smooth coat reflects back inside.
+    /// Fraction of diffuse light that a smooth coat reflects back inside.
     pub fdr_int: f32,
-    /// What a rough coat lets pass.
+    /// Transmittance of a rough coat.
     pub rough: Option<Arc<RoughTransmittance>>,
 }
 
-/// A material of the scene language. Plugins that scatter by themselves implement [`bsdf`](Self::bsdf); those that
-/// are made of other materials implement [`inner`](Self::inner), [`sampling`](Self::sampling) and
+/// A material of the scene language. A plugin with a BSDF of its own implements [`bsdf`](Self::bsdf). A plugin made of
+/// other materials implements [`inner`](Self::inner), [`sampling`](Self::sampling) and
 /// [`scattering`](Self::scattering).
 pub trait Plugin: Sized {
-    /// Its name in the scene language.
+    /// The name in the scene language.
     const NAME: &'static str;
 
-    /// Reads its parameters.
+    /// Reads the parameters.
     ///
     /// # Errors
     /// If a parameter has another type, is out of range or missing.
     fn read(source: &mut dyn Source) -> Result<Self>;
 
-    /// Returns the textures that it reads, by its own parameters.
+    /// Returns the textures of its own parameters.
     fn textures(&self) -> Vec<TextureId> {
         Vec::new()
     }
@@ -119,45 +119,44 @@ pub trait Plugin: Sized {
         &[]
     }
 
-    /// Returns whether light may pass through it, by itself (not by what it is made of).
+    /// Returns whether light may pass through it, without regard to its inner materials.
     fn transmits(&self) -> bool {
         false
     }
 
-    /// Returns whether the tangents of the shading frame matter: for lobes that are stretched and normals that are
-    /// bent.
+    /// Returns whether the tangents of the shading frame matter, as for anisotropic lobes and perturbed normals.
     fn has_tangents(&self) -> bool {
         false
     }
 
-    /// Returns whether light may pass as if there were no surface.
+    /// Returns whether light may pass through the surface without scattering.
     fn has_holes(&self) -> bool {
         false
     }
 
-    /// Computes what is the same at all points.
+    /// Computes the values that are the same at all points.
     fn prepare(&self) -> Prepared {
         Prepared::default()
     }
 
-    /// Returns the share of the surface that is there.
+    /// Returns the opacity of the surface at a point.
     fn opacity(&self, _materials: &Materials, _point: &TexturePoint<'_>) -> f32 {
         1.0
     }
 
-    /// Returns the lobes, which no texture changes, and whether sampling chooses among them.
+    /// Returns the lobes, which do not depend on textures, and whether sampling chooses among them.
     fn sampling(&self, prepared: &Prepared, materials: &Materials) -> Sampling {
         let point = TexturePoint::at(Vec2::ZERO);
         let bsdf = self.bsdf(prepared, &materials.inputs(&point));
         Sampling { lobes: bsdf.lobes(), chooses_lobe: bsdf.chooses_lobe() }
     }
 
-    /// Returns the BSDF of a material that is not made of others.
+    /// Returns the BSDF of a material without inner materials.
     fn bsdf<'a>(&'a self, _prepared: &'a Prepared, _inputs: &Inputs<'_>) -> Bsdf<'a> {
         Bsdf::Null
     }
 
-    /// Returns what scatters at a point. What it refers to lives in the arena.
+    /// Returns the BSDF and opacity at a point. The arena holds inner BSDFs.
     fn scattering<'a>(&'a self, prepared: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
         Scattering { bsdf: self.bsdf(prepared, &context.inputs()), opacity: 1.0 }
     }
@@ -166,7 +165,7 @@ pub trait Plugin: Sized {
 /// Declares [`Material`] from the table of plugins.
 macro_rules! plugins {
     ($($(#[$meta:meta])* $name:ident($plugin:ty),)*) => {
-        /// A material, as a scene names it.
+        /// A material of the description.
         #[derive(Clone, Debug, PartialEq, serde::Serialize)]
         pub enum Material {
             $($(#[$meta])* $name($plugin),)*
@@ -182,10 +181,10 @@ macro_rules! plugins {
             /// The names of all plugins.
             pub const NAMES: &[&str] = &[$(<$plugin>::NAME),*];
 
-            /// Reads the parameters of a plugin; `None` if there is none of the name.
+            /// Reads the parameters of a plugin. Returns `None` if no plugin has the name.
             ///
             /// # Errors
-            /// As for [`Plugin::read`].
+            /// The errors of [`Plugin::read`].
             pub fn read(name: &str, source: &mut dyn Source) -> Result<Option<Self>> {
                 Ok(match name {
                     $(<$plugin>::NAME => Some(Material::$name(<$plugin>::read(source)?)),)*
@@ -193,22 +192,22 @@ macro_rules! plugins {
                 })
             }
 
-            /// The name of its kind in the scene language.
+            /// Returns the name of the plugin in the scene language.
             pub fn kind(&self) -> &'static str {
                 match self { $(Material::$name(_) => <$plugin>::NAME,)* }
             }
 
-            /// As [`Plugin::textures`].
+            /// Calls [`Plugin::textures`].
             pub fn textures(&self) -> Vec<TextureId> {
                 match self { $(Material::$name(plugin) => plugin.textures(),)* }
             }
 
-            /// As [`Plugin::inner`].
+            /// Calls [`Plugin::inner`].
             pub fn inner(&self) -> &[MaterialId] {
                 match self { $(Material::$name(plugin) => plugin.inner(),)* }
             }
 
-            /// As [`Plugin::transmits`].
+            /// Calls [`Plugin::transmits`].
             pub fn transmits(&self) -> bool {
                 match self { $(Material::$name(plugin) => plugin.transmits(),)* }
             }
@@ -245,9 +244,9 @@ macro_rules! plugins {
 }
 
 plugins! {
-    /// Two materials in parts.
+    /// A weighted sum of two materials.
     Blend(Blend),
-    /// Normals bent by a height field.
+    /// Normals perturbed by a height field.
     BumpMap(BumpMap),
     /// A smooth conductor.
     Conductor(Conductor),
@@ -255,26 +254,26 @@ plugins! {
     Dielectric(Dielectric),
     /// Ideal Lambertian reflection.
     Diffuse(Diffuse),
-    /// A part of the surface is not there.
+    /// A material with an opacity.
     Mask(Mask),
-    /// Normals given by a texture.
+    /// Normals from a texture.
     NormalMap(NormalMap),
-    /// Nothing: light passes.
+    /// No surface: light passes.
     Null(Null),
     /// A diffuse base under a smooth dielectric coat.
     Plastic(Plastic),
     /// The principled model.
     Principled(Box<Principled>),
-    /// The principled model for sheets without thickness.
+    /// The principled model for thin surfaces.
     PrincipledThin(Box<PrincipledThin>),
-    /// A conductor of microfacets.
+    /// A conductor with microfacets.
     RoughConductor(RoughConductor),
-    /// A boundary of microfacets between two dielectrics.
+    /// A boundary with microfacets between two dielectrics.
     RoughDielectric(RoughDielectric),
     /// A diffuse base under a rough dielectric coat.
     RoughPlastic(RoughPlastic),
-    /// A pane of a dielectric without thickness.
+    /// A thin pane of a dielectric.
     ThinDielectric(ThinDielectric),
-    /// One-sided materials on front and back.
+    /// One-sided materials on the front and on the back.
     TwoSided(TwoSided),
 }

@@ -1,4 +1,4 @@
-//! `normalmap`: a material whose normals are given by a texture.
+//! `normalmap`: a material with normals from a texture.
 
 use super::{Bending, Context, Input, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::color::spectrum::Quantity;
@@ -7,14 +7,14 @@ use crate::ids::{MaterialId, TextureId};
 use crate::math::Vec3;
 use crate::texture::TexturePoint;
 
-/// A material whose normals are given by a texture.
+/// A material with normals from a texture.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NormalMap {
     /// The local normals n as colours (n + 1) / 2.
     pub normals: TextureId,
-    /// How the bent normals are used.
+    /// Options for the perturbed normals.
     pub bending: Bending,
-    /// What bends.
+    /// The material in the perturbed frame.
     pub inner: MaterialId,
 }
 

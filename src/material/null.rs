@@ -1,11 +1,11 @@
-//! `null`: nothing, light passes.
+//! `null`: no surface, light passes.
 
 use super::{Context, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::bsdf::Bsdf;
 use crate::error::Result;
 use crate::texture::TexturePoint;
 
-/// Nothing: light passes.
+/// No surface: light passes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Null;
 
@@ -28,7 +28,7 @@ impl Plugin for Null {
         0.0
     }
 
-    /// Without a surface there is nothing that scatters; on emitters it is a hole.
+    /// Returns no lobes. On an emitter the surface is a hole.
     fn sampling(&self, _: &Prepared, _: &Materials) -> Sampling {
         Sampling::default()
     }

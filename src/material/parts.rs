@@ -1,4 +1,4 @@
-//! Groups of parameters that several plugins have.
+//! Groups of parameters that several plugins have in common.
 
 use super::source::{NumberOrName, Read, Source};
 use super::{Input, Inputs};
@@ -11,19 +11,19 @@ use crate::error::Result;
 use crate::ids::TextureId;
 use crate::util::wording::{did_you_mean, quoted};
 
-/// The least roughness: below it, squares of the roughness leave the range of `f32`.
+/// The minimum roughness. Squares of smaller values leave the range of `f32`.
 pub(super) const LEAST_ALPHA: f32 = 1e-4;
-/// The conductor when nothing is said: a perfect mirror.
+/// The default conductor: a perfect mirror.
 const DEFAULT_CONDUCTOR: &str = "none";
 
-/// The normals of microfacets: their distribution and roughness.
+/// The distribution and roughness of microfacet normals.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Roughness {
-    /// The family.
+    /// The family of distributions.
     pub distribution: Distribution,
     /// Roughness along the surface's u and v directions, positive.
     pub alpha: [Input<f32>; 2],
-    /// Whether to sample the visible normals (else all normals of the distribution).
+    /// Whether sampling is from the visible normals; if not, it is from all normals of the distribution.
     pub sample_visible: bool,
 }
 
@@ -68,12 +68,12 @@ pub struct Interface {
     pub int_ior: f32,
     /// Index of refraction on the side that the normal points to.
     pub ext_ior: f32,
-    /// A factor on the reflection, 1 in nature.
+    /// A factor on the reflection; 1 is physical.
     pub specular_reflectance: Input<Rgb>,
 }
 
 impl Interface {
-    /// Reads the boundary between air and `inside`, unless the object says otherwise.
+    /// Reads a boundary. The default is `inside` against air.
     pub(super) fn read(source: &mut dyn Source, inside: &str) -> Result<Self> {
         Ok(Interface {
             int_ior: read_ior(source, "int_ior", inside)?,
@@ -82,7 +82,7 @@ impl Interface {
         })
     }
 
-    /// Returns the inner index over the outer one.
+    /// Returns the inner index divided by the outer one.
     pub fn eta(&self) -> f32 {
         self.int_ior / self.ext_ior
     }
@@ -113,7 +113,7 @@ pub struct Metal {
     pub eta: Input<Rgb>,
     /// Imaginary part (absorption), not negative.
     pub k: Input<Rgb>,
-    /// A factor on the reflection, 1 in nature.
+    /// A factor on the reflection; 1 is physical.
     pub specular_reflectance: Input<Rgb>,
 }
 
@@ -150,12 +150,12 @@ impl Metal {
     }
 }
 
-/// What lies under a dielectric coat.
+/// The base under a dielectric coat.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Coated {
     /// Reflectance of the base.
     pub diffuse_reflectance: Input<Rgb>,
-    /// Whether the colour changes as light is scattered between base and coat.
+    /// Whether scattering between base and coat changes the colour.
     pub nonlinear: bool,
 }
 

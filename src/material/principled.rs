@@ -1,4 +1,4 @@
-//! `principled`: the model of many lobes. [Burley 2012, 2015]
+//! `principled`: the Disney BSDF. [Burley 2012, 2015]
 
 use super::source::Read;
 use super::{Input, Inputs, Plugin, Prepared, Source};
@@ -7,7 +7,7 @@ use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::TextureId;
 
-/// Sampling rates of Mitsuba's principled models.
+/// Names of the sampling rates of Mitsuba's principled models, which are ignored.
 pub(super) const SAMPLING_RATES: [&str; 5] = [
     "diffuse_reflectance_sampling_rate",
     "main_specular_sampling_rate",
@@ -16,28 +16,28 @@ pub(super) const SAMPLING_RATES: [&str; 5] = [
     "diff_trans_sampling_rate",
 ];
 
-/// Parameters of the principled model, each in [0, 1] but where it says otherwise.
+/// Parameters of the principled model, in [0, 1] unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Principled {
-    /// Colour of the surface.
+    /// Base colour of the surface.
     pub base_color: Input<Rgb>,
-    /// Square root of the microfacets' roughness.
+    /// Square root of the microfacet roughness.
     pub roughness: Input<f32>,
-    /// How much the highlights are stretched.
+    /// Anisotropy of the highlights.
     pub anisotropic: Input<f32>,
-    /// How much it is a metal.
+    /// Weight of the metallic model.
     pub metallic: Input<f32>,
-    /// How much of the rest transmits light.
+    /// Fraction of the non-metallic part that transmits light.
     pub spec_trans: Input<f32>,
     /// Index of refraction of the inside over the outside, greater than 0.
     pub eta: f32,
-    /// How much the dielectric reflection takes the base colour.
+    /// Weight of the base colour in the dielectric reflection.
     pub spec_tint: Input<f32>,
-    /// Reflection at grazing angles, as of cloth.
+    /// Strength of an additional reflection at grazing angles, as of cloth.
     pub sheen: Input<f32>,
-    /// How much the sheen takes the base colour.
+    /// Weight of the base colour in the sheen.
     pub sheen_tint: Input<f32>,
-    /// How much the diffuse reflection is as flat as of thin subsurface scattering.
+    /// Weight of an approximation of thin subsurface scattering in the diffuse lobe.
     pub flatness: Input<f32>,
     /// Strength of a second, clear coat.
     pub clearcoat: Input<f32>,
@@ -110,13 +110,13 @@ impl Plugin for Box<Principled> {
     }
 }
 
-/// Reads `eta`, or the index of refraction that `specular` stands for.
+/// Reads `eta`, or the index of refraction that corresponds to `specular`.
 fn read_eta(source: &mut dyn Source) -> Result<f32> {
     match (source.float("eta")?, source.float("specular")?) {
         (Some(_), Some(_)) => Err(source.error("specular", "expected either eta or specular, found both")),
         (Some(_), None) => source.positive("eta", 1.5),
         (None, specular) => {
-            // Normal reflectance 0.08·specular. [Burley 2015]
+            // Reflectance at normal incidence: 0.08·specular. [Burley 2015]
             let specular = specular.unwrap_or(0.5);
             if !(0.0..=1.0).contains(&specular) {
                 return Err(source.refusal("specular", "expected a number from 0 to 1"));

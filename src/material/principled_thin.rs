@@ -1,4 +1,4 @@
-//! `principledthin`: the principled model for sheets without thickness. [Burley 2015]
+//! `principledthin`: the principled model for thin surfaces. [Burley 2015]
 
 use super::principled::SAMPLING_RATES;
 use super::{Input, Inputs, Plugin, Prepared, Source};
@@ -7,28 +7,28 @@ use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::TextureId;
 
-/// Parameters of the principled model for thin sheets, each in [0, 1] but where it says otherwise.
+/// Parameters of the principled model for thin surfaces, in [0, 1] unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PrincipledThin {
-    /// Colour of the surface.
+    /// Base colour of the surface.
     pub base_color: Input<Rgb>,
-    /// Square root of the microfacets' roughness.
+    /// Square root of the microfacet roughness.
     pub roughness: Input<f32>,
-    /// How much the highlights are stretched.
+    /// Anisotropy of the highlights.
     pub anisotropic: Input<f32>,
-    /// How much is transmitted specularly.
+    /// Weight of the specular transmission.
     pub spec_trans: Input<f32>,
     /// Index of refraction, greater than 0.
     pub eta: Input<f32>,
-    /// How much the dielectric reflection takes the base colour.
+    /// Weight of the base colour in the dielectric reflection.
     pub spec_tint: Input<f32>,
-    /// Reflection at grazing angles.
+    /// Strength of an additional reflection at grazing angles.
     pub sheen: Input<f32>,
-    /// How much the sheen takes the base colour.
+    /// Weight of the base colour in the sheen.
     pub sheen_tint: Input<f32>,
-    /// How flat the diffuse reflection is.
+    /// Weight of an approximation of thin subsurface scattering in the diffuse lobe.
     pub flatness: Input<f32>,
-    /// How much of the diffuse light is transmitted: 0 none, 1 half, 2 all.
+    /// Transmitted part of the diffuse light: 0 none, 1 half, 2 all.
     pub diff_trans: Input<f32>,
 }
 

@@ -1,16 +1,16 @@
-//! `roughconductor`: a conductor of microfacets.
+//! `roughconductor`: a conductor with microfacets.
 
 use super::{Inputs, Metal, Plugin, Prepared, Roughness, Source};
 use crate::bsdf::{self, Bsdf};
 use crate::error::Result;
 use crate::ids::TextureId;
 
-/// A conductor of microfacets.
+/// A conductor with microfacets.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RoughConductor {
-    /// Its optical constants.
+    /// Optical constants.
     pub metal: Metal,
-    /// Its microfacets.
+    /// Microfacets.
     pub roughness: Roughness,
 }
 

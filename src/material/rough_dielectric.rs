@@ -1,4 +1,4 @@
-//! `roughdielectric`: a boundary of microfacets between two dielectrics.
+//! `roughdielectric`: a boundary with microfacets between two dielectrics.
 
 use super::parts::read_transmittance;
 use super::{Input, Inputs, Interface, Plugin, Prepared, Roughness, Source};
@@ -7,12 +7,12 @@ use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::TextureId;
 
-/// A boundary of microfacets between two dielectrics.
+/// A boundary with microfacets between two dielectrics.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RoughDielectric {
     /// The boundary.
     pub interface: Interface,
-    /// A factor on the transmission, 1 in nature.
+    /// A factor on the transmission; 1 is physical.
     pub specular_transmittance: Input<Rgb>,
     /// The microfacets.
     pub roughness: Roughness,

@@ -16,11 +16,11 @@ pub struct RoughPlastic {
     pub interface: Interface,
     /// The base.
     pub base: Coated,
-    /// Distribution of the coat's microfacet normals.
+    /// Distribution of the microfacet normals of the coat.
     pub distribution: Distribution,
     /// Roughness of the coat, positive.
     pub alpha: f32,
-    /// As for [`Roughness`](super::Roughness).
+    /// See [`Roughness`](super::Roughness).
     pub sample_visible: bool,
 }
 

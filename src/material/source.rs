@@ -1,4 +1,4 @@
-//! Where a plugin reads its parameters from: an object of a scene file.
+//! The interface through which a plugin reads its parameters from an object of a scene file.
 
 use super::{Input, Material};
 use crate::color::Rgb;
@@ -13,34 +13,34 @@ pub trait Source: Parameters {
     /// Reads a number or a name.
     ///
     /// # Errors
-    /// As for all that read.
+    /// If the parameter cannot be read.
     fn number_or_name(&mut self, name: &'static str) -> Result<Option<NumberOrName>>;
 
-    /// Reads a colour, or the texture that it comes from; the default is grey.
+    /// Reads a colour or a texture. The default is grey.
     ///
     /// # Errors
-    /// As for all that read.
+    /// If the parameter cannot be read.
     fn color(&mut self, name: &'static str, quantity: Quantity, default: f32) -> Result<Input<Rgb>>;
 
-    /// Reads a number in a range, or the texture that it comes from.
+    /// Reads a number in a range, or a texture.
     ///
     /// # Errors
-    /// As for all that read.
+    /// If the parameter cannot be read.
     fn number(&mut self, name: &'static str, default: f32, range: RangeInclusive<f32>) -> Result<Input<f32>>;
 
-    /// Returns the one texture inside the object, whatever its name.
+    /// Returns the only texture inside the object, with any name.
     ///
     /// # Errors
-    /// If there is none, or several.
+    /// If there is none, or more than one.
     fn texture(&mut self) -> Result<TextureId>;
 
-    /// Returns the materials inside the object, of which there are at least `least` and at most `most`.
+    /// Returns the materials inside the object, at least `least` and at most `most`.
     ///
     /// # Errors
     /// If there are more or fewer.
     fn inner(&mut self, least: usize, most: usize) -> Result<Vec<MaterialId>>;
 
-    /// Returns the materials that were read before.
+    /// Returns the materials that have been read before.
     fn materials(&self) -> &[Material];
 }
 
@@ -57,7 +57,7 @@ impl dyn Source + '_ {
     /// Reads a reflectance or transmittance in [0, 1].
     ///
     /// # Errors
-    /// As for [`color`](Source::color).
+    /// The errors of [`color`](Source::color).
     pub fn reflectance(&mut self, name: &'static str, default: f32) -> Result<Input<Rgb>> {
         self.color(name, Quantity::Reflectance, default)
     }
@@ -65,15 +65,15 @@ impl dyn Source + '_ {
     /// Reads a number in [0, 1].
     ///
     /// # Errors
-    /// As for [`number`](Source::number).
+    /// The errors of [`number`](Source::number).
     pub fn share(&mut self, name: &'static str, default: f32) -> Result<Input<f32>> {
         self.number(name, default, 0.0..=1.0)
     }
 
-    /// Returns the one material inside the object.
+    /// Returns the only material inside the object.
     ///
     /// # Errors
-    /// As for [`inner`](Source::inner).
+    /// The errors of [`inner`](Source::inner).
     pub fn only_inner(&mut self) -> Result<MaterialId> {
         Ok(self.inner(1, 1)?[0])
     }

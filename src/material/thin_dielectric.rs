@@ -1,4 +1,4 @@
-//! `thindielectric`: a pane of a dielectric without thickness.
+//! `thindielectric`: a thin pane of a dielectric.
 
 use super::parts::read_transmittance;
 use super::{Input, Inputs, Interface, Plugin, Prepared, Source};
@@ -7,12 +7,12 @@ use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::TextureId;
 
-/// A pane of a dielectric without thickness.
+/// A thin pane of a dielectric.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ThinDielectric {
     /// The boundary.
     pub interface: Interface,
-    /// A factor on the transmission, 1 in nature.
+    /// A factor on the transmission; 1 is physical.
     pub specular_transmittance: Input<Rgb>,
 }
 

@@ -7,12 +7,12 @@ use crate::ids::MaterialId;
 /// One-sided materials on the front and on the back of the surface.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TwoSided {
-    /// The material of the front and that of the back.
+    /// The materials of the front and of the back.
     pub sides: [MaterialId; 2],
 }
 
 impl TwoSided {
-    /// The same material on both sides.
+    /// Returns a two-sided material with the same material on both sides.
     pub fn same(side: MaterialId) -> Self {
         TwoSided { sides: [side; 2] }
     }
@@ -21,7 +21,7 @@ impl TwoSided {
 impl Plugin for TwoSided {
     const NAME: &'static str = "twosided";
 
-    /// Reads one material for both sides, or one for each.
+    /// Reads one material for both sides or one for each.
     fn read(source: &mut dyn Source) -> Result<Self> {
         let inner = source.inner(1, 2)?;
         let sides = [inner[0], inner[inner.len() - 1]].map(|side| match &source.materials()[side.index()] {

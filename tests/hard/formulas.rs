@@ -1,11 +1,11 @@
-//! The values that `scenes/hard` expects, computed again in `f64` from their formulas.
+//! The expected values of `scenes/hard`, computed again in `f64` from their formulas.
 
 use super::root;
 use buffon::math::DVec3;
 use buffon::regress::{Claim, Expectations};
 use std::f64::consts::{PI, TAU};
 
-/// What a case of a scene expects of each channel.
+/// Returns the expected value of each channel for a case of a scene.
 fn expected(scene: &str, case: &str) -> f64 {
     let cases =
         Expectations::read(&root().join(scene)).expect("the cases can be read").expect("there are cases");
@@ -23,13 +23,13 @@ fn assert_expected(scene: &str, case: &str, exact: f64) {
     assert!((found - exact).abs() <= 1e-5 * exact.abs(), "{scene}, {case}: {found}, computed {exact}");
 }
 
-/// The integral by the midpoint rule.
+/// Returns the integral by the midpoint rule.
 fn integral(from: f64, to: f64, n: u32, f: impl Fn(f64) -> f64) -> f64 {
     let step = (to - from) / f64::from(n);
     (0..n).map(|i| f(from + (f64::from(i) + 0.5) * step)).sum::<f64>() * step
 }
 
-/// The form factor from the origin, whose normal is z, to a polygon above it. [Lambert 1760; Arvo 1995]
+/// Returns the form factor from the origin with the normal +z to a polygon above it. [Lambert 1760; Arvo 1995]
 fn form_factor(corners: &[DVec3]) -> f64 {
     let edges = corners.iter().zip(corners.iter().cycle().skip(1));
     let sum: f64 = edges
@@ -41,7 +41,7 @@ fn form_factor(corners: &[DVec3]) -> f64 {
     sum.abs() / TAU
 }
 
-/// The corners of `scenes/hard/lights/rectangle.xml`: a square of half-width 1, turned about y, at (x, 0, z).
+/// Returns the corners of `scenes/hard/lights/rectangle.xml`: a square of half-width 1, rotated about y, at (x, 0, z).
 fn square(x: f64, z: f64, degrees: f64) -> [DVec3; 4] {
     let (sin, cos) = degrees.to_radians().sin_cos();
     [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
@@ -63,11 +63,11 @@ fn squares_have_their_form_factors() {
     }
 }
 
-/// The sky of a texture of 32 x 16 texels with its first row in the zenith: bilinear between their centres.
+/// The sky is interpolated bilinearly between the centres of 32×16 texels. The first row is the zenith.
 #[test]
 fn skies_are_bilinear_between_texels() {
     let step = PI / 15.0;
-    // Over longitude a texel is a hat of area 2π/32; over the angle θ from the zenith ∫ hat cosθ sinθ dθ is:
+    // The integral of a footprint over longitude is 2π/32; over the angle θ from the zenith ∫ hat cosθ sinθ dθ is:
     let hat = |row: f64| {
         integral((row - 1.0) * step, (row + 1.0) * step, 20_000, |t| {
             (1.0 - (t / step - row).abs()) * 0.5 * (2.0 * t).sin()
@@ -81,11 +81,11 @@ fn skies_are_bilinear_between_texels() {
         let (i, share) = (at as usize, at.fract());
         (row(i) * (1.0 - share) + row(i + 1) * share) * 0.5 * (2.0 * t).sin()
     });
-    // One column of 32 is black.
+    // One of the 32 columns is black.
     assert_expected("lights/sky.xml", "black rows and columns", 0.5 / PI * TAU * irradiance * 31.0 / 32.0);
 }
 
-/// Fresnel's reflectance for unpolarised light that goes from index `n1` to `n2`.
+/// Returns Fresnel's reflectance for unpolarised light from index `n1` to `n2`.
 fn fresnel(n1: f64, n2: f64, cos: f64) -> f64 {
     let sin2 = (n1 / n2).powi(2) * (1.0 - cos * cos);
     if sin2 >= 1.0 {
@@ -118,8 +118,8 @@ fn interfaces_follow_fresnel() {
     assert_expected("materials/conductor.xml", "n = 0.2, k = 3.9", normal);
 }
 
-/// The directional albedo of a lossless GGX mirror with Smith's separable masking: ∫ D G₁(i) G₁(o) (i·m)/(cosθᵢ) dm
-/// over the half vectors m, u being the distribution function of their angle. [Walter 2007]
+/// Returns the directional albedo of a lossless GGX mirror with Smith's separable masking: ∫ D G₁(i) G₁(o)
+/// (i·m)/(cosθᵢ) dm over the half vectors m; u is the distribution function of their angle. [Walter 2007]
 fn ggx_albedo(alpha: f64, cos: f64) -> f64 {
     let i = DVec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
     let masking = |c: f64| 2.0 / (1.0 + (1.0 + alpha * alpha * (1.0 - c * c) / (c * c)).sqrt());

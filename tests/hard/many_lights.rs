@@ -1,12 +1,12 @@
-//! A hundred thousand lamps whose powers span nine powers of ten.
+//! A hundred thousand point emitters with powers over nine orders of magnitude.
 
 use super::{expect_known, report};
 use std::fmt::Write;
 
 const LAMPS: u32 = 100_000;
 
-/// Point lamps on a circle of radius 1 at height 1 over a floor's point: all are at the distance √2, at the cosine
-/// 1/√2, so E = ΣI / (2√2) and L = ρ/π·E, whatever their order. Nine tenths of the light are that of a few.
+/// The emitters are on a circle of radius 1 at height 1 above the receiver: all have the distance √2 and the cosine
+/// 1/√2, so E = ΣI / (2√2) and L = ρ/π·E. A few of them emit 90 % of the light.
 #[test]
 fn a_hundred_thousand_lamps_of_very_different_power() {
     let folder = tempfile::tempdir().expect("a folder for temporary files");
@@ -23,7 +23,7 @@ fn a_hundred_thousand_lamps_of_very_different_power() {
     let mut sum = 0.0;
     for i in 0..LAMPS {
         let share = f64::from(i) / f64::from(LAMPS - 1);
-        // The golden angle, so that neighbours in power are none in place.
+        // With the golden angle, emitters of similar power are not near each other.
         let (sin, cos) = (2.399_963_229_728_653 * f64::from(i)).sin_cos();
         let intensity = 1e-9f64.powf(share);
         sum += intensity;

@@ -25,7 +25,7 @@ struct Mesh {
     indices: Vec<[u32; 3]>,
 }
 
-/// The unit sphere around `center` with 32 × 64 quadrilaterals.
+/// Returns the unit sphere around `center` with 32 × 64 quadrilaterals.
 fn sphere(center: V3) -> Mesh {
     let (rings, sectors) = (32, 64);
     let mut positions = vec![[0.0, 0.0, 1.0]];
@@ -56,7 +56,7 @@ fn sphere(center: V3) -> Mesh {
     Mesh { positions, indices }
 }
 
-/// SplitMix64.
+/// A SplitMix64 generator.
 struct Random(u64);
 
 impl Random {
@@ -79,7 +79,7 @@ struct Aim {
     vertex: bool,
 }
 
-/// Rays from a box inside the sphere. One third aim at a vertex, the others at a point on an edge.
+/// Returns rays from a box inside the sphere. One third aim at a vertex, the others at a point on an edge.
 fn rays(mesh: &Mesh, center: V3) -> Vec<Aim> {
     let mut random = Random(1);
     let aim = |_| {
@@ -242,7 +242,7 @@ fn escapes_rounded(mesh: &Mesh, ray: &Aim) -> bool {
     })
 }
 
-/// The same test in `f64`, without a tolerance.
+/// Returns the result of the same test in `f64`, without a tolerance.
 fn escapes_exact(mesh: &Mesh, ray: &Aim) -> bool {
     let d = ray.d.map(f64::from);
     let edge = |p: V3, q: V3| {

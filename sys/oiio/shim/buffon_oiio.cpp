@@ -340,7 +340,7 @@ BuffonOiioBuffer *buffon_oiio_encode(const BuffonOiioOutput *o, char *message, s
         std::vector<unsigned char> packed;
         if (mixed) {
             packed = pack(*o);
-            type = OIIO::TypeUnknown;  // as the channels say
+            type = OIIO::TypeUnknown;  // the types of the channels
             data = packed.data();
         }
         // Unused: no file of this name is opened.
