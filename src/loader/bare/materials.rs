@@ -1,4 +1,4 @@
-//! Materials of MTL files. [Wavefront MTL] The table is in `docs/plugins.md`.
+//! Materials of MTL files. [Wavefront MTL] The table is in `docs/usage.md`.
 
 use super::Builder;
 use super::mtl::Entry;
