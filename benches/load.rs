@@ -3,9 +3,11 @@
 //! Each row is a height field of triangles with half as many vertices, written to a temporary directory, so that it is
 //! read from the system's cache. There are two million triangles, or as many as the name of the row says: `1m` is a
 //! million, and `10m` ten million, which takes minutes and is left out unless `BUFFON_LOAD_LARGE` is set. Rows with
-//! `tobj` in their name start with a line that the fast path for OBJ files does not read. A load is the whole of `loader::load`, from the file to the description
-//! of a scene with vertex normals, in a process of its own; it counts with the median of its runs. Memory is the
-//! process' largest resident set above the one at its start, beside the size of the arrays that it ends with.
+//! `tobj` in their name start with a line that the fast path for OBJ files does not read.
+//!
+//! A load is the whole of `loader::load`, from the file to the description of a scene with vertex normals, in a
+//! process of its own; it counts with the median of its runs. Memory is the process' largest resident set above the one
+//! at its start, beside the size of the arrays that it ends with.
 //!
 //! `cargo bench --bench load -- --keep DIRECTORY` writes the files there and leaves them, for other programs to load.
 
