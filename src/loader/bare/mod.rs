@@ -75,7 +75,7 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
     loaded.notes.push(format!(
         "a mesh alone: it is {}, in {}, and seen from the front and above (y is up, z to the viewer)",
         if has_materials { "of the materials of its MTL files" } else { "grey" },
-        if is_dark { "an even white light" } else { "the light of its own emitters (Ke), in front of them" },
+        if is_dark { "an even white light" } else { "the light of the front sides of its emitters (Ke)" },
     ));
     Ok(loaded)
 }

@@ -81,9 +81,11 @@ fn append(to: &mut Assembly, piece: Piece, planned: &mut Reservation) -> Result<
         let mut triangle = [0; 3];
         for (vertex, corner) in triangle.iter_mut().zip(corners) {
             let mut key = [NONE; 3];
-            for (i, index) in corner.iter().enumerate().filter(|(_, index)| **index != LACKING) {
-                let index = if *index >= RELATIVE / 2 { index - RELATIVE + before[i] } else { *index };
-                key[i] = u32::try_from(index).ok().filter(|i| *i != NONE).ok_or(Stop::Unusual)?;
+            for ((key, index), before) in key.iter_mut().zip(*corner).zip(before) {
+                if index != LACKING {
+                    let index = if index >= RELATIVE / 2 { index - RELATIVE + before } else { index };
+                    *key = u32::try_from(index).ok().filter(|i| *i != NONE).ok_or(Stop::Unusual)?;
+                }
             }
             *vertex = to.weld.vertex(key);
         }
@@ -140,10 +142,7 @@ fn parse(text: &[u8]) -> Option<Piece> {
             b"f" => face(&mut piece, &mut rest)?,
             b"l" | b"p" => piece.survey.skipped += 1,
             b"" | b"g" | b"o" | b"s" | [b'#', ..] => {}
-            _ => {
-                let line = rest.0.split(|b| *b == b'\n').next()?;
-                piece.survey.name(keyword, line).then_some(())?;
-            }
+            _ => piece.survey.name(keyword, rest.0.split(|b| *b == b'\n').next()?).then_some(())?,
         }
         rest.0 = rest.0.iter().position(|b| *b == b'\n').map_or(&[], |end| &rest.0[end + 1..]);
     }
