@@ -33,7 +33,7 @@ fn of(names: &[&str], mtl: &str) -> Loaded {
 /// Messages without the folder's name.
 fn warnings(files: &Files, loaded: &Loaded) -> Vec<String> {
     let first = |text: String| text.lines().next().unwrap_or_default().to_owned();
-    loaded.warnings.iter().map(|warning| files.relative(&first(warning.to_string()))).collect()
+    loaded.warnings.iter().map(|warning| files.relative(first(warning.to_string()))).collect()
 }
 
 fn material(loaded: &Loaded, id: MaterialId) -> &Material {
