@@ -1,9 +1,13 @@
 //! Seconds, MB/s and memory of loading meshes: `cargo bench --bench load [-- FILTER]`.
 //!
-//! Each row is a height field of two million triangles and a million vertices. It is written to a temporary directory,
-//! so that it is read from the system's cache. A load is the whole of `loader::load`, from the file to the description
-//! of a scene with vertex normals, in a process of its own. The row shows the median of the runs. Memory is the largest
-//! resident set of the process minus the one at its start; beside it is the size of the final arrays.
+//! Each row is a height field of triangles with half as many vertices, written to a temporary directory, so that it is
+//! read from the system's cache. There are two million triangles, or as many as the name of the row says: `1m` is a
+//! million, and `10m` ten million, which takes minutes and is left out unless `BUFFON_LOAD_LARGE` is set. Rows with
+//! `tobj` in their name start with a line that the fast path for OBJ files does not read.
+//!
+//! A load is the whole of `loader::load`, from the file to the description of a scene with vertex normals, in a process
+//! of its own. The row shows the median of the runs. Memory is the largest resident set of the process minus the one at
+//! its start; beside it is the size of the final arrays.
 //!
 //! `cargo bench --bench load -- --keep DIRECTORY` writes the files there and keeps them, for other programs to load.
 
@@ -16,27 +20,37 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// Number of squares along each side.
+/// Numbers of squares along each side for two million triangles, for a million and for ten million.
 const SIDE: u32 = 1000;
+const MILLION: u32 = 707;
+const TEN_MILLION: u32 = 2236;
 const RUNS: usize = 5;
 
-/// Returns position, normal and texture coordinates of vertex `i`.
-fn vertex(i: u32) -> [f32; 8] {
-    let coordinate = |i: u32| 2.0 * i as f32 / SIDE as f32 - 1.0;
-    let (x, y) = (coordinate(i % (SIDE + 1)), coordinate(i / (SIDE + 1)));
+/// Returns position, normal and texture coordinates of vertex `i` of a field with `side` squares along each side.
+fn vertex(i: u32, side: u32) -> [f32; 8] {
+    let coordinate = |i: u32| 2.0 * i as f32 / side as f32 - 1.0;
+    let (x, y) = (coordinate(i % (side + 1)), coordinate(i / (side + 1)));
     let z = 0.2 * (7.0 * x).sin() * (5.0 * y).cos();
     let (dx, dy) = (1.4 * (7.0 * x).cos() * (5.0 * y).cos(), -(7.0 * x).sin() * (5.0 * y).sin());
     let length = (dx * dx + dy * dy + 1.0).sqrt();
     [x, y, z, -dx / length, -dy / length, 1.0 / length, 0.5 + 0.5 * x, 0.5 + 0.5 * y]
 }
 
+fn vertices_of(side: u32) -> impl Iterator<Item = [f32; 8]> {
+    (0..(side + 1) * (side + 1)).map(move |i| vertex(i, side))
+}
+
+fn triangles_of(side: u32) -> impl Iterator<Item = [u32; 3]> {
+    let squares = (0..side * side).map(move |i| (i / side) * (side + 1) + i % side);
+    squares.flat_map(move |a| [[a, a + 1, a + side + 2], [a, a + side + 2, a + side + 1]])
+}
+
 fn vertices() -> impl Iterator<Item = [f32; 8]> {
-    (0..(SIDE + 1) * (SIDE + 1)).map(vertex)
+    vertices_of(SIDE)
 }
 
 fn triangles() -> impl Iterator<Item = [u32; 3]> {
-    let squares = (0..SIDE * SIDE).map(|i| (i / SIDE) * (SIDE + 1) + i % SIDE);
-    squares.flat_map(|a| [[a, a + 1, a + SIDE + 2], [a, a + SIDE + 2, a + SIDE + 1]])
+    triangles_of(SIDE)
 }
 
 fn ply(encoding: &str, columns: &[usize]) -> Vec<u8> {
@@ -69,20 +83,20 @@ fn ply(encoding: &str, columns: &[usize]) -> Vec<u8> {
 }
 
 /// Returns an OBJ file with six decimals, as most programs write.
-fn obj(all: bool) -> Vec<u8> {
+fn obj(all: bool, side: u32) -> Vec<u8> {
     let mut text = String::new();
-    for [x, y, z, ..] in vertices() {
+    for [x, y, z, ..] in vertices_of(side) {
         let _ = writeln!(text, "v {x:.6} {y:.6} {z:.6}");
     }
     if all {
-        for [.., u, v] in vertices() {
+        for [.., u, v] in vertices_of(side) {
             let _ = writeln!(text, "vt {u:.6} {v:.6}");
         }
-        for [_, _, _, x, y, z, ..] in vertices() {
+        for [_, _, _, x, y, z, ..] in vertices_of(side) {
             let _ = writeln!(text, "vn {x:.6} {y:.6} {z:.6}");
         }
     }
-    for triangle in triangles() {
+    for triangle in triangles_of(side) {
         let [a, b, c] = triangle.map(|i| i + 1);
         let _ = match all {
             true => writeln!(text, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}"),
@@ -90,6 +104,11 @@ fn obj(all: bool) -> Vec<u8> {
         };
     }
     text.into_bytes()
+}
+
+/// As [`obj`], after a line that only tobj skips.
+fn obj_for_tobj(all: bool, side: u32) -> Vec<u8> {
+    [b"vp 0 0\n".to_vec(), obj(all, side)].concat()
 }
 
 fn serialized() -> Vec<u8> {
@@ -119,8 +138,16 @@ fn files() -> Vec<(&'static str, Contents)> {
         ("ply-normals.ply", || ply("binary_little_endian", &[0, 1, 2, 3, 4, 5])),
         ("ply-plain.ply", || ply("binary_little_endian", &[0, 1, 2])),
         ("ply-text.ply", || ply("ascii", &[0, 1, 2, 3, 4, 5])),
-        ("obj-all.obj", || obj(true)),
-        ("obj-plain.obj", || obj(false)),
+        ("obj-all.obj", || obj(true, SIDE)),
+        ("obj-plain.obj", || obj(false, SIDE)),
+        ("obj-all-1m.obj", || obj(true, MILLION)),
+        ("obj-plain-1m.obj", || obj(false, MILLION)),
+        ("obj-all-1m-tobj.obj", || obj_for_tobj(true, MILLION)),
+        ("obj-plain-1m-tobj.obj", || obj_for_tobj(false, MILLION)),
+        ("obj-all-10m.obj", || obj(true, TEN_MILLION)),
+        ("obj-plain-10m.obj", || obj(false, TEN_MILLION)),
+        ("obj-all-10m-tobj.obj", || obj_for_tobj(true, TEN_MILLION)),
+        ("obj-plain-10m-tobj.obj", || obj_for_tobj(false, TEN_MILLION)),
         ("serialized-all.serialized", serialized),
     ]
 }
@@ -194,7 +221,11 @@ fn main() {
         "{:<28} {:>7} {:>8} {:>8} {:>8} {:>8} {:>6}",
         "file", "MB", "seconds", "MB/s", "peak MB", "arrays", "ratio"
     );
+    let large = std::env::var_os("BUFFON_LOAD_LARGE").is_some();
     for (name, contents) in files() {
+        if name.contains("-10m") && !large {
+            continue;
+        }
         if filter.is_empty() || filter.iter().any(|f| name.contains(f.as_str())) {
             bench(&directory, name, contents);
         }

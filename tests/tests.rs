@@ -1,5 +1,6 @@
 //! The integration tests in one binary.
 
+mod bare_meshes;
 mod bench;
 mod cameras;
 mod checkpoints;

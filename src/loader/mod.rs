@@ -52,8 +52,8 @@ pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
 
 /// Loads a scene (`.xml`, `.gltf`, `.glb`) or a bare mesh (`.obj`, `.ply`).
 ///
-/// A bare mesh gets a camera that frames it from the front and above, a constant white environment, a grey material,
-/// and a note that says so.
+/// A bare mesh gets a camera that frames it from the front and above, the materials of its MTL files or a grey one, a
+/// constant white environment if none of them emits light, and a note that says so.
 ///
 /// # Errors
 /// Of kind [`Scene`](crate::error::Kind::Scene), with file, line and column if there are any: if the file cannot be
@@ -62,17 +62,18 @@ pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let memory = Budget::open(options.memory);
-    let loaded = match extension.as_str() {
-        "xml" => mitsuba::load(path, options, &memory),
-        "gltf" | "glb" => {
-            gltf::load(path, &options.search_paths, &memory).map(|loaded| warn_of_defines(loaded, options))
-        }
-        "obj" | "ply" => bare::load(path, &memory).map(|loaded| warn_of_defines(loaded, options)),
-        _ => {
-            let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
-            Err(Error::scene(expected).in_file(path))
-        }
-    }?;
+    let loaded =
+        match extension.as_str() {
+            "xml" => mitsuba::load(path, options, &memory),
+            "gltf" | "glb" => gltf::load(path, &options.search_paths, &memory)
+                .map(|loaded| warn_of_defines(loaded, options)),
+            "obj" | "ply" => bare::load(path, &options.search_paths, &memory)
+                .map(|loaded| warn_of_defines(loaded, options)),
+            _ => {
+                let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
+                Err(Error::scene(expected).in_file(path))
+            }
+        }?;
     Ok(Loaded { memory, ..loaded })
 }
 

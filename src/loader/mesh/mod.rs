@@ -9,8 +9,8 @@ use crate::error::{Error, Result, counted};
 use crate::math::{DAffine3, DVec3, Vec3};
 use crate::memory::{Budget, Refusal, Reservation};
 use crate::shape::Mesh;
+pub use obj::{Named, Survey};
 use rayon::prelude::*;
-use std::fs::File;
 use std::path::Path;
 
 /// Formats of mesh files.
@@ -53,8 +53,20 @@ pub fn load(
     memory: &Budget,
     warnings: &mut Vec<Error>,
 ) -> Result<Mesh> {
+    load_surveyed(path, format, options, to_world, memory, warnings).map(|(mesh, _)| mesh)
+}
+
+/// As [`load`], with the materials that an OBJ file names.
+pub fn load_surveyed(
+    path: &Path,
+    format: Format,
+    options: Options,
+    to_world: &DAffine3,
+    memory: &Budget,
+    warnings: &mut Vec<Error>,
+) -> Result<(Mesh, Survey)> {
     let mut planned = memory.nothing();
-    let (mut mesh, face_normals) = read(path, format, options, &mut planned, warnings)?;
+    let (mut mesh, face_normals, survey) = read(path, format, options, &mut planned, warnings)?;
     if mesh.indices.is_empty() {
         return Err(Error::scene("the file has no faces").in_file(path));
     }
@@ -75,49 +87,35 @@ pub fn load(
         }
     }
     planned.keep(mesh.memory_bytes());
-    Ok(mesh)
+    Ok((mesh, survey))
 }
 
 /// The bytes of each vertex while its normal is computed: the normal, and the sum of weighted normals.
 const NORMAL_BYTES: u64 = (size_of::<Vec3>() + size_of::<DVec3>()) as u64;
 
-/// Reads the file, and returns whether the mesh is faceted.
+/// Reads the file. Returns the mesh, whether it is faceted, and the names of materials in an OBJ file.
 fn read(
     path: &Path,
     format: Format,
     options: Options,
     planned: &mut Reservation,
     warnings: &mut Vec<Error>,
-) -> Result<(Mesh, bool)> {
+) -> Result<(Mesh, bool, Survey)> {
     let memory = planned.budget().clone();
     Ok(match format {
         Format::Obj => {
-            // The whole file is read only to find the line of an error.
-            let whole = || {
-                let length = std::fs::metadata(path)?.len();
-                let refused = |_| std::io::Error::from(std::io::ErrorKind::OutOfMemory);
-                let _reserved = memory.reserve(length).map_err(refused)?;
-                std::fs::read(path)
-            };
-            let parsed = File::open(path)
-                .map_err(obj::Failure::Io)
-                .and_then(|file| obj::parse(path, file, whole, obj::Sizes::USUAL, planned, warnings));
-            let mesh = parsed.map_err(|failure| match failure {
-                obj::Failure::Io(e) => super::unreadable(path, &e),
-                obj::Failure::Mesh(error) => error,
-                obj::Failure::Memory(refusal) => too_large(path, &refusal),
-            })?;
-            (mesh, options.face_normals)
+            let (mesh, survey) = obj::read(path, planned, warnings)?;
+            (mesh, options.face_normals, survey)
         }
         Format::Ply => {
             let (bytes, _reserved) = super::read_bytes(path, &memory)?;
-            (ply::parse(path, &bytes, planned, warnings)?, options.face_normals)
+            (ply::parse(path, &bytes, planned, warnings)?, options.face_normals, Survey::default())
         }
         Format::Serialized { shape_index } => {
             let (bytes, _reserved) = super::read_bytes(path, &memory)?;
             let read = serialized::parse(path, &bytes, shape_index, planned)?;
             // Mitsuba 3.9.1 documents this flag and ignores it; Mitsuba 0.6 applies it.
-            (read.mesh, options.face_normals || read.face_normals)
+            (read.mesh, options.face_normals || read.face_normals, Survey::default())
         }
     })
 }

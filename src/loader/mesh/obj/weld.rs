@@ -26,6 +26,9 @@ pub struct Weld {
 }
 
 impl Weld {
+    /// Bytes of a vertex in the arrays.
+    pub const VERTEX_BYTES: u64 = (size_of::<Key>() + 3 * size_of::<u32>()) as u64;
+
     /// Makes room for positions.
     pub fn set_positions(&mut self, count: usize) {
         self.newest.resize(count, NONE);
@@ -81,6 +84,11 @@ impl Weld {
     }
 
     /// The indices of every vertex.
+    pub fn keys(&self) -> &[Key] {
+        &self.keys
+    }
+
+    /// As [`keys`](Self::keys).
     pub fn into_keys(self) -> Vec<Key> {
         self.keys
     }
