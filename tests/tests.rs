@@ -31,6 +31,7 @@ mod image_robustness;
 mod irradiance_cache;
 mod lab;
 mod layering;
+mod light_selection;
 mod light_tracing;
 mod loader;
 mod loader_errors;

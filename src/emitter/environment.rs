@@ -72,13 +72,17 @@ impl Environment {
         Some(LightRay { ray, power: sample.radiance * (area / sample.pdf) })
     }
 
-    /// Returns the power that enters the scene's bounding sphere, W.
-    pub fn power(&self) -> Rgb {
-        let mean = match &self.radiance {
+    /// Returns the mean radiance over all directions, W·m⁻²·sr⁻¹.
+    pub fn mean_radiance(&self) -> Rgb {
+        match &self.radiance {
             EnvironmentRadiance::Constant(radiance) => *radiance,
             EnvironmentRadiance::Map(map) => map.mean_radiance(),
-        };
-        mean * (4.0 * PI * PI * self.scene.radius * self.scene.radius)
+        }
+    }
+
+    /// Returns the power that enters the scene's bounding sphere, W.
+    pub fn power(&self) -> Rgb {
+        self.mean_radiance() * (4.0 * PI * PI * self.scene.radius * self.scene.radius)
     }
 
     /// Returns the name of the emitter's type in the scene language.

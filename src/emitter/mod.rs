@@ -11,6 +11,7 @@ pub mod environment_map;
 pub mod lanes;
 pub mod point;
 pub mod projector;
+pub mod selection;
 mod spherical_cap;
 pub mod spherical_rectangle;
 pub mod spot;
@@ -23,6 +24,7 @@ pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
 pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
+pub use selection::LightSelection;
 pub use spot::SpotEmitter;
 
 use crate::color::Rgb;

@@ -1,6 +1,7 @@
 //! A projector: a pinhole that projects an image, the inverse of a camera.
 
 use super::point::towards;
+use super::selection::Cone;
 use super::{EmitterSample, LightRay, ShadowTarget, never_black};
 use crate::color::Rgb;
 use crate::math::{DAffine3, Mat3, Ray, Vec2, Vec3};
@@ -32,6 +33,17 @@ impl ProjectorEmitter {
             scale,
             half: half.into(),
         }
+    }
+
+    /// Returns the position in world space.
+    pub fn position(&self) -> Vec3 {
+        self.position
+    }
+
+    /// Returns a cone around the image, and the intensity along its axis, W·sr⁻¹.
+    pub fn cone(&self) -> (Cone, Rgb) {
+        let cone = Cone { axis: self.axes.z_axis, angle: self.half.length().atan() };
+        (cone, never_black(self.irradiance.mean()) * (PI * self.scale))
     }
 
     /// Returns the radiant intensity in the local direction `d`, W·sr⁻¹: π times the image's irradiance on the plane

@@ -1,6 +1,7 @@
 //! A spot emitter: a point that emits into a cone.
 
 use super::point::towards;
+use super::selection::Cone;
 use super::{EmitterSample, LightRay, ShadowTarget, never_black, textured};
 use crate::color::Rgb;
 use crate::math::{DAffine3, Mat3, Ray, Vec2, Vec3};
@@ -41,6 +42,19 @@ impl SpotEmitter {
             cutoff_angle,
             beam_width,
         }
+    }
+
+    /// Returns the position in world space.
+    pub fn position(&self) -> Vec3 {
+        self.position
+    }
+
+    /// Returns the cone of full intensity, the angle in radians over which the intensity then falls to zero, and that
+    /// intensity, W·sr⁻¹.
+    pub fn cone(&self) -> (Cone, f32, Rgb) {
+        let mean = self.texture.as_ref().map_or(Rgb::WHITE, |t| never_black(t.mean()));
+        let cone = Cone { axis: self.axes.z_axis, angle: self.beam_width };
+        (cone, self.cutoff_angle - self.beam_width, self.intensity * mean)
     }
 
     /// Returns the radiant intensity in the local direction `d`, W·sr⁻¹.

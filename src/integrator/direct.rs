@@ -96,7 +96,7 @@ impl DirectIntegrator {
             TechniqueCounts { emitter: 0.0, ..self.counts }
         };
         scattered.keep_hits(hits, |paths, i| {
-            let le = lighting::environment(scene, paths.rays[i].d, paths.pdf[i], counts);
+            let le = lighting::environment(scene, &paths.rays[i], paths.pdf[i], counts);
             out[paths.slots[i] as usize].value += paths.beta(i) * le;
         });
         for block in ShadingBlock::all(scene, &Bump::new(), &scattered.rays, hits) {
@@ -170,7 +170,7 @@ impl Integrator for DirectIntegrator {
         paths.keep_hits(hits, |paths, i| {
             if see {
                 out[paths.slots[i] as usize].value +=
-                    lighting::environment(scene, paths.rays[i].d, f32::INFINITY, self.counts);
+                    lighting::environment(scene, &paths.rays[i], f32::INFINITY, self.counts);
             }
         });
         let arena = Bump::new();

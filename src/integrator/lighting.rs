@@ -6,7 +6,7 @@ use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::math::lanes::{bits, f32x16};
-use crate::math::{RayX16, Vec3};
+use crate::math::{Ray, RayX16, Vec3};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
 
@@ -102,18 +102,18 @@ pub fn drop_missed(
 ) {
     paths.keep_hits(hits, |paths, i| {
         if scene.needs.environment && wants(paths, i) {
-            let le = environment(scene, paths.rays[i].d, paths.pdf[i], TechniqueCounts::ONE_EACH);
+            let le = environment(scene, &paths.rays[i], paths.pdf[i], TechniqueCounts::ONE_EACH);
             out[paths.slots[i] as usize].value += paths.beta(i) * le;
         }
     });
 }
 
-/// Returns the weighted radiance of the environment for a ray that leaves the scene in the unit direction `d`.
+/// Returns the weighted radiance of the environment for a ray with a unit direction that leaves the scene.
 #[inline]
-pub fn environment(scene: &Scene, d: Vec3, pdf: f32, counts: TechniqueCounts) -> Rgb {
-    let radiance = scene.environment_radiance(d);
+pub fn environment(scene: &Scene, ray: &Ray, pdf: f32, counts: TechniqueCounts) -> Rgb {
+    let radiance = scene.environment_radiance(ray.d);
     if pdf.is_infinite() {
         return radiance;
     }
-    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, scene.environment_pdf(d))
+    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, scene.environment_pdf(ray.o, ray.d))
 }

@@ -208,7 +208,7 @@ impl<'a> RayTree<'a> {
         let Worker { paths, hits, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
             if add_emission {
-                let le = lighting::environment(scene, paths.rays[i].d, paths.pdf[i], counts);
+                let le = lighting::environment(scene, &paths.rays[i], paths.pdf[i], counts);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
             }
         });

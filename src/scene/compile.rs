@@ -8,8 +8,8 @@ use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance
 use crate::bsdf::Lobes;
 use crate::color::Rgb;
 use crate::emitter::{
-    AreaEmitter, BoundingSphere, DirectionalEmitter, Emission, Emitter, Environment, Light, PointEmitter,
-    ProjectorEmitter, SpotEmitter,
+    AreaEmitter, BoundingSphere, DirectionalEmitter, Emission, Emitter, Environment, Light, LightSelection,
+    PointEmitter, ProjectorEmitter, SpotEmitter,
 };
 use crate::error::{Error, Place, Result};
 use crate::ids::{EmitterId, ShapeId, TextureId};
@@ -253,6 +253,7 @@ impl SceneCompiler {
             shapes: self.shapes,
             instances,
             materials: self.materials,
+            light_selection: LightSelection::new(&self.lights),
             lights: self.lights,
             light_choice,
             environment,

@@ -15,7 +15,8 @@ use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::{
-    self, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, ShadowTarget,
+    self, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, LightSelection,
+    ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering};
@@ -51,8 +52,10 @@ pub struct Scene {
     pub materials: Arc<Materials>,
     /// The emitters.
     pub lights: Vec<Light>,
-    /// The distribution for choosing an emitter, in proportion to power.
+    /// The distribution for choosing the emitter of a light path, in proportion to power.
     pub light_choice: Distribution1D,
+    /// The choice of an emitter for a surface point.
+    pub light_selection: LightSelection,
     /// The emitter of rays that leave the scene.
     pub environment: Option<EmitterId>,
     /// The sensors.
@@ -256,7 +259,7 @@ impl Scene {
             Light::Area(area) => {
                 let local = self.local_point(&at.hit, at.time, at.p);
                 let place = EmitterHit { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
-                self.light_choice.pmf(emitter.index()) * area.pdf(from, &place)
+                self.light_selection.pmf(emitter.index(), from) * area.pdf(from, &place)
             }
             _ => 0.0,
         }
@@ -269,11 +272,11 @@ impl Scene {
     }
 
     /// Returns the density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) samples the
-    /// direction `d` of the environment.
+    /// direction `d` of the environment from `from`.
     #[inline]
-    pub fn environment_pdf(&self, d: Vec3) -> f32 {
+    pub fn environment_pdf(&self, from: Vec3, d: Vec3) -> f32 {
         self.environment_light()
-            .map_or(0.0, |(id, environment)| self.light_choice.pmf(id.index()) * environment.pdf(d))
+            .map_or(0.0, |(id, environment)| self.light_selection.pmf(id.index(), from) * environment.pdf(d))
     }
 
     fn environment_light(&self) -> Option<(EmitterId, &Environment)> {
@@ -287,8 +290,8 @@ impl Scene {
     /// Samples an emitter and a direction to it as seen from `from`. Densities include the choice.
     #[inline]
     pub fn sample_emitter(&self, from: Vec3, u_choice: f32, u: Vec2, time: f32) -> Option<EmitterSample> {
-        let choice = self.light_choice.sample(u_choice)?;
-        let mut sample = self.lights[choice.index].sample(from, u, time)?;
+        let choice = self.light_selection.sample(from, u_choice)?;
+        let mut sample = self.lights[choice.emitter].sample(from, u, time)?;
         sample.pdf *= choice.pmf;
         Some(sample)
     }
@@ -303,24 +306,16 @@ impl Scene {
         time: f32x16,
         active: u32,
     ) -> EmitterSampleX16 {
-        if let [light] = self.lights.as_slice() {
-            return emitter::lanes::sample_x16([light; LANES], from, u, time, active);
+        if let Some(only) = self.light_selection.only() {
+            return emitter::lanes::sample_x16([&self.lights[only]; LANES], from, u, time, active);
         }
-        let Some(first) = self.lights.first() else {
+        if self.lights.is_empty() {
             return EmitterSampleX16::NONE;
-        };
-        let mut lights = [first; LANES];
-        let mut pmf = [0.0; LANES];
-        let mut chosen = 0;
-        for i in bits(active) {
-            if let Some(choice) = self.light_choice.sample(u_choice.as_array()[i]) {
-                lights[i] = &self.lights[choice.index];
-                pmf[i] = choice.pmf;
-                chosen |= 1 << i;
-            }
         }
+        let (emitters, pmf, chosen) = self.light_selection.sample_x16(from, u_choice, active);
+        let lights = emitters.map(|i| &self.lights[i]);
         let mut samples = emitter::lanes::sample_x16(lights, from, u, time, chosen);
-        samples.pdf *= f32x16::new(pmf);
+        samples.pdf *= pmf;
         samples.valid &= mask_from_bits(chosen);
         samples
     }

@@ -1,0 +1,175 @@
+//! Bounds on the light of an emitter, or of several. [Conty Estevez and Kulla 2018]
+
+use crate::math::{Bounds, Vec3, Vec3x16, f32x16};
+
+/// Where light comes from, in which directions it goes, and how much there is of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightBounds {
+    /// A box around all points that emit.
+    pub bounds: Bounds,
+    /// The cone of the normals of the emitting surfaces.
+    pub normals: Cone,
+    /// The angle to a normal, in radians, beyond which nothing is emitted.
+    pub emission_angle: f32,
+    /// Radiant intensity along the normals, W·sr⁻¹.
+    pub intensity: f32,
+}
+
+/// A cone of directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cone {
+    /// Unit axis.
+    pub axis: Vec3,
+    /// Half angle in radians, at most π.
+    pub angle: f32,
+}
+
+impl Cone {
+    /// All directions.
+    pub const ALL: Cone = Cone { axis: Vec3::Z, angle: std::f32::consts::PI };
+
+    /// Returns a cone that contains both.
+    pub fn union(self, other: Cone) -> Cone {
+        let (wide, narrow) = if self.angle >= other.angle { (self, other) } else { (other, self) };
+        let between = wide.axis.cross(narrow.axis).length().atan2(wide.axis.dot(narrow.axis));
+        if between + narrow.angle <= wide.angle {
+            return wide;
+        }
+        let angle = 0.5 * (wide.angle + between + narrow.angle);
+        let turn = wide.axis.cross(narrow.axis).try_normalize();
+        match turn {
+            Some(turn) if angle < std::f32::consts::PI => {
+                let by = angle - wide.angle;
+                let axis = wide.axis * by.cos() + turn.cross(wide.axis) * by.sin();
+                Cone { axis: axis.normalize(), angle }
+            }
+            _ => Cone::ALL,
+        }
+    }
+
+    /// Returns a measure of the directions that surfaces with normals in the cone emit into. [Conty Estevez and Kulla
+    /// 2018, eq. 1]
+    fn measure(&self, emission_angle: f32) -> f32 {
+        let (sin, cos) = self.angle.sin_cos();
+        let all = (self.angle + emission_angle).min(std::f32::consts::PI);
+        let border = 2.0 * all * sin - (self.angle - 2.0 * all).cos() - 2.0 * self.angle * sin + cos;
+        std::f32::consts::TAU * (1.0 - cos) + std::f32::consts::FRAC_PI_2 * border
+    }
+}
+
+impl LightBounds {
+    /// Returns bounds of the light of both.
+    pub fn union(&self, other: &LightBounds) -> LightBounds {
+        LightBounds {
+            bounds: self.bounds.union(other.bounds),
+            normals: self.normals.union(other.normals),
+            emission_angle: self.emission_angle.max(other.emission_angle),
+            intensity: self.intensity + other.intensity,
+        }
+    }
+
+    /// Returns the cost of sampling from this cluster instead of from its parts, in arbitrary units. [Conty Estevez
+    /// and Kulla 2018, 4.4]
+    pub fn cost(&self) -> f32 {
+        let size = self.bounds.max - self.bounds.min;
+        let area = size.x * size.y + size.y * size.z + size.z * size.x;
+        // A cluster on a line has no area.
+        let extent = area + 1e-3 * size.length_squared();
+        self.intensity * extent * self.normals.measure(self.emission_angle)
+    }
+}
+
+/// Sixteen [`LightBounds`], prepared for [`importance`](Self::importance).
+#[derive(Clone, Copy, Debug)]
+pub struct LightBoundsX16 {
+    center: Vec3x16,
+    radius_squared: f32x16,
+    axis: Vec3x16,
+    cos_normals: f32x16,
+    sin_normals: f32x16,
+    cos_emission: f32x16,
+    intensity: f32x16,
+}
+
+impl LightBoundsX16 {
+    /// Bounds without light.
+    pub fn none() -> Self {
+        LightBoundsX16 {
+            center: Vec3x16::default(),
+            radius_squared: f32x16::ZERO,
+            axis: Vec3x16::default(),
+            cos_normals: f32x16::ZERO,
+            sin_normals: f32x16::ZERO,
+            cos_emission: f32x16::ZERO,
+            intensity: f32x16::ZERO,
+        }
+    }
+
+    /// Sets the bounds of one lane.
+    pub fn set_lane(&mut self, i: usize, light: &LightBounds) {
+        let half = (light.bounds.max - light.bounds.min) * 0.5;
+        self.center.set_lane(i, light.bounds.min + half);
+        self.axis.set_lane(i, light.normals.axis);
+        let (sin, cos) = light.normals.angle.sin_cos();
+        // The cosine of the greatest angle at which light may be emitted is rounded down.
+        let cos_emission = if light.emission_angle < 3.1 { light.emission_angle.cos() - 1e-5 } else { -2.0 };
+        for (lanes, value) in [
+            (&mut self.radius_squared, half.length_squared()),
+            (&mut self.cos_normals, if light.normals.angle < 3.1 { cos } else { -2.0 }),
+            (&mut self.sin_normals, sin),
+            (&mut self.cos_emission, cos_emission),
+            (&mut self.intensity, light.intensity),
+        ] {
+            lanes.as_mut_array()[i] = value;
+        }
+    }
+
+    /// Returns the bounds of one lane in every lane.
+    #[inline]
+    pub fn splat_lane(&self, i: usize) -> Self {
+        let all = |lanes: &f32x16| f32x16::splat(lanes.as_array()[i]);
+        LightBoundsX16 {
+            center: Vec3x16::splat(self.center.lane(i)),
+            radius_squared: all(&self.radius_squared),
+            axis: Vec3x16::splat(self.axis.lane(i)),
+            cos_normals: all(&self.cos_normals),
+            sin_normals: all(&self.sin_normals),
+            cos_emission: all(&self.cos_emission),
+            intensity: all(&self.intensity),
+        }
+    }
+
+    /// Returns an estimate of the irradiance that surfaces at `p`, which face the light, receive in each lane if
+    /// nothing is in between: never negative, at most 1e30, and 0 where no light is emitted towards `p`. [Conty
+    /// Estevez and Kulla 2018, eq. 3, without the receiver's normal]
+    #[inline(always)]
+    pub fn importance(&self, p: Vec3x16) -> f32x16 {
+        let to = p - self.center;
+        let distance_squared = to.length_squared();
+        let inside = distance_squared.simd_le(self.radius_squared);
+        // The angle between the axis and the direction to the receiver, less that of the cone of normals.
+        let cos = to.dot(self.axis) / distance_squared.sqrt();
+        let sin = (f32x16::ONE - cos * cos).max(f32x16::ZERO).sqrt();
+        let (cos_beyond, sin_beyond) = beyond(cos, sin, self.cos_normals, self.sin_normals);
+        // Less the half angle of the sphere around the light.
+        let sin_sphere_squared = self.radius_squared / distance_squared;
+        let sin_sphere = sin_sphere_squared.sqrt();
+        let cos_sphere = (f32x16::ONE - sin_sphere_squared).max(f32x16::ZERO).sqrt();
+        let (cos_least, _) = beyond(cos_beyond, sin_beyond, cos_sphere, sin_sphere);
+        let emitted = cos_least.simd_gt(self.cos_emission) & cos_least.simd_gt(f32x16::ZERO);
+        let cos_least = inside.select(f32x16::ONE, cos_least & emitted);
+        let distance_squared =
+            distance_squared.max(self.radius_squared).max(f32x16::splat(f32::MIN_POSITIVE));
+        let importance = self.intensity * cos_least / distance_squared;
+        importance.min(f32x16::splat(1e30))
+    }
+}
+
+/// Returns the cosine and sine of an angle less another one, and those of 0 if the other angle is greater.
+#[inline(always)]
+fn beyond(cos: f32x16, sin: f32x16, cos_less: f32x16, sin_less: f32x16) -> (f32x16, f32x16) {
+    let outside = cos.simd_lt(cos_less);
+    let cos_difference = cos * cos_less + sin * sin_less;
+    let sin_difference = sin * cos_less - cos * sin_less;
+    (outside.select(cos_difference, f32x16::ONE), sin_difference & outside)
+}

@@ -1,0 +1,210 @@
+//! The choice of an emitter for a surface point.
+
+use crate::support::scenes;
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::integrator::Settings;
+use buffon::integrator::settings::DirectSettings;
+use buffon::math::{DAffine3, DVec3, LANES, Vec2, Vec3, Vec3x16, f32x16};
+use buffon::sampling::SamplerKind;
+use buffon::scene::{Description, Scene};
+use buffon::shape::Shape;
+use glam::{DQuat, EulerRot};
+
+/// A number in [0, 1) from an index, the same in every run.
+fn number(i: usize, k: usize) -> f64 {
+    ((i as f64 + 1.0) * [0.754_877_666, 0.569_840_291, 0.430_159_709, 0.618_033_989][k % 4] + 0.37 * k as f64)
+        .fract()
+}
+
+fn position(i: usize) -> DVec3 {
+    DVec3::new(number(i, 0), number(i, 1), number(i, 2)) * 8.0 - 4.0
+}
+
+/// A scene with `count` emitters of all kinds that have a place, and with light from infinity if wanted.
+fn scene(count: usize, infinite: bool) -> Scene {
+    let mut description = Description::default();
+    scenes::add(
+        &mut description,
+        Shape::Rectangle,
+        DAffine3::from_translation(DVec3::Z * -9.0),
+        scenes::diffuse(0.5),
+    );
+    for i in 0..count {
+        let turn = DQuat::from_euler(EulerRot::XYZ, 6.0 * number(i, 3), 6.0 * number(i, 1), 0.0);
+        let to_world = DAffine3::from_rotation_translation(turn, position(i));
+        let intensity = Rgb::splat(10f32.powf(3.0 * number(i, 2) as f32));
+        let shape = match i % 7 {
+            0 => Shape::Rectangle,
+            1 => scenes::sphere(0.3),
+            2 => Shape::Disk,
+            3 => Shape::Cylinder { p0: Vec3::ZERO, p1: Vec3::X, radius: 0.2 },
+            4 => Shape::Cube,
+            5 => {
+                description.emitters.push(Emitter::Point { position: position(i).as_vec3(), intensity });
+                continue;
+            }
+            _ => {
+                let (cutoff_angle, beam_width) = (0.2 + number(i, 0) as f32, 0.2);
+                description.emitters.push(Emitter::Spot {
+                    to_world,
+                    intensity,
+                    texture: None,
+                    cutoff_angle,
+                    beam_width,
+                });
+                continue;
+            }
+        };
+        let id = scenes::add(&mut description, shape, to_world, scenes::diffuse(0.5));
+        description.shapes[id].emission = Some(intensity.into());
+    }
+    if infinite {
+        description.emitters.push(scenes::constant(0.4));
+        let irradiance = Rgb::splat(2.0);
+        description.emitters.push(Emitter::Directional { direction: Vec3::NEG_Z, irradiance });
+    }
+    scenes::compiled(description, AccelKind::default())
+}
+
+/// The probabilities of all emitters sum to 1, and each is the fraction of the random numbers that select the
+/// emitter, for one point at a time and for sixteen.
+#[test]
+fn emitters_are_chosen_with_their_probabilities() {
+    const NUMBERS: usize = 1 << 14;
+    for (count, infinite) in
+        [(1, false), (2, false), (14, true), (16, false), (17, false), (300, true), (0, true)]
+    {
+        let scene = scene(count, infinite);
+        let (selection, emitters) = (&scene.light_selection, scene.lights.len());
+        for point in 0..10 {
+            let p = position(1000 + point).as_vec3();
+            let pmf: Vec<f64> = (0..emitters).map(|i| f64::from(selection.pmf(i, p))).collect();
+            let sum: f64 = pmf.iter().sum();
+            assert!((sum - 1.0).abs() < 1e-6, "{count} emitters: the probabilities sum to {sum}");
+            let (mut alone, mut in_lanes) = (vec![0; emitters], vec![0; emitters]);
+            for first in (0..NUMBERS).step_by(LANES) {
+                let u: [f32; LANES] =
+                    std::array::from_fn(|lane| ((first + lane) as f32 + 0.5) / NUMBERS as f32);
+                let (chosen, probability, lanes) =
+                    selection.sample_x16(Vec3x16::splat(p), f32x16::new(u), 0xffff);
+                assert_eq!(lanes, 0xffff);
+                for (lane, u) in u.into_iter().enumerate() {
+                    let choice = selection.sample(p, u).expect("there are emitters");
+                    assert!((f64::from(choice.pmf) / pmf[choice.emitter] - 1.0).abs() < 1e-5);
+                    assert!((f64::from(probability.as_array()[lane]) / pmf[chosen[lane]] - 1.0).abs() < 1e-4);
+                    alone[choice.emitter] += 1;
+                    in_lanes[chosen[lane]] += 1;
+                }
+            }
+            for (drawn, what) in [(alone, "alone"), (in_lanes, "in lanes")] {
+                for (i, (n, p)) in drawn.iter().zip(&pmf).enumerate() {
+                    // An emitter has two intervals of the random numbers, each with two ends.
+                    let expected = p * NUMBERS as f64;
+                    assert!(
+                        (f64::from(*n) - expected).abs() < 4.0,
+                        "{count} emitters, {what}: emitter {i} was drawn {n} times instead of {expected}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// An emitter that illuminates a point has more than its equal share of the few samples that are distributed equally:
+/// the bounds of its light contain the point.
+#[test]
+fn no_emitter_is_thought_dark_where_it_shines() {
+    for count in [15, 400] {
+        let scene = scene(count, true);
+        let equal = 0.05 / scene.lights.len() as f32;
+        let mut lit = 0;
+        for point in 0..300 {
+            let p = position(5000 + point).as_vec3();
+            for (i, light) in scene.lights.iter().enumerate() {
+                let shines = (0..16).any(|k| {
+                    let u = Vec2::new(number(k, 0) as f32, number(k, 1) as f32);
+                    light.sample(p, u, 0.0).is_some_and(|s| !s.radiance.is_black() && s.pdf > 0.0)
+                });
+                lit += usize::from(shines);
+                let pmf = scene.light_selection.pmf(i, p);
+                assert!(
+                    !shines || pmf > equal,
+                    "emitter {i} ({}) at {p} has probability {pmf}",
+                    light.kind()
+                );
+            }
+        }
+        assert!(
+            lit > 300 * scene.lights.len() / 4,
+            "{lit} pairs of a point and an emitter that illuminates it"
+        );
+    }
+}
+
+/// Returns the relative standard deviation of a pixel's mean between seeds.
+fn deviation(scene: &Scene, samples: u64) -> f64 {
+    let settings = Settings::Direct(DirectSettings { bsdf_samples: 0, ..DirectSettings::default() });
+    let images: Vec<Vec<f64>> = (0..4)
+        .map(|seed| scenes::render(scene, &settings, SamplerKind::Independent, samples, seed))
+        .map(|rendered| scenes::pixels(&rendered).into_iter().map(|p| p[1]).collect())
+        .collect();
+    let pixels = images[0].len();
+    let relative = (0..pixels).map(|i| {
+        let mean = images.iter().map(|image| image[i]).sum::<f64>() / 4.0;
+        images.iter().map(|image| (image[i] / mean - 1.0).powi(2)).sum::<f64>() / 3.0
+    });
+    (relative.sum::<f64>() / pixels as f64).sqrt()
+}
+
+/// A wall that a spot lights by a hundred times the light of a weak sky, although the sky has far more power.
+#[test]
+fn a_spot_is_not_lost_under_a_sky() {
+    let mut description = Description::default();
+    let wall = DAffine3::from_scale(DVec3::splat(50.0));
+    scenes::add(&mut description, Shape::Rectangle, wall, scenes::diffuse(0.5));
+    let to_world =
+        DAffine3::from_rotation_translation(DQuat::from_rotation_x(std::f64::consts::PI), DVec3::Z * 1.0);
+    description.emitters = vec![
+        Emitter::Spot {
+            to_world,
+            intensity: Rgb::splat(5.0),
+            texture: None,
+            cutoff_angle: 1.0,
+            beam_width: 0.9,
+        },
+        scenes::constant(0.1),
+    ];
+    description.sensors.push(scenes::camera(DVec3::Z * 2.0, DVec3::ZERO, 20.0, 16));
+    let deviation = deviation(&scenes::compiled(description, AccelKind::default()), 64);
+    println!("relative standard deviation with 64 samples: {deviation:.4}");
+    // By power alone it is 4.
+    assert!(deviation < 0.1, "{deviation}");
+}
+
+/// A floor under a field of small lamps: with a hundred times as many lamps of a hundredth of the intensity, the error
+/// is at most half again as large.
+#[test]
+fn ten_thousand_lamps_are_as_good_as_a_hundred() {
+    let floor = |side: usize| {
+        let mut description = Description::default();
+        scenes::add(
+            &mut description,
+            Shape::Rectangle,
+            DAffine3::from_scale(DVec3::splat(20.0)),
+            scenes::diffuse(0.5),
+        );
+        let each = Rgb::splat(100.0 / (side * side) as f32);
+        for i in 0..side * side {
+            let at = |k: usize| 20.0 * ((k as f32 + 0.5) / side as f32) - 10.0;
+            let position = Vec3::new(at(i % side), at(i / side), 0.5);
+            description.emitters.push(Emitter::Point { position, intensity: each });
+        }
+        description.sensors.push(scenes::camera(DVec3::Z * 10.0, DVec3::ZERO, 60.0, 12));
+        deviation(&scenes::compiled(description, AccelKind::default()), 64)
+    };
+    let (few, many) = (floor(10), floor(100));
+    println!("relative standard deviation with 64 samples: {few:.4} for 100 lamps, {many:.4} for 10,000");
+    assert!(many < 1.5 * few, "{many} beside {few}");
+}
