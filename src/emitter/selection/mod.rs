@@ -324,18 +324,21 @@ impl Weights {
     /// Chooses a child, and returns it with the random number rescaled to [0, 1).
     #[inline]
     fn sample(&self, u: f64) -> (usize, f64) {
-        let (mut below, mut last) = (0.0, (0, 0.0));
-        for i in 0..self.count {
-            let probability = self.probability(i);
-            if probability > 0.0 {
-                last = (i, ((u - below) / probability).clamp(0.0, 1f64.next_down()));
-                if u < below + probability {
+        let (total, equal) = if self.total > 0.0 { (self.total, 0.0) } else { (self.count as f64, 1.0) };
+        let target = u * total;
+        let (mut below, mut last) = (0.0, (0, 0.0, 1.0));
+        for (i, weight) in self.weights[..self.count].iter().enumerate() {
+            let weight = f64::from(*weight) + equal;
+            if weight > 0.0 {
+                last = (i, below, weight);
+                if target < below + weight {
                     break;
                 }
             }
-            below += probability;
+            below += weight;
         }
-        last
+        let (i, below, weight) = last;
+        (i, ((target - below) / weight).clamp(0.0, 1f64.next_down()))
     }
 }
 
