@@ -207,7 +207,8 @@ impl<'a> Rest<'a> {
             self.0 = &self.0[self.word().len()..];
         }
         match words[..] {
-            [] | [_, _, _] => Some(position),
+            [] => Some(position),
+            [_, _, _] => words.iter().all(|w| fast_float2::parse::<f32, _>(w).is_ok()).then_some(position),
             [weight] => fast_float2::parse(weight).ok().filter(|w| *w != 0.0).map(|w: f32| position / w),
             _ => None,
         }
