@@ -201,3 +201,55 @@ fn memory_is_planned_before_tobj_takes_it() {
     let endless = " ".repeat(4 << 20);
     assert!(matches!(through_tobj(endless.as_bytes(), &mut budget.nothing()), Err(Stop::Memory(_))));
 }
+
+/// If the fast path reads a damaged text, `tobj` reads the same mesh from it.
+#[test]
+fn the_fast_path_reads_nothing_that_tobj_reads_otherwise() {
+    const TEXT: &str = "v 0 0 0\nv 1 0 0\r\nv 1 1 0 2\nv 0 1 0.5 1 0 1\nvt 0 0\nvt 1 0\nvn 0 0 1\nusemtl b\n# c\n\
+                        f 1/1/1 2/2/1 3/2/1\nf -4/1/1 -2/2/1 -1/2/1 # the rest\nf 1//1 2//1 3//1 4//1\nl 1 2\n";
+    const BITS: [&str; 20] = [
+        "-1",
+        "0",
+        "+3",
+        "nan",
+        "inf",
+        "1e9",
+        "#",
+        " #",
+        "/",
+        "//",
+        "\n",
+        "\r",
+        " ",
+        "f ",
+        "vt",
+        "\\",
+        "\u{a0}",
+        "\u{b}",
+        "\u{c}",
+        "4294967296",
+    ];
+    let mut state = 7u64;
+    let mut random = move |n: usize| {
+        state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (state >> 33) as usize % n
+    };
+    let mut planned = Budget::unlimited().nothing();
+    let mut both = 0;
+    for _ in 0..20_000 {
+        let mut text = TEXT.as_bytes().to_vec();
+        for _ in 0..=random(2) {
+            let at = random(text.len());
+            let end = (at + random(4)).min(text.len());
+            text.splice(at..end, BITS[random(BITS.len())].bytes());
+        }
+        let Ok(fast) = fast::read(&text[..], fast::USUAL, &mut planned) else { continue };
+        let shown = String::from_utf8_lossy(&text);
+        let (mesh, survey) =
+            through_tobj(&text[..], &mut planned).unwrap_or_else(|e| panic!("{shown}: {e:?}"));
+        // Two NaN are equal.
+        assert_eq!(format!("{fast:?}"), format!("{:?}", (mesh, survey)), "{shown}");
+        both += 1;
+    }
+    assert!(both > 5_000, "only {both} texts could be read");
+}
