@@ -6,7 +6,7 @@ use super::shared::{MethodArgs, SceneArgs};
 use super::values;
 use crate::error::{Error, Result, counted};
 use crate::image;
-use crate::regress::{self, Found, Options, Report, Row, Status, Update, discover, junit, write_page};
+use crate::regress::{self, Found, Options, RegressRow, Report, Status, Update, discover, junit, write_page};
 use crate::render::Progress;
 use crate::session::Choices;
 use crate::util;
@@ -227,7 +227,7 @@ fn announce(args: &RegressArgs, found: &Found) -> Result<()> {
 }
 
 /// The line of a scene.
-fn line(row: &Row, width: usize) -> String {
+fn line(row: &RegressRow, width: usize) -> String {
     let samples = match row.samples_per_pixel {
         0 => String::new(),
         n => format!("{n} spp"),

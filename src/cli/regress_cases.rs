@@ -1,7 +1,7 @@
 //! The cases of `buffon regress`: their lines on the terminal, and the files of their table.
 
 use crate::error::{Error, Result};
-use crate::regress::{Beside, CaseResult, Measured, Report, Row, json, markdown};
+use crate::regress::{Beside, CaseResult, Measured, RegressRow, Report, json, markdown};
 use crate::util;
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub(super) struct CaseLines {
 
 impl CaseLines {
     /// The line of a case; `None` for any other row.
-    pub fn line(&mut self, row: &Row) -> Option<String> {
+    pub fn line(&mut self, row: &RegressRow) -> Option<String> {
         let case = row.case.as_ref()?;
         let mut text = String::new();
         if self.scene != case.scene {
