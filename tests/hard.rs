@@ -48,7 +48,7 @@ fn hard_cases_hold_or_fail_as_they_are_known_to() {
     assert!(known * 10 < report.rows.len(), "{known} of {} cases are known to fail", report.rows.len());
     for kind in AccelKind::ALL {
         let name = kind.to_string();
-        let on_it = |row: &&buffon::regress::Row| {
+        let on_it = |row: &&buffon::regress::RegressRow| {
             row.case.as_ref().is_some_and(|case| case.measured.iter().any(|m| m.accel == name))
         };
         assert!(report.rows.iter().filter(on_it).count() > 180, "{name}");

@@ -1,10 +1,10 @@
-//! What a render may take.
+//! The budget of a render.
 
 use crate::render::StopRules;
 use std::fmt;
 use std::time::Duration;
 
-/// Time or samples.
+/// A limit in time or samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Budget {
     /// Time for sampling: the render stops before the pass that would exceed it.
@@ -14,10 +14,11 @@ pub enum Budget {
 }
 
 impl Budget {
-    /// A list such as `1s,2s,4s` or `16,64,256` (samples per pixel), in rising order and each once.
+    /// Parses a list such as `1s,2s,4s` or `16,64,256` (samples per pixel). Returns the budgets in ascending order
+    /// without duplicates.
     ///
     /// # Errors
-    /// A sentence about the first that is neither a time nor a number of samples.
+    /// Describes the first word that is neither a time nor a number of samples.
     pub fn list(text: &str) -> Result<Vec<Budget>, String> {
         let mut budgets =
             text.split(',').map(|word| Budget::parse(word.trim())).collect::<Result<Vec<_>, _>>()?;
@@ -55,7 +56,7 @@ impl Budget {
         }
     }
 
-    /// The stop rule.
+    /// Returns the stop rule.
     pub(super) fn stop(self) -> StopRules {
         match self {
             Budget::Time(time) => StopRules { time: Some(time), ..StopRules::default() },

@@ -1,17 +1,18 @@
-//! Where rendered references are kept, and by which name.
+//! The cache of rendered references: its folder and its file names.
 
 use crate::session::SceneFile;
 use crate::util::digest;
 use std::path::{Path, PathBuf};
 
-/// What a picture depends on: the scene as its file, the files that this refers to, and the user's choices make it,
-/// how the file wants it rendered, and Buffon's version. Where things stand in the file does not count.
+/// Returns the digest of everything that determines the image: the scene after the user's choices, with the files that
+/// it refers to; its integrator; and Buffon's version. The layout of the scene file has no effect.
 pub(super) fn key(file: &SceneFile) -> String {
     let (integrator, version) = (&file.defaults.integrator, env!("BUFFON_VERSION"));
     format!("{:016x}", digest(&(&file.description, file.sensor, integrator, version)))
 }
 
-/// The file of a reference: `$XDG_CACHE_HOME/buffon` or `~/.cache/buffon`; `None` where there is neither.
+/// Returns the file of a reference, in `$XDG_CACHE_HOME/buffon` or `~/.cache/buffon`; `None` if neither folder is
+/// known.
 pub(super) fn file(scene: &Path, key: &str) -> Option<PathBuf> {
     let absolute = |name| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let folder = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;

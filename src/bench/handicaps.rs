@@ -1,10 +1,10 @@
-//! What each traversal has and lacks, in words: a rate without them says little.
+//! The capabilities and limitations of each traversal, in words. They are needed to interpret its speed.
 
 use super::Traversal;
 use crate::accel::AccelKind;
 use crate::report::machine;
 
-/// The SIMD that this program is compiled for; Embree chooses its own when it runs.
+/// The SIMD instructions that this program is compiled for. Embree chooses its own at run time.
 const COMPILED_FOR: &str = if cfg!(target_feature = "avx512f") {
     "AVX-512"
 } else if cfg!(target_feature = "avx2") {
@@ -13,7 +13,7 @@ const COMPILED_FOR: &str = if cfg!(target_feature = "avx512f") {
     "the baseline of the architecture"
 };
 
-/// A paragraph about a traversal, as this program uses it on this machine.
+/// Returns a paragraph about a traversal as this program uses it on this machine.
 pub(super) fn of(accel: AccelKind, threads: usize) -> String {
     let detected = machine::simd();
     match accel {
@@ -35,7 +35,7 @@ pub(super) fn of(accel: AccelKind, threads: usize) -> String {
     }
 }
 
-/// How long a structure took and how much it holds.
+/// Returns the build time and memory of a traversal, in words.
 pub(super) fn cost(traversal: &Traversal) -> String {
     let Traversal { accel, build_seconds, memory_bytes } = traversal;
     format!("{accel}: built in {build_seconds:.3} s, {:.1} MB", *memory_bytes as f64 * 1e-6)

@@ -1,6 +1,6 @@
-//! The renders and their figures.
+//! The renders and their measurements.
 
-use super::{Combination, Options, Reference, Row};
+use super::{BenchRow, Combination, Options, Reference};
 use crate::accel::AccelKind;
 use crate::error::{Error, Result};
 use crate::estimate::metrics;
@@ -9,28 +9,28 @@ use crate::integrator::Settings;
 use crate::render::{Progress, Rendered, StopReason, StopRules};
 use crate::session::{Choices, Plan, Session};
 
-/// Figures of one render.
+/// The measurements of one render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measurement {
-    /// Its seed.
+    /// The seed.
     pub seed: u64,
-    /// Wall time of sampling alone.
+    /// Wall time of preparation and sampling, in seconds.
     pub seconds: f64,
     /// Samples per pixel.
     pub samples_per_pixel: u64,
-    /// Against the reference, the reference's own error included.
+    /// relMSE against the reference. It includes the reference's own error.
     pub relmse: f64,
-    /// The same without the 0.1 % worst pixels; NaN for an image of one pixel.
+    /// relMSE without the worst 0.1 % of the pixels; NaN for an image of one pixel.
     pub trimmed_relmse: f64,
     /// Mean squared error.
     pub mse: f64,
-    /// relMSE as the render itself estimates it, without the reference.
+    /// relMSE as estimated by the render itself, without the reference.
     pub relmse_estimate: Option<f64>,
-    /// Queries for nearest hits, and for occlusion.
+    /// Queries for the closest hit, and for occlusion.
     pub rays: [u64; 2],
-    /// What the threads together spent in them, in seconds.
+    /// The time of these queries in seconds, summed over the threads.
     pub thread_seconds: [f64; 2],
-    /// Samples that were dropped because they were not finite or negative.
+    /// Samples that were dropped because they were not finite or were negative.
     pub invalid_samples: u64,
 }
 
@@ -52,13 +52,13 @@ impl Measurement {
         }
     }
 
-    /// Rays per second of wall time, everything else that rendering takes included.
+    /// Returns the rays per second of wall time. The wall time includes all other work of rendering.
     pub fn rays_per_second(&self) -> f64 {
         self.rays.iter().sum::<u64>() as f64 / self.seconds
     }
 }
 
-/// A combination, ready to be rendered or with the reason why it cannot be.
+/// A combination with its session and plan, or with the reason why it cannot be rendered.
 pub(super) struct Candidate<'a> {
     combination: Combination,
     choices: Choices,
@@ -94,17 +94,17 @@ impl<'a> Candidate<'a> {
         Ok(Candidate { combination: Combination { integrator, sampler, accel }, choices, ready })
     }
 
-    /// Why it cannot be rendered, if so.
+    /// Returns the reason why it cannot be rendered, if there is one.
     pub fn failure(&self) -> Option<&String> {
         self.ready.as_ref().err()
     }
 
-    /// The settings of its integrator.
+    /// Returns the settings of the integrator.
     pub fn integrator(&self) -> Option<&Settings> {
         self.ready.as_ref().ok().map(|(_, plan)| &plan.integrator)
     }
 
-    /// Renders once; `None` if it was interrupted.
+    /// Renders once; returns `None` if the render was interrupted.
     fn render(&self, stop: StopRules, seed: u64, progress: &Progress) -> Result<Option<(Rendered, Image)>> {
         let Ok((session, _)) = &self.ready else { return Ok(None) };
         let plan = session.plan(&Choices { stop, seed, ..self.choices.clone() })?;
@@ -114,7 +114,7 @@ impl<'a> Candidate<'a> {
     }
 }
 
-/// Red, green and blue alone: a scene may ask for layers.
+/// Returns the red, green and blue channels without the layers that a scene may add.
 pub(super) fn picture(image: &Image) -> Image {
     let mut picture = Image::new(image.width, image.height, &["R", "G", "B"]);
     picture.data = image.colours();
@@ -122,20 +122,20 @@ pub(super) fn picture(image: &Image) -> Image {
     picture
 }
 
-/// Samples per pixel of the render that warms up caches and is not counted.
+/// Samples per pixel of the first render, which warms up caches and is not measured.
 const WARM_UP: u64 = 2;
 
-/// Renders all candidates with all budgets, as often as asked for, taking turns.
+/// Renders every candidate with every budget, the requested number of times. The candidates take turns.
 pub(super) fn measure(
     candidates: Vec<Candidate<'_>>,
     reference: &Reference,
     options: &Options,
     progress: &Progress,
     tell: &dyn Fn(&str),
-) -> Result<Vec<Row>> {
-    let mut rows: Vec<Row> = candidates
+) -> Result<Vec<BenchRow>> {
+    let mut rows: Vec<BenchRow> = candidates
         .iter()
-        .map(|c| Row {
+        .map(|c| BenchRow {
             combination: c.combination.clone(),
             failure: c.failure().cloned(),
             cells: vec![Vec::new(); options.budgets.len()],
@@ -150,7 +150,7 @@ pub(super) fn measure(
         for (b, budget) in options.budgets.iter().enumerate() {
             tell(&format!("run {} of {}, {budget}", run + 1, options.runs));
             let mut order: Vec<usize> = (0..candidates.len()).collect();
-            // Whoever is first one time is last the next.
+            // The order alternates, so that no candidate is always first.
             if run % 2 == 1 {
                 order.reverse();
             }

@@ -1,7 +1,7 @@
-//! Speed against error: scenes × integrators × samplers × traversals × budgets, each rendered several times.
+//! Error against time: scenes × integrators × samplers × traversals × budgets, each rendered several times.
 //!
-//! The renders take turns, so that whatever else the machine does meets all of them alike. Every image is compared
-//! with a reference; every figure stands beside the reference's own error, where that is known.
+//! The renders take turns, so that other load on the machine affects all of them equally. Every image is compared with
+//! a reference. The reference's own error is reported with the measurements, if it is known.
 
 mod budget;
 mod cache;
@@ -32,30 +32,30 @@ use measure::Candidate;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// What is to be measured.
+/// The options of a benchmark.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// The scene files.
     pub scenes: Vec<PathBuf>,
-    /// What the user says of all of them.
+    /// The user's choices for all scenes.
     pub choices: SceneChoices,
-    /// Names of integrators; empty for that of the scene.
+    /// Names of integrators; if empty, each scene's own is used.
     pub integrators: Vec<String>,
-    /// Samplers; empty for that of the scene.
+    /// Samplers; if empty, each scene's own is used.
     pub samplers: Vec<SamplerKind>,
-    /// Traversals.
+    /// The traversals.
     pub accels: Vec<AccelKind>,
-    /// What each render may take.
+    /// The budgets of each render.
     pub budgets: Vec<Budget>,
-    /// How often each render is made, every time with another seed.
+    /// The number of renders for each budget, each with a different seed.
     pub runs: u32,
-    /// The seed of the first.
+    /// The seed of the first run.
     pub seed: u64,
-    /// Threads.
+    /// The number of threads.
     pub threads: usize,
-    /// The reference of the one scene.
+    /// The reference, if there is only one scene.
     pub reference: Option<PathBuf>,
-    /// The longest that rendering a reference may take.
+    /// The time limit for rendering a reference.
     pub reference_time: Duration,
 }
 
@@ -70,49 +70,49 @@ pub struct Combination {
     pub accel: AccelKind,
 }
 
-/// What came of a combination.
+/// The results of a combination.
 #[derive(Clone, Debug)]
-pub struct Row {
-    /// What was combined.
+pub struct BenchRow {
+    /// The combination.
     pub combination: Combination,
-    /// Why there is no figure, if there is none.
+    /// The reason why there are no measurements, if there are none.
     pub failure: Option<String>,
-    /// By budget: the runs.
+    /// The measurements of all runs, for each budget.
     pub cells: Vec<Vec<Measurement>>,
-    /// The first image of the last budget.
+    /// The first image with the last budget.
     pub image: Option<Image>,
 }
 
-/// A traversal's structure over a scene.
+/// The acceleration structure of a traversal for a scene.
 #[derive(Clone, Debug)]
 pub struct Traversal {
-    /// Which.
+    /// The traversal.
     pub accel: AccelKind,
-    /// Time to build it.
+    /// Build time in seconds.
     pub build_seconds: f64,
-    /// Its memory.
+    /// Memory in bytes.
     pub memory_bytes: usize,
 }
 
-/// All about one scene.
+/// The results for one scene.
 #[derive(Clone, Debug)]
 pub struct SceneReport {
     /// The scene file.
     pub path: PathBuf,
-    /// Columns and rows that were rendered.
+    /// Width and height of the image in pixels.
     pub size: [usize; 2],
-    /// Triangles in memory.
+    /// The number of triangles in memory.
     pub triangles: usize,
-    /// What the images are compared with.
+    /// The reference of the images.
     pub reference: Reference,
-    /// The structures.
+    /// The acceleration structures.
     pub traversals: Vec<Traversal>,
-    /// The combinations.
-    pub rows: Vec<Row>,
+    /// The results of each combination.
+    pub rows: Vec<BenchRow>,
 }
 
 impl SceneReport {
-    /// The scene's name: that of its file, or of its folder if the file is called `scene`.
+    /// Returns the scene's name: that of its file, or of its folder if the file is called `scene`.
     pub fn name(&self) -> String {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let folder = self.path.parent().and_then(Path::file_name).map(|f| f.to_string_lossy());
@@ -123,23 +123,23 @@ impl SceneReport {
     }
 }
 
-/// A finished bench.
+/// The result of a benchmark.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// What was asked for.
+    /// The options.
     pub options: Options,
-    /// By scene: what came out. Scenes that an interruption left without any figure are missing.
+    /// The results for each scene, without scenes that have no measurement because of an interruption.
     pub scenes: Vec<SceneReport>,
 }
 
-/// Measures, until all is done or the progress is interrupted; `tell` gets a line about every step.
+/// Measures until everything is done or the progress is interrupted. `tell` receives a line about every step.
 ///
 /// # Errors
-/// If an option means nothing, a scene cannot be loaded, or a reference cannot be read or does not fit. A
-/// combination that cannot be rendered is a row with its reason.
+/// If the options contradict each other, a scene cannot be loaded, or a reference cannot be read or does not fit. A
+/// combination that cannot be rendered is a row with the reason.
 pub fn run(options: Options, progress: &Progress, tell: &dyn Fn(&str)) -> Result<Report> {
     check(&options)?;
-    // What is wrong with the last scene should not be found out at the end.
+    // An error in the last scene is reported at the start.
     for path in &options.scenes {
         load(path, &options)?;
     }
@@ -162,7 +162,7 @@ fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// The scene as it is measured: its picture as red, green and blue.
+/// Loads a scene with a film of red, green and blue.
 fn load(path: &Path, options: &Options) -> Result<SceneFile> {
     let mut file = SceneFile::load(path, &options.choices)?;
     let sensor = file.sensor;
@@ -170,7 +170,7 @@ fn load(path: &Path, options: &Options) -> Result<SceneFile> {
     Ok(file)
 }
 
-/// Measures one scene; `None` if it was interrupted before there was any figure.
+/// Measures one scene; returns `None` if it was interrupted before the first measurement.
 fn bench_scene(
     path: &Path,
     options: &Options,
@@ -188,7 +188,7 @@ fn bench_scene(
         .map(|&accel| (accel, file.clone().compile(accel, options.threads).map_err(|e| e.to_string())))
         .collect();
     drop(file);
-    // Where `auto` is one of the trees, which stand beside it, it says nothing new.
+    // If `auto` selects one of the trees and other traversals are measured too, `auto` is redundant.
     let is_tree = |s: &Session| s.scene.accel.name() != "list";
     if sessions.iter().any(|(accel, _)| *accel != AccelKind::Auto) {
         sessions.retain(|(accel, s)| *accel != AccelKind::Auto || !s.as_ref().is_ok_and(is_tree));
@@ -241,7 +241,7 @@ fn bench_scene(
     Ok(any.then_some(report))
 }
 
-/// What the user lists, or one `None`: what the scene asks for.
+/// Returns the user's list, or one `None` for the scene's own choice if the list is empty.
 fn some_or_default<T: Clone>(list: &[T]) -> Vec<Option<T>> {
     if list.is_empty() { vec![None] } else { list.iter().cloned().map(Some).collect() }
 }

@@ -1,11 +1,11 @@
-//! The figures for other programs: CSV with a line for each render, JSON with everything.
+//! The measurements for other programs: CSV with a line for each render, and JSON with everything.
 
-use super::{Budget, Measurement, Median, Report, Row, SceneReport};
+use super::{BenchRow, Budget, Measurement, Median, Report, SceneReport};
 use crate::error::{Error, Result};
 use crate::report::machine;
 use serde_json::{Map, Value, json};
 
-/// The columns of the CSV. Empty fields are unknown.
+/// The columns of the CSV. An empty field is an unknown value.
 const COLUMNS: [&str; 22] = [
     "scene",
     "integrator",
@@ -31,7 +31,7 @@ const COLUMNS: [&str; 22] = [
     "failure",
 ];
 
-/// The renders as CSV: a line for each, and one for each combination that failed.
+/// Returns the renders as CSV: a line for each render, and one for each combination that failed.
 ///
 /// # Errors
 /// If it cannot be encoded.
@@ -55,8 +55,8 @@ pub fn csv(report: &Report) -> Result<Vec<u8>> {
     writer.into_inner().map_err(|e| Error::internal(format!("cannot encode CSV: {}", e.error())))
 }
 
-/// The fields of a render, or of a failure.
-fn line(scene: &SceneReport, row: &Row, render: Option<(Budget, usize, &Measurement)>) -> Vec<String> {
+/// Returns the fields of a render or of a failure.
+fn line(scene: &SceneReport, row: &BenchRow, render: Option<(Budget, usize, &Measurement)>) -> Vec<String> {
     let c = &row.combination;
     let known = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
     let mut fields = vec![scene.name(), c.integrator.clone(), c.sampler.to_string(), c.accel.to_string()];
@@ -89,7 +89,7 @@ fn line(scene: &SceneReport, row: &Row, render: Option<(Budget, usize, &Measurem
     fields
 }
 
-/// Everything as JSON.
+/// Returns everything as JSON.
 pub fn json(report: &Report) -> Value {
     let options = &report.options;
     let circumstances: Map<String, Value> = machine::facts()
@@ -127,7 +127,7 @@ fn scene_json(report: &Report, scene: &SceneReport) -> Value {
     })
 }
 
-fn row_json(report: &Report, scene: &SceneReport, row: &Row) -> Value {
+fn row_json(report: &Report, scene: &SceneReport, row: &BenchRow) -> Value {
     let c = &row.combination;
     let budgets = report.options.budgets.iter().zip(&row.cells);
     let law = row.slope(&scene.reference);

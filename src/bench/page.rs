@@ -1,6 +1,6 @@
-//! The page: plots, bars, tables, pictures and the viewer.
+//! The page: plots, bars, tables, images and the viewer.
 
-use super::{Combination, Report, Row, SceneReport, handicaps, tables};
+use super::{BenchRow, Combination, Report, SceneReport, handicaps, tables};
 use crate::error::Result;
 use crate::report::{
     Axis, Bar, Bars, Html, Line, Page, Picture, Plot, Point, Series, Viewer, error_thumbnail, exposure_of,
@@ -9,15 +9,15 @@ use crate::report::{
 use crate::util::relative;
 use std::path::Path;
 
-/// The pixels of all images in the viewers of a page, at most: a browser has to hold them.
+/// The greatest number of pixels of all images in the viewers of a page. It limits the memory of the browser.
 const MOST_PIXELS: usize = 24_000_000;
-/// Width of the small pictures.
+/// Width of the small images in pixels.
 const THUMBNAIL: usize = 240;
 
-/// The page of a bench, with paths as seen from its folder.
+/// Creates the page of a benchmark, with paths relative to its folder.
 ///
 /// # Errors
-/// If a picture cannot be encoded.
+/// If an image cannot be encoded.
 pub fn page(report: &Report, folder: &Path) -> Result<Page> {
     let options = &report.options;
     let names: Vec<String> = report.scenes.iter().map(SceneReport::name).collect();
@@ -43,16 +43,18 @@ pub fn page(report: &Report, folder: &Path) -> Result<Page> {
     Ok(page)
 }
 
-/// Integrators that leave light out: at small budgets their error is small for what it costs, and then it stays.
+/// Integrators that omit part of the light. Their error is small at small budgets, but does not converge to zero.
 const INCOMPLETE: [&str; 2] = ["direct", "whitted"];
 
-/// The most efficient combination of a scene at its last budget, of those that leave no light out if there are any.
+/// Returns the most efficient combination of a scene at its last budget. If any integrator renders all light, only
+/// those that do are compared.
 fn winner(scene: &SceneReport) -> Option<String> {
-    let last = |row: &Row| row.medians().last().copied().flatten();
-    let complete = |row: &Row| !INCOMPLETE.contains(&row.combination.integrator.as_str());
+    let last = |row: &BenchRow| row.medians().last().copied().flatten();
+    let complete = |row: &BenchRow| !INCOMPLETE.contains(&row.combination.integrator.as_str());
     let some_complete = scene.rows.iter().any(|row| row.failure.is_none() && complete(row));
     let compared = scene.rows.iter().filter(|row| complete(row) || !some_complete);
-    let mut rows: Vec<(f64, &Row)> = compared.filter_map(|row| Some((last(row)?.efficiency, row))).collect();
+    let mut rows: Vec<(f64, &BenchRow)> =
+        compared.filter_map(|row| Some((last(row)?.efficiency, row))).collect();
     rows.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (best, first) = rows.first()?;
     let lead = rows.get(1).map_or_else(String::new, |(second, row)| {
@@ -95,8 +97,9 @@ fn section(report: &Report, scene: &SceneReport, folder: &Path, pixels: &mut usi
     Ok(html)
 }
 
-/// Rows with figures, each with the style of its integrator and sampler: traversals share one.
-fn styled(scene: &SceneReport) -> Vec<(usize, &Row)> {
+/// Returns the rows with measurements, each with the style of its integrator and sampler. All traversals of one
+/// integrator and sampler have the same style.
+fn styled(scene: &SceneReport) -> Vec<(usize, &BenchRow)> {
     let mut seen: Vec<(&str, String)> = Vec::new();
     let rows = scene.rows.iter().filter(|row| row.cells.iter().any(|runs| !runs.is_empty()));
     rows.map(|row| {
@@ -110,7 +113,7 @@ fn styled(scene: &SceneReport) -> Vec<(usize, &Row)> {
     .collect()
 }
 
-/// relMSE against seconds.
+/// Plots relMSE against seconds.
 fn convergence(report: &Report, scene: &SceneReport) -> Plot {
     let accels = &report.options.accels;
     let mut series = Vec::new();
@@ -133,7 +136,7 @@ fn convergence(report: &Report, scene: &SceneReport) -> Plot {
         let line = [Line::Solid, Line::Dashed, Line::Dotted][place.unwrap_or(0).min(2)];
         series.push(Series { name: label(&row.combination), points, style, line });
     }
-    // The law of independent samples, through the first point of all.
+    // The law of independent samples, through the first point with the greatest error.
     if let Some(start) = series.iter().flat_map(|s| s.points.first()).max_by(|a, b| a.y.total_cmp(&b.y)) {
         let law = |x: f64| Point::new(x, start.y * start.x / x);
         let points = vec![law(start.x * 1e-6), law(start.x * 1e6)];
@@ -147,7 +150,7 @@ fn convergence(report: &Report, scene: &SceneReport) -> Plot {
     }
 }
 
-/// Efficiency at the last budget.
+/// Plots the efficiency at the last budget.
 fn efficiency(scene: &SceneReport) -> Bars {
     let bars = styled(scene).into_iter().filter_map(|(style, row)| {
         let median = row.medians().last().copied().flatten()?;
@@ -165,7 +168,7 @@ fn efficiency(scene: &SceneReport) -> Bars {
     }
 }
 
-/// Rays of all combinations, by traversal and kind of query.
+/// Plots the median rays per second by traversal and kind of query, over all combinations.
 fn rays(scene: &SceneReport) -> Bars {
     let mut bars = Vec::new();
     for (style, traversal) in scene.traversals.iter().enumerate() {
@@ -191,7 +194,7 @@ fn three_digits(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }
 
-/// Each combination's picture beside its error.
+/// Returns each combination's image and error map.
 fn pictures(scene: &SceneReport) -> Result<Vec<Picture>> {
     let reference = &scene.reference.image;
     let exposure = exposure_of(reference);
@@ -219,7 +222,7 @@ fn pictures(scene: &SceneReport) -> Result<Vec<Picture>> {
     Ok(pictures)
 }
 
-/// The viewer, with as many images as the page may still hold.
+/// Returns the viewer, with as many images as the limit of the page allows.
 fn viewer(scene: &SceneReport, pixels: &mut usize) -> Result<Html> {
     let each = scene.size[0] * scene.size[1];
     let mut images = vec![("reference".to_string(), &scene.reference.image)];

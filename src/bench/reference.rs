@@ -1,4 +1,4 @@
-//! What images are compared with: given, kept beside the scene, or rendered once and cached.
+//! References: given by the user, stored beside the scene, or rendered once and cached.
 
 use super::measure::{Candidate, picture};
 use super::{Budget, Options, cache};
@@ -14,35 +14,35 @@ use crate::util::relative;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// A picture that stands for the truth.
+/// An image that stands for the truth.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// The picture: red, green, blue.
+    /// The image, with the channels red, green and blue.
     pub image: Image,
-    /// The file that it is from; `None` if it was rendered.
+    /// The file of the image; `None` if it was rendered.
     pub file: Option<PathBuf>,
-    /// How it was made, in words; after the path of its file, if there is one.
+    /// A description of how it was made, which follows the path of its file if there is one.
     pub made: String,
-    /// Its own relMSE, which every measured one holds besides the image's; `None` if nothing tells it.
+    /// Its own relMSE, which is part of every measured relMSE; `None` if it is unknown.
     pub floor: Option<f64>,
 }
 
 impl Reference {
-    /// Returns where it is from, in words, with the path as seen from a folder or as it was given.
+    /// Returns the origin of the reference in words. Its path is relative to the folder, or as it was given.
     pub fn origin(&self, folder: Option<&Path>) -> String {
         let file = self.file.as_deref().map(|file| folder.map_or(file.to_owned(), |f| relative(file, f)));
         format!("{}{}", file.map_or_else(String::new, |file| file.display().to_string()), self.made)
     }
 }
 
-/// How many times the samples or the time of the largest budget a rendered reference gets.
+/// The samples or time of a rendered reference divided by those of the largest budget.
 const EFFORT: u32 = 32;
-/// A cached reference counts as one of the time asked for from this share of it: renders stop before their limit.
+/// The fraction of the requested time from which a cached reference is used. Renders stop before their limit.
 const NEARLY: f64 = 0.8;
-/// Distance of the reference's seed from that of the measured images.
+/// The difference between the seeds of the reference and of the measured images.
 const OTHER_SEED: u64 = 0x5851_f42d_4c95_7f2d;
 
-/// Finds the reference, or renders and keeps it.
+/// Finds the reference, or renders and stores it.
 pub(super) fn find(
     session: &Session,
     options: &Options,
@@ -64,7 +64,7 @@ pub(super) fn find(
     let plan = Wanted::new(options);
     let cached = cache::file(&session.path, &key);
     if let Some(path) = cached.as_deref().filter(|path| path.exists()) {
-        // What cannot be read is rendered again.
+        // A file that cannot be read is rendered again.
         if let Some(reference) =
             read(path).ok().filter(|r| plan.is_met_by(&r.image) && misfit(&r.image, session).is_none())
         {
@@ -85,7 +85,7 @@ pub(super) fn find(
     Ok(reference)
 }
 
-/// What a rendered reference gets.
+/// The effort for a rendered reference.
 struct Wanted {
     stop: StopRules,
 }
@@ -100,13 +100,13 @@ impl Wanted {
         match (samples.max(), times.max()) {
             (Some(n), None) => stop.samples = Some(n.saturating_mul(u64::from(EFFORT))),
             (None, Some(t)) => stop.time = Some(t.saturating_mul(EFFORT).min(options.reference_time)),
-            // No more is known of both together than that they take less than the time.
+            // With limits of both kinds, or none, only the time limit applies.
             _ => {}
         }
         Wanted { stop }
     }
 
-    /// Whether an image was made with no less effort.
+    /// Returns whether an image was made with at least this effort.
     fn is_met_by(&self, image: &Image) -> bool {
         let samples = match image.metadata.get("samplesPerPixel") {
             Some(Value::Int(n)) => u64::try_from(*n).unwrap_or(0),
@@ -129,7 +129,7 @@ fn render(
     progress: &Progress,
     tell: &dyn Fn(&str),
 ) -> Result<Reference> {
-    // What all are to estimate: direct light, if nothing else is measured.
+    // If all integrators compute direct light only, so does the reference.
     let direct = candidates.iter().all(|c| matches!(c.integrator(), Some(Settings::Direct(_))));
     let integrator = if direct { "direct" } else { "path" };
     let choices = Choices {
@@ -163,7 +163,7 @@ fn render(
     Ok(Reference { image, file: None, made, floor: rendered.relmse })
 }
 
-/// `refs/<stem>.exr` beside the scene, if it is of the picture that is measured.
+/// Returns `refs/<stem>.exr` beside the scene, if it fits the measured image.
 fn beside_the_scene(session: &Session, options: &Options, tell: &dyn Fn(&str)) -> Option<Reference> {
     let stem = session.path.file_stem()?.to_string_lossy();
     let path = session.path.parent()?.join("refs").join(format!("{stem}.exr"));
@@ -182,7 +182,7 @@ fn beside_the_scene(session: &Session, options: &Options, tell: &dyn Fn(&str)) -
     reason.map_err(|why| tell(&format!("note: {} is no reference here: {why}", path.display()))).ok()
 }
 
-/// Why an image cannot be compared with those of the session, if so.
+/// Returns the reason why an image cannot be compared with those of the session, if there is one.
 fn misfit(image: &Image, session: &Session) -> Option<String> {
     let rect = session.camera().film.rect();
     let (width, height) = (rect.width as usize, rect.height as usize);
@@ -191,7 +191,7 @@ fn misfit(image: &Image, session: &Session) -> Option<String> {
     unlike.then(|| format!("expected {width}x{height} pixels as the scene has, found {w}x{h}"))
 }
 
-/// Reads a reference with what is known about its error.
+/// Reads a reference and, if possible, its error.
 fn read(path: &Path) -> Result<Reference> {
     let whole = image::read(path)?;
     let invalid = compare::invalid(&whole);
@@ -218,7 +218,7 @@ fn read(path: &Path) -> Result<Reference> {
     Ok(Reference { image, file: Some(path.to_owned()), made, floor })
 }
 
-/// The variances of a picture's channels: its layers `variance.*`, else the channels of `<stem>_var.exr`.
+/// Returns the variances of an image's channels, from its layers `variance.*` or from the channels of `<stem>_var.exr`.
 fn variances(whole: &Image, names: &[String; 3], path: &Path) -> Option<Vec<f32>> {
     if let Some(layer) = whole.select(&names.each_ref().map(|n| format!("variance.{n}"))) {
         return Some(layer.data);
@@ -230,7 +230,7 @@ fn variances(whole: &Image, names: &[String; 3], path: &Path) -> Option<Vec<f32>
     fits.then(|| beside.colours())
 }
 
-/// The expected relative squared error of values with these variances.
+/// Returns the expected relative squared error of values with these variances.
 fn mean_relative(variances: &[f32], values: &[f32]) -> f64 {
     let error = |(v, r): (&f32, &f32)| relative_squared(f64::from(r + v.max(0.0).sqrt()), f64::from(*r));
     variances.iter().zip(values).map(error).sum::<f64>() / values.len() as f64

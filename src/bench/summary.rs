@@ -1,41 +1,41 @@
-//! Medians over runs, and how fast the error falls.
+//! Medians over runs, and the rate at which the error decreases.
 
-use super::{Measurement, Reference, Row};
+use super::{BenchRow, Measurement, Reference};
 use crate::error::counted;
 use crate::estimate::convergence::PowerLaw;
 
 /// relMSE against seconds as a power law.
 pub type Slope = PowerLaw;
 
-/// A measured error of less than this many times the reference's own is marked, and not fitted.
+/// A measured error of less than this factor times the reference's own error is marked, and is not fitted.
 pub(super) const CLEAR_OF_FLOOR: f64 = 10.0;
 
-/// The greatest width of a slope's 95 % interval with which the slope is stated.
+/// The greatest width of the 95 % interval of a slope that is reported.
 pub const WIDEST_SLOPE: f64 = 1.0;
 
 /// Medians of the runs of one combination with one budget.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Median {
-    /// Wall time of sampling.
+    /// Wall time of preparation and sampling, in seconds.
     pub seconds: f64,
     /// Samples per pixel.
     pub samples_per_pixel: f64,
-    /// Against the reference.
+    /// relMSE against the reference.
     pub relmse: f64,
-    /// The least and the greatest of the runs.
+    /// The least and the greatest relMSE of the runs.
     pub relmse_range: [f64; 2],
-    /// Without the worst pixels.
+    /// relMSE without the worst 0.1 % of the pixels.
     pub trimmed_relmse: f64,
     /// Mean squared error.
     pub mse: f64,
     /// Millions of rays per second of wall time.
     pub mrays_per_second: f64,
-    /// 1 / (relMSE · seconds), of the medians.
+    /// 1 / (relMSE · seconds), from the medians.
     pub efficiency: f64,
 }
 
 impl Median {
-    /// The medians; `None` without a run.
+    /// Returns the medians of the runs; `None` if there are none.
     pub fn of(runs: &[Measurement]) -> Option<Median> {
         let of = |value: &dyn Fn(&Measurement) -> f64| median(runs.iter().map(value).collect());
         let relmse = of(&|m| m.relmse)?;
@@ -53,22 +53,22 @@ impl Median {
         })
     }
 
-    /// Whether the reference's own error is too near to this one.
+    /// Returns whether the error is too close to the reference's own error.
     pub fn is_near_floor(&self, reference: &Reference) -> bool {
         reference.floor.is_some_and(|floor| self.relmse < CLEAR_OF_FLOOR * floor)
     }
 }
 
-impl Row {
-    /// By budget: the medians, where there is any run.
+impl BenchRow {
+    /// Returns the medians for each budget that has runs.
     pub fn medians(&self) -> Vec<Option<Median>> {
         self.cells.iter().map(|runs| Median::of(runs)).collect()
     }
 
-    /// The law that relMSE follows over all runs that are clear of the reference's error.
+    /// Returns the power law of relMSE over all runs with an error well above the reference's own.
     ///
     /// # Errors
-    /// The reason why it is not known: too few runs, or an interval wider than [`WIDEST_SLOPE`].
+    /// The reason why the slope is unknown: too few runs, or an interval wider than [`WIDEST_SLOPE`].
     pub fn slope(&self, reference: &Reference) -> Result<Slope, String> {
         let limit = reference.floor.map_or(0.0, |floor| CLEAR_OF_FLOOR * floor);
         let runs = || self.cells.iter().flatten().filter(|m| m.relmse >= limit);
@@ -83,8 +83,8 @@ impl Row {
         Err(format!("its 95 % interval is {width:.1} wide, of at most {WIDEST_SLOPE}; more runs narrow it"))
     }
 
-    /// Millions of rays per second and thread inside the traversal, over all runs: for nearest hits, for occlusion.
-    /// NaN where there was no such ray.
+    /// Returns the millions of rays per second and thread inside the traversal, over all runs, for closest-hit and
+    /// occlusion queries. NaN without such queries.
     pub fn mrays_per_thread_second(&self) -> [f64; 2] {
         std::array::from_fn(|i| {
             let runs = || self.cells.iter().flatten();
@@ -94,7 +94,7 @@ impl Row {
     }
 }
 
-/// The middle one, or the mean of the two in the middle; `None` of none.
+/// Returns the middle value, or the mean of the two middle values; `None` if there are no values.
 pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let n = values.len();
@@ -159,11 +159,11 @@ mod tests {
             let cells = vec![points.iter().map(|&(s, e)| run(s, e)).collect()];
             let image = crate::image::Image::new(1, 1, &["R", "G", "B"]);
             let reference = Reference { image, file: None, made: String::new(), floor: Some(floor) };
-            Row { combination, failure: None, cells, image: None }.slope(&reference)
+            BenchRow { combination, failure: None, cells, image: None }.slope(&reference)
         };
         let law = [(1.0, 1.0), (2.0, 0.51), (4.0, 0.25), (8.0, 0.125)];
         assert!(slope(&law, 0.0).is_ok_and(|law| (law.exponent + 1.0).abs() < 0.02));
-        // Times that hardly differ.
+        // Times that are almost equal.
         let wide = slope(&[(1.0, 1.0), (1.01, 0.5), (1.02, 0.9)], 0.0).unwrap_err();
         assert!(wide.starts_with("its 95 % interval is ") && wide.contains(" wide, of at most 1;"), "{wide}");
         let few = slope(&law, 0.05).unwrap_err();

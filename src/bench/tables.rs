@@ -1,10 +1,10 @@
-//! The figures as tables.
+//! The measurements as tables.
 
-use super::{Combination, Report, Row, SceneReport};
+use super::{BenchRow, Combination, Report, SceneReport};
 use crate::report::{Align, Table};
 use std::path::Path;
 
-/// All tables as text for a terminal.
+/// Returns all tables as text for a terminal.
 pub fn text(report: &Report) -> String {
     let mut text = String::new();
     for scene in &report.scenes {
@@ -21,23 +21,23 @@ pub fn text(report: &Report) -> String {
     text
 }
 
-/// What a star means.
+/// The meaning of a star.
 pub(super) const NEAR_FLOOR: &str =
     "* less than ten times the reference's own relMSE: too near to it to be told apart, and not in the slope";
 
-/// What the scene is compared with, and how good that is.
+/// Describes the reference of the scene and its error.
 pub(super) fn reference(scene: &SceneReport, folder: Option<&Path>) -> String {
     let floor = scene.reference.floor.map_or_else(|| "unknown".into(), |f| format!("about {f:.1e}"));
     format!("the reference is {}; its own relMSE is {floor}", scene.reference.origin(folder))
 }
 
-/// Whether an error is too near to the reference's own.
+/// Returns whether any error is too close to the reference's own error.
 pub(super) fn any_near_floor(scene: &SceneReport) -> bool {
-    let medians = scene.rows.iter().flat_map(Row::medians).flatten();
+    let medians = scene.rows.iter().flat_map(BenchRow::medians).flatten();
     medians.into_iter().any(|m| m.is_near_floor(&scene.reference))
 }
 
-/// The figures of a scene: a line for each combination and budget.
+/// Returns the measurements of a scene: a line for each combination and budget.
 pub(super) fn figures(report: &Report, scene: &SceneReport) -> Table {
     let left = ["integrator", "sampler", "accel", "budget"].map(|t| (t, Align::Left));
     let right = ["spp", "seconds", "relMSE", "trimmed", "MSE", "efficiency", "Mray/s", "slope (95 %)"];
@@ -73,18 +73,18 @@ pub(super) fn figures(report: &Report, scene: &SceneReport) -> Table {
     table
 }
 
-/// The slope with its interval: "−1.02 [−1.10, −0.94]".
-fn slope(row: &Row, scene: &SceneReport) -> String {
+/// Formats the slope with its interval, such as "−1.02 [−1.10, −0.94]".
+fn slope(row: &BenchRow, scene: &SceneReport) -> String {
     row.slope(&scene.reference).map_or_else(
         |_| "not known".into(),
         |law| format!("{:.2} [{:.2}, {:.2}]", law.exponent, law.interval[0], law.interval[1]),
     )
 }
 
-/// Why slopes are not known: a sentence for each combination.
+/// Returns the reason why a slope is unknown, as a sentence for each combination without one.
 pub(super) fn unknown_slopes(scene: &SceneReport) -> Vec<String> {
     let measured = scene.rows.iter().filter(|row| row.cells.iter().any(|runs| !runs.is_empty()));
-    let reason = |row: &Row| {
+    let reason = |row: &BenchRow| {
         let Combination { integrator, sampler, accel } = &row.combination;
         let reason = row.slope(&scene.reference).err()?;
         Some(format!("the slope of {integrator}, {sampler}, {accel} is not known: {reason}"))

@@ -1,4 +1,4 @@
-//! `buffon bench`: speed against error.
+//! `buffon bench`: error against time.
 
 use super::render::listen;
 use super::shared::{SceneArgs, ViewArgs, accels, integrators, samplers};
@@ -17,16 +17,16 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// Measure speed against error.
+/// Measure error against time.
 ///
-/// Renders every scene with every combination of integrator, sampler, ray traversal and budget, several times and
-/// taking turns, and compares each image with a reference. Prints a table, and writes index.html (one page that needs
-/// nothing else: plots, pictures, a side-by-side viewer), bench.csv (a line for each render) and bench.json to a
+/// Renders every scene with every combination of integrator, sampler, ray traversal and budget, several times. The
+/// renders take turns, and each image is compared with a reference. Prints a table, and writes index.html (one
+/// self-contained page: plots, images, a side-by-side viewer), bench.csv (a line for each render) and bench.json to a
 /// folder.
 ///
-/// The reference is that of --reference, else refs/NAME.exr beside the scene, else rendered by the path integrator
-/// with 32 times the largest budget and kept in $XDG_CACHE_HOME/buffon or ~/.cache/buffon. Its own error stands
-/// beside the figures.
+/// The reference is that of --reference, else refs/NAME.exr beside the scene. Without either, the path integrator
+/// renders one with 32 times the largest budget and keeps it in $XDG_CACHE_HOME/buffon or ~/.cache/buffon. The
+/// reference's own error is reported with the measurements.
 #[derive(Clone, Debug, Args)]
 pub struct BenchArgs {
     /// The scene files
@@ -50,19 +50,19 @@ pub struct BenchArgs {
         accels()
     ))]
     pub accels: Vec<AccelKind>,
-    /// What each render may take: times (1s,2s,4s) or samples per pixel (16,64,256)
+    /// The budgets of each render: times (1s,2s,4s) or samples per pixel (16,64,256)
     #[arg(long, value_name = "LIST", default_value = "1s,2s,4s")]
     pub budgets: String,
-    /// The image to compare with, of the one scene
+    /// The reference; needs a single scene
     #[arg(long, value_name = "FILE")]
     pub reference: Option<PathBuf>,
-    /// The longest that rendering a reference may take, for each scene
+    /// The time limit for rendering a reference, for each scene
     #[arg(long, value_name = "TIME", default_value = "2m", value_parser = values::duration)]
     pub reference_time: Duration,
-    /// The folder for page, CSV and JSON
+    /// The folder for the page, CSV and JSON
     #[arg(short, long, value_name = "DIR", default_value = "bench")]
     pub output: PathBuf,
-    /// How often each render is made, every time with another seed
+    /// Number of renders for each budget, each with a different seed
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub runs: u32,
     /// Definitions, folders, memory and threads.
@@ -74,7 +74,7 @@ pub struct BenchArgs {
     /// Seed of the first run
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Say nothing but the table and errors
+    /// Print only the table and errors
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -82,7 +82,7 @@ pub struct BenchArgs {
 /// Measures, prints the table and writes the files.
 ///
 /// # Errors
-/// If the command line, a scene, the reference or the output is at fault.
+/// If the command line, a scene, the reference or the output has an error.
 pub fn run(args: &BenchArgs) -> Result<u8> {
     let options = options(args)?;
     let files = ["index.html", "bench.csv", "bench.json"].map(|name| args.output.join(name));
@@ -138,7 +138,7 @@ fn options(args: &BenchArgs) -> Result<Options> {
     })
 }
 
-/// A list without what is there already.
+/// Returns the list without duplicates.
 fn each_once<T: PartialEq>(list: Vec<T>) -> Vec<T> {
     let mut once = Vec::with_capacity(list.len());
     for item in list {

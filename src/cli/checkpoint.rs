@@ -1,4 +1,4 @@
-//! `--checkpoint` and `--resume`: the states of a render, to a file and from it.
+//! `--checkpoint` and `--resume`: writing and reading the state of a render.
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
@@ -8,7 +8,7 @@ use crate::session::{Plan, SceneHashes, Session};
 use crate::util;
 use std::path::PathBuf;
 
-/// Where the states of a render go, and what they are.
+/// The checkpoint file of a render and its label.
 pub struct Checkpointing {
     path: PathBuf,
     label: CheckpointLabel,
@@ -18,10 +18,10 @@ pub struct Checkpointing {
 }
 
 impl Checkpointing {
-    /// What the command line asks for; with `--resume` the state of the file, if it is there.
+    /// Checks the options of the command line; with `--resume`, reads the state from the file if it exists.
     ///
     /// # Errors
-    /// If the file is there and not to be gone on from, is one of another render, or cannot be written.
+    /// If the file exists and cannot be resumed, is of a different render, or cannot be written.
     pub fn open(
         args: &RenderArgs,
         session: &Session,
@@ -57,12 +57,12 @@ impl Checkpointing {
         Ok(Some(Checkpointing { path, label, first: plan.first, resumed, quiet: args.quiet }))
     }
 
-    /// The state to go on from, once.
+    /// Returns the state to resume from, once.
     pub fn take_state(&mut self) -> Option<RenderState> {
         self.resumed.take()
     }
 
-    /// Writes a state; an older file stays if that fails, and is told of.
+    /// Writes a state. If that fails, an older file remains, and a warning is printed.
     ///
     /// # Errors
     /// If the file cannot be written.

@@ -1,9 +1,9 @@
-//! Refusing a CPU that lacks what the program was compiled for.
+//! Check for the CPU features that the program was compiled for.
 
-/// What is missing, as a sentence; `None` where the program can run.
+/// Returns a sentence about the missing features; `None` if the program can run.
 ///
-/// The standard library's detection is folded to a constant for features that the program is compiled with, so
-/// the CPU is asked directly.
+/// For features that the program is compiled with, the compiler folds the standard library's detection to a constant.
+/// The CPU is therefore queried directly.
 #[cfg(target_arch = "x86_64")]
 #[inline(never)]
 pub fn missing_feature() -> Option<&'static str> {
@@ -23,7 +23,7 @@ pub fn missing_feature() -> Option<&'static str> {
     )
 }
 
-/// Nothing is required on other architectures.
+/// Other architectures require nothing.
 #[cfg(not(target_arch = "x86_64"))]
 pub fn missing_feature() -> Option<&'static str> {
     None

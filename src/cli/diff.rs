@@ -1,4 +1,4 @@
-//! `buffon diff`: what two images differ by, and whether that is within a threshold.
+//! `buffon diff`: the differences of two images, and their comparison with a threshold.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use crate::compare::{
 use crate::error::{Error, Result};
 use crate::image::{Image, WriteOptions, read, write};
 
-/// The exit code for images that are the same within the threshold.
+/// The exit code for images that are equal within the threshold.
 const SAME: u8 = 0;
 /// The exit code for images that differ.
 const DIFFERENT: u8 = 1;
@@ -26,12 +26,12 @@ const NOT_COMPARABLE: u8 = 3;
 /// image with NaN or infinite values never passes.
 #[derive(Clone, Debug, Args)]
 pub struct DiffArgs {
-    /// The image to judge
+    /// The image to test
     pub a: PathBuf,
     /// The reference
     pub b: PathBuf,
-    /// Write a false-colour picture of the error (.exr, .png, .jpg, .pfm); brighter is worse, a step of the
-    /// scale is a power of ten, cyan is NaN or infinite
+    /// Write a false-colour image of the error (.exr, .png, .jpg, .pfm); brighter is worse, a step of the scale is a
+    /// power of ten, cyan is NaN or infinite
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// The largest error that passes (for psnr, the smallest value that does) [default: images must be equal
@@ -41,14 +41,14 @@ pub struct DiffArgs {
     /// The metric that decides
     #[arg(long, value_name = "NAME", value_enum, default_value_t = Metric::Relmse)]
     pub metric: Metric,
-    /// Test whether both images may be estimates of the same picture, by the variance layers of either: in blocks
-    /// of 4x4 pixels (significance 0.01 over all blocks; 99.75 % of the blocks must pass), and for a bias of the
-    /// whole. Images whose pixels share noise (caches, photons, light paths) say so in their metadata, and are judged
-    /// by their layer block_variance. What rounding may have done to the values is not held against them. Blocks
-    /// without variance must not differ by more than 0.1 %
+    /// Test whether both images can be estimates of the same image, with the variance layers of either: in blocks of
+    /// 4x4 pixels (significance 0.01 over all blocks; 99.75 % of the blocks must pass), and for a bias of each
+    /// channel's mean over the whole image. Images whose pixels share noise (caches, photons, light paths) state so in
+    /// their metadata; their layer block_variance is used. Differences within the rounding of the file format are
+    /// ignored. In blocks without variance, values must not differ by more than 0.1 %
     #[arg(long)]
     pub z: bool,
-    /// With --z, an image that holds the variances of B
+    /// With --z, an image with the variances of B
     #[arg(long, value_name = "FILE", requires = "z")]
     pub variance: Option<PathBuf>,
     /// Print the result as JSON
@@ -56,7 +56,7 @@ pub struct DiffArgs {
     pub json: bool,
 }
 
-/// What images are judged by.
+/// The metric of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Metric {
     /// Mean absolute difference
@@ -91,30 +91,30 @@ impl Metric {
             Metric::Relmse => layer.relmse,
             Metric::Trimmed => layer.trimmed_relmse,
             Metric::Max => layer.max,
-            // Two black images have no ratio, and are equal.
+            // Two black images have no ratio, but are equal.
             Metric::Ratio if layer.max == 0.0 => 0.0,
             Metric::Ratio => (layer.mean_ratio - 1.0).abs(),
         }
     }
 
-    /// Whether a layer passes. Equal images pass by any metric.
+    /// Returns whether a layer passes. Equal images pass with any metric.
     fn passes(self, layer: &LayerComparison, threshold: f64) -> bool {
         let value = self.of(layer);
         match self {
             Metric::Psnr => value >= threshold,
-            // One pixel trimmed leaves nothing to judge but that pixel.
+            // If an image has one pixel, that pixel is not trimmed.
             Metric::Trimmed if value.is_nan() => layer.relmse <= threshold,
             _ => value <= threshold,
         }
     }
 
-    /// The threshold when none is given: that of equal images.
+    /// Returns the default threshold, which is the value of equal images.
     fn exact(self) -> f64 {
         if self == Metric::Psnr { f64::INFINITY } else { 0.0 }
     }
 }
 
-/// What was found and what follows from it.
+/// The result of a comparison and its consequence.
 struct Verdict {
     comparison: Comparison,
     z: Option<ZTest>,
@@ -122,20 +122,20 @@ struct Verdict {
     same: bool,
 }
 
-/// Runs the comparison, prints the result on standard output and gives the exit code.
+/// Runs the comparison, prints the result on standard output and returns the exit code.
 ///
 /// # Errors
-/// If an image cannot be read or the picture of the error cannot be written.
+/// If an image cannot be read or the image of the error cannot be written.
 pub fn run(args: &DiffArgs) -> Result<u8> {
     let outcome = outcome(args)?;
     super::print(&outcome.text)?;
     Ok(outcome.exit_code)
 }
 
-/// What a comparison says, and its exit code.
+/// The text of a comparison and its exit code.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outcome {
-    /// Lines of text, or of JSON if that was asked for.
+    /// Lines of text, or of JSON if requested.
     pub text: String,
     /// 0 same, 1 different, 3 not comparable.
     pub exit_code: u8,
@@ -187,7 +187,7 @@ fn judge(
     Ok(Verdict { comparison, z, threshold, same })
 }
 
-/// The false-colour picture: |z| of a z-test on a linear scale up to 5, else the relative squared error on a
+/// Returns the false-colour image: |z| of a z-test on a linear scale up to 5, otherwise the relative squared error on a
 /// logarithmic scale over six decades.
 fn picture(a: &Image, b: &Image, verdict: &Verdict) -> std::result::Result<Image, NotComparable> {
     let Some(z) = &verdict.z else {
@@ -197,7 +197,7 @@ fn picture(a: &Image, b: &Image, verdict: &Verdict) -> std::result::Result<Image
     };
     let mut map = Image::new(z.scores.width, z.scores.height, &["z"]);
     for (to, from) in map.data.iter_mut().zip(z.scores.data.chunks_exact(z.scores.channels.len())) {
-        // `f32::max` would drop a NaN.
+        // `f32::max` would ignore a NaN.
         *to = from.iter().fold(0.0, |max, z| if z.abs() > max || z.is_nan() { z.abs() } else { max });
     }
     Ok(heat(&map, HeatScale::Linear { max: 5.0 }))
@@ -264,7 +264,7 @@ fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
     text
 }
 
-/// A layer's numbers; null for NaN and infinite ones, which JSON cannot hold.
+/// Returns a layer's numbers; null for NaN and infinite values, which JSON cannot represent.
 fn layer_json(layer: &LayerComparison) -> Json {
     json!({
         "layer": layer.layer, "channels": layer.channels,

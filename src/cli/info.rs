@@ -1,5 +1,5 @@
-//! `buffon info`: what a scene, an image, a file of photon maps or a checkpoint holds, what it needs, and what it
-//! will cost.
+//! `buffon info`: the content, needs and memory of a scene, and the content of an image, a file of photon maps or a
+//! checkpoint.
 
 use super::shared::{SceneArgs, accel_help};
 use super::{info_image, print};
@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Tell what a scene or an image holds, what it needs and what it will cost.
+/// Describe the content, needs and cost of a scene, or the content of an image.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
     /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a
@@ -32,7 +32,7 @@ pub struct InfoArgs {
     pub accel: Option<AccelKind>,
 }
 
-/// Prints the account.
+/// Prints the description.
 ///
 /// # Errors
 /// If the file cannot be read.
@@ -49,7 +49,7 @@ pub fn run(args: &InfoArgs) -> Result<u8> {
     }
 }
 
-/// What a file of photon maps says; its checksum has been found right.
+/// Describes a file of photon maps, whose checksum has been verified.
 fn describe_photons(contents: &photon::file::PhotonFileContents) -> String {
     let mut text = String::new();
     for (what, hash) in [("scene", contents.origin.scene), ("settings", contents.origin.settings)] {
@@ -67,7 +67,7 @@ fn describe_photons(contents: &photon::file::PhotonFileContents) -> String {
     text
 }
 
-/// What a checkpoint holds.
+/// Describes a checkpoint.
 fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
     let CheckpointLabel { identity, image_description, samples, target } = &checkpoint.label;
     let rect = image_description.rect;
@@ -140,14 +140,14 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     Ok(text)
 }
 
-/// What the scene takes.
+/// Describes the memory of the scene.
 fn memory(scene: &Scene, memory: &Budget) -> String {
     let [meshes, accel] = [scene.mesh_bytes(), scene.accel.memory_bytes()].map(|n| Amount(n as u64));
     let all = Amount(memory.planned());
     format!("meshes {meshes}, acceleration structure {accel}; {all} with textures and the program itself")
 }
 
-/// What a render of a sensor takes beside that, and what is there.
+/// Describes the additional memory for a render with a sensor, and the memory left.
 fn to_render(needed: &RenderMemory, memory: &Budget) -> String {
     let [film, image, left] = [needed.film, needed.image, memory.left()].map(Amount);
     let there = match memory.limit() {
@@ -158,7 +158,7 @@ fn to_render(needed: &RenderMemory, memory: &Budget) -> String {
     format!("film {film}, image {image}{there}")
 }
 
-/// "2 cube, 1 sphere" for a list of kinds.
+/// Formats a list of kinds as "2 cube, 1 sphere".
 fn count(kinds: impl Iterator<Item = &'static str>) -> String {
     let mut counts = BTreeMap::<&str, usize>::new();
     kinds.for_each(|kind| *counts.entry(kind).or_default() += 1);

@@ -1,4 +1,4 @@
-//! What `buffon info` says about an image.
+//! The output of `buffon info` for an image.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use crate::compare::invalid;
 use crate::error::counted;
 use crate::image::Image;
 
-/// The least, mean and largest of the finite values of a channel, and how many are none.
+/// The least, mean and greatest finite value of a channel, and the number of values that are not finite.
 struct Range {
     min: f32,
     mean: f64,
@@ -33,7 +33,7 @@ fn range(image: &Image, channel: usize) -> Range {
     range
 }
 
-/// Size, metadata and the range of each channel, as lines of text.
+/// Returns the size, metadata and range of each channel as lines of text.
 pub fn describe(image: &Image) -> String {
     let mut text = format!(
         "{}x{} pixels, {}\n",

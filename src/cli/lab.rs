@@ -11,11 +11,11 @@ use clap::Args;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Measure what lectures on Monte Carlo ray tracing claim.
+/// Measure the claims of lectures on Monte Carlo ray tracing.
 ///
-/// Every experiment states claims, measures them with an interval, and says whether that confirms or refutes them. A
-/// run refutes a true claim with a probability of at most 0.001. The text goes to standard output; with -o there is a
-/// page with plots and pictures, too. Everything but times is decided by the seed.
+/// Every experiment states claims, measures them with an interval, and decides whether the interval confirms or refutes
+/// them. A run refutes a true claim with a probability of at most 0.001. The text goes to standard output; -o also
+/// writes a page with plots and images. The seed determines everything but times.
 #[derive(Clone, Debug, Args)]
 pub struct LabArgs {
     /// The experiments.
@@ -30,22 +30,22 @@ pub struct LabArgs {
     /// Write a page, DIR/index.html
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
-    /// Small pictures and few samples: seconds instead of minutes, wider intervals
+    /// Use small images and few samples: seconds instead of minutes, wider intervals
     #[arg(long)]
     pub quick: bool,
-    /// Independent repetitions of estimates without a picture [default: 1000, with --quick 100]
+    /// Independent repetitions of estimates without images [default: 1000, with --quick 100]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(10..=1_000_000))]
     pub runs: Option<u32>,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Threads; they change the speed, never the numbers [default: all cores]
+    /// Number of threads, which changes the speed but not the results [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
     /// The ray traversal.
     #[arg(long, value_name = "NAME", help = format!("The ray traversal: {} [default: auto]", accels()))]
     pub accel: Option<AccelKind>,
-    /// Say nothing on standard error but errors
+    /// Print only errors on standard error
     #[arg(short, long)]
     pub quiet: bool,
 }
@@ -59,7 +59,7 @@ pub fn run(args: &LabArgs) -> Result<u8> {
         let line = |e: Experiment| format!("{:<16}{}\n", e.name(), e.title());
         return print(&Experiment::ALL.map(line).concat());
     }
-    // Before minutes of work.
+    // Errors must occur before minutes of work.
     if let Some(folder) = &args.output {
         std::fs::create_dir_all(folder)
             .map_err(|e| Error::output(format!("{}: cannot be created: {e}", folder.display())))?;
@@ -98,7 +98,7 @@ fn say_where(args: &LabArgs, file: &Path) {
     }
 }
 
-/// How many claims are confirmed, undecided and refuted.
+/// Returns the numbers of claims that are confirmed, undecided and refuted.
 fn summary(outcomes: &[Outcome]) -> String {
     let findings = || outcomes.iter().flat_map(|outcome| &outcome.findings);
     let count = |verdict| findings().filter(|finding| finding.verdict == verdict).count();

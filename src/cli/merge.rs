@@ -1,4 +1,4 @@
-//! `buffon merge`: parts of one render as a whole.
+//! `buffon merge`: adds parts of one render.
 
 use crate::error::{Error, Kind, Result, counted};
 use crate::image::{self, WriteOptions};
@@ -10,9 +10,9 @@ use std::path::PathBuf;
 
 /// Add the samples of several parts of one render.
 ///
-/// The parts are checkpoints of `buffon render --sample-range A..B --checkpoint FILE`, in any order. Of ranges that
-/// cover the whole render the very pixels of a render at once are made. Parts of different renders, or with samples in
-/// common, are refused.
+/// The parts are checkpoints of `buffon render --sample-range A..B --checkpoint FILE`, in any order. If the ranges
+/// cover the whole render, the pixels are exactly those of a single render. Parts of different renders, or with common
+/// samples, are refused.
 #[derive(Clone, Debug, Args)]
 pub struct MergeArgs {
     /// The checkpoints
@@ -21,10 +21,10 @@ pub struct MergeArgs {
     /// The image to write
     #[arg(short, long, value_name = "FILE", required_unless_present = "checkpoint")]
     pub output: Option<PathBuf>,
-    /// Write the sums as a checkpoint, to merge them with others or to go on from
+    /// Write the sums as a checkpoint, to merge it with others or to resume from it
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
-    /// Say nothing but errors
+    /// Print only errors
     #[arg(short, long)]
     pub quiet: bool,
     /// Treat missing samples as an error
@@ -32,10 +32,10 @@ pub struct MergeArgs {
     pub strict: bool,
 }
 
-/// Merges.
+/// Merges the parts.
 ///
 /// # Errors
-/// If the parts cannot be read or are not of one render, or if what they make cannot be written.
+/// If the parts cannot be read or belong to different renders, or the result cannot be written.
 pub fn run(args: &MergeArgs) -> Result<u8> {
     if let Some(output) = &args.output {
         image::check_output(output)?;

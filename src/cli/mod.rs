@@ -22,7 +22,7 @@ use crate::error::{Error, Kind};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
-/// Buffon renders scenes by Monte Carlo integration, and says how large its error is.
+/// Buffon renders scenes by Monte Carlo integration and estimates the error of each image.
 #[derive(Debug, Parser)]
 #[command(name = "buffon", version = VERSION, propagate_version = true, max_term_width = 100)]
 #[command(
@@ -35,7 +35,7 @@ pub struct Cli {
     command: Command,
 }
 
-/// Name, version, commit, and the libraries that this build stands on.
+/// Name, version, commit, and the libraries of this build.
 const VERSION: &str = env!("BUFFON_VERSION");
 
 #[derive(Debug, Subcommand)]
@@ -51,13 +51,13 @@ enum Command {
     Man(shell::ManArgs),
 }
 
-/// Parses the command line, runs it and gives the exit code.
+/// Parses the command line, runs the command and returns the exit code.
 pub fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
             let code = if error.use_stderr() { Kind::Usage.exit_code() } else { 0 };
-            // A closed pipe is no reason to fail on.
+            // A closed pipe is not an error.
             let _ = error.print();
             return ExitCode::from(code);
         }
@@ -82,7 +82,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Writes text to standard output; a reader that has gone away is no error.
+/// Writes text to standard output. A closed pipe is not an error.
 fn print(text: &str) -> Result<u8, Error> {
     use std::io::Write;
     match std::io::stdout().write_all(text.as_bytes()) {

@@ -1,8 +1,8 @@
-//! What there is to say where light paths have left no photons.
+//! Notes about light paths that have left no photons.
 
 use crate::integrator::Statistic;
 
-/// Light paths, the photons that they have left, and what is missing where there are none.
+/// The names of the numbers of light paths and of photons, and the note for light paths without photons.
 const MAPS: [[&str; 3]; 3] = [
     [
         "global_light_paths",
@@ -17,7 +17,7 @@ const MAPS: [[&str; 3]; 3] = [
     ],
 ];
 
-/// A sentence for each kind of photons of which paths were traced and none has landed.
+/// Returns a sentence for each kind of photon with light paths but without photons.
 pub fn photon_notes(facts: &[Statistic]) -> Vec<&'static str> {
     let fact = |name: &str| facts.iter().find(|fact| fact.name == name).map(|fact| fact.value);
     let missing = |[paths, photons, _]: &&[&str; 3]| {

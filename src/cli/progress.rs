@@ -1,4 +1,4 @@
-//! Progress on standard error, from a thread of its own.
+//! Progress on standard error, in a separate thread.
 
 use crate::error::counted;
 use crate::render::{Progress, StopRules};
@@ -10,7 +10,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How to show progress.
+/// The form of the progress output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ProgressKind {
     /// A bar on a terminal, else plain lines
@@ -30,7 +30,7 @@ pub struct Watcher {
     stop: Option<(Sender<()>, JoinHandle<()>)>,
 }
 
-/// What is shown.
+/// The render whose progress is shown.
 struct View {
     progress: Arc<Progress>,
     pixels: u64,
@@ -39,7 +39,7 @@ struct View {
 }
 
 impl Watcher {
-    /// Begins to show the progress of a render of so many pixels.
+    /// Starts to show the progress of a render with a number of pixels.
     pub fn start(kind: ProgressKind, progress: Arc<Progress>, pixels: u64, rules: StopRules) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let kind = match kind {
@@ -70,18 +70,18 @@ impl Watcher {
         Watcher { stop: Some((sender, thread)) }
     }
 
-    /// Ends the show and waits for its last line.
+    /// Ends the output and waits for its last line.
     pub fn finish(self) {
         if let Some((sender, thread)) = self.stop {
             drop(sender);
-            // A watcher that failed is no reason to lose the image.
+            // A failure of the watcher must not lose the image.
             let _ = thread.join();
         }
     }
 }
 
 const STEPS: u64 = 1000;
-/// What is shown of a render that is not done is at most this share.
+/// The greatest fraction that is shown of an unfinished render.
 const NOT_DONE: f64 = 0.999;
 
 fn bar() -> ProgressBar {
@@ -93,13 +93,14 @@ fn bar() -> ProgressBar {
 }
 
 impl View {
-    /// The share of the work that is done, by the rule that is nearest to firing; below 1 until it fires.
+    /// Returns the fraction of the work that is done, according to the rule that is closest to its limit; less than 1
+    /// until the rule ends the render.
     fn share(&self) -> Option<f64> {
         let elapsed = self.started.elapsed().as_secs_f64();
         let samples = self.progress.pixel_samples() as f64 / self.pixels as f64;
         let by_samples = self.rules.samples.map(|n| samples / n as f64);
         let by_time = self.rules.time.map(|t| elapsed / t.as_secs_f64());
-        // The error falls about as one over the number of samples.
+        // The error is about inversely proportional to the number of samples.
         let by_error = self.rules.error.and_then(|target| Some(target / self.progress.error()?.interval[1]));
         let shares = [by_samples, by_time, by_error].into_iter().flatten();
         shares.reduce(f64::max).map(|share| share.clamp(0.0, NOT_DONE))
@@ -162,9 +163,9 @@ impl View {
     }
 }
 
-/// A share as a percentage, rounded down: what is not done is never shown as done.
+/// Formats a fraction as a percentage, rounded down so that an unfinished render never shows 100 %.
 fn percentage(share: f64) -> String {
-    // A share of 0.578 is 57.8 %, although 578 thousandths are a little less as a binary number.
+    // 0.578 is 57.8 %, although 1000 times its binary value is slightly less than 578.
     format!("{:>4.1} %", (share * 1000.0 + 1e-9).floor() / 10.0)
 }
 

@@ -1,4 +1,4 @@
-//! `buffon regress`: the scenes of a folder against their references.
+//! `buffon regress`: tests the scenes of a folder against their references.
 
 use super::regress_cases::{CaseLines, Tables};
 use super::render::listen;
@@ -6,7 +6,7 @@ use super::shared::{MethodArgs, SceneArgs};
 use super::values;
 use crate::error::{Error, Result, counted};
 use crate::image;
-use crate::regress::{self, Found, Options, Report, Row, Status, Update, discover, junit, write_page};
+use crate::regress::{self, Found, Options, RegressRow, Report, Status, Update, discover, junit, write_page};
 use crate::render::Progress;
 use crate::session::Choices;
 use crate::util;
@@ -22,22 +22,22 @@ const FAILED: u8 = 1;
 /// Render the scenes of a folder and test them against stored references.
 ///
 /// A reference is a render of many samples with its variances: refs/NAME.exr beside the scene, with the layer
-/// `variance`, or with the variances in refs/NAME_var.exr. --update writes it. A test asks whether render and
-/// reference can be estimates of the same picture: every block of 4x4 pixels by Student's t, and the mean of each
-/// channel, so that another seed passes and a change of the picture does not. A reference without variances is
-/// compared by relMSE (--fail), and layers by their means (2 %). NaN, other sizes or channels, and dropped samples
+/// `variance`, or with the variances in refs/NAME_var.exr. --update writes it. A test decides whether the render and
+/// the reference can be estimates of the same image: every block of 4x4 pixels by Student's t, and the mean of each
+/// channel. A different seed therefore passes, and a change of the expected image fails. A reference without variances
+/// is compared by relMSE (--fail), and layers by their means (2 %). NaN, other sizes or channels, and dropped samples
 /// always fail.
 ///
-/// A scene may say itself what it must show: NAME.toml beside NAME.xml holds cases, each a variant of the scene (-D)
-/// with an expected value, its tolerance and the reason. Every case is rendered on every traversal and by every
+/// A scene may also state its expected values: NAME.toml beside NAME.xml contains cases, each a variant of the scene
+/// (-D) with an expected value, its tolerance and the reason. Every case is rendered on every traversal and by every
 /// integrator that claims it, and passes if the whole confidence interval of the measured mean lies within the
-/// tolerance. A failure that the file calls known is shown as KNOWN with its cause, and does not fail the run. Such a
-/// scene needs no reference. --table writes the cases as a table. --integrator selects those of the integrators that a
-/// case claims, and --accel one of the traversals. --seed is that of tests; references have a seed of their own.
+/// tolerance. A failure that the file lists as known is shown as KNOWN with its cause, and does not fail the run. Such
+/// a scene needs no reference. --table writes the cases as a table. --integrator selects one of the integrators that a
+/// case claims, and --accel one of the traversals. --seed is the seed of tests; references have a seed of their own.
 ///
 /// Scenes are .xml, .gltf and .glb files in the folder and below. XML files that others include, that have no sensor,
-/// or whose root is not `scene` are left out, and so are folders named refs. Of several sensors the first is
-/// rendered, in linear RGB.
+/// or whose root is not `scene` are skipped, and so are folders named refs. The first sensor of a scene is rendered, in
+/// linear RGB.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Exit codes: 0 all passed (were written, or are known to fail), 1 something failed, has no reference or cannot be \
@@ -48,34 +48,34 @@ pub struct RegressArgs {
     /// The folder of scenes
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// Write references: those that are missing, those that are missing or fail, or all; each is replaced whole
+    /// Write references: missing ones, missing and failed ones, or all; each file is replaced as a whole
     #[arg(long, value_name = "WHICH", value_enum, num_args = 0..=1, require_equals = true,
         default_missing_value = "failed", conflicts_with = "cross_accel")]
     pub update: Option<Which>,
-    /// Samples per pixel of references [default: 16 times those of a test, and up to 64 times until their noise
-    /// leaves room for --gain]
+    /// Samples per pixel of references [default: 16 times those of a test, and up to 64 times until their noise is
+    /// small enough for --gain]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..), requires = "update")]
     pub update_spp: Option<u64>,
-    /// The longest that sampling a reference may take (90s, 1.5m, 2h), for each scene: what time allows is written,
-    /// with the number of samples it has. A reference that will take more than 10 s is announced
+    /// The time limit for sampling each reference (90s, 1.5m, 2h). When it is reached, the reference is written with
+    /// its number of samples. A reference that will take more than 10 s is announced
     #[arg(long, value_name = "TIME", value_parser = values::duration, requires = "update")]
     pub time: Option<Duration>,
-    /// Samples per pixel of tests [default: what the scene asks for, and up to 16 times as many until --gain is found]
+    /// Samples per pixel of tests [default: the scene's, and up to 16 times as many until --gain is reached]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
     pub spp: Option<u64>,
-    /// The relative change of brightness to be found with a probability of 0.95; what is found is printed for each
-    /// scene
+    /// The relative change of brightness to detect with a probability of 0.95; the detectable change is printed for
+    /// each scene
     #[arg(long, value_name = "SHARE", default_value_t = 0.005, value_parser = values::positive)]
     pub gain: f64,
-    /// The probability that any scene fails though all are right
+    /// The probability that any scene fails although all are correct
     #[arg(long, value_name = "ALPHA", default_value_t = 0.001, value_parser = probability)]
     pub significance: f64,
-    /// The largest relMSE that passes where a reference has no variance
+    /// The largest relMSE that passes for a reference without variances
     #[arg(long, value_name = "RELMSE", default_value_t = 1e-3, value_parser = values::positive)]
     pub fail: f64,
     /// Compare the traversals instead of references: each scene is rendered by Embree and by obvhs with the same random
-    /// numbers, and the pictures may differ by rounding (relMSE 1e-3, means 0.1 %, half the noise; no block by more
-    /// than its noise)
+    /// numbers, and the images may differ by rounding (relMSE 1e-3, means 0.1 %, half the noise; no block by more than
+    /// its noise)
     #[arg(long, conflicts_with = "accel")]
     pub cross_accel: bool,
     /// Only scenes whose path from DIR contains this
@@ -87,11 +87,11 @@ pub struct RegressArgs {
     /// Write the cases as tables of Markdown (.md) or as JSON (.json); may be given several times
     #[arg(long, value_name = "FILE")]
     pub table: Vec<PathBuf>,
-    /// A column of the table for what another renderer measured: a JSON object of texts, by the names of rows in
-    /// the table's JSON
+    /// A column of the table for the measurements of another renderer: a JSON object with the names of rows in the
+    /// table's JSON as keys and texts as values
     #[arg(long, value_name = "TITLE=FILE", value_parser = values::definition, requires = "table")]
     pub beside: Vec<(String, String)>,
-    /// A folder for what failed: the images, their heat maps, and index.html, a page to compare them
+    /// A folder for failed tests: the images, their heat maps, and index.html, a page to compare them
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
     /// Integrator, sampler, traversal and seed.
@@ -103,19 +103,19 @@ pub struct RegressArgs {
     /// Treat warnings as errors
     #[arg(long)]
     pub strict: bool,
-    /// Print only what is wrong, and the summary
+    /// Print only failures and the summary
     #[arg(short, long)]
     pub quiet: bool,
 }
 
-/// Which references to write.
+/// The references to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Which {
-    /// Those that are missing
+    /// Missing references
     Missing,
-    /// Those that are missing, and those of scenes that fail
+    /// Missing references and those of scenes that fail
     Failed,
-    /// All, without a test
+    /// All references, without a test
     All,
 }
 
@@ -140,7 +140,7 @@ fn probability(text: &str) -> Result<f64, String> {
 /// Runs the tests and prints a line for each scene.
 ///
 /// # Errors
-/// If the command line is at fault, the folder holds no scene, or an output cannot be written.
+/// If the command line has an error, the folder contains no scene, or an output cannot be written.
 pub fn run(args: &RegressArgs) -> Result<u8> {
     for path in args.junit.iter().chain(&args.table) {
         util::check_replaceable(path)?;
@@ -188,7 +188,7 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
     }
 }
 
-/// What the command line says of the run.
+/// Returns the options of the run from the command line.
 fn options(args: &RegressArgs) -> Options {
     Options {
         load: args.resources.load_options(),
@@ -215,7 +215,7 @@ fn options(args: &RegressArgs) -> Options {
     }
 }
 
-/// Says which files are left out.
+/// Prints the names of the skipped files.
 fn announce(args: &RegressArgs, found: &Found) -> Result<()> {
     if args.quiet {
         return Ok(());
@@ -226,13 +226,13 @@ fn announce(args: &RegressArgs, found: &Found) -> Result<()> {
     Ok(())
 }
 
-/// The line of a scene.
-fn line(row: &Row, width: usize) -> String {
+/// Formats the line of a scene.
+fn line(row: &RegressRow, width: usize) -> String {
     let samples = match row.samples_per_pixel {
         0 => String::new(),
         n => format!("{n} spp"),
     };
-    // A message may have several lines, with the place of a fault.
+    // A message may have several lines, with the place of an error.
     let message = row.message.replace('\n', "\n       ");
     format!(
         "{:<5}  {:<width$}  {samples:>10}  {:>6.2} s  {message}\n",
@@ -242,7 +242,7 @@ fn line(row: &Row, width: usize) -> String {
     )
 }
 
-/// How many scenes there are of each kind, and how they were tested.
+/// Returns the number of scenes with each result and the method of the test.
 fn summary(args: &RegressArgs, report: &Report) -> String {
     let word = |status| match status {
         Status::Pass => "passed",

@@ -1,22 +1,22 @@
-//! The cases of `buffon regress`: their lines on the terminal, and the files of their table.
+//! The cases of `buffon regress`: their lines on the terminal, and the files of their tables.
 
 use crate::error::{Error, Result};
-use crate::regress::{Beside, CaseResult, Measured, Report, Row, json, markdown};
+use crate::regress::{Beside, CaseResult, Measured, RegressRow, Report, json, markdown};
 use crate::util;
 use std::path::PathBuf;
 
-/// Widths of the columns: case, integrator, expected, and what was measured on each traversal.
+/// Widths of the columns: case, integrator, expected value, and the measurement on each traversal.
 const WIDTHS: [usize; 4] = [34, 12, 18, 22];
 
-/// Lines for the cases, with the scene above those of each.
+/// The lines of the cases, with a title above the cases of each scene.
 #[derive(Default)]
 pub(super) struct CaseLines {
     scene: String,
 }
 
 impl CaseLines {
-    /// The line of a case; `None` for any other row.
-    pub fn line(&mut self, row: &Row) -> Option<String> {
+    /// Returns the line of a case; `None` for any other row.
+    pub fn line(&mut self, row: &RegressRow) -> Option<String> {
         let case = row.case.as_ref()?;
         let mut text = String::new();
         if self.scene != case.scene {
@@ -34,7 +34,7 @@ impl CaseLines {
     }
 }
 
-/// The scene, what it is about, and the titles of its columns.
+/// Returns the scene's name, the subject of its cases, and the titles of the columns.
 fn title(case: &CaseResult) -> String {
     let accels = case.measured.iter().map(|m| m.accel.clone());
     let name = format!("{:<5}  {:<width$}", "", "case", width = WIDTHS[0]);
@@ -49,14 +49,14 @@ fn columns(name: &str, integrator: &str, expected: &str, cells: impl Iterator<It
     text
 }
 
-/// The files of the table, and the columns beside ours.
+/// The files of the table, and the columns for other renderers.
 pub(super) struct Tables<'a> {
     files: &'a [PathBuf],
     beside: Vec<Beside>,
 }
 
 impl<'a> Tables<'a> {
-    /// Checks the names and reads the columns, before anything is rendered.
+    /// Checks the file names and reads the columns, before anything is rendered.
     ///
     /// # Errors
     /// If the format of a file is unknown, or a column cannot be read.

@@ -1,4 +1,4 @@
-//! `buffon render`: a scene in, an image out.
+//! `buffon render`: renders a scene to an image.
 
 use super::checkpoint::Checkpointing;
 use super::photon_notes::photon_notes;
@@ -33,16 +33,16 @@ pub struct RenderArgs {
     /// The image to write [default: the scene's name with .exr, in the current directory]
     #[arg(short, long, visible_alias = "outfile", value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Stop at N samples per pixel [default: what the scene asks for, if no other rule is given]
+    /// Stop at N samples per pixel [default: the scene's number, if no other rule is given]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub spp: Option<u64>,
     /// Stop sampling after this time (90s, 1.5m, 2h)
     #[arg(long, value_name = "TIME", value_parser = values::duration)]
     pub time: Option<Duration>,
-    /// Stop when the relMSE of the image is at most this, by the upper end of its estimate's 95 % interval
+    /// Stop when the relMSE of the image is at most this, according to the upper end of its 95 % interval
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
-    /// Take more samples where the error is larger, as many as --spp says on average; adds no bias
+    /// Take more samples where the error is larger, with --spp as the average; adds no bias
     #[arg(long)]
     pub adaptive: bool,
     /// Definitions, folders, memory and threads.
@@ -51,29 +51,29 @@ pub struct RenderArgs {
     /// Integrator, sampler, traversal and seed.
     #[command(flatten)]
     pub method: MethodArgs,
-    /// Keep what the integrator computes beforehand in FILE, and read it from there if it is there (irrcache,
+    /// Keep the integrator's precomputed data in FILE, and read it from there if the file exists (irrcache,
     /// photonmapper)
     #[arg(long, value_name = "FILE")]
     pub cache: Option<PathBuf>,
-    /// Keep what the render has summed in FILE every now and then, and when it ends or is interrupted; --resume goes
-    /// on from it, and `buffon merge` adds several
+    /// Write the sums of the render to FILE regularly, and when it ends or is interrupted; --resume continues from it,
+    /// and `buffon merge` adds several
     #[arg(long, value_name = "FILE")]
     pub checkpoint: Option<PathBuf>,
-    /// How much time of rendering may be lost
+    /// The interval between checkpoints, which bounds the loss of rendering time
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = values::duration, requires = "checkpoint")]
     pub checkpoint_every: Duration,
-    /// Go on from the checkpoint if it is there: --spp and --time count from the beginning, and the picture is the
-    /// very one of a render that was not interrupted
+    /// Continue from the checkpoint if it exists: --spp and --time count from the beginning, and the image is identical
+    /// to that of an uninterrupted render
     #[arg(long, requires = "checkpoint")]
     pub resume: bool,
-    /// Take the samples A to B - 1 of each pixel only, of the --spp of the whole render; with --checkpoint, `buffon
-    /// merge` makes the very picture of the whole render of all ranges
+    /// Take only the samples A to B - 1 of each pixel, of the --spp of the whole render; with --checkpoint, `buffon
+    /// merge` computes from all ranges an image identical to that of the whole render
     #[arg(long, value_name = "A..B", value_parser = values::range)]
     pub sample_range: Option<Range<u64>>,
     /// Sensor and size.
     #[command(flatten)]
     pub view: ViewArgs,
-    /// Render only this part; its pixels are those of the full image
+    /// Render only this part; its pixels are identical to those of the full image
     #[arg(long, value_name = "X,Y,W,H", value_parser = values::rect)]
     pub crop: Option<PixelRect>,
     /// Layers.
@@ -82,16 +82,16 @@ pub struct RenderArgs {
         Aov::NAMES.join(", ")
     ))]
     pub aov: Vec<String>,
-    /// Write an account of the render as JSON ("-" is standard output)
+    /// Write statistics of the render as JSON ("-" is standard output)
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
-    /// How to show progress, on standard error
+    /// The form of the progress output on standard error
     #[arg(long, value_name = "KIND", value_enum, default_value_t = ProgressKind::Auto)]
     pub progress: ProgressKind,
-    /// Say nothing but errors
+    /// Print only errors
     #[arg(short, long, conflicts_with = "verbose")]
     pub quiet: bool,
-    /// Say where the time went, too
+    /// Print the time of each step, too
     #[arg(short, long)]
     pub verbose: bool,
     /// Treat warnings and dropped samples as errors
@@ -102,10 +102,10 @@ pub struct RenderArgs {
     pub display_server: Option<String>,
 }
 
-/// Renders.
+/// Renders a scene.
 ///
 /// # Errors
-/// If the command line, the scene or the output is at fault; under `--strict` also for warnings and dropped samples.
+/// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
     let target = args.output.clone().unwrap_or_else(|| default_output(args));
@@ -160,10 +160,10 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     rendered.checkpoint_status.map(|()| code)
 }
 
-/// Says that a signal has come before the first sample, and gives the exit code for it.
+/// A function that reports a signal before the first sample and returns the exit code for it.
 pub(super) type EarlyExit = Box<dyn Fn(i32) -> i32 + Send>;
 
-/// The end of a render that has not begun to sample.
+/// Returns the function that ends a render before its first sample.
 fn early_exit(args: &RenderArgs, target: &Path) -> EarlyExit {
     let resumed = args.checkpoint.clone().filter(|file| args.resume && file.exists());
     let target = target.to_owned();
@@ -176,11 +176,11 @@ fn early_exit(args: &RenderArgs, target: &Path) -> EarlyExit {
     })
 }
 
-/// Exit code of a render that a signal has stopped, and that can be gone on with.
+/// The exit code of a render that a signal has stopped and that can be resumed.
 const INTERRUPTED_WITH_CHECKPOINT: u8 = 85;
 
-/// The scene's name in the current directory, with the range of samples if there is one: ranges do not overwrite each
-/// other's images.
+/// Returns the scene's name in the current directory, with the range of samples if there is one, so that ranges do not
+/// overwrite each other's images.
 fn default_output(args: &RenderArgs) -> PathBuf {
     let name = Path::new(args.scene.file_name().unwrap_or(args.scene.as_os_str()));
     match &args.sample_range {
@@ -189,7 +189,7 @@ fn default_output(args: &RenderArgs) -> PathBuf {
     }
 }
 
-/// Options that mean nothing here, or not together.
+/// Refuses options that have no effect or contradict each other.
 fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
     if args.display_server.is_some() {
         return Err(Error::usage(
@@ -203,7 +203,7 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Loads and compiles the scene, saying what there is to say about it.
+/// Loads and compiles the scene, and prints its warnings and notes.
 fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let choices = SceneChoices {
         load: args.resources.load_options(),
@@ -227,7 +227,7 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     Ok((session, origin, Seconds { load, build, ..Seconds::default() }))
 }
 
-/// What the command line says of the render.
+/// Returns the choices of the command line.
 fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
     let cache = |(path, SceneHashes { scene, view }): (&PathBuf, SceneHashes)| CacheFile {
         path: path.clone(),
@@ -262,7 +262,7 @@ fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
 }
 
 /// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit. A signal before
-/// the first sample is an exit with the code that `early` gives for it, for nothing is lost then.
+/// the first sample exits with the code that `early` returns, because nothing is lost then.
 pub(super) fn listen(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Result<Arc<AtomicI32>> {
     let caught = Arc::new(AtomicI32::new(0));
     let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM])
@@ -274,7 +274,7 @@ pub(super) fn listen(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Resu
                 signal_hook::low_level::exit(128 + signal);
             }
             if let Some(early) = early.as_ref().filter(|_| !progress.has_begun()) {
-                // Preparation has no point at which it could be left within a moment: building a photon map, say.
+                // The preparation cannot be interrupted quickly, for example while a photon map is built.
                 signal_hook::low_level::exit(early(signal));
             }
             progress.interrupt();
@@ -334,8 +334,8 @@ fn summary(target: &Path, rendered: &Rendered) -> String {
     )
 }
 
-/// Says which samples were dropped and how to see them again, and how many values the file cannot hold. Under
-/// `--strict` these are errors, but the image is there: hours of rendering are not thrown away.
+/// Reports which samples were dropped and how to render them again, and how many values the file cannot represent.
+/// Under `--strict` these are errors, but the image has been written, so hours of rendering are not lost.
 fn warn_of_values(args: &RenderArgs, target: &Path, rendered: &Rendered, clamped: usize) -> Result<()> {
     let mut messages = Vec::new();
     if let Some(first) = rendered.invalid.first() {

@@ -10,26 +10,26 @@ use crate::session::default_threads;
 use clap::Args;
 use std::path::PathBuf;
 
-/// What the scene of any command is loaded with.
+/// The options for loading a scene, of any command.
 #[derive(Clone, Debug, Args)]
 pub struct SceneArgs {
-    /// Give a default of the scene another value
+    /// Set the value of a default of the scene
     #[arg(short = 'D', value_name = "NAME=VALUE", value_parser = values::definition)]
     pub define: Vec<(String, String)>,
-    /// Folders to look for the scene's files in, besides its own; several are separated by ';'
+    /// Folders to search for the scene's files, besides its own; several are separated by ';'
     #[arg(short = 'a', long, value_name = "DIR", value_delimiter = ';')]
     pub search_path: Vec<PathBuf>,
-    /// The most memory that the program may take (4G, 512M); more is refused before it is taken [default: what is
-    /// available]
+    /// The most memory that the program may use (4G, 512M); a scene or render that needs more is refused beforehand
+    /// [default: the available memory]
     #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     pub memory_limit: Option<Limit>,
-    /// Threads; they change the speed, never the pixels [default: all cores]
+    /// Number of threads, which changes the speed but not the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
 }
 
 impl SceneArgs {
-    /// Returns how the scene is loaded.
+    /// Returns the options for loading the scene.
     pub fn load_options(&self) -> LoadOptions {
         LoadOptions {
             defines: self.define.clone(),
@@ -44,7 +44,7 @@ impl SceneArgs {
     }
 }
 
-/// How a scene is rendered, as far as the scene leaves it open.
+/// The options for rendering a scene.
 #[derive(Clone, Debug, Args)]
 pub struct MethodArgs {
     /// The integrator.
@@ -61,18 +61,18 @@ pub struct MethodArgs {
     pub seed: u64,
 }
 
-/// What the camera sees.
+/// The options for the view.
 #[derive(Clone, Debug, Args)]
 pub struct ViewArgs {
-    /// Which sensor of the scene, from 0
+    /// Index of the sensor in the scene, from 0
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub sensor: usize,
-    /// Size of the full image, instead of the scene's (a crop of the scene is dropped)
+    /// Size of the full image, instead of the scene's (a crop in the scene is ignored)
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     pub size: Option<(u32, u32)>,
 }
 
-/// What the samplers are.
+/// The description of the samplers.
 const SAMPLERS: &str = "independent: uniform random numbers, what the others are measured against. \
     stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and \
     column; they fill all of their cells at some numbers of samples only, of which every power of two is one. \

@@ -1,4 +1,4 @@
-//! `buffon completions` and `buffon man`: what a shell and a terminal want to know.
+//! `buffon completions` and `buffon man`: completion scripts and manual pages.
 
 use super::{Cli, print};
 use crate::error::{Error, Result};
@@ -21,7 +21,7 @@ pub struct CompletionsArgs {
 pub struct ManArgs {
     /// The subcommand to describe; without it, the program
     pub subcommand: Option<String>,
-    /// Write the pages of the program and of all subcommands to a folder, which is made if it is missing
+    /// Write the pages of the program and of all subcommands to a folder, which is created if it is missing
     #[arg(long, value_name = "DIR", conflicts_with = "subcommand")]
     pub dir: Option<PathBuf>,
 }
@@ -36,7 +36,7 @@ pub fn completions(args: &CompletionsArgs) -> Result<u8> {
     print(&String::from_utf8_lossy(&text))
 }
 
-/// Prints a page or writes all.
+/// Prints a page or writes all pages.
 ///
 /// # Errors
 /// If there is no such subcommand, or a page cannot be written.

@@ -1,4 +1,4 @@
-//! `--stats`: the machine-readable account of a render.
+//! `--stats`: machine-readable statistics of a render.
 
 use crate::error::Result;
 use crate::render::Rendered;
@@ -8,7 +8,7 @@ use cpu_time::ProcessTime;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// Wall time of the parts of a run.
+/// Wall time of the steps of a run, in seconds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seconds {
     /// Reading the scene and its files.
@@ -21,24 +21,24 @@ pub struct Seconds {
     pub render: f64,
     /// Writing the image.
     pub write: f64,
-    /// All of it.
+    /// The whole run.
     pub total: f64,
 }
 
-/// Everything that the account is made of.
+/// The data of the statistics.
 pub struct Account<'a> {
     /// The scene.
     pub session: &'a Session,
-    /// How it was rendered.
+    /// The plan of the render.
     pub plan: &'a Plan,
     /// The render.
     pub rendered: &'a Rendered,
-    /// Its times.
+    /// The times of the run.
     pub seconds: Seconds,
 }
 
 impl Account<'_> {
-    /// Writes the account to a file, or to standard output for "-".
+    /// Writes the statistics to a file, or to standard output for "-".
     ///
     /// # Errors
     /// If it cannot be written.
@@ -107,7 +107,7 @@ impl Account<'_> {
     }
 }
 
-/// The most memory that the process has had resident; `None` where the system does not tell.
+/// Returns the peak resident memory of the process; `None` if the system does not provide it.
 fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;

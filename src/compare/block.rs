@@ -1,4 +1,4 @@
-//! Sums over the pixels of a block, and what Student's t says of them.
+//! Sums over the pixels of a block, and their test by Student's t.
 
 use super::noise::{ImageNoise, SharedNoise};
 use super::rounding::Rounding;

@@ -1,4 +1,4 @@
-//! The domains that a pixel is an integral over, each switched on alone.
+//! The error caused by each domain of a pixel's integral, with only that domain sampled.
 
 use super::outcome::{Evidence, Finding, plus_minus, slope};
 use super::studio::{ROOM, Sampling, Studio, picture};
@@ -12,7 +12,7 @@ use crate::lab::moments::Measured;
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::{Domain, DomainSet, SamplerKind};
 
-/// The domains with the effects that they bring.
+/// The domains and the effects that they cause.
 const DOMAINS: [(Domain, &str); 6] = [
     (Domain::Pixel, "antialiasing"),
     (Domain::Lens, "depth of field"),
@@ -23,24 +23,24 @@ const DOMAINS: [(Domain, &str); 6] = [
 ];
 const SAMPLERS: [SamplerKind; 2] = [SamplerKind::Independent, SamplerKind::Sobol];
 
-/// The sampler with one domain switched on.
+/// Returns a sampler that varies one domain only.
 fn alone(domain: Domain, kind: SamplerKind, spp: u64) -> Sampling {
     let Sampling { sampler, spp } = Sampling::new(kind, spp);
     Sampling { sampler: sampler.with_fixed(DomainSet::all_but(&[domain])), spp }
 }
 
-/// Errors of one domain by one sampler.
-struct Row {
+/// The errors of one sampler in one domain.
+struct DomainRow {
     domain: usize,
     sampler: SamplerKind,
-    /// RMS errors at each sample count.
+    /// RMS errors at each number of samples.
     errors: Vec<(u64, Measured)>,
     law: Option<PowerLaw>,
-    /// The exponent of the law, from pairs of renders.
+    /// The exponent of the power law, from pairs of renders.
     exponent: Measured,
 }
 
-fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<Vec<Row>> {
+fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<Vec<DomainRow>> {
     let most = options.scaled(5, 6);
     let mut rows = Vec::new();
     for (domain, (of, _)) in DOMAINS.into_iter().enumerate() {
@@ -53,13 +53,13 @@ fn measure(studio: &Studio, integrator: &Settings, options: &Options) -> Result<
             let errors: Vec<_> = squares.iter().map(|(spp, s)| (*spp, Measured::root(s))).collect();
             let law = PowerLaw::fit(errors.iter().map(|(spp, e)| (*spp as f64, e.value)));
             let points: Vec<_> = squares.iter().map(|(spp, s)| (*spp as f64, s.as_slice())).collect();
-            rows.push(Row { domain, sampler, errors, law, exponent: Measured::exponent(&points) });
+            rows.push(DomainRow { domain, sampler, errors, law, exponent: Measured::exponent(&points) });
         }
     }
     Ok(rows)
 }
 
-fn table(rows: &[Row]) -> Table {
+fn table(rows: &[DomainRow]) -> Table {
     let mut table = Table::new([
         ("domain", Align::Left),
         ("what it brings", Align::Left),
@@ -77,7 +77,7 @@ fn table(rows: &[Row]) -> Table {
     table
 }
 
-fn plot(rows: &[Row], sampler: SamplerKind) -> Plot {
+fn plot(rows: &[DomainRow], sampler: SamplerKind) -> Plot {
     let series = rows.iter().filter(|row| row.sampler == sampler).map(|row| Series {
         name: format!("{}, slope {}", DOMAINS[row.domain].0, slope(row.law)),
         points: row.errors.iter().map(|(spp, e)| Point::new(*spp as f64, e.value)).collect(),
@@ -92,7 +92,7 @@ fn plot(rows: &[Row], sampler: SamplerKind) -> Plot {
     }
 }
 
-fn findings(rows: &[Row]) -> Vec<Finding> {
+fn findings(rows: &[DomainRow]) -> Vec<Finding> {
     let exponents = |sampler: SamplerKind| -> Vec<Measured> {
         rows.iter().filter(|row| row.sampler == sampler).map(|row| row.exponent).collect()
     };
@@ -115,9 +115,9 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
     ]
 }
 
-/// Measures every domain, and shows each.
+/// Measures the error of every domain and shows an image of each.
 pub fn run(options: &Options) -> Result<Found> {
-    // Roulette would be a seventh domain, of no picture.
+    // Russian roulette would be a seventh domain, which has no visible effect.
     let path = PathLimits { max_depth: Some(6), rr_depth: u32::MAX, hide_emitters: false };
     let integrator = Settings::Path(path);
     let rows =

@@ -1,4 +1,4 @@
-//! One and 256 samples of a glossy surface.
+//! A glossy surface with 1 and 256 samples.
 
 use super::outcome::{Evidence, Finding, plus_minus};
 use super::studio::{ROOM, Sampling, Studio, viewer};
@@ -10,15 +10,15 @@ use crate::integrator::settings::PathLimits;
 use crate::report::{Align, Table};
 use crate::sampling::{Domain, DomainSet, SamplerKind};
 
-/// The glossy lobe alone varies.
+/// Returns a sampler that varies the glossy lobe only.
 fn lobe(kind: SamplerKind, spp: u64) -> Sampling {
     let Sampling { sampler, spp } = Sampling::new(kind, spp);
     Sampling { sampler: sampler.with_fixed(DomainSet::all_but(&[Domain::Bsdf])), spp }
 }
 
-/// Measures both, and shows them.
+/// Measures the error at both numbers of samples and shows both images.
 pub fn run(options: &Options) -> Result<Found> {
-    // What a reflected ray meets is lit directly: longer paths would add noise of other domains.
+    // Surfaces hit by reflected rays receive direct light only. Longer paths would add noise of other domains.
     let integrator = Settings::Path(PathLimits { max_depth: Some(3), ..PathLimits::default() });
     let studio = Studio::open(ROOM, options.scaled((36, 27), (100, 75)), options)?;
     let pairs = 4;

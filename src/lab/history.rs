@@ -1,4 +1,4 @@
-//! From ray casting to path tracing, on one scene.
+//! The algorithms from ray casting to path tracing, on one scene.
 
 use super::moments::Measured;
 use super::outcome::{Evidence, Finding, plus_minus, slope};
@@ -14,14 +14,14 @@ use crate::integrator::settings::{DistributionSettings, PathLimits, WhittedSetti
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::SamplerKind;
 
-/// Longest path of all algorithms but ray casting, in edges.
+/// The greatest number of edges of a path, for all algorithms but ray casting.
 const MAX_DEPTH: u32 = 5;
 
 /// An algorithm.
 struct Algorithm {
     name: &'static str,
     settings: Settings,
-    /// Samples per pixel that it is tried at.
+    /// The numbers of samples per pixel to render with.
     spp: Vec<u64>,
 }
 
@@ -43,26 +43,26 @@ fn algorithms(options: &Options) -> [Algorithm; 4] {
     ]
 }
 
-/// What an algorithm did at one number of samples.
-struct Row {
+/// The result of an algorithm at one number of samples.
+struct AlgorithmRow {
     algorithm: usize,
     spp: u64,
     rays: f64,
     rays_per_pixel: f64,
     seconds: f64,
-    /// Mean squared errors against the reference, of groups of pixels.
+    /// Mean squared errors against the reference, one for each group of pixels.
     squares: Vec<f64>,
     /// RMS error against the reference.
     error: Measured,
-    /// Mean of the picture over that of the reference; its error is that of an unbiased picture.
+    /// Mean of the image divided by the mean of the reference. The standard error is that of an unbiased image.
     brightness: Measured,
     image: Image,
 }
 
-/// The groups that the pixels of a picture are divided into.
+/// The number of groups that the pixels of an image are divided into.
 const GROUPS: usize = 10;
 
-/// Mean squared differences of the pixels of two images, for each group: every tenth pixel.
+/// Returns the mean squared difference of two images for each group of pixels. Group k has every tenth pixel from k.
 fn squares(image: &Image, truth: &Image) -> Vec<f64> {
     let pixels = || image.data.chunks_exact(3).zip(truth.data.chunks_exact(3));
     let square = |(a, b): (&[f32], &[f32])| metrics::mse(a, b);
@@ -70,12 +70,12 @@ fn squares(image: &Image, truth: &Image) -> Vec<f64> {
     (0..GROUPS).map(group).collect()
 }
 
-/// The mean of an image's values.
+/// Returns the mean of an image's values.
 fn mean(image: &Image) -> f64 {
     image.data.iter().map(|&v| f64::from(v)).sum::<f64>() / image.data.len() as f64
 }
 
-fn measure(studio: &Studio, algorithms: &[Algorithm], truth: &Image) -> Result<Vec<Row>> {
+fn measure(studio: &Studio, algorithms: &[Algorithm], truth: &Image) -> Result<Vec<AlgorithmRow>> {
     let mut rows = Vec::new();
     for (i, algorithm) in algorithms.iter().enumerate() {
         for &spp in &algorithm.spp {
@@ -85,13 +85,13 @@ fn measure(studio: &Studio, algorithms: &[Algorithm], truth: &Image) -> Result<V
             let squares = squares(&image, truth);
             let error = Measured::root(&squares);
             let pixels = (image.width * image.height) as f64;
-            // Pixels are independent; the colours of one are not.
+            // Pixels are independent of each other; the colours of one pixel are not.
             let brightness = Measured {
                 value: mean(&image) / mean(truth),
                 error: error.value / pixels.sqrt() / mean(truth),
                 freedom: pixels - 1.0,
             };
-            rows.push(Row {
+            rows.push(AlgorithmRow {
                 algorithm: i,
                 spp,
                 rays,
@@ -107,7 +107,7 @@ fn measure(studio: &Studio, algorithms: &[Algorithm], truth: &Image) -> Result<V
     Ok(rows)
 }
 
-fn table(algorithms: &[Algorithm], rows: &[Row]) -> Table {
+fn table(algorithms: &[Algorithm], rows: &[AlgorithmRow]) -> Table {
     let mut table = Table::new([
         ("algorithm", Align::Left),
         ("spp", Align::Right),
@@ -131,16 +131,16 @@ fn table(algorithms: &[Algorithm], rows: &[Row]) -> Table {
     table
 }
 
-/// The rows of one algorithm.
-fn of(rows: &[Row], algorithm: usize) -> impl Iterator<Item = &Row> {
+/// Returns the rows of one algorithm.
+fn of(rows: &[AlgorithmRow], algorithm: usize) -> impl Iterator<Item = &AlgorithmRow> {
     rows.iter().filter(move |row| row.algorithm == algorithm)
 }
 
-fn law(rows: &[Row], algorithm: usize) -> Option<PowerLaw> {
+fn law(rows: &[AlgorithmRow], algorithm: usize) -> Option<PowerLaw> {
     PowerLaw::fit(of(rows, algorithm).map(|row| (row.rays_per_pixel, row.error.value)))
 }
 
-fn plot(algorithms: &[Algorithm], rows: &[Row]) -> Plot {
+fn plot(algorithms: &[Algorithm], rows: &[AlgorithmRow]) -> Plot {
     let series = algorithms.iter().enumerate().map(|(i, algorithm)| Series {
         name: format!("{}, slope {}", algorithm.name, slope(law(rows, i))),
         points: of(rows, i)
@@ -160,28 +160,29 @@ fn plot(algorithms: &[Algorithm], rows: &[Row]) -> Plot {
     }
 }
 
-/// The mean squared error of a row, of all groups of pixels or all but one.
-fn mse(row: &Row, left_out: Option<usize>) -> f64 {
+/// Returns the mean squared error of a row, over all groups of pixels or all but one.
+fn mse(row: &AlgorithmRow, left_out: Option<usize>) -> f64 {
     let kept = row.squares.iter().enumerate().filter(|(group, _)| Some(*group) != left_out);
     Measured::mean(&kept.map(|(_, square)| *square).collect::<Vec<_>>()).value
 }
 
-/// Rays times squared error: what one unit of precision costs, the same for any number of samples.
-fn cost(rows: &[Row], algorithm: usize, left_out: Option<usize>) -> f64 {
+/// Returns the number of rays times the squared error. For an unbiased estimator, it does not depend on the number of
+/// samples.
+fn cost(rows: &[AlgorithmRow], algorithm: usize, left_out: Option<usize>) -> f64 {
     let logs: Vec<f64> =
         of(rows, algorithm).map(|row| (row.rays_per_pixel * mse(row, left_out)).ln()).collect();
     Measured::mean(&logs).value.exp()
 }
 
-/// The brightness of an algorithm's best picture, as a part of the truth's.
-fn brightness(rows: &[Row], algorithm: usize) -> Measured {
+/// Returns the brightness of an algorithm's image with the most samples, relative to the reference.
+fn brightness(rows: &[AlgorithmRow], algorithm: usize) -> Measured {
     of(rows, algorithm).last().map_or(Measured::NONE, |row| row.brightness)
 }
 
-fn findings(rows: &[Row]) -> Vec<Finding> {
-    // Four times the samples halve the error of an unbiased picture.
+fn findings(rows: &[AlgorithmRow]) -> Vec<Finding> {
+    // Four times the samples halve the error of an unbiased image.
     let gain = |i: usize| {
-        let rows: Vec<&Row> = of(rows, i).collect();
+        let rows: Vec<&AlgorithmRow> = of(rows, i).collect();
         let [few, many] = [rows[rows.len() - 2], rows[rows.len() - 1]];
         Measured::jackknife(GROUPS, |left_out| (mse(few, left_out) / mse(many, left_out)).sqrt())
     };
@@ -238,7 +239,7 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
     ]
 }
 
-/// Renders all four, and compares them.
+/// Renders with all four algorithms and compares them.
 pub fn run(options: &Options) -> Result<Found> {
     let studio = Studio::open(BALLS, options.scaled((32, 24), (120, 90)), options)?;
     let algorithms = algorithms(options);

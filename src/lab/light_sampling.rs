@@ -1,4 +1,4 @@
-//! A rectangular lamp sampled by its area, by its solid angle, and not at all.
+//! A rectangular emitter sampled by area, sampled by solid angle, and not sampled.
 
 use super::moments::Measured;
 use super::outcome::{Evidence, Finding, plus_minus, slope};
@@ -14,15 +14,15 @@ use crate::sampling::SamplerKind;
 use std::f64::consts::PI;
 
 const LAMP: &str = include_str!("scenes/lamp.xml");
-/// What the lamp emits, W·m⁻²·sr⁻¹, and what the floor reflects.
+/// The radiance of the emitter, W·m⁻²·sr⁻¹, and the reflectance of the floor.
 const RADIANCE: f64 = 2.0;
 const REFLECTANCE: f64 = 0.5;
-/// The receiver, on the floor.
+/// The position of the receiver on the floor.
 const RECEIVER: [f64; 2] = [0.3, 0.2];
-/// Heights of the lamp over the floor: its half side is 1.
+/// Heights of the emitter above the floor. Half of its side is 1.
 const HEIGHTS: [f64; 2] = [0.5, 4.0];
 
-/// Ways to sample the lamp.
+/// A way to sample the emitter.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
     Area,
@@ -41,7 +41,7 @@ impl Way {
         }
     }
 
-    /// The lamp at a height: a mesh is sampled by area, a rectangle by solid angle.
+    /// Returns the scene with the emitter at a height. A mesh is sampled by area, a rectangle by solid angle.
     fn scene(self, height: f64) -> String {
         let (shape, file) = match self {
             Way::Area => ("obj", "<string name=\"filename\" value=\"square.obj\"/>"),
@@ -68,14 +68,14 @@ impl Way {
 /// The square [−1, 1]² as two triangles.
 const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n";
 
-/// The irradiance of a point by a parallel rectangle with a corner over it, of sides a and b in units of the distance,
-/// over the lamp's radiance. [Siegel and Howell 1992, configuration B-4, times π]
+/// Returns the irradiance at a point below a corner of a parallel rectangle, divided by the rectangle's radiance. The
+/// sides are a and b times the distance. [Siegel and Howell 1992, configuration B-4, times π]
 fn corner(a: f64, b: f64) -> f64 {
     let (sa, sb) = ((1.0 + a * a).sqrt(), (1.0 + b * b).sqrt());
     0.5 * (a / sa * (b / sa).atan() + b / sb * (a / sb).atan())
 }
 
-/// The exact radiance of the floor at the receiver.
+/// Returns the exact radiance of the floor at the receiver.
 fn exact(height: f64) -> f64 {
     let mut irradiance = 0.0;
     for sx in [-1.0, 1.0] {
@@ -86,18 +86,18 @@ fn exact(height: f64) -> f64 {
     REFLECTANCE / PI * RADIANCE * irradiance
 }
 
-/// Errors by one way at one height.
-struct Row {
+/// The errors of one way at one height.
+struct WayRow {
     way: Way,
     height: f64,
     /// Mean of all estimates.
     mean: Measured,
-    /// RMS error relative to the truth at each sample count.
+    /// RMS error relative to the truth at each number of samples.
     errors: Vec<(u64, Measured)>,
     law: Option<PowerLaw>,
 }
 
-fn measure(way: Way, height: f64, options: &Options) -> Result<Row> {
+fn measure(way: Way, height: f64, options: &Options) -> Result<WayRow> {
     let side = options.scaled(24, 64);
     let files = [("square.obj", SQUARE)];
     let studio = Studio::open_with(&way.scene(height), &files, (side, side), options)?;
@@ -106,17 +106,17 @@ fn measure(way: Way, height: f64, options: &Options) -> Result<Row> {
     let mut mean = Measured::NONE;
     for spp in (0..=4).map(|k| 1u64 << (2 * k)) {
         let image = studio.shoot(&way.integrator(), Sampling::new(SamplerKind::Independent, spp), spp)?.image;
-        // Every pixel is an estimate of the same number.
+        // Every pixel is an estimate of the same value.
         let values: Vec<f64> = image.data.chunks_exact(3).map(|pixel| f64::from(pixel[0])).collect();
         mean = Measured::mean(&values);
         let relative: Vec<f64> = values.iter().map(|v| v / exact - 1.0).collect();
         errors.push((spp, Measured::rms(&relative)));
     }
     let law = PowerLaw::fit(errors.iter().map(|(spp, e)| (*spp as f64, e.value)));
-    Ok(Row { way, height, mean, errors, law })
+    Ok(WayRow { way, height, mean, errors, law })
 }
 
-fn table(rows: &[Row]) -> Table {
+fn table(rows: &[WayRow]) -> Table {
     let mut table = Table::new([
         ("lamp at height", Align::Right),
         ("sampled", Align::Left),
@@ -140,7 +140,7 @@ fn table(rows: &[Row]) -> Table {
     table
 }
 
-fn plot(rows: &[Row], height: f64) -> Plot {
+fn plot(rows: &[WayRow], height: f64) -> Plot {
     let series = rows.iter().filter(|row| row.height == height).enumerate().map(|(i, row)| Series {
         name: row.way.name().into(),
         points: row.errors.iter().map(|(spp, e)| Point::new(*spp as f64, e.value)).collect(),
@@ -155,7 +155,7 @@ fn plot(rows: &[Row], height: f64) -> Plot {
     }
 }
 
-fn findings(rows: &[Row]) -> Vec<Finding> {
+fn findings(rows: &[WayRow]) -> Vec<Finding> {
     let error = |way: Way, height: f64| {
         let row = rows.iter().find(|row| row.way == way && row.height == height);
         row.map_or(Measured::NONE, |row| row.errors[row.errors.len() - 1].1)
@@ -193,7 +193,7 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
     ]
 }
 
-/// A path-traced picture with and without sampling the lamp, at equal samples.
+/// Path-traces an image with and without sampling the emitter, with the same number of samples.
 fn pictures(options: &Options) -> Result<Evidence> {
     let studio = Studio::open(BALLS, options.scaled((48, 36), (120, 90)), options)?;
     let tree = |emitter_samples| {
@@ -217,7 +217,7 @@ fn pictures(options: &Options) -> Result<Evidence> {
     )?))
 }
 
-/// Measures every way at every height.
+/// Measures the errors of every way at every height.
 pub fn run(options: &Options) -> Result<Found> {
     let mut rows = Vec::new();
     for height in HEIGHTS {
@@ -236,7 +236,7 @@ pub fn run(options: &Options) -> Result<Found> {
 mod tests {
     use super::*;
 
-    /// A lamp over the whole sky: π. A distant one: A/d².
+    /// An emitter that covers the whole sky gives π, a distant one A/d².
     #[test]
     fn the_closed_form_has_its_limits() {
         assert!((4.0 * corner(1e9, 1e9) - PI).abs() < 1e-8);

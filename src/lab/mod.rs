@@ -1,7 +1,7 @@
-//! Experiments: claims about Monte Carlo integration and ray tracing, each measured.
+//! Experiments: claims about Monte Carlo integration and ray tracing, and their measurement.
 //!
-//! An experiment states what is claimed, measures it with an interval, says whether that confirms or refutes the claim
-//! ([`Verdict`]), and shows what it was measured from. Everything but times is decided by the seed.
+//! An experiment states claims. It measures each of them with an interval, decides whether the interval confirms or
+//! refutes the claim ([`Verdict`]), and shows the data. The seed determines everything but times.
 
 mod domains;
 mod glossy;
@@ -24,28 +24,28 @@ use crate::error::Result;
 use std::fmt;
 use std::str::FromStr;
 
-/// How an experiment is run.
+/// The options of an experiment.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Independent repetitions of an estimate, for experiments without a picture.
+    /// Independent repetitions of an estimate, for experiments without images.
     pub runs: u32,
-    /// Small pictures, few samples: seconds instead of minutes.
+    /// Whether to use small images and few samples, so that an experiment takes seconds instead of minutes.
     pub quick: bool,
-    /// Threads; they change the speed, never the numbers.
+    /// The number of threads, which changes the speed but not the results.
     pub threads: usize,
     /// The ray traversal.
     pub accel: AccelKind,
 }
 
 impl Options {
-    /// Repetitions where nothing else is asked for.
+    /// Returns the default number of repetitions.
     pub fn default_runs(quick: bool) -> u32 {
         if quick { 100 } else { 1000 }
     }
 
-    /// One of two sizes of an experiment.
+    /// Returns one of two sizes of an experiment.
     fn scaled<T>(&self, quick: T, full: T) -> T {
         if self.quick { quick } else { full }
     }
@@ -60,13 +60,13 @@ pub enum Experiment {
     Domains,
     /// Sampling patterns.
     Patterns,
-    /// Ways to sample a light.
+    /// Ways to sample an emitter.
     LightSampling,
     /// Few and many samples on a glossy surface.
     Glossy,
     /// Few and many paths for each pixel.
     Paths,
-    /// Ray casting to path tracing.
+    /// Algorithms from ray casting to path tracing.
     History,
 }
 
@@ -82,7 +82,7 @@ impl Experiment {
         Experiment::History,
     ];
 
-    /// Its name on the command line.
+    /// Returns the experiment's name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Experiment::OneDimension => "one-dimension",
@@ -95,7 +95,7 @@ impl Experiment {
         }
     }
 
-    /// What it is about.
+    /// Returns the experiment's title.
     pub fn title(self) -> &'static str {
         match self {
             Experiment::OneDimension => "estimators of one-dimensional integrals",
@@ -108,7 +108,7 @@ impl Experiment {
         }
     }
 
-    /// Runs it.
+    /// Runs the experiment.
     ///
     /// # Errors
     /// If threads cannot be started or a temporary file cannot be written.
@@ -126,7 +126,7 @@ impl Experiment {
     }
 }
 
-/// What an experiment finds, and what that stands on.
+/// The findings of an experiment and the evidence for them.
 type Found = (Vec<Finding>, Vec<Evidence>);
 
 impl fmt::Display for Experiment {
@@ -146,7 +146,7 @@ impl FromStr for Experiment {
     }
 }
 
-/// A pool of so many threads.
+/// Creates a pool with a number of threads.
 fn pool(threads: usize) -> Result<rayon::ThreadPool> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)

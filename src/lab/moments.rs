@@ -1,4 +1,4 @@
-//! Moments of measured values, with the uncertainty of each.
+//! Moments of measured values, and their standard errors.
 
 use crate::estimate::convergence::PowerLaw;
 
@@ -13,28 +13,28 @@ pub struct Measured {
     pub freedom: f64,
 }
 
-/// The most groups of runs that a jackknife leaves out one by one.
+/// The greatest number of groups of runs from which a jackknife leaves out one at a time.
 const GROUPS: usize = 10;
 
 impl Measured {
-    /// A number that was not measured.
+    /// The value of a number that was not measured.
     pub const NONE: Measured = Measured { value: f64::NAN, error: f64::NAN, freedom: 1.0 };
 
-    /// The ratio of two measured numbers, whose errors are independent.
+    /// Returns the ratio of two measured numbers with independent errors.
     pub fn over(self, other: Measured) -> Measured {
         let value = self.value / other.value;
         let error = value.abs() * (self.error / self.value).hypot(other.error / other.value);
         Measured { value, error, freedom: self.freedom.min(other.freedom) }
     }
 
-    /// The difference of two measured numbers, whose errors are independent.
+    /// Returns the difference of two measured numbers with independent errors.
     pub fn minus(self, other: Measured) -> Measured {
         let error = self.error.hypot(other.error);
         Measured { value: self.value - other.value, error, freedom: self.freedom.min(other.freedom) }
     }
 
-    /// The exponent of the power law that the root mean squares of `points`, an abscissa with squared errors by run,
-    /// follow. The standard error is that of a jackknife, which leaves out one group of runs after the other.
+    /// Returns the exponent of the power law that root mean squares follow. Each of the `points` has an abscissa and
+    /// the squared error of every run. The standard error is that of a jackknife over groups of runs.
     pub fn exponent(points: &[(f64, &[f64])]) -> Measured {
         let runs = points.iter().map(|(_, squares)| squares.len()).min().unwrap_or(0);
         let groups = runs.min(GROUPS);
@@ -50,8 +50,8 @@ impl Measured {
         Measured::jackknife(groups, without)
     }
 
-    /// An estimate from all groups of the data, `without(None)`, whose standard error comes from the estimates without
-    /// one of the groups. With fewer than two groups the error is not known.
+    /// Returns an estimate from all groups of the data, `without(None)`. Its standard error comes from the estimates
+    /// that leave out one group each, and is unknown with fewer than two groups.
     pub fn jackknife(groups: usize, without: impl Fn(Option<usize>) -> f64) -> Measured {
         if groups < 2 {
             return Measured { value: without(None), ..Measured::NONE };
@@ -61,7 +61,7 @@ impl Measured {
         Measured { value: without(None), error: error * freedom, freedom }
     }
 
-    /// The mean of independent values.
+    /// Returns the mean of independent values.
     pub fn mean(values: &[f64]) -> Measured {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -69,7 +69,7 @@ impl Measured {
         Measured { value: mean, error: (variance / n).sqrt(), freedom: n - 1.0 }
     }
 
-    /// The variance of the distribution that independent values come from.
+    /// Returns the variance of the distribution of independent values.
     pub fn variance(values: &[f64]) -> Measured {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -78,12 +78,12 @@ impl Measured {
         Measured { value: mean.value * n / (n - 1.0), ..mean }
     }
 
-    /// The root of the mean square of independent errors.
+    /// Returns the root mean square of independent errors.
     pub fn rms(errors: &[f64]) -> Measured {
         Measured::root(&errors.iter().map(|e| e * e).collect::<Vec<_>>())
     }
 
-    /// The root of the mean of independent squares.
+    /// Returns the square root of the mean of independent squares.
     pub fn root(squares: &[f64]) -> Measured {
         let Measured { value, error, freedom } = Measured::mean(squares);
         let root = value.sqrt();
@@ -91,7 +91,7 @@ impl Measured {
     }
 }
 
-/// Covariance of pairs of values.
+/// Returns the covariance of pairs of values.
 pub fn covariance(x: &[f64], y: &[f64]) -> f64 {
     let n = x.len() as f64;
     let mean = |values: &[f64]| values.iter().sum::<f64>() / n;
@@ -116,7 +116,7 @@ mod tests {
         assert_eq!(covariance(&values, &values.map(|v| 1.0 - 2.0 * v)), -2.0 * 14.0 / 3.0);
     }
 
-    /// Over 300 repetitions the stated error of a slope is its true error, to within 25 %.
+    /// Over 300 repetitions, the stated error of a slope agrees with its true error within 25 %.
     #[test]
     fn slopes_are_as_uncertain_as_stated() {
         let slopes: Vec<Measured> = (0..300)
@@ -133,7 +133,7 @@ mod tests {
         assert!(slopes.iter().all(|m| m.freedom == 9.0));
     }
 
-    /// Over 400 repetitions the stated error of a variance is its true error, to within 10 %.
+    /// Over 400 repetitions, the stated error of a variance agrees with its true error within 10 %.
     #[test]
     fn errors_are_as_large_as_stated() {
         let repeated: Vec<Measured> = (0..400)

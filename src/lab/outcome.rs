@@ -1,23 +1,23 @@
-//! What an experiment finds, as text for a terminal and as a section of a page.
+//! The result of an experiment, as text for a terminal and as a section of a page.
 
 use crate::estimate::convergence::PowerLaw;
 use crate::lab::moments::Measured;
 use crate::lab::verdict::{Check, Verdict};
 use crate::report::{Html, Picture, Plot, Table, gallery};
 
-/// A claim and what became of it.
+/// A claim and the verdict on it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
     /// The claim, in one sentence.
     pub claim: String,
     /// The measured number with its interval.
     pub measured: String,
-    /// What that says of the claim.
+    /// The verdict on the claim.
     pub verdict: Verdict,
 }
 
 impl Finding {
-    /// Judges a claim by what it implies.
+    /// Creates a finding; the verdict on the claim comes from the checks that it implies.
     pub fn new(claim: impl Into<String>, measured: impl Into<String>, checks: &[Check]) -> Self {
         Finding { claim: claim.into(), measured: measured.into(), verdict: Verdict::of(checks) }
     }
@@ -30,11 +30,11 @@ pub enum Evidence {
     Text(String),
     /// A table with its title.
     Table(String, Table),
-    /// A plot: on the page only.
+    /// A plot, which only the page shows.
     Plot(Plot),
-    /// Small pictures with their title: on the page only.
+    /// Small images with their title, which only the page shows.
     Pictures(String, Vec<Picture>),
-    /// Images beside each other: on the page only.
+    /// Images side by side, which only the page shows.
     Viewer(Html),
 }
 
@@ -50,14 +50,14 @@ impl Evidence {
     }
 }
 
-/// Mark-up under a heading.
+/// Returns mark-up under a heading.
 fn titled(title: &str, content: &Html) -> Html {
     let mut html = Html::element("h3", "", &Html::text(title));
     html.push(content);
     html
 }
 
-/// What an experiment found.
+/// The result of an experiment.
 #[derive(Clone, Debug)]
 pub struct Outcome {
     /// The experiment's name on the command line.
@@ -66,12 +66,12 @@ pub struct Outcome {
     pub title: &'static str,
     /// The claims.
     pub findings: Vec<Finding>,
-    /// What they stand on.
+    /// The evidence for the claims.
     pub evidence: Vec<Evidence>,
 }
 
 impl Outcome {
-    /// The text for a terminal.
+    /// Returns the text for a terminal.
     pub fn text(&self) -> String {
         let mut text = format!("{}: {}\n", self.name, self.title);
         for Finding { claim, measured, verdict } in &self.findings {
@@ -91,7 +91,7 @@ impl Outcome {
         text
     }
 
-    /// The section of a page.
+    /// Returns the section of a page.
     pub fn html(&self) -> Html {
         let mut html = Html::default();
         let mut list = Html::default();
@@ -102,7 +102,7 @@ impl Outcome {
             list.push(&Html::element("li", "", &item));
         }
         html.push(&Html::element("ul", "findings", &list));
-        // Plots that follow each other stand beside each other where there is room.
+        // Consecutive plots are placed side by side if there is space.
         let is_plot = |evidence: &Evidence| matches!(evidence, Evidence::Plot(_));
         for group in self.evidence.chunk_by(|a, b| is_plot(a) && is_plot(b)) {
             let mut content = Html::default();
@@ -116,7 +116,7 @@ impl Outcome {
     }
 }
 
-/// `-0.501 [-0.503, -0.499]`; a dash where there is no law.
+/// Formats an exponent as `-0.501 [-0.503, -0.499]`, or as a dash if there is no law.
 pub fn slope(law: Option<PowerLaw>) -> String {
     law.map_or_else(
         || "–".to_owned(),
@@ -124,10 +124,10 @@ pub fn slope(law: Option<PowerLaw>) -> String {
     )
 }
 
-/// `1.778 ± 0.004`: the half width of the 95 % interval.
+/// Formats a value as `1.778 ± 0.004`, with the half width of its 95 % interval.
 pub fn plus_minus(measured: Measured) -> String {
     let half = 1.96 * measured.error;
-    // Two significant digits of the interval.
+    // The interval has two significant digits.
     let digits = if half > 0.0 && half.is_finite() {
         (1.0 - half.log10().floor()).clamp(0.0, 9.0) as usize
     } else {

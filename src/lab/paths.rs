@@ -1,4 +1,4 @@
-//! Ten and a hundred paths for each pixel.
+//! Ten and a hundred paths per pixel.
 
 use super::outcome::{Evidence, Finding, plus_minus};
 use super::studio::{BALLS, Sampling, Studio, viewer};
@@ -10,10 +10,10 @@ use crate::integrator::settings::PathLimits;
 use crate::report::{Align, Table};
 use crate::sampling::SamplerKind;
 
-/// Paths for each pixel.
+/// Numbers of paths per pixel.
 const PATHS: [u64; 2] = [10, 100];
 
-/// Measures both, and shows them.
+/// Measures the error at both numbers of paths and shows both images.
 pub fn run(options: &Options) -> Result<Found> {
     let integrator = Settings::Path(PathLimits { max_depth: Some(5), ..PathLimits::default() });
     let studio = Studio::open(BALLS, options.scaled((48, 36), (120, 90)), options)?;

@@ -1,5 +1,5 @@
-//! Uniform numbers in double precision: those of the samplers have 24 bits, which the error of a stratified sum of
-//! 10⁵ values would show.
+//! Uniform random numbers in double precision. Those of the samplers have 24 bits, which would be visible in the error
+//! of a stratified sum of 10⁵ values.
 
 use crate::sampling::hash::{combine, pcg3d};
 
@@ -11,12 +11,13 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// The stream number `run` of a part of an experiment. Different parts, runs and seeds are independent.
+    /// Creates the stream with the number `run` for a part of an experiment. Streams of different parts, runs and seeds
+    /// are independent.
     pub fn new(seed: u64, part: u32, run: u32) -> Self {
         Stream { key: [combine(combine(seed as u32, (seed >> 32) as u32), part), run], drawn: 0 }
     }
 
-    /// The next number in [0, 1).
+    /// Returns the next number in [0, 1).
     #[inline]
     pub fn uniform(&mut self) -> f64 {
         let [a, b, _] = pcg3d(self.drawn, self.key[0], self.key[1]);

@@ -1,4 +1,4 @@
-//! Rendering for experiments: built-in scenes, pictures, and their noise.
+//! Rendering for experiments: built-in scenes, images, and their noise.
 
 use super::Options;
 use super::moments::Measured;
@@ -11,9 +11,9 @@ use crate::report::{Picture, Viewer, exposure_of, thumbnail};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::session::{Plan, SceneChoices, SceneFile, Session};
 
-/// Every effect that a pixel is an integral over.
+/// A scene with every effect that a pixel integrates over.
 pub const ROOM: &str = include_str!("scenes/room.xml");
-/// Mirror, glass and rough metal in a diffuse room.
+/// A mirror, glass and rough metal in a diffuse room.
 pub const BALLS: &str = include_str!("scenes/balls.xml");
 
 /// A scene that is ready to be rendered at one size.
@@ -22,19 +22,19 @@ pub struct Studio {
     seed: u64,
 }
 
-/// A picture, and what it took.
+/// An image and the cost of rendering it.
 pub struct Shot {
-    /// The picture.
+    /// The image.
     pub image: Image,
-    /// Rays and paths.
+    /// The numbers of rays and paths.
     pub counters: Counters,
     /// Wall time of sampling.
     pub seconds: f64,
-    /// Root mean square error that the two halves of the samples let expect.
+    /// The expected root mean square error, estimated from the two halves of the samples.
     pub noise: f64,
 }
 
-/// How a picture is sampled.
+/// The sampler of an image and its number of samples.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling {
     /// The sampler.
@@ -44,22 +44,22 @@ pub struct Sampling {
 }
 
 impl Sampling {
-    /// A sampler for that many samples per pixel.
+    /// Creates a sampler for a number of samples per pixel.
     pub fn new(kind: SamplerKind, spp: u64) -> Self {
         Sampling { sampler: Sampler::new(kind, Some(spp)), spp }
     }
 }
 
 impl Studio {
-    /// A built-in scene at a size.
+    /// Loads a built-in scene at a size.
     ///
     /// # Errors
-    /// If a temporary file cannot be written, or the scene is at fault.
+    /// If a temporary file cannot be written, or the scene has an error.
     pub fn open(xml: &str, size: (u32, u32), options: &Options) -> Result<Studio> {
         Studio::open_with(xml, &[], size, options)
     }
 
-    /// As [`open`](Self::open), with files that the scene refers to.
+    /// Loads a scene as [`open`](Self::open) does, with files that the scene refers to.
     ///
     /// # Errors
     /// As [`open`](Self::open).
@@ -80,7 +80,7 @@ impl Studio {
         Ok(Studio { session: file.compile(options.accel, options.threads)?, seed: options.seed })
     }
 
-    /// Renders one picture. Different `take`s are independent.
+    /// Renders one image. Images with different `take`s are independent.
     ///
     /// # Errors
     /// If threads cannot be started.
@@ -109,7 +109,8 @@ impl Studio {
         })
     }
 
-    /// The root mean square error of an unbiased picture, without a reference. `pairs` of takes give the interval.
+    /// Returns the root mean square error of an unbiased image, measured without a reference. The interval comes from
+    /// `pairs` of takes.
     ///
     /// # Errors
     /// As [`shoot`](Self::shoot).
@@ -117,7 +118,7 @@ impl Studio {
         Ok(Measured::root(&self.squares(integrator, sampling, pairs)?))
     }
 
-    /// The mean squared errors of an unbiased picture: half the mean square of the difference of two independent takes
+    /// Returns the mean squared errors of an unbiased image. Half the mean squared difference of two independent takes
     /// is the variance.
     ///
     /// # Errors
@@ -132,7 +133,7 @@ impl Studio {
     }
 }
 
-/// The root of the mean variance of the pixels' colours.
+/// Returns the square root of the mean variance of the pixels' colours.
 fn expected_noise(rendered: &Rendered) -> f64 {
     let variances: Vec<f64> = rendered
         .tiles
@@ -143,10 +144,10 @@ fn expected_noise(rendered: &Rendered) -> f64 {
     Measured::mean(&variances).value.sqrt()
 }
 
-/// Width of small pictures on the page, in pixels.
+/// Width of the small images on the page, in pixels.
 const WIDTH: usize = 320;
 
-/// A small picture with its caption. All pictures of a row need the same `exposure`.
+/// Creates a small image with its caption. All images of a row need the same `exposure`.
 ///
 /// # Errors
 /// If the image has no pixel.
@@ -159,10 +160,10 @@ pub fn picture(
     Ok(Picture { images: vec![thumbnail(image, WIDTH, exposure)?], title: title.into(), note: note.into() })
 }
 
-/// A viewer of images, the last of which is the reference.
+/// Creates a viewer of images, the last of which is the reference.
 ///
 /// # Errors
-/// If sizes differ or there is no image.
+/// If sizes differ or there are no images.
 pub fn viewer(title: &str, images: Vec<(String, &Image)>) -> Result<crate::report::Html> {
     let reference = images.len().checked_sub(1);
     let exposure = images.last().map_or(0.0, |(_, image)| exposure_of(image));
@@ -175,7 +176,7 @@ mod tests {
     use crate::accel::AccelKind;
     use crate::integrator::settings::PathLimits;
 
-    /// The noise of 4 samples is twice that of 16, and repeats itself.
+    /// The noise of 4 samples is twice that of 16 samples, and is the same for the same seed.
     #[test]
     fn noise_is_measured_without_a_reference() {
         let options = Options { seed: 1, runs: 10, quick: true, threads: 2, accel: AccelKind::default() };

@@ -1,25 +1,25 @@
-//! The rule by which every claim is judged.
+//! The rule that decides every claim.
 //!
 //! A claim implies checks: statements that a number lies in a range. A number is measured with a standard error. A
-//! check is refuted if Student's t rejects that the number lies in its range, at the level [`LEVEL`], divided by the
-//! number of claims of the laboratory and by the number of checks of the claim (Bonferroni). So any true claim of a run
-//! is refuted with a probability of at most [`LEVEL`]. A check is confirmed if the 95 % interval of the number lies in
-//! the range. A claim is refuted if a check is, and confirmed if all checks are. Otherwise it is undecided.
+//! check is refuted if Student's t rejects it at the level [`LEVEL`] divided by the number of claims of the laboratory
+//! and by the number of checks of the claim (Bonferroni). A run therefore refutes any true claim with a probability of
+//! at most [`LEVEL`]. A check is confirmed if the 95 % interval of the number lies in the range. A claim is refuted if
+//! one of its checks is refuted, and confirmed if all of them are confirmed. Otherwise it is undecided.
 
 use super::moments::Measured;
 use crate::estimate::student::{quantile, tail};
 
-/// The probability that a run refutes any true claim.
+/// The upper bound on the probability that a run refutes any true claim.
 pub const LEVEL: f64 = 0.001;
 /// The number of claims of all experiments.
 pub const CLAIMS: usize = 29;
-/// The most degrees of freedom that a standard error counts for. Few of them widen the tails, which allows for means of
-/// skewed values.
+/// The greatest number of degrees of freedom that is used for a standard error. A small number widens the tails, which
+/// allows for the means of skewed values.
 const MOST_FREEDOM: f64 = 9.0;
-/// The significance of the interval that confirms.
+/// The significance of the interval that confirms a claim.
 const INTERVAL: f64 = 0.05;
 
-/// What became of a claim.
+/// The verdict on a claim.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// The measurement shows that the claim is true.
@@ -34,7 +34,7 @@ impl Verdict {
     /// All verdicts.
     pub const ALL: [Verdict; 3] = [Verdict::Confirmed, Verdict::Undecided, Verdict::Refuted];
 
-    /// Returns the word before a claim.
+    /// Returns the word that precedes a claim.
     pub fn word(self) -> &'static str {
         match self {
             Verdict::Confirmed => "confirmed",
@@ -43,7 +43,7 @@ impl Verdict {
         }
     }
 
-    /// Judges a claim that implies these checks.
+    /// Returns the verdict on a claim that implies these checks.
     pub fn of(checks: &[Check]) -> Verdict {
         let level = LEVEL / (CLAIMS * checks.len().max(1)) as f64;
         if checks.iter().any(|check| check.is_refuted(level)) {
@@ -65,17 +65,17 @@ pub struct Check {
 }
 
 impl Check {
-    /// States that a number is at most `bound`.
+    /// Creates the check that a number is at most `bound`.
     pub fn below(number: Measured, bound: f64) -> Self {
         Check { number, low: f64::NEG_INFINITY, high: bound }
     }
 
-    /// States that a number is at least `bound`.
+    /// Creates the check that a number is at least `bound`.
     pub fn above(number: Measured, bound: f64) -> Self {
         Check { number, low: bound, high: f64::INFINITY }
     }
 
-    /// States that a number is `expected`, within a tolerance.
+    /// Creates the check that a number is `expected`, within a tolerance.
     pub fn near(number: Measured, expected: f64, tolerance: f64) -> Self {
         Check { number, low: expected - tolerance, high: expected + tolerance }
     }
@@ -110,7 +110,7 @@ mod tests {
         Measured { value, error, freedom: 9.0 }
     }
 
-    /// Of 9 degrees of freedom 2.262 bounds the 95 % interval, and 6.9 the one-sided level of 0.001 / 29.
+    /// For 9 degrees of freedom, 2.262 bounds the 95 % interval and 6.9 the one-sided level of 0.001 / 29.
     #[test]
     fn what_is_far_outside_is_refuted_and_what_is_well_inside_confirmed() {
         let below = |value| Verdict::of(&[Check::below(number(value, 1.0), 0.0)]);
@@ -126,8 +126,8 @@ mod tests {
         assert_eq!([near(1.2, 0.0), near(f64::NAN, f64::NAN)], [Verdict::Refuted, Verdict::Undecided]);
     }
 
-    /// Means of 100 skewed values, the fourth powers of uniform numbers, at the bound of the claim: in 10,000
-    /// repetitions none is refuted.
+    /// The values are means of 100 skewed values, the fourth powers of uniform numbers, whose expectation is the bound
+    /// of the claim. None of 10,000 repetitions is refuted.
     #[test]
     fn a_true_claim_is_not_refuted() {
         for run in 0..10_000 {

@@ -1,23 +1,24 @@
-//! Cases: variants of a scene on every traversal, by every integrator that claims them, held against what is known.
+//! Cases: variants of a scene, rendered on every traversal by every integrator that claims them, and compared with
+//! known values.
 
 use super::expectation::{Case, Claim, Expectations};
 use super::judge::judge;
 use super::reference::Reference;
 use super::region::{Confidence, Region, figures, rounded, with_interval};
 use super::runner::{Picture, Runner};
-use super::{FoundScene, REFERENCE_SEED, Row, Status};
+use super::{FoundScene, REFERENCE_SEED, RegressRow, Status};
 use crate::accel::AccelKind;
 use crate::error::{Error, Result};
 use crate::session::{Plan, Session};
 use std::collections::HashSet;
 use std::time::Instant;
 
-/// What was measured of a case with one integrator.
+/// The measurements of a case with one integrator.
 #[derive(Clone, Debug)]
 pub struct CaseResult {
     /// The scene's name.
     pub scene: String,
-    /// What the scene's cases are about.
+    /// The subject of the scene's cases.
     pub about: String,
     /// The case.
     pub case: Case,
@@ -27,21 +28,21 @@ pub struct CaseResult {
     pub measured: Vec<Measured>,
 }
 
-/// What was measured on one traversal.
+/// The measurement on one traversal.
 #[derive(Clone, Debug)]
 pub struct Measured {
     /// The traversal: `embree`, `obvhs` or `list`.
     pub accel: String,
-    /// The part of the image, if it could be measured.
+    /// The measured part of the image, if it could be measured.
     pub region: Option<Region>,
-    /// Rays to the nearest surface for each sample: the mean length of a path.
+    /// Rays to the closest surface per sample, which is the mean length of a path.
     pub rays_per_sample: f64,
-    /// What is wrong.
+    /// The faults found.
     pub faults: Vec<String>,
 }
 
 impl Measured {
-    /// The mean with its interval, for people.
+    /// Formats the mean with its interval.
     pub fn text(&self) -> String {
         let Some(region) = &self.region else { return "error".into() };
         let [mean, half] = [region.mean, region.half_width];
@@ -56,13 +57,13 @@ impl Measured {
     }
 }
 
-/// Whether a scene was refused as it must be.
+/// Returns whether a scene was refused with the expected message.
 fn is_expected(error: &Error, claim: &Claim) -> bool {
     matches!(claim, Claim::Refused(sentence) if error.to_string().contains(sentence))
 }
 
 impl CaseResult {
-    /// What is expected, for people.
+    /// Formats the expected value.
     pub fn expected(&self) -> String {
         let colour = |v: [f64; 3]| {
             if v[0] == v[1] && v[1] == v[2] { rounded(v[0], 6) } else { v.map(|v| rounded(v, 4)).join("/") }
@@ -83,17 +84,17 @@ impl CaseResult {
     }
 }
 
-/// How many measurements the cases of a scene are, at most: each has its share of the significance.
+/// Returns the greatest number of measurements of a scene's cases. The significance is divided among them.
 pub(super) fn measurements(accels: &[AccelKind], expectations: &Expectations) -> usize {
     expectations.cases.iter().map(|case| case.integrators.len().max(1) * accels.len()).sum()
 }
 
-/// A scene's cases, one row after the other.
+/// Renders a scene's cases and passes each result to `each`.
 pub(super) fn rows(
     runner: &Runner<'_>,
     scene: &FoundScene,
     expectations: &Expectations,
-    mut each: impl FnMut(Row),
+    mut each: impl FnMut(RegressRow),
 ) {
     let mut said = HashSet::new();
     for case in &expectations.cases {
@@ -131,7 +132,7 @@ pub(super) fn rows(
                 }
                 Err(error) => (Status::Error, error.to_string(), 0, Vec::new()),
             };
-            each(Row {
+            each(RegressRow {
                 name: format!("{}: {}, {integrator}", scene.name, case.name),
                 status,
                 message,
@@ -145,7 +146,7 @@ pub(super) fn rows(
     }
 }
 
-/// Whether it is as claimed, or as it is known to fail; and what there is to say.
+/// Returns whether a case holds or fails as it is known to, and a message.
 fn verdict(case: &Case, integrator: &str, measured: &[Measured]) -> (Status, String) {
     let known: Vec<_> = case.known.iter().filter(|known| known.is_about(integrator)).collect();
     let failed: Vec<&Measured> = measured.iter().filter(|m| !m.faults.is_empty()).collect();
@@ -169,11 +170,11 @@ fn verdict(case: &Case, integrator: &str, measured: &[Measured]) -> (Status, Str
     (Status::Fail, faults)
 }
 
-/// A case's scene, compiled for each traversal.
+/// The variants of a case's scene, compiled for each traversal.
 struct Variants {
-    /// The variant itself.
+    /// The case's own variant, with the names of the traversals.
     sessions: Vec<(String, Session)>,
-    /// The variant that it must look like, if there is one.
+    /// The variant that must give the same image, if there is one.
     others: Vec<Session>,
 }
 
@@ -197,7 +198,7 @@ impl Variants {
             let mut session = file.clone().compile(kind, runner.options.threads)?;
             runner.warn(&mut session.warnings, warnings)?;
             let name = session.scene.accel.name().to_owned();
-            // What is chosen by itself may be one that is there already.
+            // `auto` may select a traversal that is already in the list.
             if variants.sessions.iter().any(|(other, _)| *other == name) {
                 continue;
             }
@@ -209,7 +210,7 @@ impl Variants {
         Ok(variants)
     }
 
-    /// The integrators that claim a case; only the chosen one, if one is chosen.
+    /// Returns the integrators that claim a case, or only the chosen one if the user chose one.
     fn integrators(&self, case: &Case, chosen: Option<&str>) -> Vec<String> {
         let mut names = case.integrators.clone();
         if let Some((_, session)) = self.sessions.first().filter(|_| names.is_empty()) {
@@ -219,7 +220,7 @@ impl Variants {
         names
     }
 
-    /// Renders and measures; `None` if it was interrupted.
+    /// Renders and measures a case; returns `None` if it was interrupted.
     fn measure(
         &self,
         runner: &Runner<'_>,
@@ -250,7 +251,7 @@ fn plan(runner: &Runner<'_>, case: &Case, session: &Session, integrator: &str, s
     runner.plan_with(session, Some(integrator), samples, seed)
 }
 
-/// Measures a picture.
+/// Measures an image.
 fn measured(runner: &Runner<'_>, case: &Case, picture: &Picture) -> Measured {
     let confidence = Confidence { significance: runner.rules.significance, replicates: &picture.replicates };
     let mut faults: Vec<String> = picture.dropped.iter().cloned().collect();
@@ -270,7 +271,7 @@ fn measured(runner: &Runner<'_>, case: &Case, picture: &Picture) -> Measured {
     Measured { accel: String::new(), region, rays_per_sample: picture.rays_per_sample, faults }
 }
 
-/// How a picture differs from that of another variant.
+/// Returns the faults found by comparing an image with that of another variant.
 fn differences(runner: &Runner<'_>, case: &Case, picture: &Picture, reference: Picture) -> Vec<String> {
     let reference = Reference { image: reference.image, variance: None };
     let judgement = judge(&picture.image, picture.samples_per_pixel, &reference, &runner.rules);

@@ -1,4 +1,4 @@
-//! Two traversals, one picture.
+//! Comparison of the images of two traversals.
 
 use super::runner::{Outcome, Picture, Runner};
 use super::{FoundScene, Status, page};
@@ -7,16 +7,17 @@ use crate::compare::{NotComparable, compare, z_test};
 use crate::error::{Error, Result};
 use crate::image::Image;
 
-/// Traversals round differently: values that are off by this, relative to the larger one, are equal.
+/// The relative difference, with respect to the larger value, up to which values are equal. Traversals round
+/// differently.
 const ROUNDING: f32 = 1e-5;
-/// The largest relMSE between the pictures and between the layers.
+/// The largest accepted relMSE between the images and between the layers.
 const RELMSE: f64 = 1e-3;
-/// How far the ratio of the means may be from 1.
+/// The largest accepted difference between the ratio of the means and 1.
 const MEAN: f64 = 1e-3;
-/// The largest root mean square of z, which is 1 between pictures of other random numbers.
+/// The largest accepted root mean square of z. It is 1 for images with different random numbers.
 const RMS: f64 = 0.5;
 
-/// Renders a scene on both traversals with the same random numbers, and compares.
+/// Renders a scene on both traversals with the same random numbers, and compares the images.
 pub(super) fn test(runner: &Runner<'_>, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Outcome> {
     let file = runner.load(scene, &[], warnings)?;
     let mut pictures = Vec::new();
@@ -45,10 +46,10 @@ pub(super) fn test(runner: &Runner<'_>, scene: &FoundScene, warnings: &mut Vec<E
     Ok(Outcome { samples_per_pixel, shown, ..Outcome::new(Status::Fail, faults.join("; ")) })
 }
 
-/// What differs by more than it may, and the figures that decided.
+/// Returns the differences that exceed their limits, and a summary of all figures.
 ///
-/// Whether a ray passes a hole is decided by a hash of the ray, so that rounding makes other decisions: pictures of
-/// scenes with holes are held to their noise alone.
+/// A hash of the ray decides whether it passes a hole, so rounding changes some of these decisions. Images of scenes
+/// with holes are therefore compared by their noise only.
 fn differences(
     a: &Image,
     b: &Image,
@@ -102,7 +103,7 @@ fn differences(
     Ok((faults, figures))
 }
 
-/// The first image with the values of the second where only rounding lies between them.
+/// Returns the first image, with the second image's value wherever they differ by rounding only.
 fn rounded(a: &Image, b: &Image) -> Image {
     let mut rounded = a.clone();
     for (x, r) in rounded.data.iter_mut().zip(&b.data) {

@@ -1,4 +1,4 @@
-//! Which files of a folder are scenes.
+//! The scene files of a folder.
 
 use crate::error::{Error, Result, counted};
 use roxmltree::{Document, ParsingOptions};
@@ -6,38 +6,38 @@ use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-/// The extensions of scene files; a bare mesh is no scene of its own.
+/// The extensions of scene files. A bare mesh is not tested as a scene.
 const EXTENSIONS: [&str; 3] = ["xml", "gltf", "glb"];
 
-/// The folder of references beside the scenes.
+/// The name of the folder of references beside the scenes.
 pub(super) const REFERENCES: &str = "refs";
 
-/// A scene that was found.
+/// A scene file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundScene {
-    /// Its path from the folder, with `/` between the parts: the name of its test.
+    /// Its path relative to the folder, with `/` between the parts, which is the name of its test.
     pub name: String,
     /// The file.
     pub path: PathBuf,
 }
 
-/// What a folder holds.
+/// The contents of a folder.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Found {
-    /// The scenes, by name.
+    /// The scenes, sorted by name.
     pub scenes: Vec<FoundScene>,
-    /// Files that look like scenes and are none by themselves: their names, and why.
+    /// Files with a scene's extension that are not scenes by themselves: their names and the reasons.
     pub skipped: Vec<(String, String)>,
 }
 
 /// Finds the scenes below a folder: `.xml`, `.gltf` and `.glb` files whose names (paths from the folder) contain
 /// `filter`.
 ///
-/// An XML file is no scene by itself if its root is not `<scene>`, if another file below the folder includes it, or if
-/// neither it nor what it includes has a sensor. Folders named `refs`, and hidden ones, are not entered.
+/// An XML file is not a scene by itself if its root is not `<scene>`, if another file below the folder includes it, or
+/// if neither it nor the files that it includes have a sensor. Folders named `refs` and hidden folders are skipped.
 ///
 /// # Errors
-/// If the folder cannot be read, or holds no scene.
+/// If the folder cannot be read or contains no scene.
 pub fn discover(folder: &Path, filter: Option<&str>) -> Result<Found> {
     let mut files = Vec::new();
     list(folder, &mut files)?;
@@ -95,7 +95,7 @@ fn list(folder: &Path, files: &mut Vec<PathBuf>) -> Result<()> {
         let path = entry.map_err(unreadable)?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if path.is_dir() {
-            // Links may lead back to where they are.
+            // Links may form cycles.
             if name != REFERENCES && !name.starts_with('.') && !path.is_symlink() {
                 list(&path, files)?;
             }
@@ -110,18 +110,18 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// The path from the folder, with `/` between the parts.
+/// Returns the path relative to the folder, with `/` between the parts.
 fn name_of(path: &Path, folder: &Path) -> String {
     let below = path.strip_prefix(folder).unwrap_or(path);
     below.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/")
 }
 
-/// What an XML file says that decides whether it is a scene. What is not well-formed counts as one: rendering it
-/// says where it is at fault.
+/// The properties of an XML file that decide whether it is a scene. A file that is not well-formed counts as a scene,
+/// so that rendering it reports the error.
 struct Content {
     is_scene: bool,
     has_sensor: bool,
-    /// The files it includes, without `.` and `..`.
+    /// The included files, as paths without `.` and `..`.
     includes: Vec<PathBuf>,
 }
 
@@ -137,7 +137,7 @@ impl Content {
         let named: Vec<&str> = named.collect();
         Content {
             is_scene: document.root_element().has_tag_name("scene"),
-            // A name with a parameter may be that of any file.
+            // A file name with a parameter may stand for any file.
             has_sensor: elements().any(|e| e.has_tag_name("sensor") || e.has_tag_name("camera"))
                 || named.iter().any(|name| name.contains('$')),
             includes: named.iter().map(|name| plain(&folder.join(name))).collect(),
@@ -145,7 +145,7 @@ impl Content {
     }
 }
 
-/// Whether a file, or one that it includes, has a sensor; one that is not below the folder may have.
+/// Returns whether a file, or one that it includes, has a sensor. A file outside the folder is assumed to have one.
 fn has_sensor(path: &Path, contents: &HashMap<&Path, Content>) -> bool {
     let mut seen = HashSet::new();
     let mut open = vec![path];
@@ -160,7 +160,7 @@ fn has_sensor(path: &Path, contents: &HashMap<&Path, Content>) -> bool {
     false
 }
 
-/// The path without `.` and `..`, by its text alone.
+/// Returns the path without `.` and `..`, without access to the file system.
 fn plain(path: &Path) -> PathBuf {
     let mut result = PathBuf::new();
     for component in path.components() {

@@ -1,4 +1,4 @@
-//! What a scene must show, where that is known without a reference: `NAME.toml` beside the scene.
+//! The values that a scene must show and that are known without a reference: `NAME.toml` beside the scene.
 
 use crate::error::{Error, Place, Result};
 use crate::film::PixelRect;
@@ -8,102 +8,102 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use toml::{Spanned, Value};
 
-/// The names that a traversal may have in [`Known::accels`].
+/// The names of traversals that [`Known::accels`] may contain.
 pub const TRAVERSALS: [&str; 3] = ["embree", "obvhs", "list"];
 
 /// The cases of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expectations {
-    /// What the cases are about, for the heading of a table.
+    /// The subject of the cases, for the heading of a table.
     pub about: String,
     /// The cases, in the order of the file.
     pub cases: Vec<Case>,
 }
 
-/// A variant of a scene, and what it must show.
+/// A variant of a scene, and its expected value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Case {
-    /// What it is called; no two of a scene are called alike.
+    /// The case's name, which is unique within the scene.
     pub name: String,
-    /// Why the value is what it is, with the formula.
+    /// The derivation of the expected value, with the formula.
     pub why: String,
     /// Values for the scene's `<default>`s.
     pub defines: Vec<(String, String)>,
-    /// The integrators that claim it; without any, the scene's own.
+    /// The integrators that claim the case; if empty, the scene's own.
     pub integrators: Vec<String>,
-    /// Samples per pixel, if not those of the scene.
+    /// Samples per pixel; `None` for the scene's own number.
     pub samples: Option<u64>,
-    /// The part of the image whose mean is measured; without it, all.
+    /// The part of the image whose mean is measured; `None` for the whole image.
     pub pixels: Option<PixelRect>,
-    /// What is claimed of that mean.
+    /// The claim about that mean.
     pub claim: Claim,
-    /// How far any pixel may be off, relative to what is expected, noise included.
+    /// The largest accepted relative difference of any pixel from the expected value, including noise.
     pub pixels_within: Option<f64>,
-    /// Where it is known to fail.
+    /// The known failures.
     pub known: Vec<Known>,
 }
 
-/// What is claimed of the mean of a part of the image.
+/// A claim about the mean of a part of the image.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Claim {
-    /// It is a value, within a relative error.
+    /// The mean is a value, within a relative error.
     Value {
         /// The value of each channel.
         expected: [f64; 3],
         /// The largest relative error.
         within: f64,
     },
-    /// It is between bounds.
+    /// The mean is between bounds.
     Between {
         /// The lower bounds.
         low: [f64; 3],
         /// The upper bounds.
         high: [f64; 3],
     },
-    /// The scene is refused with a sentence that has this in it.
+    /// The scene is refused with a message that contains this text.
     Refused(String),
-    /// The picture is that of another variant of the scene.
+    /// The image is that of another variant of the scene.
     SameAs {
         /// Values for the `<default>`s of that variant.
         defines: Vec<(String, String)>,
-        /// The largest relative difference of the means that may go undetected.
+        /// The largest detectable gain with which the comparison is accepted.
         within: f64,
     },
 }
 
-/// A failure that is known, and why.
+/// A known failure and its cause.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Known {
-    /// On which traversals; on all if there are none.
+    /// The traversals on which it occurs; if empty, all.
     pub accels: Vec<String>,
-    /// With which integrators; with all if there are none.
+    /// The integrators with which it occurs; if empty, all.
     pub integrators: Vec<String>,
-    /// The cause, and how it shows.
+    /// The cause and the effect.
     pub why: String,
 }
 
 impl Known {
-    /// Whether it is about an integrator.
+    /// Returns whether the failure applies to an integrator.
     pub fn is_about(&self, integrator: &str) -> bool {
         self.integrators.is_empty() || self.integrators.iter().any(|i| i == integrator)
     }
 
-    /// Whether it is about a traversal.
+    /// Returns whether the failure applies to a traversal.
     pub fn is_on(&self, accel: &str) -> bool {
         self.accels.is_empty() || self.accels.iter().any(|a| a == accel)
     }
 }
 
-/// Where the cases of a scene are: `NAME.toml` beside it.
+/// Returns the path of a scene's cases: `NAME.toml` beside it.
 pub fn expectations_path(scene: &Path) -> PathBuf {
     scene.with_extension("toml")
 }
 
 impl Expectations {
-    /// Reads the cases of a scene; `None` if there are none.
+    /// Reads the cases of a scene; returns `None` if there are none.
     ///
     /// # Errors
-    /// If the file is there and cannot be read, or says what cannot be.
+    /// If the file exists but cannot be read, or has an error.
     pub fn read(scene: &Path) -> Result<Option<Expectations>> {
         let path = expectations_path(scene);
         if !path.exists() {
@@ -143,7 +143,7 @@ impl Expectations {
     }
 }
 
-/// The file as it is written.
+/// The contents of the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FileText {
@@ -186,7 +186,7 @@ struct KnownText {
     why: String,
 }
 
-/// A number for all channels, or one for each.
+/// One number for all channels, or one for each.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(untagged)]
 enum Colour {
@@ -203,7 +203,7 @@ impl Colour {
     }
 }
 
-/// Checks a case, with what the file says for all.
+/// Checks a case, together with the settings of the file that apply to all cases.
 fn case(file: &FileText, text: &CaseText) -> Result<Case, String> {
     for (key, value) in [("name", &text.name), ("why", &text.why)] {
         if value.trim().is_empty() {
@@ -252,7 +252,7 @@ fn case(file: &FileText, text: &CaseText) -> Result<Case, String> {
     })
 }
 
-/// What a case claims: exactly one of four things.
+/// Returns the claim of a case, which must be exactly one of four.
 fn claim(file: &FileText, text: &CaseText) -> Result<Claim, String> {
     let within = || match text.within.or(file.within) {
         Some(within) => positive("within", within),
@@ -290,7 +290,7 @@ fn positive(key: &str, value: f64) -> Result<f64, String> {
     }
 }
 
-/// Definitions as the command line has them.
+/// Returns definitions in the form of the command line.
 fn definitions(table: &BTreeMap<String, Value>) -> Result<Vec<(String, String)>, String> {
     let text = |(name, value): (&String, &Value)| match value {
         Value::String(text) => Ok((name.clone(), text.clone())),
@@ -304,7 +304,7 @@ fn definitions(table: &BTreeMap<String, Value>) -> Result<Vec<(String, String)>,
     table.iter().map(text).collect()
 }
 
-/// The place of a byte of a text.
+/// Returns the position of a byte of a text, as a place in the file.
 fn place(text: &str, path: &Path, at: usize) -> Place {
     let before = text.get(..at).unwrap_or(text);
     let start = before.rfind('\n').map_or(0, |i| i + 1);

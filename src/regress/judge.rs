@@ -1,4 +1,4 @@
-//! Whether a render is what its reference shows.
+//! Comparison of a render with its reference.
 
 use super::reference::Reference;
 use crate::compare::{
@@ -6,29 +6,29 @@ use crate::compare::{
 };
 use crate::image::Image;
 
-/// How far the mean of a layer may be off, relative to that of its magnitude: layers have no variance.
+/// The largest accepted difference between the means of a layer, relative to the mean magnitude. Layers have no
+/// variance.
 const LAYER_TOLERANCE: f64 = 0.02;
 
-/// What decides.
+/// The thresholds of a test.
 #[derive(Clone, Copy, Debug)]
 pub struct Rules {
-    /// The probability that a right render fails one of the tests by chance: half of it by its blocks, half by its
-    /// bias.
+    /// The probability that a correct render fails by chance. Half of it is for the blocks, half for the bias.
     pub significance: f64,
-    /// The largest relMSE where the reference has no variance.
+    /// The largest accepted relMSE for a reference without variances.
     pub fail: f64,
 }
 
-/// What was found.
+/// The result of a comparison.
 #[derive(Clone, Debug)]
 pub struct Judgement {
-    /// What is wrong, the gravest first; empty if nothing is.
+    /// The faults, the most serious one first; empty if there are none.
     pub faults: Vec<String>,
-    /// The figures that decided.
+    /// The figures on which the decision is based.
     pub figures: String,
-    /// The least relative difference of the means that would have been found, if variances are known.
+    /// The detectable gain, if variances are known.
     pub gain: Option<f64>,
-    /// |z| at each pixel of its block, the largest of the channels, if variances are known.
+    /// The largest |z| over the channels of each pixel's block, if variances are known.
     pub scores: Option<Image>,
 }
 
@@ -38,11 +38,11 @@ impl Judgement {
     }
 }
 
-/// Compares a render of so many samples per pixel with its reference.
+/// Compares a render with a number of samples per pixel with its reference.
 ///
-/// The picture is tested by its variances ([`ZTest`]): every block must be accepted, and no channel may be biased. A
-/// reference without variances is compared by the relMSE. Layers other than `variance` must be the same and have
-/// the same means within 2 % of their magnitude. An image with values that are no numbers never passes.
+/// The image is tested with its variances ([`ZTest`]): every block must be accepted, and no channel may be biased. If
+/// the reference has no variances, relMSE is used. Layers other than `variance` must exist in both images, and their
+/// means must agree within 2 % of their magnitude. An image with NaN or infinite values never passes.
 pub fn judge(image: &Image, samples_per_pixel: u64, reference: &Reference, rules: &Rules) -> Judgement {
     let stored = &reference.image;
     if (image.width, image.height) != (stored.width, stored.height) {
@@ -73,7 +73,7 @@ fn no_numbers(what: &str, found: &Invalid) -> String {
     format!("{what} holds {found}")
 }
 
-/// What is said if the images have different channels, but for variances.
+/// Returns a message if the channels of the images differ, apart from variances.
 fn other_channels(image: &Image, stored: &Image) -> Option<String> {
     let [mut a, mut b] = [image, stored].map(|i| judged_channels(i).collect::<Vec<_>>());
     a.sort_unstable();
@@ -139,12 +139,12 @@ fn by_variance(
     Ok(Judgement { faults, figures, gain: Some(test.gain), scores: Some(scores(&test)) })
 }
 
-/// A probability for people.
+/// Formats a probability.
 fn probability(p: f64) -> String {
     if p >= 0.01 { format!("{p:.2}") } else { format!("{p:.0e}") }
 }
 
-/// A share in per cent, of two digits.
+/// Formats a fraction as a percentage, with two digits.
 pub(super) fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     if percent >= 10.0 {
@@ -158,11 +158,11 @@ pub(super) fn percent(share: f64) -> String {
     }
 }
 
-/// The largest |z| of each pixel's channels.
+/// Returns the largest |z| over the channels of each pixel.
 fn scores(test: &ZTest) -> Image {
     let mut map = Image::new(test.scores.width, test.scores.height, &["z"]);
     for (to, from) in map.data.iter_mut().zip(test.scores.data.chunks_exact(test.scores.channels.len())) {
-        // `f32::max` would drop a NaN.
+        // `f32::max` would ignore a NaN.
         *to = from.iter().fold(0.0, |max, z| if z.abs() > max || z.is_nan() { z.abs() } else { max });
     }
     map
@@ -183,7 +183,7 @@ fn by_threshold(image: &Image, stored: &Image, rules: &Rules) -> Result<Judgemen
     Ok(Judgement { faults, figures, gain: None, scores: None })
 }
 
-/// The layers whose means are off. Alpha is one of them.
+/// Returns the faults of layers with different means. Alpha is one of the layers.
 fn layer_faults(image: &Image, stored: &Image) -> Vec<String> {
     let layers = judged_channels(stored).filter(|c| !matches!(*c, "R" | "G" | "B" | "Y"));
     let off = |channel: &str| {
@@ -191,7 +191,7 @@ fn layer_faults(image: &Image, stored: &Image) -> Vec<String> {
         let (x, r) = (values(image), values(stored));
         let difference: f64 = x.iter().zip(&r).map(|(x, r)| f64::from(*x) - f64::from(*r)).sum();
         let magnitude: f64 = r.iter().map(|r| f64::from(r.abs())).sum();
-        // Equal layers are equal, be they black.
+        // Equal layers have no difference, even if they are black.
         let share = if x == r { 0.0 } else { difference.abs() / magnitude };
         (share.is_nan() || share > LAYER_TOLERANCE).then(|| {
             format!(
@@ -215,7 +215,7 @@ mod tests {
         Reference { image, variance: None }
     }
 
-    /// A picture of noise with its variance, and an exact one of the same mean.
+    /// Creates an image with noise and its variance, and an exact image with the same mean.
     fn pair() -> (Image, Reference) {
         let channels = ["R", "G", "B", "variance.R", "variance.G", "variance.B"];
         let mut a = Image::new(32, 32, &channels);
@@ -286,13 +286,13 @@ mod tests {
         assert_eq!(faults, ["the layer N.Y is 4.00 % off, of at most 2.0 %"]);
     }
 
-    /// A reference that has found something rare in 256 samples forgives a render of 16 samples that has not.
+    /// If a reference of 4096 samples per pixel contains a rare contribution, a render of 16 samples without it passes.
     #[test]
     fn what_is_rarely_found_may_be_missed() {
         let (mut a, mut r) = pair();
         a.data.iter_mut().for_each(|v| *v = 1e-6);
         r.image.data.iter_mut().for_each(|v| *v = 1e-6);
-        // A tenth of the pixels has found one of value 16 in 256 samples.
+        // A tenth of the pixels has one sample of value 4096 among 4096.
         for pixel in r.image.data.chunks_exact_mut(6).step_by(10) {
             (pixel[0], pixel[3]) = (1.0, 1.0);
         }

@@ -1,20 +1,20 @@
-//! JUnit XML, which systems of continuous integration read.
+//! JUnit XML, which continuous integration systems read.
 
-use super::{Report, Row, Status};
+use super::{RegressRow, Report, Status};
 use crate::error::{Error, Result};
 use quick_junit::{NonSuccessKind, TestCase, TestCaseStatus, TestSuite};
 use std::collections::BTreeMap;
 
-/// The report as JUnit XML: a test suite for each folder, a test case for each scene, or for each of its cases and
-/// integrators. What fails, and what has no
-/// reference, is a failure; what cannot be rendered an error; what was not run, or is known to fail, is skipped.
+/// Returns the report as JUnit XML: a test suite for each folder, and a test case for each scene or for each of its
+/// cases and integrators. A scene that fails or has no reference is a failure. A scene that cannot be rendered is an
+/// error. A scene that was not run or is known to fail is skipped.
 ///
 /// # Errors
 /// Of kind [`Internal`](crate::error::Kind::Internal), if it cannot be written.
 pub fn junit(report: &Report) -> Result<String> {
     let mut xml = quick_junit::Report::new("buffon regress");
     xml.set_time(report.elapsed);
-    let mut folders: BTreeMap<&str, Vec<&Row>> = BTreeMap::new();
+    let mut folders: BTreeMap<&str, Vec<&RegressRow>> = BTreeMap::new();
     for row in &report.rows {
         folders.entry(folder_of(row)).or_default().push(row);
     }
@@ -27,17 +27,17 @@ pub fn junit(report: &Report) -> Result<String> {
     xml.to_string().map_err(|e| Error::internal(format!("cannot write JUnit XML: {e}")))
 }
 
-/// The folder of a scene; "." for that of the run.
-fn folder_of(row: &Row) -> &str {
+/// Returns the folder of a scene; "." for the folder of the run.
+fn folder_of(row: &RegressRow) -> &str {
     scene_of(row).rsplit_once('/').map_or(".", |(folder, _)| folder)
 }
 
-/// The scene's name.
-fn scene_of(row: &Row) -> &str {
+/// Returns the scene's name.
+fn scene_of(row: &RegressRow) -> &str {
     row.case.as_ref().map_or(&row.name, |result| &result.scene)
 }
 
-fn case(row: &Row, folder: &str) -> TestCase {
+fn case(row: &RegressRow, folder: &str) -> TestCase {
     let failure = |kind, what: &str| {
         let mut status = TestCaseStatus::non_success(kind);
         status.set_message(row.message.as_str()).set_type(what);
@@ -55,7 +55,7 @@ fn case(row: &Row, folder: &str) -> TestCase {
             status
         }
     };
-    // The name without its folder, which a case may have a `/` after.
+    // The name without its folder. The name of a case may contain a `/`.
     let name = row.name.strip_prefix(folder).unwrap_or(&row.name).trim_start_matches('/');
     let mut case = TestCase::new(name, status);
     case.set_classname(folder).set_time(row.elapsed);
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn every_scene_is_a_test_case_with_its_time_and_what_is_wrong() {
-        let row = |name: &str, status, message: &str| Row {
+        let row = |name: &str, status, message: &str| RegressRow {
             name: name.into(),
             status,
             message: message.into(),

@@ -1,17 +1,17 @@
-//! Regression tests of a folder of scenes against stored references of mean and variance.
+//! Regression tests of a folder of scenes, with stored references of mean and variance.
 //!
-//! A reference is a render of many samples, with its variances (`refs/NAME.exr` beside the scene; see [`Reference`]).
-//! A test renders the scene anew, with other random numbers and fewer samples, and asks whether both can be
-//! estimates of one picture ([`judge`]): so neither another seed fails nor another order of random numbers, but what
-//! changes the picture does. How small a change is found depends on the noise of both: each row states the gain that
-//! would have been found, and samples are added until it is small enough ([`Options::gain`]).
+//! A reference is a render of many samples with its variances (`refs/NAME.exr` beside the scene; see [`Reference`]). A
+//! test renders the scene again, with different random numbers and fewer samples, and tests whether both images can be
+//! estimates of the same image ([`judge`]). A different seed or a different order of random numbers therefore passes,
+//! whereas a change of the expected image fails. The smallest detectable change depends on the noise of both images.
+//! Each row states the detectable gain, and samples are added until it is small enough ([`Options::gain`]).
 //!
-//! A scene may also say itself what it must show, in closed form ([`Expectations`], `NAME.toml` beside the scene):
-//! each of its cases is a variant of the scene, rendered on every traversal by every integrator that claims it, and
-//! passes if the whole confidence interval of what was measured lies within the stated bounds.
+//! A scene may also state its expected values in closed form ([`Expectations`], `NAME.toml` beside the scene). Each of
+//! its cases is a variant of the scene, rendered on every traversal by every integrator that claims it. A case passes
+//! if the whole confidence interval of the measured mean lies within the stated bounds.
 //!
-//! With [`Options::cross_accel`] each scene is rendered on every traversal with the same random numbers instead, and
-//! the pictures are compared: they take the same paths, but for rounding.
+//! With [`Options::cross_accel`], each scene is instead rendered on every traversal with the same random numbers, and
+//! the images are compared. Their paths are the same except for rounding.
 
 mod case;
 mod cross;
@@ -47,43 +47,43 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// The seed of references: that of no test.
+/// The seed of references, which no test uses.
 pub const REFERENCE_SEED: u64 = u64::MAX;
 
-/// What a run does.
+/// The options of a run.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Values for the scenes' `<default>`s, and folders to look for files in.
+    /// Values for the scenes' `<default>`s, and search folders for files.
     pub load: LoadOptions,
     /// The traversal of tests against references.
     pub accel: AccelKind,
-    /// The traversals of cases; those that turn out to be the same are measured once.
+    /// The traversals of cases. If two options select the same traversal, it is measured once.
     pub case_accels: Vec<AccelKind>,
-    /// Threads; they change the speed, never the pixels.
+    /// The number of threads, which changes the speed but not the pixels.
     pub threads: usize,
-    /// Integrator, sampler and seed, where they are chosen. Stop rules and layers are the run's own business.
+    /// Integrator, sampler and seed, if the user chose them. The run sets stop rules and layers itself.
     pub choices: Choices,
-    /// Samples per pixel of a test, whatever its gain; without it, as many as the scene asks for, and up to 16 times
-    /// as many until the gain is found.
+    /// Samples per pixel of a test, regardless of its gain; without it, the scene's own number, and up to 16 times as
+    /// many until the gain is reached.
     pub samples: Option<u64>,
-    /// The relative difference of the means that is to be found with a probability of 0.95.
+    /// The relative difference of the means that a test must detect with a probability of 0.95.
     pub gain: f64,
-    /// The probability that any scene of a right renderer fails.
+    /// The probability that any scene fails with a correct renderer.
     pub significance: f64,
-    /// The largest relMSE where a reference has no variance.
+    /// The largest accepted relMSE for a reference without variances.
     pub fail: f64,
     /// Whether warnings are errors.
     pub strict: bool,
-    /// Which references to write.
+    /// The references to write.
     pub update: Option<Update>,
     /// Samples per pixel of a reference; without it, 16 times as many as those of a test, and up to 64 times as many
-    /// until its noise leaves room to find the gain.
+    /// until its noise is small enough to detect the gain.
     pub update_samples: Option<u64>,
-    /// The time for each reference. A reference whose time is up is written with the samples that it has.
+    /// The time limit for each reference. When it is reached, the reference is written with the samples taken so far.
     pub update_time: Option<Duration>,
-    /// Receives sentences about the run, such as the time that a reference will take.
+    /// A function that receives sentences about the run, such as the time that a reference will take.
     pub note: fn(&str),
-    /// The folder for images of what failed.
+    /// The folder for images of failed tests.
     pub output: Option<PathBuf>,
     /// Whether to compare the traversals instead of references.
     pub cross_accel: bool,
@@ -112,38 +112,38 @@ impl Default for Options {
     }
 }
 
-/// Which references to write.
+/// The references to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Update {
-    /// Those that are missing.
+    /// Missing references.
     Missing,
-    /// Those that are missing, and those of tests that fail.
+    /// Missing references and those of failed tests.
     Failed,
-    /// All.
+    /// All references.
     All,
 }
 
-/// How a test ended.
+/// The result of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
-    /// The render is what its reference shows.
+    /// The render agrees with its reference or claim.
     Pass,
-    /// It is not.
+    /// The render does not agree with its reference or claim.
     Fail,
     /// There is no reference.
     New,
-    /// The scene cannot be rendered, or a file not be read or written.
+    /// The scene cannot be rendered, or a file cannot be read or written.
     Error,
     /// A reference was written.
     Wrote,
-    /// It is not, as it is known, and the scene says why.
+    /// The test fails as the scene's cases state, with a cause.
     Known,
-    /// The run was interrupted before.
+    /// The run was interrupted before the test.
     NotRun,
 }
 
 impl Status {
-    /// All of them, in the order of a summary.
+    /// All results, in the order of a summary.
     pub const ALL: [Status; 7] = [
         Status::Pass,
         Status::Wrote,
@@ -154,7 +154,7 @@ impl Status {
         Status::NotRun,
     ];
 
-    /// The word at the beginning of a line.
+    /// Returns the word at the beginning of a line.
     pub fn word(self) -> &'static str {
         match self {
             Status::Pass => "PASS",
@@ -167,63 +167,63 @@ impl Status {
         }
     }
 
-    /// Whether it is as it should be.
+    /// Returns whether the test passed or its reference was written.
     pub fn is_good(self) -> bool {
         matches!(self, Status::Pass | Status::Wrote)
     }
 
-    /// Whether it is as it was known to be: good, or a failure that is known.
+    /// Returns whether the result is good or a known failure.
     pub fn is_known(self) -> bool {
         self.is_good() || self == Status::Known
     }
 }
 
-/// How the test of a scene, or of one of its cases with one integrator, ended.
+/// The result of the test of a scene, or of one of its cases with one integrator.
 #[derive(Clone, Debug)]
-pub struct Row {
-    /// The scene's name; of a case `SCENE: CASE, INTEGRATOR`.
+pub struct RegressRow {
+    /// The scene's name; for a case, `SCENE: CASE, INTEGRATOR`.
     pub name: String,
-    /// How it ended.
+    /// The result.
     pub status: Status,
-    /// What is wrong, or the figures that decided.
+    /// The faults, or the figures on which the decision is based.
     pub message: String,
     /// Samples per pixel; 0 if nothing was rendered.
     pub samples_per_pixel: u64,
-    /// What loading and rendering it took.
+    /// The time for loading and rendering.
     pub elapsed: Duration,
-    /// What the scene was warned of.
+    /// The warnings about the scene.
     pub warnings: Vec<Error>,
-    /// The images to look at.
+    /// The images to show.
     pub shown: Option<Html>,
-    /// What was measured, if it is a case.
+    /// The measurements, for a case.
     pub case: Option<CaseResult>,
 }
 
-/// How a run ended.
+/// The result of a run.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The scenes, in the order of their names.
-    pub rows: Vec<Row>,
+    pub rows: Vec<RegressRow>,
     /// The significance of each scene's test.
     pub significance_each: f64,
-    /// What the run took.
+    /// The time of the run.
     pub elapsed: Duration,
 }
 
 impl Report {
-    /// How many rows there are of a status.
+    /// Returns the number of rows with a status.
     pub fn count(&self, status: Status) -> usize {
         self.rows.iter().filter(|row| row.status == status).count()
     }
 
-    /// Whether every scene passed, got its reference, or failed as it is known to.
+    /// Returns whether every scene passed, had its reference written, or failed as it is known to.
     pub fn is_good(&self) -> bool {
         self.rows.iter().all(|row| row.status.is_known())
     }
 }
 
-/// Tests the scenes, one after the other; `each` is shown every row when it is done. What is wrong with a scene
-/// is in its row and ends nothing. Once `progress` is interrupted, the scenes that are left are not run.
+/// Tests the scenes one after another, and passes each finished row to `each`. A scene with an error gets a row and
+/// does not end the run. If `progress` is interrupted, the remaining scenes are not run.
 ///
 /// # Errors
 /// If the traversals are to be compared and there is only one.
@@ -231,7 +231,7 @@ pub fn run(
     scenes: &[FoundScene],
     options: &Options,
     progress: &Progress,
-    mut each: impl FnMut(&Row),
+    mut each: impl FnMut(&RegressRow),
 ) -> Result<Report> {
     if options.cross_accel && AccelKind::ALL.len() < 2 {
         return Err(Error::usage(
@@ -248,7 +248,7 @@ pub fn run(
         users.entry(reference_path(&scene.path)).or_default().push(&scene.name);
     }
     let mut rows = Vec::with_capacity(scenes.len());
-    let mut add = |row: Row| {
+    let mut add = |row: RegressRow| {
         each(&row);
         rows.push(row);
     };
@@ -268,12 +268,12 @@ pub fn run(
     Ok(Report { rows, significance_each, elapsed: started.elapsed() })
 }
 
-/// How a scene is tested.
+/// The test of a scene.
 struct Test<'a> {
     scene: &'a FoundScene,
-    /// What it must show, if it says so.
+    /// The scene's cases, if it has any.
     expectations: Result<Option<Expectations>>,
-    /// Whether it is held against a reference, or gets one, or is compared between traversals.
+    /// Whether the scene is compared with a reference, gets one, or is compared between traversals.
     by_reference: bool,
 }
 
@@ -288,7 +288,7 @@ impl<'a> Test<'a> {
         }
     }
 
-    /// How many tests share the significance of the run.
+    /// Returns the number of tests among which the significance of the run is divided.
     fn measurements(&self, options: &Options) -> usize {
         let cases = match &self.expectations {
             Ok(Some(expectations)) => case::measurements(&options.case_accels, expectations),
@@ -298,8 +298,8 @@ impl<'a> Test<'a> {
     }
 }
 
-/// The row of a scene whose reference another one has, too.
-fn clash(scene: &FoundScene, other: &str) -> Row {
+/// Creates the row of a scene that has the same reference file as another scene.
+fn clash(scene: &FoundScene, other: &str) -> RegressRow {
     let reference = reference_path(&scene.path);
     broken(
         scene,
@@ -310,9 +310,9 @@ fn clash(scene: &FoundScene, other: &str) -> Row {
     )
 }
 
-/// The row of a scene that cannot be tested.
-fn broken(scene: &FoundScene, message: String) -> Row {
-    Row {
+/// Creates the row of a scene that cannot be tested.
+fn broken(scene: &FoundScene, message: String) -> RegressRow {
+    RegressRow {
         name: scene.name.clone(),
         status: Status::Error,
         message,

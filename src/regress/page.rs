@@ -1,30 +1,30 @@
-//! What there is to look at: images, heat maps and a page with viewers.
+//! The output for failed tests: images, heat maps and a page with viewers.
 
-use super::{Report, Row, Status};
+use super::{RegressRow, Report, Status};
 use crate::compare::{ErrorKind, HeatScale, error_map, heat};
 use crate::error::{Error, Result};
 use crate::image::{self, Image, WriteOptions};
 use crate::report::{Align, Html, Page, Picture, Table, Viewer, exposure_of, gallery, thumbnail};
 use std::path::Path;
 
-/// |z| of the last colour of the heat maps.
+/// The |z| of the last colour of the heat maps.
 const Z_MAX: f64 = 5.0;
-/// Width of the heat maps in the page.
+/// Width of the heat maps on the page, in pixels.
 const WIDTH: usize = 400;
 
-/// The images of a test that failed.
+/// The images of a failed test.
 pub(super) struct Shown {
-    /// What they are.
+    /// The names of the images.
     pub names: [String; 2],
-    /// The one that is judged, and what it is held against.
+    /// The tested image, and the image that it is compared with.
     pub images: [Image; 2],
     /// |z| of each pixel, if the variances are known.
     pub scores: Option<Image>,
 }
 
 impl Shown {
-    /// Writes the images below a folder, as `SCENE.exr` (`SCENE-NAME.exr` for any but a reference) and
-    /// `SCENE-heat.png`; returns a viewer of them.
+    /// Writes the images below a folder, as `SCENE.exr` (`SCENE-NAME.exr` if the second image is not a reference) and
+    /// `SCENE-heat.png`. Returns a viewer of them.
     pub fn write(&self, folder: &Path, name: &str, message: &str) -> Result<Html> {
         let base = folder.join(Path::new(name).with_extension(""));
         if let Some(folder) = base.parent() {
@@ -62,7 +62,7 @@ impl Shown {
         Ok(html)
     }
 
-    /// The heat map, and what it shows.
+    /// Returns the heat map and its description.
     fn heat(&self) -> (&'static str, Option<Image>) {
         if let Some(scores) = &self.scores {
             return (
@@ -79,7 +79,7 @@ impl Shown {
     }
 }
 
-/// Writes a page with a viewer of each test that failed, and a table of all.
+/// Writes a page with a viewer of each failed test, and a table of all tests.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -96,8 +96,8 @@ pub fn write_page(path: &Path, title: &str, summary: &str, report: &Report) -> R
     page.write(path)
 }
 
-/// All rows, what failed first.
-fn table(rows: &[Row]) -> Table {
+/// Returns a table of all rows; rows that did not pass come first.
+fn table(rows: &[RegressRow]) -> Table {
     let columns = [
         ("", Align::Left),
         ("scene", Align::Left),
@@ -106,7 +106,8 @@ fn table(rows: &[Row]) -> Table {
         ("", Align::Left),
     ];
     let mut table = Table::new(columns);
-    let (good, bad): (Vec<&Row>, Vec<&Row>) = rows.iter().partition(|row| row.status == Status::Pass);
+    let (good, bad): (Vec<&RegressRow>, Vec<&RegressRow>) =
+        rows.iter().partition(|row| row.status == Status::Pass);
     for row in bad.into_iter().chain(good) {
         table.row([
             row.status.word().to_owned(),

@@ -1,4 +1,4 @@
-//! References: images of mean and variance beside the scenes.
+//! References: images of mean and variance, stored beside the scenes.
 
 use super::discover::REFERENCES;
 use crate::error::{Error, Result};
@@ -8,20 +8,20 @@ use std::path::{Path, PathBuf};
 /// A stored reference.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// The picture and its layers; the variances of the picture are its layer `variance`, if it has one.
+    /// The image and its layers. Its variances are in the layer `variance`, if it has one.
     pub image: Image,
-    /// The variances as an image of their own, from a second file.
+    /// The variances as an image from a second file.
     pub variance: Option<Image>,
 }
 
-/// Where a scene's reference is: `refs/NAME.exr` beside the scene.
+/// Returns the path of a scene's reference: `refs/NAME.exr` beside the scene.
 pub fn reference_path(scene: &Path) -> PathBuf {
     let mut name = scene.file_stem().unwrap_or_default().to_owned();
     name.push(".exr");
     scene.with_file_name(REFERENCES).join(name)
 }
 
-/// Where variances may be if the reference has no layer of them: `refs/NAME_var.exr`.
+/// Returns the path of the variances of a reference without a layer of them: `refs/NAME_var.exr`.
 pub fn variance_path(scene: &Path) -> PathBuf {
     let mut name = scene.file_stem().unwrap_or_default().to_owned();
     name.push("_var.exr");
@@ -29,10 +29,10 @@ pub fn variance_path(scene: &Path) -> PathBuf {
 }
 
 impl Reference {
-    /// Reads the reference of a scene; `None` if there is none.
+    /// Reads the reference of a scene; returns `None` if there is none.
     ///
     /// # Errors
-    /// If a file is there and cannot be read.
+    /// If a file exists but cannot be read.
     pub fn read(scene: &Path) -> Result<Option<Reference>> {
         let path = reference_path(scene);
         if !path.exists() {
@@ -45,12 +45,12 @@ impl Reference {
         Ok(Some(Reference { image, variance }))
     }
 
-    /// Whether its variances are known.
+    /// Returns whether its variances are known.
     pub fn has_variance(&self) -> bool {
         self.variance.is_some() || has_variance(&self.image)
     }
 
-    /// Its samples per pixel, if its metadata say so.
+    /// Returns its samples per pixel, if they are in its metadata.
     pub fn samples_per_pixel(&self) -> Option<u64> {
         match self.image.metadata.get("samplesPerPixel") {
             Some(Value::Int(n)) => u64::try_from(*n).ok().filter(|n| *n > 0),
@@ -59,12 +59,13 @@ impl Reference {
     }
 }
 
-/// Whether an image has a layer `variance`.
+/// Returns whether an image has a layer `variance`.
 fn has_variance(image: &Image) -> bool {
     image.channels.iter().any(|c| c.starts_with("variance."))
 }
 
-/// Writes an image as the reference of a scene, as 32-bit floats; the older one is whole until then. Returns its path.
+/// Writes an image as the reference of a scene, in 32-bit floats, and returns its path. An older reference is replaced
+/// only when the new one is complete.
 ///
 /// # Errors
 /// If it cannot be written.

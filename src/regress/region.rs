@@ -1,4 +1,4 @@
-//! The mean of a part of an image, how well it is known, and whether that is what is claimed.
+//! The mean of a part of an image, its confidence interval, and the test of a claim about it.
 
 use super::expectation::Claim;
 use crate::estimate::student::{quantile, share};
@@ -14,30 +14,30 @@ const CHANNELS: [&str; 3] = ["R", "G", "B"];
 pub struct Region {
     /// The mean of each channel.
     pub mean: [f64; 3],
-    /// Half the width of the interval that holds the mean of infinitely many samples; 0 where nothing varied.
+    /// Half the width of the confidence interval of the mean; 0 if nothing varied.
     pub half_width: [f64; 3],
-    /// The least and the greatest value of a pixel in each channel, and where they are.
+    /// The least and the greatest value of a pixel in each channel, and their positions.
     extremes: [[(f64, [usize; 2]); 2]; 3],
 }
 
-/// What decides how wide an interval is.
+/// The quantities that determine the width of an interval.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Confidence<'a> {
-    /// The probability that any channel's interval does not hold its value.
+    /// The probability that any channel's interval does not contain its expected value.
     pub significance: f64,
-    /// The image by each replicate alone, where pixels share noise; else none.
+    /// The image of each replicate, if pixels share noise; otherwise empty.
     pub replicates: &'a [Image],
 }
 
 impl Region {
-    /// Measures a rectangle of an image with a layer `variance`; without a rectangle, all of it.
+    /// Measures a rectangle of an image with a layer `variance`, or the whole image without a rectangle.
     ///
-    /// The variance of a pixel comes from two halves and has one degree of freedom, that of the mean
-    /// 3·(Σv)²/Σv² − 2 of them [Satterthwaite 1946, with the squares of such estimates three times too large]. Where
-    /// pixels share noise, replicates give the variance of the mean itself.
+    /// The variance of a pixel comes from two halves and has one degree of freedom. The variance of the mean has
+    /// 3·(Σv)²/Σv² − 2 [Satterthwaite 1946, with the squares of such estimates three times too large]. If pixels share
+    /// noise, the variance of the mean comes from the replicates.
     ///
     /// # Errors
-    /// If the rectangle is no part of the image, or a value is no number.
+    /// If the rectangle is not a part of the image, or a value is not finite.
     pub(super) fn measure(
         image: &Image,
         pixels: Option<PixelRect>,
@@ -68,7 +68,7 @@ impl Region {
                     let v = f64::from(variances.pixel(x, y)[c]);
                     (sum, variance, squares) = (sum + value, variance + v, squares + v * v);
                     let [least, greatest] = &mut region.extremes[c];
-                    // There is none before the first.
+                    // The extremes are NaN before the first pixel.
                     if least.0.is_nan() || value < least.0 {
                         *least = (value, [x, y]);
                     }
@@ -93,7 +93,8 @@ impl Region {
         Ok(region)
     }
 
-    /// What is wrong with the claim; nothing if every channel's whole interval is where it must be, and every pixel.
+    /// Returns the violations of a claim. There are none if every channel's whole interval is within the bounds and so
+    /// is every pixel.
     pub(super) fn faults(&self, claim: &Claim, pixels_within: Option<f64>) -> Vec<String> {
         let bounds = |c: usize| match claim {
             Claim::Value { expected, within } => {
@@ -113,7 +114,7 @@ impl Region {
         faults
     }
 
-    /// Whether the channels agree.
+    /// Returns whether all channels agree.
     pub(super) fn is_grey(&self) -> bool {
         let same = |v: [f64; 3]| v[0] == v[1] && v[1] == v[2];
         same(self.mean) && same(self.half_width)
@@ -150,7 +151,7 @@ impl Region {
     }
 }
 
-/// The sum of a channel over the pixels of a rectangle.
+/// Returns the sum of a channel over the pixels of a rectangle.
 fn sum_over(image: &Image, rect: PixelRect, c: usize) -> f64 {
     let columns = rect.x as usize..(rect.x + rect.width) as usize;
     let rows = rect.y as usize..(rect.y + rect.height) as usize;
@@ -159,12 +160,12 @@ fn sum_over(image: &Image, rect: PixelRect, c: usize) -> f64 {
         .sum()
 }
 
-/// A number with three significant figures.
+/// Formats a number with three significant figures.
 pub(super) fn figures(value: f64) -> String {
     rounded(value, 3)
 }
 
-/// A number with so many significant figures, without trailing zeros.
+/// Formats a number with a number of significant figures, without trailing zeros.
 pub(super) fn rounded(value: f64, figures: usize) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{}", value + 0.0);
@@ -184,7 +185,7 @@ fn trimmed(number: &str) -> &str {
     if number.contains('.') { number.trim_end_matches('0').trim_end_matches('.') } else { number }
 }
 
-/// A value with half the width of its interval: as many decimals as that allows.
+/// Formats a value with half the width of its interval, which determines the number of decimals.
 pub(super) fn with_interval(value: f64, half_width: f64) -> String {
     if half_width <= 0.0 {
         return rounded(value, 6);
@@ -216,7 +217,7 @@ mod tests {
     #[test]
     fn the_whole_interval_must_be_within_the_bounds() {
         let region = Region::measure(&image(&[0.92, 1.1, 0.96, 1.02], 1e-4), None, SURE).unwrap();
-        // √(4e-4)/4 = 0.005, and Student's t of 10 degrees of freedom beyond 1e-3/3.
+        // √(4e-4)/4 = 0.005, times the quantile of Student's t of 10 degrees of freedom beyond 1e-3/3.
         assert!(
             (region.mean[0] - 1.0).abs() < 1e-6 && (0.025..0.028).contains(&region.half_width[0]),
             "{region:?}"

@@ -1,8 +1,8 @@
-//! One scene: loaded, rendered, held against its reference, or its reference written.
+//! The test of one scene: loads it, renders it, and compares it with its reference or writes the reference.
 
 use super::judge::{Judgement, Rules, judge};
 use super::reference::{Reference, reference_path, variance_path, write_reference};
-use super::{FoundScene, Options, REFERENCE_SEED, Row, Status, Update, cross, page};
+use super::{FoundScene, Options, REFERENCE_SEED, RegressRow, Status, Update, cross, page};
 use crate::compare::{ZTestOptions, z_test_with};
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelFormat;
@@ -13,40 +13,40 @@ use crate::render::{Progress, Rendered, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session};
 use std::time::{Duration, Instant};
 
-/// Samples per pixel where the scene says nothing.
+/// Samples per pixel if the scene does not specify them.
 const DEFAULT_SPP: u64 = 64;
-/// How many times the scene's samples a test may take to find the gain, and a reference.
+/// The greatest factor on the scene's samples that is used to reach the gain: for a test, and for a reference.
 const MOST: [u64; 2] = [16, 64];
-/// How many times the samples of a test a reference has, at least.
+/// The least number of samples of a reference, divided by those of a test.
 const REFERENCE_SAMPLES: u64 = 16;
 
-/// Samples per pixel from which the time of a reference is forecast.
+/// Samples per pixel of the render from which the time of a reference is forecast.
 const PILOT: u64 = 8;
-/// References of this many samples are not forecast.
+/// The number of samples up to which the time of a reference is not forecast.
 const FEW: u64 = 8 * PILOT;
-/// A shorter time than this is not told before a reference is rendered.
+/// The time below which a forecast is not reported.
 const SHORT: Duration = Duration::from_secs(10);
 
-/// A run's settings.
+/// The settings of a run.
 pub(super) struct Runner<'a> {
     pub options: &'a Options,
     pub rules: Rules,
     pub progress: &'a Progress,
 }
 
-/// A render to be judged.
+/// A render to be tested.
 pub(super) struct Picture {
     pub image: Image,
-    /// The picture by each replicate alone, where pixels share noise.
+    /// The image of each replicate, if pixels share noise.
     pub replicates: Vec<Image>,
     pub samples_per_pixel: u64,
-    /// What is said of samples that were dropped, if any were.
+    /// A message about dropped samples, if there are any.
     pub dropped: Option<String>,
-    /// Rays to the nearest surface for each path.
+    /// Rays to the closest surface per path.
     pub rays_per_sample: f64,
 }
 
-/// How a test ended.
+/// The result of a test.
 pub(super) struct Outcome {
     pub status: Status,
     pub message: String,
@@ -70,7 +70,7 @@ impl<'a> Runner<'a> {
     }
 
     /// Tests a scene.
-    pub fn row(&self, scene: &FoundScene) -> Row {
+    pub fn row(&self, scene: &FoundScene) -> RegressRow {
         let started = Instant::now();
         let mut warnings = Vec::new();
         let outcome = if self.progress.is_interrupted() {
@@ -91,7 +91,7 @@ impl<'a> Runner<'a> {
                 }
             }
         }
-        Row {
+        RegressRow {
             name: scene.name.clone(),
             status: outcome.status,
             message: outcome.message,
@@ -134,7 +134,7 @@ impl<'a> Runner<'a> {
         Ok(Outcome { samples_per_pixel, shown, ..Outcome::new(Status::Fail, message) })
     }
 
-    /// Loads and compiles a scene on the traversal that is asked for.
+    /// Loads a scene and compiles it for the selected traversal.
     fn open(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Session> {
         let mut session =
             self.load(scene, &[], warnings)?.compile(self.options.accel, self.options.threads)?;
@@ -142,8 +142,8 @@ impl<'a> Runner<'a> {
         Ok(session)
     }
 
-    /// Loads a scene with more definitions; of the same name the last one counts. Its film is one of linear RGB, with
-    /// alpha if it has that.
+    /// Loads a scene with additional definitions; of several with the same name, the last one counts. Its film becomes
+    /// linear RGB, with alpha if the scene's film has it.
     pub fn load(
         &self,
         scene: &FoundScene,
@@ -163,7 +163,7 @@ impl<'a> Runner<'a> {
         Ok(file)
     }
 
-    /// Passes warnings on, or fails with them if they are errors.
+    /// Adds warnings to a list, or fails with them if warnings are errors.
     pub fn warn(&self, new: &mut Vec<Error>, warnings: &mut Vec<Error>) -> Result<()> {
         if self.options.strict && !new.is_empty() {
             let first = new.remove(0);
@@ -173,18 +173,18 @@ impl<'a> Runner<'a> {
         Ok(())
     }
 
-    /// Samples per pixel of a test, before any are added.
+    /// Returns the samples per pixel of a test, before any are added.
     pub fn samples(&self, session: &Session) -> u64 {
-        // Each half needs one.
+        // Each half needs one sample.
         self.options.samples.or(session.defaults.samples_per_pixel).unwrap_or(DEFAULT_SPP).max(2)
     }
 
-    /// How a scene is rendered.
+    /// Plans the render of a scene.
     pub fn plan(&self, session: &Session, samples: u64, seed: u64) -> Result<Plan> {
         self.plan_with(session, self.options.choices.integrator.as_deref(), samples, seed)
     }
 
-    /// How a scene is rendered by an integrator.
+    /// Plans the render of a scene with an integrator.
     pub fn plan_with(
         &self,
         session: &Session,
@@ -197,12 +197,12 @@ impl<'a> Runner<'a> {
         let integrator = integrator.map(str::to_owned);
         let choices = Choices { integrator, stop, aov, seed, ..self.options.choices.clone() };
         let mut plan = session.plan(&choices)?;
-        // A reference has other counts.
+        // The reference has another number of samples.
         plan.job.layers.retain(|layer| layer.aov != Aov::Samples);
         Ok(plan)
     }
 
-    /// Renders; `None` if it was interrupted.
+    /// Renders; returns `None` if it was interrupted.
     pub fn render(&self, session: &Session, plan: &Plan) -> Result<Option<Picture>> {
         let rendered = session.render(plan, self.progress)?;
         if self.progress.is_interrupted() {
@@ -222,7 +222,7 @@ impl<'a> Runner<'a> {
 
     /// Renders a scene with as many samples as its test needs.
     fn sample(&self, session: &Session, reference: &Reference) -> Result<Option<Picture>> {
-        // No number of samples makes up for the noise of the reference.
+        // More samples do not reduce the noise of the reference.
         let limit = self.options.gain.max(1.5 * gain_of_reference(reference, &self.rules));
         let gain = |picture: &Picture| {
             judge(&picture.image, picture.samples_per_pixel, reference, &self.rules).gain.unwrap_or(0.0)
@@ -233,9 +233,9 @@ impl<'a> Runner<'a> {
         self.render_until(session, seed, [first, most], None, limit, gain)
     }
 
-    /// Renders with twice the samples, or as many times more as it takes, until the gain is at most `limit`, the
-    /// samples the most there may be, or the deadline is reached. Only the last render counts: looking at several
-    /// would give chance as many chances.
+    /// Renders with at least twice the samples each time, until the gain is at most `limit`, the number of samples is
+    /// `most`, or the deadline is near. Only the last render is tested, because each additional test would increase the
+    /// probability of a failure by chance.
     fn render_until(
         &self,
         session: &Session,
@@ -260,14 +260,14 @@ impl<'a> Runner<'a> {
             if left.is_some_and(|left| left < 2 * started.elapsed()) {
                 return Ok(Some(picture));
             }
-            // Variances fall at least as one over the samples.
+            // Variances decrease at least in inverse proportion to the number of samples.
             let doublings = (2.0 * (gain / limit).log2()).ceil().clamp(1.0, 20.0) as u32;
             samples = samples.saturating_mul(1 << doublings).min(most);
         }
     }
 
-    /// Tells the time that a reference will take, from a render of a few samples, if it is long or longer than
-    /// allowed.
+    /// Reports the time that a reference will take if it is long or exceeds the limit. The forecast comes from a render
+    /// of a few samples.
     fn forecast(&self, scene: &FoundScene, session: &Session, [first, most]: [u64; 2]) -> Result<()> {
         if first <= FEW {
             return Ok(());
@@ -330,7 +330,7 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// A time for people: `5.9 s`, `12 min` or `3.4 h`.
+/// Formats a time as `5.9 s`, `12 min` or `3.4 h`.
 fn duration(time: Duration) -> String {
     let seconds = time.as_secs_f64();
     let (number, unit) = match seconds {
@@ -341,16 +341,17 @@ fn duration(time: Duration) -> String {
     if number < 10.0 { format!("{number:.1} {unit}") } else { format!("{number:.0} {unit}") }
 }
 
-/// The gain that a test without any noise would find; 0 if nothing is known about the noise.
+/// Returns the detectable gain of a test whose render has no noise; 0 if the noise is unknown.
 fn gain_of_reference(reference: &Reference, rules: &Rules) -> f64 {
     let variance_of_b = reference.variance.as_ref();
     let options = ZTestOptions { variance_of_b, significance: 0.5 * rules.significance, sample_ratio: None };
     let gain = z_test_with(&reference.image, &reference.image, &options).map_or(0.0, |test| test.gain);
-    // The variances of both count, and these are the same twice unless they are in a file of their own.
+    // The test adds the variances of both images. The reference is both images here, so its variance is counted twice
+    // unless it is in a separate file.
     if variance_of_b.is_some() { gain } else { gain / f64::sqrt(2.0) }
 }
 
-/// What is said of samples that were dropped.
+/// Returns a message about dropped samples.
 fn dropped(rendered: &Rendered) -> Option<String> {
     let count = counted(rendered.invalid_count, "invalid sample", "invalid samples");
     (rendered.invalid_count > 0).then(|| match rendered.invalid.first() {
@@ -362,7 +363,7 @@ fn dropped(rendered: &Rendered) -> Option<String> {
     })
 }
 
-/// What there is to look at of a test that failed.
+/// Returns the images of a failed test.
 fn shown(image: Image, reference: Image, judgement: Judgement) -> page::Shown {
     page::Shown {
         names: ["render".into(), "reference".into()],

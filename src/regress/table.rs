@@ -1,26 +1,26 @@
 //! The table of cases, as Markdown and as JSON.
 
-use super::{CaseResult, Measured, Report, Row, Status};
+use super::{CaseResult, Measured, RegressRow, Report, Status};
 use crate::error::{Error, Result};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// What another renderer measured of the same cases: a column of the table.
+/// The measurements of the same cases with another renderer: a column of the table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Beside {
     /// The column's title.
     pub title: String,
-    /// What it measured, by the names of the rows.
+    /// The measurements, by the names of the rows.
     cells: BTreeMap<String, String>,
 }
 
 impl Beside {
-    /// Reads a column: a JSON object of texts, by the names of the rows.
+    /// Reads a column: a JSON object with the names of the rows as keys and texts as values.
     ///
     /// # Errors
-    /// If the file cannot be read, or holds anything else.
+    /// If the file cannot be read or has another structure.
     pub fn read(title: &str, path: &Path) -> Result<Beside> {
         let text = fs::read_to_string(path)
             .map_err(|e| Error::scene(format!("cannot be read: {e}")).in_file(path))?;
@@ -31,7 +31,7 @@ impl Beside {
     }
 }
 
-/// The names of the traversals that any case was measured on, in the order of the first.
+/// Returns the names of the traversals on which any case was measured, in order of appearance.
 fn traversals(report: &Report) -> Vec<&str> {
     let mut names: Vec<&str> = Vec::new();
     for measured in report.rows.iter().filter_map(|row| row.case.as_ref()).flat_map(|case| &case.measured) {
@@ -42,8 +42,8 @@ fn traversals(report: &Report) -> Vec<&str> {
     names
 }
 
-/// The cases as tables of Markdown: a heading for each scene, a line for each case and integrator; what is known to
-/// fail, and why, is below the table.
+/// Returns the cases as Markdown tables: a heading for each scene, and a line for each case and integrator. The known
+/// failures and their causes are below the table.
 pub fn markdown(report: &Report, beside: &[Beside]) -> String {
     let traversals = traversals(report);
     let mut titles = vec!["case", "integrator", "expected"];
@@ -82,12 +82,12 @@ pub fn markdown(report: &Report, beside: &[Beside]) -> String {
     text.trim_start().to_owned()
 }
 
-/// The mean number of rays of a path, of the first traversal.
+/// Returns the mean number of rays per path, on the first traversal.
 fn rays(case: &CaseResult) -> String {
     case.measured.first().map_or_else(|| "–".into(), |m| super::region::figures(m.rays_per_sample))
 }
 
-/// A status as it stands in a table.
+/// Returns a status as the table shows it.
 fn verdict(status: Status) -> &'static str {
     match status {
         Status::Pass => "pass",
@@ -97,12 +97,12 @@ fn verdict(status: Status) -> &'static str {
     }
 }
 
-/// Text for a cell: `|` and line breaks end one.
+/// Escapes text for a cell, which `|` and line breaks would end.
 fn escape(text: &str) -> String {
     text.replace('|', "\\|").replace('\n', " ")
 }
 
-/// The cases as JSON: everything that another renderer needs to measure them, and what was measured.
+/// Returns the cases as JSON, with everything that another renderer needs to measure them, and the measurements.
 pub fn json(report: &Report) -> Value {
     let rows = report.rows.iter().filter_map(|row| Some(row_json(row, row.case.as_ref()?)));
     json!({
@@ -112,7 +112,7 @@ pub fn json(report: &Report) -> Value {
     })
 }
 
-fn row_json(row: &Row, result: &CaseResult) -> Value {
+fn row_json(row: &RegressRow, result: &CaseResult) -> Value {
     let case = &result.case;
     let table = |pairs: &[(String, String)]| -> Map<String, Value> {
         pairs.iter().map(|(name, value)| (name.clone(), Value::from(value.as_str()))).collect()

@@ -1,4 +1,4 @@
-//! The error of a mean of N values, independent and stratified.
+//! The error of a mean of N values, for independent and for stratified points.
 
 use super::{Integrand, exponential, power, stratified, unstratified};
 use crate::estimate::convergence::PowerLaw;
@@ -10,13 +10,13 @@ use crate::lab::{Found, Options};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use rayon::prelude::*;
 
-/// Sample counts: two in each decade.
+/// Numbers of samples: two in each decade.
 const COUNTS: [u32; 11] = [1, 3, 10, 32, 100, 316, 1000, 3162, 10_000, 31_623, 100_000];
-/// Of fewer samples the laws, which are those of many, say little: the fits begin here.
+/// The fits begin at this number of samples, because the laws are asymptotic.
 const FIT_FROM: u32 = 10;
 
 /// Errors of both estimators at one number of samples.
-struct Row {
+struct CountRow {
     n: u32,
     /// Both estimates of the first run.
     first: [f64; 2],
@@ -24,7 +24,7 @@ struct Row {
     errors: [Vec<f64>; 2],
 }
 
-fn measure(integrand: &Integrand, part: u32, options: &Options) -> Vec<Row> {
+fn measure(integrand: &Integrand, part: u32, options: &Options) -> Vec<CountRow> {
     let measure = |(k, &n): (usize, &u32)| {
         let part = part + 2 * k as u32;
         let estimates: Vec<[f64; 2]> = (0..options.runs)
@@ -37,31 +37,31 @@ fn measure(integrand: &Integrand, part: u32, options: &Options) -> Vec<Row> {
             })
             .collect();
         let errors = [0, 1].map(|i| estimates.iter().map(|e| e[i] - integrand.integral).collect());
-        Row { n, first: estimates[0], errors }
+        CountRow { n, first: estimates[0], errors }
     };
     COUNTS.iter().enumerate().map(measure).collect()
 }
 
-/// The law of one estimator's RMS error.
-fn law(rows: &[Row], estimator: usize) -> Option<PowerLaw> {
+/// Returns the law of one estimator's RMS error.
+fn law(rows: &[CountRow], estimator: usize) -> Option<PowerLaw> {
     let fitted = rows.iter().filter(|row| row.n >= FIT_FROM);
     PowerLaw::fit(fitted.map(|row| (f64::from(row.n), Measured::rms(&row.errors[estimator]).value)))
 }
 
-/// The exponent of the law, from the runs.
-fn exponent(rows: &[Row], estimator: usize) -> Measured {
+/// Returns the exponent of the law, with an error from the runs.
+fn exponent(rows: &[CountRow], estimator: usize) -> Measured {
     let fitted = rows.iter().filter(|row| row.n >= FIT_FROM);
-    let squares = |row: &Row| row.errors[estimator].iter().map(|e| e * e).collect();
+    let squares = |row: &CountRow| row.errors[estimator].iter().map(|e| e * e).collect();
     let points: Vec<(f64, Vec<f64>)> = fitted.map(|row| (f64::from(row.n), squares(row))).collect();
     Measured::exponent(&points.iter().map(|(n, squares)| (*n, squares.as_slice())).collect::<Vec<_>>())
 }
 
-/// Squared errors of the independent estimator times N: their expectation is the variance of f.
-fn scaled(row: &Row) -> impl Iterator<Item = f64> {
+/// Returns the squared errors of the independent estimator times N. Their expected value is the variance of f.
+fn scaled(row: &CountRow) -> impl Iterator<Item = f64> {
     row.errors[0].iter().map(|e| e * e * f64::from(row.n))
 }
 
-fn table(integrand: &Integrand, rows: &[Row]) -> Table {
+fn table(integrand: &Integrand, rows: &[CountRow]) -> Table {
     let mut table = Table::new([
         ("N", Align::Right),
         ("one run", Align::Right),
@@ -88,7 +88,7 @@ fn table(integrand: &Integrand, rows: &[Row]) -> Table {
     table
 }
 
-fn plot(integrand: &Integrand, rows: &[Row], laws: [Option<PowerLaw>; 2]) -> Plot {
+fn plot(integrand: &Integrand, rows: &[CountRow], laws: [Option<PowerLaw>; 2]) -> Plot {
     let mut series = Vec::new();
     for (i, name) in ["independent", "stratified"].into_iter().enumerate() {
         let points = rows.iter().map(|row| {
@@ -112,7 +112,7 @@ fn plot(integrand: &Integrand, rows: &[Row], laws: [Option<PowerLaw>; 2]) -> Plo
     }
 }
 
-fn findings(integrand: &Integrand, rows: &[Row]) -> Vec<Finding> {
+fn findings(integrand: &Integrand, rows: &[CountRow]) -> Vec<Finding> {
     let name = integrand.name;
     let last = &rows[rows.len() - 1];
     let off = Measured::mean(&last.errors[1]);
@@ -150,7 +150,7 @@ fn findings(integrand: &Integrand, rows: &[Row]) -> Vec<Finding> {
     ]
 }
 
-/// Both integrands.
+/// Measures the convergence for both integrands.
 pub fn run(options: &Options) -> Found {
     let mut found: Found = (Vec::new(), Vec::new());
     for (i, integrand) in [power(), exponential()].into_iter().enumerate() {
@@ -176,7 +176,8 @@ mod tests {
     use crate::accel::AccelKind;
     use crate::lab::verdict::Verdict;
 
-    /// 200 runs: −1/2 within 0.03, −3/2 within 0.05, and the exact variance.
+    /// With 200 runs, the exponents are −1/2 within 0.03 and −3/2 within 0.05, and the variances agree with the exact
+    /// ones.
     #[test]
     fn slopes_and_variances_are_those_of_the_theory() {
         let options = Options { seed: 1, runs: 200, quick: true, threads: 2, accel: AccelKind::default() };

@@ -1,4 +1,4 @@
-//! The variance of a sum of two values that are not independent.
+//! The variance of a sum of two dependent values.
 
 use super::{power, quadrature};
 use crate::lab::moments::{Measured, covariance};
@@ -11,7 +11,7 @@ use crate::report::{Align, Table};
 /// Pairs for each run.
 const PAIRS: u32 = 500;
 
-/// How the second point of a pair follows from the first, and from a number of its own.
+/// A function of the first point of a pair and a second random number that returns the second point.
 type Second = fn(f64, f64) -> f64;
 
 /// Kinds of pairs of points.
@@ -22,7 +22,7 @@ const KINDS: [(&str, Second); 4] = [
     ("half a turn apart, u and u + 1/2", |u, _| (u + 0.5).fract()),
 ];
 
-/// Values of 5x⁴ at pairs of points.
+/// Returns the values of 5x⁴ at the first and at the second points of pairs.
 fn pairs(second: Second, part: u32, options: &Options) -> [Vec<f64>; 2] {
     let f = power().f;
     let n = options.runs * PAIRS;
@@ -31,18 +31,18 @@ fn pairs(second: Second, part: u32, options: &Options) -> [Vec<f64>; 2] {
     [points.iter().map(|&[u, _]| f(u)).collect(), points.iter().map(|&[u, v]| f(second(u, v))).collect()]
 }
 
-/// The covariance of such a pair: ∫f(u) f(s(u)) − (∫f)².
+/// Returns the exact covariance of a kind of pair: ∫f(u) f(s(u)) − (∫f)².
 fn exact_covariance(kind: usize) -> f64 {
     let f = power().f;
     match kind {
         0 => 0.0,
-        // Where the second point jumps, the halves are alike.
+        // s(u) jumps at 1/2, and both halves of the interval contribute the same.
         3 => quadrature(|x| f(0.5 * x) * f(0.5 * x + 0.5)) - 1.0,
         _ => quadrature(|u| f(u) * f((KINDS[kind].1)(u, 0.0))) - 1.0,
     }
 }
 
-/// Measures every kind of pair.
+/// Measures the covariance for every kind of pair.
 pub fn run(options: &Options) -> Found {
     let variance = power().variance;
     let mut table = Table::new([
@@ -90,7 +90,7 @@ mod tests {
     use crate::accel::AccelKind;
     use crate::lab::verdict::Verdict;
 
-    /// 25·B(5, 5) − 1 for antithetic pairs; the polynomial by hand for half a turn.
+    /// 25·B(5, 5) − 1 for antithetic pairs, and a polynomial integrated by hand for pairs half a turn apart.
     #[test]
     fn covariances_have_closed_forms() {
         assert_eq!(exact_covariance(0), 0.0);

@@ -1,4 +1,4 @@
-//! Importance sampling of 5x⁴ by densities (k + 1)·x^k: good ones, a perfect one and a bad one.
+//! Importance sampling of 5x⁴ with densities (k + 1)·x^k: good ones, a perfect one and a bad one.
 
 use super::power;
 use crate::estimate::convergence::PowerLaw;
@@ -10,39 +10,39 @@ use crate::lab::{Found, Options};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use rayon::prelude::*;
 
-/// Exponents k. All have finite fourth moments of f/p, so that a measured variance has an interval.
+/// Exponents k. For each of them the fourth moment of f/p is finite, so that a measured variance has an interval.
 const EXPONENTS: [f64; 6] = [-0.9, 0.0, 1.0, 3.0, 4.0, 5.0];
 const COUNTS: [u32; 7] = [10, 32, 100, 316, 1000, 3162, 10_000];
 
-/// The variance of f/p: ∫f²/p − 1 = 25/((k + 1)(9 − k)) − 1.
+/// Returns the variance of f/p: ∫f²/p − 1 = 25/((k + 1)(9 − k)) − 1.
 fn exact_variance(k: f64) -> f64 {
     25.0 / ((k + 1.0) * (9.0 - k)) - 1.0
 }
 
-/// f(x)/p(x) at a point drawn from p.
+/// Returns f(x)/p(x) at a point x sampled from p.
 fn weighted(k: f64, u: f64) -> f64 {
     let x = u.powf(1.0 / (k + 1.0));
     5.0 / (k + 1.0) * x.powf(4.0 - k)
 }
 
-/// Mean of f/p over n points.
+/// Returns the mean of f/p over n points.
 fn estimate(k: f64, n: u32, stream: &mut Stream) -> f64 {
     (0..n).map(|_| weighted(k, stream.uniform())).sum::<f64>() / f64::from(n)
 }
 
-/// What one density does.
-struct Row {
+/// The errors of one density.
+struct DensityRow {
     k: f64,
-    /// Variance of one value of f/p, from many.
+    /// Variance of f/p, from many values.
     variance: Measured,
-    /// RMS error at each count.
+    /// RMS error at each number of samples.
     errors: Vec<Measured>,
     law: Option<PowerLaw>,
-    /// The exponent of the law, from the runs.
+    /// The exponent of the law, with an error from the runs.
     exponent: Measured,
 }
 
-fn measure(i: usize, options: &Options) -> Row {
+fn measure(i: usize, options: &Options) -> DensityRow {
     let (k, part) = (EXPONENTS[i], 400 + 20 * i as u32);
     let mut stream = Stream::new(options.seed, part, 0);
     let values: Vec<f64> = (0..500 * options.runs).map(|_| weighted(k, stream.uniform())).collect();
@@ -56,16 +56,16 @@ fn measure(i: usize, options: &Options) -> Row {
     };
     let squares: Vec<Vec<f64>> = COUNTS.iter().enumerate().map(squares).collect();
     let errors: Vec<Measured> = squares.iter().map(|squares| Measured::root(squares)).collect();
-    // A perfect density has no error but rounding, which follows no law.
+    // A perfect density has only rounding errors, which follow no law.
     let perfect = exact_variance(k).abs() < 1e-12;
     let points = COUNTS.iter().zip(&errors).map(|(&n, e)| (f64::from(n), e.value));
     let law = if perfect { None } else { PowerLaw::fit(points) };
     let points: Vec<_> = COUNTS.iter().zip(&squares).map(|(&n, s)| (f64::from(n), s.as_slice())).collect();
     let exponent = Measured::exponent(&points);
-    Row { k, variance: Measured::variance(&values), errors, law, exponent }
+    DensityRow { k, variance: Measured::variance(&values), errors, law, exponent }
 }
 
-/// The density as people write it.
+/// Returns the density as a formula.
 fn density(k: f64) -> String {
     match k {
         0.0 => "1 (uniform)".into(),
@@ -75,7 +75,7 @@ fn density(k: f64) -> String {
     }
 }
 
-fn plot(rows: &[Row]) -> Plot {
+fn plot(rows: &[DensityRow]) -> Plot {
     let series = rows.iter().enumerate().filter(|(_, row)| row.law.is_some()).map(|(i, row)| {
         let points = COUNTS.iter().zip(&row.errors).map(|(&n, e)| Point::new(f64::from(n), e.value));
         Series {
@@ -93,9 +93,9 @@ fn plot(rows: &[Row]) -> Plot {
     }
 }
 
-/// Measures every density.
+/// Measures the error with every density.
 pub fn run(options: &Options) -> Found {
-    let rows: Vec<Row> = (0..EXPONENTS.len()).map(|i| measure(i, options)).collect();
+    let rows: Vec<DensityRow> = (0..EXPONENTS.len()).map(|i| measure(i, options)).collect();
     let mut table = Table::new([
         ("density p", Align::Left),
         ("variance of f/p", Align::Right),

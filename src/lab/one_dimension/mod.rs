@@ -8,7 +8,7 @@ use super::random::Stream;
 use super::{Found, Options, pool};
 use crate::error::Result;
 
-/// A function on [0, 1] whose integral is known.
+/// A function on [0, 1] with a known integral.
 #[derive(Clone, Copy)]
 struct Integrand {
     name: &'static str,
@@ -19,12 +19,12 @@ struct Integrand {
     variance: f64,
 }
 
-/// 5x⁴, whose integral is 1 and whose variance is 25/9 − 1.
+/// Returns 5x⁴, whose integral is 1 and whose variance is 25/9 − 1.
 fn power() -> Integrand {
     Integrand { name: "5x⁴", f: |x| 5.0 * x.powi(4), integral: 1.0, variance: 25.0 / 9.0 - 1.0 }
 }
 
-/// e^{sin 3x²}.
+/// Returns e^{sin 3x²}.
 fn exponential() -> Integrand {
     let f = |x: f64| (3.0 * x * x).sin().exp();
     let integral = quadrature(f);
@@ -36,7 +36,7 @@ fn exponential() -> Integrand {
     }
 }
 
-/// ∫f over [0, 1] by Simpson's rule: for smooth functions, to all digits.
+/// Integrates f over [0, 1] by Simpson's rule. For smooth functions, all digits are correct.
 fn quadrature(f: impl Fn(f64) -> f64) -> f64 {
     let n = 1 << 14;
     let h = 1.0 / f64::from(n);
@@ -44,17 +44,17 @@ fn quadrature(f: impl Fn(f64) -> f64) -> f64 {
     (f(0.0) + inner + f(1.0)) * h / 3.0
 }
 
-/// Mean of f over n independent uniform points.
+/// Returns the mean of f over n independent uniform points.
 fn unstratified(f: impl Fn(f64) -> f64, n: u32, stream: &mut Stream) -> f64 {
     (0..n).map(|_| f(stream.uniform())).sum::<f64>() / f64::from(n)
 }
 
-/// Mean of f over one uniform point in each of n equal strata.
+/// Returns the mean of f over one uniform point in each of n equal strata.
 fn stratified(f: impl Fn(f64) -> f64, n: u32, stream: &mut Stream) -> f64 {
     (0..n).map(|i| f((f64::from(i) + stream.uniform()) / f64::from(n))).sum::<f64>() / f64::from(n)
 }
 
-/// All parts of the experiment.
+/// Runs all parts of the experiment.
 pub fn run(options: &Options) -> Result<Found> {
     let pool = pool(options.threads)?;
     Ok(pool.install(|| {
@@ -77,7 +77,8 @@ mod tests {
     use crate::lab::verdict::Verdict;
     use rayon::prelude::*;
 
-    /// The claims are true. Each run refutes one with a probability of at most 0.001, and these 200 seeds refute none.
+    /// The claims are true. A run refutes any of them with a probability of at most 0.001. None of these 200 seeds
+    /// does.
     #[test]
     fn true_claims_are_refuted_with_no_seed() {
         (0..200u64).into_par_iter().for_each(|seed| {
@@ -95,7 +96,7 @@ mod tests {
         assert_eq!(format!("{:.5}", exponential().integral), "1.77610");
     }
 
-    /// Means of 20,000 estimates lie within five standard errors of the integral, for any number of points.
+    /// For any number of points, the mean of 20,000 estimates lies within five standard errors of the integral.
     #[test]
     fn both_estimators_are_unbiased() {
         let expect = |name: &str, n: u32, integral: f64, estimate: &dyn Fn(&mut Stream) -> f64| {

@@ -1,4 +1,4 @@
-//! Antialiasing with each pattern: an edge through a pixel, a plate of ever finer rings, the discrepancy.
+//! Antialiasing with each pattern: an edge through a pixel, a zone plate, and the discrepancy.
 
 use super::points::{Pattern, discrepancy};
 use crate::error::Result;
@@ -14,19 +14,19 @@ use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
-/// Sides of the grids: the numbers of samples are their squares.
+/// The number of samples on the side of each grid. The number of samples is its square.
 const SIDES: [u32; 5] = [1, 2, 4, 8, 16];
-/// The one that is looked at alone: 16 samples.
+/// The index of the grid for the findings and the table: 16 samples.
 const TYPICAL: usize = 2;
 
-/// An edge: points with `normal · p < offset` are covered.
+/// An edge that covers the points with `normal · p < offset`.
 struct Edge {
     normal: [f64; 2],
     offset: f64,
 }
 
 impl Edge {
-    /// Through a uniform point of the pixel, in a uniform direction.
+    /// Creates an edge through a uniform point of the pixel, in a uniform direction.
     fn random(stream: &mut Stream) -> Self {
         let (sin, cos) = (TAU * stream.uniform()).sin_cos();
         let p = [stream.uniform(), stream.uniform()];
@@ -37,7 +37,7 @@ impl Edge {
         self.normal[0] * p[0] + self.normal[1] * p[1] - self.offset
     }
 
-    /// The area that is covered: that of the clipped unit square.
+    /// Returns the covered area of the unit square.
     fn coverage(&self) -> f64 {
         let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
         let mut clipped: Vec<[f64; 2]> = Vec::new();
@@ -61,18 +61,18 @@ impl Edge {
     }
 }
 
-/// What a pattern does at each number of samples.
-struct Row {
+/// The errors of a pattern at each number of samples.
+struct PatternRow {
     pattern: Pattern,
     /// RMS error of the coverage of a random edge.
     edge: Vec<Measured>,
     discrepancy: Vec<f64>,
     law: Option<PowerLaw>,
-    /// The exponent of the law, from the runs.
+    /// The exponent of the law, with an error from the runs.
     exponent: Measured,
 }
 
-fn measure(i: usize, options: &Options) -> Row {
+fn measure(i: usize, options: &Options) -> PatternRow {
     let pattern = Pattern::ALL[i];
     let of = |(k, &side): (usize, &u32)| {
         let one = |run| {
@@ -90,16 +90,17 @@ fn measure(i: usize, options: &Options) -> Row {
     let law = PowerLaw::fit(SIDES.iter().zip(&edge).map(|(&side, e)| (f64::from(side * side), e.value)));
     let points = SIDES.iter().zip(&squares).map(|(&side, s)| (f64::from(side * side), s.as_slice()));
     let exponent = Measured::exponent(&points.collect::<Vec<_>>());
-    Row { pattern, edge, discrepancy, law, exponent }
+    PatternRow { pattern, edge, discrepancy, law, exponent }
 }
 
-/// Rings of a frequency that grows to one cycle for each pixel at the corners; the origin is a corner of the image.
+/// Returns the brightness of a zone plate: rings around a corner of the image, with a frequency that grows to 0.7
+/// cycles per pixel at the opposite corner.
 fn rings([x, y]: [f64; 2], width: usize) -> f64 {
     let width = width as f64;
     0.5 + 0.5 * (PI * 0.5 * (x * x + y * y) / width).cos()
 }
 
-/// The plate, antialiased with `side`² samples of each pixel.
+/// Renders the zone plate with `side`² samples per pixel.
 fn plate(pattern: Pattern, side: u32, width: usize, seed: u64) -> Image {
     let mut image = Image::new(width, width, &["R", "G", "B"]);
     image.data.par_chunks_exact_mut(3).enumerate().for_each(|(i, pixel)| {
@@ -111,7 +112,7 @@ fn plate(pattern: Pattern, side: u32, width: usize, seed: u64) -> Image {
     image
 }
 
-fn table(rows: &[Row]) -> Table {
+fn table(rows: &[PatternRow]) -> Table {
     let mut table = Table::new([
         ("pattern", Align::Left),
         ("edge, RMS error at 16", Align::Right),
@@ -133,7 +134,7 @@ fn table(rows: &[Row]) -> Table {
     table
 }
 
-fn plot(rows: &[Row]) -> Plot {
+fn plot(rows: &[PatternRow]) -> Plot {
     let series = rows.iter().enumerate().map(|(i, row)| Series {
         name: format!("{}, slope {}", row.pattern.name(), slope(row.law)),
         points: SIDES
@@ -152,7 +153,7 @@ fn plot(rows: &[Row]) -> Plot {
     }
 }
 
-fn findings(rows: &[Row]) -> Vec<Finding> {
+fn findings(rows: &[PatternRow]) -> Vec<Finding> {
     let of = |pattern: Pattern| rows.iter().find(|row| row.pattern == pattern);
     let at = |pattern| of(pattern).map_or(Measured::NONE, |row| row.edge[TYPICAL]);
     let exponent = |pattern| of(pattern).map_or(Measured::NONE, |row| row.exponent);
@@ -190,9 +191,9 @@ fn findings(rows: &[Row]) -> Vec<Finding> {
     ]
 }
 
-/// Measures every pattern, and shows the plate.
+/// Measures the errors of every pattern and shows the zone plate.
 pub fn run(options: &Options) -> Result<Found> {
-    let rows: Vec<Row> = (0..Pattern::ALL.len()).map(|i| measure(i, options)).collect();
+    let rows: Vec<PatternRow> = (0..Pattern::ALL.len()).map(|i| measure(i, options)).collect();
     let (side, width) = (2, options.scaled(128, 256));
     let mut pictures = Vec::new();
     for pattern in Pattern::ALL {

@@ -1,4 +1,4 @@
-//! Patterns of samples: in a pixel, and from pixel to pixel.
+//! Patterns of samples, within a pixel and across pixels.
 
 mod aliasing;
 mod points;
@@ -8,7 +8,7 @@ mod structure;
 use super::{Found, Options, pool};
 use crate::error::Result;
 
-/// All parts of the experiment.
+/// Runs all parts of the experiment.
 ///
 /// # Errors
 /// If threads cannot be started or a temporary file cannot be written.

@@ -1,8 +1,8 @@
-//! Points in the unit square.
+//! Patterns of points in the unit square.
 
 use crate::lab::random::Stream;
 
-/// A way to place points.
+/// A pattern of points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pattern {
     /// The centres of a square grid.
@@ -11,12 +11,12 @@ pub enum Pattern {
     Random,
     /// One uniform point in each cell of a square grid.
     Jittered,
-    /// Each point is the one of several uniform candidates that is farthest from those before it, across the borders
-    /// too: few pairs are close, as in a Poisson-disk pattern. [Mitchell 1991]
+    /// Each point is the one of several uniform candidates that is farthest from the points before it, on the torus.
+    /// Few pairs are close, as in a Poisson-disk pattern. [Mitchell 1991]
     BestCandidate,
 }
 
-/// Candidates for each point.
+/// The number of candidates for each point.
 const CANDIDATES: u32 = 20;
 
 impl Pattern {
@@ -24,7 +24,7 @@ impl Pattern {
     pub const ALL: [Pattern; 4] =
         [Pattern::Regular, Pattern::Random, Pattern::Jittered, Pattern::BestCandidate];
 
-    /// Its name.
+    /// Returns the pattern's name.
     pub fn name(self) -> &'static str {
         match self {
             Pattern::Regular => "regular",
@@ -34,7 +34,7 @@ impl Pattern {
         }
     }
 
-    /// `side`² points.
+    /// Creates `side`² points.
     pub fn points(self, side: u32, stream: &mut Stream) -> Vec<[f64; 2]> {
         let cells = (0..side * side).map(|i| [f64::from(i % side), f64::from(i / side)]);
         let in_cell =
@@ -50,7 +50,7 @@ impl Pattern {
     }
 }
 
-/// Squared distance on the torus.
+/// Returns the squared distance on the torus.
 pub fn distance_squared(a: [f64; 2], b: [f64; 2]) -> f64 {
     [0, 1].map(|k| (a[k] - b[k]).abs()).map(|d| d.min(1.0 - d).powi(2)).iter().sum()
 }
@@ -72,8 +72,8 @@ fn best_candidates(n: u32, stream: &mut Stream) -> Vec<[f64; 2]> {
     points
 }
 
-/// The L2 star discrepancy: the root mean square, over all boxes from the origin, of the share of points in the box
-/// minus its area. [Warnock 1972]
+/// Returns the L2 star discrepancy: the root mean square, over all boxes from the origin, of the fraction of the points
+/// in the box minus its area. [Warnock 1972]
 pub fn discrepancy(points: &[[f64; 2]]) -> f64 {
     let n = points.len() as f64;
     let single: f64 = points.iter().map(|[x, y]| (1.0 - x * x) * (1.0 - y * y)).sum();
@@ -88,7 +88,7 @@ pub fn discrepancy(points: &[[f64; 2]]) -> f64 {
 mod tests {
     use super::*;
 
-    /// One point at (x, y): ∫∫ ([x ≤ s, y ≤ t] − st)² by hand.
+    /// For one point at (x, y), ∫∫ ([x ≤ s, y ≤ t] − st)² is integrated by hand.
     #[test]
     fn discrepancy_of_one_point() {
         assert!((discrepancy(&[[0.0, 0.0]]).powi(2) - (1.0 / 9.0 - 0.5 + 1.0)).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! The spectra of patterns: where aliases come from.
+//! The power spectra of patterns, which determine their aliases.
 
 use super::points::Pattern;
 use crate::error::Result;
@@ -13,20 +13,20 @@ use crate::report::{Axis, Line, Plot, Point, Series};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// 64 points.
+/// The side of the grid; a pattern has 64 points.
 const SIDE: u32 = 8;
-/// Frequencies from −this to this, in cycles over the square.
+/// The highest frequency along each axis, in cycles over the square.
 const HIGHEST: i32 = 32;
-/// Below this frequency the energy of a pattern becomes aliases of low frequency: half of that of the grid.
+/// The highest low frequency: half the frequency of the grid. Energy below it becomes aliases of low frequency.
 const LOW: f64 = 0.5 * SIDE as f64;
 
-/// Many patterns.
+/// Creates independent patterns of one kind.
 fn sets(pattern: Pattern, part: u32, options: &Options) -> Vec<Vec<[f64; 2]>> {
     let set = |run| pattern.points(SIDE, &mut Stream::new(options.seed, part, run));
     (0..(options.runs / 5).max(10)).map(set).collect()
 }
 
-/// |Σ exp(−2πi f·p)|²/n of a pattern.
+/// Returns the power of a pattern at a frequency, |Σ exp(−2πi f·p)|²/n.
 fn power(points: &[[f64; 2]], f: [f64; 2]) -> f64 {
     let (mut re, mut im) = (0.0, 0.0);
     for p in points {
@@ -36,7 +36,7 @@ fn power(points: &[[f64; 2]], f: [f64; 2]) -> f64 {
     (re * re + im * im) / points.len() as f64
 }
 
-/// The mean power of a pattern at low frequencies.
+/// Returns the mean power of a pattern at low frequencies.
 fn low_power(points: &[[f64; 2]]) -> f64 {
     let most = LOW as i32;
     let all = (-most..=most).flat_map(|y| (-most..=most).map(move |x| [f64::from(x), f64::from(y)]));
@@ -44,7 +44,8 @@ fn low_power(points: &[[f64; 2]]) -> f64 {
     Measured::mean(&low.map(|f| power(points, f)).collect::<Vec<_>>()).value
 }
 
-/// The mean over many patterns of |Σ exp(−2πi f·p)|²/n, for all frequencies row by row; 1 for independent points.
+/// Returns the mean of |Σ exp(−2πi f·p)|²/n over many patterns, for all frequencies row by row. It is 1 for independent
+/// points.
 fn periodogram(pattern: Pattern, part: u32, options: &Options) -> Vec<f64> {
     let width = (2 * HIGHEST + 1) as usize;
     let sets = sets(pattern, part, options);
@@ -57,7 +58,8 @@ fn periodogram(pattern: Pattern, part: u32, options: &Options) -> Vec<f64> {
         .collect()
 }
 
-/// Means over rings of frequencies, from 1 to the highest; the frequency 0 is the number of points and left out.
+/// Returns means over rings of frequencies, from 1 to the highest. The frequency 0 is left out, because its power is
+/// the number of points.
 fn radial(power: &[f64]) -> Vec<f64> {
     let width = (2 * HIGHEST + 1) as usize;
     let mut rings = vec![(0.0, 0.0); HIGHEST as usize + 1];
@@ -71,7 +73,7 @@ fn radial(power: &[f64]) -> Vec<f64> {
     rings[1..].iter().map(|(sum, n)| sum / n).collect()
 }
 
-/// The power as a grey picture: 1 is half grey. Each frequency is a square of pixels.
+/// Returns the power as a grey image in which 1 is half grey. Each frequency is a square of pixels.
 fn shown(power: &[f64]) -> Image {
     let (width, zoom) = ((2 * HIGHEST + 1) as usize, 4);
     let mut image = Image::new(width * zoom, width * zoom, &["R", "G", "B"]);
@@ -84,7 +86,7 @@ fn shown(power: &[f64]) -> Image {
     image
 }
 
-/// A pattern as a plot of its points.
+/// Plots the points of a pattern.
 fn points_of(pattern: Pattern, style: usize, seed: u64) -> Plot {
     let points = pattern.points(SIDE, &mut Stream::new(seed, 750, 0));
     let points = points.into_iter().map(|[x, y]| Point::new(x, y)).collect();
@@ -96,7 +98,7 @@ fn points_of(pattern: Pattern, style: usize, seed: u64) -> Plot {
     }
 }
 
-/// The spectra of the patterns, and what they mean for aliases.
+/// Measures the spectra of the patterns and compares their aliases.
 pub fn run(options: &Options) -> Result<Found> {
     let (mut pictures, mut series, mut low, mut evidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (i, pattern) in Pattern::ALL.into_iter().enumerate() {

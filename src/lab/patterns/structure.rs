@@ -1,4 +1,4 @@
-//! Random numbers against one fixed sequence for every pixel.
+//! Different random numbers for each pixel, compared with one fixed sequence for all pixels.
 
 use crate::error::Result;
 use crate::estimate::metrics;
@@ -15,10 +15,11 @@ use crate::sampling::SamplerKind;
 
 const SAMPLERS: [SamplerKind; 3] = [SamplerKind::Independent, SamplerKind::Sobol, SamplerKind::Fixed];
 
-/// The correlation of the errors of horizontal neighbours, from the difference of two independent renders.
+/// Returns the correlation of the errors of horizontally neighbouring pixels, from the difference of two independent
+/// renders.
 ///
-/// Differences are relative to the brightness, and squeezed into (−1, 1), so that single bright paths do not decide.
-/// As they are as often positive as negative, those of independent pixels remain uncorrelated.
+/// Differences are relative to the brightness and compressed to (−1, 1), so that single bright paths do not dominate.
+/// Their distribution is symmetric, so those of independent pixels remain uncorrelated.
 fn correlation(a: &Image, b: &Image) -> Measured {
     let differences: Vec<f64> = a
         .data
@@ -40,7 +41,7 @@ fn correlation(a: &Image, b: &Image) -> Measured {
     Measured::mean(&rows.map(by_row).collect::<Vec<_>>())
 }
 
-/// Renders with each sampler, and looks for structure in the error.
+/// Renders with each sampler and measures the structure of the error.
 pub fn run(options: &Options) -> Result<Found> {
     let integrator = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() });
     let studio = Studio::open(BALLS, options.scaled((64, 48), (120, 90)), options)?;
