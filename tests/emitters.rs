@@ -338,8 +338,8 @@ fn environment_samples_follow_their_density() {
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }
 
-/// Emitters are chosen in proportion to the irradiance that they cause, and the density agrees. For two spheres at equal
-/// distances, this is in proportion to power, except for the 5 % that are distributed equally.
+/// Emitters are chosen in proportion to the irradiance that they cause, and the density agrees. For two spheres at
+/// equal distances, this is in proportion to power, except for the 5 % that are distributed equally.
 #[test]
 fn emitters_are_chosen_by_irradiance() {
     let mut description = Description::default();

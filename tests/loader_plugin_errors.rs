@@ -14,9 +14,12 @@ fn unknown_and_unsupported_plugins() {
             "<integrator type='pth'/>",
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",
         ),
-        ("<integrator type='volpath'/>", "<integrator type=\"volpath\">: this integrator is not supported"),
+        (
+            "<integrator type='volpath'/><medium type='homogeneous'/>",
+            "<integrator type=\"volpath\">: media are not supported; --integrator path renders the scene without \
+             them",
+        ),
         ("<sensor type='distant'/>", "<sensor type=\"distant\">: this sensor is not supported"),
-        ("<medium type='homogeneous'/>", "<medium type=\"homogeneous\">: this medium is not supported"),
         ("<texture type='volume'/>", "<texture type=\"volume\">: this texture is not supported"),
     ];
     for (element, message) in cases {

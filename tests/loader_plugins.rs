@@ -5,7 +5,7 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{Aov, AovSettings, DepthSettings, DirectSettings, Layer};
+use buffon::integrator::settings::{Aov, AovSettings, DepthSettings, DirectSettings, Layer, PathLimits};
 use buffon::loader::LoadOptions;
 use buffon::material::{Conductor, Distribution, Material, Metal, RoughConductor};
 use buffon::math::Vec3;
@@ -112,4 +112,79 @@ fn emitters_spheres_and_conductors_are_read() {
     assert_eq!(roughness.alpha, [0.1.into(), 0.2.into()]);
     assert_eq!((roughness.distribution, roughness.sample_visible), (Distribution::Ggx, false));
     assert_eq!(metal.k, Rgb::WHITE.into());
+}
+
+/// Integrators of Mitsuba that estimate the same image are rendered by the nearest of Buffon's, with a note.
+#[test]
+fn integrators_of_the_same_image_are_replaced() {
+    let load = |text: &str, replacement: Option<&str>| {
+        let integrator = replacement.map(str::to_owned);
+        let options = LoadOptions { integrator, ..LoadOptions::default() };
+        Files::new(&[("scene.xml", &scene(text))]).load(&options)
+    };
+    let path = Settings::Path(PathLimits { max_depth: Some(7), ..PathLimits::default() });
+    let depth = "<integer name='max_depth' value='7'/>";
+    for name in ["volpath", "prb", "bdpt"] {
+        let loaded = load(&format!("<integrator type='{name}'>{depth}</integrator>"), None).unwrap();
+        assert_eq!(loaded.integrator, path);
+        assert!(loaded.notes.contains(&format!("the integrator {name} is rendered as path")));
+        assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    }
+    let inside =
+        format!("<integrator type='stokes'><integrator type='path'>{depth}</integrator></integrator>");
+    assert_eq!(load(&inside, None).unwrap().integrator, path);
+    // The user's choice replaces an integrator that nobody knows; the limits of its paths are kept.
+    let unknown = format!("<integrator type='my_own'>{depth}</integrator>");
+    assert!(load(&unknown, None).is_err());
+    let loaded = load(&unknown, Some("path")).unwrap();
+    assert_eq!(loaded.integrator, path);
+    assert!(loaded.notes.contains(&"the integrator of the scene is not used: unknown integrator".to_owned()));
+}
+
+/// Integrators for surfaces render a scene with media as if every medium were vacuum, and say so once.
+#[test]
+fn media_are_vacuum_with_a_note() {
+    let medium = "<medium type='homogeneous' name='interior'><float name='albedo' value='0.5'/></medium>";
+    let text = format!(
+        "<integrator type='path'/><medium type='homogeneous' id='fog'/>
+         <shape type='sphere'>{medium}<ref id='fog' name='exterior'/></shape>"
+    );
+    let loaded = loaded(&text);
+    let note = "the scene has media, which are not rendered: every medium is vacuum";
+    assert_eq!(loaded.notes.iter().filter(|text| *text == note).count(), 1);
+    assert!(loaded.warnings.iter().all(|w| !w.message.contains("medium")), "{:?}", loaded.warnings);
+}
+
+/// A colour where a number is expected is the mean of its channels. Before version 2, a spectrum of three values was a
+/// colour.
+#[test]
+fn colours_stand_for_numbers_and_old_spectra_for_colours() {
+    let rough = |value: &str| {
+        let text = format!("<bsdf type='roughconductor'>{value}</bsdf>");
+        let Material::RoughConductor(material) = loaded(&text).description.materials[0].clone() else {
+            panic!()
+        };
+        material.roughness.alpha[0].constant().expect("a number")
+    };
+    assert_eq!(rough("<rgb name='alpha' value='0.9, 0.3, 0.1'/>"), (0.9 + 0.3 + 0.1) / 3.0);
+    assert_eq!(rough("<spectrum name='alpha' value='0.25'/>"), 0.25);
+    let text = "<scene version='0.6.0'><bsdf type='diffuse'>
+        <spectrum name='reflectance' value='0.1, 0.2, 0.3'/></bsdf></scene>";
+    let loaded = Files::new(&[("scene.xml", text)]).load(&LoadOptions::default()).unwrap();
+    let Material::Diffuse(diffuse) = &loaded.description.materials[0] else { panic!() };
+    assert_eq!(diffuse.reflectance.constant(), Some([0.1, 0.2, 0.3].into()));
+}
+
+/// Filters for mipmaps are bilinear; a rotation by 0 degrees needs no axis.
+#[test]
+fn what_old_exporters_write_is_read() {
+    let text = "<shape type='sphere'><transform name='to_world'><rotate angle='0'/></transform>
+        <bsdf type='diffuse'><texture type='bitmap' name='reflectance'>
+        <string name='filename' value='a.png'/><string name='filter_type' value='trilinear'/></texture></bsdf></shape>";
+    let files = Files::new(&[("scene.xml", &scene(text))]);
+    let image = crate::support::gltf::png(1, &[[9, 9, 9, 255]]);
+    std::fs::write(files.path().join("a.png"), image).unwrap();
+    let loaded = files.load(&LoadOptions::default()).unwrap();
+    let note = "bitmap: filter_type trilinear is rendered as bilinear: there are no mipmaps";
+    assert!(loaded.notes.iter().any(|text| text == note), "{:?}", loaded.notes);
 }

@@ -121,7 +121,7 @@ fn options(args: &BenchArgs) -> Result<Options> {
     Ok(Options {
         scenes: args.scenes.clone(),
         choices: SceneChoices {
-            load: args.resources.load_options(),
+            load: args.resources.load_options(args.integrators.first().map(String::as_str)),
             sensor: args.view.sensor,
             size: args.view.size,
             crop: None,

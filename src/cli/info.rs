@@ -87,7 +87,7 @@ fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
 }
 
 fn describe_scene(args: &InfoArgs) -> Result<String> {
-    let loaded = loader::load(&args.file, &args.resources.load_options())?;
+    let loaded = loader::load(&args.file, &args.resources.load_options(None))?;
     let settings = loaded.description.sensors.clone();
     let compile_options = CompileOptions {
         accel: args.accel.unwrap_or_default(),

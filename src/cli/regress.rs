@@ -191,7 +191,7 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
 /// Returns the options of the run from the command line.
 fn options(args: &RegressArgs) -> Options {
     Options {
-        load: args.resources.load_options(),
+        load: args.resources.load_options(args.method.integrator.as_deref()),
         accel: args.method.accel.unwrap_or_default(),
         case_accels: args.method.accel.map_or_else(|| Options::default().case_accels, |kind| vec![kind]),
         threads: args.resources.threads(),

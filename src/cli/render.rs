@@ -206,7 +206,7 @@ fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
 /// Loads and compiles the scene, and prints its warnings and notes.
 fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let choices = SceneChoices {
-        load: args.resources.load_options(),
+        load: args.resources.load_options(args.method.integrator.as_deref()),
         sensor: args.view.sensor,
         size: args.view.size,
         crop: args.crop,

@@ -29,12 +29,13 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Returns the options for loading the scene.
-    pub fn load_options(&self) -> LoadOptions {
+    /// Returns the options for loading the scene. `integrator` replaces the one of the file.
+    pub fn load_options(&self, integrator: Option<&str>) -> LoadOptions {
         LoadOptions {
             defines: self.define.clone(),
             search_paths: self.search_path.clone(),
             memory: self.memory_limit.unwrap_or_default(),
+            integrator: integrator.map(str::to_owned),
         }
     }
 

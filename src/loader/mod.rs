@@ -26,6 +26,8 @@ pub struct LoadOptions {
     pub search_paths: Vec<PathBuf>,
     /// `--memory-limit`: the most memory that the program may use.
     pub memory: Limit,
+    /// `--integrator`: the integrator that replaces the one in the file, which may then be unsupported.
+    pub integrator: Option<String>,
 }
 
 /// A loaded scene file.

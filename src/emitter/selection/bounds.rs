@@ -13,6 +13,10 @@ pub struct LightBounds {
     pub emission_angle: f32,
     /// Radiant intensity along the normals, W·sr⁻¹.
     pub intensity: f32,
+    /// The mean position of the light, weighted by intensity.
+    pub mean: Vec3,
+    /// The mean squared distance of the light from its mean position, weighted by intensity.
+    pub variance: f32,
 }
 
 /// A cone of directions.
@@ -58,9 +62,22 @@ impl Cone {
 }
 
 impl LightBounds {
+    /// Returns the bounds of an emitter of uniform brightness.
+    pub fn new(bounds: Bounds, normals: Cone, emission_angle: f32, intensity: f32) -> LightBounds {
+        let variance = bounds.radius() * bounds.radius() / 3.0;
+        LightBounds { bounds, normals, emission_angle, intensity, mean: bounds.center(), variance }
+    }
+
     /// Returns bounds of the light of both.
     pub fn union(&self, other: &LightBounds) -> LightBounds {
+        let part = self.intensity / (self.intensity + other.intensity);
+        // Both intensities may be too small or too large for their sum.
+        let part = if part.is_finite() { part } else { 0.5 };
+        let mean = self.mean * part + other.mean * (1.0 - part);
+        let variance = |light: &LightBounds| light.variance + light.mean.distance_squared(mean);
         LightBounds {
+            mean,
+            variance: variance(self) * part + variance(other) * (1.0 - part),
             bounds: self.bounds.union(other.bounds),
             normals: self.normals.union(other.normals),
             emission_angle: self.emission_angle.max(other.emission_angle),
@@ -89,6 +106,8 @@ pub struct LightBoundsX16 {
     sin_normals: f32x16,
     cos_emission: f32x16,
     intensity: f32x16,
+    mean: Vec3x16,
+    variance: f32x16,
 }
 
 impl LightBoundsX16 {
@@ -102,6 +121,8 @@ impl LightBoundsX16 {
             sin_normals: f32x16::ZERO,
             cos_emission: f32x16::ZERO,
             intensity: f32x16::ZERO,
+            mean: Vec3x16::default(),
+            variance: f32x16::ZERO,
         }
     }
 
@@ -110,6 +131,7 @@ impl LightBoundsX16 {
         let half = (light.bounds.max - light.bounds.min) * 0.5;
         self.center.set_lane(i, light.bounds.min + half);
         self.axis.set_lane(i, light.normals.axis);
+        self.mean.set_lane(i, light.mean);
         let (sin, cos) = light.normals.angle.sin_cos();
         // The cosine of the greatest angle at which light may be emitted is rounded down.
         let cos_emission = if light.emission_angle < 3.1 { light.emission_angle.cos() - 1e-5 } else { -2.0 };
@@ -118,7 +140,8 @@ impl LightBoundsX16 {
             (&mut self.cos_normals, if light.normals.angle < 3.1 { cos } else { -2.0 }),
             (&mut self.sin_normals, sin),
             (&mut self.cos_emission, cos_emission),
-            (&mut self.intensity, light.intensity),
+            (&mut self.intensity, light.intensity.min(f32::MAX)),
+            (&mut self.variance, light.variance),
         ] {
             lanes.as_mut_array()[i] = value;
         }
@@ -136,6 +159,8 @@ impl LightBoundsX16 {
             sin_normals: all(&self.sin_normals),
             cos_emission: all(&self.cos_emission),
             intensity: all(&self.intensity),
+            mean: Vec3x16::splat(self.mean.lane(i)),
+            variance: all(&self.variance),
         }
     }
 
@@ -158,8 +183,8 @@ impl LightBoundsX16 {
         let (cos_least, _) = beyond(cos_beyond, sin_beyond, cos_sphere, sin_sphere);
         let emitted = cos_least.simd_gt(self.cos_emission) & cos_least.simd_gt(f32x16::ZERO);
         let cos_least = inside.select(f32x16::ONE, cos_least & emitted);
-        let distance_squared =
-            distance_squared.max(self.radius_squared).max(f32x16::splat(f32::MIN_POSITIVE));
+        let distance_squared = (p - self.mean).length_squared() + self.variance;
+        let distance_squared = distance_squared.max(f32x16::splat(f32::MIN_POSITIVE));
         let importance = self.intensity * cos_least / distance_squared;
         importance.min(f32x16::splat(1e30))
     }

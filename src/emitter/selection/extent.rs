@@ -21,7 +21,7 @@ impl Light {
     pub fn extent(&self) -> Extent {
         let point = |position: Vec3, normals: Cone, emission_angle: f32, intensity: Rgb| {
             let bounds = Bounds::of([position]);
-            Extent::Finite(LightBounds { bounds, normals, emission_angle, intensity: brightness(intensity) })
+            Extent::Finite(LightBounds::new(bounds, normals, emission_angle, brightness(intensity)))
         };
         match self {
             Light::Area(area) => Extent::Finite(area.light_bounds()),
@@ -74,12 +74,8 @@ impl AreaEmitter {
                 (bounds, cone_around(|| used().map(|i| front_of(mesh, i))))
             }
         };
-        let bounded = LightBounds {
-            bounds,
-            normals,
-            emission_angle: FRAC_PI_2,
-            intensity: (brightness(self.emission.mean()) * self.area() as f32).min(f32::MAX),
-        };
+        let intensity = (brightness(self.emission.mean()) * self.area() as f32).min(f32::MAX);
+        let bounded = LightBounds::new(bounds, normals, FRAC_PI_2, intensity);
         match &self.motion {
             Some(motion) => moved(bounded, motion),
             None => bounded,
@@ -112,5 +108,5 @@ fn moved(light: LightBounds, motion: &Instance) -> LightBounds {
             .union(Bounds::of(corners.iter().map(|p| to_world.transform_point3(p.as_dvec3()).as_vec3())));
         growth = growth.max(to_world.matrix3.determinant().abs().powf(2.0 / 3.0));
     }
-    LightBounds { bounds, normals: Cone::ALL, intensity: light.intensity * growth as f32, ..light }
+    LightBounds::new(bounds, Cone::ALL, light.emission_angle, light.intensity * growth as f32)
 }

@@ -25,5 +25,5 @@ use std::path::Path;
 /// As for [`load`](super::load).
 pub fn load(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Loaded> {
     let resolved = resolve::resolve(path, options, memory)?;
-    instantiate::instantiate(resolved, memory)
+    instantiate::instantiate(resolved, options.integrator.as_deref(), memory)
 }

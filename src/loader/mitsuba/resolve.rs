@@ -303,6 +303,10 @@ impl Resolver<'_> {
             "string" => Ok(Value::Text(text.to_owned())),
             "boolean" => values::boolean(text).map(Value::Boolean),
             "rgb" => values::rgb(text).map(Value::Rgb),
+            // Before version 2, a spectrum of three values was linear sRGB.
+            "spectrum" if context.old && values::floats(text).is_ok_and(|v| v.len() == 3) => {
+                values::rgb(text).map(Value::Rgb)
+            }
             "spectrum" => spectrum(&element),
             "transform" => return self.transform(element, context),
             "animation" => return self.animation(element, context),

@@ -56,6 +56,9 @@ fn xyz(element: &Element, default: f64) -> Result<DVec3, String> {
 fn rotation(element: &Element) -> Result<DAffine3, String> {
     let angle = values::float(element.attribute("angle").unwrap_or_default())?;
     let axis = xyz(element, 0.0)?;
+    if angle == 0.0 {
+        return Ok(DAffine3::IDENTITY);
+    }
     let axis = axis.try_normalize().ok_or("expected an axis that is not zero")?;
     Ok(DAffine3::from_axis_angle(axis, angle.to_radians()))
 }

@@ -90,11 +90,16 @@ impl Builder<'_> {
     ) -> Result<Input<f32>> {
         if let Some(object) = props.named_child(name) {
             return Ok(match self.spectrum_plugin(object, Quantity::Unbounded)? {
-                Some(rgb) => Input::Constant(rgb.luminance()),
+                Some(rgb) => Input::Constant(mean(rgb)),
                 None => Input::Texture(self.texture(object)?),
             });
         }
-        let value = props.float(name)?.map_or(default, |v| v as f32);
+        let value = match props.find(name).map(|property| &property.value) {
+            Some(Value::Rgb(_) | Value::Spectrum(_)) => {
+                mean(self.colour(props, name, Quantity::Unbounded, default)?)
+            }
+            _ => props.float(name)?.map_or(default, |v| v as f32),
+        };
         if range.contains(&value) {
             return Ok(Input::Constant(value));
         }
@@ -166,6 +171,11 @@ impl Builder<'_> {
         })?;
         Ok(Some(spectrum))
     }
+}
+
+/// Returns the number that a colour stands for where a number is expected, as in Mitsuba: the mean of its channels.
+fn mean(color: Rgb) -> f32 {
+    (color.r + color.g + color.b) / 3.0
 }
 
 fn out_of_gamut(raw: Rgb) -> String {

@@ -2,36 +2,79 @@
 
 use super::{Builder, ObjectSource, unknown_plugin};
 use crate::error::Result;
-use crate::integrator::{Settings, Source, aov};
+use crate::integrator::{PathLimits, Settings, Source, aov};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 
-const MITSUBA: [&str; 11] = [
-    "batch",
-    "direct_projective",
-    "prb",
-    "prb_basic",
-    "prb_projective",
-    "prbvolpath",
-    "stokes",
-    "volpath",
-    "volpathmis",
-    "volprim_rf_basic",
-    "prb_threepoint",
+const MITSUBA: [&str; 2] = ["batch", "volprim_rf_basic"];
+/// Integrators of Mitsuba that estimate the same image as one of Buffon's.
+const NEAREST: [(&str, &str); 16] = [
+    ("bdpt", "path"),
+    ("direct_projective", "direct"),
+    ("erpt", "path"),
+    ("mlt", "path"),
+    ("ppm", "sppm"),
+    ("prb", "path"),
+    ("prb_basic", "path"),
+    ("prb_projective", "path"),
+    ("prb_threepoint", "path"),
+    ("prbvolpath", "path"),
+    ("pssmlt", "path"),
+    ("volpath", "path"),
+    ("volpath_simple", "path"),
+    ("volpathmis", "path"),
+    ("volpathsimple", "path"),
+    ("vpl", "path"),
 ];
+/// Integrators around another one, which alone determines the image.
+const WRAPPERS: [&str; 2] = ["adaptive", "stokes"];
 
 impl Builder<'_> {
+    /// Returns the settings of the scene's integrator. If the user replaces it by another one, only its limits count,
+    /// and its errors are notes.
+    pub(super) fn scene_integrator(
+        &mut self,
+        object: ObjectId,
+        replacement: Option<&str>,
+    ) -> Result<Settings> {
+        let error = match self.integrator(object) {
+            Err(error) if replacement.is_some() => error,
+            result => return result,
+        };
+        self.note(format!("the integrator of the scene is not used: {}", error.message));
+        let props = Props::new(self.graph, object);
+        let limits = PathLimits::read(&mut ObjectSource { builder: self, props: &props });
+        Ok(Settings::Path(limits.unwrap_or_default()))
+    }
+
     /// Returns the settings of an integrator.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
     pub fn integrator(&mut self, object: ObjectId) -> Result<Settings> {
         let props = Props::new(self.graph, object);
-        let read = Settings::read(&props.object.plugin, &mut ObjectSource { builder: self, props: &props })?;
+        let plugin = props.object.plugin.as_str();
+        if WRAPPERS.contains(&plugin)
+            && let Some(inner) = props.child("integrator")?
+        {
+            self.note(format!("the integrator {plugin} is rendered as the one inside it"));
+            return self.integrator(inner);
+        }
+        let nearest = NEAREST.iter().find(|(other, _)| *other == plugin).map(|(_, nearest)| *nearest);
+        if plugin.contains("volpath") && self.graph.objects.iter().any(|object| object.class == "medium") {
+            let message = "media are not supported; --integrator path renders the scene without them";
+            return Err(props.object.error(message));
+        }
+        let name = nearest.unwrap_or(plugin);
+        let read = Settings::read(name, &mut ObjectSource { builder: self, props: &props })?;
         let Some(settings) = read else {
             let names = [Settings::NAMES, &[aov::MOMENT]].concat();
             return Err(unknown_plugin(props.object, &names, &MITSUBA));
         };
+        if let Some(nearest) = nearest {
+            self.note(format!("the integrator {plugin} is rendered as {nearest}"));
+            return Ok(settings);
+        }
         self.ignore(&props, &["samples_per_pass", "block_size", "timeout"], "the render job decides");
         self.finish(props);
         Ok(settings)

@@ -33,7 +33,7 @@ use std::sync::Arc;
 /// # Errors
 /// If a plugin is unknown, a value is out of range, a feature is not supported, the scene does not fit into memory, or
 /// files are missing (all of them in one error).
-pub fn instantiate(resolved: Resolved, memory: &Budget) -> Result<Loaded> {
+pub fn instantiate(resolved: Resolved, replacement: Option<&str>, memory: &Budget) -> Result<Loaded> {
     let loaded = Loaded { warnings: resolved.warnings, notes: resolved.notes, ..Loaded::default() };
     let mut builder = Builder {
         graph: &resolved.graph,
@@ -48,7 +48,7 @@ pub fn instantiate(resolved: Resolved, memory: &Budget) -> Result<Loaded> {
         default_materials: [None; 2],
         missing: Vec::new(),
     };
-    builder.scene()?;
+    builder.scene(replacement)?;
     if !builder.missing.is_empty() {
         let first = builder.missing.remove(0);
         return Err(first.with_others(builder.missing));
@@ -75,11 +75,11 @@ struct Builder<'g> {
 
 impl<'g> Builder<'g> {
     /// Instantiates the contents of the scene itself, each object once.
-    fn scene(&mut self) -> Result<()> {
+    fn scene(&mut self, replacement: Option<&str>) -> Result<()> {
         let graph = self.graph;
         let props = Props::new(graph, 0);
         if let Some(integrator) = props.child("integrator")? {
-            self.loaded.integrator = self.integrator(integrator)?;
+            self.loaded.integrator = self.scene_integrator(integrator, replacement)?;
         } else {
             self.note("the scene names no integrator: path is used");
         }
@@ -99,10 +99,11 @@ impl<'g> Builder<'g> {
         for texture in self.once(&props, "texture") {
             self.texture(texture)?;
         }
-        for class in ["medium", "volume", "phase"] {
-            if let Some(object) = self.once(&props, class).first() {
-                return Err(unsupported(&graph.objects[*object]));
-            }
+        if !self.once(&props, "medium").is_empty() {
+            self.ignore_media();
+        }
+        for class in ["volume", "phase"] {
+            props.children(class);
         }
         self.finish(props);
         let sensors = self.loaded.description.sensors.len();
@@ -113,6 +114,11 @@ impl<'g> Builder<'g> {
             self.loaded.warnings.push(graph.objects[0].error("the scene has no sensor"));
         }
         Ok(())
+    }
+
+    /// Notes that media are not rendered.
+    fn ignore_media(&mut self) {
+        self.note("the scene has media, which are not rendered: every medium is vacuum");
     }
 
     /// Returns the objects of a class in the scene, without duplicates.

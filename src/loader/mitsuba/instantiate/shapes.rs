@@ -125,7 +125,10 @@ impl Builder<'_> {
             Some(bsdf) => self.material(bsdf)?,
             None => self.default_material(emission.is_some()),
         };
-        for class in ["medium", "sensor", "texture"] {
+        if !props.children("medium").is_empty() {
+            self.ignore_media();
+        }
+        for class in ["sensor", "texture"] {
             if let Some(inside) = props.child(class)? {
                 return Err(super::unsupported(&self.graph.objects[inside]));
             }

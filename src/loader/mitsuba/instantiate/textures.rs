@@ -55,7 +55,15 @@ impl Builder<'_> {
 
     fn bitmap(&mut self, props: &Props) -> Result<Texture> {
         let filters = [("bilinear", FilterType::Bilinear), ("nearest", FilterType::Nearest)];
-        let filter = props.choice("filter_type", &filters, FilterType::Bilinear)?;
+        let filter = match props.text("filter_type")? {
+            Some(mipmap @ ("trilinear" | "ewa")) => {
+                self.note(format!(
+                    "bitmap: filter_type {mipmap} is rendered as bilinear: there are no mipmaps"
+                ));
+                FilterType::Bilinear
+            }
+            _ => props.choice("filter_type", &filters, FilterType::Bilinear)?,
+        };
         let wraps = [("repeat", WrapMode::Repeat), ("mirror", WrapMode::Mirror), ("clamp", WrapMode::Clamp)];
         let wrap = props.choice("wrap_mode", &wraps, WrapMode::Repeat)?;
         let raw = props.boolean("raw", false)?;
