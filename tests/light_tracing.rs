@@ -69,7 +69,8 @@ fn depths_mean_what_they_mean_to_camera_paths() {
             text.replace("name=\"max_depth\" value=\"6\"", &format!("name=\"max_depth\" value=\"{depth}\""));
         assert_ne!(scene, text);
         folder.write("d.xml", scene.as_bytes());
-        let common = "d.xml -q --size 24x16 --aov variance --spp 512";
+        // Rough glass makes the tails of the distribution heavy: with fewer samples, the z-test is not calibrated.
+        let common = "d.xml -q --size 24x16 --aov variance --spp 2048";
         folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
         folder.render(&format!("{common} --seed 2 -o light.exr"));
         let run = folder.run("diff path.exr light.exr --z");
