@@ -1,5 +1,6 @@
 //! The choice of an emitter for a surface point.
 
+use crate::support::expect::Means;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
@@ -207,4 +208,43 @@ fn ten_thousand_lamps_are_as_good_as_a_hundred() {
     let (few, many) = (floor(10), floor(100));
     println!("relative standard deviation with 64 samples: {few:.4} for 100 lamps, {many:.4} for 10,000");
     assert!(many < 1.5 * few, "{many} beside {few}");
+}
+
+/// A room whose wall is exactly the sphere around an emitter. Its points are inside or outside of the sphere by a
+/// rounding error, and so is the origin of a ray that leaves the wall: emitter samples and BSDF samples must agree.
+#[test]
+fn a_wall_on_the_sphere_around_an_emitter_gets_its_light_once() {
+    let mut description = Description::default();
+    let wall = scenes::add(&mut description, scenes::sphere(1.0), DAffine3::IDENTITY, scenes::diffuse(0.5));
+    description.shapes[wall].flip_normals = true;
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let small = DAffine3::from_translation(DVec3::Z * 0.5) * DAffine3::from_scale(DVec3::splat(0.1));
+    for (to_world, radiance) in [(DAffine3::from_scale(DVec3::splat(half)), 1.0), (small, 5.0)] {
+        let id = scenes::add(&mut description, Shape::Rectangle, to_world, scenes::diffuse(0.0));
+        description.shapes[id].emission = Some(Rgb::splat(radiance).into());
+    }
+    description.sensors.push(scenes::camera(DVec3::Z * 0.6, DVec3::new(0.6, 0.3, 0.8), 60.0, 8));
+    let scene = scenes::compiled(description, AccelKind::default());
+    let render = |emitter_samples, bsdf_samples| {
+        let direct = DirectSettings { emitter_samples, bsdf_samples, hide_emitters: true };
+        scenes::render(&scene, &Settings::Direct(direct), SamplerKind::Independent, 2048, 3)
+    };
+    let group = Means::of_images(2, 0.02);
+    let emitter = render(1, 0);
+    group.expect_same("BSDF samples", &emitter, &render(0, 1));
+    group.expect_same("both", &emitter, &render(1, 1));
+}
+
+/// Few and many emitters whose irradiance is near the least number: none of the light is lost.
+#[test]
+fn irradiance_near_the_least_number_is_kept() {
+    for count in [2, 17] {
+        let mut description = Description::default();
+        scenes::add(&mut description, Shape::Rectangle, DAffine3::IDENTITY, scenes::diffuse(0.5));
+        let (position, intensity) = (Vec3::Z * 1e5, Rgb::splat(1e-30));
+        description.emitters = vec![Emitter::Point { position, intensity }; count];
+        let scene = scenes::compiled(description, AccelKind::default());
+        let samples = scene.light_selection.sample_x16(Vec3x16::default(), f32x16::splat(0.5), 0xffff);
+        assert!((samples.1.as_array()[0] * count as f32 - 1.0).abs() < 1e-3, "{:?}", samples.1);
+    }
 }

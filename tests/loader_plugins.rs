@@ -120,7 +120,8 @@ fn integrators_of_the_same_image_are_replaced() {
     let load = |text: &str, replacement: Option<&str>| {
         let integrator = replacement.map(str::to_owned);
         let options = LoadOptions { integrator, ..LoadOptions::default() };
-        Files::new(&[("scene.xml", &scene(text))]).load(&options)
+        let text = scene(&format!("<sensor type='perspective'/>{text}"));
+        Files::new(&[("scene.xml", &text)]).load(&options)
     };
     let path = Settings::Path(PathLimits { max_depth: Some(7), ..PathLimits::default() });
     let depth = "<integer name='max_depth' value='7'/>";

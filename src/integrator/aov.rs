@@ -95,8 +95,8 @@ impl Plugin for NoImage {
         AovSettings::default()
     }
 
-    fn limits(_: &AovSettings) -> PathLimits {
-        PathLimits::default()
+    fn limits(settings: &AovSettings) -> PathLimits {
+        settings.image.as_ref().map_or_else(PathLimits::default, |image| image.limits())
     }
 
     fn create(settings: &AovSettings) -> Box<dyn Integrator> {

@@ -14,7 +14,7 @@ fn a_hundred_thousand_lamps_of_very_different_power() {
         r#"<scene version="3.0.0"><integrator type="path"/>
         <sensor type="perspective"><float name="fov" value="0.002"/>
         <transform name="to_world"><lookat origin="0, -4, 0.4" target="0, 0, 0" up="0, 0, 1"/></transform>
-        <sampler type="independent"><integer name="sample_count" value="1600"/></sampler>
+        <sampler type="independent"><integer name="sample_count" value="3200"/></sampler>
         <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/>
         <rfilter type="box"/></film></sensor>
         <shape type="rectangle"><bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></shape>

@@ -171,18 +171,21 @@ impl LightBoundsX16 {
     pub fn importance(&self, p: Vec3x16) -> f32x16 {
         let to = p - self.center;
         let distance_squared = to.length_squared();
-        let inside = distance_squared.simd_le(self.radius_squared);
+        let inside = distance_squared.simd_lt(self.radius_squared);
         // The angle between the axis and the direction to the receiver, less that of the cone of normals.
         let cos = to.dot(self.axis) / distance_squared.sqrt();
         let sin = (f32x16::ONE - cos * cos).max(f32x16::ZERO).sqrt();
         let (cos_beyond, sin_beyond) = beyond(cos, sin, self.cos_normals, self.sin_normals);
-        // Less the half angle of the sphere around the light.
-        let sin_sphere_squared = self.radius_squared / distance_squared;
+        // Less the half angle of the sphere around the light; within the sphere, it grows from 90° to 180°. A jump here
+        // would bias multiple importance sampling, because a ray's origin is not exactly the point that it leaves.
+        let sin_sphere_squared =
+            inside.select(distance_squared / self.radius_squared, self.radius_squared / distance_squared);
         let sin_sphere = sin_sphere_squared.sqrt();
         let cos_sphere = (f32x16::ONE - sin_sphere_squared).max(f32x16::ZERO).sqrt();
+        let cos_sphere = inside.select(-cos_sphere, cos_sphere);
         let (cos_least, _) = beyond(cos_beyond, sin_beyond, cos_sphere, sin_sphere);
         let emitted = cos_least.simd_gt(self.cos_emission) & cos_least.simd_gt(f32x16::ZERO);
-        let cos_least = inside.select(f32x16::ONE, cos_least & emitted);
+        let cos_least = cos_least & emitted;
         let distance_squared = (p - self.mean).length_squared() + self.variance;
         let distance_squared = distance_squared.max(f32x16::splat(f32::MIN_POSITIVE));
         let importance = self.intensity * cos_least / distance_squared;

@@ -23,7 +23,7 @@ use bounds::LightBoundsX16;
 const UNIFORM_FRACTION: f64 = 0.05;
 /// If there are emitters of both kinds, the least fraction of the other samples for those in the tree, and for those at
 /// infinity.
-const LEAST_FRACTION: f64 = 0.1;
+const LEAST_FRACTION: f64 = 0.2;
 
 /// A choice among the emitters of a scene.
 pub struct LightSelection {
@@ -164,13 +164,15 @@ impl LightSelection {
         };
         let uniform = f32x16::splat((UNIFORM_FRACTION / self.emitters.len() as f64) as f32);
         let by_light = f32x16::splat(1.0 - UNIFORM_FRACTION as f32);
-        let scale = lit.select(by_light * (f32x16::ONE - share) / total, f32x16::ZERO);
+        let scale = lit.select(by_light * (f32x16::ONE - share), f32x16::ZERO);
+        // Where all weights are 0, the quotient below must not be 0 / 0.
+        let total = lit.select(total, f32x16::ONE);
         let dark =
             lit.select(f32x16::ZERO, by_light * (f32x16::ONE - share) / f32x16::splat(root.count as f32));
         let mut chosen = Chosen { u, ..Chosen::default() };
         for (child, weight) in root.children.iter().zip(weights).take(root.count) {
             if let Child::Emitter(emitter) = child {
-                chosen.consider(*emitter, uniform + weight * scale + dark);
+                chosen.consider(*emitter, uniform + weight / total * scale + dark);
             }
         }
         for (emitter, irradiance) in &self.infinite {

@@ -88,17 +88,19 @@ impl Builder<'_> {
         default: f32,
         range: RangeInclusive<f32>,
     ) -> Result<Input<f32>> {
-        if let Some(object) = props.named_child(name) {
-            return Ok(match self.spectrum_plugin(object, Quantity::Unbounded)? {
-                Some(rgb) => Input::Constant(mean(rgb)),
-                None => Input::Texture(self.texture(object)?),
-            });
-        }
-        let value = match props.find(name).map(|property| &property.value) {
-            Some(Value::Rgb(_) | Value::Spectrum(_)) => {
-                mean(self.colour(props, name, Quantity::Unbounded, default)?)
+        let spectrum = props.named_child(name);
+        let value = if let Some(object) = spectrum {
+            match self.spectrum_plugin(object, Quantity::Unbounded)? {
+                Some(rgb) => mean(rgb),
+                None => return Ok(Input::Texture(self.texture(object)?)),
             }
-            _ => props.float(name)?.map_or(default, |v| v as f32),
+        } else {
+            match props.find(name).map(|property| &property.value) {
+                Some(Value::Rgb(_) | Value::Spectrum(_) | Value::SpectrumFile(_)) => {
+                    mean(self.colour(props, name, Quantity::Unbounded, default)?)
+                }
+                _ => props.float(name)?.map_or(default, |v| v as f32),
+            }
         };
         if range.contains(&value) {
             return Ok(Input::Constant(value));
@@ -107,7 +109,10 @@ impl Builder<'_> {
             (f32::MIN_POSITIVE, f32::MAX) => "expected a number greater than 0".to_owned(),
             (low, high) => format!("expected a number from {low} to {high}"),
         };
-        Err(props.refusal(name, &expected))
+        Err(match spectrum {
+            Some(object) => self.graph.objects[object].error(format!("{expected}, found {value}")),
+            None => props.refusal(name, &expected),
+        })
     }
 
     /// Returns the colour of an object that is a spectrum (`d65`, `blackbody`, ...); `None` if it is a texture.

@@ -42,7 +42,10 @@ impl Builder<'_> {
             result => return result,
         };
         self.note(format!("the integrator of the scene is not used: {}", error.message));
-        let props = Props::new(self.graph, object);
+        let mut props = Props::new(self.graph, object);
+        while let Ok(Some(inner)) = props.child("integrator") {
+            props = Props::new(self.graph, inner);
+        }
         let limits = PathLimits::read(&mut ObjectSource { builder: self, props: &props });
         Ok(Settings::Path(limits.unwrap_or_default()))
     }
@@ -54,9 +57,10 @@ impl Builder<'_> {
     pub fn integrator(&mut self, object: ObjectId) -> Result<Settings> {
         let props = Props::new(self.graph, object);
         let plugin = props.object.plugin.as_str();
-        if WRAPPERS.contains(&plugin)
-            && let Some(inner) = props.child("integrator")?
-        {
+        if WRAPPERS.contains(&plugin) {
+            let Some(inner) = props.child("integrator")? else {
+                return Err(props.object.error("expected an integrator inside it"));
+            };
             self.note(format!("the integrator {plugin} is rendered as the one inside it"));
             return self.integrator(inner);
         }
@@ -73,6 +77,10 @@ impl Builder<'_> {
         };
         if let Some(nearest) = nearest {
             self.note(format!("the integrator {plugin} is rendered as {nearest}"));
+            // Its own parameters are unknown here, but a misspelled one is reported.
+            let misspelled =
+                props.finish().into_iter().filter(|warning| warning.message.contains("did you mean"));
+            self.loaded.warnings.extend(misspelled);
             return Ok(settings);
         }
         self.ignore(&props, &["samples_per_pass", "block_size", "timeout"], "the render job decides");
