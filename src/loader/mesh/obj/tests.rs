@@ -251,5 +251,5 @@ fn the_fast_path_reads_nothing_that_tobj_reads_otherwise() {
         assert_eq!(format!("{fast:?}"), format!("{:?}", (mesh, survey)), "{shown}");
         both += 1;
     }
-    assert!(both > 5_000, "only {both} texts could be read");
+    assert!(both > 3_000, "only {both} texts could be read");
 }
