@@ -84,13 +84,14 @@ impl Check {
         self.number.freedom.clamp(1.0, MOST_FREEDOM)
     }
 
-    /// Returns whether the two-sided test rejects the check at a level. A number that could not be measured refutes
+    /// Returns whether the test rejects the check at a level. It is one-sided if the range has one end. A number that could not be measured refutes
     /// nothing.
     fn is_refuted(&self, level: f64) -> bool {
         let Measured { value, error, .. } = self.number;
         let outside = (value - self.high).max(self.low - value);
         let rounding = 1e-12 * value.abs().max(1.0);
-        outside > rounding && !error.is_nan() && tail(outside / error, self.freedom()) < level
+        let sides = if self.low.is_finite() && self.high.is_finite() { 1.0 } else { 0.5 };
+        outside > rounding && !error.is_nan() && sides * tail(outside / error, self.freedom()) < level
     }
 
     fn is_confirmed(&self) -> bool {
