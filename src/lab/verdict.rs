@@ -84,8 +84,8 @@ impl Check {
         self.number.freedom.clamp(1.0, MOST_FREEDOM)
     }
 
-    /// Returns whether the test rejects the check at a level. It is one-sided if the range has one end. A number that could not be measured refutes
-    /// nothing.
+    /// Returns whether the test rejects the check at a level. It is one-sided if the range has one end. A number that
+    /// could not be measured refutes nothing.
     fn is_refuted(&self, level: f64) -> bool {
         let Measured { value, error, .. } = self.number;
         let outside = (value - self.high).max(self.low - value);
