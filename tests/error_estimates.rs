@@ -169,7 +169,8 @@ fn adaptive_renders_keep_budget_and_numbers_on_any_threads() {
     assert!(pixels.iter().all(|p| (p[error] * p[error] - p[variance]).abs() <= 1e-5 * p[variance]));
     let stats: Json = serde_json::from_slice(&folder.read("1.json")).expect("JSON");
     assert_eq!(stats["adaptive"], Json::from(true));
-    assert_eq!(stats["samples"]["mean"], Json::from(mean));
+    // The order of the sum differs, so the last digit may.
+    assert!((stats["samples"]["mean"].as_f64().expect("a number") - mean).abs() < 1e-9);
     assert_eq!(stats["spp"], Json::from(mean.round() as u64));
     for (i, key) in ["buffon:relmse_low", "buffon:relmse_high"].into_iter().enumerate() {
         let Some(Value::Float(value)) = first.metadata.get(key) else { panic!("{key} is missing") };
