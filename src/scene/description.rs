@@ -3,7 +3,7 @@
 use crate::color::Rgb;
 use crate::emitter::Emitter;
 use crate::error::Place;
-use crate::ids::MaterialId;
+use crate::ids::{MaterialId, TextureId};
 use crate::material::{Input, Material};
 use crate::math::Motion;
 use crate::sensor::SensorSettings;
@@ -62,4 +62,21 @@ pub struct Description {
     pub emitters: Vec<Emitter>,
     /// The sensors in file order. Rendering needs at least one.
     pub sensors: Vec<SensorSettings>,
+}
+
+impl Description {
+    /// Adds a material and returns its id.
+    pub fn add_material(&mut self, material: impl Into<Material>) -> MaterialId {
+        self.materials.push(material.into());
+        MaterialId::from(self.materials.len() - 1)
+    }
+
+    /// Adds a texture unless it exists already, and returns its id.
+    pub fn add_texture(&mut self, texture: Arc<Texture>) -> TextureId {
+        let known = self.textures.iter().position(|known| Arc::ptr_eq(known, &texture));
+        TextureId::from(known.unwrap_or_else(|| {
+            self.textures.push(texture);
+            self.textures.len() - 1
+        }))
+    }
 }

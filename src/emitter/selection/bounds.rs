@@ -2,7 +2,7 @@
 
 use crate::math::{Bounds, Vec3, Vec3x16, f32x16};
 
-/// Where light comes from, in which directions it goes, and how much there is of it.
+/// Bounds on the position, the directions and the amount of emitted light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightBounds {
     /// A box around all points that emit.

@@ -1,7 +1,7 @@
 //! Building the tree of emitters.
 
 use super::bounds::{LightBounds, LightBoundsX16};
-use super::{Child, Leaf, LightSelection, Node};
+use super::{Child, LightSelection, Location, Node};
 use crate::math::LANES;
 
 /// The number of bins along an axis.
@@ -35,7 +35,7 @@ impl LightSelection {
             bounds.set_lane(i, &union(cluster));
             children[i] = match cluster {
                 [(emitter, _)] => {
-                    self.leaves[*emitter as usize] = Some(Leaf { node: index, position: i as u32 });
+                    self.locations[*emitter as usize] = Location::Tree(index, i as u32);
                     Child::Emitter(*emitter)
                 }
                 _ => Child::Node(self.node(cluster, (index, i as u32))),

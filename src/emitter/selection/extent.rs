@@ -8,7 +8,7 @@ use crate::emitter::{AreaEmitter, Light};
 use crate::math::{Bounds, Vec3};
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Where the light of an emitter comes from.
+/// The origin of an emitter's light.
 pub enum Extent {
     /// From a bounded part of space.
     Finite(LightBounds),
@@ -17,7 +17,7 @@ pub enum Extent {
 }
 
 impl Light {
-    /// Returns where the light comes from.
+    /// Returns the origin of the light.
     pub fn extent(&self) -> Extent {
         let point = |position: Vec3, normals: Cone, emission_angle: f32, intensity: Rgb| {
             let bounds = Bounds::of([position]);

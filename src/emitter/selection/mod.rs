@@ -1,9 +1,9 @@
 //! The choice of an emitter for a surface point, by a tree over all emitters. [Conty Estevez and Kulla 2018]
 //!
 //! A node of the tree has up to sixteen children, each an emitter or another node. A child is chosen in proportion to
-//! an estimate of the irradiance that it causes at the point. Emitters at infinity are beside the tree, with an
-//! estimate of their own. A small fraction of the samples is distributed equally over all emitters: what an estimate
-//! takes for dark may be the only light that is not occluded.
+//! an estimate of the irradiance that it causes at the point. Emitters at infinity are not in the tree; they have an
+//! estimate of their own. A small fraction of the samples is distributed equally over all emitters, because the
+//! estimate does not include occlusion: the emitter with the smallest estimate may be the only visible one.
 //!
 //! The probability of a choice is known for any emitter and point, as multiple importance sampling requires.
 
@@ -29,8 +29,8 @@ const LEAST_FRACTION: f64 = 0.2;
 pub struct LightSelection {
     /// The emitters that emit anything, by index.
     emitters: Vec<u32>,
-    /// For each emitter of the scene, its leaf in the tree, if it has one.
-    leaves: Vec<Option<Leaf>>,
+    /// The location of each emitter of the scene.
+    locations: Vec<Location>,
     /// The nodes; the first is the root.
     nodes: Vec<Node>,
     /// The emitters at infinity and their irradiance.
@@ -59,11 +59,15 @@ enum Child {
     Node(u32),
 }
 
-/// The place of an emitter in the tree.
+/// Where an emitter is.
 #[derive(Clone, Copy)]
-struct Leaf {
-    node: u32,
-    position: u32,
+enum Location {
+    /// Nowhere: it emits nothing.
+    Dark,
+    /// In the tree: its node, and its position among the children.
+    Tree(u32, u32),
+    /// At infinity, with this irradiance.
+    Infinity(f32),
 }
 
 /// A chosen emitter.
@@ -80,7 +84,7 @@ impl LightSelection {
     pub fn new(lights: &[Light]) -> Self {
         let mut selection = LightSelection {
             emitters: Vec::new(),
-            leaves: vec![None; lights.len()],
+            locations: vec![Location::Dark; lights.len()],
             nodes: Vec::new(),
             infinite: Vec::new(),
             infinite_sum: 0.0,
@@ -90,7 +94,11 @@ impl LightSelection {
             selection.emitters.push(i as u32);
             match light.extent() {
                 Extent::Finite(bounds) => finite.push((i as u32, bounds)),
-                Extent::Infinite(irradiance) => selection.infinite.push((i as u32, irradiance.min(1e30))),
+                Extent::Infinite(irradiance) => {
+                    let irradiance = irradiance.min(1e30);
+                    selection.infinite.push((i as u32, irradiance));
+                    selection.locations[i] = Location::Infinity(irradiance);
+                }
             }
         }
         selection.infinite_sum = selection.infinite.iter().map(|(_, irradiance)| irradiance).sum();
@@ -187,14 +195,14 @@ impl LightSelection {
         if self.only() == Some(emitter) {
             return 1.0;
         }
-        let share = self.share_at_infinity(p);
-        let by_light = match self.leaves[emitter] {
-            Some(leaf) => (1.0 - share) * self.probability_in_tree(leaf, p),
-            None => {
-                let found = self.infinite.iter().find(|(index, _)| *index as usize == emitter);
-                let Some((_, irradiance)) = found else { return 0.0 };
-                share * self.part_of_infinite(*irradiance)
+        let root = self.root_weights(p);
+        let share = self.share_at_infinity(root.as_ref());
+        let by_light = match (self.locations[emitter], &root) {
+            (Location::Tree(node, position), Some(root)) => {
+                (1.0 - share) * self.probability_in_tree(root, node, position, p)
             }
+            (Location::Infinity(irradiance), _) => share * self.part_of_infinite(irradiance),
+            _ => return 0.0,
         };
         self.mixed(by_light)
     }
@@ -206,23 +214,28 @@ impl LightSelection {
         (UNIFORM_FRACTION * uniform + (1.0 - UNIFORM_FRACTION) * by_light) as f32
     }
 
-    /// Returns the share of the emitters at infinity in the samples for the point `p`.
-    fn share_at_infinity(&self, p: Vec3) -> f64 {
-        if self.infinite.is_empty() {
-            return 0.0;
-        }
-        let Some(root) = self.nodes.first() else { return 1.0 };
-        let weights = Weights::new(root, p);
+    /// Returns the weights of the root's children; `None` if all emitters are at infinity.
+    fn root_weights(&self, p: Vec3) -> Option<Weights> {
+        self.nodes.first().map(|root| Weights::new(root, p))
+    }
+
+    /// Returns the fraction of the samples for emitters at infinity, given the weights of the root's children.
+    fn share_at_infinity(&self, root: Option<&Weights>) -> f64 {
         let infinite = f64::from(self.infinite_sum);
-        match weights.total > 0.0 {
-            true => (infinite / (infinite + weights.total)).clamp(LEAST_FRACTION, 1.0 - LEAST_FRACTION),
-            false => 1.0 - LEAST_FRACTION,
+        match root {
+            _ if self.infinite.is_empty() => 0.0,
+            None => 1.0,
+            Some(root) if root.total > 0.0 => {
+                (infinite / (infinite + root.total)).clamp(LEAST_FRACTION, 1.0 - LEAST_FRACTION)
+            }
+            Some(_) => 1.0 - LEAST_FRACTION,
         }
     }
 
     /// Chooses by irradiance. Returns the emitter and its probability.
     fn sample_by_light(&self, p: Vec3, mut u: f64) -> (u32, f64) {
-        let share = self.share_at_infinity(p);
+        let root = self.root_weights(p);
+        let share = self.share_at_infinity(root.as_ref());
         if u < share {
             u /= share;
             let mut below = 0.0;
@@ -236,17 +249,17 @@ impl LightSelection {
         }
         u = (u - share) / (1.0 - share);
         let mut probability = 1.0 - share;
-        let mut node = &self.nodes[0];
+        let (mut node, mut weights) = (&self.nodes[0], root.expect("an emitter is in the tree"));
         loop {
-            let weights = Weights::new(node, p);
             let (position, rest) = weights.sample(u);
             u = rest;
             probability *= weights.probability(position);
-            match node.children[position] {
+            node = match node.children[position] {
                 Child::Emitter(emitter) => return (emitter, probability),
-                Child::Node(next) => node = &self.nodes[next as usize],
+                Child::Node(next) => &self.nodes[next as usize],
                 Child::None => unreachable!("the position is below the number of children"),
-            }
+            };
+            weights = Weights::new(node, p);
         }
     }
 
@@ -258,18 +271,16 @@ impl LightSelection {
         }
     }
 
-    /// Returns the probability with which the tree chooses a leaf.
-    fn probability_in_tree(&self, leaf: Leaf, p: Vec3) -> f64 {
-        let (mut index, mut position) = (leaf.node, leaf.position);
+    /// Returns the probability with which the tree chooses the child at a position of a node, given the weights of the
+    /// root's children.
+    fn probability_in_tree(&self, root: &Weights, mut node: u32, mut position: u32, p: Vec3) -> f64 {
         let mut probability = 1.0;
-        loop {
-            let node = &self.nodes[index as usize];
-            probability *= Weights::new(node, p).probability(position as usize);
-            if index == 0 {
-                return probability;
-            }
-            (index, position) = node.parent;
+        while node != 0 {
+            let inner = &self.nodes[node as usize];
+            probability *= Weights::new(inner, p).probability(position as usize);
+            (node, position) = inner.parent;
         }
+        probability * root.probability(position as usize)
     }
 }
 
@@ -344,8 +355,8 @@ impl Weights {
     }
 }
 
-/// Returns a number whose leading bits are those of `u`, and the others a hash of `u` and `p`: a choice among many
-/// emitters needs more bits than `u` has.
+/// Returns a number whose leading bits are those of `u`. The other bits are a hash of `u` and `p`, because a choice
+/// among many emitters needs more bits than `u` has.
 #[inline]
 fn extended(u: f32, p: Vec3) -> f64 {
     let [low, _, _] = hash::pcg3d(u.to_bits() ^ p.x.to_bits(), p.y.to_bits(), p.z.to_bits());

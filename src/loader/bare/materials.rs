@@ -45,21 +45,21 @@ impl Builder<'_> {
         let specular = self.reflectance(entry, "Ks", m.specular_texture.as_deref(), specular)?;
         let is_black = |input: &Input<Rgb>| input.constant().is_some_and(Rgb::is_black);
         let base = if is_black(&specular) {
-            self.add_material(Diffuse { reflectance: diffuse })
+            self.loaded.description.add_material(Diffuse { reflectance: diffuse })
         } else if is_black(&diffuse) {
             let metal =
                 Metal { eta: Rgb::BLACK.into(), k: Rgb::WHITE.into(), specular_reflectance: specular };
             match m.illumination_model {
-                Some(3 | 5) => self.add_material(Conductor { metal }),
+                Some(3 | 5) => self.loaded.description.add_material(Conductor { metal }),
                 _ => {
                     let alpha = [Input::Constant(alpha(m)); 2];
                     let roughness =
                         Roughness { distribution: Distribution::Beckmann, alpha, sample_visible: true };
-                    self.add_material(RoughConductor { metal, roughness })
+                    self.loaded.description.add_material(RoughConductor { metal, roughness })
                 }
             }
         } else {
-            self.add_material(RoughPlastic {
+            self.loaded.description.add_material(RoughPlastic {
                 interface: Interface { int_ior: ior(m), ext_ior: 1.0, specular_reflectance: specular },
                 base: Coated { diffuse_reflectance: diffuse, nonlinear: false },
                 distribution: Distribution::Beckmann,
@@ -68,7 +68,7 @@ impl Builder<'_> {
             })
         };
         let bent = self.bent(entry, base)?;
-        let opaque = self.add_material(TwoSided::same(bent));
+        let opaque = self.loaded.description.add_material(TwoSided::same(bent));
         Ok(Surface { material: self.mask(entry, opaque)?, emission })
     }
 
@@ -128,7 +128,7 @@ impl Builder<'_> {
             let numbers: Vec<f32> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
             numbers.first_chunk::<3>().map(|numbers| Rgb::from(*numbers).map(share))
         });
-        self.add_material(Dielectric {
+        self.loaded.description.add_material(Dielectric {
             interface: Interface { int_ior: ior(m), ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() },
             specular_transmittance: filter.unwrap_or(Rgb::WHITE).into(),
         })
@@ -142,8 +142,8 @@ impl Builder<'_> {
         let Some(map) = norm.or(m.normal_texture.as_ref()) else { return Ok(inner) };
         let Some((texture, image)) = self.bitmap(entry, map, Plane::Vector)? else { return Ok(inner) };
         if norm.is_some() || !image.is_grey {
-            let normals = self.add_texture(texture);
-            return Ok(self.add_material(NormalMap { normals, bending, inner }));
+            let normals = self.loaded.description.add_texture(texture);
+            return Ok(self.loaded.description.add_material(NormalMap { normals, bending, inner }));
         }
         let Some(scale) = image.bump else {
             let note = "a grey map_Bump without -bm is ignored: -bm is its height in units of the scene";
@@ -151,8 +151,8 @@ impl Builder<'_> {
             self.loaded.notes.push(format!("{file}: newmtl {name}: {note}"));
             return Ok(inner);
         };
-        let height = self.add_texture(texture);
-        Ok(self.add_material(BumpMap { height, scale, bending, inner }))
+        let height = self.loaded.description.add_texture(texture);
+        Ok(self.loaded.description.add_material(BumpMap { height, scale, bending, inner }))
     }
 
     /// The material where `d` and `map_d` let it be.
@@ -166,7 +166,7 @@ impl Builder<'_> {
                 Input::Constant(_) => Input::Constant(d),
                 Input::Texture(id) => Input::Texture(id),
             };
-        Ok(self.add_material(Mask { opacity, inner }))
+        Ok(self.loaded.description.add_material(Mask { opacity, inner }))
     }
 
     /// Radiance of the front; `None` where there is none.

@@ -11,7 +11,7 @@ use super::{Loaded, files::Folders, framing};
 use crate::color::Rgb;
 use crate::error::{Error, Place, Result};
 use crate::image::TextureImage;
-use crate::material::{Diffuse, Material, TwoSided};
+use crate::material::{Diffuse, TwoSided};
 use crate::math::DAffine3;
 use crate::memory::Budget;
 use crate::scene::description::PlacedShape;
@@ -33,8 +33,7 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
     let format = if is_obj { Format::Obj } else { Format::Ply };
     let options = mesh::Options { face_normals: false, flip_tex_coords: is_obj };
     let mut warnings = Vec::new();
-    let (mesh, survey) =
-        mesh::load_surveyed(path, format, options, &DAffine3::IDENTITY, memory, &mut warnings)?;
+    let (mesh, survey) = mesh::load(path, format, options, &DAffine3::IDENTITY, memory, &mut warnings)?;
     let used = mesh.indices.iter().flatten().map(|i| mesh.positions[*i as usize].as_dvec3());
     let sensor = framing::camera(used).ok_or_else(|| Error::scene("the mesh has no extent").in_file(path))?;
     let mut builder = Builder {
@@ -105,16 +104,11 @@ impl Builder<'_> {
         if let Some(surface) = self.surfaces.get("") {
             return *surface;
         }
-        let grey = self.add_material(Diffuse { reflectance: Rgb::splat(0.5).into() });
-        let surface = Surface { material: self.add_material(TwoSided::same(grey)), emission: None };
+        let grey = self.loaded.description.add_material(Diffuse { reflectance: Rgb::splat(0.5).into() });
+        let surface =
+            Surface { material: self.loaded.description.add_material(TwoSided::same(grey)), emission: None };
         self.surfaces.insert(String::new(), surface);
         surface
-    }
-
-    fn add_material(&mut self, material: impl Into<Material>) -> crate::ids::MaterialId {
-        let materials = &mut self.loaded.description.materials;
-        materials.push(material.into());
-        crate::ids::MaterialId::from(materials.len() - 1)
     }
 
     /// The surface of a material that the mesh file names; made once.

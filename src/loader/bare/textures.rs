@@ -4,7 +4,6 @@ use super::Builder;
 use super::mtl::Entry;
 use crate::color::Rgb;
 use crate::error::{Error, Kind, Result};
-use crate::ids::TextureId;
 use crate::image::{self, TextureImage};
 use crate::material::Input;
 use crate::math::Affine2;
@@ -159,19 +158,12 @@ impl Builder<'_> {
         let Some(map) = map else { return Ok(Input::Constant(factor)) };
         let Some((texture, _)) = self.bitmap(entry, map, plane)? else { return Ok(Input::Constant(factor)) };
         Ok(Input::Texture(match factor == Rgb::WHITE {
-            true => self.add_texture(texture),
-            false => self.add_texture(Arc::new(Texture::Adjusted(Adjusted::scaled(texture, factor)))),
+            true => self.loaded.description.add_texture(texture),
+            false => self
+                .loaded
+                .description
+                .add_texture(Arc::new(Texture::Adjusted(Adjusted::scaled(texture, factor)))),
         }))
-    }
-
-    /// Adds a texture to the scene, once.
-    pub fn add_texture(&mut self, texture: Arc<Texture>) -> TextureId {
-        let textures = &mut self.loaded.description.textures;
-        if let Some(i) = textures.iter().position(|t| Arc::ptr_eq(t, &texture)) {
-            return TextureId::from(i);
-        }
-        textures.push(texture);
-        TextureId::from(textures.len() - 1)
     }
 }
 

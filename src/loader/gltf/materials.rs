@@ -6,7 +6,7 @@ use super::textures::{Plane, TextureUse};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::MaterialId;
-use crate::material::{Bending, Input, Mask, Material, NormalMap, Principled, TwoSided};
+use crate::material::{Bending, Input, Mask, NormalMap, Principled, TwoSided};
 use crate::texture::{Adjusted, MeshAttribute, Texture};
 use gltf::material::AlphaMode;
 use std::sync::Arc;
@@ -57,12 +57,12 @@ impl Builder<'_> {
         let emission = self.emission(material, &thing)?;
         let principled = self.principled(material, vertex, &thing)?;
         let transmits = principled.spec_trans != Input::Constant(0.0);
-        let mut id = self.add_material(Box::new(principled));
+        let mut id = self.loaded.description.add_material(Box::new(principled));
         if let Some(normals) = material.normal_texture() {
             id = self.normal_map(&normals, id)?;
         }
         if material.double_sided() && !transmits {
-            id = self.add_material(TwoSided::same(id));
+            id = self.loaded.description.add_material(TwoSided::same(id));
         }
         if material.double_sided() && emission.is_some() {
             self.note("light comes from the front of double-sided materials only");
@@ -71,12 +71,6 @@ impl Builder<'_> {
         let surface = Surface { material, emission, uv_set };
         self.surfaces.insert(key, surface);
         Ok(surface)
-    }
-
-    fn add_material(&mut self, material: impl Into<Material>) -> MaterialId {
-        let materials = &mut self.loaded.description.materials;
-        materials.push(material.into());
-        MaterialId::from(materials.len() - 1)
     }
 
     /// Returns the set of texture coordinates that is used for all textures of a material.
@@ -182,9 +176,9 @@ impl Builder<'_> {
                 ..Adjusted::scaled(texture, Rgb::new(scale, scale, 1.0))
             }));
         }
-        let normals = self.add_texture(texture);
+        let normals = self.loaded.description.add_texture(texture);
         let bending = Bending { flip_invalid: true, soften: true };
-        Ok(self.add_material(NormalMap { normals, bending, inner }))
+        Ok(self.loaded.description.add_material(NormalMap { normals, bending, inner }))
     }
 
     /// Returns the material with the opacity that alpha specifies.
@@ -216,13 +210,13 @@ impl Builder<'_> {
             (Input::Texture(id), Some(threshold)) => {
                 let texture = self.loaded.description.textures[id.index()].clone();
                 let cut = Adjusted { threshold: Some(threshold), ..Adjusted::scaled(texture, Rgb::WHITE) };
-                Input::Texture(self.add_texture(Arc::new(Texture::Adjusted(cut))))
+                Input::Texture(self.loaded.description.add_texture(Arc::new(Texture::Adjusted(cut))))
             }
         };
         if opacity == Input::Constant(1.0) {
             return Ok(inner);
         }
-        Ok(self.add_material(Mask { opacity, inner }))
+        Ok(self.loaded.description.add_material(Mask { opacity, inner }))
     }
 
     /// Returns the radiance of the front; `None` if there is none.

@@ -3,7 +3,6 @@
 use super::Builder;
 use crate::color::Rgb;
 use crate::error::{Kind, Result};
-use crate::ids::TextureId;
 use crate::image::{self, TextureImage, TextureLayers};
 use crate::material::Input;
 use crate::math::Affine2;
@@ -144,10 +143,12 @@ impl Builder<'_> {
         let product = textures.into_iter().reduce(|a, b| Arc::new(Texture::Product(Product([a, b]))));
         match product {
             None => Input::Constant(factor),
-            Some(texture) if factor == Rgb::WHITE => Input::Texture(self.add_texture(texture)),
+            Some(texture) if factor == Rgb::WHITE => {
+                Input::Texture(self.loaded.description.add_texture(texture))
+            }
             Some(texture) => {
                 let scaled = Texture::Adjusted(Adjusted::scaled(texture, factor));
-                Input::Texture(self.add_texture(Arc::new(scaled)))
+                Input::Texture(self.loaded.description.add_texture(Arc::new(scaled)))
             }
         }
     }
@@ -158,16 +159,6 @@ impl Builder<'_> {
             Input::Constant(_) => Input::Constant(factor),
             Input::Texture(id) => Input::Texture(id),
         }
-    }
-
-    /// Adds a texture to the scene unless it exists already.
-    pub fn add_texture(&mut self, texture: Arc<Texture>) -> TextureId {
-        let textures = &mut self.loaded.description.textures;
-        if let Some(i) = textures.iter().position(|t| Arc::ptr_eq(t, &texture)) {
-            return TextureId::from(i);
-        }
-        textures.push(texture);
-        TextureId::from(textures.len() - 1)
     }
 }
 

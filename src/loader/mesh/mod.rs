@@ -36,7 +36,7 @@ pub struct Options {
     pub flip_tex_coords: bool,
 }
 
-/// Reads a mesh.
+/// Reads a mesh, and what an OBJ file states about materials.
 ///
 /// Polygons are split into fans. If the file has no vertex normals (or invalid ones) and the mesh is not faceted, they
 /// are computed in world space, as in Mitsuba, so `to_world` matters if it is not a similarity. Vertices that no face
@@ -46,18 +46,6 @@ pub struct Options {
 /// If the file cannot be read or is malformed (with the line, if it is text), a face refers to a vertex that does not
 /// exist, there is no face, or the mesh does not fit into memory.
 pub fn load(
-    path: &Path,
-    format: Format,
-    options: Options,
-    to_world: &DAffine3,
-    memory: &Budget,
-    warnings: &mut Vec<Error>,
-) -> Result<Mesh> {
-    load_surveyed(path, format, options, to_world, memory, warnings).map(|(mesh, _)| mesh)
-}
-
-/// As [`load`], with the materials that an OBJ file names.
-pub fn load_surveyed(
     path: &Path,
     format: Format,
     options: Options,

@@ -38,7 +38,7 @@ impl Builder<'_> {
             return Err(unknown_plugin(props.object, Material::NAMES, &MITSUBA));
         };
         self.finish(props);
-        let id = self.add_material(material);
+        let id = self.loaded.description.add_material(material);
         self.materials.insert(object, id);
         Ok(id)
     }
@@ -51,7 +51,7 @@ impl Builder<'_> {
             return id;
         }
         let reflectance = Rgb::splat(if emits { 0.0 } else { 0.5 });
-        let id = self.add_material(Diffuse { reflectance: reflectance.into() }.into());
+        let id = self.loaded.description.add_material(Diffuse { reflectance: reflectance.into() });
         self.default_materials[index] = Some(id);
         id
     }

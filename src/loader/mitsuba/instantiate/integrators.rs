@@ -8,7 +8,7 @@ use crate::loader::mitsuba::props::Props;
 
 const MITSUBA: [&str; 2] = ["batch", "volprim_rf_basic"];
 /// Integrators of Mitsuba that estimate the same image as one of Buffon's.
-const NEAREST: [(&str, &str); 16] = [
+const NEAREST: [(&str, &str); 15] = [
     ("bdpt", "path"),
     ("direct_projective", "direct"),
     ("erpt", "path"),
@@ -23,7 +23,6 @@ const NEAREST: [(&str, &str); 16] = [
     ("volpath", "path"),
     ("volpath_simple", "path"),
     ("volpathmis", "path"),
-    ("volpathsimple", "path"),
     ("vpl", "path"),
 ];
 /// Integrators around another one, which alone determines the image.

@@ -20,7 +20,6 @@ use crate::ids::{MaterialId, TextureId};
 use crate::image::TextureImage;
 use crate::loader::Loaded;
 use crate::loader::files::Folders;
-use crate::material::Material;
 use crate::memory::Budget;
 use crate::util::wording;
 use source::ObjectSource;
@@ -151,13 +150,6 @@ impl<'g> Builder<'g> {
                 self.note(format!("{thing}: {name} is ignored: {why}"));
             }
         }
-    }
-
-    /// Adds a material.
-    fn add_material(&mut self, material: Material) -> MaterialId {
-        let materials = &mut self.loaded.description.materials;
-        materials.push(material);
-        MaterialId::from(materials.len() - 1)
     }
 
     /// Adds an emitter that is not a shape.

@@ -155,7 +155,7 @@ impl Builder<'_> {
             },
         };
         let Some(path) = self.find_file(props, "filename")? else { return Ok(Shape::Mesh(Mesh::default())) };
-        let mesh = mesh::load(&path, format, options, to_world, self.memory, &mut self.loaded.warnings)?;
+        let (mesh, _) = mesh::load(&path, format, options, to_world, self.memory, &mut self.loaded.warnings)?;
         Ok(Shape::Mesh(mesh))
     }
 }

@@ -38,9 +38,7 @@ impl Builder<'_> {
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
         self.finish(props);
-        let textures = &mut self.loaded.description.textures;
-        textures.push(Arc::new(texture));
-        let id = TextureId::from(textures.len() - 1);
+        let id = self.loaded.description.add_texture(Arc::new(texture));
         self.textures.insert(object, id);
         Ok(id)
     }
