@@ -2,6 +2,7 @@
 
 pub mod bounds;
 pub mod frame;
+pub mod functions;
 pub mod lanes;
 pub mod motion;
 pub mod octahedral;

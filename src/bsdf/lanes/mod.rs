@@ -1,0 +1,331 @@
+//! BSDF evaluation and sampling for sixteen points at a time.
+//!
+//! Diffuse reflection and the rough boundaries of conductors and dielectrics are computed in parallel lanes; other BSDFs
+//! one lane after the other. The result of a lane does not depend on the other lanes.
+
+mod fresnel;
+mod microfacet;
+mod rough_conductor;
+mod rough_dielectric;
+
+use super::microfacet::Microfacets;
+use super::{Bsdf, BsdfEval, BsdfSample};
+use crate::color::Rgb;
+use crate::math::Vec2;
+use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
+use crate::sampling::warp;
+use rough_conductor::RoughConductorX16;
+use rough_dielectric::RoughDielectricX16;
+use std::f32::consts::FRAC_1_PI;
+
+/// A [`BsdfEval`] in each of sixteen lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfEvalX16 {
+    /// The bare BSDF by channel, sr⁻¹.
+    pub f: [f32x16; 3],
+    /// Densities per unit solid angle.
+    pub pdf: f32x16,
+}
+
+/// A [`BsdfSample`] in each of sixteen lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct BsdfSampleX16 {
+    /// The directions.
+    pub wi: Vec3x16,
+    /// `f·|cosθ|/pdf` by channel.
+    pub weight: [f32x16; 3],
+    /// Densities per unit solid angle; infinite for a specular lobe.
+    pub pdf: f32x16,
+    /// Relative indices of refraction.
+    pub eta: f32x16,
+    /// Mask of the lanes with a sample.
+    pub valid: f32x16,
+}
+
+/// A BSDF with microfacets in each of sixteen lanes.
+trait Kernel: Sized {
+    /// The BSDF of one lane.
+    type Scalar;
+
+    /// Returns the BSDF and its microfacets if it is of this kind.
+    fn of<'a>(bsdf: &'a Bsdf<'_>) -> Option<(&'a Self::Scalar, &'a Microfacets)>;
+
+    /// Creates the lanes. The microfacets are of the same family in all of them.
+    fn gather(bsdfs: [&Self::Scalar; LANES]) -> Self;
+
+    /// Computes [`Bsdf::eval`] in each lane.
+    fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16;
+
+    /// Computes [`Bsdf::sample`] in each lane.
+    fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16;
+
+    /// Gathers those lanes of the mask `rest` that are like the lane `first`; `None` if it is not of this kind.
+    #[inline(always)]
+    fn like(first: usize, bsdfs: &[&Bsdf<'_>; LANES], rest: u32) -> Option<(u32, Self)> {
+        let (one, microfacets) = Self::of(bsdfs[first]).filter(|(_, m)| m.sample_visible)?;
+        let (mut lanes, mut all) = (0, [one; LANES]);
+        for i in bits(rest) {
+            if let Some((bsdf, m)) = Self::of(bsdfs[i])
+                && (m.distribution, m.sample_visible) == (microfacets.distribution, true)
+            {
+                all[i] = bsdf;
+                lanes |= 1 << i;
+            }
+        }
+        Some((lanes, Self::gather(all)))
+    }
+}
+
+/// Returns colours by channel.
+#[inline(always)]
+fn channels(colors: [Rgb; LANES]) -> [f32x16; 3] {
+    [f32x16::new(colors.map(|c| c.r)), f32x16::new(colors.map(|c| c.g)), f32x16::new(colors.map(|c| c.b))]
+}
+
+/// Returns the reflectances of the diffuse lanes by channel, and a mask of the other lanes.
+#[inline(always)]
+fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
+    let mut reflectance = [[0.0; LANES]; 3];
+    let mut others = 0;
+    for (i, bsdf) in bsdfs.iter().enumerate() {
+        match bsdf {
+            Bsdf::Diffuse(diffuse) => {
+                let [r, g, b] = &mut reflectance;
+                (r[i], g[i], b[i]) = (diffuse.reflectance.r, diffuse.reflectance.g, diffuse.reflectance.b);
+            }
+            _ => others |= 1 << i,
+        }
+    }
+    (reflectance.map(f32x16::new), others)
+}
+
+/// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
+#[inline]
+pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
+    let (reflectance, others) = gather_diffuse(bsdfs);
+    let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
+    let inverse_pi = f32x16::splat(FRAC_1_PI);
+    let mut eval =
+        BsdfEvalX16 { f: reflectance.map(|r| (r * inverse_pi) & above), pdf: (wi.z * inverse_pi) & above };
+    let mut rest = others & active;
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize;
+        let (lanes, found) = if let Some((lanes, kernel)) = RoughConductorX16::like(i, bsdfs, rest) {
+            (lanes, kernel.eval(wo, wi))
+        } else if let Some((lanes, kernel)) = RoughDielectricX16::like(i, bsdfs, rest) {
+            (lanes, kernel.eval(wo, wi))
+        } else {
+            eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
+            rest &= rest - 1;
+            continue;
+        };
+        eval.set_lanes(lanes, &found);
+        rest &= !lanes;
+    }
+    eval
+}
+
+/// Computes [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
+#[inline]
+pub fn sample_x16(
+    bsdfs: &[&Bsdf<'_>; LANES],
+    wo: &Vec3x16,
+    u_lobe: f32x16,
+    u: [f32x16; 2],
+    active: u32,
+) -> BsdfSampleX16 {
+    let (reflectance, others) = gather_diffuse(bsdfs);
+    let wi = warp::square_to_cosine_hemisphere_x16(u);
+    let mut samples = BsdfSampleX16 {
+        wi,
+        weight: reflectance,
+        pdf: wi.z * f32x16::splat(FRAC_1_PI),
+        eta: f32x16::ONE,
+        valid: wo.z.simd_gt(f32x16::ZERO),
+    };
+    let mut rest = others & active;
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize;
+        let (lanes, found) = if let Some((lanes, kernel)) = RoughConductorX16::like(i, bsdfs, rest) {
+            (lanes, kernel.sample(wo, u_lobe, u))
+        } else if let Some((lanes, kernel)) = RoughDielectricX16::like(i, bsdfs, rest) {
+            (lanes, kernel.sample(wo, u_lobe, u))
+        } else {
+            let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+            samples.set_lane(i, bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u));
+            rest &= rest - 1;
+            continue;
+        };
+        samples.set_lanes(lanes, &found);
+        rest &= !lanes;
+    }
+    samples
+}
+
+impl BsdfEvalX16 {
+    fn set_lane(&mut self, i: usize, eval: &BsdfEval) {
+        for (channel, value) in self.f.iter_mut().zip(eval.f.to_array()) {
+            channel.as_mut_array()[i] = value;
+        }
+        self.pdf.as_mut_array()[i] = eval.pdf;
+    }
+
+    #[inline(always)]
+    fn set_lanes(&mut self, lanes: u32, other: &Self) {
+        let mask = mask_from_bits(lanes);
+        for (channel, value) in self.f.iter_mut().zip(other.f) {
+            *channel = mask.select(value, *channel);
+        }
+        self.pdf = mask.select(other.pdf, self.pdf);
+    }
+}
+
+impl BsdfSampleX16 {
+    #[inline(always)]
+    fn set_lanes(&mut self, lanes: u32, other: &Self) {
+        let mask = mask_from_bits(lanes);
+        self.wi = Vec3x16::select(mask, other.wi, self.wi);
+        for (channel, value) in self.weight.iter_mut().zip(other.weight) {
+            *channel = mask.select(value, *channel);
+        }
+        self.pdf = mask.select(other.pdf, self.pdf);
+        self.eta = mask.select(other.eta, self.eta);
+        self.valid = mask.select(other.valid, self.valid);
+    }
+
+    fn set_lane(&mut self, i: usize, sample: Option<BsdfSample>) {
+        self.valid.as_mut_array()[i] = f32::from_bits(if sample.is_some() { u32::MAX } else { 0 });
+        let Some(sample) = sample else { return };
+        self.wi.set_lane(i, sample.wi);
+        for (channel, value) in self.weight.iter_mut().zip(sample.weight.to_array()) {
+            channel.as_mut_array()[i] = value;
+        }
+        self.pdf.as_mut_array()[i] = sample.pdf;
+        self.eta.as_mut_array()[i] = sample.eta;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bsdf::fresnel::ConductorFresnel;
+    use crate::bsdf::microfacet::Distribution;
+    use crate::bsdf::{Dielectric, Diffuse, RoughConductor, RoughDielectric};
+    use crate::math::Vec3;
+    use crate::sampling::hash::{combine, to_unit};
+
+    /// A lane with glass does not change the results of the diffuse lanes.
+    #[test]
+    fn lanes_are_independent() {
+        let diffuse = Bsdf::Diffuse(Diffuse { reflectance: Rgb::new(0.2, 0.4, 0.8) });
+        let glass = Bsdf::Dielectric(Dielectric {
+            eta: 1.5,
+            specular_reflectance: Rgb::WHITE,
+            specular_transmittance: Rgb::WHITE,
+        });
+        let mut bsdfs = [&diffuse; LANES];
+        bsdfs[3] = &glass;
+        let mut wo = Vec3x16::splat(Vec3::new(0.6, 0.0, 0.8));
+        wo.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
+        let wi = Vec3x16::splat(Vec3::new(0.0, 0.28, 0.96));
+        let (u_lobe, u) = (0.9, Vec2::new(0.3, 0.7));
+        let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
+        let splat = [f32x16::splat(u.x), f32x16::splat(u.y)];
+        let sample = sample_x16(&bsdfs, &wo, f32x16::splat(u_lobe), splat, 0xffff);
+        for (i, bsdf) in bsdfs.into_iter().enumerate() {
+            let alone = bsdf.eval(wo.lane(i), wi.lane(i));
+            assert_eq!(
+                (eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]),
+                (alone.f.to_array(), alone.pdf)
+            );
+            let alone = bsdf.sample(wo.lane(i), u_lobe, u);
+            assert_eq!(sample.valid.to_bitmask() >> i & 1 == 1, alone.is_some(), "lane {i}");
+            if let Some(alone) = alone {
+                assert_eq!(sample.wi.lane(i), alone.wi, "lane {i}");
+                assert_eq!(sample.weight.map(|c| c.as_array()[i]), alone.weight.to_array());
+                assert_eq!((sample.pdf.as_array()[i], sample.eta.as_array()[i]), (alone.pdf, alone.eta));
+            }
+        }
+    }
+
+    /// Rough boundaries of all kinds are the same in lanes as one by one, within the rounding of their functions. The
+    /// density decreases steeply with the angle between two directions, so the tolerance is 0.1 %.
+    #[test]
+    fn kernels_compute_what_the_bsdfs_do() {
+        let mut seed = 0;
+        let mut random = || {
+            seed += 1;
+            to_unit(combine(7, seed))
+        };
+        let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * a.abs().max(b.abs()) + 1e-12;
+        let (mut sampled, mut different) = (0, 0);
+        for round in 0..2000 {
+            let distribution = [Distribution::Beckmann, Distribution::Ggx][round % 2];
+            let mut alpha = || 0.02 + 0.9 * random() * random();
+            let all: Vec<Bsdf<'_>> = (0..LANES)
+                .map(|i| {
+                    let microfacets = Microfacets {
+                        distribution,
+                        alpha_x: alpha(),
+                        alpha_y: alpha(),
+                        sample_visible: true,
+                    };
+                    match (i + round / 2) % 3 {
+                        0 => Bsdf::RoughConductor(RoughConductor {
+                            microfacets,
+                            fresnel: ConductorFresnel {
+                                eta: Rgb::new(0.2, 1.0, 0.0),
+                                k: Rgb::new(3.0, 2.0, 1.0),
+                            },
+                            specular_reflectance: Rgb::new(1.0, 0.9, 0.3),
+                        }),
+                        kind => Bsdf::RoughDielectric(RoughDielectric {
+                            microfacets,
+                            eta: [1.5, 0.8][kind - 1],
+                            specular_reflectance: Rgb::new(0.5, 0.9, 0.3),
+                            specular_transmittance: Rgb::new(1.0, 0.9, 0.2),
+                        }),
+                    }
+                })
+                .collect();
+            let bsdfs = std::array::from_fn(|i| &all[i]);
+            let mut direction = || {
+                let z = 2.0 * random() - 1.0;
+                let (sin, cos) = (std::f32::consts::TAU * random()).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                Vec3::new(r * cos, r * sin, z)
+            };
+            let (mut wo, mut wi) = (Vec3x16::default(), Vec3x16::default());
+            for i in 0..LANES {
+                wo.set_lane(i, direction());
+                wi.set_lane(i, direction());
+            }
+            let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
+            let (u_lobe, u) = (numbers(), [numbers(), numbers()]);
+            let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
+            let sample = sample_x16(&bsdfs, &wo, u_lobe, u, 0xffff);
+            for (i, bsdf) in bsdfs.into_iter().enumerate() {
+                let alone = bsdf.eval(wo.lane(i), wi.lane(i));
+                let [r, g, b] = eval.f.map(|c| c.as_array()[i]);
+                let same = close(r, alone.f.r) && close(g, alone.f.g) && close(b, alone.f.b);
+                assert!(same && close(eval.pdf.as_array()[i], alone.pdf), "{bsdf:?}: {eval:?} {alone:?}");
+                let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+                let alone = bsdf.sample(wo.lane(i), u_lobe.as_array()[i], u);
+                let valid = sample.valid.to_bitmask() >> i & 1 == 1;
+                assert_eq!(valid, alone.is_some(), "{bsdf:?}");
+                let Some(alone) = alone else { continue };
+                sampled += 1;
+                // A small error of the slope is a large one of the density in the tail.
+                let wi = sample.wi.lane(i);
+                let weight = sample.weight.map(|c| c.as_array()[i]);
+                let near = (wi - alone.wi).length() < 1e-3
+                    && weight.iter().zip(alone.weight.to_array()).all(|(a, b)| (a - b).abs() < 1e-3);
+                different += u32::from(!near);
+                let here = bsdf.eval(wo.lane(i), wi);
+                let pdf = sample.pdf.as_array()[i];
+                assert!((pdf / here.pdf - 1.0).abs() < 0.02, "{bsdf:?} {}: {pdf} {}", wo.lane(i), here.pdf);
+            }
+        }
+        assert!(sampled > 25_000 && different < sampled / 1000, "{sampled} samples, {different} different");
+    }
+}
