@@ -1,4 +1,4 @@
-//! OBJ files without a scene: what becomes of the materials of their MTL files.
+//! OBJ files without a scene, and the materials of their MTL files.
 
 use crate::loader::Files;
 use crate::support::gltf::png;
@@ -16,7 +16,7 @@ use buffon::texture::TexturePoint;
 
 const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n";
 
-/// A square for each of the names.
+/// Returns an OBJ file with a square of each material.
 fn squares(names: &[&str]) -> String {
     let uses = names.iter().map(|name| format!("usemtl {name}\nf 1/1 2/2 3/3 4/4\n"));
     format!("mtllib m.mtl\n{SQUARE}{}", uses.collect::<String>())
@@ -26,11 +26,12 @@ fn loaded(files: &Files) -> Loaded {
     load(&files.path().join("m.obj"), &LoadOptions::default()).unwrap()
 }
 
-fn of(names: &[&str], mtl: &str) -> Loaded {
+/// Loads an OBJ file with a square of each material, and the MTL file.
+fn load_squares(names: &[&str], mtl: &str) -> Loaded {
     loaded(&Files::new(&[("m.obj", &squares(names)), ("m.mtl", mtl)]))
 }
 
-/// Messages without the folder's name.
+/// Returns the first line of each warning, without the name of the folder.
 fn warnings(files: &Files, loaded: &Loaded) -> Vec<String> {
     let first = |text: String| text.lines().next().unwrap_or_default().to_owned();
     loaded.warnings.iter().map(|warning| files.relative(first(warning.to_string()))).collect()
@@ -40,7 +41,7 @@ fn material(loaded: &Loaded, id: MaterialId) -> &Material {
     &loaded.description.materials[id.index()]
 }
 
-/// The material of a shape, inside a two-sided one.
+/// Returns the material inside the two-sided material of a shape.
 fn base(loaded: &Loaded, shape: usize) -> &Material {
     match material(loaded, loaded.description.shapes[shape].material) {
         Material::TwoSided(two) => material(loaded, two.sides[0]),
@@ -65,7 +66,7 @@ fn colours_and_exponents_become_materials() {
     let mtl = "newmtl matt\nKd 0.2 0.4 0.6\nNs 10\nillum 1\nnewmtl shiny\nKd 0.3\nKs 0.5 0.5 0.5\nNs 198\nNi 1.25\n\
                newmtl metal\nKd 0 0 0\nKs 0.9 0.8 0.7\nNs 6\nillum 2\nnewmtl mirror\nKd 0 0 0\nKs 1 1 1\nillum 3\n\
                newmtl plain\nKa 1 1 1\n";
-    let loaded = of(&["matt", "shiny", "metal", "mirror", "plain"], mtl);
+    let loaded = load_squares(&["matt", "shiny", "metal", "mirror", "plain"], mtl);
     let rgb = |r, g, b| Input::Constant(Rgb::new(r, g, b));
     let white = Input::Constant(Rgb::WHITE);
     let metal = |specular_reflectance| Metal { eta: Rgb::BLACK.into(), k: white, specular_reflectance };
@@ -95,7 +96,7 @@ fn colours_and_exponents_become_materials() {
 fn glass_holes_and_lamps() {
     let mtl = "newmtl glass\nKd 1 1 1\nNi 1.33\nd 0.1\nTf 0.5 0.6 0.7\nillum 7\nnewmtl veil\nKd 0.5\nd 0.25\n\
                newmtl veil2\nKd 0.5\nTr 0.25\nnewmtl lamp\nKd 0 0 0\nKe 5 4 3\n";
-    let loaded = of(&["glass", "veil", "veil2", "lamp"], mtl);
+    let loaded = load_squares(&["glass", "veil", "veil2", "lamp"], mtl);
     let shapes = &loaded.description.shapes;
     assert_eq!(
         *material(&loaded, shapes[0].material),
@@ -117,7 +118,8 @@ fn glass_holes_and_lamps() {
 #[test]
 fn pictures_are_seen_where_the_file_says() {
     let names = ["a", "b", "c"];
-    let mtl = "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd four.png\nmap_d four.png\nnewmtl b\nmap_Kd -o 0.5 -s 1 -1 pictures\\four.png\n\
+    let mtl = "newmtl a\nKd 0.5 0.5 0.5\nmap_Kd four.png\nmap_d four.png\nnewmtl b\n\
+               map_Kd -o 0.5 -s 1 -1 pictures\\four.png\n\
                newmtl c\nKd 0 0 0\nmap_Kd none.png\nmap_Ns four.png\nPm 0.5\nnorm four.png\n";
     let files = Files::new(&[("m.obj", &squares(&names)), ("m.mtl", mtl), ("pictures/x", "")]);
     let four = png(2, &[[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [255, 255, 255, 51]]);
@@ -125,7 +127,7 @@ fn pictures_are_seen_where_the_file_says() {
         std::fs::write(files.path().join(name), &four).unwrap();
     }
     let loaded = loaded(&files);
-    // v of the mesh points down, as pictures do, so its first corner is at (0, 1).
+    // The loaded v points down, as the rows of an image do, so the first corner is at (0, 1).
     assert_eq!(mesh(&loaded, 0).uvs[0], Vec2::Y);
     let Material::Mask(mask) = material(&loaded, loaded.description.shapes[0].material) else { panic!() };
     let Material::TwoSided(two) = material(&loaded, mask.inner) else { panic!() };
@@ -136,7 +138,7 @@ fn pictures_are_seen_where_the_file_says() {
     let opacity = &loaded.description.textures[opacity.index()];
     assert_eq!(opacity.eval_scalar(&TexturePoint::at(Vec2::new(0.25, 0.25))), 1.0);
     assert!((opacity.eval_scalar(&TexturePoint::at(Vec2::new(0.75, 0.75))) - 0.2).abs() < 1e-6);
-    // Half of the picture to the right, and upside down.
+    // The options move the texture by half its width and turn it upside down.
     let Material::Diffuse(diffuse) = base(&loaded, 1) else { panic!() };
     assert_eq!(color_at(&loaded, diffuse.reflectance, [0.75, 0.25]), [0.0, 0.0, 1.0]);
     let Material::NormalMap(_) = base(&loaded, 2) else { panic!() };
@@ -152,7 +154,8 @@ fn what_is_wrong_with_materials_is_told_and_the_rest_is_read() {
     let mtl =
         "# c\nnewmtl a\nKd 0.1 0.2\nKs spectral a.rfl\nKd 2 0.5 -1\nNs x\nmap_d\nKe 1 nan 0\nd -halo 1\n";
     let obj = format!(
-        "mtllib none.mtl\nmtllib m.mtl\n{SQUARE}f 1 2 3\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\nf 1 2 3\nusemtl a\nf 3 2 1\n"
+        "mtllib none.mtl\nmtllib m.mtl\n{SQUARE}f 1 2 3\nusemtl a\nf 1 2 3\n\
+         usemtl b\nf 1 2 3\nf 1 2 3\nusemtl a\nf 3 2 1\n"
     );
     let files = Files::new(&[("m.obj", &obj), ("m.mtl", mtl)]);
     let loaded = loaded(&files);
@@ -193,7 +196,7 @@ fn materials_of_meshes_in_scenes_are_ignored() {
     assert_eq!(mesh(&loaded, 0).indices.len(), 4);
 }
 
-/// A file for the fast path has the parts and the numbers of the same file with a line that only tobj skips.
+/// Compares a file on the fast path with the same file after a line `vp`, which the fast path leaves to `tobj`.
 #[test]
 fn large_files_are_read_as_small_ones() {
     let mut obj = String::from("mtllib m.mtl\n");

@@ -18,19 +18,20 @@ pub(super) fn of(accel: AccelKind, threads: usize) -> String {
     let detected = machine::simd();
     match accel {
         AccelKind::Auto => format!(
-            "auto: for a scene of a few dozen surfaces a list of them, eight rays at a time in Rust compiled for {COMPILED_FOR} \
-             (the processor has {detected}), watertight; any other scene as the first of those below; {threads} threads."
+            "auto: for a scene of a few dozen surfaces a list of them, eight rays at a time in Rust compiled for \
+             {COMPILED_FOR} (the processor has {detected}), watertight; any other scene as the first of those below; \
+             {threads} threads."
         ),
         #[cfg(feature = "embree")]
         AccelKind::Embree => format!(
-            "embree: Embree 3 as Debian builds it, with code for the widest SIMD of the processor ({detected}) chosen at run \
-             time; scene flag ROBUST (12 to 14 % slower than without); waves of rays in packets of 16 \
+            "embree: Embree 3 as Debian builds it, with code for the widest SIMD of the processor ({detected}) chosen \
+             at run time; scene flag ROBUST (12 to 14 % slower than without); waves of rays in packets of 16 \
              (rtcIntersect16, rtcOccluded16), camera rays as coherent ones; {threads} threads."
         ),
         AccelKind::Obvhs => format!(
             "obvhs: an eight-wide compressed BVH built by the crate obvhs, traversed by Buffon in Rust compiled for \
-             {COMPILED_FOR} (the processor has {detected}); watertight triangle test, conservative boxes; one ray at a time, \
-             no packets; {threads} threads."
+             {COMPILED_FOR} (the processor has {detected}); watertight triangle test, conservative boxes; one ray at \
+             a time, no packets; {threads} threads."
         ),
     }
 }

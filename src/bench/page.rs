@@ -23,8 +23,8 @@ pub fn page(report: &Report, folder: &Path) -> Result<Page> {
     let names: Vec<String> = report.scenes.iter().map(SceneReport::name).collect();
     let mut page = Page::new(format!("Speed against error: {}", names.join(", ")));
     page.lead(&Html::paragraph(&format!(
-        "Each combination of integrator, sampler and traversal was rendered with each budget, {} with {} and {}. The renders \
-         took turns; figures are medians.",
+        "Each combination of integrator, sampler and traversal was rendered with each budget, {} with {} and {}. \
+         The renders took turns; figures are medians.",
         crate::error::counted(options.runs, "time", "times"),
         crate::error::counted(options.threads as u64, "thread", "threads"),
         if options.runs == 1 { "one seed" } else { "another seed every time" },
@@ -244,8 +244,9 @@ fn viewer(scene: &SceneReport, pixels: &mut usize) -> Result<Html> {
         exposure: exposure_of(&scene.reference.image),
     };
     let mut html = viewer.html()?;
-    let mut note = "Drag the divider, or use the arrow keys on it. Double-click, pinch, or turn the wheel with Ctrl held to \
-                    zoom; drag to pan. Images and errors can be chosen for either side; the page holds them as half floats."
+    let mut note = "Drag the divider, or use the arrow keys on it. Double-click, pinch, or turn the wheel with Ctrl \
+                    held to zoom; drag to pan. Images and errors can be chosen for either side; the page holds them \
+                    as half floats."
         .to_string();
     if left_out > 0 {
         note.push_str(&format!(" {left_out} more images are left out for want of room."));
@@ -256,16 +257,17 @@ fn viewer(scene: &SceneReport, pixels: &mut usize) -> Result<Html> {
 
 fn explanation(report: &Report) -> Html {
     let mut html = Html::list([
-        "relMSE is the mean over pixels and channels of (x − r)² / (r² + 0.01), x the image and r the reference. It holds the \
-         reference's own error, which stands above each table. An integrator that leaves light out keeps an error that no time \
-         removes.",
+        "relMSE is the mean over pixels and channels of (x − r)² / (r² + 0.01), x the image and r the reference. It \
+         holds the reference's own error, which stands above each table. An integrator that leaves light out keeps an \
+         error that no time removes.",
         "trimmed is relMSE without the 0.1 % worst pixels: what is left when a few rare bright paths do not decide.",
-        "Efficiency is 1 / (relMSE · seconds): twice the efficiency is half the time to the same error. Seconds are wall time \
-         of sampling alone.",
-        "Mray/s in the table counts all queries over wall time, shading and sampling included; in the bars it is per thread and \
-         per second inside the traversal, and the black line spans the combinations.",
-        "The slope is that of log relMSE against log seconds over all runs, with its 95 % interval. Independent samples give −1; \
-         an interval from few runs is wide, and no slope is stated if it is wider than 1. Error bars in the plot span the runs.",
+        "Efficiency is 1 / (relMSE · seconds): twice the efficiency is half the time to the same error. Seconds \
+         are wall time of sampling alone.",
+        "Mray/s in the table counts all queries over wall time, shading and sampling included; in the bars it is \
+         per thread and per second inside the traversal, and the black line spans the combinations.",
+        "The slope is that of log relMSE against log seconds over all runs, with its 95 % interval. Independent \
+         samples give −1; an interval from few runs is wide, and no slope is stated if it is wider than 1. \
+         Error bars in the plot span the runs.",
     ]);
     html.push(&Html::element("h3", "", &Html::text("The traversals and their handicaps")));
     let threads = report.options.threads;

@@ -40,7 +40,8 @@ pub struct LabArgs {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
     /// Number of threads, which changes the speed but not the results [default: all cores]
-    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(short, long, visible_alias = "nthreads", value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
     /// The ray traversal.
     #[arg(long, value_name = "NAME", help = format!("The ray traversal: {} [default: auto]", accels()))]
@@ -109,9 +110,9 @@ fn summary(outcomes: &[Outcome]) -> String {
 fn page(outcomes: &[Outcome], options: &Options) -> Page {
     let mut page = Page::new("Buffon lab");
     page.lead(&Html::paragraph(
-        "What lectures on Monte Carlo ray tracing claim, measured. Intervals hold with 95 % confidence. A claim is confirmed if the \
-         intervals of its numbers lie where it says, and refuted if a test rejects that they do. A run refutes a true claim with a \
-         probability of at most 0.001.",
+        "What lectures on Monte Carlo ray tracing claim, measured. Intervals hold with 95 % confidence. A claim is \
+         confirmed if the intervals of its numbers lie where it says, and refuted if a test rejects that they do. A \
+         run refutes a true claim with a probability of at most 0.001.",
     ));
     page.lead(&Html::paragraph(&format!("{}.", summary(outcomes))));
     for outcome in outcomes {

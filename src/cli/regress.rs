@@ -40,9 +40,9 @@ const FAILED: u8 = 1;
 /// linear RGB.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Exit codes: 0 all passed (were written, or are known to fail), 1 something failed, has no reference or cannot be \
-    rendered, 2 usage, 3 no such folder or no scene in it, 4 an output cannot be written, 128 + n stopped by signal n \
-    (after the summary of what was done)."
+    after_help = "Exit codes: 0 all passed (were written, or are known to fail), 1 something failed, has no \
+    reference or cannot be rendered, 2 usage, 3 no such folder or no scene in it, 4 an output cannot be \
+    written, 128 + n stopped by signal n (after the summary of what was done)."
 )]
 pub struct RegressArgs {
     /// The folder of scenes

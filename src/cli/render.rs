@@ -150,8 +150,8 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         if args.verbose {
             let Seconds { load, build, prepare, render, write, total } = seconds;
             eprintln!(
-                "buffon: note: loading {load:.2} s, building {build:.2} s, preparing {prepare:.2} s, sampling {render:.2} s, \
-                 writing {write:.2} s, total {total:.2} s"
+                "buffon: note: loading {load:.2} s, building {build:.2} s, preparing {prepare:.2} s, \
+                 sampling {render:.2} s, writing {write:.2} s, total {total:.2} s"
             );
         }
         photon_notes(&rendered.statistics).iter().for_each(|note| eprintln!("buffon: note: {note}"));

@@ -24,7 +24,8 @@ pub struct SceneArgs {
     #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     pub memory_limit: Option<Limit>,
     /// Number of threads, which changes the speed but not the pixels [default: all cores]
-    #[arg(short, long, visible_alias = "nthreads", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(short, long, visible_alias = "nthreads", value_name = "N",
+        value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub threads: Option<u32>,
 }
 

@@ -103,7 +103,8 @@ fn findings(rows: &[DomainRow]) -> Vec<Finding> {
     let [independent, sobol] = SAMPLERS.map(exponents);
     vec![
         Finding::new(
-            "Pixel, lens, time, light, BSDF and hemisphere are domains of one integral: of each, the error falls as 1/√N.",
+            "Pixel, lens, time, light, BSDF and hemisphere are domains of one integral: of each, the error falls \
+             as 1/√N.",
             format!("slopes of independent samples: {} (allowed 0.1)", listed(&independent)),
             &independent.iter().map(|e| Check::near(*e, -0.5, 0.1)).collect::<Vec<_>>(),
         ),
@@ -139,8 +140,8 @@ pub fn run(options: &Options) -> Result<Found> {
     }
     let all = studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, spp), 0)?;
     pictures.push(picture(&all.image, 0.0, "all", "the picture")?);
-    let note = "A domain that is not switched on is held at its middle: the lens is a pinhole, the shutter an instant, the lamp \
-                a point, a reflection one direction. RMS errors are those of pairs of independent renders.";
+    let note = "A domain that is not switched on is held at its middle: the lens is a pinhole, the shutter an instant, \
+                the lamp a point, a reflection one direction. RMS errors are those of pairs of independent renders.";
     let evidence = vec![
         Evidence::Text(note.into()),
         Evidence::Table("Error against samples, domain by domain".into(), table(&rows)),

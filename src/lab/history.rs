@@ -189,8 +189,8 @@ fn findings(rows: &[AlgorithmRow]) -> Vec<Finding> {
     let biased = |i: usize| {
         let errors: Vec<f64> = of(rows, i).map(|row| row.error.value).collect();
         format!(
-            "RMS error {:.4} at 16 spp, {:.4} at 64: lower by {} (without bias by 2; allowed 1.5); brightness {:.1} % of \
-             the truth (allowed 99 %)",
+            "RMS error {:.4} at 16 spp, {:.4} at 64: lower by {} (without bias by 2; allowed 1.5); brightness \
+             {:.1} % of the truth (allowed 99 %)",
             errors[errors.len() - 2],
             errors[errors.len() - 1],
             plus_minus(gain(i)),
@@ -212,7 +212,8 @@ fn findings(rows: &[AlgorithmRow]) -> Vec<Finding> {
             &[Check::below(gain(0), 1.5), Check::below(brightness(rows, 0), 0.99)],
         ),
         Finding::new(
-            "Whitted's rays add mirrors and glass, but neither penumbrae nor light between diffuse surfaces: still biased.",
+            "Whitted's rays add mirrors and glass, but neither penumbrae nor light between diffuse surfaces: \
+             still biased.",
             biased(1),
             &[
                 Check::below(gain(1), 1.5),
@@ -232,7 +233,8 @@ fn findings(rows: &[AlgorithmRow]) -> Vec<Finding> {
             &same,
         ),
         Finding::new(
-            "One secondary ray at each surface and many camera rays (path tracing) is the better use of rays than a tree.",
+            "One secondary ray at each surface and many camera rays (path tracing) is the better use of rays \
+             than a tree.",
             format!("for the same error the tree casts {} times as many rays", plus_minus(costs)),
             &[Check::above(costs, 1.0)],
         ),
@@ -255,8 +257,9 @@ pub fn run(options: &Options) -> Result<Found> {
     }
     images.push((format!("reference, path, {} spp", reference.spp), &truth));
     let note = format!(
-        "Ray casting is whitted with paths of two edges; all others have {MAX_DEPTH}. distribution draws 4 emitter and 4 BSDF \
-         samples at each surface. The reference has an RMS error of about {noise:.4}. Seconds depend on the machine."
+        "Ray casting is whitted with paths of two edges; all others have {MAX_DEPTH}. distribution draws 4 emitter \
+         and 4 BSDF samples at each surface. The reference has an RMS error of about {noise:.4}. Seconds \
+         depend on the machine."
     );
     let evidence = vec![
         Evidence::Text(note),

@@ -49,7 +49,8 @@ impl Way {
         };
         let lamp = format!(
             "<shape type=\"{shape}\">{file}<transform name=\"to_world\"><rotate x=\"1\" angle=\"180\"/>\
-             <translate z=\"{height}\"/></transform><bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"0\"/></bsdf>\
+             <translate z=\"{height}\"/></transform>\
+             <bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"0\"/></bsdf>\
              <emitter type=\"area\"><rgb name=\"radiance\" value=\"{RADIANCE}\"/></emitter></shape>"
         );
         LAMP.replace("$LAMP", &lamp)

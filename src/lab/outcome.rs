@@ -165,7 +165,8 @@ mod tests {
         };
         assert_eq!(
             outcome.text(),
-            "x: an experiment\n  confirmed: Up is up.\n             1 ± 0\n  refuted:   Down < up.\n             2\n\n  Because.\n"
+            "x: an experiment\n  confirmed: Up is up.\n             1 ± 0\n  refuted:   \
+             Down < up.\n             2\n\n  Because.\n"
         );
         assert!(outcome.html().as_str().contains("<b>refuted:</b>"));
         assert!(outcome.html().as_str().contains("Down &lt; up."));

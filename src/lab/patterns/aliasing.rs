@@ -169,7 +169,8 @@ fn findings(rows: &[PatternRow]) -> Vec<Finding> {
             &[Check::above(jittered, 1.0)],
         ),
         Finding::new(
-            "Of an edge, jittering finds the coverage with an error that falls as N to the power −3/4, random samples −1/2.",
+            "Of an edge, jittering finds the coverage with an error that falls as N to the power −3/4, \
+             random samples −1/2.",
             format!(
                 "slopes {} and {} (allowed 0.05)",
                 plus_minus(exponent(Pattern::Jittered)),

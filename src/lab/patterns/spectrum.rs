@@ -122,7 +122,8 @@ pub fn run(options: &Options) -> Result<Found> {
         series,
     }));
     let finding = Finding::new(
-        "Jittered and Poisson-disk-like samples turn aliases into noise of high frequency: they have little power at low ones.",
+        "Jittered and Poisson-disk-like samples turn aliases into noise of high frequency: they have \
+         little power at low ones.",
         format!(
             "mean power up to {LOW} cycles, over that of white noise: random {}, jittered {}, Poisson-disk-like {} \
              (allowed: random within 0.2 of 1, the others below 0.5)",

@@ -63,7 +63,8 @@ pub fn run(options: &Options) -> Result<Found> {
         shots.push((format!("{sampler}, 16 spp"), image));
     }
     let finding = Finding::new(
-        "The same sequence in every pixel makes neighbours err alike, so that the eye sees structure; random numbers do not.",
+        "The same sequence in every pixel makes neighbours err alike, so that the eye sees structure; \
+         random numbers do not.",
         format!(
             "correlation of neighbouring errors: independent {} (allowed 0.1), fixed {} (at least 0.2)",
             plus_minus(correlations[0]),

@@ -1,4 +1,4 @@
-//! Materials of MTL files. [Wavefront MTL] The table is in `docs/usage.md`.
+//! Materials from the entries of MTL files. [Wavefront MTL] `docs/usage.md` has the table of keywords.
 
 use super::Builder;
 use super::mtl::Entry;
@@ -11,27 +11,27 @@ use crate::material::{
     NormalMap, RoughConductor, RoughPlastic, Roughness, TwoSided,
 };
 
-/// The index of refraction of what says nothing of it, or says what no coat has.
+/// The index of refraction of a material without `Ni`, or with an `Ni` outside (1, 10].
 const DEFAULT_IOR: f32 = 1.5;
-/// Reflectance of what says nothing of it.
+/// The diffuse reflectance of a material without `Kd` and `map_Kd`.
 const DEFAULT_REFLECTANCE: f32 = 0.5;
-/// Keywords that mean something here although `tobj` does not know them.
+/// Keywords that `tobj` does not know and this module reads.
 const KNOWN: [&str; 4] = ["Tf", "Tr", "map_Ke", "norm"];
 
-/// What a material becomes.
+/// The material and the emission of a shape.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// What scatters.
+    /// The material that scatters light.
     pub material: MaterialId,
-    /// What shines.
+    /// The radiance of the front; `None` without emission.
     pub emission: Option<Input<Rgb>>,
 }
 
 impl Builder<'_> {
-    /// Makes the surface of a material.
+    /// Creates the surface of an MTL material.
     ///
     /// # Errors
-    /// Images that exist but cannot be read.
+    /// If an image exists but cannot be read.
     pub fn make(&mut self, entry: &Entry) -> Result<Surface> {
         let m = &entry.material;
         self.note_ignored(entry);
@@ -78,7 +78,7 @@ impl Builder<'_> {
         self.loaded.warnings.push(Error::scene(message).about(thing).in_file(&entry.file));
     }
 
-    /// Notes what a material says in vain.
+    /// Adds a note that lists the keywords of a material that are ignored.
     fn note_ignored(&mut self, entry: &Entry) {
         let m = &entry.material;
         let known = [("map_Ka", m.ambient_texture.is_some()), ("map_Ns", m.shininess_texture.is_some())];
@@ -93,7 +93,7 @@ impl Builder<'_> {
         self.loaded.notes.push(format!("{file}: newmtl {name}: ignored: {}", ignored.join(", ")));
     }
 
-    /// The diffuse reflectance. Black is taken for white where there is a texture: some programs write it so.
+    /// Returns the diffuse reflectance. A black `Kd` beside a texture counts as white, because some programs write it.
     fn diffuse(&mut self, entry: &Entry) -> Result<Input<Rgb>> {
         let m = &entry.material;
         let map = m.diffuse_texture.as_deref();
@@ -106,7 +106,7 @@ impl Builder<'_> {
         self.reflectance(entry, "Kd", map, factor)
     }
 
-    /// A colour in [0, 1] times a texture.
+    /// Returns a colour times a texture. Adds a warning if the colour must be clamped to [0, 1].
     fn reflectance(
         &mut self,
         entry: &Entry,
@@ -114,19 +114,19 @@ impl Builder<'_> {
         map: Option<&str>,
         factor: Rgb,
     ) -> Result<Input<Rgb>> {
-        let limited = factor.map(share);
+        let limited = factor.map(clamped);
         if limited != factor {
             self.warn(entry, format!("expected a {keyword} in [0, 1]: it is limited to that"));
         }
         self.product(entry, map, Plane::Color, limited)
     }
 
-    /// Smooth glass, which `d` does not make transparent a second time.
+    /// Creates smooth glass with the transmittance `Tf`. `d` is ignored, because glass is transparent already.
     fn glass(&mut self, entry: &Entry) -> MaterialId {
         let m = &entry.material;
         let filter = m.unknown_param.get("Tf").and_then(|text| {
             let numbers: Vec<f32> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
-            numbers.first_chunk::<3>().map(|numbers| Rgb::from(*numbers).map(share))
+            numbers.first_chunk::<3>().map(|numbers| Rgb::from(*numbers).map(clamped))
         });
         self.loaded.description.add_material(Dielectric {
             interface: Interface { int_ior: ior(m), ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() },
@@ -134,7 +134,8 @@ impl Builder<'_> {
         })
     }
 
-    /// The material with bent normals: by `norm`, or by `map_Bump`, which is a normal map where it is coloured.
+    /// Returns the material with perturbed normals, or `inner` if no texture perturbs them. `norm` is a normal map.
+    /// `map_Bump` is a normal map if its image has colours, and a height map if it is grey.
     fn bent(&mut self, entry: &Entry, inner: MaterialId) -> Result<MaterialId> {
         let m = &entry.material;
         let bending = Bending { flip_invalid: true, soften: true };
@@ -155,11 +156,11 @@ impl Builder<'_> {
         Ok(self.loaded.description.add_material(BumpMap { height, scale, bending, inner }))
     }
 
-    /// The material where `d` and `map_d` let it be.
+    /// Returns the material with the opacity `d` times `map_d`. Without `d`, 1 − `Tr` takes its place.
     fn mask(&mut self, entry: &Entry, inner: MaterialId) -> Result<MaterialId> {
         let m = &entry.material;
         let transparency = || m.unknown_param.get("Tr").and_then(|text| text.parse::<f32>().ok());
-        let d = m.dissolve.or_else(|| transparency().map(|t| 1.0 - t)).map_or(1.0, share);
+        let d = m.dissolve.or_else(|| transparency().map(|t| 1.0 - t)).map_or(1.0, clamped);
         let opacity =
             match self.product(entry, m.dissolve_texture.as_deref(), Plane::Opacity, Rgb::splat(d))? {
                 Input::Constant(_) if d == 1.0 => return Ok(inner),
@@ -169,7 +170,7 @@ impl Builder<'_> {
         Ok(self.loaded.description.add_material(Mask { opacity, inner }))
     }
 
-    /// Radiance of the front; `None` where there is none.
+    /// Returns the radiance of the front, `Ke` times `map_Ke`; `None` without emission.
     fn emission(&mut self, entry: &Entry) -> Result<Option<Input<Rgb>>> {
         let m = &entry.material;
         let map = m.unknown_param.get("map_Ke").map(String::as_str);
@@ -185,20 +186,20 @@ impl Builder<'_> {
     }
 }
 
-/// Roughness of the microfacets that scatter about as far as the cosine lobe of exponent `Ns`.
-/// [Walter 2007, Sec. 5.2, the exponent of Phong's distribution against Beckmann's]
+/// Returns the roughness of Beckmann microfacets whose lobe is about as wide as a cosine lobe of exponent `Ns`.
+/// [Walter 2007, Sec. 5.2, which relates the exponent of Phong's distribution to Beckmann's roughness]
 fn alpha(m: &tobj::Material) -> f32 {
     let exponent = m.shininess.filter(|n| n.is_finite()).map_or(0.0, |n| n.max(0.0));
     (2.0 / (exponent + 2.0)).sqrt()
 }
 
-/// The index of refraction.
+/// Returns the index of refraction `Ni`, or the default if it is missing or outside (1, 10].
 fn ior(m: &tobj::Material) -> f32 {
     m.optical_density.filter(|n| *n > 1.0 && *n <= 10.0).unwrap_or(DEFAULT_IOR)
 }
 
-/// A number in [0, 1].
-fn share(value: f32) -> f32 {
+/// Returns a number clamped to [0, 1]; 0 for NaN.
+fn clamped(value: f32) -> f32 {
     if value.is_nan() { 0.0 } else { value.clamp(0.0, 1.0) }
 }
 

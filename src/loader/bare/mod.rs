@@ -1,5 +1,5 @@
-//! A mesh without a scene: framed by a camera, of the materials of its MTL files or a grey one, and in an even white
-//! light unless it emits light itself.
+//! Scenes made of one mesh file. A camera frames the mesh. The materials come from its MTL files; without them, the
+//! mesh is grey. A constant white environment lights the mesh, unless one of its materials emits light.
 
 mod materials;
 mod mtl;
@@ -27,7 +27,7 @@ use textures::{BitmapKey, Plane};
 /// Loads a mesh file as a scene.
 ///
 /// # Errors
-/// As for [`mesh::load`]; a mesh without finite extent; MTL files and images that exist but cannot be read.
+/// As for [`mesh::load`], and if the mesh has no finite extent, or an MTL file or image exists but cannot be read.
 pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Loaded> {
     let is_obj = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj"));
     let format = if is_obj { Format::Obj } else { Format::Ply };
@@ -79,14 +79,14 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
     Ok(loaded)
 }
 
-/// A scene in the making.
+/// The scene that is being made, and the parts of it that are made already.
 struct Builder<'a> {
     path: &'a Path,
     folders: Folders,
     memory: &'a Budget,
     loaded: Loaded,
     library: Library,
-    /// By the name of the material; the empty one is grey.
+    /// The surfaces by the name of their material; the empty name stands for the grey one.
     surfaces: BTreeMap<String, Surface>,
     images: HashMap<(PathBuf, Plane), Arc<TextureImage>>,
     bitmaps: HashMap<BitmapKey, Arc<Texture>>,
@@ -99,7 +99,7 @@ impl Builder<'_> {
         self.loaded.warnings.push(Error::scene(message).at(place));
     }
 
-    /// The material of what has none.
+    /// Returns the grey surface of triangles without a material.
     fn grey(&mut self) -> Surface {
         if let Some(surface) = self.surfaces.get("") {
             return *surface;
@@ -111,10 +111,10 @@ impl Builder<'_> {
         surface
     }
 
-    /// The surface of a material that the mesh file names; made once.
+    /// Returns the surface of a material that the mesh file names. A material that does not exist is grey.
     ///
     /// # Errors
-    /// Images that exist but cannot be read.
+    /// If an image exists but cannot be read.
     fn surface(&mut self, named: &Named) -> Result<Surface> {
         if let Some(surface) = self.surfaces.get(&named.name) {
             return Ok(*surface);

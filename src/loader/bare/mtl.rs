@@ -1,4 +1,4 @@
-//! MTL files: the materials that an OBJ file names, read by `tobj`.
+//! MTL files, which define the materials that an OBJ file names. `tobj` parses them.
 
 use super::Builder;
 use crate::error::{Error, Place, Result};
@@ -9,27 +9,27 @@ use std::io::{self, BufRead, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Lines of a file that may be wrong.
+/// The greatest number of wrong lines that is accepted in a file.
 const MOST_WRONG: usize = 20;
 
-/// A material, and the file that it is from.
+/// A material and the file that defines it.
 #[derive(Debug)]
 pub struct Entry {
     pub material: tobj::Material,
     pub file: PathBuf,
 }
 
-/// Materials by their names.
+/// Materials by name.
 pub type Library = BTreeMap<String, Arc<Entry>>;
 
 impl Builder<'_> {
-    /// Reads the files of materials; a warning tells of those that do not exist, and of lines that are wrong.
+    /// Reads the MTL files. Adds a warning for each file that does not exist and for each wrong line.
     ///
     /// # Errors
-    /// If a file exists but cannot be read, or many of its lines are wrong.
+    /// If a file exists but cannot be read, or more than `MOST_WRONG` of its lines are wrong.
     pub fn read_libraries(&mut self, libraries: &[Named]) -> Result<()> {
         for library in libraries {
-            // The name of one file, with blanks, or of several.
+            // The line holds one name, which may contain blanks, or several names.
             let names = match self.find(self.path, &library.name) {
                 Some(_) => vec![&library.name[..]],
                 None => library.name.split_whitespace().collect(),
@@ -47,7 +47,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The file of a name that a file mentions; also one that is written with backslashes.
+    /// Returns the path of a file that the file `named_in` names. The name may have backslashes between folders.
     pub fn find(&self, named_in: &Path, name: &str) -> Option<PathBuf> {
         let found = self.folders.find(named_in, name);
         found.or_else(|| self.folders.find(named_in, &name.replace('\\', "/"))).filter(|path| path.is_file())
@@ -63,7 +63,7 @@ impl Builder<'_> {
             match tobj::load_mtl_buf(&mut lines) {
                 Ok((materials, _)) => break materials,
                 Err(error) => {
-                    // The line is left out, and all is read again.
+                    // The wrong line is emptied, and the whole file is parsed again.
                     let i = lines.next.saturating_sub(1);
                     let line = text.lines().nth(i).unwrap_or_default().trim_end().to_owned();
                     let place = Place { line: i as u32 + 1, column: 1, text: line, ..Place::file(path) };
@@ -80,7 +80,7 @@ impl Builder<'_> {
         };
         self.loaded.warnings.append(&mut wrong);
         for material in materials {
-            // Of two files with a material of a name, the first counts.
+            // If several materials have the same name, the first one counts.
             let entry = |material| Arc::new(Entry { material, file: path.to_path_buf() });
             self.library.entry(material.name.clone()).or_insert_with(|| entry(material));
         }
@@ -88,20 +88,21 @@ impl Builder<'_> {
     }
 }
 
-/// A reader that hands out one line at a time, in a form that `tobj` reads.
+/// A reader that returns one line at a time, in the form that `tobj` expects.
 struct Lines {
     lines: Vec<String>,
-    /// Which line comes next, and how much of the one before has been read.
+    /// The index of the line after the current one.
     next: usize,
+    /// The number of bytes of the current line that have been read.
     at: usize,
 }
 
 impl Lines {
     fn new(text: &str) -> Self {
-        Lines { lines: text.lines().map(|line| usual(line) + "\n").collect(), next: 0, at: 0 }
+        Lines { lines: text.lines().map(|line| normalized(line) + "\n").collect(), next: 0, at: 0 }
     }
 
-    /// What is left of the current line.
+    /// Returns the bytes of the current line that have not been read.
     fn rest(&self) -> &[u8] {
         let current = self.next.checked_sub(1).and_then(|i| self.lines.get(i));
         current.and_then(|line| line.as_bytes().get(self.at..)).unwrap_or_default()
@@ -130,15 +131,15 @@ impl BufRead for Lines {
     }
 }
 
-/// A line in the form that `tobj` reads: of a colour it wants all three numbers, and of `d` no option. Spectra and
-/// CIE XYZ are left as they are, which is an error there.
-fn usual(line: &str) -> String {
+/// Returns a line in the form that `tobj` expects: three numbers for a colour, and no option for `d`. Colours as
+/// spectra or CIE XYZ are not changed, and `tobj` reports them as errors.
+fn normalized(line: &str) -> String {
     let mut words = line.split_whitespace().take_while(|word| !word.starts_with('#'));
     let rest: Vec<&str> = words.clone().skip(1).collect();
     match (words.next(), &rest[..]) {
-        // All channels are as the first one.
+        // One number stands for all three channels.
         (Some(color @ ("Ka" | "Kd" | "Ks" | "Ke" | "Tf")), [grey]) => format!("{color} {grey} {grey} {grey}"),
-        // tobj panics at fewer numbers.
+        // `tobj` panics if a colour has fewer than three numbers. It reports this line as an error instead.
         (Some(color @ ("Ka" | "Kd" | "Ks" | "Ke")), [] | [_, _]) => {
             format!("{color} {} expected-3-numbers -", rest.join(" "))
         }
@@ -160,7 +161,7 @@ mod tests {
             ("map_Kd a  b.png", "map_Kd a  b.png"),
             ("Ks", "Ks  expected-3-numbers -"),
         ] {
-            assert_eq!(usual(line), expected);
+            assert_eq!(normalized(line), expected);
         }
         let mut lines = Lines::new("newmtl a\nKd 1\n\nNs 3\nnewmtl b\nillum 7");
         let (materials, _) = tobj::load_mtl_buf(&mut lines).unwrap();

@@ -1,4 +1,4 @@
-//! A mesh in parts, one for each of its materials.
+//! Splits a mesh into parts, one for each of its materials.
 
 use crate::error::{Error, Result};
 use crate::loader::mesh::Named;
@@ -11,17 +11,18 @@ use std::path::Path;
 /// The triangles of one material.
 #[derive(Debug)]
 pub struct Part {
-    /// The material as it is first named; `None` before the first name.
+    /// The material, and the line of its first use; `None` for triangles before the first `usemtl`.
     pub material: Option<Named>,
-    /// Its triangles and their vertices, in the order of the file.
+    /// The triangles, in the order of the file, and their vertices.
     pub mesh: Mesh,
 }
 
-/// Splits a mesh, given from which triangle on it is of which material. Parts are in the order of their first use.
-/// Normals stay as they are, so that smooth shading goes on from part to part.
+/// Splits a mesh by material. Each entry of `uses` is the index of a triangle and the material from that triangle on.
+/// The parts are in the order of first use. They keep the vertex normals of the whole mesh, so smooth shading
+/// continues across parts.
 ///
 /// # Errors
-/// If there is no memory for the parts beside the whole.
+/// If the parts do not fit into memory beside the whole mesh.
 pub fn split(mesh: Mesh, uses: &[(usize, Named)], path: &Path, memory: &Budget) -> Result<Vec<Part>> {
     let mut parts: Vec<(Option<&Named>, Vec<Range<usize>>)> = Vec::new();
     let mut by_name = HashMap::new();
@@ -53,7 +54,8 @@ pub fn split(mesh: Mesh, uses: &[(usize, Named)], path: &Path, memory: &Budget) 
     Ok(made)
 }
 
-/// The triangles of some ranges. All `numbers` are `u32::MAX` before and after.
+/// Returns a mesh of the triangles in some ranges. `numbers` maps the vertices of the whole mesh to those of the part;
+/// before and after the call, all of its entries are `u32::MAX`.
 fn part(mesh: &Mesh, ranges: &[Range<usize>], numbers: &mut [u32]) -> Mesh {
     let triangles = || ranges.iter().flat_map(|range| &mesh.indices[range.clone()]);
     let mut vertices = Vec::new();

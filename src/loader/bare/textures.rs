@@ -1,4 +1,4 @@
-//! Textures of MTL files: which picture, with which options, and which of its channels.
+//! Textures of MTL files: the image file, its options, and the channels that are used.
 
 use super::Builder;
 use super::mtl::Entry;
@@ -12,30 +12,30 @@ use crate::util::wording::quoted;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// What of an image is wanted.
+/// The channels of an image that a texture uses, and the way they are decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Plane {
-    /// Its colours.
+    /// The colours, decoded to linear values.
     Color,
-    /// Numbers, not encoded.
+    /// The colour channels, taken as linear values.
     Vector,
-    /// Its alpha, or where it has none its values, not encoded.
+    /// The alpha channel; in an image without one, the colour channels, taken as linear values.
     Opacity,
 }
 
-/// A file, a plane of it, whether it is clamped, and the bits of the transformation of texture coordinates.
+/// The file, the plane, whether the texture is clamped, and the bits of the transformation of texture coordinates.
 pub type BitmapKey = (PathBuf, Plane, bool, [u32; 6]);
 
-/// What a texture says of itself.
+/// Properties of a texture that decide how it perturbs normals.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct About {
-    /// Whether it is a grey image.
+    /// Whether the image is grey.
     pub is_grey: bool,
-    /// The factor on heights (`-bm`).
+    /// The factor on heights (`-bm`), in units of the scene.
     pub bump: Option<f32>,
 }
 
-/// A texture as a line of a material names it.
+/// A texture line of a material: the options and the name of the file.
 #[derive(Debug, PartialEq)]
 struct Use<'t> {
     file: &'t str,
@@ -46,7 +46,7 @@ struct Use<'t> {
 }
 
 impl<'t> Use<'t> {
-    /// Reads options and the name of the file after them, which may have blanks.
+    /// Parses the options and the name of the file, which follows them and may contain blanks.
     fn parse(text: &'t str) -> Self {
         let mut used = Use { file: "", scale: [1.0; 2], offset: [0.0; 2], is_clamped: false, bump: None };
         let mut rest = text.trim();
@@ -64,7 +64,7 @@ impl<'t> Use<'t> {
             for i in 0..most {
                 let (value, after) = word(rest);
                 let number = value.parse::<f32>().ok().filter(|n| n.is_finite());
-                // The second and third number may be left out. A name always follows.
+                // The second and third number are optional. The last word belongs to the name of the file.
                 if after.is_empty() || (i > 0 && number.is_none()) {
                     break;
                 }
@@ -83,24 +83,24 @@ impl<'t> Use<'t> {
         Use { file: rest, ..used }
     }
 
-    /// The transformation of texture coordinates. In the file v points up, and here down.
+    /// Returns the transformation of texture coordinates. In MTL files v points up; here it points down.
     fn to_uv(&self) -> Affine2 {
         let ([x, y], [u, v]) = (self.scale, self.offset);
         Affine2::from_cols_array(&[x, 0.0, 0.0, y, u, 1.0 - y - v])
     }
 }
 
-/// The first word, and what follows it.
+/// Returns the first word and the text after it.
 fn word(text: &str) -> (&str, &str) {
     let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
     (word, rest.trim_start())
 }
 
 impl Builder<'_> {
-    /// A texture, and what it says of itself; `None` with a warning if the file does not exist.
+    /// Returns a texture and its properties. If the file does not exist, adds a warning and returns `None`.
     ///
     /// # Errors
-    /// If it exists but cannot be read.
+    /// If the file exists but cannot be read.
     pub fn bitmap(
         &mut self,
         entry: &Entry,
@@ -122,13 +122,13 @@ impl Builder<'_> {
         Ok(Some((texture.clone(), about)))
     }
 
-    /// A plane of an image, read once.
+    /// Returns a plane of an image. Each plane is read once.
     fn image(&mut self, path: &Path, plane: Plane) -> Result<Arc<TextureImage>> {
         let key = (path.to_path_buf(), plane);
         if let Some(image) = self.images.get(&key) {
             return Ok(image.clone());
         }
-        // What an image library finds wrong is the scene's fault here.
+        // An image that the library cannot read is an error of the scene.
         let fault = |error: Error| Error { kind: Kind::Scene, ..error };
         let image = match plane {
             Plane::Color => image::read_texture_within(path, self.memory).map_err(fault)?,
@@ -144,7 +144,7 @@ impl Builder<'_> {
         Ok(image)
     }
 
-    /// A colour, times a texture if there is one.
+    /// Returns a colour times a texture, or the colour alone if there is no texture.
     ///
     /// # Errors
     /// As for [`bitmap`](Self::bitmap).
@@ -181,7 +181,7 @@ mod tests {
         assert_eq!((used.scale, used.offset), ([2.0, 3.0], [0.5, 0.0]));
         assert_eq!((used.is_clamped, used.bump), (true, Some(0.2)));
         assert_eq!(Use::parse("-s 2 9.png").file, "9.png");
-        // The middle of the texture's left edge at v = 0.25 is scaled to 0.75 + 0.1 upwards.
+        // With v upwards, (0.5, 0.25) becomes (2 · 0.5, 3 · 0.25 + 0.1) = (1, 0.85).
         let used = Use { scale: [2.0, 3.0], offset: [0.0, 0.1], ..plain };
         let found = used.to_uv().transform_point2(Vec2::new(0.5, 0.75));
         assert!((found - Vec2::new(1.0, 0.15)).length() < 1e-6, "{found}");

@@ -36,15 +36,15 @@ pub struct Options {
     pub flip_tex_coords: bool,
 }
 
-/// Reads a mesh, and what an OBJ file states about materials.
+/// Reads a mesh. Returns it with the survey of an OBJ file; for other formats, the survey is empty.
 ///
-/// Polygons are split into fans. If the file has no vertex normals (or invalid ones) and the mesh is not faceted, they
-/// are computed in world space, as in Mitsuba, so `to_world` matters if it is not a similarity. Vertices that no face
-/// uses are accepted. A warning is added for all that is ignored or repaired.
+/// Polygons are split into fans. Missing and invalid vertex normals are computed, unless the mesh is faceted. They are
+/// computed in world space, as in Mitsuba, so they depend on `to_world` if it is not a similarity. Vertices that no
+/// face uses are accepted. Adds a warning for everything that is ignored or repaired.
 ///
 /// # Errors
 /// If the file cannot be read or is malformed (with the line, if it is text), a face refers to a vertex that does not
-/// exist, there is no face, or the mesh does not fit into memory.
+/// exist, the file has no face, or the mesh does not fit into memory.
 pub fn load(
     path: &Path,
     format: Format,
@@ -78,7 +78,7 @@ pub fn load(
     Ok((mesh, survey))
 }
 
-/// The bytes of each vertex while its normal is computed: the normal, and the sum of weighted normals.
+/// The bytes of each vertex while its normal is computed: those of the normal and of the sum of weighted normals.
 const NORMAL_BYTES: u64 = (size_of::<Vec3>() + size_of::<DVec3>()) as u64;
 
 /// Reads the file. Returns the mesh, whether it is faceted, and the names of materials in an OBJ file.
@@ -113,7 +113,7 @@ fn too_large(path: &Path, refusal: &Refusal) -> Error {
     Error::scene(refusal.sentence("its mesh", "use a mesh of fewer triangles")).in_file(path)
 }
 
-/// Normalises the normals, and computes those that are missing or invalid.
+/// Normalises the vertex normals, and computes the missing and invalid ones.
 pub fn complete_normals(mesh: &mut Mesh, to_world: &DAffine3, path: &Path, warnings: &mut Vec<Error>) {
     if mesh.normals.is_empty() {
         mesh.normals = normals::compute(mesh, to_world);

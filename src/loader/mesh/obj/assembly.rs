@@ -1,4 +1,4 @@
-//! A mesh of what a file lists: its entries, and the triangles whose corners refer to them.
+//! Assembles a mesh from the entries of a file and the triangles whose corners refer to them.
 
 use super::weld::{Key, NONE, Weld};
 use super::{MOST, Stop, Survey};
@@ -7,21 +7,21 @@ use crate::memory::Reservation;
 use crate::shape::Mesh;
 use rayon::prelude::*;
 
-/// A mesh as far as it is read.
+/// The part of a mesh that has been read.
 #[derive(Debug, Default)]
 pub struct Assembly {
     pub survey: Survey,
     pub positions: Vec<Vec3>,
     pub uvs: Vec<Vec2>,
     pub normals: Vec<Vec3>,
-    /// What the vertices refer to.
+    /// The vertices, as indices of positions, texture coordinates and normals.
     pub weld: Weld,
-    /// Triangles of vertices.
+    /// The triangles, as indices of vertices.
     pub indices: Vec<[u32; 3]>,
 }
 
 impl Assembly {
-    /// Bytes of all arrays so far.
+    /// Returns the bytes of all arrays.
     fn memory_bytes(&self) -> u64 {
         let vectors = size_of::<Vec3>() * (self.positions.capacity() + self.normals.capacity());
         let others =
@@ -29,10 +29,11 @@ impl Assembly {
         (vectors + others + self.weld.memory_bytes()) as u64 + self.survey.memory_bytes()
     }
 
-    /// Reserves what is there so far.
+    /// Reserves the memory of all arrays.
     ///
     /// # Errors
-    /// If there is no memory, or [`Stop::Unusual`] if the vertices of a next piece might not be numbered by `u32`.
+    /// [`Stop::Memory`] if they do not fit into memory. [`Stop::Unusual`] if the vertices of a further piece might
+    /// exceed the range of `u32`.
     pub fn plan(&self, planned: &mut Reservation) -> Result<(), Stop> {
         if self.weld.len() >= MOST {
             return Err(Stop::Unusual);
@@ -40,10 +41,11 @@ impl Assembly {
         Ok(planned.grow_to(self.memory_bytes())?)
     }
 
-    /// Collects what the vertices refer to.
+    /// Returns the mesh, with the position, texture coordinate and normal of each vertex, and the survey.
     ///
     /// # Errors
-    /// [`Stop::Unusual`] if one refers to what is not there; if there is no memory.
+    /// [`Stop::Unusual`] if a vertex refers to an entry that does not exist. [`Stop::Memory`] if the mesh does not fit
+    /// into memory.
     pub fn finish(mut self, planned: &mut Reservation) -> Result<(Mesh, Survey), Stop> {
         let used = self.survey.used();
         let lengths = [self.positions.len(), self.uvs.len(), self.normals.len()];
@@ -61,7 +63,7 @@ impl Assembly {
         let differs = |key: &Key| (0..2).any(|i| !used[i] && key[i + 1] != NONE);
         if self.weld.keys().par_iter().any(differs) {
             planned.grow(vertices * Weld::VERTEX_BYTES)?;
-            self.forget(used);
+            self.drop_unused(used);
         }
         let keys = self.weld.into_keys();
         let positions = gather(&keys, 0, self.positions);
@@ -70,8 +72,8 @@ impl Assembly {
         Ok((Mesh { positions, normals, uvs, indices: self.indices, attributes: Vec::new() }, self.survey))
     }
 
-    /// Merges the vertices that differ only in what is not used. They stay in the order of their first use.
-    fn forget(&mut self, used: [bool; 2]) {
+    /// Merges the vertices that differ only in unused indices. The vertices stay in the order of their first use.
+    fn drop_unused(&mut self, used: [bool; 2]) {
         let mut weld = Weld::default();
         weld.set_positions(self.positions.len());
         let kept =
@@ -82,7 +84,7 @@ impl Assembly {
     }
 }
 
-/// The entries that the vertices refer to.
+/// Returns the entry of each vertex. `kind` is 0 for positions, 1 for texture coordinates and 2 for normals.
 fn gather<T: Copy + Send + Sync>(keys: &[Key], kind: usize, entries: Vec<T>) -> Vec<T> {
     if keys.len() == entries.len() && keys.par_iter().enumerate().all(|(i, key)| key[kind] as usize == i) {
         return entries;

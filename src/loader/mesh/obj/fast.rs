@@ -1,5 +1,6 @@
-//! OBJ files of many megabytes: blocks whose lines are parsed in parallel and put together in their order. The mesh is
-//! that of `tobj`, to the last bit. A file with a line that is wrong or unusual is left to `tobj`.
+//! The fast path for large OBJ files. It reads a file in blocks, parses the lines of a block in parallel, and appends
+//! the results in their order. The mesh equals that of `tobj` bit for bit. If a line is wrong or unusual, `tobj` reads
+//! the file instead.
 
 use super::assembly::Assembly;
 use super::weld::NONE;
@@ -10,33 +11,36 @@ use crate::shape::Mesh;
 use rayon::prelude::*;
 use std::io::Read;
 
-/// Added to an index that counts from the start of the piece of text.
+/// The offset that marks an index as relative to the first entry of its piece.
 const RELATIVE: i64 = 1 << 60;
-/// An index that a corner lacks.
+/// The value of an index that a corner lacks.
 const LACKING: i64 = -1;
 
-/// How a file is cut, though lines may be longer: bytes that are read at once, and that a thread parses at once.
+/// The numbers of bytes that are read at once and that a thread parses at once. A longer line is not split.
 pub type Sizes = [usize; 2];
+/// The sizes for all meshes outside tests: 8 MiB and 256 KiB.
 pub const USUAL: Sizes = [8 << 20, 256 << 10];
 
-/// Indices from 0 of a corner's position, texture coordinate and normal, in the file or [`RELATIVE`].
+/// The indices of a corner's position, texture coordinate and normal. Each is the index in the file from 0, or
+/// [`RELATIVE`] plus the index in the piece, or [`LACKING`].
 type Corner = [i64; 3];
 
-/// What some lines say.
+/// The contents of some lines.
 #[derive(Default)]
 struct Piece {
     survey: Survey,
     positions: Vec<Vec3>,
     uvs: Vec<Vec2>,
     normals: Vec<Vec3>,
-    /// Corners of triangles; polygons are split into fans.
+    /// The corners of triangles. Polygons are split into fans.
     corners: Vec<[Corner; 3]>,
 }
 
-/// Reads a mesh. The next block is read and the last one is put together while one is parsed.
+/// Reads a mesh. While one block is parsed, the next one is read and the previous one is appended to the mesh.
 ///
 /// # Errors
-/// [`Stop::Unusual`] for a file that is left to `tobj`; if it cannot be read or there is no memory.
+/// [`Stop::Unusual`] if `tobj` must read the file. [`Stop::Io`] if it cannot be read. [`Stop::Memory`] if the mesh does
+/// not fit into memory.
 pub fn read(
     mut from: impl Read + Send,
     [block, cut]: Sizes,
@@ -46,7 +50,7 @@ pub fn read(
     let (mut text, mut next, mut pieces) = (Vec::new(), Vec::new(), Vec::new());
     let mut more = fill(&mut from, &mut text, block, planned)?;
     loop {
-        // Only whole lines; the rest goes before the next block.
+        // Only whole lines are parsed. The rest is put before the next block.
         let end = if more { text.iter().rposition(|b| *b == b'\n').map_or(0, |i| i + 1) } else { text.len() };
         next.clear();
         next.extend_from_slice(&text[end..]);
@@ -68,7 +72,7 @@ pub fn read(
     assembly.finish(planned)
 }
 
-/// Adds what the next lines say.
+/// Appends the contents of the next lines to the mesh.
 fn append(to: &mut Assembly, piece: Piece, planned: &mut Reservation) -> Result<(), Stop> {
     let before = [to.positions.len(), to.uvs.len(), to.normals.len()].map(|n| n as i64);
     to.survey.append(piece.survey);
@@ -94,7 +98,8 @@ fn append(to: &mut Assembly, piece: Piece, planned: &mut Reservation) -> Result<
     to.plan(planned)
 }
 
-/// Appends the next bytes of a file, at least up to a line end; whether there may be more.
+/// Appends the next `block` bytes of a file, and further blocks until there is a line end. Returns whether the file may
+/// have more bytes.
 fn fill(
     from: &mut impl Read,
     text: &mut Vec<u8>,
@@ -108,12 +113,12 @@ fn fill(
         if read < block || text[before..].contains(&b'\n') {
             return Ok(read == block);
         }
-        // A line of any length.
+        // The line is longer than a block.
         planned.grow(2 * block as u64)?;
     }
 }
 
-/// Cuts a text at line ends.
+/// Splits a text into pieces of whole lines. Each but the last has at least `piece` bytes.
 fn split(mut rest: &[u8], piece: usize) -> Vec<&[u8]> {
     let mut pieces = Vec::new();
     while !rest.is_empty() {
@@ -126,7 +131,7 @@ fn split(mut rest: &[u8], piece: usize) -> Vec<&[u8]> {
     pieces
 }
 
-/// Reads whole lines; `None` if one is wrong or unusual.
+/// Parses whole lines. Returns `None` if one is wrong or unusual.
 fn parse(text: &[u8]) -> Option<Piece> {
     let mut piece = Piece::default();
     let mut rest = Rest(text);
@@ -142,7 +147,7 @@ fn parse(text: &[u8]) -> Option<Piece> {
             b"f" => face(&mut piece, &mut rest)?,
             b"l" | b"p" => piece.survey.skipped += 1,
             b"" | b"g" | b"o" | b"s" | [b'#', ..] => {}
-            _ => piece.survey.name(keyword, rest.0.split(|b| *b == b'\n').next()?).then_some(())?,
+            _ => piece.survey.add_name(keyword, rest.0.split(|b| *b == b'\n').next()?).then_some(())?,
         }
         rest.0 = rest.0.iter().position(|b| *b == b'\n').map_or(&[], |end| &rest.0[end + 1..]);
     }
@@ -150,6 +155,7 @@ fn parse(text: &[u8]) -> Option<Piece> {
     Some(piece)
 }
 
+/// Parses a face into triangles. Returns `None` if a corner is wrong or unusual.
 fn face(piece: &mut Piece, rest: &mut Rest<'_>) -> Option<()> {
     let counts = [piece.positions.len(), piece.uvs.len(), piece.normals.len()];
     let mut ends = [[LACKING; 3]; 2];
@@ -170,7 +176,7 @@ fn face(piece: &mut Piece, rest: &mut Rest<'_>) -> Option<()> {
     Some(())
 }
 
-/// What is left of the text.
+/// The text that has not been parsed yet.
 struct Rest<'a>(&'a [u8]);
 
 impl<'a> Rest<'a> {
@@ -180,13 +186,13 @@ impl<'a> Rest<'a> {
         }
     }
 
-    /// Skips blanks; whether the line, or what of it is no comment, ends here.
+    /// Skips blanks. Returns whether the rest of the line is empty or a comment.
     fn is_at_end_of_line(&mut self) -> bool {
         self.skip_blanks();
         matches!(self.0, [] | [b'\n' | b'#', ..])
     }
 
-    /// The word that starts here; it may be empty.
+    /// Returns the text up to the next whitespace, which may be empty.
     fn word(&self) -> &'a [u8] {
         &self.0[..self.0.iter().position(u8::is_ascii_whitespace).unwrap_or(self.0.len())]
     }
@@ -198,7 +204,7 @@ impl<'a> Rest<'a> {
         self.0.first().is_none_or(u8::is_ascii_whitespace).then_some(value)
     }
 
-    /// Three coordinates, and a weight to divide them by or a colour, which is ignored.
+    /// Parses three coordinates. One more number is a weight that divides them; three more are an ignored colour.
     fn position(&mut self) -> Option<Vec3> {
         let position = Vec3::new(self.float()?, self.float()?, self.float()?);
         let mut words = Vec::new();
@@ -214,7 +220,7 @@ impl<'a> Rest<'a> {
         }
     }
 
-    /// A corner of a face. `counts` entries of each kind are before it in the piece.
+    /// Parses a corner of a face. `counts` is the number of entries of each kind before it in the piece.
     #[inline]
     fn corner(&mut self, counts: [usize; 3]) -> Option<Corner> {
         let mut corner = [self.index(counts[0])?, LACKING, LACKING];
@@ -227,7 +233,7 @@ impl<'a> Rest<'a> {
         (corner[0] != LACKING && self.0.first().is_none_or(u8::is_ascii_whitespace)).then_some(corner)
     }
 
-    /// The index that starts here, or [`LACKING`].
+    /// Parses an index; without digits, it is [`LACKING`]. `count` is the number of entries before it in the piece.
     #[inline]
     fn index(&mut self, count: usize) -> Option<i64> {
         let sign = self.0.first().copied().filter(|b| matches!(b, b'-' | b'+'));
@@ -237,7 +243,7 @@ impl<'a> Rest<'a> {
             value = value * 10 + i64::from(digit - b'0');
             digits += 1;
             self.0 = rest;
-            // No file has so many entries.
+            // No file has more than `u32::MAX` entries.
             (value <= i64::from(u32::MAX)).then_some(())?;
         }
         match (sign, digits, value) {

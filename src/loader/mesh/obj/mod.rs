@@ -1,8 +1,8 @@
-//! Wavefront OBJ.
+//! Wavefront OBJ files.
 //!
-//! `tobj` reads the lines that [`screen`] lets through. Files of [`FAST_BYTES`] and more are read by [`fast`] if every
-//! line of them is usual; it makes the same mesh. Objects, groups and smoothing groups mean nothing, as in Mitsuba:
-//! a file is one mesh. The names of materials are collected for those who read a file without a scene.
+//! `tobj` parses the lines that [`screen`] passes on. [`fast`] reads files of at least [`FAST_BYTES`] instead, if they
+//! have no unusual line, and makes the same mesh. Objects, groups and smoothing groups are ignored, as in Mitsuba: a
+//! file is one mesh. [`Survey`] lists the names of materials, for a mesh that is loaded without a scene.
 
 mod assembly;
 mod fast;
@@ -22,45 +22,46 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
-/// Length of a file from which on the fast path reads it.
+/// The size in bytes of the smallest file that the fast path reads.
 const FAST_BYTES: u64 = 8 << 20;
-/// Entries and corners after which no more is read: far below the range of `u32`, in which they are numbered.
+/// The number of entries or corners at which reading stops: half the range of the `u32` that numbers them.
 const MOST: usize = 1 << 31;
-/// Faces are one model, with an index for each kind of entry, which [`Assembly`] makes vertices of.
+/// The options with which `tobj` returns all faces as one model, and separate indices of positions, texture coordinates
+/// and normals. [`Assembly`] turns these indices into vertices.
 const OPTIONS: tobj::LoadOptions =
     tobj::LoadOptions { single_index: false, triangulate: true, ignore_points: true, ignore_lines: true };
 
-/// A name and the line that it is in.
+/// A name and its line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Named {
-    /// The line, from 1.
+    /// The number of the line, from 1.
     pub line: u32,
     /// The name.
     pub name: String,
 }
 
-/// What a file says beside its mesh.
+/// The counts of a file's entries, and the names of its MTL files and materials.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Survey {
     lines: u32,
-    /// Positions, texture coordinates and normals.
+    /// The numbers of positions, texture coordinates and normals.
     entries: [usize; 3],
     corners: usize,
-    /// Corners with a texture coordinate, and those with a normal.
+    /// The number of corners with a texture coordinate, and the number of corners with a normal.
     with: [usize; 2],
     triangles: usize,
-    /// Points, lines and faces of fewer than three vertices.
+    /// The number of points, lines and faces of fewer than three vertices, which are ignored.
     skipped: usize,
     /// The first line with an unknown keyword.
     unknown: Option<Named>,
-    /// Files of materials (`mtllib`).
+    /// The names of MTL files (`mtllib`).
     pub libraries: Vec<Named>,
-    /// From which triangle on which material is used (`usemtl`).
+    /// The materials (`usemtl`), each with the index of the first triangle after its line.
     pub materials: Vec<(usize, Named)>,
 }
 
 impl Survey {
-    /// Adds what the lines that follow are about.
+    /// Appends the survey of the lines that follow.
     fn append(&mut self, next: Survey) {
         let moved = |named: Named| Named { line: self.lines + named.line, ..named };
         self.libraries.extend(next.libraries.into_iter().map(moved));
@@ -77,8 +78,8 @@ impl Survey {
         (0..2).for_each(|i| self.with[i] += next.with[i]);
     }
 
-    /// Adds what follows the keyword of a line about materials, if it is one.
-    fn name(&mut self, keyword: &[u8], rest: &[u8]) -> bool {
+    /// Adds the name after the keyword `mtllib` or `usemtl`. Returns `false` for any other keyword.
+    fn add_name(&mut self, keyword: &[u8], rest: &[u8]) -> bool {
         let named = || Named { line: self.lines, name: String::from_utf8_lossy(rest).trim().to_owned() };
         match keyword {
             b"mtllib" => self.libraries.push(named()),
@@ -88,12 +89,13 @@ impl Survey {
         true
     }
 
-    /// Whether texture coordinates and normals are used: where the file has some, and every corner refers to one.
+    /// Returns whether texture coordinates and whether normals are used. They are used if the file has some and every
+    /// corner refers to one.
     fn used(&self) -> [bool; 2] {
         [0, 1].map(|i| self.corners > 0 && self.with[i] == self.corners && self.entries[i + 1] > 0)
     }
 
-    /// Bytes of the names.
+    /// Returns the bytes of the names.
     fn memory_bytes(&self) -> u64 {
         let names = self.libraries.iter().chain(self.materials.iter().map(|(_, named)| named));
         let lists = self.libraries.capacity() * size_of::<Named>()
@@ -102,16 +104,16 @@ impl Survey {
     }
 }
 
-/// Why a file is not read to its end.
+/// The reason why reading a file stops early.
 #[derive(Debug)]
 pub enum Stop {
-    /// It cannot be read.
+    /// The file cannot be read.
     Io(io::Error),
-    /// It does not fit into memory.
+    /// The mesh does not fit into memory.
     Memory(Refusal),
-    /// A line is wrong: its number (0 if unknown), its text, and the sentence about it.
+    /// A line is wrong: its number (0 if unknown), its text, and the error message.
     Line(u32, String, String),
-    /// It is nothing for the fast path.
+    /// The fast path does not support the file, or its vertices exceed the range of `u32`.
     Unusual,
 }
 
@@ -141,7 +143,7 @@ impl Stop {
     }
 }
 
-/// Reads a mesh. Texture coordinates and normals are taken where every corner of every face has them.
+/// Reads a mesh. Texture coordinates are used if every corner of every face has one, and so are normals.
 ///
 /// # Errors
 /// See [`load`](super::load).
@@ -168,7 +170,7 @@ pub fn read(path: &Path, planned: &mut Reservation, warnings: &mut Vec<Error>) -
     Ok((mesh, survey))
 }
 
-/// Reads a mesh through `tobj`.
+/// Reads a mesh with `tobj`.
 fn through_tobj(from: impl BufRead, planned: &mut Reservation) -> Result<(Mesh, Survey), Stop> {
     let mut screen = Screen::new(from, planned);
     let read = tobj::load_obj_buf(&mut screen, &OPTIONS, |_| Err(tobj::LoadError::GenericFailure));
@@ -202,7 +204,7 @@ fn through_tobj(from: impl BufRead, planned: &mut Reservation) -> Result<(Mesh, 
     assembly.finish(planned)
 }
 
-/// Warns of what is ignored.
+/// Adds a warning for each kind of line or entry that is ignored.
 fn report(survey: &Survey, path: &Path, warnings: &mut Vec<Error>) {
     let mut warn = |message: String, line: u32| {
         let place = Place { line, column: 1, ..Place::file(path) };

@@ -1,8 +1,8 @@
-//! The lines of an OBJ file that `tobj` is given, and what is checked and counted before it sees them.
+//! The filter between an OBJ file and `tobj`. It counts entries and checks indices.
 //!
-//! `tobj` knows no line numbers, splits meshes at groups and materials, fills in indices that a corner lacks, takes
-//! lines of points for faces, and computes with indices before it checks them. So it sees only vertices and faces
-//! without comments, whose indices are in the range of `u32`, and one line at a time.
+//! `tobj` does not report line numbers. It splits meshes at groups and materials, fills in missing indices of corners,
+//! reads points as faces, and computes with indices before it checks them. Therefore this filter passes on one line at
+//! a time, and only vertices and faces, without comments and with indices in the range of `u32`.
 
 use super::{MOST, Named, Stop, Survey};
 use crate::memory::Reservation;
@@ -10,31 +10,35 @@ use crate::util::wording::quoted;
 use std::io::{self, BufRead, Read};
 use tobj::LoadError;
 
-/// Bytes of a line that are read at once.
+/// The greatest number of bytes of a line that are read at once.
 const CHUNK: u64 = 1 << 20;
-/// Lines between two looks at the memory.
+/// The number of lines between two checks of the memory budget.
 const LINES: u32 = 1 << 10;
-/// Bytes of an entry in the lists of `tobj`, which it copies in the order of use and finds by hash maps, and in ours.
+/// The bytes of an entry: in the lists of `tobj`, in its copies in the order of use and its hash maps, and in the lists
+/// of [`Assembly`](super::assembly::Assembly).
 const ENTRY_BYTES: u64 = 128;
-/// Bytes of a face, and of a corner of it, in `tobj` and here.
+/// The bytes of a face, in `tobj` and here.
 const FACE_BYTES: u64 = 216;
+/// The bytes of a corner of a face, in `tobj` and here.
 const CORNER_BYTES: u64 = 64;
 
 const KINDS: [&str; 3] = ["vertex", "texture coordinate", "normal"];
 
-/// A reader of the lines for `tobj`.
+/// A reader that returns the lines that `tobj` needs.
 pub struct Screen<'p, R> {
     from: R,
     planned: &'p mut Reservation,
     survey: Survey,
-    /// By kind the greatest index and its line.
+    /// For each kind of entry, the greatest index and its line.
     greatest: [(u64, u32); 3],
     faces: u64,
-    /// What is wrong, where `tobj` cannot know it.
+    /// An error that this reader found and `tobj` cannot describe.
     stop: Option<Stop>,
-    /// The last line that was read, and the part of it that `tobj` has not seen yet.
+    /// The last line of the file that was read.
     raw: Vec<u8>,
+    /// The current line for `tobj`.
     line: Vec<u8>,
+    /// The number of bytes of `line` that `tobj` has read.
     at: usize,
 }
 
@@ -53,10 +57,10 @@ impl<'p, R: BufRead> Screen<'p, R> {
         }
     }
 
-    /// What the file says beside its mesh, unless `tobj` found an error.
+    /// Returns the survey of the file. `error` is the error of `tobj`, if it stopped with one.
     ///
     /// # Errors
-    /// What is wrong, with the line.
+    /// The error that this reader or `tobj` found, with its line.
     pub fn finish(self, error: Option<&LoadError>) -> Result<Survey, Stop> {
         let Some(error) = error else { return Ok(self.survey) };
         if let Some(stop) = self.stop {
@@ -87,7 +91,7 @@ impl<'p, R: BufRead> Screen<'p, R> {
         Err(Stop::Line(self.survey.lines, text, message))
     }
 
-    /// Goes to the next line for `tobj`, or to the end of the file.
+    /// Advances to the next line for `tobj`, or to the end of the file.
     fn advance(&mut self) -> Result<(), Stop> {
         self.at = 0;
         self.line.clear();
@@ -104,7 +108,7 @@ impl<'p, R: BufRead> Screen<'p, R> {
         if self.line.is_empty() { self.plan() } else { Ok(()) }
     }
 
-    /// Reads a line of any length; whether there is one.
+    /// Reads a line of any length. Returns `false` at the end of the file.
     fn read_line(&mut self) -> Result<bool, Stop> {
         self.raw.clear();
         loop {
@@ -112,12 +116,12 @@ impl<'p, R: BufRead> Screen<'p, R> {
             if read < CHUNK || self.raw.ends_with(b"\n") {
                 return Ok(!self.raw.is_empty());
             }
-            // Text, words and copies.
+            // For the text, its words and their copies.
             self.planned.grow(6 * CHUNK)?;
         }
     }
 
-    /// Reserves what `tobj` and [`Assembly`](super::assembly::Assembly) take for what is read.
+    /// Reserves the memory that `tobj` and [`Assembly`](super::assembly::Assembly) take for the lines read so far.
     fn plan(&mut self) -> Result<(), Stop> {
         let entries = self.survey.entries.iter().sum::<usize>();
         if entries.max(self.survey.corners) > MOST {
@@ -130,14 +134,14 @@ impl<'p, R: BufRead> Screen<'p, R> {
         Ok(self.planned.grow_to(bytes)?)
     }
 
-    /// Counts what a line says, and gives it to `tobj` if it is a vertex or a face.
+    /// Counts the contents of a line, and passes it to `tobj` if it is a vertex or a face of three corners or more.
     fn pass(&mut self, text: &str) -> Result<(), Stop> {
         let mut words = text.split_whitespace().take_while(|word| !word.starts_with('#'));
         let Some(keyword) = words.next() else { return Ok(()) };
         match keyword {
             "v" | "vt" | "vn" => {
                 self.survey.entries[["v", "vt", "vn"].iter().position(|k| *k == keyword).unwrap_or(0)] += 1;
-                // A colour is ignored as in Mitsuba; for tobj, all vertices have one or none.
+                // Colours are ignored, as in Mitsuba. `tobj` expects one at every vertex or at none.
                 let colored = keyword == "v" && words.clone().count() == 6;
                 self.give(keyword, words.take(if colored { 3 } else { usize::MAX }));
             }
@@ -160,7 +164,8 @@ impl<'p, R: BufRead> Screen<'p, R> {
             "g" | "o" | "s" => {}
             _ => {
                 let rest = text.trim_start().strip_prefix(keyword).unwrap_or_default();
-                if !self.survey.name(keyword.as_bytes(), rest.as_bytes()) && self.survey.unknown.is_none() {
+                if !self.survey.add_name(keyword.as_bytes(), rest.as_bytes()) && self.survey.unknown.is_none()
+                {
                     self.survey.unknown = Some(Named { line: self.survey.lines, name: keyword.to_owned() });
                 }
             }
@@ -168,6 +173,7 @@ impl<'p, R: BufRead> Screen<'p, R> {
         Ok(())
     }
 
+    /// Passes a line to `tobj`.
     fn give<'t>(&mut self, keyword: &str, words: impl Iterator<Item = &'t str>) {
         self.line.extend_from_slice(keyword.as_bytes());
         for word in words {
@@ -177,7 +183,8 @@ impl<'p, R: BufRead> Screen<'p, R> {
         self.line.push(b'\n');
     }
 
-    /// Checks that the indices of a corner are in the range in which `tobj` computes. What is no number is left to it.
+    /// Checks that the indices of a corner are in the range in which `tobj` computes. An index that is not a number is
+    /// left to `tobj`, which reports it.
     fn corner(&mut self, corner: &str) -> Result<(), String> {
         let mut has_position = false;
         for (i, part) in corner.split('/').enumerate().take(3) {

@@ -1,7 +1,7 @@
 use super::*;
 use crate::memory::Budget;
 
-/// The mesh of a text as both ways of reading it give it, and the warnings.
+/// Reads a text with `tobj` and on the fast path, and checks that both agree. Returns the mesh and the warnings.
 fn read(text: &str) -> (Result<Mesh>, Vec<String>) {
     let path = Path::new("m.obj");
     let through = through_tobj(text.as_bytes(), &mut Budget::unlimited().nothing());
@@ -46,7 +46,7 @@ fn vertices_are_shared_where_all_their_indices_are() {
 
 #[test]
 fn vertices_that_differ_in_what_is_not_used_are_shared() {
-    // There are no texture coordinates, and the last corner has no normal.
+    // The file has no texture coordinates, and the last corner has no normal.
     let (mesh, _) = read(&format!("{SQUARE}vn 0 0 1\nvn 1 0 0\nf 4/1/1 2/2/1 3/1/1\nf 4/2/2 3/2/2 1\n"));
     let mesh = mesh.unwrap();
     assert_eq!((mesh.uvs.len(), mesh.normals.len()), (0, 0));
@@ -115,7 +115,7 @@ fn errors_have_their_line() {
     ] {
         assert_eq!(message(&format!("{SQUARE}{text}")), format!("m.obj:{expected}"));
     }
-    // Texture coordinates of corners mean nothing where the file has none.
+    // Indices of texture coordinates are ignored if the file has no texture coordinates.
     assert!(read(&format!("{SQUARE}f 1/1 2/1 3/1\n")).0.unwrap().uvs.is_empty());
 }
 
@@ -139,7 +139,7 @@ fn a_file_means_the_same_however_it_is_cut() {
     }
 }
 
-/// Random meshes of every kind of corner, with numbers that are hard to round.
+/// Tests random meshes with every kind of corner and with numbers that are hard to round.
 #[test]
 fn both_ways_give_the_same_mesh_to_the_last_bit() {
     let mut state = 1u64;
@@ -202,7 +202,7 @@ fn memory_is_planned_before_tobj_takes_it() {
     assert!(matches!(through_tobj(endless.as_bytes(), &mut budget.nothing()), Err(Stop::Memory(_))));
 }
 
-/// If the fast path reads a damaged text, `tobj` reads the same mesh from it.
+/// Tests damaged texts: if the fast path reads one, `tobj` reads the same mesh from it.
 #[test]
 fn the_fast_path_reads_nothing_that_tobj_reads_otherwise() {
     const TEXT: &str = "v 0 0 0\nv 1 0 0\r\nv 1 1 0 2\nv 0 1 0.5 1 0 1\nvt 0 0\nvt 1 0\nvn 0 0 1\nusemtl b\n# c\n\
@@ -247,7 +247,7 @@ fn the_fast_path_reads_nothing_that_tobj_reads_otherwise() {
         let shown = String::from_utf8_lossy(&text);
         let (mesh, survey) =
             through_tobj(&text[..], &mut planned).unwrap_or_else(|e| panic!("{shown}: {e:?}"));
-        // Two NaN are equal.
+        // As text, two NaN are equal.
         assert_eq!(format!("{fast:?}"), format!("{:?}", (mesh, survey)), "{shown}");
         both += 1;
     }

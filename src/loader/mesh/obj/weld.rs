@@ -1,40 +1,40 @@
-//! Corners that share all their indices become one vertex.
+//! Vertices from corners: corners with the same three indices share one vertex.
 
 use std::collections::HashMap;
 
-/// An index that a vertex lacks, and the end of a chain.
+/// The value of an index that a vertex lacks, and the end of a chain.
 pub const NONE: u32 = u32::MAX;
-/// Vertices of one position that are looked through one after the other.
+/// The greatest number of vertices of one position in a chain. Further ones are in a hash map.
 const LONGEST_CHAIN: usize = 32;
 
-/// Bytes of an entry among the others, with its share of a table that is never full.
+/// The bytes of an entry of the hash map. The factor 2 allows for its empty slots.
 const OTHER: usize = 2 * (size_of::<Key>() + size_of::<u32>() + 1);
 
-/// Indices of position, texture coordinate and normal.
+/// The indices of a position, a texture coordinate and a normal.
 pub type Key = [u32; 3];
 
-/// Vertices in the order of their first use.
+/// The vertices, in the order of their first use.
 #[derive(Debug, Default)]
 pub struct Weld {
     keys: Vec<Key>,
-    /// For each vertex an older one of the same position.
+    /// For each vertex, the previous vertex in its chain.
     older: Vec<u32>,
-    /// For each position the newest vertex in its chain.
+    /// For each position, the newest vertex in its chain.
     newest: Vec<u32>,
-    /// Vertices that are in no chain: those of positions that came later, and where the chain is too long.
+    /// The vertices that are in no chain, because the position comes later in the file or the chain is full.
     others: HashMap<Key, u32>,
 }
 
 impl Weld {
-    /// Bytes of a vertex in the arrays.
+    /// The bytes of a vertex in the arrays.
     pub const VERTEX_BYTES: u64 = (size_of::<Key>() + 3 * size_of::<u32>()) as u64;
 
-    /// Makes room for positions.
+    /// Sets the number of positions.
     pub fn set_positions(&mut self, count: usize) {
         self.newest.resize(count, NONE);
     }
 
-    /// The number of the vertex with these indices. They are not checked.
+    /// Returns the number of the vertex with these indices, and adds it if it is new. The indices are not checked.
     #[inline]
     pub fn vertex(&mut self, key: Key) -> u32 {
         let mut at = self.newest.get(key[0] as usize).copied().unwrap_or(NONE);
@@ -49,7 +49,8 @@ impl Weld {
         self.add(key, steps)
     }
 
-    /// Adds a vertex that is in no chain, unless it is one of the others.
+    /// Returns the number of a vertex that the search of its chain did not find, and adds it if it is new. `steps` is
+    /// the number of vertices that the search compared.
     #[cold]
     fn add(&mut self, key: Key, steps: usize) -> u32 {
         if let Some(vertex) = self.others.get(&key) {
@@ -70,12 +71,12 @@ impl Weld {
         vertex
     }
 
-    /// How many vertices there are.
+    /// Returns the number of vertices.
     pub fn len(&self) -> usize {
         self.keys.len()
     }
 
-    /// Bytes of the arrays.
+    /// Returns the bytes of the arrays and of the hash map.
     pub fn memory_bytes(&self) -> usize {
         let lists = size_of::<Key>() * self.keys.capacity();
         lists
@@ -83,12 +84,12 @@ impl Weld {
             + OTHER * self.others.capacity()
     }
 
-    /// The indices of every vertex.
+    /// Returns the indices of every vertex.
     pub fn keys(&self) -> &[Key] {
         &self.keys
     }
 
-    /// As [`keys`](Self::keys).
+    /// Returns the indices of every vertex, as [`keys`](Self::keys) does, without a copy.
     pub fn into_keys(self) -> Vec<Key> {
         self.keys
     }
