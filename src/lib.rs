@@ -185,6 +185,7 @@
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals.
 //!   EGSR.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
+//! - `[Jakob 2014]` An improved visible normal sampling routine for the Beckmann distribution. ETH Zürich.
 //! - `[Jarosz et al. 2012]` Theory, analysis and applications of 2D global illumination. TOG 31(5).
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
 //! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.

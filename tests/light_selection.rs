@@ -84,20 +84,35 @@ fn emitters_are_chosen_with_their_probabilities() {
             let pmf: Vec<f64> = (0..emitters).map(|i| f64::from(selection.pmf(i, p))).collect();
             let sum: f64 = pmf.iter().sum();
             assert!((sum - 1.0).abs() < 1e-6, "{count} emitters: the probabilities sum to {sum}");
-            let (mut alone, mut in_lanes) = (vec![0; emitters], vec![0; emitters]);
+            let (mut alone, mut in_lanes, mut rests) =
+                (vec![0; emitters], vec![0; emitters], vec![0.0; emitters]);
             for first in (0..NUMBERS).step_by(LANES) {
                 let u: [f32; LANES] =
                     std::array::from_fn(|lane| ((first + lane) as f32 + 0.5) / NUMBERS as f32);
-                let (chosen, probability, lanes) =
+                let (chosen, probability, rest, lanes) =
                     selection.sample_x16(Vec3x16::splat(p), f32x16::new(u), 0xffff);
                 assert_eq!(lanes, 0xffff);
                 for (lane, u) in u.into_iter().enumerate() {
                     let choice = selection.sample(p, u).expect("there are emitters");
                     assert!((f64::from(choice.pmf) / pmf[choice.emitter] - 1.0).abs() < 1e-5);
+                    let rest = rest.as_array()[lane];
+                    assert!(
+                        (0.0..1.0).contains(&choice.u) && (0.0..1.0).contains(&rest),
+                        "{rest} {}",
+                        choice.u
+                    );
+                    rests[choice.emitter] += f64::from(choice.u);
                     assert!((f64::from(probability.as_array()[lane]) / pmf[chosen[lane]] - 1.0).abs() < 1e-4);
                     alone[choice.emitter] += 1;
                     in_lanes[chosen[lane]] += 1;
                 }
+            }
+            for (i, n) in alone.iter().enumerate().filter(|(_, n)| **n > 100) {
+                let mean = rests[i] / f64::from(*n);
+                assert!(
+                    (mean - 0.5).abs() < 0.02,
+                    "{count} emitters: the rest for emitter {i} has the mean {mean}"
+                );
             }
             for (drawn, what) in [(alone, "alone"), (in_lanes, "in lanes")] {
                 for (i, (n, p)) in drawn.iter().zip(&pmf).enumerate() {
@@ -119,7 +134,7 @@ fn emitters_are_chosen_with_their_probabilities() {
 fn no_emitter_is_thought_dark_where_it_shines() {
     for count in [15, 400] {
         let scene = scene(count, true);
-        let equal = 0.05 / scene.lights.len() as f32;
+        let equal = 1.0 / 16.0 / scene.lights.len() as f32;
         let mut lit = 0;
         for point in 0..300 {
             let p = position(5000 + point).as_vec3();

@@ -200,6 +200,17 @@ impl AreaEmitter {
         }
     }
 
+    /// Returns centre, radius and radiance of a sphere at rest that emits outward with constant radiance.
+    #[inline]
+    pub(super) fn sphere(&self) -> Option<(Vec3, f32, Rgb)> {
+        match (&self.surface, self.emission.constant(), &self.motion) {
+            (EmitterSurface::Sphere { center, radius, inward: false }, Some(radiance), None) => {
+                Some((*center, *radius, radiance))
+            }
+            _ => None,
+        }
+    }
+
     /// Samples a point as seen from `from`, at a time in [0, 1] over the shutter interval.
     #[inline]
     pub fn sample(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
@@ -290,17 +301,15 @@ impl AreaEmitter {
     /// texture, however, the world-space direction depends on `u_direction` only: it is uniform over all directions,
     /// and `u_point` selects a point on the disk that the sphere presents in that direction.
     pub fn sample_ray_by_direction(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
-        let (EmitterSurface::Sphere { center, radius, inward: false }, Some(radiance), None) =
-            (&self.surface, self.emission.constant(), &self.motion)
-        else {
+        let Some((center, radius, radiance)) = self.sphere() else {
             return self.sample_ray(u_point, u_direction, time);
         };
         let d = warp::square_to_sphere(u_direction);
         let disk = warp::square_to_disk(u_point);
         let height = (1.0 - disk.length_squared()).max(0.0).sqrt();
         let n = Frame::from_normal(d).to_world(disk.extend(height)).normalize();
-        let error = plane_error((center.abs() + Vec3::splat(*radius)) * gamma(8), n);
-        let o = offset_origin(*center + n * *radius, error, n, n);
+        let error = plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n);
+        let o = offset_origin(center + n * radius, error, n, n);
         let ray = Ray { o, t_max: f32::INFINITY, d, time };
         Some(LightRay { ray, power: radiance * (PI / self.uniform()) })
     }

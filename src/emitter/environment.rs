@@ -31,6 +31,15 @@ impl Environment {
         Environment { radiance: EnvironmentRadiance::Map(map), scene }
     }
 
+    /// Returns the radiance, if it is the same from every direction.
+    #[inline]
+    pub(super) fn uniform(&self) -> Option<Rgb> {
+        match &self.radiance {
+            EnvironmentRadiance::Constant(radiance) => Some(*radiance),
+            EnvironmentRadiance::Map(_) => None,
+        }
+    }
+
     /// Returns the radiance from the unit direction `d`.
     #[inline]
     pub fn eval(&self, d: Vec3) -> Rgb {

@@ -1,14 +1,17 @@
 //! Emitter sampling for sixteen points at a time.
 //!
-//! Rectangles, the most frequent emitters, are sampled in parallel lanes; other emitters one lane after the other.
+//! Rectangles, spheres and uniform environments are sampled in parallel lanes, other emitters one lane after the other.
 
 use super::area::RectangleSurface;
+use super::spherical_cap::SphericalCapX16;
 use super::spherical_rectangle::{RectanglePointX16, RectangleX16};
-use super::{EmitterSample, Light, ShadowTarget};
+use super::{AreaEmitter, EmitterSample, Light, ShadowTarget};
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
-use crate::math::ray::{end_error_x16, offset_origin_x16};
+use crate::math::ray::{end_error_x16, offset_origin_x16, plane_error_x16};
+use crate::math::robust::gamma;
 use crate::math::{Vec2, Vec3};
+use crate::sampling::warp;
 
 /// An [`EmitterSample`] in each of sixteen lanes.
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +43,20 @@ impl EmitterSampleX16 {
         delta: f32x16::ZERO,
         valid: f32x16::ZERO,
     };
+
+    /// Replaces the samples of the lanes in a mask.
+    #[inline(always)]
+    fn set_lanes(&mut self, lanes: u32, other: &Self) {
+        let mask = mask_from_bits(lanes);
+        self.wi = Vec3x16::select(mask, other.wi, self.wi);
+        self.target = Vec3x16::select(mask, other.target, self.target);
+        for (channel, value) in self.radiance.iter_mut().zip(other.radiance) {
+            *channel = mask.select(value, *channel);
+        }
+        self.at_infinity = mask.select(other.at_infinity, self.at_infinity);
+        self.pdf = mask.select(other.pdf, self.pdf);
+        self.valid = mask.select(other.valid, self.valid);
+    }
 
     /// Replaces the sample of one lane.
     fn set_lane(&mut self, i: usize, sample: Option<EmitterSample>) {
@@ -121,12 +138,88 @@ impl RectanglesX16 {
     }
 }
 
-/// Returns the surface and radiance of a rectangular emitter.
-#[inline]
-fn rectangle(light: &Light) -> Option<(&RectangleSurface, Rgb)> {
+/// Spherical emitters, one in each lane.
+struct SpheresX16 {
+    center: Vec3x16,
+    radius: f32x16,
+    radiance: [f32x16; 3],
+}
+
+impl SpheresX16 {
+    #[inline(always)]
+    fn gather(spheres: [(Vec3, f32, Rgb); LANES]) -> Self {
+        let lanes = |f: &dyn Fn(usize) -> f32| f32x16::new(std::array::from_fn(f));
+        SpheresX16 {
+            center: Vec3x16::new(
+                lanes(&|i| spheres[i].0.x),
+                lanes(&|i| spheres[i].0.y),
+                lanes(&|i| spheres[i].0.z),
+            ),
+            radius: lanes(&|i| spheres[i].1),
+            radiance: std::array::from_fn(|c| lanes(&|i| spheres[i].2.to_array()[c])),
+        }
+    }
+
+    /// Computes [`AreaEmitter::sample`](super::AreaEmitter::sample) in each lane. Returns the samples and a mask of the
+    /// lanes outside their sphere; the samples of the others are undefined.
+    #[inline(always)]
+    fn sample(&self, from: &Vec3x16, u: [f32x16; 2]) -> (EmitterSampleX16, u32) {
+        let projection = SphericalCapX16::new(&self.center, self.radius, from);
+        let (n, to) = projection.sample(u);
+        let wi = to * (f32x16::ONE / to.length_squared().sqrt());
+        let [x, y, z] = [self.center.x, self.center.y, self.center.z]
+            .map(|c| (c.abs() + self.radius) * f32x16::splat(gamma(8)));
+        let error = plane_error_x16(Vec3x16::new(x, y, z), n) + end_error_x16(to);
+        let samples = EmitterSampleX16 {
+            wi,
+            target: offset_origin_x16(self.center + n * self.radius, error, n, -wi),
+            radiance: self.radiance,
+            pdf: projection.pdf(),
+            valid: (-wi.dot(n)).simd_gt(f32x16::ZERO),
+            ..EmitterSampleX16::NONE
+        };
+        (samples, projection.outside())
+    }
+}
+
+/// Returns the result of `find` for each light, with that of any light in place of `None`, and a mask of the lights for
+/// which there is one; `None` if there is no such light.
+#[inline(always)]
+fn found<'a, T: Copy>(
+    lights: [&'a Light; LANES],
+    find: impl Fn(&'a Light) -> Option<T>,
+) -> Option<([T; LANES], u32)> {
+    let found = lights.map(find);
+    let any = *found.iter().flatten().next()?;
+    let lanes = (0..LANES).filter(|&i| found[i].is_some()).fold(0, |bits, i| bits | 1 << i);
+    Some((found.map(|found| found.unwrap_or(any)), lanes))
+}
+
+fn uniform_environment(light: &Light) -> Option<Rgb> {
     match light {
-        Light::Area(area) => area.rectangle(),
+        Light::Environment(environment) => environment.uniform(),
         _ => None,
+    }
+}
+
+fn area(light: &Light) -> Option<&AreaEmitter> {
+    match light {
+        Light::Area(area) => Some(area),
+        _ => None,
+    }
+}
+
+/// Computes the samples of an environment with the same radiance from every direction, of which each lane has its own.
+#[inline(always)]
+fn sample_uniform_environment(radiance: [Rgb; LANES], u: [f32x16; 2]) -> EmitterSampleX16 {
+    let all = mask_from_bits(0xffff);
+    EmitterSampleX16 {
+        wi: warp::square_to_sphere_x16(u),
+        at_infinity: all,
+        radiance: std::array::from_fn(|c| f32x16::new(radiance.map(|radiance| radiance.to_array()[c]))),
+        pdf: f32x16::splat(warp::SQUARE_TO_SPHERE_PDF),
+        valid: all,
+        ..EmitterSampleX16::NONE
     }
 }
 
@@ -139,24 +232,85 @@ pub fn sample_x16(
     time: f32x16,
     active: u32,
 ) -> EmitterSampleX16 {
-    let [first, others @ ..] = lights;
-    if others.iter().all(|other| std::ptr::eq(*other, first))
-        && let Some((r, radiance)) = rectangle(first)
+    if lights.iter().all(|light| std::ptr::eq(*light, lights[0]))
+        && let Some((rectangle, radiance)) = area(lights[0]).and_then(AreaEmitter::rectangle)
     {
-        return RectanglesX16::splat(r, radiance).sample(from, u);
+        return RectanglesX16::splat(rectangle, radiance).sample(from, u);
     }
-    let found = lights.map(rectangle);
     let mut others = active;
     let mut samples = EmitterSampleX16::NONE;
-    if let Some(any) = found.iter().flatten().next() {
-        samples = RectanglesX16::gather(found.map(|r| r.unwrap_or(*any))).sample(from, u);
-        let rectangles = (0..LANES).filter(|&i| found[i].is_some()).fold(0, |bits, i| bits | 1 << i);
-        samples.valid &= mask_from_bits(rectangles);
-        others &= !rectangles;
+    if let Some((radiance, lanes)) = found(lights, uniform_environment) {
+        samples = sample_uniform_environment(radiance, u);
+        samples.valid &= mask_from_bits(lanes);
+        others &= !lanes;
+    }
+    if let Some((rectangles, lanes)) = found(lights, |light| area(light)?.rectangle()) {
+        let (first, radiance) = rectangles[0];
+        let rectangles = match rectangles.iter().all(|(other, _)| std::ptr::eq(*other, first)) {
+            true => RectanglesX16::splat(first, radiance),
+            false => RectanglesX16::gather(rectangles),
+        };
+        samples.set_lanes(lanes, &rectangles.sample(from, u));
+        others &= !lanes;
+    }
+    if others == 0 {
+        return samples;
+    }
+    if let Some((spheres, lanes)) = found(lights, |light| area(light)?.sphere()) {
+        let (found, outside) = SpheresX16::gather(spheres).sample(&from, u);
+        samples.set_lanes(lanes & outside, &found);
+        others &= !(lanes & outside);
     }
     for i in bits(others) {
         let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
         samples.set_lane(i, lights[i].sample(from.lane(i), u, time.as_array()[i]));
     }
     samples
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::emitter::Emission;
+    use crate::math::DAffine3;
+    use crate::sampling::hash::{combine, to_unit};
+    use crate::shape::{Shape, WorldShape};
+
+    /// Spheres are sampled in lanes as one by one, from near and far, and from inside.
+    #[test]
+    fn spheres_are_sampled_alike() {
+        let mut seed = 0;
+        let mut random = || {
+            seed += 1;
+            to_unit(combine(3, seed))
+        };
+        for _ in 0..500 {
+            let center = Vec3::new(random(), 2.0 * random(), -random());
+            let radius = 0.01 + random();
+            let shape = WorldShape::new(Shape::Sphere { center, radius }, &DAffine3::IDENTITY, false)
+                .expect("a sphere");
+            let emission = Emission::Constant(Rgb::new(1.0, 2.0, 3.0));
+            let light = Light::Area(Box::new(AreaEmitter::new(&shape, emission, None).expect("an area")));
+            let mut from = Vec3x16::default();
+            for i in 0..LANES {
+                let d = Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize();
+                from.set_lane(i, center + d * radius * [0.5, 1.0001, 1.1, 3.0, 1e4][i % 5]);
+            }
+            let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
+            let u = [numbers(), numbers()];
+            let samples = sample_x16([&light; LANES], from, u, f32x16::ZERO, 0xffff);
+            for i in 0..LANES {
+                let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+                let alone = light.sample(from.lane(i), u, 0.0);
+                assert_eq!(samples.valid.to_bitmask() >> i & 1 == 1, alone.is_some());
+                let Some(alone) = alone else { continue };
+                let ShadowTarget::Point(target) = alone.target else { panic!("a point") };
+                let distance = (target - from.lane(i)).length();
+                assert!((samples.wi.lane(i) - alone.wi).length() < 2e-6, "{i}");
+                assert!((samples.target.lane(i) - target).length() < 4e-6 * (distance + 3.0), "{i}");
+                assert!((samples.pdf.as_array()[i] / alone.pdf - 1.0).abs() < 1e-5, "{i}");
+                assert_eq!(samples.radiance.map(|c| c.as_array()[i]), alone.radiance.to_array());
+            }
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! Sampling the solid angle that a sphere subtends.
 
-use crate::math::{DVec3, Frame, Vec2, Vec3};
+use crate::math::{DVec3, Frame, FrameX16, LANES, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::warp;
 
 /// A sphere as seen from a point outside.
@@ -55,6 +55,72 @@ impl SphericalCap {
     }
 }
 
+/// A sphere that emits outward in each of sixteen lanes, as seen from a point.
+pub(super) struct SphericalCapX16 {
+    /// The vectors from the points to the centres.
+    to_center: [[f64; LANES]; 3],
+    radius: [f64; LANES],
+    distance: [f64; LANES],
+    tangent_squared: [f64; LANES],
+    cap: f32x16,
+}
+
+impl SphericalCapX16 {
+    /// Computes [`SphericalCap::new`] in each lane. The result is undefined for points inside.
+    #[inline(always)]
+    pub fn new(center: &Vec3x16, radius: f32x16, from: &Vec3x16) -> Self {
+        let difference = |a: f32x16, b: f32x16| {
+            let (a, b) = (a.to_array(), b.to_array());
+            std::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
+        };
+        let to_center =
+            [difference(center.x, from.x), difference(center.y, from.y), difference(center.z, from.z)];
+        let [x, y, z]: &[[f64; LANES]; 3] = &to_center;
+        let radius = radius.to_array().map(f64::from);
+        let squared: [f64; LANES] = std::array::from_fn(|i| x[i] * x[i] + y[i] * y[i] + z[i] * z[i]);
+        let tangent_squared: [f64; LANES] = std::array::from_fn(|i| squared[i] - radius[i] * radius[i]);
+        let cap = std::array::from_fn(|i| {
+            let sin2 = radius[i] * radius[i] / squared[i];
+            (sin2 / (1.0 + (tangent_squared[i] / squared[i]).sqrt())) as f32
+        });
+        let distance = squared.map(f64::sqrt);
+        SphericalCapX16 { to_center, radius, distance, tangent_squared, cap: f32x16::new(cap) }
+    }
+
+    /// Returns a mask of the lanes whose point is outside.
+    #[inline(always)]
+    pub fn outside(&self) -> u32 {
+        let bit = |i: usize| u32::from(self.tangent_squared[i] > 0.0) << i;
+        (0..LANES).fold(0, |bits, i| bits | bit(i))
+    }
+
+    /// Computes [`SphericalCap::pdf`] in each lane.
+    #[inline(always)]
+    pub fn pdf(&self) -> f32x16 {
+        f32x16::ONE / (f32x16::splat(std::f32::consts::TAU) * self.cap)
+    }
+
+    /// Computes [`SphericalCap::sample`] in each lane.
+    #[inline(always)]
+    pub fn sample(&self, u: [f32x16; 2]) -> (Vec3x16, Vec3x16) {
+        let SphericalCapX16 { to_center: [x, y, z], radius, distance, tangent_squared, cap } = self;
+        let w = warp::square_to_cone_x16(u, *cap);
+        let (sin2, cos) = ((w.x * w.x + w.y * w.y).to_array(), w.z.to_array());
+        let t: [f64; LANES] = std::array::from_fn(|i| {
+            let half_chord =
+                (radius[i] * radius[i] - distance[i] * distance[i] * f64::from(sin2[i])).max(0.0).sqrt();
+            tangent_squared[i] / (distance[i] * f64::from(cos[i]) + half_chord)
+        });
+        let across = f32x16::new(std::array::from_fn(|i| (t[i] / radius[i]) as f32));
+        let axis = |to: &[f64; LANES]| f32x16::new(std::array::from_fn(|i| (to[i] / -distance[i]) as f32));
+        let frame = FrameX16::from_normal(Vec3x16::new(axis(x), axis(y), axis(z)));
+        let (x, y) = (w.x * across, w.y * across);
+        let height = (f32x16::ONE - x * x - y * y).fast_max(f32x16::ZERO).sqrt();
+        let n = frame.to_world(Vec3x16::new(-x, -y, height)).normalize_or_zero();
+        (n, frame.to_world(-w) * f32x16::new(t.map(|t| t as f32)))
+    }
+}
+
 /// Returns a bound on the sum of the rounding errors of two points.
 fn rounding(a: Vec3, b: Vec3) -> f64 {
     ROUNDING * f64::from(a.abs().max_element() + b.abs().max_element())
@@ -74,9 +140,18 @@ mod tests {
         for height in [1e-6f32, 1e-3, 0.5, 1e3] {
             let from = center - Vec3::new(0.6, 0.0, 0.8) * (radius + height);
             let projection = SphericalCap::new(center, radius, false, from).expect("outside");
-            for i in 0..64 {
-                let u = Vec2::new((i % 8) as f32 / 8.0, (i / 8) as f32 / 7.5);
-                let (n, to) = projection.sample(u);
+            let lanes = Vec3x16::splat(from);
+            let lanes = SphericalCapX16::new(&Vec3x16::splat(center), f32x16::splat(radius), &lanes);
+            assert_eq!(lanes.outside(), 0xffff);
+            assert!((lanes.pdf().as_array()[1] / projection.pdf() - 1.0).abs() < 1e-6);
+            for i in 0..128 {
+                let u = Vec2::new((i % 8) as f32 / 8.0, (i % 64 / 8) as f32 / 7.5);
+                let (n, to) = if i < 64 {
+                    projection.sample(u)
+                } else {
+                    let (n, to) = lanes.sample([u.x, u.y].map(f32x16::splat));
+                    (n.lane(9), to.lane(9))
+                };
                 let p = from.as_dvec3() + to.as_dvec3();
                 let off = (p - center.as_dvec3()).length() - f64::from(radius);
                 let rounding = 1e-6 * f64::from(to.length());
@@ -97,5 +172,9 @@ mod tests {
         assert!(SphericalCap::new(Vec3::ZERO, 1.0, false, on).is_some());
         assert!(SphericalCap::new(Vec3::ZERO, 1.0, false, Vec3::Z).is_none());
         assert!(SphericalCap::new(Vec3::ZERO, 1.0, false, Vec3::splat(0.1)).is_none());
+        let mut from = Vec3x16::splat(Vec3::splat(0.1));
+        from.set_lane(2, on);
+        let lanes = SphericalCapX16::new(&Vec3x16::default(), f32x16::ONE, &from);
+        assert_eq!(lanes.outside(), 0b100);
     }
 }

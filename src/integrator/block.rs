@@ -70,8 +70,10 @@ impl<'a> ShadingBlock<'a> {
         let bsdfs = match scene.needs.varying_materials {
             false => at.material.map(|material| scene.constant_bsdf(material)),
             true => std::array::from_fn(|i| {
-                let viewer = from_viewer.then(|| wo.lane(i));
-                scene.bsdf(&at.lane(i), viewer, arena)
+                scene.materials.get(at.material[i]).constant.as_ref().unwrap_or_else(|| {
+                    let viewer = from_viewer.then(|| wo.lane(i));
+                    scene.bsdf(&at.lane(i), viewer, arena)
+                })
             }),
         };
         let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);

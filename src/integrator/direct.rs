@@ -49,12 +49,10 @@ impl DirectIntegrator {
     /// Adds emitter sample `i` of every path in the current wave.
     fn emitter_sample(&self, scene: &Scene, i: u32, blocks: &[ShadingBlock<'_>], worker: &mut Worker) {
         let Worker { sampler, paths, numbers, shadows, .. } = worker;
-        draw_1d(*sampler, Dimension::emitter_choice(0).repeat(i), &paths.keys, &mut numbers.emitter_choice);
         draw_2d(*sampler, Dimension::emitter_point(0).repeat(i), &paths.keys, &mut numbers.emitter_point);
         for block in blocks.iter().filter(|block| block.finite != 0) {
-            let u_choice = load(&numbers.emitter_choice, block.first);
             let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-            let sampled = lighting::sample_emitters(scene, block, u_choice, u_point, self.counts);
+            let sampled = lighting::sample_emitters(scene, block, u_point, self.counts);
             shadows.push(&sampled.rays, &paths.slots[block.first..], &sampled.value, sampled.lanes);
         }
     }
@@ -80,6 +78,7 @@ impl DirectIntegrator {
             let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
             let wi = block.at.frame.to_world(sample.wi);
             let next = Continuation {
+                from: block.at.p,
                 rays: scene.spawn_rays(&block.at, wi, block.rays.time),
                 beta: sample.weight.map(|w| w / f32x16::splat(self.counts.bsdf)),
                 pdf: sample.pdf,
@@ -96,11 +95,11 @@ impl DirectIntegrator {
             TechniqueCounts { emitter: 0.0, ..self.counts }
         };
         scattered.keep_hits(hits, |paths, i| {
-            let le = lighting::environment(scene, &paths.rays[i], paths.pdf[i], counts);
+            let le = lighting::environment(scene, paths, i, counts);
             out[paths.slots[i] as usize].value += paths.beta(i) * le;
         });
         for block in ShadingBlock::all(scene, &Bump::new(), &scattered.rays, hits) {
-            for (i, le) in lighting::emitted(scene, &block, &scattered.pdf, counts) {
+            for (i, le) in lighting::emitted(scene, &block, &scattered, counts) {
                 let i = block.first + i;
                 out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
             }
@@ -169,15 +168,14 @@ impl Integrator for DirectIntegrator {
         let Worker { paths, hits, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
             if see {
-                out[paths.slots[i] as usize].value +=
-                    lighting::environment(scene, &paths.rays[i], f32::INFINITY, self.counts);
+                out[paths.slots[i] as usize].value += scene.environment_radiance(paths.rays[i].d);
             }
         });
         let arena = Bump::new();
         let blocks: Vec<ShadingBlock<'_>> = ShadingBlock::all(scene, &arena, &paths.rays, hits).collect();
         if see {
             for block in &blocks {
-                for (i, le) in lighting::emitted(scene, block, &paths.pdf, self.counts) {
+                for (i, le) in lighting::emitted(scene, block, paths, self.counts) {
                     out[paths.slots[block.first + i] as usize].value += le;
                 }
             }

@@ -122,12 +122,10 @@ impl TreeStrategy for DistributionTree {
         for i in 0..n {
             self.split_keys(parents, n, i, &mut keys);
             let Worker { sampler, numbers, shadows, .. } = &mut *worker;
-            draw_1d(*sampler, Dimension::emitter_choice(depth), &keys, &mut numbers.emitter_choice);
             draw_2d(*sampler, Dimension::emitter_point(depth), &keys, &mut numbers.emitter_point);
             for block in blocks.iter().filter(|block| block.finite != 0) {
-                let u_choice = load(&numbers.emitter_choice, block.first);
                 let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-                let sampled = lighting::sample_emitters(tree.scene, block, u_choice, u_point, counts);
+                let sampled = lighting::sample_emitters(tree.scene, block, u_point, counts);
                 let beta: [f32x16; 3] = std::array::from_fn(|c| load(&parents.beta[c], block.first));
                 let value = std::array::from_fn(|c| beta[c] * sampled.value[c]);
                 shadows.push(&sampled.rays, &parents.slots[block.first..], &value, sampled.lanes);
@@ -167,6 +165,7 @@ impl TreeStrategy for DistributionTree {
             let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
             let lanes = (sample.valid & strongest.simd_ne(f32x16::ZERO)).to_bitmask() & lanes;
             let next = Continuation {
+                from: block.at.p,
                 rays: tree.scene.spawn_rays(&block.at, block.at.frame.to_world(sample.wi), block.rays.time),
                 beta,
                 pdf: sample.pdf,

@@ -6,7 +6,7 @@ use super::worker::{Continuation, PathWave, Worker, draw_1d, draw_2d};
 use crate::bsdf::{Bsdf, Lobe};
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, f32x16};
-use crate::math::{Ray, RayX16, Vec2, Vec3};
+use crate::math::{Ray, RayX16, Vec2, Vec3, Vec3x16};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SurfaceInteraction};
 
@@ -140,6 +140,7 @@ impl Survivors {
         let ray = Ray::new(Vec3::ZERO, Vec3::Z);
         let next = Continuation {
             rays: RayX16::splat(&ray),
+            from: Vec3x16::default(),
             beta: [f32x16::ZERO; 3],
             pdf: f32x16::ZERO,
             eta: f32x16::ZERO,

@@ -6,7 +6,7 @@ use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::math::lanes::{bits, f32x16};
-use crate::math::{Ray, RayX16, Vec3};
+use crate::math::{LANES, RayX16, Vec3, Vec3x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
 
@@ -40,12 +40,11 @@ pub struct ShadowRays {
 pub fn sample_emitters(
     scene: &Scene,
     block: &ShadingBlock<'_>,
-    u_choice: f32x16,
     u_point: [f32x16; 2],
     counts: TechniqueCounts,
 ) -> ShadowRays {
     let ShadingBlock { at, .. } = block;
-    let sample = scene.sample_emitters(at.p, u_choice, u_point, block.rays.time, block.finite);
+    let sample = scene.sample_emitters(at.p, u_point, block.rays.time, block.finite);
     let wi = at.frame.to_local(sample.wi);
     let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
     let [r, g, b] = scattered.f;
@@ -58,22 +57,24 @@ pub fn sample_emitters(
     ShadowRays { rays: scene.shadow_rays(at, &sample, block.rays.time), value, lanes }
 }
 
-/// Returns the weighted radiance of the emitters hit by the rays of the block, for the given densities (see
+/// Returns the weighted radiance of the emitters hit by the rays of the block, which are those of `paths` (see
 /// [`emitted_at`]), as pairs of a lane and a value.
 #[inline(always)]
 pub fn emitted<'a>(
     scene: &'a Scene,
     block: &'a ShadingBlock<'_>,
-    pdf: &'a [f32],
+    paths: &'a PathWave,
     counts: TechniqueCounts,
 ) -> impl Iterator<Item = (usize, Rgb)> + 'a {
     bits(block.at.emitting & block.active).map(move |i| {
-        (i, emitted_at(scene, &block.at.lane(i), block.rays.o.lane(i), pdf[block.first + i], counts))
+        let path = block.first + i;
+        (i, emitted_at(scene, &block.at.lane(i), paths.from[path], paths.pdf[path], counts))
     })
 }
 
-/// Returns the radiance of the emitter hit by a ray, seen from the ray's origin, times the weight for the ray's
-/// density `pdf` (per unit solid angle; infinite for delta lobes and the camera). Black if nothing is emitted.
+/// Returns the radiance of the emitter hit by a ray, whose direction was sampled at the point `from`, times the weight
+/// for the ray's density `pdf` (per unit solid angle; infinite for delta lobes and the camera). Black if nothing is
+/// emitted.
 pub fn emitted_at(
     scene: &Scene,
     at: &SurfaceInteraction,
@@ -100,20 +101,49 @@ pub fn drop_missed(
     out: &mut [Radiance],
     wants: impl Fn(&PathWave, usize) -> bool,
 ) {
-    paths.keep_hits(hits, |paths, i| {
-        if scene.needs.environment && wants(paths, i) {
-            let le = environment(scene, &paths.rays[i], paths.pdf[i], TechniqueCounts::ONE_EACH);
-            out[paths.slots[i] as usize].value += paths.beta(i) * le;
+    if scene.needs.environment {
+        let (mut missed, mut count) = ([0; LANES], 0);
+        for i in 0..hits.len() {
+            if hits[i].is_none() && wants(paths, i) {
+                missed[count] = i;
+                count += 1;
+            }
+            if count == LANES || i + 1 == hits.len() {
+                add_environment(scene, paths, &missed[..count], out);
+                count = 0;
+            }
         }
-    });
+    }
+    paths.keep_hits(hits, |_, _| {});
 }
 
-/// Returns the weighted radiance of the environment for a ray with a unit direction that leaves the scene.
+/// Adds the weighted radiance of the environment for at most sixteen paths.
+fn add_environment(scene: &Scene, paths: &PathWave, missed: &[usize], out: &mut [Radiance]) {
+    let mut from = Vec3x16::default();
+    for (lane, &i) in missed.iter().enumerate() {
+        from.set_lane(lane, paths.from[i]);
+    }
+    let weighted = missed.iter().any(|&i| paths.pdf[i].is_finite());
+    let pmf = if weighted { scene.environment_pmf_x16(from) } else { f32x16::ZERO };
+    for (lane, &i) in missed.iter().enumerate() {
+        let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
+        let mut le = scene.environment_radiance(d);
+        if pdf.is_finite() {
+            let other = pmf.as_array()[lane] * scene.environment_density(d);
+            le *= weighted_power_heuristic(1.0, pdf, 1.0, other);
+        }
+        out[paths.slots[i] as usize].value += paths.beta(i) * le;
+    }
+}
+
+/// Returns the weighted radiance of the environment for path `i`, whose ray has a unit direction and leaves the scene.
 #[inline]
-pub fn environment(scene: &Scene, ray: &Ray, pdf: f32, counts: TechniqueCounts) -> Rgb {
-    let radiance = scene.environment_radiance(ray.d);
+pub fn environment(scene: &Scene, paths: &PathWave, i: usize, counts: TechniqueCounts) -> Rgb {
+    let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
+    let radiance = scene.environment_radiance(d);
     if pdf.is_infinite() {
         return radiance;
     }
-    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, scene.environment_pdf(ray.o, ray.d))
+    let other = scene.environment_pdf(paths.from[i], d);
+    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }

@@ -115,7 +115,7 @@ impl Integrator for PathIntegrator {
                     direction: true,
                     roulette: bounce.roulette.is_some(),
                 };
-                numbers.draw(uses, scene, depth, *sampler, &paths.keys);
+                numbers.draw(uses, depth, *sampler, &paths.keys);
             }
             bounce.shade(scatter, worker, out);
             if bounce.next_event {
@@ -164,7 +164,7 @@ impl PathBounce<'_> {
             arena.reset();
             let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
             if self.may_add() {
-                for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
+                for (i, le) in lighting::emitted(self.scene, &block, paths, TechniqueCounts::ONE_EACH) {
                     let slot = paths.slots[first + i];
                     if self.adds(specular_only, slot) {
                         out[slot as usize].value += paths.beta(first + i) * le;
@@ -199,10 +199,8 @@ impl PathBounce<'_> {
         numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
     ) {
-        let u_choice = load(&numbers.emitter_choice, block.first);
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-        let sampled =
-            lighting::sample_emitters(self.scene, block, u_choice, u_point, TechniqueCounts::ONE_EACH);
+        let sampled = lighting::sample_emitters(self.scene, block, u_point, TechniqueCounts::ONE_EACH);
         let value = std::array::from_fn(|c| beta[c] * sampled.value[c]);
         shadows.push(&sampled.rays, slots, &value, sampled.lanes);
     }
@@ -231,6 +229,9 @@ impl PathBounce<'_> {
         }
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
-        (Continuation { rays, beta, pdf: sample.pdf, eta }, alive.to_bitmask() & block.active)
+        (
+            Continuation { rays, from: block.at.p, beta, pdf: sample.pdf, eta },
+            alive.to_bitmask() & block.active,
+        )
     }
 }

@@ -208,14 +208,14 @@ impl<'a> RayTree<'a> {
         let Worker { paths, hits, .. } = worker;
         paths.keep_hits(hits, |paths, i| {
             if add_emission {
-                let le = lighting::environment(scene, &paths.rays[i], paths.pdf[i], counts);
+                let le = lighting::environment(scene, paths, i, counts);
                 out[paths.slots[i] as usize].value += paths.beta(i) * le;
             }
         });
         let blocks: Vec<ShadingBlock<'b>> = ShadingBlock::all(scene, arena, &paths.rays, hits).collect();
         if add_emission {
             for block in &blocks {
-                for (i, le) in lighting::emitted(scene, block, &paths.pdf, counts) {
+                for (i, le) in lighting::emitted(scene, block, paths, counts) {
                     let i = block.first + i;
                     out[paths.slots[i] as usize].value += paths.beta(i) * le;
                 }

@@ -5,7 +5,7 @@ use super::emission::skip_emitters;
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::math::lanes::bits;
-use crate::math::{Ray, RayX16, f32x16};
+use crate::math::{Ray, RayX16, Vec3, Vec3x16, f32x16};
 use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 use bumpalo::Bump;
@@ -97,9 +97,7 @@ pub struct Worker {
 /// The random numbers of one bounce, for a whole wave.
 #[derive(Default)]
 pub struct RandomNumbers {
-    /// Choice of the emitter.
-    pub emitter_choice: Vec<f32>,
-    /// Position on the emitter.
+    /// Choice of the emitter and position on it.
     pub emitter_point: [Vec<f32>; 2],
     /// Choice of the lobe.
     pub bsdf_lobe: Vec<f32>,
@@ -120,6 +118,9 @@ pub struct PathWave {
     pub slots: Vec<u32>,
     /// Throughput by channel: the product of the weights so far.
     pub beta: [Vec<f32>; 3],
+    /// The surface point at which the ray's direction was sampled. The ray starts beside it, by the rounding error, but
+    /// densities of emitter samples must be those at the point.
+    pub from: Vec<Vec3>,
     /// Density per unit solid angle of the ray's direction; infinite after the camera or a specular lobe.
     pub pdf: Vec<f32>,
     /// Product of the relative indices of refraction along the path.
@@ -137,6 +138,8 @@ impl PathWave {
         self.keys.extend_from_slice(keys);
         self.slots.clear();
         self.slots.extend(0..n as u32);
+        self.from.clear();
+        self.from.extend(rays.iter().map(|ray| ray.o));
         let [r, g, b] = &mut self.beta;
         let ones = [r, g, b, &mut self.eta].map(|values| (values, 1.0));
         for (values, v) in ones.into_iter().chain([(&mut self.pdf, f32::INFINITY)]) {
@@ -153,6 +156,7 @@ impl PathWave {
         for (channel, value) in self.beta.iter_mut().zip(beta.to_array()) {
             channel.push(value);
         }
+        self.from.push(ray.o);
         self.pdf.push(f32::INFINITY);
         self.eta.push(eta);
     }
@@ -163,6 +167,7 @@ impl PathWave {
         self.keys.clone_from(&other.keys);
         self.slots.clone_from(&other.slots);
         self.beta.clone_from(&other.beta);
+        self.from.clone_from(&other.from);
         self.pdf.clone_from(&other.pdf);
         self.eta.clone_from(&other.eta);
     }
@@ -173,6 +178,7 @@ impl PathWave {
         self.keys.truncate(n);
         self.slots.truncate(n);
         self.beta.iter_mut().for_each(|channel| channel.truncate(n));
+        self.from.truncate(n);
         self.pdf.truncate(n);
         self.eta.truncate(n);
     }
@@ -195,6 +201,7 @@ impl PathWave {
             self.keys[to] = self.keys[first + i];
             self.slots[to] = self.slots[first + i];
             (self.beta[0][to], self.beta[1][to], self.beta[2][to]) = (r[i], g[i], b[i]);
+            self.from[to] = next.from.lane(i);
             self.pdf[to] = pdf[i];
             self.eta[to] = eta[i];
             to += 1;
@@ -218,6 +225,7 @@ impl PathWave {
             self.keys[to] = self.keys[i];
             self.slots[to] = self.slots[i];
             self.beta.iter_mut().for_each(|channel| channel[to] = channel[i]);
+            self.from[to] = self.from[i];
             self.pdf[to] = self.pdf[i];
             self.eta[to] = self.eta[i];
             to += 1;
@@ -231,6 +239,8 @@ impl PathWave {
 pub struct Continuation {
     /// The next rays.
     pub rays: RayX16,
+    /// The surface points at which the directions were sampled.
+    pub from: Vec3x16,
     /// The throughputs by channel.
     pub beta: [f32x16; 3],
     /// The densities of the directions.
@@ -334,25 +344,12 @@ pub struct BounceNumbers {
 
 impl RandomNumbers {
     /// Draws the random numbers that a bounce uses, and no others.
-    pub fn draw(
-        &mut self,
-        uses: BounceNumbers,
-        scene: &Scene,
-        depth: u32,
-        sampler: Sampler,
-        keys: &[SampleKey],
-    ) {
+    pub fn draw(&mut self, uses: BounceNumbers, depth: u32, sampler: Sampler, keys: &[SampleKey]) {
         let zero = |numbers: &mut Vec<f32>| {
             numbers.clear();
             numbers.resize(keys.len(), 0.0);
         };
         if uses.next_event {
-            // A single emitter needs no random choice.
-            if scene.lights.len() > 1 {
-                draw_1d(sampler, Dimension::emitter_choice(depth), keys, &mut self.emitter_choice);
-            } else {
-                zero(&mut self.emitter_choice);
-            }
             draw_2d(sampler, Dimension::emitter_point(depth), keys, &mut self.emitter_point);
         }
         if uses.lobe {

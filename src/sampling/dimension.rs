@@ -21,7 +21,7 @@ const FIRST: [(&str, Domain); 6] = [
     ("light_direction", Domain::Light),
 ];
 /// Names of the dimensions of a bounce, by their offset in its block.
-const OF_BOUNCE: [&str; 5] = ["emitter_choice", "emitter_point", "bsdf_lobe", "bsdf_direction", "roulette"];
+const OF_BOUNCE: [&str; 5] = ["unused", "emitter_point", "bsdf_lobe", "bsdf_direction", "roulette"];
 
 impl Dimension {
     /// Position in the pixel (a pair).
@@ -41,12 +41,7 @@ impl Dimension {
     /// The lowest bit of the repetition count.
     const REPEAT_SHIFT: u32 = 36;
 
-    /// Choice of the emitter to sample at a bounce.
-    pub const fn emitter_choice(bounce: u32) -> Dimension {
-        Dimension::of_bounce(bounce, 0)
-    }
-
-    /// Position on the emitter (a pair).
+    /// Choice of the emitter to sample at a bounce, and position on it (a pair).
     pub const fn emitter_point(bounce: u32) -> Dimension {
         Dimension::of_bounce(bounce, 1)
     }
@@ -127,9 +122,8 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
-    fn of_bounce(bounce: u32) -> [Dimension; 5] {
+    fn of_bounce(bounce: u32) -> [Dimension; 4] {
         [
-            Dimension::emitter_choice(bounce),
             Dimension::emitter_point(bounce),
             Dimension::bsdf_lobe(bounce),
             Dimension::bsdf_direction(bounce),
@@ -162,7 +156,7 @@ mod tests {
             "pixel pixel, lens lens, time time, light light, light_point light, light_direction light";
         assert_eq!(first.collect::<Vec<_>>().join(", "), expected);
         let domains = of_bounce(0).map(|d| format!("{d} {}", d.domain())).join(", ");
-        let expected = "emitter_choice[0] light, emitter_point[0] light, bsdf_lobe[0] bsdf, \
+        let expected = "emitter_point[0] light, bsdf_lobe[0] bsdf, \
                         bsdf_direction[0] bsdf, roulette[0] roulette";
         assert_eq!(domains, expected);
         assert_eq!(Dimension::bsdf_direction(3).domain(), Domain::Hemisphere);

@@ -150,6 +150,15 @@ pub fn square_to_sphere(u: Vec2) -> Vec3 {
     Vec3::new(r * cos, r * sin, z)
 }
 
+/// Computes [`square_to_sphere`] for sixteen pairs.
+#[inline(always)]
+pub fn square_to_sphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
+    let c = f32x16::splat;
+    let r = (c(4.0) * y * (f32x16::ONE - y)).fast_max(f32x16::ZERO).sqrt();
+    let (sin, cos) = sin_cos_turn_x16(c(TAU) * x);
+    Vec3x16::new(r * cos, r * sin, f32x16::ONE - c(2.0) * y)
+}
+
 /// The density of [`square_to_sphere`] per unit solid angle: 1/4π.
 pub const SQUARE_TO_SPHERE_PDF: f32 = 0.25 * FRAC_1_PI;
 
@@ -167,6 +176,15 @@ pub fn square_to_cone(u: Vec2, one_minus_cos: f32) -> Vec3 {
     let r = (h * (2.0 - h)).max(0.0).sqrt();
     let (sin, cos) = (TAU * u.x).sin_cos();
     Vec3::new(r * cos, r * sin, 1.0 - h)
+}
+
+/// Computes [`square_to_cone`] for sixteen pairs.
+#[inline(always)]
+pub fn square_to_cone_x16([x, y]: [f32x16; 2], one_minus_cos: f32x16) -> Vec3x16 {
+    let h = y * one_minus_cos;
+    let r = (h * (f32x16::splat(2.0) - h)).fast_max(f32x16::ZERO).sqrt();
+    let (sin, cos) = sin_cos_turn_x16(f32x16::splat(TAU) * x);
+    Vec3x16::new(r * cos, r * sin, f32x16::ONE - h)
 }
 
 /// Returns the density of [`square_to_cone`] per unit solid angle inside the cone.

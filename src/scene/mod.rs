@@ -279,6 +279,19 @@ impl Scene {
             .map_or(0.0, |(id, environment)| self.light_selection.pmf(id.index(), from) * environment.pdf(d))
     }
 
+    /// Returns the probability with which [`sample_emitter`](Self::sample_emitter) chooses the environment, for
+    /// sixteen points.
+    pub fn environment_pmf_x16(&self, from: Vec3x16) -> f32x16 {
+        self.environment_light()
+            .map_or(f32x16::ZERO, |(id, _)| self.light_selection.pmf_x16(id.index(), from))
+    }
+
+    /// Returns the density per unit solid angle of the direction `d` if the environment has been chosen.
+    #[inline]
+    pub fn environment_density(&self, d: Vec3) -> f32 {
+        self.environment_light().map_or(0.0, |(_, environment)| environment.pdf(d))
+    }
+
     fn environment_light(&self) -> Option<(EmitterId, &Environment)> {
         let id = self.environment?;
         match &self.lights[id.index()] {
@@ -287,11 +300,12 @@ impl Scene {
         }
     }
 
-    /// Samples an emitter and a direction to it as seen from `from`. Densities include the choice.
+    /// Samples an emitter and a direction to it as seen from `from`. The leading digits of `u.x` choose the emitter.
+    /// Densities include the choice.
     #[inline]
-    pub fn sample_emitter(&self, from: Vec3, u_choice: f32, u: Vec2, time: f32) -> Option<EmitterSample> {
-        let choice = self.light_selection.sample(from, u_choice)?;
-        let mut sample = self.lights[choice.emitter].sample(from, u, time)?;
+    pub fn sample_emitter(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
+        let choice = self.light_selection.sample(from, u.x)?;
+        let mut sample = self.lights[choice.emitter].sample(from, Vec2::new(choice.u, u.y), time)?;
         sample.pdf *= choice.pmf;
         Some(sample)
     }
@@ -301,7 +315,6 @@ impl Scene {
     pub fn sample_emitters(
         &self,
         from: Vec3x16,
-        u_choice: f32x16,
         u: [f32x16; 2],
         time: f32x16,
         active: u32,
@@ -312,9 +325,9 @@ impl Scene {
         if self.lights.is_empty() {
             return EmitterSampleX16::NONE;
         }
-        let (emitters, pmf, chosen) = self.light_selection.sample_x16(from, u_choice, active);
+        let (emitters, pmf, rest, chosen) = self.light_selection.sample_x16(from, u[0], active);
         let lights = emitters.map(|i| &self.lights[i]);
-        let mut samples = emitter::lanes::sample_x16(lights, from, u, time, chosen);
+        let mut samples = emitter::lanes::sample_x16(lights, from, [rest, u[1]], time, chosen);
         samples.pdf *= pmf;
         samples.valid &= mask_from_bits(chosen);
         samples

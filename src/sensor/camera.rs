@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::film::FilmSettings;
 use crate::math::{DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3};
 use crate::sampling::warp;
+use std::borrow::Cow;
 
 /// A camera prepared for generating rays.
 #[derive(Clone, Debug)]
@@ -122,10 +123,10 @@ impl Camera {
 
     /// Returns the position and axes at a time.
     #[inline]
-    fn pose(&self, time: f32) -> CameraPose {
-        match self.fixed {
-            Some(pose) => pose,
-            None => CameraPose::new(self.to_world(time), self.corner, self.pixel),
+    fn pose(&self, time: f32) -> Cow<'_, CameraPose> {
+        match &self.fixed {
+            Some(pose) => Cow::Borrowed(pose),
+            None => Cow::Owned(CameraPose::new(self.to_world(time), self.corner, self.pixel)),
         }
     }
 
@@ -173,7 +174,7 @@ impl Camera {
     /// A pixel's value is the mean radiance over its area, so the film's importance is constant over the area of the
     /// image plane: `We = 1 / (A·cos⁴θ)` per unit of aperture area. [pbrt 16.1.1]
     pub fn importance(&self, p: Vec3, u: Vec2, time: f32, margin: f64) -> Option<Importance> {
-        let CameraPose { to_world, axes: m, .. } = self.pose(time);
+        let CameraPose { to_world, axes: m, .. } = *self.pose(time);
         let pixels = f64::from(self.film.width) * f64::from(self.film.height);
         // The area of the full image at distance 1, in camera space.
         let area = (self.pixel.x * self.pixel.y).abs() * pixels;

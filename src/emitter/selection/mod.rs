@@ -10,6 +10,7 @@
 mod bounds;
 mod build;
 mod extent;
+mod few;
 
 pub use bounds::{Cone, LightBounds};
 pub use extent::Extent;
@@ -18,9 +19,10 @@ use super::Light;
 use crate::math::{LANES, Vec3, Vec3x16, f32x16, lanes};
 use crate::sampling::hash;
 use bounds::LightBoundsX16;
+use few::Few;
 
 /// The fraction of the samples that is distributed equally over all emitters.
-const UNIFORM_FRACTION: f64 = 0.05;
+const UNIFORM_FRACTION: f64 = 1.0 / 16.0;
 /// If there are emitters of both kinds, the least fraction of the other samples for those in the tree, and for those at
 /// infinity.
 const LEAST_FRACTION: f64 = 0.2;
@@ -33,6 +35,8 @@ pub struct LightSelection {
     locations: Vec<Location>,
     /// The nodes; the first is the root.
     nodes: Vec<Node>,
+    /// The choice, if there are at least two emitters and few.
+    few: Option<Few>,
     /// The emitters at infinity and their irradiance.
     infinite: Vec<(u32, f32)>,
     /// The sum of the irradiances of the emitters at infinity.
@@ -77,6 +81,8 @@ pub struct Choice {
     pub emitter: usize,
     /// The probability of the choice.
     pub pmf: f32,
+    /// A random number in [0, 1) that is independent of the choice.
+    pub u: f32,
 }
 
 impl LightSelection {
@@ -86,6 +92,7 @@ impl LightSelection {
             emitters: Vec::new(),
             locations: vec![Location::Dark; lights.len()],
             nodes: Vec::new(),
+            few: None,
             infinite: Vec::new(),
             infinite_sum: 0.0,
         };
@@ -103,7 +110,23 @@ impl LightSelection {
         }
         selection.infinite_sum = selection.infinite.iter().map(|(_, irradiance)| irradiance).sum();
         selection.build(&mut finite);
+        selection.few = selection.few();
         selection
+    }
+
+    /// Returns the choice among a few emitters; `None` if they are many or fewer than two.
+    fn few(&self) -> Option<Few> {
+        if !(2..=LANES).contains(&self.emitters.len()) {
+            return None;
+        }
+        let root = self.nodes.first();
+        let finite = root.iter().flat_map(|root| &root.children).filter_map(|child| match child {
+            Child::Emitter(emitter) => Some(*emitter),
+            _ => None,
+        });
+        let emitters: Vec<u32> = finite.chain(self.infinite.iter().map(|(emitter, _)| *emitter)).collect();
+        let irradiance: Vec<f32> = self.infinite.iter().map(|(_, irradiance)| *irradiance).collect();
+        Some(Few::new(emitters, root.map_or_else(LightBoundsX16::none, |root| root.bounds), &irradiance))
     }
 
     /// Returns the only emitter that is ever chosen, if there is only one.
@@ -119,81 +142,60 @@ impl LightSelection {
     pub fn sample(&self, p: Vec3, u: f32) -> Option<Choice> {
         match self.emitters[..] {
             [] => return None,
-            [emitter] => return Some(Choice { emitter: emitter as usize, pmf: 1.0 }),
+            [emitter] => return Some(Choice { emitter: emitter as usize, pmf: 1.0, u }),
             _ => {}
         }
-        let mut u = extended(u, p);
+        if let Some(few) = &self.few {
+            let (emitters, pmf, rest) = few.sample_x16(Vec3x16::splat(p), f32x16::splat(u));
+            let (pmf, rest) = (pmf.as_array()[0], rest.as_array()[0]);
+            return Some(Choice { emitter: emitters[0], pmf, u: rest });
+        }
+        let u = extended(u, p);
         let count = self.emitters.len();
         if u < UNIFORM_FRACTION {
-            let i = (u / UNIFORM_FRACTION * count as f64) as usize;
-            let emitter = self.emitters[i.min(count - 1)] as usize;
-            return Some(Choice { emitter, pmf: self.pmf(emitter, p) });
+            let target = u / UNIFORM_FRACTION * count as f64;
+            let emitter = self.emitters[(target as usize).min(count - 1)] as usize;
+            return Some(Choice { emitter, pmf: self.pmf(emitter, p), u: below_one(target.fract()) });
         }
-        u = (u - UNIFORM_FRACTION) / (1.0 - UNIFORM_FRACTION);
-        let (emitter, probability) = self.sample_by_light(p, u);
-        Some(Choice { emitter: emitter as usize, pmf: self.mixed(probability) })
+        let (emitter, probability, rest) =
+            self.sample_by_light(p, (u - UNIFORM_FRACTION) / (1.0 - UNIFORM_FRACTION));
+        Some(Choice { emitter: emitter as usize, pmf: self.mixed(probability), u: below_one(rest) })
     }
 
     /// Chooses an emitter for each point, for the lanes in the mask `active`. Returns the emitters' indices, their
-    /// probabilities, and the mask of the lanes with a choice.
+    /// probabilities, random numbers that are independent of the choice, and the mask of the lanes with a choice.
     #[inline]
-    pub fn sample_x16(&self, p: Vec3x16, u: f32x16, active: u32) -> ([usize; LANES], f32x16, u32) {
-        match &self.nodes[..] {
-            [root] if self.emitters.len() <= LANES && self.emitters.len() > 1 => {
-                self.sample_among(root, p, u, active)
-            }
-            _ => {
-                let (mut emitters, mut pmf, mut chosen) = ([0; LANES], [0.0; LANES], 0);
-                for i in lanes::bits(active) {
-                    if let Some(choice) = self.sample(p.lane(i), u.as_array()[i]) {
-                        (emitters[i], pmf[i]) = (choice.emitter, choice.pmf);
-                        chosen |= 1 << i;
-                    }
-                }
-                (emitters, f32x16::new(pmf), chosen)
+    pub fn sample_x16(&self, p: Vec3x16, u: f32x16, active: u32) -> ([usize; LANES], f32x16, f32x16, u32) {
+        if let Some(few) = &self.few {
+            let (emitters, pmf, rest) = few.sample_x16(p, u);
+            return (emitters, pmf, rest, active);
+        }
+        let (mut emitters, mut pmf, mut rest, mut chosen) = ([0; LANES], [0.0; LANES], [0.0; LANES], 0);
+        for i in lanes::bits(active) {
+            if let Some(choice) = self.sample(p.lane(i), u.as_array()[i]) {
+                (emitters[i], pmf[i], rest[i]) = (choice.emitter, choice.pmf, choice.u);
+                chosen |= 1 << i;
             }
         }
+        (emitters, f32x16::new(pmf), f32x16::new(rest), chosen)
     }
 
-    /// Chooses among a few emitters, with one point in each lane.
-    fn sample_among(&self, root: &Node, p: Vec3x16, u: f32x16, active: u32) -> ([usize; LANES], f32x16, u32) {
-        let mut weights = [f32x16::ZERO; LANES];
-        let mut total = f32x16::ZERO;
-        for (i, weight) in weights[..root.count].iter_mut().enumerate() {
-            *weight = root.bounds.splat_lane(i).importance(p);
-            total += *weight;
+    /// Computes [`pmf`](Self::pmf) for sixteen points.
+    pub fn pmf_x16(&self, emitter: usize, p: Vec3x16) -> f32x16 {
+        match &self.few {
+            Some(few) => few.pmf_x16(emitter, p),
+            None if self.only() == Some(emitter) => f32x16::ONE,
+            None => f32x16::new(std::array::from_fn(|i| self.pmf(emitter, p.lane(i)))),
         }
-        let lit = total.simd_gt(f32x16::ZERO);
-        let least = f32x16::splat(LEAST_FRACTION as f32);
-        let sum = f32x16::splat(self.infinite_sum);
-        let share = match self.infinite[..] {
-            [] => f32x16::ZERO,
-            _ => lit.select((sum / (sum + total)).max(least), f32x16::ONE).min(f32x16::ONE - least),
-        };
-        let uniform = f32x16::splat((UNIFORM_FRACTION / self.emitters.len() as f64) as f32);
-        let by_light = f32x16::splat(1.0 - UNIFORM_FRACTION as f32);
-        let scale = lit.select(by_light * (f32x16::ONE - share), f32x16::ZERO);
-        // Where all weights are 0, the quotient below must not be 0 / 0.
-        let total = lit.select(total, f32x16::ONE);
-        let dark =
-            lit.select(f32x16::ZERO, by_light * (f32x16::ONE - share) / f32x16::splat(root.count as f32));
-        let mut chosen = Chosen { u, ..Chosen::default() };
-        for (child, weight) in root.children.iter().zip(weights).take(root.count) {
-            if let Child::Emitter(emitter) = child {
-                chosen.consider(*emitter, uniform + weight / total * scale + dark);
-            }
-        }
-        for (emitter, irradiance) in &self.infinite {
-            let part = f32x16::splat(self.part_of_infinite(*irradiance) as f32);
-            chosen.consider(*emitter, uniform + by_light * share * part);
-        }
-        (chosen.emitters.as_array().map(|i| i as usize), chosen.pmf, active)
     }
 
     /// Returns the probability with which [`sample`](Self::sample) chooses an emitter for the point `p`.
     pub fn pmf(&self, emitter: usize, p: Vec3) -> f32 {
         if self.only() == Some(emitter) {
             return 1.0;
+        }
+        if let Some(few) = &self.few {
+            return few.pmf(emitter, p);
         }
         let root = self.root_weights(p);
         let share = self.share_at_infinity(root.as_ref());
@@ -232,8 +234,8 @@ impl LightSelection {
         }
     }
 
-    /// Chooses by irradiance. Returns the emitter and its probability.
-    fn sample_by_light(&self, p: Vec3, mut u: f64) -> (u32, f64) {
+    /// Chooses by irradiance. Returns the emitter, its probability and the rest of the random number.
+    fn sample_by_light(&self, p: Vec3, mut u: f64) -> (u32, f64, f64) {
         let root = self.root_weights(p);
         let share = self.share_at_infinity(root.as_ref());
         if u < share {
@@ -241,10 +243,10 @@ impl LightSelection {
             let mut below = 0.0;
             for (i, (emitter, irradiance)) in self.infinite.iter().enumerate() {
                 let part = self.part_of_infinite(*irradiance);
-                below += part;
-                if u < below || i + 1 == self.infinite.len() {
-                    return (*emitter, share * part);
+                if u < below + part || i + 1 == self.infinite.len() {
+                    return (*emitter, share * part, (u - below) / part);
                 }
+                below += part;
             }
         }
         u = (u - share) / (1.0 - share);
@@ -255,7 +257,7 @@ impl LightSelection {
             u = rest;
             probability *= weights.probability(position);
             node = match node.children[position] {
-                Child::Emitter(emitter) => return (emitter, probability),
+                Child::Emitter(emitter) => return (emitter, probability, u),
                 Child::Node(next) => &self.nodes[next as usize],
                 Child::None => unreachable!("the position is below the number of children"),
             };
@@ -281,32 +283,6 @@ impl LightSelection {
             (node, position) = inner.parent;
         }
         probability * root.probability(position as usize)
-    }
-}
-
-/// A choice in each lane.
-#[derive(Default)]
-struct Chosen {
-    /// Random numbers.
-    u: f32x16,
-    /// The sum of the probabilities so far.
-    below: f32x16,
-    /// Indices of emitters.
-    emitters: f32x16,
-    /// Their probabilities.
-    pmf: f32x16,
-    /// Mask of the lanes whose choice is final.
-    done: f32x16,
-}
-
-impl Chosen {
-    /// Chooses an emitter in the lanes whose number is in its interval. The last emitter gets the rest.
-    #[inline(always)]
-    fn consider(&mut self, emitter: u32, probability: f32x16) {
-        self.emitters = self.done.select(self.emitters, f32x16::splat(emitter as f32));
-        self.pmf = self.done.select(self.pmf, probability);
-        self.below += probability;
-        self.done |= self.u.simd_lt(self.below);
     }
 }
 
@@ -353,6 +329,11 @@ impl Weights {
         let (i, below, weight) = last;
         (i, ((target - below) / weight).clamp(0.0, 1f64.next_down()))
     }
+}
+
+/// Rounds a number in [0, 1] to one in [0, 1).
+fn below_one(u: f64) -> f32 {
+    (u as f32).clamp(0.0, 1f32.next_down())
 }
 
 /// Returns a number whose leading bits are those of `u`. The other bits are a hash of `u` and `p`, because a choice

@@ -147,7 +147,7 @@ impl Integrator for CachedPath {
                 direction: bounce.scatter,
                 roulette: bounce.roulette.is_some(),
             };
-            numbers.draw(uses, scene, depth, *sampler, &paths.keys);
+            numbers.draw(uses, depth, *sampler, &paths.keys);
             bounce.shade(worker, &mut photons, out);
             worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             depth += 1;
@@ -192,7 +192,7 @@ impl CachedBounce<'_> {
             arena.reset();
             let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
             if self.add_emission || self.add_caustics == Some(true) {
-                for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
+                for (i, le) in lighting::emitted(self.scene, &block, paths, TechniqueCounts::ONE_EACH) {
                     let slot = paths.slots[first + i];
                     if self.adds(specular_only, slot, paths.pdf[first + i]) {
                         out[slot as usize].value += paths.beta(first + i) * le;
@@ -287,9 +287,8 @@ impl CachedBounce<'_> {
         shadows: &mut ShadowQueue,
     ) {
         let at = &block.at;
-        let u_choice = load(&numbers.emitter_choice, block.first);
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-        let sample = self.scene.sample_emitters(at.p, u_choice, u_point, block.rays.time, done);
+        let sample = self.scene.sample_emitters(at.p, u_point, block.rays.time, done);
         let wi = at.frame.to_local(sample.wi);
         let scattered = bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, done);
         let factor = wi.z.abs() / sample.pdf;
@@ -316,6 +315,7 @@ impl CachedBounce<'_> {
         arena: &'a bumpalo::Bump,
     ) -> (Continuation, u32) {
         let mut next = Continuation {
+            from: block.at.p,
             rays: RayX16::splat(&Ray::new(Vec3::ZERO, Vec3::Z)),
             beta: [f32x16::ZERO; 3],
             pdf: f32x16::ZERO,
@@ -405,7 +405,7 @@ impl CachedBounce<'_> {
         let j = block.first + i;
         let at = block.at.lane(i);
         let u = Vec2::new(numbers.emitter_point[0][j], numbers.emitter_point[1][j]);
-        let sample = self.scene.sample_emitter(at.p, numbers.emitter_choice[j], u, at.time);
+        let sample = self.scene.sample_emitter(at.p, u, at.time);
         let Some(sample) = sample.filter(|sample| sample.pdf > 0.0) else { return };
         let (wo, wi) = (block.wo.lane(i), at.frame.to_local(sample.wi));
         let weighted = |bsdf: Option<&bsdf::Bsdf<'_>>, probability: f32| {

@@ -100,7 +100,7 @@ impl CameraPaths<'_> {
                 direction: scatter,
                 roulette: scatter,
             };
-            numbers.draw(uses, self.scene, edges - 1, *sampler, &paths.keys);
+            numbers.draw(uses, edges - 1, *sampler, &paths.keys);
             self.shade(edges, &mut states, worker, out);
             worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             edges += 1;
@@ -118,7 +118,7 @@ impl CameraPaths<'_> {
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
             let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
-            for (i, le) in lighting::emitted(self.scene, &block, &paths.pdf, TechniqueCounts::ONE_EACH) {
+            for (i, le) in lighting::emitted(self.scene, &block, paths, TechniqueCounts::ONE_EACH) {
                 let slot = paths.slots[first + i] as usize;
                 if self.wants(states[slot], edges) {
                     out[slot].value += paths.beta(first + i) * le;
@@ -135,10 +135,9 @@ impl CameraPaths<'_> {
                 out[paths.slots[first + i] as usize].value += paths.beta(first + i) * value;
             }
             if self.next_event(edges) && going & block.finite != 0 {
-                let u_choice = load(&numbers.emitter_choice, first);
                 let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], first));
                 let counts = TechniqueCounts::ONE_EACH;
-                let sampled = lighting::sample_emitters(self.scene, &block, u_choice, u_point, counts);
+                let sampled = lighting::sample_emitters(self.scene, &block, u_point, counts);
                 let value = std::array::from_fn(|c| load(&paths.beta[c], first) * sampled.value[c]);
                 shadows.push(&sampled.rays, &paths.slots[first..], &value, sampled.lanes & going);
             }
@@ -204,6 +203,6 @@ impl CameraPaths<'_> {
         }
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
-        (Continuation { rays, beta, pdf: sample.pdf, eta }, alive.to_bitmask() & going)
+        (Continuation { rays, from: block.at.p, beta, pdf: sample.pdf, eta }, alive.to_bitmask() & going)
     }
 }

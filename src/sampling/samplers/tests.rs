@@ -128,7 +128,7 @@ fn held_domains_stand_still_and_nothing_else_does() {
             assert_eq!(pairs(with_fixed, &keys, d), pairs(free, &keys, d), "{kind} {d}");
         }
         let mut u = vec![0.0; keys.len()];
-        with_fixed.fill_1d(Dimension::emitter_choice(1), &keys, &mut u);
+        with_fixed.fill_1d(Dimension::LIGHT, &keys, &mut u);
         assert!(u.iter().all(|&u| u == 0.5));
     }
 }

@@ -240,7 +240,7 @@ impl<'a> PhotonmapperWave<'a> {
         out: &mut [Radiance],
     ) {
         for block in blocks {
-            for (i, le) in lighting::emitted(self.scene, block, &paths.pdf, TechniqueCounts::ONE_EACH) {
+            for (i, le) in lighting::emitted(self.scene, block, paths, TechniqueCounts::ONE_EACH) {
                 let j = block.first + i;
                 if self.wants(segments[j].history, edges) {
                     out[paths.slots[j] as usize].value += paths.beta(j) * le;
@@ -366,14 +366,12 @@ impl<'a> PhotonmapperWave<'a> {
                 keys.clear();
                 keys.extend(parents.keys.iter().map(|&key| split(key, samples, s)));
                 let Worker { sampler, numbers, shadows, .. } = &mut *worker;
-                draw_1d(*sampler, Dimension::emitter_choice(edges - 1), &keys, &mut numbers.emitter_choice);
                 draw_2d(*sampler, Dimension::emitter_point(edges - 1), &keys, &mut numbers.emitter_point);
                 for (ShadedBlock { block, .. }, &lanes) in
                     shaded.iter().zip(&lanes).filter(|(_, lanes)| **lanes != 0)
                 {
-                    let u_choice = load(&numbers.emitter_choice, block.first);
                     let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-                    let sampled = lighting::sample_emitters(self.scene, block, u_choice, u_point, counts);
+                    let sampled = lighting::sample_emitters(self.scene, block, u_point, counts);
                     let beta = [0, 1, 2].map(|c| load(&parents.beta[c], block.first));
                     let value = std::array::from_fn(|c| beta[c] * sampled.value[c]);
                     shadows.push(&sampled.rays, &parents.slots[block.first..], &value, sampled.lanes & lanes);
@@ -426,6 +424,7 @@ impl<'a> PhotonmapperWave<'a> {
             }
             let beta = std::array::from_fn(|c| load(&parents.beta[c], block.first) * weight[c] / rays);
             let next = Continuation {
+                from: block.at.p,
                 rays: self.scene.spawn_rays(&block.at, block.at.frame.to_world(sample.wi), block.rays.time),
                 beta,
                 // With this density, the power heuristic with one sample of each technique gives the weights for
