@@ -5,7 +5,7 @@ use crate::support::quadrature::over_square;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
-use buffon::emitter::{AreaEmitter, Emission, Emitter, EmitterHit, EnvMap, Light, lanes};
+use buffon::emitter::{AreaEmitter, Emission, Emitter, EmitterHit, EnvMap, Light, lanes::LightLanes};
 use buffon::ids::EmitterId;
 use buffon::image::TextureImage;
 use buffon::math::{DAffine3, DQuat, DVec3, LANES, Ray, Vec2, Vec3, Vec3x16, f32x16};
@@ -32,13 +32,16 @@ struct Seen {
 
 /// Returns means over a regular grid of random numbers. As in the integrators, sixteen are sampled at a time.
 fn seen_by_samples(light: &Light, from: Vec3, n: Vec3) -> Seen {
+    let lights = std::slice::from_ref(light);
+    let lanes = LightLanes::new(lights);
     let mut seen = Seen { irradiance: 0.0, solid_angle: 0.0 };
     let u = |i: usize| (i as f32 + 0.5) / SIDE as f32;
     for first in (0..SIDE * SIDE).step_by(LANES) {
         let pair: [[f32; LANES]; 2] =
             [std::array::from_fn(|k| u((first + k) % SIDE)), std::array::from_fn(|k| u((first + k) / SIDE))];
-        let all = lanes::sample_x16(
-            [light; LANES],
+        let all = lanes.sample(
+            lights,
+            &[0; LANES],
             Vec3x16::splat(from),
             pair.map(f32x16::new),
             f32x16::ZERO,

@@ -2,11 +2,9 @@
 //!
 //! Rectangles, spheres and uniform environments are sampled in parallel lanes, other emitters one lane after the other.
 
-use super::area::RectangleSurface;
 use super::spherical_cap::SphericalCapX16;
-use super::spherical_rectangle::{RectanglePointX16, RectangleX16};
-use super::{AreaEmitter, EmitterSample, Light, ShadowTarget};
-use crate::color::Rgb;
+use super::spherical_rectangle::{NUMBERS as RECTANGLE, RectanglePointX16, RectangleX16};
+use super::{EmitterSample, Light, ShadowTarget};
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::ray::{end_error_x16, offset_origin_x16, plane_error_x16};
 use crate::math::robust::gamma;
@@ -88,28 +86,17 @@ struct RectanglesX16 {
 }
 
 impl RectanglesX16 {
-    fn splat(r: &RectangleSurface, radiance: Rgb) -> Self {
+    /// Creates rectangles from the numbers of their records.
+    #[inline(always)]
+    fn new(n: [f32x16; RECORD]) -> Self {
+        let [normal_x, normal_y, normal_z, error, inverse_area, r, g, b]: [f32x16; 8] =
+            std::array::from_fn(|i| n[RECTANGLE + i]);
         RectanglesX16 {
-            rectangle: RectangleX16::splat(&r.rectangle),
-            normal: Vec3x16::splat(r.normal),
-            error: f32x16::splat(r.error),
-            inverse_area: f32x16::splat(r.inverse_area),
-            radiance: radiance.to_array().map(f32x16::splat),
-        }
-    }
-
-    fn gather(rectangles: [(&RectangleSurface, Rgb); LANES]) -> Self {
-        let lanes = |f: &dyn Fn(usize) -> f32| f32x16::new(std::array::from_fn(f));
-        let mut normal = Vec3x16::default();
-        for (i, (r, _)) in rectangles.iter().enumerate() {
-            normal.set_lane(i, r.normal);
-        }
-        RectanglesX16 {
-            rectangle: RectangleX16::gather(rectangles.map(|(r, _)| &r.rectangle)),
-            normal,
-            error: lanes(&|i| rectangles[i].0.error),
-            inverse_area: lanes(&|i| rectangles[i].0.inverse_area),
-            radiance: std::array::from_fn(|c| lanes(&|i| rectangles[i].1.to_array()[c])),
+            rectangle: RectangleX16::from_numbers(std::array::from_fn(|i| n[i])),
+            normal: Vec3x16::new(normal_x, normal_y, normal_z),
+            error,
+            inverse_area,
+            radiance: [r, g, b],
         }
     }
 
@@ -146,18 +133,10 @@ struct SpheresX16 {
 }
 
 impl SpheresX16 {
+    /// Creates spheres from the numbers of their records.
     #[inline(always)]
-    fn gather(spheres: [(Vec3, f32, Rgb); LANES]) -> Self {
-        let lanes = |f: &dyn Fn(usize) -> f32| f32x16::new(std::array::from_fn(f));
-        SpheresX16 {
-            center: Vec3x16::new(
-                lanes(&|i| spheres[i].0.x),
-                lanes(&|i| spheres[i].0.y),
-                lanes(&|i| spheres[i].0.z),
-            ),
-            radius: lanes(&|i| spheres[i].1),
-            radiance: std::array::from_fn(|c| lanes(&|i| spheres[i].2.to_array()[c])),
-        }
+    fn new([x, y, z, radius, r, g, b]: [f32x16; 7]) -> Self {
+        SpheresX16 { center: Vec3x16::new(x, y, z), radius, radiance: [r, g, b] }
     }
 
     /// Computes [`AreaEmitter::sample`](super::AreaEmitter::sample) in each lane. Returns the samples and a mask of the
@@ -182,96 +161,151 @@ impl SpheresX16 {
     }
 }
 
-/// Returns the result of `find` for each light, with that of any light in place of `None`, and a mask of the lights for
-/// which there is one; `None` if there is no such light.
+/// Returns samples of environments with the same radiance from every direction.
 #[inline(always)]
-fn found<'a, T: Copy>(
-    lights: [&'a Light; LANES],
-    find: impl Fn(&'a Light) -> Option<T>,
-) -> Option<([T; LANES], u32)> {
-    let found = lights.map(find);
-    let any = *found.iter().flatten().next()?;
-    let lanes = (0..LANES).filter(|&i| found[i].is_some()).fold(0, |bits, i| bits | 1 << i);
-    Some((found.map(|found| found.unwrap_or(any)), lanes))
-}
-
-fn uniform_environment(light: &Light) -> Option<Rgb> {
-    match light {
-        Light::Environment(environment) => environment.uniform(),
-        _ => None,
-    }
-}
-
-fn area(light: &Light) -> Option<&AreaEmitter> {
-    match light {
-        Light::Area(area) => Some(area),
-        _ => None,
-    }
-}
-
-/// Computes the samples of an environment with the same radiance from every direction, of which each lane has its own.
-#[inline(always)]
-fn sample_uniform_environment(radiance: [Rgb; LANES], u: [f32x16; 2]) -> EmitterSampleX16 {
+fn sample_uniform_environment(radiance: [f32x16; 3], u: [f32x16; 2]) -> EmitterSampleX16 {
     let all = mask_from_bits(0xffff);
     EmitterSampleX16 {
         wi: warp::square_to_sphere_x16(u),
         at_infinity: all,
-        radiance: std::array::from_fn(|c| f32x16::new(radiance.map(|radiance| radiance.to_array()[c]))),
+        radiance,
         pdf: f32x16::splat(warp::SQUARE_TO_SPHERE_PDF),
         valid: all,
         ..EmitterSampleX16::NONE
     }
 }
 
-/// Samples a direction to `lights[i]` as seen from lane `i` of `from`, for the lanes in the mask `active`.
-#[inline]
-pub fn sample_x16(
-    lights: [&Light; LANES],
-    from: Vec3x16,
-    u: [f32x16; 2],
-    time: f32x16,
-    active: u32,
-) -> EmitterSampleX16 {
-    if lights.iter().all(|light| std::ptr::eq(*light, lights[0]))
-        && let Some((rectangle, radiance)) = area(lights[0]).and_then(AreaEmitter::rectangle)
-    {
-        return RectanglesX16::splat(rectangle, radiance).sample(from, u);
-    }
-    let mut others = active;
-    let mut samples = EmitterSampleX16::NONE;
-    if let Some((radiance, lanes)) = found(lights, uniform_environment) {
-        samples = sample_uniform_environment(radiance, u);
-        samples.valid &= mask_from_bits(lanes);
-        others &= !lanes;
-    }
-    if let Some((rectangles, lanes)) = found(lights, |light| area(light)?.rectangle()) {
-        let (first, radiance) = rectangles[0];
-        let rectangles = match rectangles.iter().all(|(other, _)| std::ptr::eq(*other, first)) {
-            true => RectanglesX16::splat(first, radiance),
-            false => RectanglesX16::gather(rectangles),
+/// The numbers of an emitter that its lanes need.
+#[derive(Clone, Copy)]
+struct Record {
+    kind: Kind,
+    numbers: [f32; RECORD],
+}
+
+/// The kinds of emitters that are sampled in parallel lanes.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    /// A rectangle, its normal, error, inverse area and radiance.
+    Rectangle,
+    /// Centre, radius and radiance of a sphere.
+    Sphere,
+    /// The radiance of an environment.
+    UniformEnvironment,
+    /// An emitter that is sampled one lane after the other.
+    Other,
+}
+
+/// The greatest number of `f32` values in a record.
+const RECORD: usize = RECTANGLE + 8;
+
+impl Record {
+    fn new(light: &Light) -> Self {
+        let record = |kind, parts: [&[f32]; 5]| {
+            let mut numbers = [0.0; RECORD];
+            numbers.iter_mut().zip(parts.concat()).for_each(|(number, value)| *number = value);
+            Record { kind, numbers }
         };
-        samples.set_lanes(lanes, &rectangles.sample(from, u));
-        others &= !lanes;
+        let area = match light {
+            Light::Area(area) => Some(area),
+            _ => None,
+        };
+        let uniform = match light {
+            Light::Environment(environment) => environment.uniform(),
+            _ => None,
+        };
+        if let Some((r, radiance)) = area.and_then(|area| area.rectangle()) {
+            let (numbers, normal, radiance) =
+                (r.rectangle.numbers(), r.normal.to_array(), radiance.to_array());
+            record(Kind::Rectangle, [&numbers, &normal, &[r.error], &[r.inverse_area], &radiance])
+        } else if let Some((center, radius, radiance)) = area.and_then(|area| area.sphere()) {
+            record(Kind::Sphere, [&center.to_array(), &[radius], &radiance.to_array(), &[], &[]])
+        } else if let Some(radiance) = uniform {
+            record(Kind::UniformEnvironment, [&radiance.to_array(), &[], &[], &[], &[]])
+        } else {
+            record(Kind::Other, [&[]; 5])
+        }
     }
-    if others == 0 {
-        return samples;
+}
+
+/// The emitters of a scene, prepared for [`sample`](Self::sample).
+pub struct LightLanes {
+    records: Vec<Record>,
+}
+
+impl LightLanes {
+    /// Prepares the emitters of a scene.
+    pub fn new(lights: &[Light]) -> Self {
+        LightLanes { records: lights.iter().map(Record::new).collect() }
     }
-    if let Some((spheres, lanes)) = found(lights, |light| area(light)?.sphere()) {
-        let (found, outside) = SpheresX16::gather(spheres).sample(&from, u);
-        samples.set_lanes(lanes & outside, &found);
-        others &= !(lanes & outside);
+
+    /// Samples a direction to `lights[emitters[i]]` as seen from lane `i` of `from`, for the lanes in the mask
+    /// `active`.
+    #[inline]
+    pub fn sample(
+        &self,
+        lights: &[Light],
+        emitters: &[usize; LANES],
+        from: Vec3x16,
+        u: [f32x16; 2],
+        time: f32x16,
+        active: u32,
+    ) -> EmitterSampleX16 {
+        let [mut rectangles, mut spheres, mut environments, mut others] = [0; 4];
+        for i in bits(active) {
+            let lanes = match self.records[emitters[i]].kind {
+                Kind::Rectangle => &mut rectangles,
+                Kind::Sphere => &mut spheres,
+                Kind::UniformEnvironment => &mut environments,
+                Kind::Other => &mut others,
+            };
+            *lanes |= 1 << i;
+        }
+        let mut samples = EmitterSampleX16::NONE;
+        if environments != 0 {
+            samples = sample_uniform_environment(self.gather(emitters, environments), u);
+            samples.valid &= mask_from_bits(environments);
+        }
+        if rectangles != 0 {
+            let found = RectanglesX16::new(self.gather(emitters, rectangles)).sample(from, u);
+            samples.set_lanes(rectangles, &found);
+        }
+        if spheres != 0 {
+            let (found, outside) = SpheresX16::new(self.gather(emitters, spheres)).sample(&from, u);
+            samples.set_lanes(spheres & outside, &found);
+            others |= spheres & !outside;
+        }
+        for i in bits(others) {
+            let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+            samples.set_lane(i, lights[emitters[i]].sample(from.lane(i), u, time.as_array()[i]));
+        }
+        samples
     }
-    for i in bits(others) {
-        let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-        samples.set_lane(i, lights[i].sample(from.lane(i), u, time.as_array()[i]));
+
+    /// Returns the first numbers of the emitters of the lanes in a mask that is not empty. Other lanes have those of
+    /// any of these emitters.
+    #[inline(always)]
+    fn gather<const N: usize>(&self, emitters: &[usize; LANES], lanes: u32) -> [f32x16; N] {
+        let any = emitters[lanes.trailing_zeros() as usize];
+        let first = &self.records[any].numbers;
+        if bits(lanes).all(|i| emitters[i] == any) {
+            return std::array::from_fn(|k| f32x16::splat(first[k]));
+        }
+        let mut numbers: [[f32; LANES]; N] = std::array::from_fn(|k| [first[k]; LANES]);
+        for i in bits(lanes) {
+            let record = &self.records[emitters[i]].numbers;
+            for (number, value) in numbers.iter_mut().zip(record) {
+                number[i] = *value;
+            }
+        }
+        numbers.map(f32x16::new)
     }
-    samples
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::emitter::Emission;
+    use crate::color::Rgb;
+    use crate::emitter::{AreaEmitter, Emission};
     use crate::math::DAffine3;
     use crate::sampling::hash::{combine, to_unit};
     use crate::shape::{Shape, WorldShape};
@@ -298,7 +332,9 @@ mod tests {
             }
             let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
             let u = [numbers(), numbers()];
-            let samples = sample_x16([&light; LANES], from, u, f32x16::ZERO, 0xffff);
+            let lights = std::slice::from_ref(&light);
+            let lanes = LightLanes::new(lights);
+            let samples = lanes.sample(lights, &[0; LANES], from, u, f32x16::ZERO, 0xffff);
             for i in 0..LANES {
                 let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
                 let alone = light.sample(from.lane(i), u, 0.0);

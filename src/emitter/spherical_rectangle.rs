@@ -1,6 +1,6 @@
 //! Sampling the solid angle that a rectangle subtends, for sixteen points at a time. [Ureña 2013]
 
-use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16, lanes::with_sign};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16, lanes::with_sign};
 use crate::sampling::warp::{argument_x16, sin_cos_turn_x16};
 
 /// A rectangle in space: a corner and two orthogonal edges.
@@ -27,7 +27,7 @@ pub struct Rectangle {
 }
 
 /// The number of `f32` values in a [`Rectangle`].
-const NUMBERS: usize = size_of::<Rectangle>() / size_of::<f32>();
+pub const NUMBERS: usize = size_of::<Rectangle>() / size_of::<f32>();
 
 /// Sixteen rectangles, one for each lane.
 #[derive(Clone, Copy)]
@@ -75,6 +75,11 @@ impl Rectangle {
 }
 
 impl Rectangle {
+    /// Returns all numbers of the rectangle.
+    pub fn numbers(&self) -> [f32; NUMBERS] {
+        bytemuck::cast(*self)
+    }
+
     /// Returns the point at the fractions `u` of the edges.
     pub fn point(&self, u: Vec2) -> Vec3 {
         self.corner + self.edge_x * u.x + self.edge_y * u.y
@@ -91,24 +96,12 @@ impl RectangleX16 {
     /// Creates sixteen copies of a rectangle.
     #[inline]
     pub fn splat(r: &Rectangle) -> Self {
-        let numbers: [f32; NUMBERS] = bytemuck::cast(*r);
-        RectangleX16::from_numbers(numbers.map(f32x16::splat))
+        RectangleX16::from_numbers(r.numbers().map(f32x16::splat))
     }
 
-    /// Creates sixteen lanes from different rectangles.
-    #[inline]
-    pub fn gather(rectangles: [&Rectangle; LANES]) -> Self {
-        let mut numbers = [f32x16::ZERO; NUMBERS];
-        for (lane, r) in rectangles.into_iter().enumerate() {
-            for (number, value) in numbers.iter_mut().zip(bytemuck::cast_ref::<_, [f32; NUMBERS]>(r)) {
-                number.as_mut_array()[lane] = *value;
-            }
-        }
-        RectangleX16::from_numbers(numbers)
-    }
-
+    /// Creates sixteen rectangles from the numbers of [`Rectangle::numbers`].
     #[inline(always)]
-    fn from_numbers(n: [f32x16; NUMBERS]) -> Self {
+    pub fn from_numbers(n: [f32x16; NUMBERS]) -> Self {
         let vector = |i: usize| Vec3x16::new(n[i], n[i + 1], n[i + 2]);
         RectangleX16 {
             corner: vector(0),
@@ -346,9 +339,11 @@ mod tests {
     fn each_lane_has_its_own_rectangle() {
         let (small, unit) = (Rectangle::new(Vec3::Y, Vec3::X * 0.5, Vec3::Z).unwrap(), unit_square());
         let p = Vec3x16::splat(Vec3::new(0.2, 0.3, 0.5));
-        let mut rectangles = [&unit; LANES];
-        rectangles[5] = &small;
-        let gathered = RectangleX16::gather(rectangles);
+        let mut numbers = unit.numbers().map(f32x16::splat);
+        for (number, value) in numbers.iter_mut().zip(small.numbers()) {
+            number.as_mut_array()[5] = value;
+        }
+        let gathered = RectangleX16::from_numbers(numbers);
         let both = gathered.projected_from(p).solid_angle().to_array();
         let [alone, other] =
             [small, unit].map(|r| RectangleX16::splat(&r).projected_from(p).solid_angle().to_array()[0]);

@@ -7,6 +7,7 @@ use super::{Materials, Needs, Scene, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::Lobes;
 use crate::color::Rgb;
+use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
     AreaEmitter, BoundingSphere, DirectionalEmitter, Emission, Emitter, Environment, Light, LightSelection,
     PointEmitter, ProjectorEmitter, SpotEmitter,
@@ -254,6 +255,7 @@ impl SceneCompiler {
             instances,
             materials: self.materials,
             light_selection: LightSelection::new(&self.lights),
+            light_lanes: LightLanes::new(&self.lights),
             lights: self.lights,
             light_choice,
             environment,

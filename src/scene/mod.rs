@@ -14,9 +14,9 @@ pub use needs::Needs;
 use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
+use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
-    self, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, LightSelection,
-    ShadowTarget,
+    EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, LightSelection, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering};
@@ -52,6 +52,8 @@ pub struct Scene {
     pub materials: Arc<Materials>,
     /// The emitters.
     pub lights: Vec<Light>,
+    /// The emitters, prepared for sampling sixteen at a time.
+    pub light_lanes: LightLanes,
     /// The distribution for choosing the emitter of a light path, in proportion to power.
     pub light_choice: Distribution1D,
     /// The choice of an emitter for a surface point.
@@ -320,14 +322,13 @@ impl Scene {
         active: u32,
     ) -> EmitterSampleX16 {
         if let Some(only) = self.light_selection.only() {
-            return emitter::lanes::sample_x16([&self.lights[only]; LANES], from, u, time, active);
+            return self.light_lanes.sample(&self.lights, &[only; LANES], from, u, time, active);
         }
         if self.lights.is_empty() {
             return EmitterSampleX16::NONE;
         }
         let (emitters, pmf, rest, chosen) = self.light_selection.sample_x16(from, u[0], active);
-        let lights = emitters.map(|i| &self.lights[i]);
-        let mut samples = emitter::lanes::sample_x16(lights, from, [rest, u[1]], time, chosen);
+        let mut samples = self.light_lanes.sample(&self.lights, &emitters, from, [rest, u[1]], time, chosen);
         samples.pdf *= pmf;
         samples.valid &= mask_from_bits(chosen);
         samples
