@@ -205,6 +205,7 @@
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
 //! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
 //! - `[Mitchell and Netravali 1988]` Reconstruction filters in computer graphics. SIGGRAPH.
+//! - `[Moshier 1992]` Cephes mathematical library, single precision.
 //! - `[Neumaier 1974]` Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen. ZAMM 54.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.

@@ -175,14 +175,7 @@ fn sample_uniform_environment(radiance: [f32x16; 3], u: [f32x16; 2]) -> EmitterS
     }
 }
 
-/// The numbers of an emitter that its lanes need.
-#[derive(Clone, Copy)]
-struct Record {
-    kind: Kind,
-    numbers: [f32; RECORD],
-}
-
-/// The kinds of emitters that are sampled in parallel lanes.
+/// The kinds of emitters, and what the numbers of each kind are.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     /// A rectangle, its normal, error, inverse area and radiance.
@@ -195,15 +188,29 @@ enum Kind {
     Other,
 }
 
-/// The greatest number of `f32` values in a record.
+/// The greatest number of `f32` values of a kind.
 const RECORD: usize = RECTANGLE + 8;
 
-impl Record {
-    fn new(light: &Light) -> Self {
-        let record = |kind, parts: [&[f32]; 5]| {
-            let mut numbers = [0.0; RECORD];
-            numbers.iter_mut().zip(parts.concat()).for_each(|(number, value)| *number = value);
-            Record { kind, numbers }
+/// The emitters of a scene, prepared for [`sample`](Self::sample).
+pub struct LightLanes {
+    /// The kind of each emitter, and the index of its first number.
+    records: Vec<(Kind, u32)>,
+    /// The numbers of all emitters.
+    numbers: Vec<f32>,
+}
+
+impl LightLanes {
+    /// Prepares the emitters of a scene.
+    pub fn new(lights: &[Light]) -> Self {
+        let mut all = LightLanes { records: Vec::with_capacity(lights.len()), numbers: Vec::new() };
+        lights.iter().for_each(|light| all.add(light));
+        all
+    }
+
+    fn add(&mut self, light: &Light) {
+        let mut record = |kind, parts: [&[f32]; 5]| {
+            self.records.push((kind, self.numbers.len() as u32));
+            parts.into_iter().for_each(|part| self.numbers.extend(part));
         };
         let area = match light {
             Light::Area(area) => Some(area),
@@ -225,18 +232,6 @@ impl Record {
             record(Kind::Other, [&[]; 5])
         }
     }
-}
-
-/// The emitters of a scene, prepared for [`sample`](Self::sample).
-pub struct LightLanes {
-    records: Vec<Record>,
-}
-
-impl LightLanes {
-    /// Prepares the emitters of a scene.
-    pub fn new(lights: &[Light]) -> Self {
-        LightLanes { records: lights.iter().map(Record::new).collect() }
-    }
 
     /// Samples a direction to `lights[emitters[i]]` as seen from lane `i` of `from`, for the lanes in the mask
     /// `active`.
@@ -252,7 +247,7 @@ impl LightLanes {
     ) -> EmitterSampleX16 {
         let [mut rectangles, mut spheres, mut environments, mut others] = [0; 4];
         for i in bits(active) {
-            let lanes = match self.records[emitters[i]].kind {
+            let lanes = match self.records[emitters[i]].0 {
                 Kind::Rectangle => &mut rectangles,
                 Kind::Sphere => &mut spheres,
                 Kind::UniformEnvironment => &mut environments,
@@ -286,14 +281,17 @@ impl LightLanes {
     #[inline(always)]
     fn gather<const N: usize>(&self, emitters: &[usize; LANES], lanes: u32) -> [f32x16; N] {
         let any = emitters[lanes.trailing_zeros() as usize];
-        let first = &self.records[any].numbers;
+        let numbers_of = |emitter: usize| {
+            let start = self.records[emitter].1 as usize;
+            &self.numbers[start..start + N]
+        };
+        let first = numbers_of(any);
         if bits(lanes).all(|i| emitters[i] == any) {
             return std::array::from_fn(|k| f32x16::splat(first[k]));
         }
         let mut numbers: [[f32; LANES]; N] = std::array::from_fn(|k| [first[k]; LANES]);
         for i in bits(lanes) {
-            let record = &self.records[emitters[i]].numbers;
-            for (number, value) in numbers.iter_mut().zip(record) {
+            for (number, value) in numbers.iter_mut().zip(numbers_of(emitters[i])) {
                 number[i] = *value;
             }
         }
@@ -305,47 +303,67 @@ impl LightLanes {
 mod tests {
     use super::*;
     use crate::color::Rgb;
-    use crate::emitter::{AreaEmitter, Emission};
-    use crate::math::DAffine3;
+    use crate::emitter::{AreaEmitter, BoundingSphere, Emission, Environment};
+    use crate::math::{DAffine3, DQuat, DVec3};
     use crate::sampling::hash::{combine, to_unit};
     use crate::shape::{Shape, WorldShape};
 
-    /// Spheres are sampled in lanes as one by one, from near and far, and from inside.
+    /// Emitters of all kinds are sampled in lanes as one by one, from near and far, and from inside.
     #[test]
-    fn spheres_are_sampled_alike() {
+    fn lanes_sample_what_the_emitters_do() {
         let mut seed = 0;
         let mut random = || {
             seed += 1;
             to_unit(combine(3, seed))
         };
         for _ in 0..500 {
-            let center = Vec3::new(random(), 2.0 * random(), -random());
-            let radius = 0.01 + random();
-            let shape = WorldShape::new(Shape::Sphere { center, radius }, &DAffine3::IDENTITY, false)
-                .expect("a sphere");
-            let emission = Emission::Constant(Rgb::new(1.0, 2.0, 3.0));
-            let light = Light::Area(Box::new(AreaEmitter::new(&shape, emission, None).expect("an area")));
+            let mut centers = Vec::new();
+            let mut lights = Vec::new();
+            for _ in 0..3 {
+                let center = Vec3::new(random(), 2.0 * random(), -random());
+                let radius = 0.01 + random();
+                centers.push((center, radius));
+                let turn = DAffine3::from_scale_rotation_translation(
+                    DVec3::splat(f64::from(radius)),
+                    DQuat::from_rotation_x(6.0 * f64::from(random())),
+                    center.as_dvec3(),
+                );
+                let sphere = WorldShape::new(Shape::Sphere { center, radius }, &DAffine3::IDENTITY, false);
+                let rectangle = WorldShape::new(Shape::Rectangle, &turn, false);
+                for shape in [sphere, rectangle] {
+                    let emission = Emission::Constant(Rgb::new(random(), 2.0, 3.0));
+                    let area = AreaEmitter::new(&shape.expect("a shape"), emission, None).expect("an area");
+                    lights.push(Light::Area(Box::new(area)));
+                }
+            }
+            let scene = BoundingSphere { center: Vec3::ZERO, radius: 3.0 };
+            lights.push(Light::Environment(Environment::constant(Rgb::new(0.1, 0.2, 0.3), scene)));
+            let emitters: [usize; LANES] =
+                std::array::from_fn(|_| ((random() * lights.len() as f32) as usize).min(lights.len() - 1));
             let mut from = Vec3x16::default();
-            for i in 0..LANES {
+            for (i, emitter) in emitters.into_iter().enumerate() {
                 let d = Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5).normalize();
+                let (center, radius) = centers[emitter / 2 % 3];
                 from.set_lane(i, center + d * radius * [0.5, 1.0001, 1.1, 3.0, 1e4][i % 5]);
             }
             let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
             let u = [numbers(), numbers()];
-            let lights = std::slice::from_ref(&light);
-            let lanes = LightLanes::new(lights);
-            let samples = lanes.sample(lights, &[0; LANES], from, u, f32x16::ZERO, 0xffff);
-            for i in 0..LANES {
+            let lanes = LightLanes::new(&lights);
+            let samples = lanes.sample(&lights, &emitters, from, u, f32x16::ZERO, 0xffff);
+            for (i, emitter) in emitters.into_iter().enumerate() {
                 let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-                let alone = light.sample(from.lane(i), u, 0.0);
+                let alone = lights[emitter].sample(from.lane(i), u, 0.0);
                 assert_eq!(samples.valid.to_bitmask() >> i & 1 == 1, alone.is_some());
                 let Some(alone) = alone else { continue };
-                let ShadowTarget::Point(target) = alone.target else { panic!("a point") };
-                let distance = (target - from.lane(i)).length();
                 assert!((samples.wi.lane(i) - alone.wi).length() < 2e-6, "{i}");
-                assert!((samples.target.lane(i) - target).length() < 4e-6 * (distance + 3.0), "{i}");
                 assert!((samples.pdf.as_array()[i] / alone.pdf - 1.0).abs() < 1e-5, "{i}");
                 assert_eq!(samples.radiance.map(|c| c.as_array()[i]), alone.radiance.to_array());
+                let at_infinity = samples.at_infinity.to_bitmask() >> i & 1 == 1;
+                assert_eq!(at_infinity, alone.target == ShadowTarget::Infinity);
+                if let ShadowTarget::Point(target) = alone.target {
+                    let distance = (target - from.lane(i)).length();
+                    assert!((samples.target.lane(i) - target).length() < 4e-6 * (distance + 3.0), "{i}");
+                }
             }
         }
     }

@@ -124,7 +124,7 @@ fn add_environment(scene: &Scene, paths: &PathWave, missed: &[usize], out: &mut 
         from.set_lane(lane, paths.from[i]);
     }
     let weighted = missed.iter().any(|&i| paths.pdf[i].is_finite());
-    let pmf = if weighted { scene.environment_pmf_x16(from) } else { f32x16::ZERO };
+    let pmf = if weighted { scene.environment_pmf_x16(from, missed.len()) } else { f32x16::ZERO };
     for (lane, &i) in missed.iter().enumerate() {
         let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
         let mut le = scene.environment_radiance(d);

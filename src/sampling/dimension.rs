@@ -89,7 +89,7 @@ impl Dimension {
         }
     }
 
-    /// Returns the domain of integration; unused numbers belong to [`Domain::Hemisphere`].
+    /// Returns the domain of integration; numbers that no bounce uses belong to any domain.
     pub fn domain(self) -> Domain {
         match self.place() {
             Err(i) => FIRST.get(i).map_or(Domain::Hemisphere, |(_, domain)| *domain),

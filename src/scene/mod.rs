@@ -281,11 +281,11 @@ impl Scene {
             .map_or(0.0, |(id, environment)| self.light_selection.pmf(id.index(), from) * environment.pdf(d))
     }
 
-    /// Returns the probability with which [`sample_emitter`](Self::sample_emitter) chooses the environment, for
-    /// sixteen points.
-    pub fn environment_pmf_x16(&self, from: Vec3x16) -> f32x16 {
+    /// Returns the probability with which [`sample_emitter`](Self::sample_emitter) chooses the environment, for the
+    /// first `count` of sixteen points.
+    pub fn environment_pmf_x16(&self, from: Vec3x16, count: usize) -> f32x16 {
         self.environment_light()
-            .map_or(f32x16::ZERO, |(id, _)| self.light_selection.pmf_x16(id.index(), from))
+            .map_or(f32x16::ZERO, |(id, _)| self.light_selection.pmf_x16(id.index(), from, count))
     }
 
     /// Returns the density per unit solid angle of the direction `d` if the environment has been chosen.

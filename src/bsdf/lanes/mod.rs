@@ -260,17 +260,17 @@ mod tests {
         let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * a.abs().max(b.abs()) + 1e-12;
         let (mut sampled, mut different) = (0, 0);
         for round in 0..2000 {
-            let distribution = [Distribution::Beckmann, Distribution::Ggx][round % 2];
             let mut alpha = || 0.02 + 0.9 * random() * random();
             let all: Vec<Bsdf<'_>> = (0..LANES)
                 .map(|i| {
+                    let distribution = [Distribution::Beckmann, Distribution::Ggx][(i / 3 + round) % 2];
                     let microfacets = Microfacets {
                         distribution,
                         alpha_x: alpha(),
                         alpha_y: alpha(),
                         sample_visible: true,
                     };
-                    match (i + round / 2) % 3 {
+                    match (i + round) % 3 {
                         0 => Bsdf::RoughConductor(RoughConductor {
                             microfacets,
                             fresnel: ConductorFresnel {

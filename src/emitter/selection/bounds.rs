@@ -176,8 +176,7 @@ impl LightBoundsX16 {
         let cos = to.dot(self.axis) / distance_squared.sqrt();
         let sin = (f32x16::ONE - cos * cos).max(f32x16::ZERO).sqrt();
         let (cos_beyond, sin_beyond) = beyond(cos, sin, self.cos_normals, self.sin_normals);
-        // Less the half angle of the sphere around the light; within the sphere, it grows from 90° to 180°. A jump here
-        // would bias multiple importance sampling, because a ray's origin is not exactly the point that it leaves.
+        // Less the half angle of the sphere around the light; within the sphere, it grows from 90° to 180°.
         let sin_sphere_squared =
             inside.select(distance_squared / self.radius_squared, self.radius_squared / distance_squared);
         let sin_sphere = sin_sphere_squared.sqrt();

@@ -1,11 +1,12 @@
 //! The choice among a few emitters: each has an interval of random numbers whose ends are multiples of 1/steps.
 //!
-//! The number of steps is a power of two. Low-discrepancy samplers have equally many numbers in all intervals of such
-//! sizes, so no variance comes from the choice once there are as many samples as steps. The remaining digits of the
-//! random number are a random number of the same quality.
+//! The number of steps is a power of two. A Sobol sequence has equally many numbers in all intervals of such sizes, so no
+//! variance comes from the choice once there are as many points as steps. The remaining digits of the random number are
+//! a random number for the position on the emitter; a hash adds the digits that they lack.
 
 use super::bounds::LightBoundsX16;
 use crate::math::{LANES, Vec3, Vec3x16, f32x16};
+use crate::sampling::hash;
 
 /// Steps per emitter, at least. One step of each emitter is independent of its irradiance.
 const STEPS: usize = 8;
@@ -117,7 +118,9 @@ impl Few {
                 interval.size = inside.select(next.size, interval.size);
             },
         );
-        let rest = ((target - interval.low) / interval.size).fast_min(f32x16::splat(1f32.next_down()));
+        let digits = hash::lower_digits_x16(u, p) * f32x16::splat(self.steps);
+        let rest = (target - interval.low + digits) / interval.size;
+        let rest = rest.fast_min(f32x16::splat(1f32.next_down()));
         (chosen.to_array().map(|i| i as usize), interval.size / f32x16::splat(self.steps), rest)
     }
 

@@ -180,12 +180,15 @@ impl LightSelection {
         (emitters, f32x16::new(pmf), f32x16::new(rest), chosen)
     }
 
-    /// Computes [`pmf`](Self::pmf) for sixteen points.
-    pub fn pmf_x16(&self, emitter: usize, p: Vec3x16) -> f32x16 {
+    /// Computes [`pmf`](Self::pmf) for the first `count` of sixteen points.
+    pub fn pmf_x16(&self, emitter: usize, p: Vec3x16, count: usize) -> f32x16 {
         match &self.few {
             Some(few) => few.pmf_x16(emitter, p),
             None if self.only() == Some(emitter) => f32x16::ONE,
-            None => f32x16::new(std::array::from_fn(|i| self.pmf(emitter, p.lane(i)))),
+            None => {
+                let pmf = |i: usize| if i < count { self.pmf(emitter, p.lane(i)) } else { 0.0 };
+                f32x16::new(std::array::from_fn(pmf))
+            }
         }
     }
 
