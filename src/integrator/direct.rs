@@ -99,7 +99,7 @@ impl DirectIntegrator {
             out[paths.slots[i] as usize].value += paths.beta(i) * le;
         });
         for block in ShadingBlock::all(scene, &Bump::new(), &scattered.rays, hits) {
-            for (i, le) in lighting::emitted(scene, &block, &scattered, counts) {
+            for (i, le) in lighting::emitted(scene, &block, scattered, counts) {
                 let i = block.first + i;
                 out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
             }

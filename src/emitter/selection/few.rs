@@ -89,11 +89,9 @@ impl Few {
         let total = lit.select(total, one);
         let spread = f32x16::splat(self.steps - self.emitters.len() as f32);
         let (mut below, mut low) = (zero, zero);
-        for i in 0..self.emitters.len() {
-            let fraction = match i.checked_sub(self.finite) {
-                None => (one - share) * lit.select(weights[i] / total, equal),
-                Some(i) => share * f32x16::splat(self.infinite[i]),
-            };
+        let finite = weights[..self.finite].iter().map(|w| (one - share) * lit.select(*w / total, equal));
+        let infinite = self.infinite.iter().map(|part| share * f32x16::splat(*part));
+        for (i, fraction) in finite.chain(infinite).enumerate() {
             below += fraction;
             let end = f32x16::splat(i as f32 + 1.0) + (below * spread + f32x16::splat(ROUNDING)).floor();
             let end = if i + 1 == self.emitters.len() { f32x16::splat(self.steps) } else { end };
