@@ -1,8 +1,8 @@
 //! The choice among a few emitters: each has an interval of random numbers whose ends are multiples of 1/steps.
 //!
-//! The number of steps is a power of two. A Sobol sequence has equally many numbers in all intervals of such sizes, so no
-//! variance comes from the choice once there are as many points as steps. The remaining digits of the random number are
-//! a random number for the position on the emitter; a hash adds the digits that they lack.
+//! The number of steps is a power of two. A Sobol sequence has equally many numbers in all intervals of such sizes, so
+//! no variance comes from the choice once there are as many points as steps. The remaining digits of the random number
+//! are a random number for the position on the emitter; a hash adds the digits that they lack.
 
 use super::bounds::LightBoundsX16;
 use crate::math::{LANES, Vec3, Vec3x16, f32x16};
