@@ -230,7 +230,7 @@ fn rays_find_extreme_lamps_with_the_density_of_their_samples() {
                     continue;
                 };
                 let at = scene.interaction(&ray, &hit);
-                let pdf = scene.emitter_pdf(EmitterId(0), from, &at);
+                let pdf = scene.emitter_pdf(EmitterId(0), from, from, &at);
                 furthest = furthest.max(f64::from(pdf / s.pdf - 1.0).abs());
             }
             let share = f64::from(misses) / f64::from(samples.max(1));

@@ -6,7 +6,7 @@ use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::math::lanes::{bits, f32x16};
-use crate::math::{LANES, RayX16, Vec3, Vec3x16};
+use crate::math::{LANES, RayX16, Vec3x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
 
@@ -68,28 +68,27 @@ pub fn emitted<'a>(
 ) -> impl Iterator<Item = (usize, Rgb)> + 'a {
     bits(block.at.emitting & block.active).map(move |i| {
         let path = block.first + i;
-        (i, emitted_at(scene, &block.at.lane(i), paths.from[path], paths.pdf[path], counts))
+        (i, emitted_at(scene, &block.at.lane(i), paths, path, counts))
     })
 }
 
-/// Returns the radiance of the emitter hit by a ray, whose direction was sampled at the point `from`, times the weight
-/// for the ray's density `pdf` (per unit solid angle; infinite for delta lobes and the camera). Black if nothing is
-/// emitted.
-pub fn emitted_at(
+/// Returns the radiance of the emitter hit at a surface point by the ray of path `i`, times the weight for the ray's
+/// density, which is infinite for delta lobes and the camera. Black if nothing is emitted.
+fn emitted_at(
     scene: &Scene,
     at: &SurfaceInteraction,
-    from: Vec3,
-    pdf: f32,
+    paths: &PathWave,
+    i: usize,
     counts: TechniqueCounts,
 ) -> Rgb {
     let Some(emitter) = scene.emitter_at(at) else {
         return Rgb::BLACK;
     };
-    let radiance = scene.emitted(emitter, at);
+    let (radiance, pdf) = (scene.emitted(emitter, at), paths.pdf[i]);
     if pdf.is_infinite() {
         return radiance;
     }
-    let other = scene.emitter_pdf(emitter, from, at);
+    let other = scene.emitter_pdf(emitter, paths.from[i], paths.rays[i].o, at);
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }
 

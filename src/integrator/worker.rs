@@ -118,8 +118,7 @@ pub struct PathWave {
     pub slots: Vec<u32>,
     /// Throughput by channel: the product of the weights so far.
     pub beta: [Vec<f32>; 3],
-    /// The surface point at which the ray's direction was sampled. The ray starts beside it, by the rounding error, but
-    /// densities of emitter samples must be those at the point.
+    /// The surface point at which the ray's direction was sampled. The ray starts beside it, by the rounding error.
     pub from: Vec<Vec3>,
     /// Density per unit solid angle of the ray's direction; infinite after the camera or a specular lobe.
     pub pdf: Vec<f32>,

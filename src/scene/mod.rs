@@ -254,14 +254,15 @@ impl Scene {
     }
 
     /// Returns the density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) samples the
-    /// surface point `at` from `from`.
+    /// surface point `at` from `from`. `origin` is where the ray to `at` starts, beside `from`: far from the world's
+    /// origin, the direction between `from` and `at` is not that of the ray.
     #[inline]
-    pub fn emitter_pdf(&self, emitter: EmitterId, from: Vec3, at: &SurfaceInteraction) -> f32 {
+    pub fn emitter_pdf(&self, emitter: EmitterId, from: Vec3, origin: Vec3, at: &SurfaceInteraction) -> f32 {
         match &self.lights[emitter.index()] {
             Light::Area(area) => {
                 let local = self.local_point(&at.hit, at.time, at.p);
                 let place = EmitterHit { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
-                self.light_selection.pmf(emitter.index(), from) * area.pdf(from, &place)
+                self.light_selection.pmf(emitter.index(), from) * area.pdf(origin, &place)
             }
             _ => 0.0,
         }
