@@ -57,7 +57,7 @@ fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f6
             let ray = Ray::new(from, s.wi);
             let hit = scene.accel.intersect(&ray)?;
             let at = scene.interaction(&ray, &hit);
-            let pdf = scene.emitter_pdf(EmitterId(0), from, from, &at);
+            let pdf = scene.emitter_pdf(&scene.light_selection, EmitterId(0), from, from, &at);
             let seen = scene.emitted(EmitterId(0), &at);
             // The hit of the ray differs from the sampled point by rounding, so a texture may have another value there.
             let close = (seen.r - s.radiance.r).abs() <= 1e-3 * seen.r.max(s.radiance.r);
@@ -79,7 +79,7 @@ fn check_emitter(name: &str, scene: &Scene, from: Vec3, chart: &Chart<'_>) -> f6
                 return 0.0;
             }
             let solid_angle = chart.area(square).dot(to).abs() / to.length().powi(3);
-            f64::from(scene.emitter_pdf(EmitterId(0), from, from, &at)) * solid_angle
+            f64::from(scene.emitter_pdf(&scene.light_selection, EmitterId(0), from, from, &at)) * solid_angle
         },
     );
     assert!(differ < 20, "{name}: {differ} samples bring another radiance than a ray finds");
@@ -328,12 +328,12 @@ fn environment_samples_follow_their_density() {
         "constant environment",
         EMITTER_TESTS,
         |_, u| {
-            let s = scene.sample_emitter(VIEWER, u, 0.0)?;
+            let s = scene.sample_emitter(&scene.light_selection, VIEWER, u, 0.0)?;
             assert!(s.target == ShadowTarget::Infinity && s.radiance == Rgb::splat(2.0));
-            assert_eq!(s.pdf, scene.environment_pdf(VIEWER, s.wi));
+            assert_eq!(s.pdf, scene.environment_density(s.wi));
             Some(s.wi)
         },
-        |wi| scene.environment_pdf(VIEWER, wi),
+        |wi| scene.environment_density(wi),
     );
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }
@@ -357,12 +357,16 @@ fn emitters_are_chosen_by_irradiance() {
     let mut right = 0;
     for i in 0..n {
         let u = Vec2::new((i as f32 + 0.5) / n as f32, 0.7);
-        let s = scene.sample_emitter(Vec3::ZERO, u, 0.0).expect("a sample");
+        let s = scene.sample_emitter(&scene.light_selection, Vec3::ZERO, u, 0.0).expect("a sample");
         let ray = Ray::new(Vec3::ZERO, s.wi);
         let at = scene.interaction(&ray, &scene.accel.intersect(&ray).expect("an emitter is hit"));
         let emitter = scene.emitter_at(&at).expect("it emits");
         assert_eq!(scene.emitted(emitter, &at), s.radiance);
-        assert!((scene.emitter_pdf(emitter, Vec3::ZERO, Vec3::ZERO, &at) / s.pdf - 1.0).abs() < 1e-4);
+        assert!(
+            (scene.emitter_pdf(&scene.light_selection, emitter, Vec3::ZERO, Vec3::ZERO, &at) / s.pdf - 1.0)
+                .abs()
+                < 1e-4
+        );
         right += i32::from(s.wi.x > 0.0);
     }
     assert_eq!(right, n * 12 / 16);

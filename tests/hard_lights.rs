@@ -222,7 +222,7 @@ fn rays_find_extreme_lamps_with_the_density_of_their_samples() {
             let (mut samples, mut misses, mut furthest) = (0, 0, 0.0f64);
             for i in 0..64 * 64 {
                 let u = Vec2::new(i as f32 % 64.0 + 0.5, (i / 64) as f32 + 0.5) / 64.0;
-                let Some(s) = scene.sample_emitter(from, u, 0.0) else { continue };
+                let Some(s) = scene.sample_emitter(&scene.light_selection, from, u, 0.0) else { continue };
                 samples += 1;
                 let ray = Ray::new(from, s.wi);
                 let Some(hit) = scene.accel.intersect(&ray) else {
@@ -230,7 +230,7 @@ fn rays_find_extreme_lamps_with_the_density_of_their_samples() {
                     continue;
                 };
                 let at = scene.interaction(&ray, &hit);
-                let pdf = scene.emitter_pdf(EmitterId(0), from, from, &at);
+                let pdf = scene.emitter_pdf(&scene.light_selection, EmitterId(0), from, from, &at);
                 furthest = furthest.max(f64::from(pdf / s.pdf - 1.0).abs());
             }
             let share = f64::from(misses) / f64::from(samples.max(1));
@@ -273,7 +273,9 @@ fn lamps_without_area_or_power_are_never_drawn() {
         let (mut mean, n) = (0.0, 300);
         for i in 0..n * n {
             let u = Vec2::new((i % n) as f32 + 0.5, (i / n) as f32 + 0.5) / n as f32;
-            let s = scene.sample_emitter(Vec3::Z, u, 0.0).expect("the triangle is before it");
+            let s = scene
+                .sample_emitter(&scene.light_selection, Vec3::Z, u, 0.0)
+                .expect("the triangle is before it");
             assert!(s.radiance == Rgb::splat(2.0) && !s.delta);
             mean += f64::from(-s.wi.z / s.pdf) / f64::from(n as u32).powi(2);
         }

@@ -242,7 +242,9 @@ fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
             let (scene, report) = compile(scene, options).expect("it compiles");
             assert_eq!(report.dropped_primitives, invalid, "{accel}");
             for from in [Vec3::ZERO, Vec3::new(0.5, 0.5, 1.0)] {
-                let s = scene.sample_emitter(from, Vec2::new(0.3, 0.6), 0.0).expect("the lamp shines");
+                let s = scene
+                    .sample_emitter(&scene.light_selection, from, Vec2::new(0.3, 0.6), 0.0)
+                    .expect("the lamp shines");
                 assert!(s.pdf > 0.0 && s.wi.is_finite() && s.radiance == Rgb::splat(4.0));
                 let centre = scene.lights[0].sample_centre(from, 0.0).expect("its middle shines");
                 assert!(centre.wi.is_finite() && centre.radiance.is_valid());

@@ -4,7 +4,7 @@ use crate::support::expect::Means;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
-use buffon::emitter::Emitter;
+use buffon::emitter::{ChoiceX16, Emitter};
 use buffon::integrator::Settings;
 use buffon::integrator::settings::DirectSettings;
 use buffon::math::{DAffine3, DVec3, LANES, Vec2, Vec3, Vec3x16, f32x16};
@@ -89,9 +89,8 @@ fn emitters_are_chosen_with_their_probabilities() {
             for first in (0..NUMBERS).step_by(LANES) {
                 let u: [f32; LANES] =
                     std::array::from_fn(|lane| ((first + lane) as f32 + 0.5) / NUMBERS as f32);
-                let (chosen, probability, rest, lanes) =
-                    selection.sample_x16(Vec3x16::splat(p), f32x16::new(u), 0xffff);
-                assert_eq!(lanes, 0xffff);
+                let ChoiceX16 { emitters: chosen, pmf: probability, u: rest } =
+                    selection.sample_x16(Vec3x16::splat(p), f32x16::new(u), 0xffff).expect("emitters");
                 for (lane, u) in u.into_iter().enumerate() {
                     let choice = selection.sample(p, u).expect("there are emitters");
                     assert!((f64::from(choice.pmf) / pmf[choice.emitter] - 1.0).abs() < 1e-5);
@@ -259,7 +258,8 @@ fn irradiance_near_the_least_number_is_kept() {
         let (position, intensity) = (Vec3::Z * 1e5, Rgb::splat(1e-30));
         description.emitters = vec![Emitter::Point { position, intensity }; count];
         let scene = scenes::compiled(description, AccelKind::default());
-        let samples = scene.light_selection.sample_x16(Vec3x16::default(), f32x16::splat(0.5), 0xffff);
-        assert!((samples.1.as_array()[0] * count as f32 - 1.0).abs() < 1e-3, "{:?}", samples.1);
+        let choices = scene.light_selection.sample_x16(Vec3x16::default(), f32x16::splat(0.5), 0xffff);
+        let pmf = choices.expect("emitters").pmf.as_array()[0];
+        assert!((pmf * count as f32 - 1.0).abs() < 1e-3, "{pmf}");
     }
 }

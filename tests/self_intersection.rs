@@ -125,7 +125,9 @@ fn lamps_do_not_shadow_themselves() {
                     random.cube().as_dvec3().normalize() * size * 10f64.powf(random.unit() as f64 * 3.0);
                 let from = (target.translation + away * 1.8).as_vec3();
                 let u = Vec2::new(random.unit(), random.unit());
-                let Some(sample) = scene.sample_emitter(from, u, 0.0) else { continue };
+                let Some(sample) = scene.sample_emitter(&scene.light_selection, from, u, 0.0) else {
+                    continue;
+                };
                 let ShadowTarget::Point(end) = sample.target else { panic!("a lamp is somewhere") };
                 samples += 1;
                 blocked +=

@@ -14,7 +14,7 @@ pub struct Environment {
     scene: BoundingSphere,
 }
 
-/// EnvironmentRadiance as a function of direction, W·m⁻²·sr⁻¹.
+/// Radiance as a function of direction, W·m⁻²·sr⁻¹.
 enum EnvironmentRadiance {
     Constant(Rgb),
     Map(Arc<EnvMap>),

@@ -1,10 +1,12 @@
 //! Emitter sampling for sixteen points at a time.
 //!
-//! Rectangles, spheres and uniform environments are sampled in parallel lanes, other emitters one lane after the other.
+//! Rectangles, spheres, points, spots without texture, directional emitters and uniform environments are sampled in
+//! parallel lanes, other emitters one lane after the other.
 
+use super::selection::Cone;
 use super::spherical_cap::SphericalCapX16;
 use super::spherical_rectangle::{NUMBERS as RECTANGLE, RectanglePointX16, RectangleX16};
-use super::{EmitterSample, Light, ShadowTarget};
+use super::{DirectionalEmitter, EmitterSample, Light, PointEmitter, ShadowTarget};
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::ray::{end_error_x16, offset_origin_x16, plane_error_x16};
 use crate::math::robust::gamma;
@@ -53,6 +55,7 @@ impl EmitterSampleX16 {
         }
         self.at_infinity = mask.select(other.at_infinity, self.at_infinity);
         self.pdf = mask.select(other.pdf, self.pdf);
+        self.delta = mask.select(other.delta, self.delta);
         self.valid = mask.select(other.valid, self.valid);
     }
 
@@ -161,6 +164,69 @@ impl SpheresX16 {
     }
 }
 
+/// Point emitters and spots without texture, one in each lane.
+struct PointsX16 {
+    position: Vec3x16,
+    /// The axis of the cone.
+    axis: Vec3x16,
+    /// The angle between the axis and the dark, in radians; infinite for a point emitter.
+    cutoff_angle: f32x16,
+    /// The decrease of the intensity per radian outside the beam, relative to the full intensity.
+    slope: f32x16,
+    intensity: [f32x16; 3],
+}
+
+impl PointsX16 {
+    /// Creates points from the numbers of their records.
+    #[inline(always)]
+    fn new([x, y, z, axis_x, axis_y, axis_z, cutoff_angle, slope, r, g, b]: [f32x16; 11]) -> Self {
+        PointsX16 {
+            position: Vec3x16::new(x, y, z),
+            axis: Vec3x16::new(axis_x, axis_y, axis_z),
+            cutoff_angle,
+            slope,
+            intensity: [r, g, b],
+        }
+    }
+
+    /// Computes [`SpotEmitter::sample`](super::SpotEmitter::sample) in each lane.
+    #[inline(always)]
+    fn sample(&self, from: Vec3x16) -> EmitterSampleX16 {
+        let to = self.position - from;
+        let distance_squared = to.length_squared();
+        let wi = to * (f32x16::ONE / distance_squared.sqrt());
+        let angle = wi.cross(self.axis).length_squared().sqrt().atan2(-wi.dot(self.axis));
+        let falloff = ((self.cutoff_angle - angle) * self.slope).fast_min(f32x16::ONE);
+        let radiance = self.intensity.map(|intensity| intensity * falloff / distance_squared);
+        let [r, g, b] = radiance.map(|c| c.simd_ne(f32x16::ZERO));
+        let all = mask_from_bits(0xffff);
+        EmitterSampleX16 {
+            wi,
+            target: self.position,
+            radiance,
+            pdf: f32x16::ONE,
+            delta: all,
+            valid: distance_squared.simd_gt(f32x16::ZERO) & angle.simd_lt(self.cutoff_angle) & (r | g | b),
+            ..EmitterSampleX16::NONE
+        }
+    }
+}
+
+/// Returns samples of directional emitters with the given directions of propagation and irradiance.
+#[inline(always)]
+fn sample_directional([x, y, z, r, g, b]: [f32x16; 6]) -> EmitterSampleX16 {
+    let all = mask_from_bits(0xffff);
+    EmitterSampleX16 {
+        wi: -Vec3x16::new(x, y, z),
+        at_infinity: all,
+        radiance: [r, g, b],
+        pdf: f32x16::ONE,
+        delta: all,
+        valid: all,
+        ..EmitterSampleX16::NONE
+    }
+}
+
 /// Returns samples of environments with the same radiance from every direction.
 #[inline(always)]
 fn sample_uniform_environment(radiance: [f32x16; 3], u: [f32x16; 2]) -> EmitterSampleX16 {
@@ -182,6 +248,10 @@ enum Kind {
     Rectangle,
     /// Centre, radius and radiance of a sphere.
     Sphere,
+    /// The position and axis of a point or a spot, its cutoff angle, slope and intensity.
+    Point,
+    /// The direction and irradiance of parallel light.
+    Directional,
     /// The radiance of an environment.
     UniformEnvironment,
     /// An emitter that is sampled one lane after the other.
@@ -229,7 +299,26 @@ impl LightLanes {
         } else if let Some(radiance) = uniform {
             record(Kind::UniformEnvironment, [&radiance.to_array(), &[], &[], &[], &[]])
         } else {
-            record(Kind::Other, [&[]; 5])
+            match light {
+                Light::Point(PointEmitter { position, intensity }) => {
+                    let (position, intensity) = (position.to_array(), intensity.to_array());
+                    record(
+                        Kind::Point,
+                        [&position, &[0.0, 0.0, 1.0], &[f32::INFINITY, 1.0], &intensity, &[]],
+                    );
+                }
+                Light::Spot(spot) if !spot.has_texture() => {
+                    let (Cone { axis, angle }, falloff, intensity) = spot.cone();
+                    let (position, axis) = (spot.position().to_array(), axis.to_array());
+                    let angles = [angle + falloff, 1.0 / falloff];
+                    record(Kind::Point, [&position, &axis, &angles, &intensity.to_array(), &[]]);
+                }
+                Light::Directional(DirectionalEmitter { direction, irradiance, .. }) => {
+                    let (direction, irradiance) = (direction.to_array(), irradiance.to_array());
+                    record(Kind::Directional, [&direction, &irradiance, &[], &[], &[]]);
+                }
+                _ => record(Kind::Other, [&[]; 5]),
+            }
         }
     }
 
@@ -245,11 +334,13 @@ impl LightLanes {
         time: f32x16,
         active: u32,
     ) -> EmitterSampleX16 {
-        let [mut rectangles, mut spheres, mut environments, mut others] = [0; 4];
+        let [mut rectangles, mut spheres, mut points, mut directional, mut environments, mut others] = [0; 6];
         for i in bits(active) {
             let lanes = match self.records[emitters[i]].0 {
                 Kind::Rectangle => &mut rectangles,
                 Kind::Sphere => &mut spheres,
+                Kind::Point => &mut points,
+                Kind::Directional => &mut directional,
                 Kind::UniformEnvironment => &mut environments,
                 Kind::Other => &mut others,
             };
@@ -259,6 +350,14 @@ impl LightLanes {
         if environments != 0 {
             samples = sample_uniform_environment(self.gather(emitters, environments), u);
             samples.valid &= mask_from_bits(environments);
+        }
+        if points != 0 {
+            let found = PointsX16::new(self.gather(emitters, points)).sample(from);
+            samples.set_lanes(points, &found);
+        }
+        if directional != 0 {
+            let found = sample_directional(self.gather(emitters, directional));
+            samples.set_lanes(directional, &found);
         }
         if rectangles != 0 {
             let found = RectanglesX16::new(self.gather(emitters, rectangles)).sample(from, u);
@@ -303,7 +402,7 @@ impl LightLanes {
 mod tests {
     use super::*;
     use crate::color::Rgb;
-    use crate::emitter::{AreaEmitter, BoundingSphere, Emission, Environment};
+    use crate::emitter::{AreaEmitter, BoundingSphere, Emission, Environment, SpotEmitter};
     use crate::math::{DAffine3, DQuat, DVec3};
     use crate::sampling::hash::{combine, to_unit};
     use crate::shape::{Shape, WorldShape};
@@ -338,6 +437,15 @@ mod tests {
             }
             let scene = BoundingSphere { center: Vec3::ZERO, radius: 3.0 };
             lights.push(Light::Environment(Environment::constant(Rgb::new(0.1, 0.2, 0.3), scene)));
+            let intensity = Rgb::new(random(), 0.0, 3.0);
+            lights.push(Light::Point(PointEmitter { position: Vec3::new(random(), 5.0, 0.0), intensity }));
+            let direction = Vec3::new(random() - 0.5, 0.7, random()).normalize();
+            lights.push(Light::Directional(DirectionalEmitter { direction, irradiance: intensity, scene }));
+            let turn = DAffine3::from_rotation_x(6.0 * f64::from(random()));
+            let cutoff = 0.1 + random();
+            for beam in [cutoff * random(), cutoff] {
+                lights.push(Light::Spot(SpotEmitter::new(&turn, intensity, None, cutoff, beam)));
+            }
             let emitters: [usize; LANES] =
                 std::array::from_fn(|_| ((random() * lights.len() as f32) as usize).min(lights.len() - 1));
             let mut from = Vec3x16::default();
@@ -357,7 +465,11 @@ mod tests {
                 let Some(alone) = alone else { continue };
                 assert!((samples.wi.lane(i) - alone.wi).length() < 2e-6, "{i}");
                 assert!((samples.pdf.as_array()[i] / alone.pdf - 1.0).abs() < 1e-5, "{i}");
-                assert_eq!(samples.radiance.map(|c| c.as_array()[i]), alone.radiance.to_array());
+                let radiance = samples.radiance.map(|c| c.as_array()[i]);
+                for (found, expected) in radiance.into_iter().zip(alone.radiance.to_array()) {
+                    assert!((found - expected).abs() <= 1e-3 * expected, "{i}: {found} {expected}");
+                }
+                assert_eq!(samples.delta.to_bitmask() >> i & 1 == 1, alone.delta);
                 let at_infinity = samples.at_infinity.to_bitmask() >> i & 1 == 1;
                 assert_eq!(at_infinity, alone.target == ShadowTarget::Infinity);
                 if let ShadowTarget::Point(target) = alone.target {

@@ -24,7 +24,7 @@ pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
 pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
-pub use selection::LightSelection;
+pub use selection::{ChoiceX16, LightSelection};
 pub use spot::SpotEmitter;
 
 use crate::color::Rgb;
@@ -206,6 +206,11 @@ impl Light {
             Light::Environment(_) => false,
             Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_) => true,
         }
+    }
+
+    /// Returns whether the radiance is the same from every direction.
+    pub fn is_uniform_environment(&self) -> bool {
+        matches!(self, Light::Environment(environment) if environment.uniform().is_some())
     }
 
     /// Returns the name of the emitter's type in the scene language.

@@ -49,6 +49,11 @@ impl SpotEmitter {
         self.position
     }
 
+    /// Returns whether the intensity is multiplied by a texture.
+    pub fn has_texture(&self) -> bool {
+        self.texture.is_some()
+    }
+
     /// Returns the cone of full intensity, the angle in radians over which the intensity then falls to zero, and that
     /// intensity, W·sr⁻¹.
     pub fn cone(&self) -> (Cone, f32, Rgb) {

@@ -41,8 +41,7 @@ pub struct DirectIntegrator {
 impl DirectIntegrator {
     /// Creates the integrator.
     pub fn new(settings: DirectSettings) -> Self {
-        let counts =
-            TechniqueCounts { emitter: settings.emitter_samples as f32, bsdf: settings.bsdf_samples as f32 };
+        let counts = TechniqueCounts::new(settings.emitter_samples, settings.bsdf_samples);
         DirectIntegrator { settings, counts }
     }
 
@@ -89,17 +88,9 @@ impl DirectIntegrator {
         }
         scattered.truncate(alive);
         intersect(scene, &scattered.rays, Coherence::Incoherent, hits, counters);
-        let counts = if scene.needs.emitter_sampling {
-            self.counts
-        } else {
-            TechniqueCounts { emitter: 0.0, ..self.counts }
-        };
-        scattered.keep_hits(hits, |paths, i| {
-            let le = lighting::environment(scene, paths, i, counts);
-            out[paths.slots[i] as usize].value += paths.beta(i) * le;
-        });
+        lighting::drop_missed(scene, scattered, hits, out, self.counts, |_, _| true);
         for block in ShadingBlock::all(scene, &Bump::new(), &scattered.rays, hits) {
-            for (i, le) in lighting::emitted(scene, &block, scattered, counts) {
+            for (i, le) in lighting::emitted(scene, &block, scattered, self.counts) {
                 let i = block.first + i;
                 out[scattered.slots[i] as usize].value += scattered.beta(i) * le;
             }
@@ -166,11 +157,7 @@ impl Integrator for DirectIntegrator {
         first_hits(scene, self.settings.hide_emitters, worker, out);
         let see = query.emitted && !self.settings.hide_emitters;
         let Worker { paths, hits, .. } = worker;
-        paths.keep_hits(hits, |paths, i| {
-            if see {
-                out[paths.slots[i] as usize].value += scene.environment_radiance(paths.rays[i].d);
-            }
-        });
+        lighting::drop_missed(scene, paths, hits, out, self.counts, |_, _| see);
         let arena = Bump::new();
         let blocks: Vec<ShadingBlock<'_>> = ShadingBlock::all(scene, &arena, &paths.rays, hits).collect();
         if see {
@@ -183,7 +170,7 @@ impl Integrator for DirectIntegrator {
         if !query.direct {
             return;
         }
-        if scene.needs.emitter_sampling {
+        if self.counts.samples_emitters(scene) {
             for i in 0..self.settings.emitter_samples {
                 self.emitter_sample(scene, i, &blocks, worker);
                 worker.trace_shadows(scene, wave.coherence, |slot, value| out[slot].value += value);

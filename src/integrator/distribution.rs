@@ -97,7 +97,7 @@ impl DistributionTree {
 
 impl TreeStrategy for DistributionTree {
     fn counts(&self, depth: u32) -> TechniqueCounts {
-        TechniqueCounts { emitter: self.emitter_samples as f32, bsdf: self.rays(depth) as f32 }
+        TechniqueCounts::new(self.emitter_samples, self.rays(depth))
     }
 
     fn delta_lanes(&self, depth: u32, block: &ShadingBlock<'_>) -> u32 {
@@ -118,6 +118,9 @@ impl TreeStrategy for DistributionTree {
         out: &mut [Radiance],
     ) {
         let (n, counts) = (self.emitter_samples, self.counts(depth));
+        if !counts.samples_emitters(tree.scene) {
+            return;
+        }
         let mut keys = Vec::new();
         for i in 0..n {
             self.split_keys(parents, n, i, &mut keys);

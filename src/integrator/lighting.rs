@@ -5,6 +5,7 @@ use super::block::ShadingBlock;
 use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
+use crate::emitter::LightSelection;
 use crate::math::lanes::{bits, f32x16};
 use crate::math::{LANES, RayX16, Vec3x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
@@ -17,11 +18,33 @@ pub struct TechniqueCounts {
     pub emitter: f32,
     /// BSDF samples.
     pub bsdf: f32,
+    /// Whether emitter samples omit the light that BSDF samples find well.
+    pub compensated: bool,
 }
 
 impl TechniqueCounts {
     /// One sample of each technique.
-    pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0 };
+    pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0, compensated: true };
+
+    /// One sample of each technique at most. Some points have no BSDF sample, so emitter samples omit no light.
+    pub const UNCOMPENSATED: TechniqueCounts =
+        TechniqueCounts { compensated: false, ..TechniqueCounts::ONE_EACH };
+
+    /// Creates the given counts. Emitter samples omit light if there are at least as many BSDF samples.
+    pub fn new(emitter: u32, bsdf: u32) -> Self {
+        TechniqueCounts { emitter: emitter as f32, bsdf: bsdf as f32, compensated: bsdf >= emitter }
+    }
+
+    /// Returns the choice among the emitters for the emitter samples.
+    #[inline]
+    pub fn selection<'a>(&self, scene: &'a Scene) -> &'a LightSelection {
+        if self.compensated { &scene.compensated_selection } else { &scene.light_selection }
+    }
+
+    /// Returns whether emitter samples are useful in a scene.
+    pub fn samples_emitters(&self, scene: &Scene) -> bool {
+        scene.needs.emitter_sampling && self.emitter > 0.0 && !self.selection(scene).is_empty()
+    }
 }
 
 /// Shadow rays and their contributions if they are unoccluded.
@@ -44,7 +67,7 @@ pub fn sample_emitters(
     counts: TechniqueCounts,
 ) -> ShadowRays {
     let ShadingBlock { at, .. } = block;
-    let sample = scene.sample_emitters(at.p, u_point, block.rays.time, block.finite);
+    let sample = scene.sample_emitters(counts.selection(scene), at.p, u_point, block.rays.time, block.finite);
     let wi = at.frame.to_local(sample.wi);
     let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
     let [r, g, b] = scattered.f;
@@ -88,16 +111,18 @@ fn emitted_at(
     if pdf.is_infinite() {
         return radiance;
     }
-    let other = scene.emitter_pdf(emitter, paths.from[i], paths.rays[i].o, at);
+    let other = scene.emitter_pdf(counts.selection(scene), emitter, paths.from[i], paths.rays[i].o, at);
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }
 
-/// Removes the paths of a wave that hit nothing, and adds the environment's radiance for those that `wants` selects.
+/// Removes the paths of a wave that hit nothing, and adds the weighted radiance of the environment for those that
+/// `wants` selects.
 pub fn drop_missed(
     scene: &Scene,
     paths: &mut PathWave,
     hits: &mut Vec<Option<Hit>>,
     out: &mut [Radiance],
+    counts: TechniqueCounts,
     wants: impl Fn(&PathWave, usize) -> bool,
 ) {
     if scene.needs.environment {
@@ -108,7 +133,7 @@ pub fn drop_missed(
                 count += 1;
             }
             if count == LANES || i + 1 == hits.len() {
-                add_environment(scene, paths, &missed[..count], out);
+                add_environment(scene, paths, &missed[..count], counts, out);
                 count = 0;
             }
         }
@@ -117,32 +142,27 @@ pub fn drop_missed(
 }
 
 /// Adds the weighted radiance of the environment for at most sixteen paths.
-fn add_environment(scene: &Scene, paths: &PathWave, missed: &[usize], out: &mut [Radiance]) {
+fn add_environment(
+    scene: &Scene,
+    paths: &PathWave,
+    missed: &[usize],
+    counts: TechniqueCounts,
+    out: &mut [Radiance],
+) {
     let mut from = Vec3x16::default();
     for (lane, &i) in missed.iter().enumerate() {
         from.set_lane(lane, paths.from[i]);
     }
     let weighted = missed.iter().any(|&i| paths.pdf[i].is_finite());
-    let pmf = if weighted { scene.environment_pmf_x16(from, missed.len()) } else { f32x16::ZERO };
+    let selection = counts.selection(scene);
+    let pmf = if weighted { scene.environment_pmf_x16(selection, from, missed.len()) } else { f32x16::ZERO };
     for (lane, &i) in missed.iter().enumerate() {
         let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
         let mut le = scene.environment_radiance(d);
         if pdf.is_finite() {
             let other = pmf.as_array()[lane] * scene.environment_density(d);
-            le *= weighted_power_heuristic(1.0, pdf, 1.0, other);
+            le *= weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other);
         }
         out[paths.slots[i] as usize].value += paths.beta(i) * le;
     }
-}
-
-/// Returns the weighted radiance of the environment for path `i`, whose ray has a unit direction and leaves the scene.
-#[inline]
-pub fn environment(scene: &Scene, paths: &PathWave, i: usize, counts: TechniqueCounts) -> Rgb {
-    let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
-    let radiance = scene.environment_radiance(d);
-    if pdf.is_infinite() {
-        return radiance;
-    }
-    let other = scene.environment_pdf(paths.from[i], d);
-    radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }

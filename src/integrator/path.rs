@@ -24,7 +24,6 @@ pub struct PathIntegrator {
 /// The state shared by all paths of a bounce.
 struct PathBounce<'a> {
     scene: &'a Scene,
-    /// The number of scattering events so far.
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
     /// Whether emission found by the rays of this bounce is added.
@@ -89,6 +88,7 @@ impl Integrator for PathIntegrator {
         worker.paths.begin(wave.rays, wave.keys);
         worker.specular_only.clear();
         worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
+        let samples_emitters = TechniqueCounts::ONE_EACH.samples_emitters(scene);
         let mut depth = 0;
         while !worker.paths.rays.is_empty() && self.allows(depth + 1) && !worker.interrupt.is_raised() {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
@@ -98,13 +98,13 @@ impl Integrator for PathIntegrator {
             }
             let bounce = PathBounce {
                 scene,
-                next_event: scene.needs.emitter_sampling && self.allows(depth + 2) && query.wants(depth + 2),
+                next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
             let Worker { paths, hits, numbers, specular_only, sampler, .. } = &mut *worker;
-            lighting::drop_missed(scene, paths, hits, out, |paths, i| {
+            lighting::drop_missed(scene, paths, hits, out, TechniqueCounts::ONE_EACH, |paths, i| {
                 bounce.adds(specular_only, paths.slots[i])
             });
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);

@@ -206,12 +206,7 @@ impl<'a> RayTree<'a> {
         }
         let add_emission = self.query.wants(depth + 1) && !(depth == 0 && self.hide_emitters);
         let Worker { paths, hits, .. } = worker;
-        paths.keep_hits(hits, |paths, i| {
-            if add_emission {
-                let le = lighting::environment(scene, paths, i, counts);
-                out[paths.slots[i] as usize].value += paths.beta(i) * le;
-            }
-        });
+        lighting::drop_missed(scene, paths, hits, out, counts, |_, _| add_emission);
         let blocks: Vec<ShadingBlock<'b>> = ShadingBlock::all(scene, arena, &paths.rays, hits).collect();
         if add_emission {
             for block in &blocks {

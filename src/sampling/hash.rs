@@ -1,6 +1,6 @@
 //! Integer hashes, the only source of randomness.
 
-use crate::math::{Vec3x16, f32x16};
+use crate::math::{Vec3, Vec3x16, f32x16};
 
 /// A bijective 32-bit hash in which every input bit affects every output bit. [Wellons 2018, lowbias32]
 #[inline(always)]
@@ -50,17 +50,21 @@ pub fn to_unit(h: u32) -> f32 {
     k as i32 as f32 * step
 }
 
-/// Returns digits below those of random numbers of [`to_unit`]: hashes of the numbers and of points, less than the step
-/// of the numbers.
+/// Returns digits below those of a random number `u` of [`to_unit`]: a hash of the number and a point, less than the
+/// step of the number.
+#[inline(always)]
+pub fn lower_digits(u: f32, p: Vec3) -> f32 {
+    let place = combine(p.x.to_bits() ^ p.y.to_bits().rotate_left(11), p.z.to_bits());
+    let step = if u < FINE { 1.0 / 4_294_967_296.0 } else { 1.0 / 16_777_216.0 };
+    let digits = (combine(place, u.to_bits()) >> 8) as i32 as f32;
+    digits * (1.0 / 16_777_216.0) * step
+}
+
+/// Computes [`lower_digits`] in each lane.
 #[inline(always)]
 pub fn lower_digits_x16(u: f32x16, p: Vec3x16) -> f32x16 {
     let [u, x, y, z] = [u, p.x, p.y, p.z].map(|v| v.to_array());
-    f32x16::new(std::array::from_fn(|i| {
-        let place = combine(x[i].to_bits() ^ y[i].to_bits().rotate_left(11), z[i].to_bits());
-        let step = if u[i] < FINE { 1.0 / 4_294_967_296.0 } else { 1.0 / 16_777_216.0 };
-        let digits = (combine(place, u[i].to_bits()) >> 8) as i32 as f32;
-        digits * (1.0 / 16_777_216.0) * step
-    }))
+    f32x16::new(std::array::from_fn(|i| lower_digits(u[i], Vec3::new(x[i], y[i], z[i]))))
 }
 
 /// Returns the probability that [`to_unit`] of a uniform hash is below `p`, which is in [0, 1]: `p`, rounded up to

@@ -255,6 +255,7 @@ impl SceneCompiler {
             instances,
             materials: self.materials,
             light_selection: LightSelection::new(&self.lights),
+            compensated_selection: LightSelection::compensated(&self.lights),
             light_lanes: LightLanes::new(&self.lights),
             lights: self.lights,
             light_choice,

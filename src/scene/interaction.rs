@@ -1,4 +1,4 @@
-//! AnalyticPoint interactions: all data of a hit that shading needs, recomputed from the hit's surface coordinates.
+//! Surface interactions: all data of a hit that shading needs, recomputed from the hit's surface coordinates.
 
 use crate::accel::Hit;
 use crate::ids::{MaterialId, ShapeId};

@@ -16,7 +16,8 @@ use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
-    EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, LightSelection, ShadowTarget,
+    ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, LightSelection,
+    ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering};
@@ -58,6 +59,8 @@ pub struct Scene {
     pub light_choice: Distribution1D,
     /// The choice of an emitter for a surface point.
     pub light_selection: LightSelection,
+    /// The choice for a surface point at which the BSDF is sampled too.
+    pub compensated_selection: LightSelection,
     /// The emitter of rays that leave the scene.
     pub environment: Option<EmitterId>,
     /// The sensors.
@@ -257,12 +260,19 @@ impl Scene {
     /// surface point `at` from `from`. `origin` is where the ray to `at` starts, beside `from`: far from the world's
     /// origin, the direction between `from` and `at` is not that of the ray.
     #[inline]
-    pub fn emitter_pdf(&self, emitter: EmitterId, from: Vec3, origin: Vec3, at: &SurfaceInteraction) -> f32 {
+    pub fn emitter_pdf(
+        &self,
+        selection: &LightSelection,
+        emitter: EmitterId,
+        from: Vec3,
+        origin: Vec3,
+        at: &SurfaceInteraction,
+    ) -> f32 {
         match &self.lights[emitter.index()] {
             Light::Area(area) => {
                 let local = self.local_point(&at.hit, at.time, at.p);
                 let place = EmitterHit { p: at.p, n: at.ng, hit: at.hit, local, time: at.time };
-                self.light_selection.pmf(emitter.index(), from) * area.pdf(origin, &place)
+                selection.pmf(emitter.index(), from) * area.pdf(origin, &place)
             }
             _ => 0.0,
         }
@@ -271,34 +281,24 @@ impl Scene {
     /// Returns the radiance of the environment in the unit direction `d`; black if there is none.
     #[inline]
     pub fn environment_radiance(&self, d: Vec3) -> Rgb {
-        self.environment_light().map_or(Rgb::BLACK, |(_, environment)| environment.eval(d))
+        self.environment_light().map_or(Rgb::BLACK, |environment| environment.eval(d))
     }
 
-    /// Returns the density per unit solid angle with which [`sample_emitter`](Self::sample_emitter) samples the
-    /// direction `d` of the environment from `from`.
-    #[inline]
-    pub fn environment_pdf(&self, from: Vec3, d: Vec3) -> f32 {
-        self.environment_light()
-            .map_or(0.0, |(id, environment)| self.light_selection.pmf(id.index(), from) * environment.pdf(d))
-    }
-
-    /// Returns the probability with which [`sample_emitter`](Self::sample_emitter) chooses the environment, for the
-    /// first `count` of sixteen points.
-    pub fn environment_pmf_x16(&self, from: Vec3x16, count: usize) -> f32x16 {
-        self.environment_light()
-            .map_or(f32x16::ZERO, |(id, _)| self.light_selection.pmf_x16(id.index(), from, count))
+    /// Returns the probability with which a selection chooses the environment, for the first `count` of sixteen
+    /// points.
+    pub fn environment_pmf_x16(&self, selection: &LightSelection, from: Vec3x16, count: usize) -> f32x16 {
+        self.environment.map_or(f32x16::ZERO, |id| selection.pmf_x16(id.index(), from, count))
     }
 
     /// Returns the density per unit solid angle of the direction `d` if the environment has been chosen.
     #[inline]
     pub fn environment_density(&self, d: Vec3) -> f32 {
-        self.environment_light().map_or(0.0, |(_, environment)| environment.pdf(d))
+        self.environment_light().map_or(0.0, |environment| environment.pdf(d))
     }
 
-    fn environment_light(&self) -> Option<(EmitterId, &Environment)> {
-        let id = self.environment?;
-        match &self.lights[id.index()] {
-            Light::Environment(environment) => Some((id, environment)),
+    fn environment_light(&self) -> Option<&Environment> {
+        match &self.lights[self.environment?.index()] {
+            Light::Environment(environment) => Some(environment),
             _ => None,
         }
     }
@@ -306,8 +306,14 @@ impl Scene {
     /// Samples an emitter and a direction to it as seen from `from`. The leading digits of `u.x` choose the emitter.
     /// Densities include the choice.
     #[inline]
-    pub fn sample_emitter(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
-        let choice = self.light_selection.sample(from, u.x)?;
+    pub fn sample_emitter(
+        &self,
+        selection: &LightSelection,
+        from: Vec3,
+        u: Vec2,
+        time: f32,
+    ) -> Option<EmitterSample> {
+        let choice = selection.sample(from, u.x)?;
         let mut sample = self.lights[choice.emitter].sample(from, Vec2::new(choice.u, u.y), time)?;
         sample.pdf *= choice.pmf;
         Some(sample)
@@ -317,21 +323,17 @@ impl Scene {
     #[inline]
     pub fn sample_emitters(
         &self,
+        selection: &LightSelection,
         from: Vec3x16,
         u: [f32x16; 2],
         time: f32x16,
         active: u32,
     ) -> EmitterSampleX16 {
-        if let Some(only) = self.light_selection.only() {
-            return self.light_lanes.sample(&self.lights, &[only; LANES], from, u, time, active);
-        }
-        if self.lights.is_empty() {
+        let Some(ChoiceX16 { emitters, pmf, u: rest }) = selection.sample_x16(from, u[0], active) else {
             return EmitterSampleX16::NONE;
-        }
-        let (emitters, pmf, rest, chosen) = self.light_selection.sample_x16(from, u[0], active);
-        let mut samples = self.light_lanes.sample(&self.lights, &emitters, from, [rest, u[1]], time, chosen);
+        };
+        let mut samples = self.light_lanes.sample(&self.lights, &emitters, from, [rest, u[1]], time, active);
         samples.pdf *= pmf;
-        samples.valid &= mask_from_bits(chosen);
         samples
     }
 

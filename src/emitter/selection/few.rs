@@ -5,19 +5,12 @@
 //! are a random number for the position on the emitter; a hash adds the digits that they lack.
 
 use super::bounds::LightBoundsX16;
+use super::{ChoiceX16, LEAST_FRACTION};
 use crate::math::{LANES, Vec3, Vec3x16, f32x16};
 use crate::sampling::hash;
 
 /// Steps per emitter, at least. One step of each emitter is independent of its irradiance.
 const STEPS: usize = 8;
-
-/// If there are emitters of both kinds, the least fraction of the steps that depend on irradiance for those with a
-/// place, and for those at infinity.
-const LEAST_FRACTION: f32 = 0.2;
-
-/// Where a fraction of a step is rounded up. A simple fraction would be met in all points of a wall between two equal
-/// emitters, where rounding errors would decide.
-const ROUNDING: f32 = 0.618_034;
 
 /// A few emitters.
 pub struct Few {
@@ -77,7 +70,7 @@ impl Few {
             total += *weight;
         }
         let lit = total.simd_gt(zero);
-        let least = f32x16::splat(LEAST_FRACTION);
+        let least = f32x16::splat(LEAST_FRACTION as f32);
         let sum = f32x16::splat(self.infinite_sum);
         let share = match (self.infinite.len(), self.finite) {
             (0, _) => zero,
@@ -93,17 +86,16 @@ impl Few {
         let infinite = self.infinite.iter().map(|part| share * f32x16::splat(*part));
         for (i, fraction) in finite.chain(infinite).enumerate() {
             below += fraction;
-            let end = f32x16::splat(i as f32 + 1.0) + (below * spread + f32x16::splat(ROUNDING)).floor();
+            let end = f32x16::splat(i as f32 + 1.0) + (below * spread).round();
             let end = if i + 1 == self.emitters.len() { f32x16::splat(self.steps) } else { end };
             visit(i, Interval { low, size: end - low });
             low = end;
         }
     }
 
-    /// Chooses an emitter for each point with a random number in [0, 1). Returns the emitters' indices, their
-    /// probabilities, and random numbers that are independent of the choice.
+    /// Chooses an emitter for each point with a random number in [0, 1).
     #[inline]
-    pub fn sample_x16(&self, p: Vec3x16, u: f32x16) -> ([usize; LANES], f32x16, f32x16) {
+    pub fn sample_x16(&self, p: Vec3x16, u: f32x16) -> ChoiceX16 {
         let target = u * f32x16::splat(self.steps);
         let mut chosen = f32x16::ZERO;
         let mut interval = Interval::default();
@@ -119,7 +111,11 @@ impl Few {
         let digits = hash::lower_digits_x16(u, p) * f32x16::splat(self.steps);
         let rest = (target - interval.low + digits) / interval.size;
         let rest = rest.fast_min(f32x16::splat(1f32.next_down()));
-        (chosen.to_array().map(|i| i as usize), interval.size / f32x16::splat(self.steps), rest)
+        ChoiceX16 {
+            emitters: chosen.to_array().map(|i| i as usize),
+            pmf: interval.size / f32x16::splat(self.steps),
+            u: rest,
+        }
     }
 
     /// Returns the probability with which an emitter is chosen for each point.

@@ -85,9 +85,31 @@ pub struct Choice {
     pub u: f32,
 }
 
+/// A [`Choice`] in each of sixteen lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct ChoiceX16 {
+    /// The indices of the emitters.
+    pub emitters: [usize; LANES],
+    /// The probabilities of the choices.
+    pub pmf: f32x16,
+    /// Random numbers in [0, 1) that are independent of the choices.
+    pub u: f32x16,
+}
+
 impl LightSelection {
     /// Creates the selection among the given emitters. Emitters without power are never chosen.
     pub fn new(lights: &[Light]) -> Self {
+        Self::among(lights, |light| light.power().luminance() > 0.0)
+    }
+
+    /// Creates the selection for points at which the BSDF is sampled too. A uniform environment is never chosen: a
+    /// BSDF sample has less variance for it than an emitter sample has. [Karlík 2019, MIS compensation]
+    pub fn compensated(lights: &[Light]) -> Self {
+        Self::among(lights, |light| light.power().luminance() > 0.0 && !light.is_uniform_environment())
+    }
+
+    /// Creates the selection among the emitters that `chosen` selects.
+    fn among(lights: &[Light], chosen: impl Fn(&Light) -> bool) -> Self {
         let mut selection = LightSelection {
             emitters: Vec::new(),
             locations: vec![Location::Dark; lights.len()],
@@ -97,7 +119,7 @@ impl LightSelection {
             infinite_sum: 0.0,
         };
         let mut finite = Vec::new();
-        for (i, light) in lights.iter().enumerate().filter(|(_, light)| light.power().luminance() > 0.0) {
+        for (i, light) in lights.iter().enumerate().filter(|(_, light)| chosen(light)) {
             selection.emitters.push(i as u32);
             match light.extent() {
                 Extent::Finite(bounds) => finite.push((i as u32, bounds)),
@@ -129,6 +151,11 @@ impl LightSelection {
         Some(Few::new(emitters, root.map_or_else(LightBoundsX16::none, |root| root.bounds), &irradiance))
     }
 
+    /// Returns whether no emitter is ever chosen.
+    pub fn is_empty(&self) -> bool {
+        self.emitters.is_empty()
+    }
+
     /// Returns the only emitter that is ever chosen, if there is only one.
     #[inline]
     pub fn only(&self) -> Option<usize> {
@@ -146,11 +173,12 @@ impl LightSelection {
             _ => {}
         }
         if let Some(few) = &self.few {
-            let (emitters, pmf, rest) = few.sample_x16(Vec3x16::splat(p), f32x16::splat(u));
-            let (pmf, rest) = (pmf.as_array()[0], rest.as_array()[0]);
-            return Some(Choice { emitter: emitters[0], pmf, u: rest });
+            let choices = few.sample_x16(Vec3x16::splat(p), f32x16::splat(u));
+            let (pmf, u) = (choices.pmf.as_array()[0], choices.u.as_array()[0]);
+            return Some(Choice { emitter: choices.emitters[0], pmf, u });
         }
-        let u = extended(u, p);
+        // A choice among many emitters needs more digits than `u` has.
+        let u = (f64::from(u) + f64::from(hash::lower_digits(u, p))).min(1f64.next_down());
         let count = self.emitters.len();
         if u < UNIFORM_FRACTION {
             let target = u / UNIFORM_FRACTION * count as f64;
@@ -162,22 +190,25 @@ impl LightSelection {
         Some(Choice { emitter: emitter as usize, pmf: self.mixed(probability), u: below_one(rest) })
     }
 
-    /// Chooses an emitter for each point, for the lanes in the mask `active`. Returns the emitters' indices, their
-    /// probabilities, random numbers that are independent of the choice, and the mask of the lanes with a choice.
+    /// Chooses an emitter for each point, for the lanes in the mask `active`; `None` if nothing emits.
     #[inline]
-    pub fn sample_x16(&self, p: Vec3x16, u: f32x16, active: u32) -> ([usize; LANES], f32x16, f32x16, u32) {
+    pub fn sample_x16(&self, p: Vec3x16, u: f32x16, active: u32) -> Option<ChoiceX16> {
         if let Some(few) = &self.few {
-            let (emitters, pmf, rest) = few.sample_x16(p, u);
-            return (emitters, pmf, rest, active);
+            return Some(few.sample_x16(p, u));
         }
-        let (mut emitters, mut pmf, mut rest, mut chosen) = ([0; LANES], [0.0; LANES], [0.0; LANES], 0);
+        if let Some(only) = self.only() {
+            return Some(ChoiceX16 { emitters: [only; LANES], pmf: f32x16::ONE, u });
+        }
+        let (mut emitters, mut pmf, mut rest) = ([0; LANES], [0.0; LANES], [0.0; LANES]);
         for i in lanes::bits(active) {
-            if let Some(choice) = self.sample(p.lane(i), u.as_array()[i]) {
-                (emitters[i], pmf[i], rest[i]) = (choice.emitter, choice.pmf, choice.u);
-                chosen |= 1 << i;
-            }
+            let choice = self.sample(p.lane(i), u.as_array()[i])?;
+            (emitters[i], pmf[i], rest[i]) = (choice.emitter, choice.pmf, choice.u);
         }
-        (emitters, f32x16::new(pmf), f32x16::new(rest), chosen)
+        (!self.emitters.is_empty()).then_some(ChoiceX16 {
+            emitters,
+            pmf: f32x16::new(pmf),
+            u: f32x16::new(rest),
+        })
     }
 
     /// Computes [`pmf`](Self::pmf) for the first `count` of sixteen points.
@@ -337,14 +368,4 @@ impl Weights {
 /// Rounds a number in [0, 1] to one in [0, 1).
 fn below_one(u: f64) -> f32 {
     (u as f32).clamp(0.0, 1f32.next_down())
-}
-
-/// Returns a number whose leading bits are those of `u`. The other bits are a hash of `u` and `p`, because a choice
-/// among many emitters needs more bits than `u` has.
-#[inline]
-fn extended(u: f32, p: Vec3) -> f64 {
-    let [low, _, _] = hash::pcg3d(u.to_bits() ^ p.x.to_bits(), p.y.to_bits(), p.z.to_bits());
-    // Random numbers below 2^-8 are multiples of 2^-32, others of 2^-24.
-    let step = if u < 1.0 / 256.0 { 32 } else { 24 };
-    (f64::from(u) + f64::from(low) * 0.5f64.powi(step + 32)).min(1f64.next_down())
 }

@@ -73,7 +73,6 @@ impl CachedPath {
 struct CachedBounce<'a> {
     cached: &'a CachedPath,
     scene: &'a Scene,
-    /// The number of scattering events so far.
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
     /// Whether emission found by the rays of this bounce is added.
@@ -140,7 +139,7 @@ impl Integrator for CachedPath {
             };
             let Worker { paths, hits, numbers, specular_only, sampler, .. } = &mut *worker;
             let wants = |paths: &PathWave, i: usize| bounce.adds(specular_only, paths.slots[i], paths.pdf[i]);
-            lighting::drop_missed(scene, paths, hits, out, wants);
+            lighting::drop_missed(scene, paths, hits, out, TechniqueCounts::UNCOMPENSATED, wants);
             let uses = BounceNumbers {
                 next_event: bounce.next_event,
                 lobe: bounce.scatter,
@@ -192,7 +191,7 @@ impl CachedBounce<'_> {
             arena.reset();
             let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
             if self.add_emission || self.add_caustics == Some(true) {
-                for (i, le) in lighting::emitted(self.scene, &block, paths, TechniqueCounts::ONE_EACH) {
+                for (i, le) in lighting::emitted(self.scene, &block, paths, TechniqueCounts::UNCOMPENSATED) {
                     let slot = paths.slots[first + i];
                     if self.adds(specular_only, slot, paths.pdf[first + i]) {
                         out[slot as usize].value += paths.beta(first + i) * le;
@@ -288,7 +287,8 @@ impl CachedBounce<'_> {
     ) {
         let at = &block.at;
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-        let sample = self.scene.sample_emitters(at.p, u_point, block.rays.time, done);
+        let selection = &self.scene.light_selection;
+        let sample = self.scene.sample_emitters(selection, at.p, u_point, block.rays.time, done);
         let wi = at.frame.to_local(sample.wi);
         let scattered = bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, done);
         let factor = wi.z.abs() / sample.pdf;
@@ -405,7 +405,7 @@ impl CachedBounce<'_> {
         let j = block.first + i;
         let at = block.at.lane(i);
         let u = Vec2::new(numbers.emitter_point[0][j], numbers.emitter_point[1][j]);
-        let sample = self.scene.sample_emitter(at.p, u, at.time);
+        let sample = self.scene.sample_emitter(&self.scene.light_selection, at.p, u, at.time);
         let Some(sample) = sample.filter(|sample| sample.pdf > 0.0) else { return };
         let (wo, wi) = (block.wo.lane(i), at.frame.to_local(sample.wi));
         let weighted = |bsdf: Option<&bsdf::Bsdf<'_>>, probability: f32| {

@@ -92,7 +92,7 @@ impl CameraPaths<'_> {
             }
             let Worker { paths, hits, numbers, sampler, .. } = &mut *worker;
             let wants = |paths: &PathWave, i: usize| self.wants(states[paths.slots[i] as usize], edges);
-            lighting::drop_missed(self.scene, paths, hits, out, wants);
+            lighting::drop_missed(self.scene, paths, hits, out, TechniqueCounts::ONE_EACH, wants);
             let scatter = self.allows(edges + 1);
             let uses = BounceNumbers {
                 next_event: self.next_event(edges),
@@ -108,7 +108,9 @@ impl CameraPaths<'_> {
     }
 
     fn next_event(&self, edges: u32) -> bool {
-        self.scene.needs.emitter_sampling && self.allows(edges + 1) && self.query.wants(edges + 1)
+        TechniqueCounts::ONE_EACH.samples_emitters(self.scene)
+            && self.allows(edges + 1)
+            && self.query.wants(edges + 1)
     }
 
     /// Shades every path of the wave, block by block, and moves the continuing paths to the front.

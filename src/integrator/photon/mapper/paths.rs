@@ -226,7 +226,8 @@ impl<'a> PhotonmapperWave<'a> {
     ) {
         let Worker { paths, hits, .. } = worker;
         let met: Vec<bool> = hits.iter().map(Option::is_some).collect();
-        lighting::drop_missed(self.scene, paths, hits, out, |_, i| self.wants(segments[i].history, edges));
+        let wants = |_: &PathWave, i: usize| self.wants(segments[i].history, edges);
+        lighting::drop_missed(self.scene, paths, hits, out, TechniqueCounts::UNCOMPENSATED, wants);
         let mut met = met.into_iter();
         segments.retain(|_| met.next().unwrap_or(false));
     }
@@ -240,7 +241,7 @@ impl<'a> PhotonmapperWave<'a> {
         out: &mut [Radiance],
     ) {
         for block in blocks {
-            for (i, le) in lighting::emitted(self.scene, block, paths, TechniqueCounts::ONE_EACH) {
+            for (i, le) in lighting::emitted(self.scene, block, paths, TechniqueCounts::UNCOMPENSATED) {
                 let j = block.first + i;
                 if self.wants(segments[j].history, edges) {
                     out[paths.slots[j] as usize].value += paths.beta(j) * le;
@@ -361,7 +362,11 @@ impl<'a> PhotonmapperWave<'a> {
             if lanes.iter().all(|&lanes| lanes == 0) {
                 continue;
             }
-            let counts = TechniqueCounts { emitter: samples as f32, bsdf: rays as f32 };
+            let counts = TechniqueCounts {
+                emitter: samples as f32,
+                bsdf: rays as f32,
+                ..TechniqueCounts::UNCOMPENSATED
+            };
             for s in 0..samples {
                 keys.clear();
                 keys.extend(parents.keys.iter().map(|&key| split(key, samples, s)));

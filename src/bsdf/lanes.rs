@@ -3,19 +3,14 @@
 //! Diffuse reflection and the rough boundaries of conductors and dielectrics are computed in parallel lanes, other
 //! BSDFs one lane after the other. The result of a lane does not depend on the other lanes.
 
-mod fresnel;
-mod microfacet;
-mod rough_conductor;
-mod rough_dielectric;
-
 use super::microfacet::Microfacets;
+use super::rough_conductor::RoughConductorX16;
+use super::rough_dielectric::RoughDielectricX16;
 use super::{Bsdf, BsdfEval, BsdfSample};
 use crate::color::Rgb;
 use crate::math::Vec2;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::sampling::warp;
-use rough_conductor::RoughConductorX16;
-use rough_dielectric::RoughDielectricX16;
 use std::f32::consts::FRAC_1_PI;
 
 /// A [`BsdfEval`] in each of sixteen lanes.
@@ -43,7 +38,7 @@ pub struct BsdfSampleX16 {
 }
 
 /// A BSDF with microfacets in each of sixteen lanes.
-trait Kernel: Sized {
+pub(super) trait Kernel: Sized {
     /// The BSDF of one lane.
     type Scalar;
 
@@ -76,9 +71,43 @@ trait Kernel: Sized {
     }
 }
 
+/// A kernel of any kind.
+enum AnyKernel {
+    RoughConductor(RoughConductorX16),
+    RoughDielectric(RoughDielectricX16),
+}
+
+impl AnyKernel {
+    /// Gathers those lanes of the mask `rest` that are like the lane `first`; `None` if no kernel is of its kind.
+    #[inline(always)]
+    fn like(first: usize, bsdfs: &[&Bsdf<'_>; LANES], rest: u32) -> Option<(u32, Self)> {
+        if let Some((lanes, kernel)) = RoughConductorX16::like(first, bsdfs, rest) {
+            return Some((lanes, AnyKernel::RoughConductor(kernel)));
+        }
+        let (lanes, kernel) = RoughDielectricX16::like(first, bsdfs, rest)?;
+        Some((lanes, AnyKernel::RoughDielectric(kernel)))
+    }
+
+    #[inline(always)]
+    fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
+        match self {
+            AnyKernel::RoughConductor(kernel) => kernel.eval(wo, wi),
+            AnyKernel::RoughDielectric(kernel) => kernel.eval(wo, wi),
+        }
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
+        match self {
+            AnyKernel::RoughConductor(kernel) => kernel.sample(wo, u_lobe, u),
+            AnyKernel::RoughDielectric(kernel) => kernel.sample(wo, u_lobe, u),
+        }
+    }
+}
+
 /// Returns colours by channel.
 #[inline(always)]
-fn channels(colors: [Rgb; LANES]) -> [f32x16; 3] {
+pub(super) fn channels(colors: [Rgb; LANES]) -> [f32x16; 3] {
     [f32x16::new(colors.map(|c| c.r)), f32x16::new(colors.map(|c| c.g)), f32x16::new(colors.map(|c| c.b))]
 }
 
@@ -110,17 +139,13 @@ pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: 
     let mut rest = others & active;
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        let (lanes, found) = if let Some((lanes, kernel)) = RoughConductorX16::like(i, bsdfs, rest) {
-            (lanes, kernel.eval(wo, wi))
-        } else if let Some((lanes, kernel)) = RoughDielectricX16::like(i, bsdfs, rest) {
-            (lanes, kernel.eval(wo, wi))
+        if let Some((lanes, kernel)) = AnyKernel::like(i, bsdfs, rest) {
+            eval.set_lanes(lanes, &kernel.eval(wo, wi));
+            rest &= !lanes;
         } else {
             eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
             rest &= rest - 1;
-            continue;
-        };
-        eval.set_lanes(lanes, &found);
-        rest &= !lanes;
+        }
     }
     eval
 }
@@ -146,18 +171,14 @@ pub fn sample_x16(
     let mut rest = others & active;
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        let (lanes, found) = if let Some((lanes, kernel)) = RoughConductorX16::like(i, bsdfs, rest) {
-            (lanes, kernel.sample(wo, u_lobe, u))
-        } else if let Some((lanes, kernel)) = RoughDielectricX16::like(i, bsdfs, rest) {
-            (lanes, kernel.sample(wo, u_lobe, u))
+        if let Some((lanes, kernel)) = AnyKernel::like(i, bsdfs, rest) {
+            samples.set_lanes(lanes, &kernel.sample(wo, u_lobe, u));
+            rest &= !lanes;
         } else {
             let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
             samples.set_lane(i, bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u));
             rest &= rest - 1;
-            continue;
-        };
-        samples.set_lanes(lanes, &found);
-        rest &= !lanes;
+        }
     }
     samples
 }
