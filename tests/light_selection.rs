@@ -78,8 +78,11 @@ fn emitters_are_chosen_with_their_probabilities() {
         [(1, false), (2, false), (14, true), (16, false), (17, false), (300, true), (0, true)]
     {
         let scene = scene(count, infinite);
-        let (selection, emitters) = (&scene.light_selection, scene.lights.len());
-        for point in 0..10 {
+        let emitters = scene.lights.len();
+        for (selection, point) in [&scene.light_selection, &scene.compensated_selection]
+            .into_iter()
+            .flat_map(|s| (0..10).map(move |p| (s, p)))
+        {
             let p = position(1000 + point).as_vec3();
             let pmf: Vec<f64> = (0..emitters).map(|i| f64::from(selection.pmf(i, p))).collect();
             let sum: f64 = pmf.iter().sum();
@@ -125,6 +128,22 @@ fn emitters_are_chosen_with_their_probabilities() {
             }
         }
     }
+}
+
+/// A uniform environment is not sampled beside BSDF samples. If there is nothing else, there are no emitter samples.
+#[test]
+fn uniform_environments_are_left_to_bsdf_samples() {
+    let scene = scene(3, true);
+    let environment = scene.environment.expect("an environment").index();
+    let p = position(1).as_vec3();
+    assert!(scene.light_selection.pmf(environment, p) > 0.0);
+    assert_eq!(scene.compensated_selection.pmf(environment, p), 0.0);
+    let mut description = Description::default();
+    scenes::add(&mut description, Shape::Rectangle, DAffine3::IDENTITY, scenes::diffuse(0.5));
+    description.emitters.push(scenes::constant(0.4));
+    let alone = scenes::compiled(description, AccelKind::default());
+    assert!(!alone.light_selection.is_empty() && alone.compensated_selection.is_empty());
+    assert_eq!(alone.compensated_selection.sample(p, 0.5), None);
 }
 
 /// An emitter that illuminates a point has more than its equal share of the few samples that are distributed equally:

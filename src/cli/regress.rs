@@ -197,7 +197,8 @@ fn options(args: &RegressArgs) -> Options {
         threads: args.resources.threads(),
         choices: Choices {
             integrator: args.method.integrator.clone(),
-            sampler: args.method.sampler,
+            sampler: args.method.sampler(),
+            scene_sampler: args.method.obeys_scene(),
             seed: args.method.seed,
             ..Choices::default()
         },

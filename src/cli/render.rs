@@ -118,7 +118,14 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     let plan = session.plan(&choices(args, origin))?;
     session.check_output(&plan, &target)?;
     let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
-    let advice = plan.job.sampler.kind().advice(plan.job.stop.samples);
+    let kind = plan.job.sampler.kind();
+    if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
+        && args.method.sampler().is_none()
+        && !args.quiet
+    {
+        eprintln!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
+    }
+    let advice = kind.advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         eprintln!("buffon: note: {advice}");
     }
@@ -236,7 +243,8 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
     };
     Choices {
         integrator: args.method.integrator.clone(),
-        sampler: args.method.sampler,
+        sampler: args.method.sampler(),
+        scene_sampler: args.method.obeys_scene(),
         stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
         seed: args.method.seed,
         aov: args.aov.clone(),

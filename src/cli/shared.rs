@@ -9,6 +9,7 @@ use crate::sampling::SamplerKind;
 use crate::session::default_threads;
 use clap::Args;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// The options for loading a scene, of any command.
 #[derive(Clone, Debug, Args)]
@@ -54,13 +55,51 @@ pub struct MethodArgs {
     pub integrator: Option<String>,
     /// The sampler.
     #[arg(long, value_name = "NAME", help = sampler_help(), long_help = format!("{}\n\n{SAMPLERS}", sampler_help()))]
-    pub sampler: Option<SamplerKind>,
+    pub sampler: Option<SamplerArg>,
     /// The ray traversal.
     #[arg(long, value_name = "NAME", help = accel_help())]
     pub accel: Option<AccelKind>,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
+}
+
+/// The choice of a sampler on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SamplerArg {
+    /// The scene's, or the default if the scene has none or `independent`.
+    Auto,
+    /// The scene's.
+    Scene,
+    /// This one.
+    Kind(SamplerKind),
+}
+
+impl FromStr for SamplerArg {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        Ok(match name {
+            "auto" => SamplerArg::Auto,
+            "scene" => SamplerArg::Scene,
+            _ => SamplerArg::Kind(name.parse::<SamplerKind>().map_err(|e| e.to_string())?),
+        })
+    }
+}
+
+impl MethodArgs {
+    /// Returns the sampler, if the command line names one.
+    pub fn sampler(&self) -> Option<SamplerKind> {
+        match self.sampler {
+            Some(SamplerArg::Kind(kind)) => Some(kind),
+            _ => None,
+        }
+    }
+
+    /// Returns whether the scene's sampler is used even if it is `independent`.
+    pub fn obeys_scene(&self) -> bool {
+        self.sampler == Some(SamplerArg::Scene)
+    }
 }
 
 /// The options for the view.
@@ -75,7 +114,8 @@ pub struct ViewArgs {
 }
 
 /// The description of the samplers.
-const SAMPLERS: &str = "independent: uniform random numbers, what the others are measured against. \
+const SAMPLERS: &str = "auto: the scene's; but sobol, with a note, if the scene names independent, which most exporters \
+    write. scene: the scene's. independent: uniform random numbers, what the others are measured against. \
     stratified, multijitter: one sample in each cell of a grid, and with multijitter one in each narrow row and \
     column; they fill all of their cells at some numbers of samples only, of which every power of two is one. \
     halton, sobol: scrambled sequences that may stop at any number of samples, halton best at 12, 72 or 432, sobol \
@@ -83,7 +123,8 @@ const SAMPLERS: &str = "independent: uniform random numbers, what the others are
     a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.";
 
 fn sampler_help() -> String {
-    format!("The sampler: {} [default: the scene's, else sobol]", samplers())
+    let names = one_of(["auto", "scene"].into_iter().chain(SamplerKind::ALL.map(SamplerKind::name)));
+    format!("The sampler: {names} [default: auto, the scene's, or sobol if that is independent]")
 }
 
 /// Returns the help of the traversal.

@@ -7,6 +7,7 @@ use super::selection::Cone;
 use super::spherical_cap::SphericalCapX16;
 use super::spherical_rectangle::{NUMBERS as RECTANGLE, RectanglePointX16, RectangleX16};
 use super::{DirectionalEmitter, EmitterSample, Light, PointEmitter, ShadowTarget};
+use crate::math::functions::angle_x16;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::ray::{end_error_x16, offset_origin_x16, plane_error_x16};
 use crate::math::robust::gamma;
@@ -195,7 +196,7 @@ impl PointsX16 {
         let to = self.position - from;
         let distance_squared = to.length_squared();
         let wi = to * (f32x16::ONE / distance_squared.sqrt());
-        let angle = wi.cross(self.axis).length_squared().sqrt().atan2(-wi.dot(self.axis));
+        let angle = angle_x16(wi.cross(self.axis).length_squared().sqrt(), -wi.dot(self.axis));
         let falloff = ((self.cutoff_angle - angle) * self.slope).fast_min(f32x16::ONE);
         let radiance = self.intensity.map(|intensity| intensity * falloff / distance_squared);
         let [r, g, b] = radiance.map(|c| c.simd_ne(f32x16::ZERO));

@@ -4,7 +4,7 @@
 //! every machine. The coefficients of [`exp_x16`] and [`ln_x16`] are those of Cephes. [Moshier 1992]
 
 use super::lanes::f32x16;
-use std::f32::consts::{LOG2_E, SQRT_2};
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, LOG2_E, PI, SQRT_2};
 
 /// ln 2 as the sum of a short number, whose multiples are exact, and a remainder. [Cody and Waite 1980]
 const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
@@ -54,6 +54,24 @@ pub fn ln_x16(x: f32x16) -> f32x16 {
     let t2 = t * t;
     let low = t * t2 * series + n * f32x16::splat(LN_2[1]) - f32x16::HALF * t2;
     (t + low) + n * f32x16::splat(LN_2[0])
+}
+
+/// Returns the angles in [0, π] with the given sines and cosines, or multiples of them, with an error below 4·10⁻⁷. The
+/// sines are not negative. The coefficients are those of Cephes. [Moshier 1992]
+#[inline(always)]
+pub fn angle_x16(sin: f32x16, cos: f32x16) -> f32x16 {
+    let one = f32x16::ONE;
+    let across = cos.abs();
+    let steep = sin.simd_gt(across);
+    let t = steep.select(across, sin) / steep.select(sin, across);
+    // In the upper half of the octant, tan (φ − π/4) = (t − 1)/(t + 1).
+    let upper = t.simd_gt(f32x16::splat(SQRT_2 - 1.0));
+    let z = upper.select((t - one) / (t + one), t);
+    let z2 = z * z;
+    let series = polynomial(z2, [8.053_745e-2, -0.138_776_86, 0.199_777_11, -0.333_329_5]);
+    let octant = z + z * z2 * series + (f32x16::splat(FRAC_PI_4) & upper);
+    let quadrant = steep.select(f32x16::splat(FRAC_PI_2) - octant, octant);
+    cos.simd_lt(f32x16::ZERO).select(f32x16::splat(PI) - quadrant, quadrant)
 }
 
 /// Returns the complementary error function of `x ≥ 0`, given `exp(−x²)`, with an error below 10⁻⁶. [Abramowitz and
@@ -120,6 +138,15 @@ mod tests {
                 let y = x.ln();
                 assert!((of(ln_x16, x) - y).abs() < 2e-7 * y.abs().max(1.0), "ln {x}: {}", of(ln_x16, x) - y);
             }
+        }
+        for i in 0..=20_000 {
+            let (sin, cos) = (f64::from(i) * (0.000_05 * std::f64::consts::PI)).sin_cos();
+            let (sin, cos) = (sin.max(0.0) as f32, cos as f32);
+            let found = f64::from(angle_x16(f32x16::splat(sin), f32x16::splat(cos)).as_array()[3]);
+            assert!(
+                (found - f64::from(sin).atan2(f64::from(cos))).abs() < 4e-7,
+                "angle {sin} {cos}: {found}"
+            );
         }
         for i in 0..60_000 {
             let x = f64::from(i as f32 * 1e-4);

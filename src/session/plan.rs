@@ -16,6 +16,8 @@ pub struct Choices {
     pub integrator: Option<String>,
     /// The sampler.
     pub sampler: Option<SamplerKind>,
+    /// Whether the scene's sampler is used even if it is `independent`, which most exporters write.
+    pub scene_sampler: bool,
     /// Stop rules; without any, the scene's sample count.
     pub stop: StopRules,
     /// The seed.
@@ -62,7 +64,8 @@ impl Session {
         if stop == StopRules::default() {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
         }
-        let kind = choices.sampler.or(self.defaults.sampler).unwrap_or_default();
+        let usable = |kind: &SamplerKind| choices.scene_sampler || *kind != SamplerKind::Independent;
+        let kind = choices.sampler.or(self.defaults.sampler.filter(usable)).unwrap_or_default();
         let created = integrator.create();
         created.check(&self.scene)?;
         let replicates = integrator::replicates(created.as_ref(), kind);
