@@ -92,7 +92,7 @@ fn mixed_and_overlapping_parts_are_refused() {
         ("a seed", "merge: seed has samples of seed 1, expected 0 as in a"),
         ("a integrator", "merge: integrator has samples of the integrator direct, expected path as in a"),
         ("a settings", "merge: settings has samples of the integrator ptracer, expected path as in a"),
-        ("a sampler", "merge: sampler has samples of the sampler halton, expected independent as in a"),
+        ("a sampler", "merge: sampler has samples of the sampler halton, expected sobol as in a"),
         (
             "a view",
             "merge: view has samples of another view of the scene (sensor, size, crop or film) as in a",

@@ -84,6 +84,29 @@ fn refusals_have_an_exit_code_and_a_sentence() {
     }
 }
 
+/// `independent` in a scene means the default sampler, with a note; other samplers are used as they are.
+#[test]
+fn independent_sampling_in_a_scene_is_replaced_unless_the_scene_is_to_be_obeyed() {
+    let folder = Folder::new();
+    folder.write("i.xml", SCENE.replace("\"sobol\"", "\"independent\"").as_bytes());
+    folder.write("h.xml", SCENE.replace("\"sobol\"", "\"halton\"").as_bytes());
+    for (arguments, sampler, noted) in [
+        ("i.xml", "sobol", true),
+        ("i.xml --sampler auto", "sobol", true),
+        ("i.xml --sampler auto -q", "sobol", false),
+        ("i.xml --sampler scene", "independent", false),
+        ("i.xml --sampler independent", "independent", false),
+        ("h.xml --sampler auto", "halton", false),
+    ] {
+        let run = folder.run(&format!("render {arguments} --spp 4 -o o.exr --stats s.json"));
+        let note = "buffon: note: the sampler sobol replaces the scene's; --sampler scene keeps it\n";
+        assert_eq!((run.code, run.stderr.contains(note)), (0, noted), "{arguments}: {}", run.stderr);
+        let stats = std::fs::read(folder.path("s.json")).expect("statistics");
+        let stats: Json = serde_json::from_slice(&stats).expect("JSON");
+        assert_eq!(stats["sampler"], sampler, "{arguments}");
+    }
+}
+
 #[test]
 fn options_that_cannot_be_read_are_usage_errors() {
     let folder = Folder::new();
@@ -95,7 +118,7 @@ fn options_that_cannot_be_read_are_usage_errors() {
         ("bogus", "unrecognized subcommand 'bogus'"),
         (
             "render s.xml --sampler halten",
-            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\"; there are independent, stratified, \
+            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\"; there are auto, scene, independent, stratified, \
              multijitter, halton, sobol, zsobol, fixed",
         ),
         ("render s.xml --accel bvh", &accel_sentence),

@@ -90,8 +90,13 @@ fn seeds_and_samplers_differ_and_estimate_the_same_picture() {
     let folder = Folder::new();
     let options = "--spp 256 --aov variance";
     let first = picture(&folder, "first", options);
-    let others =
-        ["--seed 1", "--seed 4294967296", "--sampler stratified", "--sampler sobol", "--sampler zsobol"];
+    let others = [
+        "--seed 1",
+        "--seed 4294967296",
+        "--sampler stratified",
+        "--sampler independent",
+        "--sampler zsobol",
+    ];
     for other in others {
         let image = picture(&folder, "other", &format!("{options} {other}"));
         assert_ne!(bits(&image), bits(&first), "{other}");

@@ -330,10 +330,10 @@ fn environment_samples_follow_their_density() {
         |_, u| {
             let s = scene.sample_emitter(&scene.light_selection, VIEWER, u, 0.0)?;
             assert!(s.target == ShadowTarget::Infinity && s.radiance == Rgb::splat(2.0));
-            assert_eq!(s.pdf, scene.environment_density(s.wi));
+            assert_eq!(s.pdf, scene.environment_density(&scene.light_selection, s.wi));
             Some(s.wi)
         },
-        |wi| scene.environment_density(wi),
+        |wi| scene.environment_density(&scene.light_selection, wi),
     );
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }

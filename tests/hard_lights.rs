@@ -40,12 +40,12 @@ fn seen_by_samples(light: &Light, from: Vec3, n: Vec3) -> Seen {
         let pair: [[f32; LANES]; 2] =
             [std::array::from_fn(|k| u((first + k) % SIDE)), std::array::from_fn(|k| u((first + k) / SIDE))];
         let all = lanes.sample(
-            lights,
             &[0; LANES],
             Vec3x16::splat(from),
             pair.map(f32x16::new),
             f32x16::ZERO,
             u32::from(u16::MAX),
+            |emitter, from, u, time| lights[emitter].sample(from, u, time),
         );
         let (valid, pdf) = (all.valid.to_bitmask(), all.pdf.to_array());
         for k in (0..LANES).filter(|k| valid >> k & 1 == 1) {

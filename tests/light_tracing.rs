@@ -12,7 +12,7 @@ fn folder() -> Folder {
 fn light_paths_and_camera_paths_agree() {
     let folder = folder();
     for sensor in 0..3 {
-        let common = format!("s.xml -q --size 32x24 -s {sensor} --aov variance --spp 1024");
+        let common = format!("s.xml -q --sampler scene --size 32x24 -s {sensor} --aov variance --spp 1024");
         folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
         folder.render(&format!("{common} --integrator ptracer --seed 2 -o light.exr"));
         let run = folder.run("diff path.exr light.exr --z");
@@ -24,7 +24,7 @@ fn light_paths_and_camera_paths_agree() {
 #[test]
 fn light_paths_and_camera_paths_agree_on_every_kind_of_emitter() {
     let folder = Folder::of_scene("photon", "emitters.xml");
-    let common = "s.xml -q --size 52x28 --aov variance --spp 512";
+    let common = "s.xml -q --sampler scene --size 52x28 --aov variance --spp 512";
     folder.render(&format!("{common} --integrator path --seed 1 -o path.exr"));
     folder.render(&format!("{common} --integrator ptracer --seed 2 -o light.exr"));
     let run = folder.run("diff path.exr light.exr --z");

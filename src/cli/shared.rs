@@ -82,7 +82,10 @@ impl FromStr for SamplerArg {
         Ok(match name {
             "auto" => SamplerArg::Auto,
             "scene" => SamplerArg::Scene,
-            _ => SamplerArg::Kind(name.parse::<SamplerKind>().map_err(|e| e.to_string())?),
+            _ => SamplerArg::Kind(
+                name.parse::<SamplerKind>()
+                    .map_err(|e| e.to_string().replace("there are", "there are auto, scene,"))?,
+            ),
         })
     }
 }

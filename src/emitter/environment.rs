@@ -61,16 +61,42 @@ impl Environment {
     /// Samples a direction.
     #[inline]
     pub fn sample(&self, u: Vec2) -> Option<EmitterSample> {
-        let (wi, radiance, pdf) = match &self.radiance {
+        match &self.radiance {
             EnvironmentRadiance::Constant(radiance) => {
-                (warp::square_to_sphere(u), *radiance, warp::SQUARE_TO_SPHERE_PDF)
+                let (wi, pdf) = (warp::square_to_sphere(u), warp::SQUARE_TO_SPHERE_PDF);
+                Some(emitter_sample(EnvMapSample { wi, radiance: *radiance, pdf }))
             }
-            EnvironmentRadiance::Map(map) => {
-                let EnvMapSample { wi, radiance, pdf } = map.sample(u)?;
-                (wi, radiance, pdf)
-            }
-        };
-        Some(EmitterSample { wi, target: ShadowTarget::Infinity, radiance, pdf, delta: false })
+            EnvironmentRadiance::Map(map) => map.sample(u).map(emitter_sample),
+        }
+    }
+
+    /// Samples a direction for a point at which the BSDF is sampled too; `None` if the radiance is the same from every
+    /// direction.
+    #[inline]
+    pub fn sample_compensated(&self, u: Vec2) -> Option<EmitterSample> {
+        match &self.radiance {
+            EnvironmentRadiance::Constant(_) => None,
+            EnvironmentRadiance::Map(map) => map.sample_compensated(u).map(emitter_sample),
+        }
+    }
+
+    /// Returns the density per unit solid angle with which [`sample_compensated`](Self::sample_compensated) samples the
+    /// unit direction `d`.
+    #[inline]
+    pub fn pdf_compensated(&self, d: Vec3) -> f32 {
+        match &self.radiance {
+            EnvironmentRadiance::Constant(_) => 0.0,
+            EnvironmentRadiance::Map(map) => map.pdf_compensated(d),
+        }
+    }
+
+    /// Returns the mean over all directions of the luminance that [`sample_compensated`](Self::sample_compensated)
+    /// samples, W·m⁻²·sr⁻¹.
+    pub fn mean_excess(&self) -> f32 {
+        match &self.radiance {
+            EnvironmentRadiance::Constant(_) => 0.0,
+            EnvironmentRadiance::Map(map) => map.mean_excess(),
+        }
     }
 
     /// Samples a ray from a disk with the radius of the scene, placed outside the scene in a sampled direction.
@@ -101,4 +127,9 @@ impl Environment {
             EnvironmentRadiance::Map(_) => "envmap",
         }
     }
+}
+
+fn emitter_sample(sample: EnvMapSample) -> EmitterSample {
+    let EnvMapSample { wi, radiance, pdf } = sample;
+    EmitterSample { wi, target: ShadowTarget::Infinity, radiance, pdf, delta: false }
 }

@@ -28,7 +28,11 @@ pub struct EnvMap {
     to_world: Mat3,
     /// The density over the longitude, in turns from the first column's centre, and h.
     distribution: BilinearDistribution2D,
+    /// The density that is proportional to the luminance in excess of its mean.
+    compensated: BilinearDistribution2D,
     mean: Rgb,
+    /// The mean of the luminance in excess of its mean.
+    mean_excess: f32,
 }
 
 /// A direction sampled from an [`EnvMap`].
@@ -43,9 +47,9 @@ pub struct EnvMapSample {
 }
 
 impl EnvMap {
-    /// The memory needed to build the distribution of directions, in bytes per texel: weights, densities and their
-    /// sums.
-    pub const BYTES_PER_TEXEL: u64 = 12;
+    /// The memory needed to build the two distributions of directions, in bytes per texel: weights, densities and
+    /// their sums.
+    pub const BYTES_PER_TEXEL: u64 = 24;
 
     /// Creates the map of `image` times `scale`, rotated by `to_world`. Only the rotation and reflection of
     /// `to_world` matter, because the map is at infinity.
@@ -69,9 +73,19 @@ impl EnvMap {
                 }
             }
         }
-        let distribution = distribution(&image);
-        let mean = mean(&image) * scale;
-        Ok(EnvMap { image, scale, to_world: rotation.as_mat3(), distribution, mean })
+        let mean_luminance = mean(&image, |c| [luminance(c), 0.0, 0.0]).r;
+        // A uniform image has no excess, in spite of rounding errors.
+        let common = mean_luminance * 1.0001;
+        let excess = |c| (luminance(c) - common).max(0.0);
+        Ok(EnvMap {
+            distribution: distribution(&image, luminance),
+            compensated: distribution(&image, excess),
+            mean: mean(&image, |c| c) * scale,
+            mean_excess: mean(&image, |c| [excess(c), 0.0, 0.0]).r * scale,
+            image,
+            scale,
+            to_world: rotation.as_mat3(),
+        })
     }
 
     /// Returns the radiance from a unit direction.
@@ -104,10 +118,20 @@ impl EnvMap {
 
     /// Samples a direction; `None` if the map is black, or is black in the direction.
     pub fn sample(&self, u: Vec2) -> Option<EnvMapSample> {
+        self.sample_by(&self.distribution, u)
+    }
+
+    /// Samples a direction in proportion to the luminance in excess of its mean; `None` if there is none. [Karlík 2019,
+    /// Eq. 14]
+    pub fn sample_compensated(&self, u: Vec2) -> Option<EnvMapSample> {
+        self.sample_by(&self.compensated, u)
+    }
+
+    fn sample_by(&self, distribution: &BilinearDistribution2D, u: Vec2) -> Option<EnvMapSample> {
         if self.scale == 0.0 {
             return None;
         }
-        let ([turns, h], pdf_square) = self.distribution.sample(u)?;
+        let ([turns, h], pdf_square) = distribution.sample(u)?;
         let (sin_theta, cos_theta) = (2.0 * (h * (1.0 - h)).max(0.0).sqrt(), 1.0 - 2.0 * h);
         let (sin_phi, cos_phi) = (TAU * (turns + 0.5 / self.image.width() as f64)).sin_cos();
         let d = DVec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta);
@@ -118,6 +142,16 @@ impl EnvMap {
 
     /// Returns the density per unit solid angle with which [`sample`](Self::sample) samples a direction.
     pub fn pdf(&self, direction: Vec3) -> f32 {
+        self.pdf_by(&self.distribution, direction)
+    }
+
+    /// Returns the density per unit solid angle with which [`sample_compensated`](Self::sample_compensated) samples a
+    /// direction.
+    pub fn pdf_compensated(&self, direction: Vec3) -> f32 {
+        self.pdf_by(&self.compensated, direction)
+    }
+
+    fn pdf_by(&self, distribution: &BilinearDistribution2D, direction: Vec3) -> f32 {
         if self.scale == 0.0 {
             return 0.0;
         }
@@ -127,12 +161,17 @@ impl EnvMap {
         let length = (across + up * up).sqrt();
         let cap = 0.5 * across / (length * (length + up.abs()));
         let h = if up >= 0.0 { cap } else { 1.0 - cap };
-        self.distribution.pdf([self.turns(d), h]) * SQUARE_TO_SPHERE
+        distribution.pdf([self.turns(d), h]) * SQUARE_TO_SPHERE
     }
 
     /// Returns the mean radiance over all directions.
     pub fn mean_radiance(&self) -> Rgb {
         self.mean
+    }
+
+    /// Returns the mean over all directions of the luminance in excess of its mean, W·m⁻²·sr⁻¹.
+    pub fn mean_excess(&self) -> f32 {
+        self.mean_excess
     }
 
     /// Returns the power that enters a sphere of the given radius, W.
@@ -143,7 +182,7 @@ impl EnvMap {
 
     /// Returns the bytes of the image and its distribution.
     pub fn memory_bytes(&self) -> usize {
-        self.image.memory_bytes() + self.distribution.memory_bytes()
+        self.image.memory_bytes() + self.distribution.memory_bytes() + self.compensated.memory_bytes()
     }
 }
 
@@ -161,13 +200,16 @@ fn rotation(matrix: &DMat3) -> Option<DMat3> {
     (off.to_cols_array().iter().all(|v| v.abs() < ORTHOGONAL)).then_some(rotation)
 }
 
-/// Creates the distribution of luminance over longitude and fraction of the sphere.
-fn distribution(image: &TextureImage) -> BilinearDistribution2D {
+/// Returns the luminance of a colour. Negative radiance has a positive luminance too.
+fn luminance(color: [f32; 3]) -> f32 {
+    Rgb::from(color).map(f32::abs).luminance()
+}
+
+/// Creates the distribution of a function of the colour over longitude and fraction of the sphere.
+fn distribution(image: &TextureImage, weight: impl Fn([f32; 3]) -> f32) -> BilinearDistribution2D {
     let (width, height) = (image.width(), image.height());
-    // The first column is repeated at the end. Negative radiance has a positive density too.
-    let row = |y: usize| -> Vec<f32> {
-        (0..=width).map(|x| Rgb::from(image.rgb(x % width, y)).map(f32::abs).luminance()).collect()
-    };
+    // The first column is repeated at the end.
+    let row = |y: usize| -> Vec<f32> { (0..=width).map(|x| weight(image.rgb(x % width, y))).collect() };
     if height == 1 {
         return BilinearDistribution2D::new(width + 1, vec![0.0, 1.0], &[row(0), row(0)].concat());
     }
@@ -190,14 +232,14 @@ fn distribution(image: &TextureImage) -> BilinearDistribution2D {
     BilinearDistribution2D::new(width + 1, (0..height).map(above).collect(), &weights)
 }
 
-/// Returns the mean over all directions of an image's interpolated colour.
-fn mean(image: &TextureImage) -> Rgb {
+/// Returns the mean over all directions of a function of an image's colour, interpolated between texels.
+fn mean(image: &TextureImage, f: impl Fn([f32; 3]) -> [f32; 3]) -> Rgb {
     let (width, height) = (image.width(), image.height());
     let mut sum = [0.0f64; 3];
     for y in 0..height {
         let share = row_share(y, height) / width as f64;
         for x in 0..width {
-            for (sum, value) in sum.iter_mut().zip(image.rgb(x, y)) {
+            for (sum, value) in sum.iter_mut().zip(f(image.rgb(x, y))) {
                 *sum += share * f64::from(value);
             }
         }

@@ -323,17 +323,17 @@ impl LightLanes {
         }
     }
 
-    /// Samples a direction to `lights[emitters[i]]` as seen from lane `i` of `from`, for the lanes in the mask
-    /// `active`.
+    /// Samples a direction to emitter `emitters[i]` as seen from lane `i` of `from`, for the lanes in the mask
+    /// `active`. `one` samples an emitter that has no kernel, given its index, a point, random numbers and the time.
     #[inline]
     pub fn sample(
         &self,
-        lights: &[Light],
         emitters: &[usize; LANES],
         from: Vec3x16,
         u: [f32x16; 2],
         time: f32x16,
         active: u32,
+        one: impl Fn(usize, Vec3, Vec2, f32) -> Option<EmitterSample>,
     ) -> EmitterSampleX16 {
         let [mut rectangles, mut spheres, mut points, mut directional, mut environments, mut others] = [0; 6];
         for i in bits(active) {
@@ -371,7 +371,7 @@ impl LightLanes {
         }
         for i in bits(others) {
             let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-            samples.set_lane(i, lights[emitters[i]].sample(from.lane(i), u, time.as_array()[i]));
+            samples.set_lane(i, one(emitters[i], from.lane(i), u, time.as_array()[i]));
         }
         samples
     }
@@ -458,7 +458,8 @@ mod tests {
             let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
             let u = [numbers(), numbers()];
             let lanes = LightLanes::new(&lights);
-            let samples = lanes.sample(&lights, &emitters, from, u, f32x16::ZERO, 0xffff);
+            let one = |emitter: usize, from, u, time| lights[emitter].sample(from, u, time);
+            let samples = lanes.sample(&emitters, from, u, f32x16::ZERO, 0xffff, one);
             for (i, emitter) in emitters.into_iter().enumerate() {
                 let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
                 let alone = lights[emitter].sample(from.lane(i), u, 0.0);

@@ -164,6 +164,15 @@ impl Light {
         }
     }
 
+    /// Samples a direction as [`sample`](Self::sample) does, for a point at which the BSDF is sampled too.
+    #[inline]
+    pub fn sample_compensated(&self, from: Vec3, u: Vec2, time: f32) -> Option<EmitterSample> {
+        match self {
+            Light::Environment(environment) => environment.sample_compensated(u),
+            _ => self.sample(from, u, time),
+        }
+    }
+
     /// Samples a light ray; `None` if nothing is emitted for these numbers.
     pub fn sample_ray(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
         match self {
@@ -206,11 +215,6 @@ impl Light {
             Light::Environment(_) => false,
             Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_) => true,
         }
-    }
-
-    /// Returns whether the radiance is the same from every direction.
-    pub fn is_uniform_environment(&self) -> bool {
-        matches!(self, Light::Environment(environment) if environment.uniform().is_some())
     }
 
     /// Returns the name of the emitter's type in the scene language.

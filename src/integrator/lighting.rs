@@ -160,7 +160,7 @@ fn add_environment(
         let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
         let mut le = scene.environment_radiance(d);
         if pdf.is_finite() {
-            let other = pmf.as_array()[lane] * scene.environment_density(d);
+            let other = pmf.as_array()[lane] * scene.environment_density(selection, d);
             le *= weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other);
         }
         out[paths.slots[i] as usize].value += paths.beta(i) * le;

@@ -290,10 +290,13 @@ impl Scene {
         self.environment.map_or(f32x16::ZERO, |id| selection.pmf_x16(id.index(), from, count))
     }
 
-    /// Returns the density per unit solid angle of the direction `d` if the environment has been chosen.
+    /// Returns the density per unit solid angle of the direction `d` if a selection has chosen the environment.
     #[inline]
-    pub fn environment_density(&self, d: Vec3) -> f32 {
-        self.environment_light().map_or(0.0, |environment| environment.pdf(d))
+    pub fn environment_density(&self, selection: &LightSelection, d: Vec3) -> f32 {
+        self.environment_light().map_or(0.0, |environment| match selection.is_compensated() {
+            true => environment.pdf_compensated(d),
+            false => environment.pdf(d),
+        })
     }
 
     fn environment_light(&self) -> Option<&Environment> {
@@ -314,9 +317,26 @@ impl Scene {
         time: f32,
     ) -> Option<EmitterSample> {
         let choice = selection.sample(from, u.x)?;
-        let mut sample = self.lights[choice.emitter].sample(from, Vec2::new(choice.u, u.y), time)?;
+        let u = Vec2::new(choice.u, u.y);
+        let mut sample = self.sample_chosen(selection, choice.emitter, from, u, time)?;
         sample.pdf *= choice.pmf;
         Some(sample)
+    }
+
+    /// Samples a direction to an emitter that a selection has chosen.
+    #[inline]
+    fn sample_chosen(
+        &self,
+        selection: &LightSelection,
+        emitter: usize,
+        from: Vec3,
+        u: Vec2,
+        time: f32,
+    ) -> Option<EmitterSample> {
+        match selection.is_compensated() {
+            true => self.lights[emitter].sample_compensated(from, u, time),
+            false => self.lights[emitter].sample(from, u, time),
+        }
     }
 
     /// Computes [`sample_emitter`](Self::sample_emitter) for sixteen points, for the lanes in the mask `active`.
@@ -332,7 +352,8 @@ impl Scene {
         let Some(ChoiceX16 { emitters, pmf, u: rest }) = selection.sample_x16(from, u[0], active) else {
             return EmitterSampleX16::NONE;
         };
-        let mut samples = self.light_lanes.sample(&self.lights, &emitters, from, [rest, u[1]], time, active);
+        let one = |emitter, from, u, time| self.sample_chosen(selection, emitter, from, u, time);
+        let mut samples = self.light_lanes.sample(&emitters, from, [rest, u[1]], time, active, one);
         samples.pdf *= pmf;
         samples
     }

@@ -13,7 +13,7 @@ pub const SCENE: &str = r#"<scene version="3.0.0">
   <sensor type="perspective">
     <float name="fov" value="50"/>
     <transform name="to_world"><lookat origin="0,1,4" target="0,0.5,0" up="0,1,0"/></transform>
-    <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>
+    <sampler type="sobol"><integer name="sample_count" value="$spp"/></sampler>
     <film type="hdrfilm">
       <integer name="width" value="40"/><integer name="height" value="30"/>
       <string name="component_format" value="float32"/>

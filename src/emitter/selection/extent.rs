@@ -17,6 +17,17 @@ pub enum Extent {
 }
 
 impl Light {
+    /// Returns the origin of the light that is sampled beside BSDF samples; `None` if there is none.
+    pub fn compensated_extent(&self) -> Option<Extent> {
+        match self {
+            Light::Environment(environment) => {
+                let excess = environment.mean_excess();
+                (excess > 0.0).then(|| Extent::Infinite(PI * brightness(Rgb::splat(excess))))
+            }
+            _ => Some(self.extent()),
+        }
+    }
+
     /// Returns the origin of the light.
     pub fn extent(&self) -> Extent {
         let point = |position: Vec3, normals: Cone, emission_angle: f32, intensity: Rgb| {

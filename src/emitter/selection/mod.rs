@@ -41,6 +41,8 @@ pub struct LightSelection {
     infinite: Vec<(u32, f32)>,
     /// The sum of the irradiances of the emitters at infinity.
     infinite_sum: f32,
+    /// Whether only the radiance of an environment in excess of its mean is sampled.
+    compensated: bool,
 }
 
 /// A node of the tree.
@@ -99,17 +101,18 @@ pub struct ChoiceX16 {
 impl LightSelection {
     /// Creates the selection among the given emitters. Emitters without power are never chosen.
     pub fn new(lights: &[Light]) -> Self {
-        Self::among(lights, |light| light.power().luminance() > 0.0)
+        Self::among(lights, |light| Some(light.extent()))
     }
 
-    /// Creates the selection for points at which the BSDF is sampled too. A uniform environment is never chosen: a
-    /// BSDF sample has less variance for it than an emitter sample has. [Karlík 2019, MIS compensation]
+    /// Creates the selection for points at which the BSDF is sampled too. Only the radiance of an environment in excess
+    /// of its mean is sampled, because BSDF samples have less variance for the rest. A uniform environment is never
+    /// chosen. [Karlík 2019, MIS compensation]
     pub fn compensated(lights: &[Light]) -> Self {
-        Self::among(lights, |light| light.power().luminance() > 0.0 && !light.is_uniform_environment())
+        LightSelection { compensated: true, ..Self::among(lights, Light::compensated_extent) }
     }
 
-    /// Creates the selection among the emitters that `chosen` selects.
-    fn among(lights: &[Light], chosen: impl Fn(&Light) -> bool) -> Self {
+    /// Creates the selection among the emitters that have an extent.
+    fn among(lights: &[Light], extent: impl Fn(&Light) -> Option<Extent>) -> Self {
         let mut selection = LightSelection {
             emitters: Vec::new(),
             locations: vec![Location::Dark; lights.len()],
@@ -117,11 +120,13 @@ impl LightSelection {
             few: None,
             infinite: Vec::new(),
             infinite_sum: 0.0,
+            compensated: false,
         };
         let mut finite = Vec::new();
-        for (i, light) in lights.iter().enumerate().filter(|(_, light)| chosen(light)) {
+        for (i, light) in lights.iter().enumerate().filter(|(_, light)| light.power().luminance() > 0.0) {
+            let Some(extent) = extent(light) else { continue };
             selection.emitters.push(i as u32);
-            match light.extent() {
+            match extent {
                 Extent::Finite(bounds) => finite.push((i as u32, bounds)),
                 Extent::Infinite(irradiance) => {
                     let irradiance = irradiance.min(1e30);
@@ -149,6 +154,12 @@ impl LightSelection {
         let emitters: Vec<u32> = finite.chain(self.infinite.iter().map(|(emitter, _)| *emitter)).collect();
         let irradiance: Vec<f32> = self.infinite.iter().map(|(_, irradiance)| *irradiance).collect();
         Some(Few::new(emitters, root.map_or_else(LightBoundsX16::none, |root| root.bounds), &irradiance))
+    }
+
+    /// Returns whether only the radiance of an environment in excess of its mean is sampled.
+    #[inline]
+    pub fn is_compensated(&self) -> bool {
+        self.compensated
     }
 
     /// Returns whether no emitter is ever chosen.
