@@ -24,7 +24,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "render s.xml --integrator pth",
             2,
             "buffon: --integrator: there is no integrator \"pth\"; there are path, direct, ptracer, \
-             photonmapper, sppm, whitted, distribution, irrcache, depth and aov",
+             photonmapper, sppm, whitted, distribution, irrcache, ao, depth and aov",
         ),
         (
             "render s.xml --aov nope",
@@ -63,12 +63,12 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         ),
         (
             "render s.xml -o .",
-            4,
+            2,
             "buffon: .: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found none",
         ),
         (
             "render s.xml -o x.tga",
-            4,
+            2,
             "buffon: x.tga: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found .tga",
         ),
         (
@@ -104,6 +104,62 @@ fn independent_sampling_in_a_scene_is_replaced_unless_the_scene_is_to_be_obeyed(
         let stats = std::fs::read(folder.path("s.json")).expect("statistics");
         let stats: Json = serde_json::from_slice(&stats).expect("JSON");
         assert_eq!(stats["sampler"], sampler, "{arguments}");
+    }
+}
+
+/// A scene without a subcommand is rendered, and several outputs are written from one render.
+#[test]
+fn a_scene_alone_is_rendered_and_several_outputs_are_written() {
+    let folder = Folder::new();
+    let run = folder.run("s.xml --spp 2 -o a.exr -o b.png --outfile c.pfm");
+    assert_eq!(run.code, 0, "{run:?}");
+    assert!(run.stderr.contains("a.exr, b.png, c.pfm: 40x30, 2 samples per pixel"), "{run:?}");
+    let [exr, png, pfm] = ["a.exr", "b.png", "c.pfm"].map(|name| read(&folder.path(name)).expect("an image"));
+    assert_eq!(exr.data, pfm.data);
+    assert_eq!((png.width, png.height), (40, 30));
+    let same = folder.run("render s.xml --spp 2 -o a.exr -o b.png -o a.exr");
+    assert_eq!((same.code, same.stderr.as_str()), (2, "buffon: -o a.exr: this file is named twice\n"));
+    let missing = folder.run("missing.xml");
+    assert_eq!(
+        (missing.code, missing.stderr.contains("missing.xml: cannot be read")),
+        (3, true),
+        "{missing:?}"
+    );
+}
+
+/// Exposure and tone curve change 8-bit images, in `render` as in `convert`. A layer becomes the picture.
+#[test]
+fn images_are_converted_with_exposure_tone_curve_and_layer() {
+    let folder = Folder::new();
+    let done = |arguments: &str| {
+        let run = folder.run(arguments);
+        assert_eq!((run.code, run.stderr.as_str()), (0, ""), "{arguments}");
+    };
+    done("s.xml -q --spp 2 --exposure -1 --tonemap agx -o a.png -o a.pfm");
+    done("convert a.pfm b.png --exposure -1 --tonemap agx");
+    done("convert a.pfm plain.png");
+    done("convert a.pfm half.png --exposure -1");
+    let pixels = |name: &str| read(&folder.path(name)).expect("an image").data;
+    assert_eq!(pixels("a.png"), pixels("b.png"));
+    assert!(pixels("plain.png") != pixels("half.png") && pixels("half.png") != pixels("b.png"));
+    done("render s.xml -q --spp 2 --aov albedo,N,samples -o l.exr");
+    done("convert l.exr n.pfm --layer N");
+    done("convert l.exr samples.pfm --layer samples");
+    done("convert l.exr all.exr");
+    let (all, normals) = (read(&folder.path("all.exr")), read(&folder.path("n.pfm")));
+    let (all, normals) = (all.expect("an image"), normals.expect("an image"));
+    assert_eq!(all.layer("N").expect("the layer").data, normals.data);
+    assert!(pixels("samples.pfm").iter().all(|n| *n == 2.0));
+    for (arguments, sentence) in [
+        ("convert l.exr x.png --layer z", "l.exr: --layer z: there are N, albedo, samples"),
+        (
+            "convert l.exr x.pfm --exposure 1",
+            "--exposure: only .png and .jpg images have it, and no output is one",
+        ),
+        ("render s.xml --tonemap agx", "--tonemap: only .png and .jpg images have it, and no output is one"),
+        ("convert l.exr x.tga", "x.tga: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found .tga"),
+    ] {
+        assert_eq!(refusal(&folder, arguments), (2, format!("buffon: {sentence}")), "{arguments}");
     }
 }
 

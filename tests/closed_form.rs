@@ -5,7 +5,7 @@ use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, s
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{DirectSettings, PathLimits};
+use buffon::integrator::settings::{AoSettings, DirectSettings, PathLimits};
 use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DVec3, Vec3};
 use buffon::scene::Description;
@@ -256,5 +256,42 @@ fn the_depth_integrator_shows_the_distance_from_the_near_plane() {
             8,
         );
         group.expect(&format!("{sampler}, {accel}"), &rendered, [2.0 - 1e-4; 3]);
+    }
+}
+
+/// A floor below a parallel ceiling at the distance 1 and, apart from it, below a sphere. Rays with a cosine above 1/r
+/// reach the ceiling within a distance r, so the open fraction is 1/r². The sphere of radius 1 at the distance 2 covers
+/// the fraction (1/2)². The floor is seen from above and, as the other side of a rectangle, from below.
+#[test]
+fn ambient_occlusion_is_the_open_fraction_of_the_hemisphere() {
+    let combinations = combinations();
+    let group = Means::of_images(10 * combinations.len(), 0.02);
+    for &(accel, sampler) in &combinations {
+        for (occluder, radius, open) in [
+            (Some(Shape::Rectangle), 2.0, 0.25),
+            (Some(Shape::Rectangle), 0.9, 1.0),
+            (Some(sphere(1.0)), f32::INFINITY, 0.75),
+            (Some(sphere(1.0)), 0.5, 1.0),
+            (None, f32::INFINITY, 1.0),
+        ] {
+            for side in [1.0, -1.0] {
+                let mut description = Description::default();
+                let wide = DAffine3::from_scale(DVec3::new(1e4, 1e4, 1.0));
+                add(&mut description, Shape::Rectangle, wide, diffuse(0.1));
+                let ceiling = matches!(occluder, Some(Shape::Rectangle));
+                let z = side * if ceiling { 1.0 } else { 2.0 };
+                let over = DAffine3::from_translation(DVec3::Z * z);
+                if let Some(occluder) = occluder.clone() {
+                    let to_world = if ceiling { over * wide } else { over };
+                    add(&mut description, occluder, to_world, diffuse(0.1));
+                }
+                // Below the ceiling and beside the sphere.
+                let eye = if ceiling { DVec3::Z * (0.5 * side) } else { DVec3::new(3.0, 0.0, 0.5 * side) };
+                description.sensors.push(camera(eye, DVec3::ZERO, 0.02, 4));
+                let settings = Settings::Ao(AoSettings { radius });
+                let rendered = render(&compiled(description, accel), &settings, sampler, 1024, 9);
+                group.expect(&format!("{radius}, {side}, {sampler}, {accel}"), &rendered, [open; 3]);
+            }
+        }
     }
 }

@@ -407,3 +407,30 @@ fn a_mesh_alone_is_framed() {
     }
     assert!(to_world.translation.y > 0.5 && to_world.translation.z > 0.5);
 }
+
+/// Without a sensor, the camera sees the whole of every shape. A sphere at the origin is in the middle of the picture.
+#[test]
+fn a_scene_without_a_sensor_gets_one_that_sees_it() {
+    for (shapes, center) in [
+        ("<shape type='sphere'><float name='radius' value='2'/></shape>", DVec3::ZERO),
+        (
+            "<shape type='cylinder'><transform name='to_world'><translate x='5'/></transform></shape>",
+            DVec3::new(5.0, 0.0, 0.5),
+        ),
+        (
+            "<shape type='shapegroup' id='g'><shape type='cube'/></shape><shape type='instance'><ref id='g'/>
+             <transform name='to_world'><translate y='-7'/></transform></shape>",
+            DVec3::NEG_Y * 7.0,
+        ),
+    ] {
+        let files = Files::new(&[("scene.xml", &scene(shapes))]);
+        let loaded = files.load(&LoadOptions::default()).expect("it loads");
+        assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+        let note =
+            "the scene has no sensor: everything is seen from the front and above (y is up, z to the viewer)";
+        assert!(loaded.notes.iter().any(|n| n == note), "{:?}", loaded.notes);
+        let camera = loaded.description.sensors[0].to_world.at(0.0);
+        let direction = (center - camera.translation).normalize();
+        assert!((direction - camera.matrix3.z_axis.normalize()).length() < 1e-6, "{camera:?}");
+    }
+}

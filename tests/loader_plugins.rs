@@ -5,7 +5,9 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{Aov, AovSettings, DepthSettings, DirectSettings, Layer, PathLimits};
+use buffon::integrator::settings::{
+    AoSettings, Aov, AovSettings, DepthSettings, DirectSettings, Layer, PathLimits,
+};
 use buffon::loader::LoadOptions;
 use buffon::material::{Conductor, Distribution, Material, Metal, RoughConductor};
 use buffon::math::Vec3;
@@ -63,6 +65,11 @@ fn every_value_of_film_and_sensor_is_read() {
 fn every_integrator_is_read() {
     let integrator = |inside: &str| loaded(&format!("<integrator {inside}</integrator>")).integrator;
     assert_eq!(integrator("type='depth'>"), Settings::Depth(DepthSettings));
+    assert_eq!(integrator("type='ao'>"), Settings::Ao(AoSettings { radius: f32::INFINITY }));
+    for name in ["radius", "ray_length"] {
+        let inside = format!("type='ao'><float name='{name}' value='2.5'/>");
+        assert_eq!(integrator(&inside), Settings::Ao(AoSettings { radius: 2.5 }));
+    }
     let direct = DirectSettings { emitter_samples: 4, bsdf_samples: 4, hide_emitters: false };
     assert_eq!(
         integrator("type='direct'><integer name='shading_samples' value='4'/>"),

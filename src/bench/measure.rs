@@ -86,6 +86,9 @@ impl<'a> Candidate<'a> {
         let integrator = plan.integrator.name().to_string();
         let sampler = plan.job.sampler.kind();
         let ready = match plan.integrator {
+            Settings::Ao(_) => {
+                Err("its picture is open fractions: no light, and no error of light".to_string())
+            }
             Settings::Depth(_) => {
                 Err("its picture is distances: no light, and no error of light".to_string())
             }

@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod checkpoint;
+pub mod convert;
 pub mod cpu;
 pub mod diff;
 pub mod info;
@@ -19,10 +20,15 @@ pub mod stats;
 pub mod values;
 
 use crate::error::{Error, Kind};
+use crate::loader::EXTENSIONS;
 use clap::{Parser, Subcommand};
+use std::ffi::OsString;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Buffon renders scenes by Monte Carlo integration and estimates the error of each image.
+///
+/// `buffon SCENE ...` is short for `buffon render SCENE ...`.
 #[derive(Debug, Parser)]
 #[command(name = "buffon", version = VERSION, propagate_version = true, max_term_width = 100)]
 #[command(
@@ -43,6 +49,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
     Diff(diff::DiffArgs),
+    Convert(convert::ConvertArgs),
     Bench(Box<bench::BenchArgs>),
     Regress(Box<regress::RegressArgs>),
     Info(info::InfoArgs),
@@ -53,7 +60,7 @@ enum Command {
 
 /// Parses the command line, runs the command and returns the exit code.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::try_parse_from(with_subcommand(std::env::args_os().collect())) {
         Ok(cli) => cli,
         Err(error) => {
             let code = if error.use_stderr() { Kind::Usage.exit_code() } else { 0 };
@@ -66,6 +73,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Convert(args) => convert::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Regress(args) => regress::run(&args),
         Command::Info(args) => info::run(&args),
@@ -80,6 +88,18 @@ pub fn main() -> ExitCode {
             ExitCode::from(error.kind.exit_code())
         }
     }
+}
+
+/// Inserts `render` if the first argument is a scene instead of a subcommand.
+fn with_subcommand(mut arguments: Vec<OsString>) -> Vec<OsString> {
+    let is_scene = arguments.get(1).is_some_and(|first| {
+        let extension = Path::new(first).extension().and_then(|e| e.to_str()).unwrap_or_default();
+        EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+    });
+    if is_scene {
+        arguments.insert(1, "render".into());
+    }
+    arguments
 }
 
 /// Writes text to standard output. A closed pipe is not an error.

@@ -3,7 +3,7 @@
 use super::checkpoint::Checkpointing;
 use super::photon_notes::photon_notes;
 use super::progress::{ProgressKind, Watcher};
-use super::shared::{MethodArgs, SceneArgs, ViewArgs};
+use super::shared::{DisplayArgs, MethodArgs, SceneArgs, ViewArgs};
 use super::stats::{Account, Seconds};
 use super::values;
 use crate::error::{Error, Kind, Result, counted};
@@ -30,9 +30,10 @@ use std::time::{Duration, Instant};
 pub struct RenderArgs {
     /// The scene file
     pub scene: PathBuf,
-    /// The image to write [default: the scene's name with .exr, in the current directory]
+    /// The image to write; several -o write it in several formats [default: the scene's name with .exr, in the current
+    /// directory]
     #[arg(short, long, visible_alias = "outfile", value_name = "FILE")]
-    pub output: Option<PathBuf>,
+    pub output: Vec<PathBuf>,
     /// Stop at N samples per pixel [default: the scene's number, if no other rule is given]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub spp: Option<u64>,
@@ -82,6 +83,9 @@ pub struct RenderArgs {
         Aov::NAMES.join(", ")
     ))]
     pub aov: Vec<String>,
+    /// Exposure and tone curve.
+    #[command(flatten)]
+    pub display: DisplayArgs,
     /// Write statistics of the render as JSON ("-" is standard output)
     #[arg(long, value_name = "FILE")]
     pub stats: Option<PathBuf>,
@@ -108,15 +112,15 @@ pub struct RenderArgs {
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
-    let target = args.output.clone().unwrap_or_else(|| default_output(args));
-    refuse(args, &target)?;
-    image::check_output(&target)?;
+    let targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
+    refuse(args, &targets)?;
+    targets.iter().try_for_each(|target| image::check_output(target))?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
         util::check_replaceable(path)?;
     }
     let (session, origin, mut seconds) = open(args)?;
     let plan = session.plan(&choices(args, origin))?;
-    session.check_output(&plan, &target)?;
+    targets.iter().try_for_each(|target| session.check_output(&plan, target))?;
     let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
     let kind = plan.job.sampler.kind();
     if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
@@ -130,7 +134,8 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         eprintln!("buffon: note: {advice}");
     }
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress, Some(early_exit(args, &target)))?;
+    let names = targets.iter().map(|target| target.display().to_string()).collect::<Vec<_>>().join(", ");
+    let signal = listen(&progress, Some(early_exit(args, &names)))?;
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
     let code = match signal.load(Ordering::Relaxed) {
         0 => 0,
@@ -138,13 +143,19 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         signal => u8::try_from(128 + signal).unwrap_or(1),
     };
     if rendered.stop_reason == StopReason::Interrupted && rendered.counts.most == 0 {
-        eprintln!("buffon: interrupted before the first sample: {} is left as it was", target.display());
+        eprintln!("buffon: interrupted before the first sample: {names} is left as it was");
         return rendered.checkpoint_status.map(|()| code);
     }
     let written = Instant::now();
     let image = session.image(&plan, &rendered);
     let samples = session.camera().film.component_format.into();
-    let report = image::write(&target, &image, &WriteOptions { samples, ..WriteOptions::default() })?;
+    let DisplayArgs { exposure, tonemap } = args.display;
+    let options = WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() };
+    let mut clamped_half = 0;
+    for target in &targets {
+        let report = image::write(target, &image, &options)?;
+        clamped_half = clamped_half.max(report.clamped_half);
+    }
     seconds.write = written.elapsed().as_secs_f64();
     seconds.prepare = rendered.prepared.as_secs_f64();
     seconds.render = rendered.elapsed.as_secs_f64();
@@ -153,7 +164,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         Account { session: &session, plan: &plan, rendered: &rendered, seconds }.write(path)?;
     }
     if !args.quiet {
-        eprintln!("{}", summary(&target, &rendered));
+        eprintln!("{}", summary(&names, &rendered));
         if args.verbose {
             let Seconds { load, build, prepare, render, write, total } = seconds;
             eprintln!(
@@ -163,7 +174,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         }
         photon_notes(&rendered.statistics).iter().for_each(|note| eprintln!("buffon: note: {note}"));
     }
-    warn_of_values(args, &target, &rendered, report.clamped_half)?;
+    warn_of_values(args, &names, &rendered, clamped_half)?;
     rendered.checkpoint_status.map(|()| code)
 }
 
@@ -171,11 +182,11 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
 pub(super) type EarlyExit = Box<dyn Fn(i32) -> i32 + Send>;
 
 /// Returns the function that ends a render before its first sample.
-fn early_exit(args: &RenderArgs, target: &Path) -> EarlyExit {
+fn early_exit(args: &RenderArgs, names: &str) -> EarlyExit {
     let resumed = args.checkpoint.clone().filter(|file| args.resume && file.exists());
-    let target = target.to_owned();
+    let names = names.to_owned();
     Box::new(move |signal| {
-        eprintln!("buffon: interrupted before the first sample: {} is left as it was", target.display());
+        eprintln!("buffon: interrupted before the first sample: {names} is left as it was");
         match resumed {
             Some(_) => INTERRUPTED_WITH_CHECKPOINT.into(),
             None => 128 + signal,
@@ -197,15 +208,20 @@ fn default_output(args: &RenderArgs) -> PathBuf {
 }
 
 /// Refuses options that have no effect or contradict each other.
-fn refuse(args: &RenderArgs, target: &Path) -> Result<()> {
+fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
     if args.display_server.is_some() {
         return Err(Error::usage(
             "--display-server: Buffon has no live display; --progress shows where the render stands",
         ));
     }
-    let holds_layers = target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-    if !args.aov.is_empty() && !holds_layers {
-        return Err(Error::usage(format!("--aov: layers need an EXR, which {} is not", target.display())));
+    args.display.check(targets.iter().map(PathBuf::as_path))?;
+    let is_exr = |target: &&PathBuf| target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+    if let Some(other) = targets.iter().find(|target| !args.aov.is_empty() && !is_exr(target)) {
+        return Err(Error::usage(format!("--aov: layers need an EXR, which {} is not", other.display())));
+    }
+    let repeated = |(i, target): &(usize, &PathBuf)| targets[..*i].contains(target);
+    if let Some((_, target)) = targets.iter().enumerate().find(repeated) {
+        return Err(Error::usage(format!("-o {}: this file is named twice", target.display())));
     }
     Ok(())
 }
@@ -314,7 +330,7 @@ fn sample(
     rendered
 }
 
-fn summary(target: &Path, rendered: &Rendered) -> String {
+fn summary(names: &str, rendered: &Rendered) -> String {
     let reason = match rendered.stop_reason {
         StopReason::Samples => "all samples taken",
         StopReason::Time => "time is up",
@@ -333,8 +349,7 @@ fn summary(target: &Path, rendered: &Rendered) -> String {
     };
     let rate = rendered.counters.paths as f64 / rendered.elapsed.as_secs_f64().max(1e-9) * 1e-6;
     format!(
-        "{}: {}x{}, {} per pixel{range} in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
-        target.display(),
+        "{names}: {}x{}, {} per pixel{range} in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
         rendered.rect.width,
         rendered.rect.height,
         counted(rendered.samples_per_pixel, "sample", "samples"),
@@ -344,7 +359,7 @@ fn summary(target: &Path, rendered: &Rendered) -> String {
 
 /// Reports which samples were dropped and how to render them again, and how many values the file cannot represent.
 /// Under `--strict` these are errors, but the image has been written, so hours of rendering are not lost.
-fn warn_of_values(args: &RenderArgs, target: &Path, rendered: &Rendered, clamped: usize) -> Result<()> {
+fn warn_of_values(args: &RenderArgs, names: &str, rendered: &Rendered, clamped: usize) -> Result<()> {
     let mut messages = Vec::new();
     if let Some(first) = rendered.invalid.first() {
         messages.push(format!(
@@ -368,7 +383,7 @@ fn warn_of_values(args: &RenderArgs, target: &Path, rendered: &Rendered, clamped
         ));
     }
     if args.strict && !messages.is_empty() {
-        messages.push(format!("--strict: {} is written, and holds what there is", target.display()));
+        messages.push(format!("--strict: {names} is written, and holds what there is"));
     }
     warn(args, messages.into_iter().map(|message| Error::new(Kind::Strict, message)).collect())
 }

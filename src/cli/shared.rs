@@ -2,13 +2,15 @@
 
 use super::values;
 use crate::accel::AccelKind;
+use crate::error::{Error, Result};
+use crate::image::{self, Tonemap};
 use crate::integrator::Settings;
 use crate::loader::LoadOptions;
 use crate::memory::Limit;
 use crate::sampling::SamplerKind;
 use crate::session::default_threads;
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// The options for loading a scene, of any command.
@@ -78,7 +80,7 @@ pub enum SamplerArg {
 impl FromStr for SamplerArg {
     type Err = String;
 
-    fn from_str(name: &str) -> Result<Self, String> {
+    fn from_str(name: &str) -> std::result::Result<Self, String> {
         Ok(match name {
             "auto" => SamplerArg::Auto,
             "scene" => SamplerArg::Scene,
@@ -114,6 +116,41 @@ pub struct ViewArgs {
     /// Size of the full image, instead of the scene's (a crop in the scene is ignored)
     #[arg(long, value_name = "WxH", value_parser = values::size)]
     pub size: Option<(u32, u32)>,
+}
+
+/// The options for images with 8 bits per channel.
+#[derive(Clone, Debug, Args)]
+pub struct DisplayArgs {
+    /// Scale .png and .jpg images by 2^E
+    #[arg(long, value_name = "E", default_value_t = 0.0, allow_negative_numbers = true, value_parser = values::exposure)]
+    pub exposure: f32,
+    /// The tone curve of .png and .jpg images.
+    #[arg(long, value_name = "NAME", default_value_t = Tonemap::None, help = tonemap_help())]
+    pub tonemap: Tonemap,
+}
+
+impl DisplayArgs {
+    /// Refuses the options if no output is an image with 8 bits per channel.
+    ///
+    /// # Errors
+    /// If one of the options is given without such an output.
+    pub fn check<'a>(&self, outputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+        let option = match (self.exposure != 0.0, self.tonemap) {
+            (true, _) => "--exposure",
+            (false, Tonemap::None) => return Ok(()),
+            (false, _) => "--tonemap",
+        };
+        match outputs.into_iter().any(image::is_display_format) {
+            true => Ok(()),
+            false => Err(Error::usage(format!(
+                "{option}: only .png and .jpg images have it, and no output is one"
+            ))),
+        }
+    }
+}
+
+fn tonemap_help() -> String {
+    format!("The tone curve of .png and .jpg images: {}", one_of(Tonemap::ALL.map(Tonemap::name)))
 }
 
 /// The description of the samplers.

@@ -19,6 +19,14 @@ pub fn duration(text: &str) -> Result<Duration, String> {
     }
 }
 
+/// Parses an exposure in stops.
+pub fn exposure(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(stops) if stops.abs() <= 100.0 => Ok(stops),
+        _ => Err("expected a number of stops from -100 to 100".into()),
+    }
+}
+
 /// Parses `name=value`.
 pub fn definition(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {

@@ -19,6 +19,7 @@ mod pure;
 mod read;
 mod srgb;
 mod texture;
+mod tonemap;
 mod write;
 
 pub(crate) use format::Difference;
@@ -30,8 +31,10 @@ pub use read::{
 };
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};
+pub use tonemap::Tonemap;
 pub use write::{
-    Compression, SampleFormat, WriteOptions, WriteReport, check_output, encoding_bytes, write, write_with,
+    Compression, SampleFormat, WriteOptions, WriteReport, check_output, encoding_bytes, is_display_format,
+    write, write_with,
 };
 
 /// An image in memory.
@@ -119,6 +122,34 @@ impl Image {
     pub fn select(&self, names: &[impl AsRef<str>]) -> Option<Image> {
         let indices: Vec<usize> = names.iter().map(|n| self.channel(n.as_ref())).collect::<Option<_>>()?;
         Some(self.select_indices(&indices))
+    }
+
+    /// Returns the names of the layers beside the base layer, in the order of their first channels.
+    pub fn layers(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = Vec::new();
+        for (name, _) in self.channels.iter().filter_map(|channel| channel.rsplit_once('.')) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names
+    }
+
+    /// Returns a layer as the base layer of an image; `None` if there is none of the name. Three channels with other
+    /// names, such as X, Y and Z, become R, G and B, and a single one becomes Y.
+    pub fn layer(&self, name: &str) -> Option<Image> {
+        let of_layer = |channel: &&String| channel.rsplit_once('.').is_some_and(|(layer, _)| layer == name);
+        let channels: Vec<&String> = self.channels.iter().filter(of_layer).collect();
+        let mut image = self.select(&channels).filter(|image| !image.channels.is_empty())?;
+        let names: Vec<&str> =
+            channels.iter().filter_map(|channel| Some(channel.rsplit_once('.')?.1)).collect();
+        let is_colour = ["R", "G", "B"].iter().all(|c| names.contains(c));
+        image.channels = match names.len() {
+            1 => vec!["Y".into()],
+            3 if !is_colour => ["R", "G", "B"].map(String::from).to_vec(),
+            _ => names.into_iter().map(String::from).collect(),
+        };
+        Some(image)
     }
 
     /// Returns an image of the channels with the given indices.

@@ -1,6 +1,6 @@
 //! Conversion between linear values and 8-bit sRGB samples.
 
-use super::{Image, Metadata};
+use super::{Image, Metadata, Tonemap};
 
 /// Decodes an sRGB value, both in [0, 1]. [IEC 61966-2-1]
 pub fn from_srgb(encoded: f64) -> f64 {
@@ -127,7 +127,7 @@ fn quantise(encoded: f64, threshold: f64) -> u8 {
 
 /// Encodes the base layer of an image with 8 bits per channel after scaling by 2^`exposure`. `None` if the image has
 /// no base layer. Other layers are omitted.
-pub(super) fn encode(image: &Image, exposure: f32, keep_alpha: bool) -> Option<BytePixels> {
+pub(super) fn encode(image: &Image, exposure: f32, tonemap: Tonemap, keep_alpha: bool) -> Option<BytePixels> {
     let rgb = image.rgb_channels()?;
     let colours: &[usize] = if rgb[0] == rgb[1] { &rgb[..1] } else { &rgb };
     let alpha = image.channel("A").filter(|&a| keep_alpha && !colours.contains(&a));
@@ -140,9 +140,8 @@ pub(super) fn encode(image: &Image, exposure: f32, keep_alpha: bool) -> Option<B
             let t = threshold(x, y);
             let a = alpha.map_or(1.0, |a| f64::from(pixel[a]));
             let unmultiply = if a > 0.0 { gain / a } else { 0.0 };
-            for &c in colours {
-                bytes.push(quantise(to_srgb((f64::from(pixel[c]) * unmultiply).max(0.0)), t));
-            }
+            let encoded = tonemap.encode(rgb.map(|c| f64::from(pixel[c]) * unmultiply));
+            bytes.extend(encoded[..colours.len()].iter().map(|v| quantise(*v, t)));
             if alpha.is_some() {
                 bytes.push((a.clamp(0.0, 1.0) * 255.0).round() as u8);
             }
@@ -190,16 +189,16 @@ mod tests {
     fn values_out_of_range_and_nan_are_given_the_nearest_code() {
         let mut image = Image::new(4, 1, &["Y"]);
         image.data = vec![f32::NAN, -1.0, 9.0, f32::INFINITY];
-        assert_eq!(encode(&image, 0.0, true).unwrap().bytes, [0, 0, 255, 255]);
+        assert_eq!(encode(&image, 0.0, Tonemap::None, true).unwrap().bytes, [0, 0, 255, 255]);
     }
 
     #[test]
     fn exposure_scales_by_powers_of_two_and_alpha_is_divided_out() {
         let mut image = Image::new(1, 1, &["R", "G", "B", "A"]);
         image.data = vec![0.125, 0.25, 0.0, 0.5];
-        let bytes = encode(&image, 1.0, true).unwrap();
+        let bytes = encode(&image, 1.0, Tonemap::None, true).unwrap();
         assert_eq!(bytes.channels, 4);
         assert_eq!(bytes.bytes, [quantise(to_srgb(0.5), threshold(0, 0)), 255, 0, 128]);
-        assert_eq!(encode(&image, 1.0, false).unwrap().channels, 3);
+        assert_eq!(encode(&image, 1.0, Tonemap::None, false).unwrap().channels, 3);
     }
 }

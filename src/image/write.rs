@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::format::{Backend, ExrOutput, Format};
-use super::{Image, Value, pfm, srgb};
+use super::{Image, Tonemap, Value, pfm, srgb};
 use crate::error::{Error, Result};
 use crate::util::{check_replaceable, replace};
 
@@ -52,16 +52,19 @@ pub struct WriteOptions {
     pub jpeg_quality: u8,
     /// PNG and JPEG: the base layer is scaled by 2^exposure before encoding.
     pub exposure: f32,
+    /// PNG and JPEG: the tone curve.
+    pub tonemap: Tonemap,
 }
 
 impl Default for WriteOptions {
-    /// Returns float samples, zip compression, quality 95, exposure 0.
+    /// Returns float samples, zip compression, quality 95, exposure 0 and no tone curve.
     fn default() -> Self {
         WriteOptions {
             samples: SampleFormat::default(),
             compression: Compression::default(),
             jpeg_quality: 95,
             exposure: 0.0,
+            tonemap: Tonemap::None,
         }
     }
 }
@@ -100,9 +103,13 @@ pub fn write(path: &Path, image: &Image, options: &WriteOptions) -> Result<Write
 /// # Errors
 /// If the extension is unknown, or the folder is missing or not writable.
 pub fn check_output(path: &Path) -> Result<()> {
-    let fail = |message: String| Error::output(message).in_file(path);
-    Format::of_extension(path).ok_or_else(|| fail(unknown_extension(path)))?;
+    Format::of_extension(path).ok_or_else(|| Error::usage(unknown_extension(path)).in_file(path))?;
     check_replaceable(path)
+}
+
+/// Returns whether exposure and tone curve apply to files with the extension of a path.
+pub fn is_display_format(path: &Path) -> bool {
+    matches!(Format::of_extension(path), Some(Format::Png | Format::Jpeg))
 }
 
 /// Returns an upper bound of the bytes that [`write()`] needs in addition to an image with the given numbers of
@@ -144,7 +151,8 @@ pub fn write_with(
         }
         Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
             let keep_alpha = format == Format::Png;
-            let pixels = srgb::encode(image, options.exposure, keep_alpha).ok_or_else(lacks_picture)?;
+            let pixels = srgb::encode(image, options.exposure, options.tonemap, keep_alpha)
+                .ok_or_else(lacks_picture)?;
             if format == Format::Jpeg && width.max(height) > JPEG_MAX {
                 let limit = format!("expected at most {JPEG_MAX}x{JPEG_MAX} pixels, found {width}x{height}");
                 return Err(fail(limit).about("JPEG"));

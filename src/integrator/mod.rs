@@ -3,6 +3,7 @@
 //! All integrators implement [`Integrator::li`], which takes a wave of rays and returns radiance. A wave may hold
 //! camera rays, or rays with which one integrator queries another.
 
+pub mod ao;
 pub mod aov;
 pub mod block;
 pub mod depth;
@@ -25,6 +26,7 @@ mod tree;
 pub mod whitted;
 pub mod worker;
 
+pub use ao::AmbientOcclusion;
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;

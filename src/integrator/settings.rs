@@ -5,12 +5,13 @@
 
 use super::aov::NoImage;
 use super::{
-    DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator, IrradianceCache, PathIntegrator,
-    Photonmapper, Ptracer, Sppm, WhittedIntegrator, aov,
+    AmbientOcclusion, DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator, IrradianceCache,
+    PathIntegrator, Photonmapper, Ptracer, Sppm, WhittedIntegrator, aov,
 };
 use crate::error::Result;
 pub use crate::util::parameters::{Parameters, Read};
 
+pub use super::ao::AoSettings;
 pub use super::aov::{Aov, AovSettings, Layer};
 pub use super::depth::DepthSettings;
 pub use super::direct::DirectSettings;
@@ -176,6 +177,8 @@ integrators! {
     Distribution(DistributionIntegrator),
     /// Irradiance caching.
     Irrcache(IrradianceCache),
+    /// Ambient occlusion.
+    Ao(AmbientOcclusion),
     /// Distance to the first surface.
     Depth(DepthIntegrator),
     /// Layers of surface features, optionally in addition to the image of another integrator.

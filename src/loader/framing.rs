@@ -3,8 +3,11 @@
 use crate::color::Rgb;
 use crate::emitter::Emitter;
 use crate::film::FilmSettings;
-use crate::math::{DAffine3, DMat3, DVec3};
+use crate::math::{DAffine3, DMat3, DVec3, Vec3};
+use crate::scene::Description;
+use crate::scene::description::PlacedShape;
 use crate::sensor::{FovAxis, Projection, SensorSettings};
+use crate::shape::Shape;
 
 /// The camera's field of view across the smaller side of the image, in degrees.
 const FOV_DEG: f64 = 35.0;
@@ -12,6 +15,9 @@ const FOV_DEG: f64 = 35.0;
 const TO_CAMERA: DVec3 = DVec3::new(0.35, 0.45, 1.0);
 /// The margin around the scene, as a factor on the camera's distance.
 const MARGIN: f64 = 1.05;
+
+/// What the camera of [`camera`] sees, as part of a sentence.
+pub const VIEW: &str = "seen from the front and above (y is up, z to the viewer)";
 
 /// Returns a constant white environment.
 pub fn white_environment() -> Emitter {
@@ -45,6 +51,45 @@ pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
         far_clip: 1e3 * distance,
         film: FilmSettings::default(),
     })
+}
+
+/// Returns a camera that sees all shapes of a scene, as [`camera`] does.
+pub fn camera_for(description: &Description) -> Option<SensorSettings> {
+    let groups: Vec<Vec<DVec3>> =
+        description.groups.iter().map(|group| group.iter().flat_map(corners).collect()).collect();
+    let instances = description.instances.iter().flat_map(|instance| {
+        let to_world = instance.to_world.at(0.0);
+        groups[instance.group].iter().map(move |p| to_world.transform_point3(*p))
+    });
+    camera(description.shapes.iter().flat_map(corners).chain(instances))
+}
+
+/// Returns the corners in world space of a shape's bounding box in its own coordinates.
+fn corners(shape: &PlacedShape) -> impl Iterator<Item = DVec3> + use<> {
+    let (low, high) = match &shape.shape {
+        Shape::Mesh(mesh) => {
+            let finite = mesh.positions.iter().filter(|p| p.is_finite()).map(|p| p.as_dvec3());
+            finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)))
+        }
+        Shape::Rectangle | Shape::Disk => (DVec3::new(-1.0, -1.0, 0.0), DVec3::new(1.0, 1.0, 0.0)),
+        Shape::Cube => (DVec3::NEG_ONE, DVec3::ONE),
+        Shape::Sphere { center, radius } => around(*center, *radius),
+        Shape::Cylinder { p0, p1, radius } => {
+            let (a, b) = (around(*p0, *radius), around(*p1, *radius));
+            (a.0.min(b.0), a.1.max(b.1))
+        }
+    };
+    let to_world = shape.to_world.at(0.0);
+    (0..8).map(move |i: u32| {
+        let upper = DVec3::from([0, 1, 2].map(|axis| f64::from(i >> axis & 1))).cmpgt(DVec3::ZERO);
+        to_world.transform_point3(DVec3::select(upper, high, low))
+    })
+}
+
+/// Returns the bounding box of a sphere.
+fn around(center: Vec3, radius: f32) -> (DVec3, DVec3) {
+    let (center, half) = (center.as_dvec3(), DVec3::splat(f64::from(radius)));
+    (center - half, center + half)
 }
 
 /// Returns the frame of a camera at `origin` with the unit viewing `direction` and the unit vector `left` across it.

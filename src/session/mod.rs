@@ -89,6 +89,9 @@ impl SceneFile {
             loader::load(path, &choices.load)?;
         let load_seconds = started.elapsed().as_secs_f64();
         let sensors = description.sensors.len();
+        if sensors == 0 {
+            return Err(Error::scene("the scene has neither a sensor nor a shape to look at").in_file(path));
+        }
         let Some(sensor) = description.sensors.get_mut(choices.sensor) else {
             return Err(Error::usage(format!(
                 "--sensor {}: the scene has {}, counted from 0",

@@ -296,39 +296,13 @@ fn complete(loaded: &mut Loaded, file: &File) -> Result<()> {
         loaded.notes.push("the file has no light: everything is in an even white light".to_owned());
     }
     if lacks_sensor {
-        let sensor = framing::camera(corners(&loaded.description).into_iter());
-        let Some(sensor) = sensor else {
+        let Some(sensor) = framing::camera_for(&loaded.description) else {
             return Err(file.error("", "the scene has neither a camera nor triangles to look at"));
         };
         loaded.description.sensors.push(sensor);
-        let note =
-            "the file has no camera: everything is seen from the front and above (y is up, z to the viewer)";
-        loaded.notes.push(note.to_owned());
+        loaded.notes.push(format!("the file has no camera: everything is {}", framing::VIEW));
     }
     Ok(())
-}
-
-/// Returns the corners of the bounding boxes of all shapes. Each box is computed in the shape's own coordinates and
-/// transformed to world space.
-fn corners(description: &Description) -> Vec<DVec3> {
-    let bounds = |shape: &PlacedShape| -> Vec<DVec3> {
-        let Shape::Mesh(mesh) = &shape.shape else { return Vec::new() };
-        let finite = mesh.positions.iter().filter(|p| p.is_finite()).map(|p| p.as_dvec3());
-        let (low, high) =
-            finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
-        let corner = |i: u32| {
-            DVec3::select(DVec3::from([0, 1, 2].map(|a| f64::from(i >> a & 1))).cmpgt(DVec3::ZERO), high, low)
-        };
-        let to_world = shape.to_world.at(0.0);
-        (0..8).map(|i| to_world.transform_point3(corner(i))).collect()
-    };
-    let groups: Vec<Vec<DVec3>> =
-        description.groups.iter().map(|group| group.iter().flat_map(bounds).collect()).collect();
-    let instances = description.instances.iter().flat_map(|instance| {
-        let to_world = instance.to_world.at(0.0);
-        groups[instance.group].iter().map(move |p| to_world.transform_point3(*p))
-    });
-    description.shapes.iter().flat_map(bounds).chain(instances).collect()
 }
 
 #[cfg(test)]

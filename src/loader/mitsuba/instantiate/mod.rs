@@ -18,8 +18,8 @@ use crate::emitter::Emitter;
 use crate::error::{Error, Result};
 use crate::ids::{MaterialId, TextureId};
 use crate::image::TextureImage;
-use crate::loader::Loaded;
 use crate::loader::files::Folders;
+use crate::loader::{Loaded, framing};
 use crate::memory::Budget;
 use crate::util::wording;
 use source::ObjectSource;
@@ -110,7 +110,13 @@ impl<'g> Builder<'g> {
             self.note(format!("the scene has {sensors} sensors: --sensor chooses, the first is number 0"));
         }
         if self.loaded.description.sensors.is_empty() {
-            self.loaded.warnings.push(graph.objects[0].error("the scene has no sensor"));
+            match framing::camera_for(&self.loaded.description) {
+                Some(sensor) => {
+                    self.note(format!("the scene has no sensor: everything is {}", framing::VIEW));
+                    self.loaded.description.sensors.push(sensor);
+                }
+                None => self.loaded.warnings.push(graph.objects[0].error("the scene has no sensor")),
+            }
         }
         Ok(())
     }
