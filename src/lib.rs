@@ -164,6 +164,7 @@
 //! - `[Christensen 1999]` Faster photon map global illumination. JGT 4(3).
 //! - `[Cigolle 2014]` Cigolle et al.: A survey of efficient representations for independent unit vectors. JCGT 3(2).
 //! - `[Cody and Waite 1980]` Software Manual for the Elementary Functions. Prentice Hall.
+//! - `[Conty Estevez and Kulla 2018]` Importance sampling of many lights with adaptive tree splitting. HPG.
 //! - `[Cook 1984]` Cook, Porter, Carpenter: Distributed ray tracing. SIGGRAPH.
 //! - `[Cook 1986]` Stochastic sampling in computer graphics. ACM Transactions on Graphics 5(1).
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
@@ -175,6 +176,7 @@
 //! - `[Estevez 2019]` Estevez, Lecocq, Stein: A microfacet-based shadowing function to solve the bump terminator
 //!   problem. Ray Tracing Gems.
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
+//! - `[Hable 2010]` Uncharted 2: HDR lighting. Game Developers Conference.
 //! - `[Hachisuka and Jensen 2009]` Stochastic progressive photon mapping. SIGGRAPH Asia.
 //! - `[Haines, Günther, Akenine-Möller 2019]` Precision improvements for ray/sphere intersection. Ray Tracing Gems.
 //! - `[Halton 1960]` On the efficiency of certain quasi-random sequences of points in evaluating multi-dimensional
@@ -191,6 +193,8 @@
 //! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
+//! - `[Karlík 2019]` Karlík, Šik, Vévoda, Skřivan, Křivánek: MIS compensation: optimizing sampling techniques in multiple
+//!   importance sampling. ACM Transactions on Graphics 38(6).
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics
 //!   30(3).
@@ -221,6 +225,7 @@
 //! - `[Siegel and Howell 1992]` Thermal Radiation Heat Transfer, 3rd edition.
 //! - `[Silverman 1986]` Density estimation for statistics and data analysis. Chapman and Hall.
 //! - `[Smith & van der Walt 2015]` The colour maps magma, inferno, plasma and viridis of matplotlib.
+//! - `[Sobotka 2022]` AgX: a display rendering transform. github.com/sobotka/AgX.
 //! - `[Tabellion and Lamorlette 2004]` An approximate global illumination system for computer generated films.
 //!   SIGGRAPH.
 //! - `[Thürmer and Wüthrich 1998]` Computing vertex normals from polygonal facets. JGT 3(1).
@@ -236,6 +241,7 @@
 //! - `[Wellons 2018]` Prospecting for hash functions.
 //! - `[Whitted 1980]` An improved illumination model for shaded display. CACM 23(6).
 //! - `[Woop 2013]` Woop, Benthin, Wald: Watertight ray/triangle intersection. JCGT 2(1).
+//! - `[Wrensch 2023]` Minimal AgX implementation. iolite-engine.com.
 //! - `[Ylitie, Karras, Laine 2017]` Efficient incoherent ray traversal on GPUs through compressed wide BVHs. HPG.
 #![deny(unsafe_code)]
 

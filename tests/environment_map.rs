@@ -109,25 +109,33 @@ fn samples_follow_their_density() {
         ("map of four texels", map(2, 2, uneven(2, 2))),
         ("half a sphere", map(1, 3, vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])),
     ] {
-        let total = check_directions(
-            name,
-            TESTS,
-            |_, u| {
-                let s = map.sample(u)?;
-                let (pdf, radiance) = (map.pdf(s.wi), map.eval(s.wi));
-                assert!(
-                    (pdf / s.pdf - 1.0).abs() < 1e-3,
-                    "{name}: densities {} and {pdf} at {}",
-                    s.pdf,
-                    s.wi
-                );
-                let off = (radiance - s.radiance).map(f32::abs).max_component();
-                assert!(off < 1e-3, "{name}: {radiance:?} {:?} at {}", s.radiance, s.wi);
-                Some(s.wi)
-            },
-            |w| map.pdf(w),
-        );
-        assert!((total - 1.0).abs() < 2e-3, "{name}: the density integrates to {total}");
+        for compensated in [false, true] {
+            let (mean, excess) = (map.mean_radiance().luminance(), map.mean_excess());
+            assert!((0.0..=mean).contains(&excess), "{name}: {excess} of {mean}");
+            if compensated && excess == 0.0 {
+                continue;
+            }
+            let density = |d: Vec3| if compensated { map.pdf_compensated(d) } else { map.pdf(d) };
+            let total = check_directions(
+                name,
+                2 * TESTS,
+                |_, u| {
+                    let s = if compensated { map.sample_compensated(u)? } else { map.sample(u)? };
+                    let (pdf, radiance) = (density(s.wi), map.eval(s.wi));
+                    assert!(
+                        (pdf / s.pdf - 1.0).abs() < 1e-3,
+                        "{name}: densities {} and {pdf} at {}",
+                        s.pdf,
+                        s.wi
+                    );
+                    let off = (radiance - s.radiance).map(f32::abs).max_component();
+                    assert!(off < 1e-3, "{name}: {radiance:?} {:?} at {}", s.radiance, s.wi);
+                    Some(s.wi)
+                },
+                density,
+            );
+            assert!((total - 1.0).abs() < 2e-3, "{name}: the density integrates to {total}");
+        }
     }
 }
 

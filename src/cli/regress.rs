@@ -2,7 +2,7 @@
 
 use super::regress_cases::{CaseLines, Tables};
 use super::render::listen;
-use super::shared::{MethodArgs, SamplerArg, SceneArgs};
+use super::shared::{MethodArgs, SceneArgs};
 use super::values;
 use crate::error::{Error, Result, counted};
 use crate::image;
@@ -198,7 +198,7 @@ fn options(args: &RegressArgs) -> Options {
         choices: Choices {
             integrator: args.method.integrator.clone(),
             sampler: args.method.sampler(),
-            scene_sampler: args.method.sampler != Some(SamplerArg::Auto),
+            replace_independent: args.method.replaces_independent(false),
             seed: args.method.seed,
             ..Choices::default()
         },

@@ -121,7 +121,6 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     let (session, origin, mut seconds) = open(args)?;
     let plan = session.plan(&choices(args, origin))?;
     targets.iter().try_for_each(|target| session.check_output(&plan, target))?;
-    let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
     let kind = plan.job.sampler.kind();
     if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
         && args.method.sampler().is_none()
@@ -129,6 +128,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     {
         eprintln!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
     }
+    let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
     let advice = kind.advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         eprintln!("buffon: note: {advice}");
@@ -260,7 +260,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
     Choices {
         integrator: args.method.integrator.clone(),
         sampler: args.method.sampler(),
-        scene_sampler: args.method.obeys_scene(),
+        replace_independent: args.method.replaces_independent(true),
         stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
         seed: args.method.seed,
         aov: args.aov.clone(),

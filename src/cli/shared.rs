@@ -84,10 +84,10 @@ impl FromStr for SamplerArg {
         Ok(match name {
             "auto" => SamplerArg::Auto,
             "scene" => SamplerArg::Scene,
-            _ => SamplerArg::Kind(
-                name.parse::<SamplerKind>()
-                    .map_err(|e| e.to_string().replace("there are", "there are auto, scene,"))?,
-            ),
+            _ => match SamplerKind::ALL.into_iter().find(|kind| kind.name() == name) {
+                Some(kind) => SamplerArg::Kind(kind),
+                None => return Err(format!("unknown sampler \"{name}\"; there are {}", sampler_names())),
+            },
         })
     }
 }
@@ -101,9 +101,9 @@ impl MethodArgs {
         }
     }
 
-    /// Returns whether the scene's sampler is used even if it is `independent`.
-    pub fn obeys_scene(&self) -> bool {
-        self.sampler == Some(SamplerArg::Scene)
+    /// Returns whether the default sampler replaces `independent` in a scene; `default` is for no choice.
+    pub fn replaces_independent(&self, default: bool) -> bool {
+        self.sampler.map_or(default, |sampler| sampler == SamplerArg::Auto)
     }
 }
 
@@ -162,9 +162,12 @@ const SAMPLERS: &str = "auto: the scene's; but sobol, with a note, if the scene 
     at powers of two. zsobol: one Sobol sequence over the whole screen, so that the error is blue noise; it needs \
     a power of two. fixed: the same Sobol points in every pixel, so that the error shows as structure.";
 
+fn sampler_names() -> String {
+    one_of(["auto", "scene"].into_iter().chain(SamplerKind::ALL.map(SamplerKind::name)))
+}
+
 fn sampler_help() -> String {
-    let names = one_of(["auto", "scene"].into_iter().chain(SamplerKind::ALL.map(SamplerKind::name)));
-    format!("The sampler: {names} [default: auto, the scene's, or sobol if that is independent]")
+    format!("The sampler: {} [default: auto; of regress: scene]", sampler_names())
 }
 
 /// Returns the help of the traversal.

@@ -16,6 +16,8 @@ use crate::image::TextureImage;
 use crate::math::{DAffine3, DMat3, DVec3, Mat3, Vec2, Vec3};
 use crate::sampling::BilinearDistribution2D;
 
+/// The least luminance in excess of its mean that is sampled for its own sake, relative to the mean.
+const LEAST_EXCESS: f32 = 0.03;
 /// The tolerance for the orthogonality of a rotation's axes.
 const ORTHOGONAL: f64 = 1e-4;
 
@@ -74,14 +76,14 @@ impl EnvMap {
             }
         }
         let mean_luminance = mean(&image, |c| [luminance(c), 0.0, 0.0]).r;
-        // A uniform image has no excess, in spite of rounding errors.
-        let common = mean_luminance * 1.0001;
-        let excess = |c| (luminance(c) - common).max(0.0);
+        let excess = |c| (luminance(c) - mean_luminance).max(0.0);
+        let mean_excess = mean(&image, |c| [excess(c), 0.0, 0.0]).r;
+        let is_uniform = mean_excess < LEAST_EXCESS * mean_luminance;
         Ok(EnvMap {
             distribution: distribution(&image, luminance),
             compensated: distribution(&image, excess),
             mean: mean(&image, |c| c) * scale,
-            mean_excess: mean(&image, |c| [excess(c), 0.0, 0.0]).r * scale,
+            mean_excess: if is_uniform { 0.0 } else { mean_excess * scale },
             image,
             scale,
             to_world: rotation.as_mat3(),
@@ -169,7 +171,8 @@ impl EnvMap {
         self.mean
     }
 
-    /// Returns the mean over all directions of the luminance in excess of its mean, W·m⁻²·sr⁻¹.
+    /// Returns the mean over all directions of the luminance in excess of its mean, W·m⁻²·sr⁻¹; 0 if it is so small a
+    /// part of the mean luminance that the map counts as uniform.
     pub fn mean_excess(&self) -> f32 {
         self.mean_excess
     }

@@ -32,8 +32,11 @@ impl SpotEmitter {
         cutoff_angle: f32,
         beam_width: f32,
     ) -> Self {
+        // The cone is round in world space, even if the transform has shear.
         let m = to_world.matrix3;
-        let axes = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.normalize().as_vec3());
+        let z = m.z_axis.normalize();
+        let x = (m.x_axis - z * m.x_axis.dot(z)).normalize();
+        let axes = [x, z.cross(x) * m.determinant().signum(), z].map(|axis| axis.as_vec3());
         SpotEmitter {
             position: to_world.translation.as_vec3(),
             axes: Mat3::from_cols(axes[0], axes[1], axes[2]),

@@ -19,11 +19,11 @@ pub struct TechniqueCounts {
     /// BSDF samples.
     pub bsdf: f32,
     /// Whether emitter samples omit the light that BSDF samples find well.
-    pub compensated: bool,
+    compensated: bool,
 }
 
 impl TechniqueCounts {
-    /// One sample of each technique.
+    /// One sample of each technique at every point, so that emitter samples may omit light.
     pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0, compensated: true };
 
     /// One sample of each technique at most. Some points have no BSDF sample, so emitter samples omit no light.
@@ -35,10 +35,16 @@ impl TechniqueCounts {
         TechniqueCounts { emitter: emitter as f32, bsdf: bsdf as f32, compensated: bsdf >= emitter }
     }
 
+    /// Creates the given counts for techniques of which some points lack one, so that emitter samples omit no light.
+    pub fn uncompensated(emitter: u32, bsdf: u32) -> Self {
+        TechniqueCounts { compensated: false, ..TechniqueCounts::new(emitter, bsdf) }
+    }
+
     /// Returns the choice among the emitters for the emitter samples.
     #[inline]
     pub fn selection<'a>(&self, scene: &'a Scene) -> &'a LightSelection {
-        if self.compensated { &scene.compensated_selection } else { &scene.light_selection }
+        let compensated = scene.compensated_selection.as_ref().filter(|_| self.compensated);
+        compensated.unwrap_or(&scene.light_selection)
     }
 
     /// Returns whether emitter samples are useful in a scene.

@@ -59,8 +59,8 @@ pub struct Scene {
     pub light_choice: Distribution1D,
     /// The choice of an emitter for a surface point.
     pub light_selection: LightSelection,
-    /// The choice for a surface point at which the BSDF is sampled too.
-    pub compensated_selection: LightSelection,
+    /// The choice for a surface point at which the BSDF is sampled too, if it is another one.
+    pub compensated_selection: Option<LightSelection>,
     /// The emitter of rays that leave the scene.
     pub environment: Option<EmitterId>,
     /// The sensors.

@@ -16,8 +16,8 @@ pub struct Choices {
     pub integrator: Option<String>,
     /// The sampler.
     pub sampler: Option<SamplerKind>,
-    /// Whether the scene's sampler is used even if it is `independent`, which most exporters write.
-    pub scene_sampler: bool,
+    /// Whether the default sampler replaces the scene's if that is `independent`, which most exporters write.
+    pub replace_independent: bool,
     /// Stop rules; without any, the scene's sample count.
     pub stop: StopRules,
     /// The seed.
@@ -64,7 +64,7 @@ impl Session {
         if stop == StopRules::default() {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
         }
-        let usable = |kind: &SamplerKind| choices.scene_sampler || *kind != SamplerKind::Independent;
+        let usable = |kind: &SamplerKind| !choices.replace_independent || *kind != SamplerKind::Independent;
         let kind = choices.sampler.or(self.defaults.sampler.filter(usable)).unwrap_or_default();
         let created = integrator.create();
         created.check(&self.scene)?;

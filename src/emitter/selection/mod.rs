@@ -107,8 +107,11 @@ impl LightSelection {
     /// Creates the selection for points at which the BSDF is sampled too. Only the radiance of an environment in excess
     /// of its mean is sampled, because BSDF samples have less variance for the rest. A uniform environment is never
     /// chosen. [Karlík 2019, MIS compensation]
-    pub fn compensated(lights: &[Light]) -> Self {
-        LightSelection { compensated: true, ..Self::among(lights, Light::compensated_extent) }
+    /// `None` if there is no environment, because the selection is then that of [`new`](Self::new).
+    pub fn compensated(lights: &[Light]) -> Option<Self> {
+        let has_environment = lights.iter().any(|light| matches!(light, Light::Environment(_)));
+        let selection = || Self::among(lights, Light::compensated_extent);
+        has_environment.then(|| LightSelection { compensated: true, ..selection() })
     }
 
     /// Creates the selection among the emitters that have an extent.
@@ -225,6 +228,7 @@ impl LightSelection {
     /// Computes [`pmf`](Self::pmf) for the first `count` of sixteen points.
     pub fn pmf_x16(&self, emitter: usize, p: Vec3x16, count: usize) -> f32x16 {
         match &self.few {
+            _ if matches!(self.locations[emitter], Location::Dark) => f32x16::ZERO,
             Some(few) => few.pmf_x16(emitter, p),
             None if self.only() == Some(emitter) => f32x16::ONE,
             None => {
@@ -236,6 +240,9 @@ impl LightSelection {
 
     /// Returns the probability with which [`sample`](Self::sample) chooses an emitter for the point `p`.
     pub fn pmf(&self, emitter: usize, p: Vec3) -> f32 {
+        if let Location::Dark = self.locations[emitter] {
+            return 0.0;
+        }
         if self.only() == Some(emitter) {
             return 1.0;
         }

@@ -362,11 +362,7 @@ impl<'a> PhotonmapperWave<'a> {
             if lanes.iter().all(|&lanes| lanes == 0) {
                 continue;
             }
-            let counts = TechniqueCounts {
-                emitter: samples as f32,
-                bsdf: rays as f32,
-                ..TechniqueCounts::UNCOMPENSATED
-            };
+            let counts = TechniqueCounts::uncompensated(samples, rays);
             for s in 0..samples {
                 keys.clear();
                 keys.extend(parents.keys.iter().map(|&key| split(key, samples, s)));

@@ -77,7 +77,7 @@ impl Builder<'_> {
     fn environment_map(&mut self, props: &Props) -> Result<()> {
         let scale = props.float("scale")?.unwrap_or(1.0) as f32;
         let to_world = props.to_world()?;
-        self.ignore(props, &["mis_compensation"], "the density is that of the light");
+        self.ignore(props, &["mis_compensation"], "the integrator decides");
         let Some(path) = self.find_file(props, "filename")? else { return Ok(()) };
         let image = self.image(&path, false)?;
         let too_large = |refusal: Refusal| {
