@@ -193,8 +193,8 @@
 //! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
-//! - `[Karlík 2019]` Karlík, Šik, Vévoda, Skřivan, Křivánek: MIS compensation: optimizing sampling techniques in multiple
-//!   importance sampling. ACM Transactions on Graphics 38(6).
+//! - `[Karlík 2019]` Karlík, Šik, Vévoda, Skřivan, Křivánek: MIS compensation: optimizing sampling techniques in
+//!   multiple importance sampling. ACM Transactions on Graphics 38(6).
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics
 //!   30(3).

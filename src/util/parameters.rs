@@ -51,12 +51,13 @@ pub trait Parameters {
 
 /// What can be read from all [`Parameters`].
 pub trait Read: Parameters {
-    /// Reads a number greater than 0.
+    /// Reads a finite number greater than 0. The default is returned as it is: it may be infinite.
     ///
     /// # Errors
     /// As for all that read.
     fn positive(&mut self, name: &'static str, default: f32) -> Result<f32> {
-        let value = self.float(name)?.unwrap_or(f64::from(default)) as f32;
+        let Some(value) = self.float(name)? else { return Ok(default) };
+        let value = value as f32;
         match value > 0.0 && value.is_finite() {
             true => Ok(value),
             false => Err(self.refusal(name, "expected a number greater than 0")),
