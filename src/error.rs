@@ -47,6 +47,8 @@ pub enum Kind {
     Usage,
     /// The scene or one of its files (exit code 3).
     Scene,
+    /// A part of the scene's language that Buffon does not have (exit code 3).
+    Unsupported,
     /// Reading or writing an image, or another output (exit code 4).
     Output,
     /// Invalid samples or warnings under `--strict` (exit code 5).
@@ -59,7 +61,7 @@ impl Kind {
         match self {
             Kind::Internal => 1,
             Kind::Usage => 2,
-            Kind::Scene => 3,
+            Kind::Scene | Kind::Unsupported => 3,
             Kind::Output => 4,
             Kind::Strict => 5,
         }

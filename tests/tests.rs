@@ -3,6 +3,7 @@
 mod bare_meshes;
 mod bench;
 mod cameras;
+mod check;
 mod checkpoints;
 mod cli;
 mod closed_form;

@@ -1,6 +1,7 @@
 //! The command line: one file per subcommand.
 
 pub mod bench;
+pub mod check;
 pub mod checkpoint;
 pub mod convert;
 pub mod cpu;
@@ -53,6 +54,7 @@ enum Command {
     Bench(Box<bench::BenchArgs>),
     Regress(Box<regress::RegressArgs>),
     Info(info::InfoArgs),
+    Check(check::CheckArgs),
     Lab(lab::LabArgs),
     Completions(shell::CompletionsArgs),
     Man(shell::ManArgs),
@@ -77,6 +79,7 @@ pub fn main() -> ExitCode {
         Command::Bench(args) => bench::run(&args),
         Command::Regress(args) => regress::run(&args),
         Command::Info(args) => info::run(&args),
+        Command::Check(args) => check::run(&args),
         Command::Lab(args) => lab::run(&args),
         Command::Completions(args) => shell::completions(&args),
         Command::Man(args) => shell::man(&args),

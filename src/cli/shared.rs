@@ -5,7 +5,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result};
 use crate::image::{self, Tonemap};
 use crate::integrator::Settings;
-use crate::loader::LoadOptions;
+use crate::loader::{LoadOptions, Tolerance};
 use crate::memory::Limit;
 use crate::sampling::SamplerKind;
 use crate::session::default_threads;
@@ -26,6 +26,11 @@ pub struct SceneArgs {
     /// [default: the available memory]
     #[arg(long, value_name = "SIZE", value_parser = values::memory)]
     pub memory_limit: Option<Limit>,
+    /// Render a scene without the plugins and elements that Buffon does not have: an unknown BSDF is grey and diffuse,
+    /// an unknown film is hdrfilm, an unknown integrator is path, an unknown shape, emitter, sensor or element is left
+    /// out
+    #[arg(long)]
+    pub skip_unknown: bool,
     /// Number of threads, which changes the speed but not the pixels [default: all cores]
     #[arg(short, long, visible_alias = "nthreads", value_name = "N",
         value_parser = clap::value_parser!(u32).range(1..=4096))]
@@ -40,6 +45,7 @@ impl SceneArgs {
             search_paths: self.search_path.clone(),
             memory: self.memory_limit.unwrap_or_default(),
             integrator: integrator.map(str::to_owned),
+            tolerance: if self.skip_unknown { Tolerance::Unsupported } else { Tolerance::Nothing },
         }
     }
 

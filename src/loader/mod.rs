@@ -10,7 +10,7 @@ mod gltf;
 mod mesh;
 mod mitsuba;
 
-use crate::error::{Error, Place, Result};
+use crate::error::{Error, Kind, Place, Result};
 use crate::integrator;
 use crate::memory::{Budget, Limit, Reservation};
 use crate::sampling::SamplerKind;
@@ -28,6 +28,36 @@ pub struct LoadOptions {
     pub memory: Limit,
     /// `--integrator`: the integrator that replaces the one in the file, which may then be unsupported.
     pub integrator: Option<String>,
+    /// The errors for which a stand-in is used.
+    pub tolerance: Tolerance,
+}
+
+/// The errors of a scene file for which a stand-in is used, so that loading continues.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tolerance {
+    /// None.
+    #[default]
+    Nothing,
+    /// `--skip-unknown`: plugins and elements that Buffon does not have.
+    Unsupported,
+    /// `buffon check`: all errors of objects and properties, so that one run finds them all.
+    Everything,
+}
+
+impl Tolerance {
+    /// Returns whether an error has a stand-in.
+    fn covers(self, error: &Error) -> bool {
+        match self {
+            Tolerance::Nothing => false,
+            Tolerance::Unsupported => error.kind == Kind::Unsupported,
+            Tolerance::Everything => matches!(error.kind, Kind::Scene | Kind::Unsupported),
+        }
+    }
+}
+
+/// Adds what was done instead to the message of a tolerated error.
+fn tolerated(error: Error, consequence: &str) -> Error {
+    Error { message: format!("{}: {consequence}", error.message), ..error }
 }
 
 /// A loaded scene file.
@@ -41,6 +71,9 @@ pub struct Loaded {
     pub sampler: Option<SamplerKind>,
     /// The samples per pixel that the file specifies.
     pub samples_per_pixel: Option<u32>,
+    /// The errors that were tolerated, each with its consequence, in the order in which they were found. Those of
+    /// [`Tolerance::Unsupported`] are in `notes` instead.
+    pub tolerated: Vec<Error>,
     /// Warnings about what was ignored, mapped or upgraded; errors under `--strict`.
     pub warnings: Vec<Error>,
     /// Notes for the user that require no change (a sampler that was mapped).

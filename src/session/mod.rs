@@ -85,8 +85,10 @@ impl SceneFile {
     /// exceeds the memory limit.
     pub fn load(path: &Path, choices: &SceneChoices) -> Result<Self> {
         let started = Instant::now();
-        let Loaded { mut description, integrator, sampler, samples_per_pixel, warnings, notes, memory } =
-            loader::load(path, &choices.load)?;
+        let loaded = loader::load(path, &choices.load)?;
+        let Loaded {
+            mut description, integrator, sampler, samples_per_pixel, warnings, notes, memory, ..
+        } = loaded;
         let load_seconds = started.elapsed().as_secs_f64();
         let sensors = description.sensors.len();
         if sensors == 0 {

@@ -14,7 +14,7 @@ mod upgrade;
 mod values;
 mod xml;
 
-use super::{LoadOptions, Loaded};
+use super::{LoadOptions, Loaded, Tolerance};
 use crate::error::Result;
 use crate::memory::Budget;
 use std::path::Path;
@@ -25,5 +25,15 @@ use std::path::Path;
 /// As for [`load`](super::load).
 pub fn load(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Loaded> {
     let resolved = resolve::resolve(path, options, memory)?;
-    instantiate::instantiate(resolved, options.integrator.as_deref(), memory)
+    let mut loaded = instantiate::instantiate(resolved, options, memory)?;
+    if options.tolerance == Tolerance::Unsupported {
+        // One note for each kind.
+        for error in std::mem::take(&mut loaded.tolerated) {
+            let note = format!("{}: {}", error.thing, error.message);
+            if !loaded.notes.contains(&note) {
+                loaded.notes.push(note);
+            }
+        }
+    }
+    Ok(loaded)
 }

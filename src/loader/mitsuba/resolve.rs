@@ -4,9 +4,9 @@ use super::graph::{CLASSES, Graph, Object, ObjectId, Property, Value};
 use super::parameters::Parameters;
 use super::xml::{self, Attribute, Element};
 use super::{transform, upgrade, values};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::loader::files::Folders;
-use crate::loader::{LoadOptions, framing};
+use crate::loader::{LoadOptions, Tolerance, framing, tolerated};
 use crate::math::{DAffine3, Motion};
 use crate::memory::Budget;
 use crate::util::wording;
@@ -38,6 +38,8 @@ pub struct Resolved {
     pub warnings: Vec<Error>,
     /// Notes about what was upgraded.
     pub notes: Vec<String>,
+    /// The errors that were tolerated.
+    pub tolerated: Vec<Error>,
 }
 
 /// Reads a scene file and the files that it includes.
@@ -47,6 +49,7 @@ pub struct Resolved {
 pub fn resolve(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Resolved> {
     let mut resolver = Resolver {
         memory,
+        tolerance: options.tolerance,
         parameters: Parameters::new(&options.defines),
         including: Vec::new(),
         files: 0,
@@ -57,6 +60,7 @@ pub fn resolve(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Re
             folders: Folders::new(path, &options.search_paths),
             warnings: Vec::new(),
             notes: Vec::new(),
+            tolerated: Vec::new(),
         },
     };
     resolver.file(path, None, None)?;
@@ -82,6 +86,7 @@ pub fn check_attributes(element: &Element, required: &[&str], optional: &[&str])
 
 struct Resolver<'m> {
     memory: &'m Budget,
+    tolerance: Tolerance,
     parameters: Parameters,
     including: Vec<PathBuf>,
     files: usize,
@@ -250,11 +255,25 @@ impl Resolver<'_> {
                     self.object(child, Some(context), context.old)?
                 }
                 tag if CLASSES.contains(&tag) => self.object(child, Some(context), context.old)?,
-                tag if PROPERTY_TAGS.contains(&tag) => self.property(child, context)?,
-                _ => return Err(unknown_tag(&child)),
+                tag if PROPERTY_TAGS.contains(&tag) => {
+                    let read = self.property(child, context);
+                    self.or_left_out(read)?;
+                }
+                _ => self.or_left_out(Err(unknown_tag(&child)))?,
             }
         }
         Ok(())
+    }
+
+    /// Records an error that is tolerated; returns any other.
+    fn or_left_out(&mut self, result: Result<()>) -> Result<()> {
+        match result {
+            Err(error) if self.tolerance.covers(&error) => {
+                self.out.tolerated.push(tolerated(error, "left out"));
+                Ok(())
+            }
+            other => other,
+        }
     }
 
     fn include(&mut self, element: &Element, context: Context) -> Result<()> {
@@ -409,5 +428,5 @@ fn unknown_tag(element: &Element) -> Error {
     }
     let known = CLASSES.iter().chain(&PROPERTY_TAGS).chain(&OTHER_TAGS).copied();
     let near = wording::did_you_mean(&element.tag, known);
-    element.error(format!("unknown element{near}"))
+    Error { kind: Kind::Unsupported, ..element.error(format!("unknown element{near}")) }
 }

@@ -24,7 +24,7 @@ const MITSUBA: [&str; 9] = [
 ];
 
 impl Builder<'_> {
-    /// Returns the material of a BSDF. Each is instantiated once.
+    /// Returns the material of a BSDF. Each is instantiated once. The stand-in is grey and diffuse.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -32,15 +32,21 @@ impl Builder<'_> {
         if let Some(id) = self.materials.get(&object) {
             return Ok(*id);
         }
+        let added = self.add_material(object);
+        let id =
+            self.or_stand_in(added, "rendered as grey diffuse", |builder| builder.default_material(false))?;
+        self.materials.insert(object, id);
+        Ok(id)
+    }
+
+    fn add_material(&mut self, object: ObjectId) -> Result<MaterialId> {
         let props = Props::new(self.graph, object);
         let read = Material::read(&props.object.plugin, &mut ObjectSource { builder: self, props: &props })?;
         let Some(material) = read else {
             return Err(unknown_plugin(props.object, Material::NAMES, &MITSUBA));
         };
         self.finish(props);
-        let id = self.loaded.description.add_material(material);
-        self.materials.insert(object, id);
-        Ok(id)
+        Ok(self.loaded.description.add_material(material))
     }
 
     /// Returns the material of shapes that name none, as in Mitsuba: diffuse with reflectance 0.5, and black if they

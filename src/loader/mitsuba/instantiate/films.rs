@@ -27,7 +27,10 @@ impl Builder<'_> {
         let for_display = match props.object.plugin.as_str() {
             "hdrfilm" => false,
             "ldrfilm" => true,
-            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
+            _ => {
+                let unknown = Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
+                self.or_stand_in(unknown, "read as hdrfilm", |_| false)?
+            }
         };
         let default = FilmSettings::default();
         let side = |name, default: u32| Ok(props.integer(name, 1..=MAX_SIDE)?.map_or(default, |v| v as u32));
@@ -38,7 +41,10 @@ impl Builder<'_> {
                 .error(format!("expected at most {MAX_PIXELS} pixels, found {width} x {height}")));
         }
         let filter = match props.child("rfilter")? {
-            Some(filter) => self.filter(filter)?,
+            Some(filter) => {
+                let read = self.filter(filter);
+                self.or_stand_in(read, "replaced by the default", |_| default.filter)?
+            }
             None => default.filter,
         };
         let film = FilmSettings {

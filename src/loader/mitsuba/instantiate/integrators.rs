@@ -1,7 +1,7 @@
 //! Integrators: the plugins of [`integrator`](crate::integrator) read their parameters from objects of the file.
 
 use super::{Builder, ObjectSource, unknown_plugin};
-use crate::error::Result;
+use crate::error::{Error, Kind, Result};
 use crate::integrator::{PathLimits, Settings, Source, aov};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
@@ -30,17 +30,19 @@ const WRAPPERS: [&str; 2] = ["adaptive", "stokes"];
 
 impl Builder<'_> {
     /// Returns the settings of the scene's integrator. If the user replaces it by another one, only its limits count,
-    /// and its errors are notes.
+    /// and its errors are notes. The stand-in is `path` with its limits.
     pub(super) fn scene_integrator(
         &mut self,
         object: ObjectId,
         replacement: Option<&str>,
     ) -> Result<Settings> {
-        let error = match self.integrator(object) {
-            Err(error) if replacement.is_some() => error,
-            result => return result,
-        };
-        self.note(format!("the integrator of the scene is not used: {}", error.message));
+        match self.integrator(object) {
+            Err(error) if replacement.is_some() => {
+                self.note(format!("the integrator of the scene is not used: {}", error.message));
+            }
+            Err(error) => self.or_stand_in(Err(error), "replaced by path", |_| ())?,
+            known => return known,
+        }
         let mut props = Props::new(self.graph, object);
         while let Ok(Some(inner)) = props.child("integrator") {
             props = Props::new(self.graph, inner);
@@ -66,7 +68,7 @@ impl Builder<'_> {
         let nearest = NEAREST.iter().find(|(other, _)| *other == plugin).map(|(_, nearest)| *nearest);
         if plugin.contains("volpath") && self.graph.objects.iter().any(|object| object.class == "medium") {
             let message = "media are not supported; --integrator path renders the scene without them";
-            return Err(props.object.error(message));
+            return Err(Error { kind: Kind::Unsupported, ..props.object.error(message) });
         }
         let name = nearest.unwrap_or(plugin);
         let read = Settings::read(name, &mut ObjectSource { builder: self, props: &props })?;

@@ -15,11 +15,11 @@ use super::graph::{Graph, Object, ObjectId};
 use super::props::Props;
 use super::resolve::Resolved;
 use crate::emitter::Emitter;
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::ids::{MaterialId, TextureId};
 use crate::image::TextureImage;
 use crate::loader::files::Folders;
-use crate::loader::{Loaded, framing};
+use crate::loader::{LoadOptions, Loaded, Tolerance, framing, tolerated};
 use crate::memory::Budget;
 use crate::util::wording;
 use source::ObjectSource;
@@ -32,12 +32,14 @@ use std::sync::Arc;
 /// # Errors
 /// If a plugin is unknown, a value is out of range, a feature is not supported, the scene does not fit into memory, or
 /// files are missing (all of them in one error).
-pub fn instantiate(resolved: Resolved, replacement: Option<&str>, memory: &Budget) -> Result<Loaded> {
-    let loaded = Loaded { warnings: resolved.warnings, notes: resolved.notes, ..Loaded::default() };
+pub fn instantiate(resolved: Resolved, options: &LoadOptions, memory: &Budget) -> Result<Loaded> {
+    let Resolved { graph, folders, warnings, notes, tolerated } = resolved;
+    let loaded = Loaded { warnings, notes, tolerated, ..Loaded::default() };
     let mut builder = Builder {
-        graph: &resolved.graph,
-        folders: &resolved.folders,
+        graph: &graph,
+        folders: &folders,
         memory,
+        tolerance: options.tolerance,
         loaded,
         materials: HashMap::new(),
         textures: HashMap::new(),
@@ -47,7 +49,10 @@ pub fn instantiate(resolved: Resolved, replacement: Option<&str>, memory: &Budge
         default_materials: [None; 2],
         missing: Vec::new(),
     };
-    builder.scene(replacement)?;
+    builder.scene(options.integrator.as_deref())?;
+    if options.tolerance == Tolerance::Everything {
+        builder.loaded.tolerated.append(&mut builder.missing);
+    }
     if !builder.missing.is_empty() {
         let first = builder.missing.remove(0);
         return Err(first.with_others(builder.missing));
@@ -60,6 +65,7 @@ struct Builder<'g> {
     graph: &'g Graph,
     folders: &'g Folders,
     memory: &'g Budget,
+    tolerance: Tolerance,
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
     textures: HashMap<ObjectId, TextureId>,
@@ -84,16 +90,19 @@ impl<'g> Builder<'g> {
         }
         let sensors = self.once(&props, "sensor");
         for (i, sensor) in sensors.into_iter().enumerate() {
-            self.sensor(sensor, i == 0)?;
+            let added = self.sensor(sensor, i == 0);
+            self.or_stand_in(added, "left out", |_| ())?;
         }
         for bsdf in self.once(&props, "bsdf") {
             self.material(bsdf)?;
         }
         for emitter in self.once(&props, "emitter") {
-            self.emitter(emitter)?;
+            let added = self.emitter(emitter);
+            self.or_stand_in(added, "left out", |_| ())?;
         }
         for shape in self.once(&props, "shape") {
-            self.shape(shape)?;
+            let added = self.shape(shape);
+            self.or_stand_in(added, "left out", |_| ())?;
         }
         for texture in self.once(&props, "texture") {
             self.texture(texture)?;
@@ -119,6 +128,22 @@ impl<'g> Builder<'g> {
             }
         }
         Ok(())
+    }
+
+    /// Returns the result, or a stand-in if its error is tolerated. Such an error is recorded with its consequence.
+    fn or_stand_in<T>(
+        &mut self,
+        result: Result<T>,
+        consequence: &str,
+        stand_in: impl FnOnce(&mut Self) -> T,
+    ) -> Result<T> {
+        match result {
+            Err(error) if self.tolerance.covers(&error) => {
+                self.loaded.tolerated.push(tolerated(error, consequence));
+                Ok(stand_in(self))
+            }
+            other => other,
+        }
     }
 
     /// Notes that media are not rendered.
@@ -185,10 +210,10 @@ fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Erro
         return unsupported(object);
     }
     let near = wording::did_you_mean(&object.plugin, supported.iter().chain(mitsuba).copied());
-    object.error(format!("unknown {}{near}", object.class))
+    Error { kind: Kind::Unsupported, ..object.error(format!("unknown {}{near}", object.class)) }
 }
 
 /// Creates the error for a plugin that Mitsuba has and Buffon does not.
 fn unsupported(object: &Object) -> Error {
-    object.error(format!("this {} is not supported", object.class))
+    Error { kind: Kind::Unsupported, ..object.error(format!("this {} is not supported", object.class)) }
 }

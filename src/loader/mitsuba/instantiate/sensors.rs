@@ -56,7 +56,8 @@ impl Builder<'_> {
         self.ignore(&props, &["srf"], "images are RGB");
         let film = self.film(&props)?;
         if let Some(sampler) = props.child("sampler")? {
-            self.sampler(sampler, first)?;
+            let read = self.sampler(sampler, first);
+            self.or_stand_in(read, "replaced by the default", |_| ())?;
         }
         let settings = SensorSettings {
             name: props.object.id.clone(),

@@ -18,7 +18,7 @@ const SUPPORTED: [&str; 3] = ["bitmap", "checkerboard", "mesh_attribute"];
 const MITSUBA: [&str; 1] = ["volume"];
 
 impl Builder<'_> {
-    /// Returns the texture of an object. Each is instantiated once.
+    /// Returns the texture of an object. Each is instantiated once. The stand-in is grey.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
@@ -26,6 +26,14 @@ impl Builder<'_> {
         if let Some(id) = self.textures.get(&object) {
             return Ok(*id);
         }
+        let made = self.make_texture(object);
+        let texture = self.or_stand_in(made, "rendered as grey", |_| Texture::Constant(Rgb::splat(0.5)))?;
+        let id = self.loaded.description.add_texture(Arc::new(texture));
+        self.textures.insert(object, id);
+        Ok(id)
+    }
+
+    fn make_texture(&mut self, object: ObjectId) -> Result<Texture> {
         let props = Props::new(self.graph, object);
         let texture = match props.object.plugin.as_str() {
             "bitmap" => self.bitmap(&props)?,
@@ -38,9 +46,7 @@ impl Builder<'_> {
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
         self.finish(props);
-        let id = self.loaded.description.add_texture(Arc::new(texture));
-        self.textures.insert(object, id);
-        Ok(id)
+        Ok(texture)
     }
 
     /// Returns a colour or texture inside a texture, as a texture.
