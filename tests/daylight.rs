@@ -91,7 +91,8 @@ fn samples_of_the_sky_follow_their_density() {
                 },
                 |d| if d.z >= 0.0 { pdf(frame.to_world(d)) } else { 0.0 },
             );
-            assert!(total > 0.99, "{name}: {total}");
+            // The row of texels below the horizon is sampled in vain.
+            assert!(total > 0.97, "{name}: {total}");
         }
     }
 }
@@ -164,7 +165,12 @@ fn the_sun_causes_the_irradiance_of_its_disc() {
         let radiance = Rgb::new(3.0, 2.0, 1.0) * (0.1 / projected) as f32;
         let scene = compiled(floor(direction(elevation, 40.0), a, radiance), AccelKind::default());
         let exact = radiance.to_array().map(|l| 0.5 / PI * projected * f64::from(l));
-        let by_chance = if degrees > 1.0 { &wide[..] } else { &wide[1..] };
+        // BSDF samples rarely hit a small disc, and light rays along the floor rarely hit the floor.
+        let by_chance = match (elevation > 0.0, degrees > 1.0) {
+            (true, true) => &wide[..],
+            (true, false) => &wide[1..],
+            (false, _) => &wide[..1],
+        };
         for settings in both.iter().chain(by_chance) {
             let rendered = render(&scene, settings, SamplerKind::Sobol, 4096, 3);
             group.expect(&format!("{elevation}°, {degrees}°, {settings:?}"), &rendered, exact);

@@ -279,8 +279,8 @@ impl Scene {
         }
     }
 
-    /// Returns the emitters that a ray hits when it leaves the scene: the environment and the sun. The radiance of the ray
-    /// is the sum of theirs.
+    /// Returns the emitters that a ray hits when it leaves the scene: the environment and the sun. The radiance of the
+    /// ray is the sum of theirs.
     #[inline]
     pub fn distant_emitters(&self) -> impl Iterator<Item = EmitterId> {
         self.environment.into_iter().chain(self.sun)

@@ -85,8 +85,8 @@ mod tests {
         [zenith.to_degrees(), azimuth.to_degrees()]
     }
 
-    /// The worked example of [Reda 2004, table A5.1]: Golden, Colorado, on 17 October 2003 at 12:30:30. Its zenith angle
-    /// includes a refraction of 0.0165° at its elevation.
+    /// The worked example of [Reda 2004, table A5.1]: Golden, Colorado, on 17 October 2003 at 12:30:30. Its zenith
+    /// angle includes a refraction of 0.0165° at its elevation.
     #[test]
     fn the_position_is_that_of_a_published_example() {
         let hours = 12.0 + 30.5 / 60.0;
@@ -95,8 +95,8 @@ mod tests {
         assert!((azimuth - 194.34024).abs() < 1.0 / 60.0, "{azimuth}");
     }
 
-    /// At the published times of equinoxes and solstices, the elevation at the north pole is 0° and the obliquity of the
-    /// ecliptic, ±23.438°. [Astronomical Almanac 2010]
+    /// At the published times of equinoxes and solstices, the elevation at the north pole is 0° and the obliquity of
+    /// the ecliptic, ±23.438°. [Astronomical Almanac 2010]
     #[test]
     fn seasons_begin_when_the_almanac_says() {
         for (month, day, hours, elevation) in [

@@ -137,8 +137,8 @@ const RADIANCE: [[[f32; 3]; 30]; 10] = [
     ],
 ];
 
-/// Returns the mean radiance over the sun's disc, of an aperture of 0.5358°, for a turbidity from 1 to 10 and an elevation
-/// of the sun in radians. The table is interpolated linearly, and constant below 2° and above 89°.
+/// Returns the mean radiance over the sun's disc, of an aperture of 0.5358°, for a turbidity from 1 to 10 and an
+/// elevation of the sun in radians. The table is interpolated linearly, and constant below 2° and above 89°.
 pub fn sun_radiance(turbidity: f64, elevation: f64) -> Rgb {
     let (row, column) = (turbidity - 1.0, (elevation.to_degrees() - FIRST) / STEP);
     let (t, low) = place(row, RADIANCE.len());

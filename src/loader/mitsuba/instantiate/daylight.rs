@@ -1,8 +1,8 @@
 //! Daylight: `sunsky`, and `sun`, `sky` and `sunsky` of Mitsuba 0.6.
 //!
-//! In Mitsuba 3, +z of the object space is the zenith, +x the south and +y the west. In Mitsuba 0.6, +y is the zenith, −z
-//! the north and +x the east. A plugin of a file older than version 2, and `sun` and `sky` in any file, follow Mitsuba
-//! 0.6.
+//! In Mitsuba 3, +z of the object space is the zenith, +x the south and +y the west. In Mitsuba 0.6, +y is the zenith,
+//! −z the north and +x the east. A plugin of a file older than version 2, and `sun` and `sky` in any file, follow
+//! Mitsuba 0.6.
 
 use super::Builder;
 use crate::color::Rgb;
