@@ -57,7 +57,7 @@ const GOLDEN: [(&str, &str, &str); 9] = [
     ("float", "timezone", "-7"),
 ];
 /// Its zenith angle without refraction, and its azimuth from the north towards the east, in degrees.
-const GOLDEN_SUN: [f64; 2] = [50.1281, 194.3402];
+const GOLDEN_SUN: [f64; 2] = [50.1279, 194.3402];
 
 /// The sun is where the published position is: in version 3, +z is up, +x south and +y west; in version 0.6, +y is up,
 /// −z north and +x east.
