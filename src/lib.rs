@@ -152,8 +152,12 @@
 //! - `[Appleby 2011]` MurmurHash3.
 //! - `[Arvo 1986]` Backward ray tracing. SIGGRAPH course notes.
 //! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.
+//! - `[Astronomical Almanac 2010]` The Astronomical Almanac for the Year 2010. US Naval Observatory, HM Nautical
+//!   Almanac Office.
 //! - `[Bayer 1973]` An optimum method for two-level rendition of continuous-tone pictures. ICC.
 //! - `[Bentley 1975]` Multidimensional binary search trees used for associative searching. CACM 18(9).
+//! - `[Blanco-Muriel 2001]` Blanco-Muriel, Alarcón-Padilla, López-Moratalla, Lara-Coira: Computing the solar vector.
+//!   Solar Energy 70(5).
 //! - `[Blinn 1978]` Simulation of wrinkled surfaces. SIGGRAPH.
 //! - `[Born and Wolf 1999]` Principles of Optics, 7th edition.
 //! - `[Burley 2012]` Physically based shading at Disney. SIGGRAPH course notes.
@@ -175,6 +179,7 @@
 //! - `[Ernst, Stamminger and Greiner 2006]` Filter importance sampling. IEEE Symposium on Interactive Ray Tracing.
 //! - `[Estevez 2019]` Estevez, Lecocq, Stein: A microfacet-based shadowing function to solve the bump terminator
 //!   problem. Ray Tracing Gems.
+//! - `[Fliegel 1968]` Fliegel, Van Flandern: A machine algorithm for processing calendar dates. CACM 11(10).
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
 //! - `[Hable 2010]` Uncharted 2: HDR lighting. Game Developers Conference.
 //! - `[Hachisuka and Jensen 2009]` Stochastic progressive photon mapping. SIGGRAPH Asia.
@@ -187,6 +192,10 @@
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals.
 //!   EGSR.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
+//! - `[Hosek 2012]` Hošek, Wilkie: An analytic model for full spectral sky-dome radiance. ACM Transactions on Graphics
+//!   31(4).
+//! - `[Hosek 2013]` Hošek, Wilkie: Adding a solar-radiance function to the Hošek-Wilkie skylight model. IEEE Computer
+//!   Graphics and Applications 33(3).
 //! - `[Jakob 2014]` An improved visible normal sampling routine for the Beckmann distribution. ETH Zürich.
 //! - `[Jarosz et al. 2012]` Theory, analysis and applications of 2D global illumination. TOG 31(5).
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
@@ -213,6 +222,7 @@
 //! - `[Neumaier 1974]` Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen. ZAMM 54.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
+//! - `[Reda 2004]` Reda, Andreas: Solar position algorithm for solar radiation applications. Solar Energy 76(5).
 //! - `[Satterthwaite 1946]` An approximate distribution of estimates of variance components. Biometrics Bulletin
 //!   2(6).
 //! - `[Schüßler 2017]` Schüßler, Heitz, Hanika, Dachsbacher: Microfacet-based normal mapping for robust Monte Carlo

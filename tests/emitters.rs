@@ -323,6 +323,7 @@ fn environment_samples_follow_their_density() {
     scenes::add(&mut description, scenes::sphere(1.0), DAffine3::IDENTITY, scenes::diffuse(0.5));
     description.emitters.push(scenes::constant(2.0));
     let scene = scenes::compiled(description, AccelKind::default());
+    let environment = scene.environment.expect("an environment");
     const VIEWER: Vec3 = Vec3::new(0.0, 0.0, 2.0);
     let total = check_directions(
         "constant environment",
@@ -330,10 +331,10 @@ fn environment_samples_follow_their_density() {
         |_, u| {
             let s = scene.sample_emitter(&scene.light_selection, VIEWER, u, 0.0)?;
             assert!(s.target == ShadowTarget::Infinity && s.radiance == Rgb::splat(2.0));
-            assert_eq!(s.pdf, scene.environment_density(&scene.light_selection, s.wi));
+            assert_eq!(s.pdf, scene.distant_density(&scene.light_selection, environment, s.wi));
             Some(s.wi)
         },
-        |wi| scene.environment_density(&scene.light_selection, wi),
+        |wi| scene.distant_density(&scene.light_selection, environment, wi),
     );
     assert!((total - 1.0).abs() < 1e-3, "{total}");
 }

@@ -9,7 +9,7 @@ fn unknown_and_unsupported_plugins() {
         ("<bsdf type='hair'/>", "<bsdf type=\"hair\">: this bsdf is not supported"),
         ("<shape type='spere'/>", "<shape type=\"spere\">: unknown shape (did you mean \"sphere\"?)"),
         ("<shape type='sdfgrid'/>", "<shape type=\"sdfgrid\">: this shape is not supported"),
-        ("<emitter type='sunsky'/>", "<emitter type=\"sunsky\">: this emitter is not supported"),
+        ("<emitter type='timed_sunsky'/>", "<emitter type=\"timed_sunsky\">: this emitter is not supported"),
         (
             "<integrator type='pth'/>",
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",

@@ -29,6 +29,7 @@ impl Light {
     /// - A sphere or cylinder seen from outside emits from the point of its surface nearest to the receiver, with the
     ///   area that a distant receiver sees.
     /// - Any other surface emits from the point to which the centre of its sampling square is mapped.
+    /// - The sun emits from the centre of its disc.
     /// - The environment has no centre: `None`.
     ///
     /// `time` is in [0, 1] over the shutter interval.
@@ -36,6 +37,7 @@ impl Light {
         match self {
             Light::Area(area) => area.sample_centre(from, time),
             Light::Environment(_) => None,
+            Light::Sun(sun) => Some(sun.centre()),
             Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_) => {
                 self.sample(from, Vec2::ZERO, time)
             }

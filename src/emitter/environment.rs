@@ -1,7 +1,7 @@
 //! Infinite emitters: light from every direction.
 
 use super::directional::distant_ray;
-use super::{BoundingSphere, EmitterSample, EnvMap, EnvMapSample, LightRay, ShadowTarget};
+use super::{BoundingSphere, EmitterSample, EnvMap, EnvMapSample, LightRay, ShadowTarget, Sky};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
@@ -18,6 +18,7 @@ pub struct Environment {
 enum EnvironmentRadiance {
     Constant(Rgb),
     Map(Arc<EnvMap>),
+    Sky(Arc<Sky>),
 }
 
 impl Environment {
@@ -31,12 +32,17 @@ impl Environment {
         Environment { radiance: EnvironmentRadiance::Map(map), scene }
     }
 
+    /// Creates an emitter with the radiance of a clear sky.
+    pub fn sky(sky: Arc<Sky>, scene: BoundingSphere) -> Self {
+        Environment { radiance: EnvironmentRadiance::Sky(sky), scene }
+    }
+
     /// Returns the radiance, if it is the same from every direction.
     #[inline]
     pub(super) fn uniform(&self) -> Option<Rgb> {
         match &self.radiance {
             EnvironmentRadiance::Constant(radiance) => Some(*radiance),
-            EnvironmentRadiance::Map(_) => None,
+            EnvironmentRadiance::Map(_) | EnvironmentRadiance::Sky(_) => None,
         }
     }
 
@@ -46,6 +52,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(radiance) => *radiance,
             EnvironmentRadiance::Map(map) => map.eval(d),
+            EnvironmentRadiance::Sky(sky) => sky.eval(d),
         }
     }
 
@@ -55,6 +62,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(_) => warp::SQUARE_TO_SPHERE_PDF,
             EnvironmentRadiance::Map(map) => map.pdf(d),
+            EnvironmentRadiance::Sky(sky) => sky.map().pdf(d),
         }
     }
 
@@ -67,6 +75,7 @@ impl Environment {
                 Some(emitter_sample(EnvMapSample { wi, radiance: *radiance, pdf }))
             }
             EnvironmentRadiance::Map(map) => map.sample(u).map(emitter_sample),
+            EnvironmentRadiance::Sky(sky) => sky.sample(u).map(emitter_sample),
         }
     }
 
@@ -77,6 +86,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(_) => None,
             EnvironmentRadiance::Map(map) => map.sample_compensated(u).map(emitter_sample),
+            EnvironmentRadiance::Sky(sky) => sky.sample_compensated(u).map(emitter_sample),
         }
     }
 
@@ -87,6 +97,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(_) => 0.0,
             EnvironmentRadiance::Map(map) => map.pdf_compensated(d),
+            EnvironmentRadiance::Sky(sky) => sky.map().pdf_compensated(d),
         }
     }
 
@@ -96,6 +107,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(_) => 0.0,
             EnvironmentRadiance::Map(map) => map.mean_excess(),
+            EnvironmentRadiance::Sky(sky) => sky.map().mean_excess(),
         }
     }
 
@@ -112,6 +124,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(radiance) => *radiance,
             EnvironmentRadiance::Map(map) => map.mean_radiance(),
+            EnvironmentRadiance::Sky(sky) => sky.map().mean_radiance(),
         }
     }
 
@@ -125,6 +138,7 @@ impl Environment {
         match &self.radiance {
             EnvironmentRadiance::Constant(_) => "constant",
             EnvironmentRadiance::Map(_) => "envmap",
+            EnvironmentRadiance::Sky(_) => "sky",
         }
     }
 }

@@ -63,9 +63,7 @@ impl EnvMap {
         if !(scale >= 0.0 && scale.is_finite()) {
             return Err(Error::scene(format!("expected a finite scale of at least 0, found {scale}")));
         }
-        let rotation = rotation(&to_world.matrix3).ok_or_else(|| {
-            Error::scene("expected a to_world transform that rotates, mirrors or scales evenly")
-        })?;
+        let rotation = rotation(to_world)?;
         for y in 0..image.height() {
             for x in 0..image.width() {
                 let [r, g, b] = image.rgb(x, y);
@@ -192,15 +190,20 @@ impl EnvMap {
 /// The density per unit solid angle of a unit density over longitude in turns and fraction of the sphere: 1/4π.
 const SQUARE_TO_SPHERE: f32 = 0.25 * std::f32::consts::FRAC_1_PI;
 
-/// Returns the rotation or reflection in a matrix; `None` if it has more than a uniform scale in addition.
-fn rotation(matrix: &DMat3) -> Option<DMat3> {
+/// Returns the rotation or reflection in the transform of an emitter at infinity.
+///
+/// # Errors
+/// If the transform has more than a uniform scale and a translation in addition.
+pub fn rotation(to_world: &DAffine3) -> Result<DMat3> {
+    let matrix = &to_world.matrix3;
     let scale = matrix.determinant().abs().cbrt();
-    if !(scale > 0.0 && scale.is_finite()) {
-        return None;
-    }
     let rotation = *matrix * (1.0 / scale);
     let off = rotation.transpose() * rotation - DMat3::IDENTITY;
-    (off.to_cols_array().iter().all(|v| v.abs() < ORTHOGONAL)).then_some(rotation)
+    let orthogonal = off.to_cols_array().iter().all(|v| v.abs() < ORTHOGONAL);
+    if scale > 0.0 && scale.is_finite() && orthogonal {
+        return Ok(rotation);
+    }
+    Err(Error::scene("expected a to_world transform that rotates, mirrors or scales evenly"))
 }
 
 /// Returns the luminance of a colour. Negative radiance has a positive luminance too.

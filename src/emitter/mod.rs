@@ -4,6 +4,7 @@
 
 pub mod area;
 mod centre;
+pub mod daylight;
 pub mod directional;
 pub mod emission;
 pub mod environment;
@@ -15,8 +16,10 @@ pub mod selection;
 mod spherical_cap;
 pub mod spherical_rectangle;
 pub mod spot;
+pub mod sun;
 
 pub use area::{AreaEmitter, EmitterHit};
+pub use daylight::Sky;
 pub use directional::DirectionalEmitter;
 pub use emission::Emission;
 pub use environment::Environment;
@@ -26,6 +29,7 @@ pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
 pub use selection::{ChoiceX16, LightSelection};
 pub use spot::SpotEmitter;
+pub use sun::SunEmitter;
 
 use crate::color::Rgb;
 use crate::ids::TextureId;
@@ -70,6 +74,19 @@ pub enum Emitter {
     },
     /// An image of the radiance from every direction.
     EnvironmentMap(Arc<EnvMap>),
+    /// A clear sky without the sun's disc.
+    Sky(Arc<Sky>),
+    /// The sun's disc.
+    Sun {
+        /// Unit direction to its centre.
+        direction: Vec3,
+        /// Half of its aperture in radians.
+        half_angle: f64,
+        /// Unit direction to the zenith: no light comes from below the horizon.
+        up: Vec3,
+        /// Radiance, W·m⁻²·sr⁻¹.
+        radiance: Rgb,
+    },
     /// A pinhole that projects an image.
     Projector {
         /// The transform from object space to world space.
@@ -86,7 +103,12 @@ pub enum Emitter {
 impl Emitter {
     /// Returns whether the emitter is an environment; a scene has at most one.
     pub fn is_environment(&self) -> bool {
-        matches!(self, Emitter::Constant { .. } | Emitter::EnvironmentMap(_))
+        matches!(self, Emitter::Constant { .. } | Emitter::EnvironmentMap(_) | Emitter::Sky(_))
+    }
+
+    /// Returns whether the emitter is the sun; a scene has at most one, beside an environment.
+    pub fn is_sun(&self) -> bool {
+        matches!(self, Emitter::Sun { .. })
     }
 }
 
@@ -102,6 +124,8 @@ pub enum Light {
     Directional(DirectionalEmitter),
     /// Light from every direction.
     Environment(Environment),
+    /// The sun's disc.
+    Sun(SunEmitter),
     /// A pinhole that projects an image.
     Projector(ProjectorEmitter),
 }
@@ -160,6 +184,7 @@ impl Light {
             Light::Spot(spot) => spot.sample(from),
             Light::Directional(directional) => Some(directional.sample()),
             Light::Environment(environment) => environment.sample(u),
+            Light::Sun(sun) => sun.sample(u),
             Light::Projector(projector) => projector.sample(from),
         }
     }
@@ -181,6 +206,7 @@ impl Light {
             Light::Spot(spot) => spot.sample_ray(u_direction, time),
             Light::Directional(directional) => Some(directional.sample_ray(u_point, time)),
             Light::Environment(environment) => environment.sample_ray(u_point, u_direction, time),
+            Light::Sun(sun) => sun.sample_ray(u_point, u_direction, time),
             Light::Projector(projector) => projector.sample_ray(u_direction, time),
         }
     }
@@ -203,6 +229,7 @@ impl Light {
             Light::Spot(spot) => spot.power(),
             Light::Directional(directional) => directional.power(),
             Light::Environment(environment) => environment.power(),
+            Light::Sun(sun) => sun.power(),
             Light::Projector(projector) => projector.power(),
         }
     }
@@ -213,7 +240,35 @@ impl Light {
         match self {
             Light::Area(area) => area.is_sampled_by_solid_angle(),
             Light::Environment(_) => false,
-            Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_) => true,
+            Light::Sun(_)
+            | Light::Point(_)
+            | Light::Spot(_)
+            | Light::Directional(_)
+            | Light::Projector(_) => true,
+        }
+    }
+
+    /// Returns the radiance of an emitter at infinity that rays can hit, from the unit direction `d`; black for other
+    /// emitters.
+    #[inline]
+    pub fn distant_radiance(&self, d: Vec3) -> Rgb {
+        match self {
+            Light::Environment(environment) => environment.eval(d),
+            Light::Sun(sun) => sun.eval(d),
+            _ => Rgb::BLACK,
+        }
+    }
+
+    /// Returns the density per unit solid angle with which [`sample`](Self::sample), or
+    /// [`sample_compensated`](Self::sample_compensated), samples the unit direction `d` of an emitter at infinity that
+    /// rays can hit; 0 for other emitters.
+    #[inline]
+    pub fn distant_pdf(&self, d: Vec3, compensated: bool) -> f32 {
+        match self {
+            Light::Environment(environment) if compensated => environment.pdf_compensated(d),
+            Light::Environment(environment) => environment.pdf(d),
+            Light::Sun(sun) => sun.pdf(d),
+            _ => 0.0,
         }
     }
 
@@ -225,6 +280,7 @@ impl Light {
             Light::Spot(_) => "spot",
             Light::Directional(_) => "directional",
             Light::Environment(environment) => environment.kind(),
+            Light::Sun(_) => "sun",
             Light::Projector(_) => "projector",
         }
     }

@@ -147,7 +147,7 @@ pub fn drop_missed(
     paths.keep_hits(hits, |_, _| {});
 }
 
-/// Adds the weighted radiance of the environment for at most sixteen paths.
+/// Adds the weighted radiance of the environment and the sun for at most sixteen paths.
 fn add_environment(
     scene: &Scene,
     paths: &PathWave,
@@ -161,14 +161,20 @@ fn add_environment(
     }
     let weighted = missed.iter().any(|&i| paths.pdf[i].is_finite());
     let selection = counts.selection(scene);
-    let pmf = if weighted { scene.environment_pmf_x16(selection, from, missed.len()) } else { f32x16::ZERO };
-    for (lane, &i) in missed.iter().enumerate() {
-        let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
-        let mut le = scene.environment_radiance(d);
-        if pdf.is_finite() {
-            let other = pmf.as_array()[lane] * scene.environment_density(selection, d);
-            le *= weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other);
+    // Each emitter is weighted against its own samples, as if it were alone.
+    for emitter in scene.distant_emitters() {
+        let pmf = match weighted {
+            true => scene.distant_pmf_x16(selection, emitter, from, missed.len()),
+            false => f32x16::ZERO,
+        };
+        for (lane, &i) in missed.iter().enumerate() {
+            let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
+            let mut le = scene.distant_radiance(emitter, d);
+            if pdf.is_finite() {
+                let other = pmf.as_array()[lane] * scene.distant_density(selection, emitter, d);
+                le *= weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other);
+            }
+            out[paths.slots[i] as usize].value += paths.beta(i) * le;
         }
-        out[paths.slots[i] as usize].value += paths.beta(i) * le;
     }
 }

@@ -170,7 +170,7 @@ impl<'a> Job<'a> {
             resumed: None,
             checkpoints: None,
             alpha: camera.film.pixel_format.has_alpha(),
-            opaque_environment: scene.environment.is_some() && integrator.shows_environment(),
+            opaque_environment: scene.needs.environment && integrator.shows_environment(),
             filter: FilterSampler::new(camera.film.filter),
         }
     }

@@ -10,7 +10,7 @@ use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
     AreaEmitter, BoundingSphere, DirectionalEmitter, Emission, Emitter, Environment, Light, LightSelection,
-    PointEmitter, ProjectorEmitter, SpotEmitter,
+    PointEmitter, ProjectorEmitter, SpotEmitter, SunEmitter,
 };
 use crate::error::{Error, Place, Result};
 use crate::ids::{EmitterId, ShapeId, TextureId};
@@ -237,7 +237,7 @@ impl SceneCompiler {
         self.report.build_seconds = started.elapsed().as_secs_f64();
         self.report.dropped_primitives = built.dropped;
         let bounds = built.accel.bounds();
-        let environment = self.add_emitters(emitters, bounds)?;
+        let DistantEmitters { environment, sun } = self.add_emitters(emitters, bounds)?;
         let light_choice = choice_among(&self.lights)?;
         let sensors: Vec<Camera> = sensors.iter().map(Camera::new).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
@@ -247,7 +247,7 @@ impl SceneCompiler {
             motion,
             holes,
             instances: !instances.is_empty(),
-            ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty(), environment)
+            ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty())
         };
         let scene = Scene {
             accel: built.accel,
@@ -260,6 +260,7 @@ impl SceneCompiler {
             lights: self.lights,
             light_choice,
             environment,
+            sun,
             sensors,
             bounds,
             needs,
@@ -267,15 +268,19 @@ impl SceneCompiler {
         Ok((scene, self.report))
     }
 
-    fn add_emitters(&mut self, emitters: &[Emitter], bounds: Bounds) -> Result<Option<EmitterId>> {
+    fn add_emitters(&mut self, emitters: &[Emitter], bounds: Bounds) -> Result<DistantEmitters> {
         // A scene without extent needs a positive radius for infinite emitters.
         let radius = bounds.radius().max(f32::MIN_POSITIVE.sqrt());
         let center = if bounds.radius() > 0.0 { bounds.center() } else { Vec3::ZERO };
         let scene = BoundingSphere { center, radius };
-        let mut environment = None;
+        let mut distant = DistantEmitters::default();
         for emitter in emitters {
-            if emitter.is_environment() && environment.replace(EmitterId::from(self.lights.len())).is_some() {
+            let id = EmitterId::from(self.lights.len());
+            if emitter.is_environment() && distant.environment.replace(id).is_some() {
                 return Err(Error::scene("expected at most one environment emitter, found two"));
+            }
+            if emitter.is_sun() && distant.sun.replace(id).is_some() {
+                return Err(Error::scene("expected at most one sun, found two"));
             }
             let light = match emitter {
                 Emitter::Point { position, intensity } => {
@@ -292,6 +297,10 @@ impl SceneCompiler {
                 }),
                 Emitter::Constant { radiance } => Light::Environment(Environment::constant(*radiance, scene)),
                 Emitter::EnvironmentMap(map) => Light::Environment(Environment::map(map.clone(), scene)),
+                Emitter::Sky(sky) => Light::Environment(Environment::sky(sky.clone(), scene)),
+                Emitter::Sun { direction, half_angle, up, radiance } => {
+                    Light::Sun(SunEmitter::new(*direction, *half_angle, *up, *radiance, scene))
+                }
                 Emitter::Projector { to_world, irradiance, scale, half_extents } => {
                     let irradiance = self.texture(*irradiance)?;
                     Light::Projector(ProjectorEmitter::new(to_world, irradiance, *scale, *half_extents))
@@ -299,8 +308,15 @@ impl SceneCompiler {
             };
             self.lights.push(light);
         }
-        Ok(environment)
+        Ok(distant)
     }
+}
+
+/// The emitters that rays hit when they leave the scene.
+#[derive(Default)]
+struct DistantEmitters {
+    environment: Option<EmitterId>,
+    sun: Option<EmitterId>,
 }
 
 /// Returns the distribution for choosing an emitter, in proportion to power. Every emitter with power has a positive
@@ -332,21 +348,16 @@ fn check_finite(transforms: &[DAffine3]) -> Result<()> {
     }
 }
 
-fn find_needs(
-    shapes: &[SceneShape],
-    materials: &Materials,
-    lights: &[Light],
-    can_sample: bool,
-    environment: Option<EmitterId>,
-) -> Needs {
+fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], can_sample: bool) -> Needs {
     let used: Vec<_> = shapes.iter().map(|s| (materials.get(s.material), s.emitter.is_some())).collect();
     let lobes: Vec<Lobes> = used.iter().map(|(material, emits)| material.lobes_of(*emits)).collect();
     let finite_lobes = lobes.iter().any(|lobes| lobes.finite);
+    let distant = lights.iter().any(|l| matches!(l, Light::Environment(_) | Light::Sun(_)));
     let area_lights = lights.iter().any(|l| matches!(l, Light::Area(_)));
     Needs {
         emitter_sampling: can_sample && finite_lobes,
-        hit_emitters: area_lights || environment.is_some(),
-        environment: environment.is_some(),
+        hit_emitters: area_lights || distant,
+        environment: distant,
         finite_lobes,
         specular_lobes: lobes.iter().any(|lobes| lobes.deltas > 0 && !lobes.finite),
         deltas: lobes.iter().map(|lobes| lobes.deltas).max().unwrap_or(0),

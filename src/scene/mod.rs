@@ -16,8 +16,7 @@ use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
-    ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Environment, Light, LightRay, LightSelection,
-    ShadowTarget,
+    ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering};
@@ -61,8 +60,10 @@ pub struct Scene {
     pub light_selection: LightSelection,
     /// The choice for a surface point at which the BSDF is sampled too, if it is another one.
     pub compensated_selection: Option<LightSelection>,
-    /// The emitter of rays that leave the scene.
+    /// The emitter around the scene, which rays that leave the scene hit.
     pub environment: Option<EmitterId>,
+    /// The sun's disc, which rays that leave the scene hit in addition.
+    pub sun: Option<EmitterId>,
     /// The sensors.
     pub sensors: Vec<Camera>,
     /// The bounding box of all shapes.
@@ -278,32 +279,35 @@ impl Scene {
         }
     }
 
-    /// Returns the radiance of the environment in the unit direction `d`; black if there is none.
+    /// Returns the emitters that a ray hits when it leaves the scene: the environment and the sun. The radiance of the
+    /// ray is the sum of theirs.
     #[inline]
-    pub fn environment_radiance(&self, d: Vec3) -> Rgb {
-        self.environment_light().map_or(Rgb::BLACK, |environment| environment.eval(d))
+    pub fn distant_emitters(&self) -> impl Iterator<Item = EmitterId> {
+        self.environment.into_iter().chain(self.sun)
     }
 
-    /// Returns the probability with which a selection chooses the environment, for the first `count` of sixteen
+    /// Returns the radiance of a distant emitter in the unit direction `d`.
+    #[inline]
+    pub fn distant_radiance(&self, emitter: EmitterId, d: Vec3) -> Rgb {
+        self.lights[emitter.index()].distant_radiance(d)
+    }
+
+    /// Returns the probability with which a selection chooses a distant emitter, for the first `count` of sixteen
     /// points.
-    pub fn environment_pmf_x16(&self, selection: &LightSelection, from: Vec3x16, count: usize) -> f32x16 {
-        self.environment.map_or(f32x16::ZERO, |id| selection.pmf_x16(id.index(), from, count))
+    pub fn distant_pmf_x16(
+        &self,
+        selection: &LightSelection,
+        emitter: EmitterId,
+        from: Vec3x16,
+        count: usize,
+    ) -> f32x16 {
+        selection.pmf_x16(emitter.index(), from, count)
     }
 
-    /// Returns the density per unit solid angle of the direction `d` if a selection has chosen the environment.
+    /// Returns the density per unit solid angle of the direction `d` if a selection has chosen a distant emitter.
     #[inline]
-    pub fn environment_density(&self, selection: &LightSelection, d: Vec3) -> f32 {
-        self.environment_light().map_or(0.0, |environment| match selection.is_compensated() {
-            true => environment.pdf_compensated(d),
-            false => environment.pdf(d),
-        })
-    }
-
-    fn environment_light(&self) -> Option<&Environment> {
-        match &self.lights[self.environment?.index()] {
-            Light::Environment(environment) => Some(environment),
-            _ => None,
-        }
+    pub fn distant_density(&self, selection: &LightSelection, emitter: EmitterId, d: Vec3) -> f32 {
+        self.lights[emitter.index()].distant_pdf(d, selection.is_compensated())
     }
 
     /// Samples an emitter and a direction to it as seen from `from`. The leading digits of `u.x` choose the emitter.

@@ -46,6 +46,7 @@ impl Light {
                 point(projector.position(), cone, 0.0, intensity)
             }
             Light::Directional(light) => Extent::Infinite(brightness(light.irradiance)),
+            Light::Sun(sun) => Extent::Infinite(brightness(sun.irradiance())),
             Light::Environment(environment) => Extent::Infinite(PI * brightness(environment.mean_radiance())),
         }
     }

@@ -96,6 +96,8 @@ pub struct Object {
     pub class: String,
     /// The name of its plugin; `scene` for the scene itself.
     pub plugin: String,
+    /// Whether its file is older than version 2.
+    pub old: bool,
     /// Its id for references; may be empty.
     pub id: String,
     /// Its properties in file order.

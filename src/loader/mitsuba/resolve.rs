@@ -192,6 +192,7 @@ impl Resolver<'_> {
         let object = Object {
             class: if element.tag == "spectrum" { "texture".to_owned() } else { element.tag.clone() },
             plugin,
+            old,
             id,
             properties: Vec::new(),
             children: Vec::new(),

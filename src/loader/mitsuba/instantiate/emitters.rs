@@ -14,8 +14,9 @@ use crate::memory::Refusal;
 use crate::sensor::camera::half_extents;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 7] = ["area", "constant", "directional", "envmap", "point", "projector", "spot"];
-const MITSUBA: [&str; 4] = ["directionalarea", "sunsky", "timed_sunsky", "volumelight"];
+const SUPPORTED: [&str; 10] =
+    ["area", "constant", "directional", "envmap", "point", "projector", "sky", "spot", "sun", "sunsky"];
+const MITSUBA: [&str; 3] = ["directionalarea", "timed_sunsky", "volumelight"];
 
 impl Builder<'_> {
     /// Adds an emitter of the scene.
@@ -43,6 +44,7 @@ impl Builder<'_> {
                 self.environment_map(&props)?;
             }
             "spot" => self.spot(&props)?,
+            "sun" | "sky" | "sunsky" => self.daylight(&props)?,
             "directional" => {
                 let direction = match (props.point("direction")?, props.find("to_world")) {
                     (Some(_), Some(property)) => {
@@ -67,7 +69,7 @@ impl Builder<'_> {
     }
 
     /// Returns an error if the scene has an environment already.
-    fn check_only_environment(&self, props: &Props) -> Result<()> {
+    pub(super) fn check_only_environment(&self, props: &Props) -> Result<()> {
         match self.loaded.description.emitters.iter().any(Emitter::is_environment) {
             true => Err(props.object.error("a scene has room for one environment")),
             false => Ok(()),

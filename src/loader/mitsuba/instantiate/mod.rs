@@ -2,6 +2,7 @@
 
 mod bsdfs;
 mod colours;
+mod daylight;
 mod emitters;
 mod films;
 mod integrators;
