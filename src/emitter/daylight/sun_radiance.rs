@@ -2,8 +2,10 @@
 //!
 //! The table has the mean over the disc of the spectral radiance of [Hosek 2013], with its limb darkening, as linear
 //! Rec.709. It was integrated from the published coefficients (Copyright 2012–2013 Lukas Hosek and Alexander Wilkie,
-//! 3-clause BSD licence) with the CIE 1931 observer at the eleven wavelengths of the model, 320 nm to 720 nm. The scale
-//! is that of Mitsuba 3.9.1. At an elevation of 2° blue is negative, because the colour is outside Rec.709.
+//! 3-clause BSD licence, in the file `LICENSE-hosek` beside this one) with the CIE 1931 observer at the eleven
+//! wavelengths of the model, 320 nm to 720 nm. The scale is that of Mitsuba 3.9.1. At an elevation of 2° the table's
+//! blue is negative, because the colour is outside Rec.709. [`sun_radiance`] returns 0 instead, because radiance is not
+//! negative.
 
 use crate::color::Rgb;
 
@@ -138,14 +140,15 @@ const RADIANCE: [[[f32; 3]; 30]; 10] = [
 ];
 
 /// Returns the mean radiance over the sun's disc, of an aperture of 0.5358°, for a turbidity from 1 to 10 and an
-/// elevation of the sun in radians. The table is interpolated linearly, and constant below 2° and above 89°.
+/// elevation of the sun in radians. The table is interpolated linearly, and constant below 2° and above 89°. A negative
+/// channel is 0.
 pub fn sun_radiance(turbidity: f64, elevation: f64) -> Rgb {
     let (row, column) = (turbidity - 1.0, (elevation.to_degrees() - FIRST) / STEP);
     let (t, low) = place(row, RADIANCE.len());
     let (e, left) = place(column, RADIANCE[0].len());
     let lerp = |a: Rgb, b: Rgb, t: f32| a * (1.0 - t) + b * t;
     let along = |row: usize| lerp(RADIANCE[row][left].into(), RADIANCE[row][left + 1].into(), e);
-    lerp(along(low), along(low + 1), t)
+    lerp(along(low), along(low + 1), t).map(|v| v.max(0.0))
 }
 
 /// Returns the fraction and the index of the entry below a position among `count` entries.
@@ -164,8 +167,9 @@ mod tests {
     fn the_table_is_interpolated() {
         let at = |turbidity, degrees: f64| sun_radiance(turbidity, degrees.to_radians()).to_array();
         let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs());
-        assert!(close(at(1.0, 2.0), RADIANCE[0][0]));
-        assert!(close(at(1.0, 0.0), RADIANCE[0][0]));
+        let lowest = RADIANCE[0][0].map(|v| v.max(0.0));
+        assert!(close(at(1.0, 2.0), lowest) && lowest[2] == 0.0);
+        assert!(close(at(1.0, 0.0), lowest));
         assert!(close(at(10.0, 90.0), RADIANCE[9][29]));
         assert!(close(at(4.0, 11.0), RADIANCE[3][3]));
         let mean = |c: usize| 0.25 * (2..4).flat_map(|t| [RADIANCE[t][5][c], RADIANCE[t][6][c]]).sum::<f32>();
