@@ -61,7 +61,7 @@ impl FreeFlight {
     /// in it, if it does.
     pub fn advance(&mut self, medium: &Homogeneous, length: f64) -> Option<f64> {
         let sigma_t = medium.sigma_t.to_array().map(f64::from);
-        let samples = medium.scatters();
+        let samples = medium.scatters() && self.end.is_finite();
         let left = self.end - self.scattering[self.channel];
         let ends = samples && optical_depth(sigma_t[self.channel], length) > left;
         let length = if ends { left / sigma_t[self.channel] } else { length };
@@ -79,8 +79,7 @@ impl FreeFlight {
     /// transmittance, divided by the density per unit length.
     pub fn scattered(&self, medium: &Homogeneous) -> Rgb {
         let sigma_t = medium.sigma_t.to_array().map(f64::from);
-        let density: f64 =
-            (0..3).map(|c| self.choice[c] * sigma_t[c] * (-self.scattering[c]).exp()).sum();
+        let density: f64 = (0..3).map(|c| self.choice[c] * sigma_t[c] * (-self.scattering[c]).exp()).sum();
         let sigma_s = medium.sigma_s.to_array().map(f64::from);
         [0, 1, 2].map(|c| (sigma_s[c] * (-self.total[c]).exp() / density) as f32).into()
     }
@@ -121,6 +120,10 @@ mod tests {
             assert_eq!(flight.advance(&absorbing, f64::INFINITY), None);
             assert_eq!(flight.passed(), Rgb::new(0.0, 0.0, 1.0));
         }
+        // Nor is any medium, if only the transmittance counts.
+        let mut flight = FreeFlight::unscattered();
+        assert_eq!(flight.advance(&medium([1.0, 2.0, 0.0], [1.0; 3]), 0.5), None);
+        assert!((flight.passed().g - (-1f32).exp()).abs() < 1e-7 && flight.passed().b == 1.0);
     }
 
     /// The mean weights over many flights are the scattered and the transmitted light by channel. The sum of the

@@ -21,7 +21,8 @@ const FIRST: [(&str, Domain); 6] = [
     ("light_direction", Domain::Light),
 ];
 /// Names of the dimensions of a bounce, by their offset in its block.
-const OF_BOUNCE: [&str; 6] = ["unused", "emitter_point", "bsdf_lobe", "bsdf_direction", "roulette", "free_flight"];
+const OF_BOUNCE: [&str; 6] =
+    ["unused", "emitter_point", "bsdf_lobe", "bsdf_direction", "roulette", "free_flight"];
 
 impl Dimension {
     /// Position in the pixel (a pair).

@@ -229,7 +229,8 @@ impl Tracer<'_> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase);
         if self.samples_emitters(&path) {
-            if let Some(sample) = self.scene.sample_emitter(self.selection(), p, numbers.emitter_point, time) {
+            if let Some(sample) = self.scene.sample_emitter(self.selection(), p, numbers.emitter_point, time)
+            {
                 let density = phase.eval(d.dot(sample.wi));
                 let value = path.beta * density * weighted(&sample, density);
                 let ray = || match sample.target {

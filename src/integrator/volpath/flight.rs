@@ -59,7 +59,7 @@ pub fn transmittance(scene: &Scene, media: &SceneMedia, ray: &Ray, medium: Optio
     flight.passed()
 }
 
-/// Returns the part of a direction's side of a surface: the unit normal in the hemisphere of `d`.
+/// Returns the unit normal of a surface in the hemisphere of `d`.
 fn normal_along(at: &SurfaceInteraction, d: Vec3) -> Vec3 {
     if at.ng.dot(d) < 0.0 { -at.ng } else { at.ng }
 }
@@ -68,7 +68,7 @@ fn normal_along(at: &SurfaceInteraction, d: Vec3) -> Vec3 {
 /// starts behind the boundary would not hit it. This is so where surface and boundary coincide.
 fn is_reached_first(end: &SurfaceInteraction, at: &SurfaceInteraction, d: Vec3) -> bool {
     let behind = offset_origin(at.p, at.error, at.ng, d);
-    (end.p - behind).dot(normal_along(at, d)) < 0.0
+    (end.p - behind).dot(normal_along(at, d)) <= 0.0
 }
 
 /// Returns a point on a ray in the direction `d`, which is before the surface `at` but for rounding, such that rays

@@ -142,7 +142,14 @@ impl Integrator for VolpathIntegrator {
                 worker.arena.reset();
                 let numbers = numbers.of(i);
                 let radiance = &mut out[path.slot];
-                next.extend(tracer.event(path, hit.as_ref(), &numbers, &worker.arena, &mut shadows, radiance));
+                next.extend(tracer.event(
+                    path,
+                    hit.as_ref(),
+                    &numbers,
+                    &worker.arena,
+                    &mut shadows,
+                    radiance,
+                ));
             }
             tracer.add_shadows(&mut shadows, coherence, worker, out);
             std::mem::swap(&mut paths, &mut next);

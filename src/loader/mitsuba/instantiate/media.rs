@@ -79,12 +79,17 @@ impl Builder<'_> {
     pub fn boundary(&mut self, props: &Props) -> Result<MediumBoundary> {
         let mut boundary = MediumBoundary::default();
         for child in props.children("medium") {
-            let error = |message: &str| self.graph.objects[child.object].error(message).at(child.spot.place());
+            let error =
+                |message: &str| self.graph.objects[child.object].error(message).at(child.spot.place());
             let side = match child.name.as_deref() {
                 Some("interior") => &mut boundary.interior,
                 Some("exterior") => &mut boundary.exterior,
                 _ if !self.renders_media => continue,
-                _ => return Err(error("expected name=\"interior\" or name=\"exterior\" of a medium in a shape")),
+                _ => {
+                    return Err(error(
+                        "expected name=\"interior\" or name=\"exterior\" of a medium in a shape",
+                    ));
+                }
             };
             if side.is_some() && self.renders_media {
                 return Err(error("expected one medium on each side of a shape, found two"));
@@ -108,7 +113,9 @@ impl Builder<'_> {
         let name = if props.has(scales[1]) { scales[1] } else { scales[0] };
         let scale = props.float(name)?.unwrap_or(1.0) as f32;
         if !(scale >= 0.0 && (sigma_t * scale).is_valid()) {
-            return Err(props.refusal(name, "expected a number of at least 0 for which the coefficients are finite"));
+            return Err(
+                props.refusal(name, "expected a number of at least 0 for which the coefficients are finite")
+            );
         }
         let phase = self.phase(&props)?;
         if let Some(emitter) = props.child("emitter")? {
@@ -132,7 +139,8 @@ impl Builder<'_> {
         let (by_parts, by_albedo) = (has(["sigma_a", "sigma_s"]), has(["sigma_t", "albedo"]));
         let preset = has(["material", "material"]);
         if [by_parts, by_albedo, preset].into_iter().flatten().count() > 1 {
-            let message = "expected either sigma_t and albedo, or sigma_a and sigma_s, or a material, found several";
+            let message =
+                "expected either sigma_t and albedo, or sigma_a and sigma_s, or a material, found several";
             return Err(props.object.error(message));
         }
         if by_parts.is_some() {
@@ -197,7 +205,9 @@ impl Builder<'_> {
             "isotropic" => Phase::Isotropic,
             "hg" => asymmetry(&props)?,
             plugin if PHASES.contains(&plugin) => {
-                let message = format!("expected the phase function isotropic or hg, others are not supported; {WITHOUT}");
+                let message = format!(
+                    "expected the phase function isotropic or hg, others are not supported; {WITHOUT}"
+                );
                 return Err(props.object.error(message));
             }
             _ => return Err(unknown_plugin(props.object, &PHASES, &[])),
