@@ -41,3 +41,7 @@ id!(
     /// A texture of the scene.
     TextureId
 );
+id!(
+    /// A participating medium of the scene.
+    MediumId
+);

@@ -191,6 +191,7 @@
 //! - `[Heitz 2019]` A low-distortion map between triangle and square.
 //! - `[Heitz and d'Eon 2014]` Importance sampling microfacet-based BSDFs using the distribution of visible normals.
 //!   EGSR.
+//! - `[Henyey and Greenstein 1941]` Diffuse radiation in the Galaxy. Astrophysical Journal 93.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
 //! - `[Hosek 2012]` Hošek, Wilkie: An analytic model for full spectral sky-dome radiance. ACM Transactions on Graphics
 //!   31(4).
@@ -201,6 +202,8 @@
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
 //! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
+//! - `[Jensen et al. 2001]` Jensen, Marschner, Levoy, Hanrahan: A practical model for subsurface light transport.
+//!   SIGGRAPH.
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Karlík 2019]` Karlík, Šik, Vévoda, Skřivan, Křivánek: MIS compensation: optimizing sampling techniques in
 //!   multiple importance sampling. ACM Transactions on Graphics 38(6).
@@ -216,6 +219,8 @@
 //! - `[Lambert 1760]` Photometria.
 //! - `[Lauterbach et al. 2009]` Fast BVH construction on GPUs. Computer Graphics Forum 28(2).
 //! - `[Malley 1988]` A shading method for computer generated images. Master's thesis, University of Utah.
+//! - `[Miller 2019]` Miller, Georgiev, Jarosz: A null-scattering path integral formulation of light transport. TOG
+//!   38(4).
 //! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
 //! - `[Mitchell and Netravali 1988]` Reconstruction filters in computer graphics. SIGGRAPH.
 //! - `[Moshier 1992]` Cephes mathematical library, single precision.
@@ -250,6 +255,8 @@
 //!   Numerical Analysis.
 //! - `[Wellons 2018]` Prospecting for hash functions.
 //! - `[Whitted 1980]` An improved illumination model for shaded display. CACM 23(6).
+//! - `[Wilkie 2014]` Wilkie, Nawaz, Droske, Weidlich, Hanika: Hero wavelength spectral sampling. Computer Graphics
+//!   Forum 33(4).
 //! - `[Woop 2013]` Woop, Benthin, Wald: Watertight ray/triangle intersection. JCGT 2(1).
 //! - `[Wrensch 2023]` Minimal AgX implementation. iolite-engine.com.
 //! - `[Ylitie, Karras, Laine 2017]` Efficient incoherent ray traversal on GPUs through compressed wide BVHs. HPG.
@@ -275,6 +282,7 @@ pub mod lab;
 pub mod loader;
 pub mod material;
 pub mod math;
+pub mod medium;
 pub mod memory;
 pub mod regress;
 pub mod render;

@@ -8,7 +8,7 @@ const ROWS: [&[&str]; 12] = [
     &["math", "error", "ids", "memory", "util"],
     &["color", "sampling", "estimate", "image", "embree"],
     &["accel", "texture", "compare"],
-    &["shape", "bsdf", "film"],
+    &["shape", "bsdf", "film", "medium"],
     &["material", "emitter", "sensor"],
     &["scene"],
     &["integrator"],

@@ -14,11 +14,6 @@ fn unknown_and_unsupported_plugins() {
             "<integrator type='pth'/>",
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",
         ),
-        (
-            "<integrator type='volpath'/><medium type='homogeneous'/>",
-            "<integrator type=\"volpath\">: media are not supported; --integrator path renders the scene without \
-             them",
-        ),
         ("<sensor type='distant'/>", "<sensor type=\"distant\">: this sensor is not supported"),
         ("<texture type='volume'/>", "<texture type=\"volume\">: this texture is not supported"),
     ];

@@ -41,6 +41,7 @@ mod loader_errors;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;
+mod media;
 mod memory;
 mod mesh_robustness;
 mod meshes;

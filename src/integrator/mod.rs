@@ -23,6 +23,7 @@ pub mod roulette;
 pub mod settings;
 pub mod sppm;
 mod tree;
+pub mod volpath;
 pub mod whitted;
 pub mod worker;
 
@@ -39,6 +40,7 @@ pub use progressive::{PreparedPass, Progressive, SamplePass};
 pub use ptracer::{Ptracer, Splat};
 pub use settings::{PathLimits, Plugin, Settings, Source};
 pub use sppm::Sppm;
+pub use volpath::VolpathIntegrator;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 

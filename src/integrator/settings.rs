@@ -6,7 +6,7 @@
 use super::aov::NoImage;
 use super::{
     AmbientOcclusion, DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator, IrradianceCache,
-    PathIntegrator, Photonmapper, Ptracer, Sppm, WhittedIntegrator, aov,
+    PathIntegrator, Photonmapper, Ptracer, Sppm, VolpathIntegrator, WhittedIntegrator, aov,
 };
 use crate::error::Result;
 pub use crate::util::parameters::{Parameters, Read};
@@ -163,6 +163,8 @@ macro_rules! integrators {
 integrators! {
     /// Path tracing.
     Path(PathIntegrator),
+    /// Path tracing in participating media.
+    Volpath(VolpathIntegrator),
     /// Direct illumination.
     Direct(DirectIntegrator),
     /// Light tracing.
@@ -183,6 +185,17 @@ integrators! {
     Depth(DepthIntegrator),
     /// Layers of surface features, optionally in addition to the image of another integrator.
     Aov(NoImage),
+}
+
+impl Settings {
+    /// Returns whether the image shows participating media. Other integrators ignore them.
+    pub fn renders_media(&self) -> bool {
+        match self {
+            Settings::Volpath(_) => true,
+            Settings::Aov(aov) => aov.image.as_ref().is_some_and(|image| image.renders_media()),
+            _ => false,
+        }
+    }
 }
 
 impl Default for Settings {

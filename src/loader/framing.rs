@@ -50,6 +50,7 @@ pub fn camera(points: impl Iterator<Item = DVec3>) -> Option<SensorSettings> {
         near_clip: 1e-3 * distance,
         far_clip: 1e3 * distance,
         film: FilmSettings::default(),
+        medium: None,
     })
 }
 

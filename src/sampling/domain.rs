@@ -16,7 +16,7 @@ pub enum Domain {
     Light,
     /// The lobes and directions of the first surface's BSDF: glossy reflection and refraction.
     Bsdf,
-    /// The lobes and directions of all later surfaces: indirect light.
+    /// The lobes and directions of all later surfaces, and distances in participating media: indirect light.
     Hemisphere,
     /// Russian roulette at every bounce: not a domain of the integral, but the decision to terminate.
     Roulette,

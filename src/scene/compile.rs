@@ -3,6 +3,7 @@
 
 use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::OpacityFilter;
+use super::media::MediaCompiler;
 use super::{Materials, Needs, Scene, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::Lobes;
@@ -16,6 +17,7 @@ use crate::error::{Error, Place, Result};
 use crate::ids::{EmitterId, ShapeId, TextureId};
 use crate::material::Input;
 use crate::math::{Bounds, DAffine3, Motion, Vec3};
+use crate::medium::Medium;
 use crate::memory::Budget;
 use crate::sampling::Distribution1D;
 use crate::sensor::{Camera, SensorSettings};
@@ -74,6 +76,7 @@ pub fn compile_within(
         assembly: Assembly::default(),
         first_group: 0,
         lights: Vec::new(),
+        media: MediaCompiler::default(),
         report: CompileReport::default(),
     };
     for placed in description.shapes {
@@ -86,7 +89,7 @@ pub fn compile_within(
     for placed in description.instances {
         builder.instance(placed)?;
     }
-    builder.finish(&description.emitters, &description.sensors, options, memory)
+    builder.finish(&description.emitters, &description.sensors, description.media, options, memory)
 }
 
 /// A scene under construction.
@@ -99,6 +102,7 @@ struct SceneCompiler {
     /// The assembly's index of the description's first group. The groups before it are single moving shapes.
     first_group: usize,
     lights: Vec<Light>,
+    media: MediaCompiler,
     report: CompileReport,
 }
 
@@ -163,7 +167,7 @@ impl SceneCompiler {
         to_world: &DAffine3,
         motion: Option<&Instance>,
     ) -> Result<ShapeId> {
-        let PlacedShape { name, place, shape, flip_normals, material, emission, .. } = placed;
+        let PlacedShape { name, place, shape, flip_normals, material, emission, boundary, .. } = placed;
         let locate = |e: Error| locate(e, &name, place.as_ref());
         check_finite(std::slice::from_ref(to_world)).map_err(locate)?;
         if material.index() >= self.materials.len() {
@@ -192,6 +196,10 @@ impl SceneCompiler {
         }
         let id = ShapeId::from(self.shapes.len());
         let absent = emitter.is_none() && self.materials.get(material).is_absent();
+        if !boundary.is_none() {
+            let passed = emitter.is_none() && self.materials.get(material).holes;
+            self.media.add(id, boundary, passed.then(|| world.geometry()));
+        }
         self.assembly.geometry.push(if absent { Geometry::nothing() } else { world.geometry() });
         self.shapes.push(SceneShape { world, material, emitter });
         Ok(id)
@@ -227,9 +235,12 @@ impl SceneCompiler {
         mut self,
         emitters: &[Emitter],
         sensors: &[SensorSettings],
+        media: Vec<Medium>,
         options: CompileOptions,
         memory: &Budget,
     ) -> Result<(Scene, CompileReport)> {
+        let around = sensors.get(options.sensor).and_then(|sensor| sensor.medium);
+        let media = self.media.finish(media, around, &self.assembly, options, memory)?;
         self.filter();
         let (holes, instances) = (self.assembly.filter.is_some(), self.assembly.instances.clone());
         let started = Instant::now();
@@ -264,6 +275,7 @@ impl SceneCompiler {
             sensors,
             bounds,
             needs,
+            media,
         };
         Ok((scene, self.report))
     }

@@ -6,6 +6,7 @@ use crate::error::Place;
 use crate::ids::{MaterialId, TextureId};
 use crate::material::{Input, Material};
 use crate::math::Motion;
+use crate::medium::{Medium, MediumBoundary};
 use crate::sensor::SensorSettings;
 use crate::shape::Shape;
 use crate::texture::Texture;
@@ -29,6 +30,9 @@ pub struct PlacedShape {
     pub material: MaterialId,
     /// Radiance emitted by the front side, W·m⁻²·sr⁻¹; `None` if it does not emit.
     pub emission: Option<Input<Rgb>>,
+    /// The media on its two sides. It counts in the hash of a scene only if there are any.
+    #[serde(skip_serializing_if = "MediumBoundary::is_none")]
+    pub boundary: MediumBoundary,
 }
 
 /// An instance of a group of shapes.
@@ -58,6 +62,8 @@ pub struct Description {
     pub materials: Vec<Material>,
     /// The textures; materials and emitters refer to them by index.
     pub textures: Vec<Arc<Texture>>,
+    /// The participating media; shapes and sensors refer to them by index.
+    pub media: Vec<Medium>,
     /// The emitters that are not shapes.
     pub emitters: Vec<Emitter>,
     /// The sensors in file order. Rendering needs at least one.

@@ -4,11 +4,13 @@ pub mod compile;
 pub mod description;
 mod holes;
 pub mod interaction;
+pub mod media;
 pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile, compile_within};
 pub use description::Description;
 pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
+pub use media::SceneMedia;
 pub use needs::Needs;
 
 use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
@@ -70,6 +72,8 @@ pub struct Scene {
     pub bounds: Bounds,
     /// The features that the scene uses.
     pub needs: Needs,
+    /// The participating media, if there are any. Integrators other than `volpath` ignore them.
+    pub media: Option<Box<SceneMedia>>,
 }
 
 impl Scene {

@@ -291,6 +291,7 @@ mod tests {
                 near_clip: 0.5,
                 far_clip: 10.0,
                 film: FilmSettings { width: 60, height: 40, ..FilmSettings::default() },
+                medium: None,
             })
             .unwrap();
             let ray = camera.ray(DVec2::new(15.0, 27.5), Vec2::ZERO, 0.0);
@@ -311,6 +312,7 @@ mod tests {
             near_clip: 0.1,
             far_clip: 10.0,
             film: FilmSettings::default(),
+            medium: None,
         };
         let error = Camera::new(&settings).unwrap_err();
         assert_eq!(error.to_string(), "expected an invertible, finite to_world transform of the sensor");

@@ -5,6 +5,7 @@ pub mod camera;
 pub use camera::{Camera, Importance};
 
 use crate::film::FilmSettings;
+use crate::ids::MediumId;
 use crate::math::Motion;
 
 /// The extent of the image to which the field of view refers.
@@ -67,6 +68,9 @@ pub struct SensorSettings {
     pub shutter: [f64; 2],
     /// The film.
     pub film: FilmSettings,
+    /// The medium around the sensor; `None` is vacuum. It counts in the hash of a view only if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub medium: Option<MediumId>,
 }
 
 impl SensorSettings {

@@ -19,10 +19,13 @@ impl SceneHashes {
     }
 }
 
-/// Returns the hash of a scene without its sensors. Positions in the scene file do not count.
+/// Returns the hash of a scene without its sensors. Positions in the scene file do not count, and media only if there
+/// are any.
 fn scene(description: &Description) -> u64 {
-    let Description { shapes, groups, instances, materials, textures, emitters, sensors: _ } = description;
-    digest(&(shapes, groups, instances, materials, textures, emitters))
+    let Description { shapes, groups, instances, materials, textures, media, emitters, sensors: _ } =
+        description;
+    let surfaces = (shapes, groups, instances, materials, textures, emitters);
+    if media.is_empty() { digest(&surfaces) } else { digest(&(surfaces, media)) }
 }
 
 #[cfg(test)]

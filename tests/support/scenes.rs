@@ -10,6 +10,7 @@ use buffon::image::Image;
 use buffon::integrator::{self, Preparation, Settings};
 use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
+use buffon::medium::MediumBoundary;
 use buffon::memory::Budget;
 use buffon::render::output::replicate_images;
 use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules, thread_pool};
@@ -31,6 +32,7 @@ pub fn add(scene: &mut Description, shape: Shape, to_world: DAffine3, material: 
         flip_normals: false,
         material: id,
         emission: None,
+        boundary: MediumBoundary::default(),
     });
     scene.shapes.len() - 1
 }
@@ -76,6 +78,7 @@ pub fn camera(eye: DVec3, target: DVec3, fov_degrees: f64, size: u32) -> SensorS
             component_format: ComponentFormat::Float,
             for_display: false,
         },
+        medium: None,
     }
 }
 

@@ -13,6 +13,7 @@ use crate::error::{Error, Place, Result};
 use crate::image::TextureImage;
 use crate::material::{Diffuse, TwoSided};
 use crate::math::DAffine3;
+use crate::medium::MediumBoundary;
 use crate::memory::Budget;
 use crate::scene::description::PlacedShape;
 use crate::shape::Shape;
@@ -63,6 +64,7 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
             flip_normals: false,
             material: surface.material,
             emission: surface.emission,
+            boundary: MediumBoundary::default(),
         });
     }
     let mut loaded = builder.loaded;

@@ -99,6 +99,7 @@ fn sensor(
         near_clip,
         far_clip,
         film,
+        medium: None,
     })
 }
 

@@ -16,6 +16,7 @@ use super::{Loaded, framing};
 use crate::error::Result;
 use crate::image::{TextureImage, TextureLayers};
 use crate::math::{DAffine3, DMat4, DQuat, DVec3};
+use crate::medium::MediumBoundary;
 use crate::memory::Budget;
 use crate::scene::description::{Description, PlacedGroup, PlacedShape};
 use crate::shape::Shape;
@@ -232,6 +233,7 @@ impl Builder<'_> {
                     flip_normals: false,
                     material: surface.material,
                     emission: surface.emission,
+                    boundary: MediumBoundary::default(),
                 });
             }
         }

@@ -64,6 +64,8 @@ impl Builder<'_> {
             "area" => return Err(props.object.error("an area emitter belongs inside a shape")),
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         }
+        // The medium around a point emitter is known where paths reach it.
+        props.children("medium");
         self.finish(props);
         Ok(())
     }
@@ -155,6 +157,7 @@ impl Builder<'_> {
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         }
         let radiance = self.color_input(&props, "radiance", Quantity::Emission, 1.0)?;
+        props.children("medium");
         self.finish(props);
         Ok(radiance)
     }

@@ -1,8 +1,8 @@
 //! Integrators: the plugins of [`integrator`](crate::integrator) read their parameters from objects of the file.
 
 use super::{Builder, ObjectSource, unknown_plugin};
-use crate::error::{Error, Kind, Result};
-use crate::integrator::{PathLimits, Settings, Source, aov};
+use crate::error::Result;
+use crate::integrator::{PathLimits, Plugin, Settings, Source, VolpathIntegrator, aov};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 
@@ -25,6 +25,8 @@ const NEAREST: [(&str, &str); 15] = [
     ("volpathmis", "path"),
     ("vpl", "path"),
 ];
+/// Integrators of Mitsuba that render media as `volpath` does.
+const VOLUMETRIC: [&str; 4] = ["prbvolpath", "volpath", "volpath_simple", "volpathmis"];
 /// Integrators around another one, which alone determines the image.
 const WRAPPERS: [&str; 2] = ["adaptive", "stokes"];
 
@@ -65,11 +67,11 @@ impl Builder<'_> {
             self.note(format!("the integrator {plugin} is rendered as the one inside it"));
             return self.integrator(inner);
         }
-        let nearest = NEAREST.iter().find(|(other, _)| *other == plugin).map(|(_, nearest)| *nearest);
-        if plugin.contains("volpath") && self.graph.objects.iter().any(|object| object.class == "medium") {
-            let message = "media are not supported; --integrator path renders the scene without them";
-            return Err(Error { kind: Kind::Unsupported, ..props.object.error(message) });
-        }
+        let has_media = || self.graph.objects.iter().any(|object| object.class == "medium");
+        let nearest = match VOLUMETRIC.contains(&plugin) && has_media() {
+            true => (plugin != VolpathIntegrator::NAME).then_some(VolpathIntegrator::NAME),
+            false => NEAREST.iter().find(|(other, _)| *other == plugin).map(|(_, nearest)| *nearest),
+        };
         let name = nearest.unwrap_or(plugin);
         let read = Settings::read(name, &mut ObjectSource { builder: self, props: &props })?;
         let Some(settings) = read else {

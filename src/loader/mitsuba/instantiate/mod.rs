@@ -6,6 +6,7 @@ mod daylight;
 mod emitters;
 mod films;
 mod integrators;
+mod media;
 mod samplers;
 mod sensors;
 mod shapes;
@@ -17,8 +18,9 @@ use super::props::Props;
 use super::resolve::Resolved;
 use crate::emitter::Emitter;
 use crate::error::{Error, Kind, Result};
-use crate::ids::{MaterialId, TextureId};
+use crate::ids::{MaterialId, MediumId, TextureId};
 use crate::image::TextureImage;
+use crate::integrator::{Plugin, VolpathIntegrator};
 use crate::loader::files::Folders;
 use crate::loader::{LoadOptions, Loaded, Tolerance, framing, tolerated};
 use crate::memory::Budget;
@@ -43,6 +45,8 @@ pub fn instantiate(resolved: Resolved, options: &LoadOptions, memory: &Budget) -
         tolerance: options.tolerance,
         loaded,
         materials: HashMap::new(),
+        media: HashMap::new(),
+        renders_media: false,
         textures: HashMap::new(),
         images: HashMap::new(),
         groups: HashMap::new(),
@@ -69,6 +73,9 @@ struct Builder<'g> {
     tolerance: Tolerance,
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
+    media: HashMap<ObjectId, MediumId>,
+    /// Whether the integrator of the scene, or the one in its place, renders media.
+    renders_media: bool,
     textures: HashMap<ObjectId, TextureId>,
     /// The images of each file, with and without decoding of its values (`raw`).
     images: HashMap<(PathBuf, bool), Arc<TextureImage>>,
@@ -89,6 +96,13 @@ impl<'g> Builder<'g> {
         } else {
             self.note("the scene names no integrator: path is used");
         }
+        self.renders_media = match replacement {
+            Some(name) if name != "aov" => name == VolpathIntegrator::NAME,
+            _ => self.loaded.integrator.renders_media(),
+        };
+        if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
+            self.note("the scene has media, which are not rendered: every medium is vacuum");
+        }
         let sensors = self.once(&props, "sensor");
         for (i, sensor) in sensors.into_iter().enumerate() {
             let added = self.sensor(sensor, i == 0);
@@ -108,8 +122,8 @@ impl<'g> Builder<'g> {
         for texture in self.once(&props, "texture") {
             self.texture(texture)?;
         }
-        if !self.once(&props, "medium").is_empty() {
-            self.ignore_media();
+        for medium in self.once(&props, "medium") {
+            self.medium(medium)?;
         }
         for class in ["volume", "phase"] {
             props.children(class);
@@ -145,11 +159,6 @@ impl<'g> Builder<'g> {
             }
             other => other,
         }
-    }
-
-    /// Notes that media are not rendered.
-    fn ignore_media(&mut self) {
-        self.note("the scene has media, which are not rendered: every medium is vacuum");
     }
 
     /// Returns the objects of a class in the scene, without duplicates.

@@ -68,6 +68,7 @@ impl Builder<'_> {
             far_clip,
             shutter,
             film,
+            medium: self.medium_around(&props)?,
         };
         self.finish(props);
         self.loaded.description.sensors.push(settings);

@@ -125,9 +125,7 @@ impl Builder<'_> {
             Some(bsdf) => self.material(bsdf)?,
             None => self.default_material(emission.is_some()),
         };
-        if !props.children("medium").is_empty() {
-            self.ignore_media();
-        }
+        let boundary = self.boundary(&props)?;
         for class in ["sensor", "texture"] {
             if let Some(inside) = props.child(class)? {
                 return Err(super::unsupported(&self.graph.objects[inside]));
@@ -138,7 +136,8 @@ impl Builder<'_> {
         let place = Some(props.object.spot.place());
         let name = props.object.id.clone();
         self.finish(props);
-        let shape = PlacedShape { name, place, shape, to_world: motion, flip_normals, material, emission };
+        let shape =
+            PlacedShape { name, place, shape, to_world: motion, flip_normals, material, emission, boundary };
         out.push(shape);
         Ok(())
     }

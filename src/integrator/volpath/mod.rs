@@ -1,0 +1,196 @@
+//! Path tracing in participating media. [Kajiya 1986; Veach 1997; Miller 2019]
+//!
+//! A wave of paths advances one scattering event at a time. The ray of a path goes through boundaries of media that do
+//! not scatter it (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flight`]). At each
+//! event an emitter is sampled, with the transmittance of the media up to it, and a direction, by the BSDF or the phase
+//! function. Both are weighted by the power heuristic ([`event`]). Without media, the integrator is `path`.
+
+mod event;
+mod flight;
+
+use self::event::{EventNumbers, Tracer};
+use super::settings::{PathLimits, Plugin, Source};
+use super::worker::{draw_1d, draw_2d, intersect};
+use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
+use crate::accel::Coherence;
+use crate::color::Rgb;
+use crate::error::{Error, Result};
+use crate::ids::MediumId;
+use crate::math::{Ray, Vec2, Vec3};
+use crate::sampling::{Dimension, SampleKey};
+use crate::scene::Scene;
+
+/// Unidirectional path tracing in media, with next-event estimation.
+pub struct VolpathIntegrator {
+    limits: PathLimits,
+    without_media: PathIntegrator,
+}
+
+/// A path up to its last event.
+#[derive(Clone, Copy, Debug)]
+struct Path {
+    /// The sample's key.
+    key: SampleKey,
+    /// The entry of the output to which the path contributes.
+    slot: usize,
+    /// The ray from the last event.
+    ray: Ray,
+    /// The medium in which the ray starts.
+    medium: Option<MediumId>,
+    /// The point of the last event. The ray starts beside it, by the rounding error.
+    from: Vec3,
+    /// Density per unit solid angle of the ray's direction; infinite after the camera or a Dirac delta.
+    pdf: f32,
+    /// The product of the weights so far.
+    beta: Rgb,
+    /// The product of the relative indices of refraction.
+    eta: f32,
+    /// The number of scattering events. To pass a surface unscattered is none.
+    depth: u32,
+    /// The length of the path's part before the ray, while no event has scattered it.
+    passed: f32,
+}
+
+/// A shadow ray and its contribution without the transmittance.
+struct Shadow {
+    ray: Ray,
+    /// The medium in which the ray starts.
+    medium: Option<MediumId>,
+    slot: usize,
+    value: Rgb,
+}
+
+impl VolpathIntegrator {
+    /// Creates the integrator.
+    pub fn new(limits: PathLimits) -> Self {
+        VolpathIntegrator { limits, without_media: PathIntegrator::new(limits) }
+    }
+}
+
+impl Plugin for VolpathIntegrator {
+    const NAME: &'static str = "volpath";
+    type Settings = PathLimits;
+
+    fn read(source: &mut dyn Source) -> Result<PathLimits> {
+        PathLimits::read(source)
+    }
+
+    fn with_limits(limits: PathLimits) -> PathLimits {
+        limits
+    }
+
+    fn limits(limits: &PathLimits) -> PathLimits {
+        *limits
+    }
+
+    fn create(limits: &PathLimits) -> Box<dyn Integrator> {
+        Box::new(VolpathIntegrator::new(*limits))
+    }
+}
+
+impl Integrator for VolpathIntegrator {
+    fn name(&self) -> &'static str {
+        "volpath"
+    }
+
+    fn shows_environment(&self) -> bool {
+        !self.limits.hide_emitters
+    }
+
+    fn check(&self, scene: &Scene) -> Result<()> {
+        match scene.media.as_ref().and_then(|media| media.unsupported()) {
+            Some(reason) => Err(Error::scene(reason)),
+            None => Ok(()),
+        }
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        let Some(media) = &scene.media else {
+            return self.without_media.li(scene, wave, query, worker, out);
+        };
+        out.fill(Radiance::NONE);
+        let tracer = Tracer { scene, media, limits: self.limits, query };
+        let start = |(slot, (ray, key)): (usize, (&Ray, &SampleKey))| Path {
+            key: *key,
+            slot,
+            ray: *ray,
+            medium: media.sensor,
+            from: ray.o,
+            pdf: f32::INFINITY,
+            beta: Rgb::WHITE,
+            eta: 1.0,
+            depth: 0,
+            passed: 0.0,
+        };
+        let mut paths: Vec<Path> = wave.rays.iter().zip(wave.keys).enumerate().map(start).collect();
+        let (mut next, mut shadows) = (Vec::new(), Vec::new());
+        let mut numbers = WaveNumbers::default();
+        let mut bounce = 0;
+        while !paths.is_empty() && self.limits.allows(1) && !worker.interrupt.is_raised() {
+            let coherence = if bounce == 0 { wave.coherence } else { Coherence::Incoherent };
+            let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
+            intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
+            numbers.draw(bounce, &paths, worker);
+            for (i, (path, hit)) in paths.drain(..).zip(&worker.hits).enumerate() {
+                worker.arena.reset();
+                let numbers = numbers.of(i);
+                let radiance = &mut out[path.slot];
+                next.extend(tracer.event(
+                    path,
+                    hit.as_ref(),
+                    &numbers,
+                    &worker.arena,
+                    &mut shadows,
+                    radiance,
+                ));
+            }
+            tracer.add_shadows(&mut shadows, coherence, worker, out);
+            std::mem::swap(&mut paths, &mut next);
+            bounce += 1;
+        }
+    }
+}
+
+/// The random numbers of an event, for a whole wave.
+#[derive(Default)]
+struct WaveNumbers {
+    keys: Vec<SampleKey>,
+    emitter_point: [Vec<f32>; 2],
+    lobe: Vec<f32>,
+    direction: [Vec<f32>; 2],
+    roulette: Vec<f32>,
+    free_flight: [Vec<f32>; 2],
+}
+
+impl WaveNumbers {
+    /// Draws the random numbers of a wave's next event.
+    fn draw(&mut self, bounce: u32, paths: &[Path], worker: &Worker) {
+        let sampler = worker.sampler;
+        self.keys.clear();
+        self.keys.extend(paths.iter().map(|path| path.key));
+        draw_2d(sampler, Dimension::free_flight(bounce), &self.keys, &mut self.free_flight);
+        draw_2d(sampler, Dimension::emitter_point(bounce), &self.keys, &mut self.emitter_point);
+        draw_1d(sampler, Dimension::bsdf_lobe(bounce), &self.keys, &mut self.lobe);
+        draw_2d(sampler, Dimension::bsdf_direction(bounce), &self.keys, &mut self.direction);
+        draw_1d(sampler, Dimension::roulette(bounce), &self.keys, &mut self.roulette);
+    }
+
+    /// Returns the random numbers of path `i`.
+    fn of(&self, i: usize) -> EventNumbers {
+        let pair = |pair: &[Vec<f32>; 2]| Vec2::new(pair[0][i], pair[1][i]);
+        EventNumbers {
+            free_flight: pair(&self.free_flight),
+            emitter_point: pair(&self.emitter_point),
+            lobe: self.lobe[i],
+            direction: pair(&self.direction),
+            roulette: self.roulette[i],
+        }
+    }
+}

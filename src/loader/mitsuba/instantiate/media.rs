@@ -1,0 +1,237 @@
+//! Participating media and their phase functions.
+
+use super::{Builder, unknown_plugin};
+use crate::color::Rgb;
+use crate::color::spectrum::Quantity;
+use crate::error::{Error, Kind, Result};
+use crate::ids::MediumId;
+use crate::loader::mitsuba::graph::{Object, ObjectId};
+use crate::loader::mitsuba::props::Props;
+use crate::medium::{Homogeneous, Medium, MediumBoundary, PRESETS, Phase};
+use crate::util::wording::did_you_mean;
+
+const MEDIA: [&str; 2] = ["heterogeneous", "homogeneous"];
+const PHASES: [&str; 10] = [
+    "blendphase",
+    "hg",
+    "isotropic",
+    "kkay",
+    "microflake",
+    "mixturephase",
+    "rayleigh",
+    "sggx",
+    "tabphase",
+    "tabphase_polarized",
+];
+/// What to do about a medium that cannot be rendered.
+const WITHOUT: &str = "--integrator path renders the scene without media";
+/// The unit of the coefficients of presets.
+const PRESET_UNIT: &str = "coefficients of presets are in inverse millimetres, which scale converts";
+/// The coefficients that a medium has by default, as in Mitsuba 3.
+const DEFAULT_SIGMA_T: f32 = 1.0;
+const DEFAULT_ALBEDO: f32 = 0.75;
+/// The asymmetry that `hg` has by default.
+const DEFAULT_G: f64 = 0.8;
+
+impl Builder<'_> {
+    /// Returns a medium. Each is instantiated once. If the integrator ignores media, one that cannot be rendered is no
+    /// error. The stand-in is vacuum.
+    ///
+    /// # Errors
+    /// As for [`instantiate`](super::instantiate).
+    pub fn medium(&mut self, object: ObjectId) -> Result<MediumId> {
+        if let Some(id) = self.media.get(&object) {
+            return Ok(*id);
+        }
+        let (warnings, missing) = (self.loaded.warnings.len(), self.missing.len());
+        let mut read = self.read_medium(object);
+        if self.renders_media {
+            let vacuum = Homogeneous { sigma_t: Rgb::BLACK, sigma_s: Rgb::BLACK, phase: Phase::Isotropic };
+            read = self.or_stand_in(read, "rendered as vacuum", |_| vacuum);
+        }
+        let medium = match read {
+            Err(error) if self.renders_media => return Err(error),
+            Err(error) => Medium::Unsupported(error.to_string()),
+            Ok(medium) => Medium::Homogeneous(medium),
+        };
+        let mut medium = medium;
+        if !self.renders_media {
+            self.loaded.warnings.truncate(warnings);
+            if let Some(error) = self.missing.drain(missing..).next() {
+                medium = Medium::Unsupported(error.to_string());
+            }
+        }
+        let media = &mut self.loaded.description.media;
+        media.push(medium);
+        let id = MediumId::from(media.len() - 1);
+        self.media.insert(object, id);
+        Ok(id)
+    }
+
+    /// Returns the medium inside an object that is in a medium, such as a sensor.
+    ///
+    /// # Errors
+    /// As for [`medium`](Self::medium), and if there are several.
+    pub fn medium_around(&mut self, props: &Props) -> Result<Option<MediumId>> {
+        let medium = props.child("medium")?;
+        medium.map(|object| self.medium(object)).transpose()
+    }
+
+    /// Returns the media on the two sides of a shape.
+    ///
+    /// # Errors
+    /// As for [`medium`](Self::medium), and if a medium is on neither side, or two on the same.
+    pub fn boundary(&mut self, props: &Props) -> Result<MediumBoundary> {
+        let mut boundary = MediumBoundary::default();
+        for child in props.children("medium") {
+            let error =
+                |message: &str| self.graph.objects[child.object].error(message).at(child.spot.place());
+            let side = match child.name.as_deref() {
+                Some("interior") => &mut boundary.interior,
+                Some("exterior") => &mut boundary.exterior,
+                _ if !self.renders_media => continue,
+                _ => {
+                    return Err(error(
+                        "expected name=\"interior\" or name=\"exterior\" of a medium in a shape",
+                    ));
+                }
+            };
+            if side.is_some() && self.renders_media {
+                return Err(error("expected one medium on each side of a shape, found two"));
+            }
+            *side = Some(self.medium(child.object)?);
+        }
+        Ok(boundary)
+    }
+
+    fn read_medium(&mut self, object: ObjectId) -> Result<Homogeneous> {
+        let props = Props::new(self.graph, object);
+        if props.object.plugin != "homogeneous" {
+            if !MEDIA.contains(&props.object.plugin.as_str()) {
+                return Err(unknown_plugin(props.object, &MEDIA, &[]));
+            }
+            let message = format!("expected a homogeneous medium, others are not supported; {WITHOUT}");
+            return Err(unsupported(props.object, message));
+        }
+        let [sigma_t, sigma_s] = self.coefficients(&props)?;
+        let scales = ["scale", "density_multiplier"];
+        let name = if props.has(scales[1]) { scales[1] } else { scales[0] };
+        let scale = props.float(name)?.unwrap_or(1.0) as f32;
+        if !(scale >= 0.0 && (sigma_t * scale).is_valid()) {
+            return Err(
+                props.refusal(name, "expected a number of at least 0 for which the coefficients are finite")
+            );
+        }
+        let phase = self.phase(&props)?;
+        if let Some(emitter) = props.child("emitter")? {
+            let message = format!("expected a medium that emits no light; {WITHOUT}");
+            return Err(unsupported(&self.graph.objects[emitter], message));
+        }
+        self.ignore(&props, &["sample_emitters"], "emitters are sampled at every scattering event");
+        self.ignore(
+            &props,
+            &["strategy", "medium_sampling_weight", "sampling_density", "channel"],
+            "distances are sampled by the extinction of all channels",
+        );
+        self.finish(props);
+        Ok(Homogeneous { sigma_t: sigma_t * scale, sigma_s: sigma_s * scale, phase })
+    }
+
+    /// Returns the extinction and the scattering coefficient, without the scale: of `sigma_t` and `albedo`, of `sigma_a`
+    /// and `sigma_s`, or of a preset.
+    fn coefficients(&mut self, props: &Props) -> Result<[Rgb; 2]> {
+        let has = |names: [&'static str; 2]| names.into_iter().find(|name| props.has(name));
+        let (by_parts, by_albedo) = (has(["sigma_a", "sigma_s"]), has(["sigma_t", "albedo"]));
+        let preset = has(["material", "material"]);
+        if [by_parts, by_albedo, preset].into_iter().flatten().count() > 1 {
+            let message =
+                "expected either sigma_t and albedo, or sigma_a and sigma_s, or a material, found several";
+            return Err(props.object.error(message));
+        }
+        if by_parts.is_some() {
+            if let Some(name) = ["sigma_a", "sigma_s"].into_iter().find(|name| !props.has(name)) {
+                return Err(props.object.error(format!("the property {name} is missing")));
+            }
+            let [sigma_a, sigma_s] = [
+                self.volume(props, "sigma_a", Quantity::Unbounded, 0.0)?,
+                self.volume(props, "sigma_s", Quantity::Unbounded, 0.0)?,
+            ];
+            return Ok([sigma_a + sigma_s, sigma_s]);
+        }
+        if preset.is_some() {
+            let name = props.text("material")?.unwrap_or_default().to_ascii_lowercase();
+            let Some(preset) = PRESETS.iter().find(|preset| preset.name == name) else {
+                let near = did_you_mean(&name, PRESETS.iter().map(|preset| preset.name));
+                let names: Vec<_> = PRESETS.iter().map(|preset| preset.name).collect();
+                let message = format!("there is no such material{near}; there are {}", names.join(", "));
+                return Err(props.error("material", &message));
+            };
+            self.note(format!("{}: {PRESET_UNIT}", props.object.thing()));
+            let [sigma_s, sigma_a] = [preset.sigma_s, preset.sigma_a].map(Rgb::from);
+            return Ok([sigma_a + sigma_s, sigma_s]);
+        }
+        let sigma_t = self.volume(props, "sigma_t", Quantity::Unbounded, DEFAULT_SIGMA_T)?;
+        let albedo = self.volume(props, "albedo", Quantity::Reflectance, DEFAULT_ALBEDO)?;
+        Ok([sigma_t, sigma_t * albedo])
+    }
+
+    /// Returns a colour property that may also be a constant volume, or the default.
+    fn volume(&mut self, props: &Props, name: &'static str, quantity: Quantity, default: f32) -> Result<Rgb> {
+        let object = props.named_child(name).map(|id| (id, &self.graph.objects[id]));
+        match object.filter(|(_, object)| object.class == "volume") {
+            Some((id, object)) if object.plugin == "constvolume" => {
+                let inside = Props::new(self.graph, id);
+                if !inside.has("value") {
+                    return Err(object.error("the property value is missing"));
+                }
+                let value = self.colour(&inside, "value", quantity, default)?;
+                self.ignore(&inside, &["to_world"], "the value is the same everywhere");
+                self.finish(inside);
+                Ok(value)
+            }
+            Some((_, object)) => Err(unsupported(
+                object,
+                format!("expected a constvolume, others are not supported; {WITHOUT}"),
+            )),
+            None => self.colour(props, name, quantity, default),
+        }
+    }
+
+    /// Returns the phase function of a medium.
+    fn phase(&mut self, medium: &Props) -> Result<Phase> {
+        let Some(object) = medium.child("phase")? else {
+            // The parameter of Mitsuba 0.4.
+            return match medium.has("g") {
+                true => asymmetry(medium),
+                false => Ok(Phase::Isotropic),
+            };
+        };
+        let props = Props::new(self.graph, object);
+        let phase = match props.object.plugin.as_str() {
+            "isotropic" => Phase::Isotropic,
+            "hg" => asymmetry(&props)?,
+            plugin if PHASES.contains(&plugin) => {
+                let message = format!(
+                    "expected the phase function isotropic or hg, others are not supported; {WITHOUT}"
+                );
+                return Err(unsupported(props.object, message));
+            }
+            _ => return Err(unknown_plugin(props.object, &PHASES, &[])),
+        };
+        self.finish(props);
+        Ok(phase)
+    }
+}
+
+fn unsupported(object: &Object, message: String) -> Error {
+    Error { kind: Kind::Unsupported, ..object.error(message) }
+}
+
+/// Returns the phase function with the property `g`.
+fn asymmetry(props: &Props) -> Result<Phase> {
+    let g = props.float("g")?.unwrap_or(DEFAULT_G) as f32;
+    match g > -1.0 && g < 1.0 {
+        true => Ok(Phase::HenyeyGreenstein { g }),
+        false => Err(props.refusal("g", "expected a number between -1 and 1, both excluded")),
+    }
+}

@@ -1,0 +1,112 @@
+//! The participating media of a scene, and the surfaces that bound them.
+
+use super::{CompileOptions, SurfaceInteraction};
+use crate::accel::{self, Accel, Assembly, Geometry, Hit};
+use crate::error::{Error, Result};
+use crate::ids::{MediumId, ShapeId};
+use crate::math::{Ray, Vec3};
+use crate::medium::{Homogeneous, Medium, MediumBoundary};
+use crate::memory::Budget;
+use std::collections::HashMap;
+
+/// The media of a scene.
+pub struct SceneMedia {
+    list: Vec<Medium>,
+    /// The shapes that bound media.
+    boundaries: HashMap<ShapeId, MediumBoundary>,
+    /// The boundaries of media that rays may pass without being scattered: `null`, and masks with holes. Rays of
+    /// [`Scene::accel`](super::Scene::accel) do not hit `null`, nor the holes of a mask.
+    passed: Option<Box<dyn Accel>>,
+    /// The medium around the sensor to render.
+    pub sensor: Option<MediumId>,
+}
+
+impl SceneMedia {
+    /// Returns a medium; `None` for vacuum.
+    #[inline]
+    pub fn get(&self, id: Option<MediumId>) -> Option<&Homogeneous> {
+        match &self.list[id?.index()] {
+            Medium::Homogeneous(medium) => Some(medium),
+            Medium::Unsupported(_) => None,
+        }
+    }
+
+    /// Returns the reason why the media cannot be rendered, if there is one.
+    pub fn unsupported(&self) -> Option<&str> {
+        self.list.iter().find_map(|medium| match medium {
+            Medium::Homogeneous(_) => None,
+            Medium::Unsupported(reason) => Some(reason.as_str()),
+        })
+    }
+
+    /// Returns whether some medium scatters light.
+    pub fn scatters(&self) -> bool {
+        self.list.iter().any(|medium| matches!(medium, Medium::Homogeneous(medium) if medium.scatters()))
+    }
+
+    /// Returns the nearest boundary that a ray may pass without being scattered. The hit is in the terms of
+    /// [`Scene::accel`](super::Scene::accel).
+    pub fn passed(&self, ray: &Ray) -> Option<Hit> {
+        self.passed.as_ref()?.intersect(ray)
+    }
+
+    /// Returns the medium on the side of a surface towards which the direction `w` points: `current` if the surface is
+    /// not a boundary of media.
+    pub fn beside(&self, at: &SurfaceInteraction, w: Vec3, current: Option<MediumId>) -> Option<MediumId> {
+        match self.boundaries.get(&at.shape()) {
+            None => current,
+            Some(boundary) if w.dot(at.ng) > 0.0 => boundary.exterior,
+            Some(boundary) => boundary.interior,
+        }
+    }
+}
+
+/// The media of a scene under construction.
+#[derive(Default)]
+pub(super) struct MediaCompiler {
+    boundaries: HashMap<ShapeId, MediumBoundary>,
+    /// The geometry of the boundaries that rays may pass.
+    passed: Vec<(ShapeId, Geometry)>,
+}
+
+impl MediaCompiler {
+    /// Adds a boundary, with its geometry if rays may pass it without being scattered.
+    pub fn add(&mut self, shape: ShapeId, boundary: MediumBoundary, passed: Option<Geometry>) {
+        self.boundaries.insert(shape, boundary);
+        self.passed.extend(passed.map(|geometry| (shape, geometry)));
+    }
+
+    /// Returns the media of the scene; `None` if there are none. `assembly` is that of the scene's shapes, and `sensor`
+    /// the medium around the sensor.
+    ///
+    /// # Errors
+    /// If an index is out of range, and the errors of [`build_within`](accel::build_within).
+    pub fn finish(
+        &mut self,
+        list: Vec<Medium>,
+        sensor: Option<MediumId>,
+        assembly: &Assembly,
+        options: CompileOptions,
+        memory: &Budget,
+    ) -> Result<Option<Box<SceneMedia>>> {
+        let boundaries = std::mem::take(&mut self.boundaries);
+        let sides = boundaries.values().flat_map(|boundary| [boundary.interior, boundary.exterior]);
+        if let Some(id) = sides.chain([sensor]).flatten().find(|id| id.index() >= list.len()) {
+            return Err(Error::internal(format!("there is no medium {}", id.0)));
+        }
+        if list.is_empty() {
+            return Ok(None);
+        }
+        let mut passed = None;
+        if !self.passed.is_empty() {
+            let mut geometry: Vec<Geometry> = assembly.geometry.iter().map(|_| Geometry::nothing()).collect();
+            for (shape, of_shape) in self.passed.drain(..) {
+                geometry[shape.index()] = of_shape;
+            }
+            let (groups, instances) = (assembly.groups.clone(), assembly.instances.clone());
+            let assembly = Assembly { geometry, groups, instances, filter: None };
+            passed = Some(accel::build_within(options.accel, assembly, options.threads, true, memory)?.accel);
+        }
+        Ok(Some(Box::new(SceneMedia { list, boundaries, passed, sensor })))
+    }
+}

@@ -1,0 +1,508 @@
+//! Participating media: closed forms, energy, and independence of threads.
+//!
+//! Each group of comparisons has a significance of 1 % with fixed seeds.
+
+use crate::loader::{Files, scene as scene_text};
+use crate::support::chi2::check_directions;
+use crate::support::cli::Folder;
+use crate::support::expect::Means;
+use crate::support::quadrature::over_square;
+use crate::support::scenes::{add, camera, compiled, constant, diffuse, pixels, render, sphere};
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::ids::MediumId;
+use buffon::integrator::Settings;
+use buffon::integrator::settings::PathLimits;
+use buffon::loader::LoadOptions;
+use buffon::material::{Dielectric, Interface, Mask, Material, Null};
+use buffon::math::{DAffine3, DVec3, Vec2, Vec3};
+use buffon::medium::{Homogeneous, Medium, MediumBoundary, Phase};
+use buffon::sampling::SamplerKind;
+use buffon::scene::Description;
+use buffon::scene::description::{PlacedGroup, PlacedShape};
+use buffon::sensor::Projection;
+use buffon::shape::Shape;
+use std::f64::consts::PI;
+
+const SIGMA: [f32; 3] = [0.25, 1.0, 2.5];
+const HG: Phase = Phase::HenyeyGreenstein { g: 0.6 };
+
+fn volpath(max_depth: Option<u32>) -> Settings {
+    Settings::Volpath(PathLimits { max_depth, ..PathLimits::default() })
+}
+
+/// Adds a medium with the given extinction and albedo.
+fn medium(scene: &mut Description, sigma_t: [f32; 3], albedo: [f32; 3], phase: Phase) -> MediumId {
+    let sigma_s = [0, 1, 2].map(|c| sigma_t[c] * albedo[c]);
+    let medium = Homogeneous { sigma_t: sigma_t.into(), sigma_s: sigma_s.into(), phase };
+    scene.media.push(Medium::Homogeneous(medium));
+    MediumId::from(scene.media.len() - 1)
+}
+
+/// Adds a shape around a medium.
+fn filled(scene: &mut Description, shape: Shape, to_world: DAffine3, material: Material, inside: MediumId) {
+    let id = add(scene, shape, to_world, material);
+    scene.shapes[id].boundary = MediumBoundary { interior: Some(inside), exterior: None };
+}
+
+/// Returns a scene with a camera at `eye` that looks along −z at a spot of no extent, before a uniform environment.
+fn spot(eye: DVec3) -> Description {
+    let mut scene = Description { emitters: vec![constant(1.0)], ..Description::default() };
+    scene.sensors.push(camera(eye, eye - DVec3::Z, 1e-3, 4));
+    scene
+}
+
+fn black() -> Material {
+    diffuse(0.0)
+}
+
+fn transmitted(length: f64) -> [f64; 3] {
+    SIGMA.map(|sigma| (-f64::from(sigma) * length).exp())
+}
+
+/// A scene, its name and the exact radiance.
+type Case = (&'static str, Description, [f64; 3]);
+
+fn slabs() -> Vec<Case> {
+    let mut cases = Vec::new();
+    let eye = DVec3::new(0.1, 0.2, 5.0);
+    let mut scene = spot(eye);
+    let fog = medium(&mut scene, SIGMA, [0.0; 3], Phase::Isotropic);
+    filled(
+        &mut scene,
+        Shape::Cube,
+        DAffine3::from_scale(DVec3::new(2.0, 2.0, 0.4)),
+        Material::Null(Null),
+        fog,
+    );
+    cases.push(("a cube", scene.clone(), transmitted(0.8)));
+
+    // The same cube in a group that is instanced with another scale.
+    let mut instanced = scene.clone();
+    let placed: PlacedShape = instanced.shapes.pop().expect("a shape");
+    instanced.groups.push(vec![placed]);
+    let to_world = DAffine3::from_scale(DVec3::new(1.0, 1.0, 2.0)).into();
+    instanced.instances.push(PlacedGroup { name: String::new(), place: None, group: 0, to_world });
+    cases.push(("an instance", instanced, transmitted(1.6)));
+
+    // A bubble of vacuum inside the medium.
+    let mut bubble = scene.clone();
+    let id = add(
+        &mut bubble,
+        sphere(0.3),
+        DAffine3::from_translation(DVec3::new(0.1, 0.2, 0.0)),
+        Material::Null(Null),
+    );
+    bubble.shapes[id].boundary.exterior = Some(fog);
+    cases.push(("a bubble", bubble, transmitted(0.2)));
+
+    // The camera inside the medium.
+    let mut inside = scene.clone();
+    inside.sensors[0] = camera(DVec3::ZERO, -DVec3::Z, 1e-3, 4);
+    inside.sensors[0].medium = Some(fog);
+    // The ray starts on the near clipping plane.
+    cases.push(("the camera inside", inside, transmitted(0.4 - 1e-4)));
+
+    // Flipped normals exchange the sides.
+    let mut flipped = scene.clone();
+    flipped.shapes[0].flip_normals = true;
+    let MediumBoundary { interior, exterior } = flipped.shapes[0].boundary;
+    flipped.shapes[0].boundary = MediumBoundary { interior: exterior, exterior: interior };
+    cases.push(("flipped normals", flipped, transmitted(0.8)));
+
+    // A black surface with holes: each of its two sides lets a third pass.
+    let mut holes = spot(eye);
+    let fog = medium(&mut holes, SIGMA, [0.0; 3], Phase::Isotropic);
+    let inner = holes.add_material(black());
+    let mask = Material::Mask(Mask { opacity: (2.0 / 3.0).into(), inner });
+    filled(&mut holes, Shape::Cube, DAffine3::from_scale(DVec3::new(2.0, 2.0, 0.4)), mask, fog);
+    cases.push(("a mask", holes, transmitted(0.8).map(|t| t / 9.0)));
+    cases
+}
+
+/// Rays lose light as e^(−σ·length), also with a depth of 1: boundaries are no bounces. [Lambert 1760]
+#[test]
+fn a_slab_transmits_by_its_thickness() {
+    let cases = slabs();
+    let group = Means::of_images(cases.len() * AccelKind::CHOICES.len() * 2, 2e-2);
+    for (name, scene, exact) in cases {
+        for &accel in AccelKind::CHOICES {
+            let compiled = compiled(scene.clone(), accel);
+            for depth in [Some(1), None] {
+                let spp = if name == "a mask" { 16_384 } else { 16 };
+                let rendered = render(&compiled, &volpath(depth), SamplerKind::Sobol, spp, 1);
+                group.expect(&format!("{name}, {accel}, {depth:?}"), &rendered, exact);
+            }
+        }
+    }
+}
+
+/// An absorbing sphere of radius 1 in an image of 2 × 2: the mean of e^(−2σ√(1−r²)) over the disk, and 1 outside.
+#[test]
+fn a_sphere_absorbs_by_its_chords() {
+    let group = Means::of_images(AccelKind::CHOICES.len(), 2e-3);
+    let mut scene = spot(DVec3::new(0.0, 0.0, 3.0));
+    scene.sensors[0] = camera(DVec3::new(0.0, 0.0, 3.0), DVec3::ZERO, 1.0, 16);
+    scene.sensors[0].projection = Projection::Orthographic;
+    let fog = medium(&mut scene, SIGMA, [0.0; 3], Phase::Isotropic);
+    filled(&mut scene, sphere(1.0), DAffine3::IDENTITY, Material::Null(Null), fog);
+    let exact = SIGMA.map(|sigma| {
+        let b = 2.0 * f64::from(sigma);
+        (2.0 * PI * (1.0 - (1.0 + b) * (-b).exp()) / (b * b) + 4.0 - PI) / 4.0
+    });
+    for &accel in AccelKind::CHOICES {
+        let rendered = render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 256, 1);
+        group.expect(&format!("{accel}"), &rendered, exact);
+    }
+}
+
+/// A pane of absorbing glass at normal incidence before a uniform environment: R + T²a/(1 − Ra), where a is the
+/// transmittance of one passage.
+#[test]
+fn glass_absorbs_between_its_reflections() {
+    let group = Means::of_images(AccelKind::CHOICES.len(), 5e-3);
+    let mut scene = spot(DVec3::new(0.1, 0.2, 5.0));
+    let ink = medium(&mut scene, SIGMA, [0.0; 3], Phase::Isotropic);
+    filled(&mut scene, Shape::Cube, DAffine3::from_scale(DVec3::new(2.0, 2.0, 0.4)), glass(1.5), ink);
+    let r = 0.04;
+    let exact = transmitted(0.8).map(|a| r + (1.0 - r) * (1.0 - r) * a / (1.0 - r * a));
+    for &accel in AccelKind::CHOICES {
+        let rendered = render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 4096, 1);
+        group.expect(&format!("{accel}"), &rendered, exact);
+    }
+}
+
+fn glass(eta: f32) -> Material {
+    let interface = Interface { int_ior: eta, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
+    Material::Dielectric(Dielectric { interface, specular_transmittance: Rgb::WHITE.into() })
+}
+
+/// Shadow rays pass boundaries: a diffuse floor under absorbing fog that rests on it, lit from above. The bottom of the
+/// fog coincides with the floor.
+#[test]
+fn light_and_view_pass_fog_that_rests_on_a_floor() {
+    let lights = [
+        Emitter::Directional { direction: -Vec3::Z, irradiance: Rgb::splat(PI as f32) },
+        Emitter::Point { position: Vec3::Z * 4.0, intensity: Rgb::splat(16.0 * PI as f32) },
+    ];
+    let group = Means::of_images(2 * 2 * AccelKind::CHOICES.len(), 1e-3);
+    for light in lights {
+        for turn in
+            [DAffine3::IDENTITY, DAffine3::from_axis_angle(DVec3::new(0.3, -0.5, 0.7).normalize(), 1.1)]
+        {
+            let mut scene = Description::default();
+            let at = |p: DVec3| turn.transform_point3(p);
+            scene.sensors.push(camera(at(DVec3::new(0.0, 0.0, 9.0)), at(DVec3::ZERO), 1e-3, 4));
+            scene.emitters.push(match &light {
+                Emitter::Directional { irradiance, .. } => Emitter::Directional {
+                    direction: -turn.transform_vector3(DVec3::Z).as_vec3(),
+                    irradiance: *irradiance,
+                },
+                Emitter::Point { position, intensity } => {
+                    Emitter::Point { position: at(position.as_dvec3()).as_vec3(), intensity: *intensity }
+                }
+                other => other.clone(),
+            });
+            add(&mut scene, Shape::Rectangle, turn * DAffine3::from_scale(DVec3::splat(2.5)), diffuse(0.5));
+            let fog = medium(&mut scene, SIGMA, [0.0; 3], Phase::Isotropic);
+            let to_world = turn
+                * DAffine3::from_translation(DVec3::Z * 0.5)
+                * DAffine3::from_scale(DVec3::new(2.0, 2.0, 0.5));
+            filled(&mut scene, Shape::Cube, to_world, Material::Null(Null), fog);
+            for &accel in AccelKind::CHOICES {
+                let rendered =
+                    render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 64, 1);
+                group.expect(&format!("{light:?}, {accel}"), &rendered, transmitted(2.0).map(|t| 0.5 * t));
+            }
+        }
+    }
+}
+
+/// In a uniform environment, a medium that absorbs nothing is invisible.
+#[test]
+fn media_without_absorption_conserve_energy() {
+    let group = Means::of_images(5 * AccelKind::CHOICES.len(), 2e-2);
+    let white = [1.0; 3];
+    for (name, material, sigma, phase) in [
+        ("null", Material::Null(Null), SIGMA, Phase::Isotropic),
+        ("null, forward", Material::Null(Null), SIGMA, HG),
+        ("null, only blue", Material::Null(Null), [0.0, 0.0, 3.0], Phase::HenyeyGreenstein { g: -0.4 }),
+        ("matched glass", glass(1.0), SIGMA, Phase::Isotropic),
+        ("glass", glass(1.5), SIGMA, HG),
+    ] {
+        let mut scene = spot(DVec3::ZERO);
+        scene.sensors[0] = camera(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, 30.0, 12);
+        let fog = medium(&mut scene, sigma, white, phase);
+        filled(&mut scene, sphere(1.0), DAffine3::IDENTITY, material, fog);
+        for &accel in AccelKind::CHOICES {
+            let rendered =
+                render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 512, 3);
+            group.expect(&format!("{name}, {accel}"), &rendered, [1.0; 3]);
+        }
+    }
+}
+
+/// In a closed room with walls of emission 1/2 and reflectance 1/2, the radiance is 1 also in scattering fog.
+#[test]
+fn fog_in_a_furnace_is_invisible() {
+    let group = Means::of_images(AccelKind::CHOICES.len(), 1e-2);
+    let mut scene = Description::default();
+    let room = add(&mut scene, sphere(1.0), DAffine3::IDENTITY, diffuse(0.5));
+    scene.shapes[room].emission = Some(Rgb::splat(0.5).into());
+    scene.shapes[room].flip_normals = true;
+    let fog = medium(&mut scene, SIGMA, [1.0; 3], HG);
+    scene.shapes[room].boundary.exterior = Some(fog);
+    scene.sensors.push(camera(DVec3::new(0.2, 0.1, -0.3), DVec3::new(-0.3, 0.4, 0.5), 90.0, 12));
+    scene.sensors[0].medium = Some(fog);
+    for &accel in AccelKind::CHOICES {
+        let rendered = render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 256, 3);
+        group.expect(&format!("{accel}"), &rendered, [1.0; 3]);
+    }
+}
+
+/// Light of a point emitter that an infinite medium scatters once, by quadrature over the camera ray.
+#[test]
+fn single_scattering_of_a_point_emitter_is_its_integral() {
+    let albedo = [0.9f32, 0.6, 0.3];
+    let group = Means::of_images(2 * AccelKind::CHOICES.len(), 1e-2);
+    for phase in [Phase::Isotropic, HG] {
+        let mut scene = Description::default();
+        scene.sensors.push(camera(DVec3::ZERO, -DVec3::Z, 1e-3, 8));
+        let fog = medium(&mut scene, SIGMA, albedo, phase);
+        scene.sensors[0].medium = Some(fog);
+        let light = DVec3::new(0.4, 0.0, -1.0);
+        scene.emitters.push(Emitter::Point { position: light.as_vec3(), intensity: Rgb::splat(2.0) });
+        let exact = [0, 1, 2].map(|c| {
+            let (sigma, albedo) = (f64::from(SIGMA[c]), f64::from(albedo[c]));
+            // The substitution t = −ln(1 − x)/σ makes the range finite.
+            albedo
+                * over_square(|[x, _]| {
+                    let p = DVec3::Z * ((1.0 - x).ln() / sigma);
+                    let to_light = light - p;
+                    let distance = to_light.length();
+                    let cos = -to_light.z / distance;
+                    let phase = match phase {
+                        Phase::Isotropic => 0.25 / PI,
+                        Phase::HenyeyGreenstein { g } => {
+                            let g = f64::from(g);
+                            (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cos).powf(1.5))
+                        }
+                    };
+                    2.0 * phase * (-sigma * distance).exp() / (distance * distance)
+                })
+        });
+        for &accel in AccelKind::CHOICES {
+            let rendered =
+                render(&compiled(scene.clone(), accel), &volpath(Some(2)), SamplerKind::Sobol, 2048, 5);
+            group.expect(&format!("{phase:?}, {accel}"), &rendered, exact);
+        }
+    }
+}
+
+#[test]
+fn phase_functions_sample_their_density() {
+    let functions = [-0.9, -0.3, 0.0, 0.5, 0.85].map(|g| Phase::HenyeyGreenstein { g });
+    for phase in functions.into_iter().chain([Phase::Isotropic]) {
+        let d = Vec3::new(0.48, -0.6, 0.64);
+        let integral = check_directions(
+            &format!("{phase:?}"),
+            6,
+            |_, u| Some(phase.sample(d, u)),
+            |wi| phase.eval(d.dot(wi)),
+        );
+        assert!((integral - 1.0).abs() < 2e-3, "{phase:?}: {integral}");
+    }
+}
+
+/// The mean cosine of the angle of deflection is g.
+#[test]
+fn the_mean_cosine_is_the_asymmetry() {
+    const N: u32 = 1000;
+    for g in [-0.95f32, -0.2, 0.0, 0.4, 0.99] {
+        let phase = Phase::HenyeyGreenstein { g };
+        // A midpoint rule over the random numbers.
+        let u = |i: u32| Vec2::new((i as f32 + 0.5) / N as f32, 0.3);
+        let sum: f64 = (0..N).map(|i| f64::from(phase.sample(Vec3::Y, u(i)).y)).sum();
+        assert!((sum / f64::from(N) - f64::from(g)).abs() < 2e-3, "{g}: {}", sum / f64::from(N));
+    }
+}
+
+/// Without media, `volpath` has the very pixels of `path`, and `path` ignores media to the bit.
+#[test]
+fn without_media_volpath_is_path() {
+    let mut scene = Description { emitters: vec![constant(0.7)], ..Description::default() };
+    scene.sensors.push(camera(DVec3::new(0.5, 1.0, 4.0), DVec3::ZERO, 40.0, 16));
+    add(&mut scene, sphere(1.0), DAffine3::IDENTITY, diffuse(0.6));
+    add(&mut scene, sphere(1.5), DAffine3::from_translation(DVec3::X), Material::Null(Null));
+    let of = |scene: &Description, settings: &Settings| {
+        pixels(&render(&compiled(scene.clone(), AccelKind::Auto), settings, SamplerKind::Sobol, 8, 1))
+    };
+    let path = Settings::Path(PathLimits::default());
+    let expected = of(&scene, &path);
+    assert_eq!(of(&scene, &volpath(None)), expected);
+    let fog = medium(&mut scene, SIGMA, [0.5; 3], HG);
+    scene.shapes[1].boundary.interior = Some(fog);
+    assert_eq!(of(&scene, &path), expected);
+    assert_ne!(of(&scene, &volpath(None)), expected);
+}
+
+const FOG: &str = "<scene version='3.0.0'><integrator type='volpath'/>
+    <sensor type='perspective'><transform name='to_world'><lookat origin='0, 1, 5' target='0, 0, 0' up='0, 1, 0'/>
+    </transform><ref id='air' name='medium'/>
+    <film type='hdrfilm'><integer name='width' value='40'/><integer name='height' value='30'/></film></sensor>
+    <medium type='homogeneous' id='air'><rgb name='sigma_t' value='.1, .05, .02'/><float name='albedo' value='.5'/></medium>
+    <emitter type='point'><point name='position' x='1' y='2' z='1'/><float name='intensity' value='9'/></emitter>
+    <emitter type='constant'/>
+    <shape type='sphere'><bsdf type='dielectric'/><ref id='air' name='exterior'/>
+    <medium type='homogeneous' name='interior'><rgb name='sigma_t' value='1, 2, 3'/><phase type='hg'/></medium></shape>
+    </scene>";
+
+#[test]
+fn threads_change_no_bit_of_media() {
+    let folder = Folder::with(FOG);
+    for (name, options) in [("one", "-t 1"), ("two", "-t 2"), ("again", "-t 2")] {
+        folder.render(&format!("s.xml -q --spp 9 -o {name}.pfm {options}"));
+    }
+    assert_eq!(folder.read("one.pfm"), folder.read("two.pfm"));
+    assert_eq!(folder.read("one.pfm"), folder.read("again.pfm"));
+}
+
+/// Returns the media of a scene with the given elements inside a medium, rendered by `volpath`.
+fn read(plugin: &str, inside: &str) -> Result<Homogeneous, String> {
+    let text = scene_text(&format!(
+        "<integrator type='volpath'/><sensor type='perspective'/>\n<medium type='{plugin}'>{inside}</medium>"
+    ));
+    let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default());
+    let loaded = loaded.map_err(|error| error.to_string())?;
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    match loaded.description.media[..] {
+        [Medium::Homogeneous(medium)] => Ok(medium),
+        _ => panic!("one medium"),
+    }
+}
+
+#[test]
+fn media_are_read_in_the_language_of_every_version() {
+    let homogeneous = |inside: &str| read("homogeneous", inside).expect("a medium");
+    let grey = |sigma_t: f32, sigma_s: f32, phase| Homogeneous {
+        sigma_t: Rgb::splat(sigma_t),
+        sigma_s: Rgb::splat(sigma_s),
+        phase,
+    };
+    assert_eq!(homogeneous(""), grey(1.0, 0.75, Phase::Isotropic));
+    assert_eq!(
+        homogeneous(
+            "<rgb name='albedo' value='.5, .25, 0'/><float name='sigma_t' value='2'/><float name='scale' value='3'/>
+             <phase type='hg'><float name='g' value='-0.5'/></phase><boolean name='sample_emitters' value='false'/>"
+        ),
+        Homogeneous {
+            sigma_t: Rgb::splat(6.0),
+            sigma_s: Rgb::new(3.0, 1.5, 0.0),
+            phase: Phase::HenyeyGreenstein { g: -0.5 }
+        }
+    );
+    let constant = "<volume type='constvolume' name='sigma_t'><float name='value' value='4'/></volume>";
+    assert_eq!(homogeneous(constant).sigma_t, Rgb::splat(4.0));
+    assert_eq!(homogeneous("<phase type='hg'/>").phase, Phase::HenyeyGreenstein { g: 0.8 });
+    assert_eq!(homogeneous("<phase type='isotropic'/>").phase, Phase::Isotropic);
+    // Mitsuba 0.6.
+    let parts = "<float name='sigma_a' value='.25'/><float name='sigma_s' value='.5'/><float name='density_multiplier' value='2'/>";
+    assert_eq!(homogeneous(parts), grey(1.5, 1.0, Phase::Isotropic));
+    let ketchup = homogeneous("<string name='material' value='Ketchup'/><float name='scale' value='10'/>");
+    assert_eq!(ketchup.sigma_s, Rgb::new(0.18, 0.07, 0.03) * 10.0);
+    assert_eq!(ketchup.sigma_t, (Rgb::new(0.061, 0.97, 1.45) + Rgb::new(0.18, 0.07, 0.03)) * 10.0);
+    let old = "<scene version='0.6.0'><integrator type='volpath'/><sensor type='perspective'/>
+        <medium type='homogeneous'><spectrum name='sigmaT' value='2'/><spectrum name='albedo' value='0.5'/></medium></scene>";
+    let loaded = Files::new(&[("scene.xml", old)]).load(&LoadOptions::default()).expect("a scene");
+    assert_eq!(loaded.description.media, [Medium::Homogeneous(grey(2.0, 1.0, Phase::Isotropic))]);
+}
+
+/// The errors of media, which `path` ignores with its note.
+#[test]
+fn media_that_cannot_be_rendered_are_named() {
+    let without = "--integrator path renders the scene without media";
+    let cases = [
+        (
+            "homogeneous",
+            "<float name='sigma_t' value='-1'/>",
+            "<float name=\"sigma_t\">: expected values of at least 0, found -1, -1, -1",
+        ),
+        (
+            "homogeneous",
+            "<rgb name='albedo' value='.5, 1.5, 0'/>",
+            "<rgb name=\"albedo\">: expected values from 0 to 1, found 0.5, 1.5, 0",
+        ),
+        (
+            "homogeneous",
+            "<phase type='hg'><float name='g' value='1'/></phase>",
+            "<float name=\"g\">: expected a number between -1 and 1, both excluded, found 1",
+        ),
+        (
+            "homogeneous",
+            "<float name='scale' value='-2'/>",
+            "<float name=\"scale\">: expected a number of at least 0 for which the coefficients are finite, found -2",
+        ),
+        (
+            "homogeneous",
+            "<float name='sigma_s' value='2'/>",
+            "<medium type=\"homogeneous\">: the property sigma_a is missing",
+        ),
+        (
+            "homogeneous",
+            "<float name='sigma_s' value='2'/><float name='albedo' value='1'/>",
+            "<medium type=\"homogeneous\">: expected either sigma_t and albedo, or sigma_a and sigma_s, or a material, found several",
+        ),
+        (
+            "homogeneous",
+            "<string name='material' value='skimmlk'/>",
+            "<string name=\"material\">: there is no such material (did you mean \"skimmilk\"?); there are apple, chicken1, chicken2, cream, \
+             ketchup, marble, potato, skimmilk, skin1, skin2, spectralon, wholemilk",
+        ),
+        (
+            "heterogeneous",
+            "",
+            "<medium type=\"heterogeneous\">: expected a homogeneous medium, others are not supported; WITHOUT",
+        ),
+        ("homogenous", "", "<medium type=\"homogenous\">: unknown medium (did you mean \"homogeneous\"?)"),
+        (
+            "homogeneous",
+            "<phase type='rayleigh'/>",
+            "<phase type=\"rayleigh\">: expected the phase function isotropic or hg, others are not supported; WITHOUT",
+        ),
+        (
+            "homogeneous",
+            "<volume type='gridvolume' name='albedo'/>",
+            "<volume type=\"gridvolume\">: expected a constvolume, others are not supported; WITHOUT",
+        ),
+        (
+            "homogeneous",
+            "<texture type='bitmap' name='albedo'/>",
+            "<texture type=\"bitmap\">: expected the same colour everywhere, found a texture",
+        ),
+    ];
+    for (plugin, inside, message) in cases {
+        let message = message.replace("WITHOUT", without);
+        let found = read(plugin, inside).expect_err("an error");
+        assert!(found.contains(&message), "{found}\n{message}");
+        // The path integrator does not care. If volpath is chosen later, it tells the same.
+        let text = scene_text(&format!(
+            "<integrator type='path'/><sensor type='perspective'/>\n<medium type='{plugin}'>{inside}</medium>"
+        ));
+        let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).expect("a scene");
+        assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+        let note = "the scene has media, which are not rendered: every medium is vacuum";
+        assert!(loaded.notes.iter().any(|text| text == note));
+        let compiled = compiled(loaded.description, AccelKind::Auto);
+        Settings::Path(PathLimits::default()).create().check(&compiled).expect("path renders it");
+        let refused = volpath(None).create().check(&compiled).expect_err("refused").to_string();
+        assert!(refused.contains(&message), "{refused}");
+    }
+    let text = scene_text(
+        "<integrator type='volpath'/>\n<shape type='sphere'><medium type='homogeneous' name='outside'/></shape>",
+    );
+    let error =
+        Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).expect_err("refused").to_string();
+    let message = "<medium type=\"homogeneous\">: expected name=\"interior\" or name=\"exterior\" of a medium in a shape";
+    assert!(error.contains(message), "{error}");
+}
