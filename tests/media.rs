@@ -506,3 +506,29 @@ fn media_that_cannot_be_rendered_are_named() {
     let message = "<medium type=\"homogeneous\">: expected name=\"interior\" or name=\"exterior\" of a medium in a shape";
     assert!(error.contains(message), "{error}");
 }
+
+/// With media, the volumetric integrators of Mitsuba are `volpath`; the user's choice decides whether media are read.
+#[test]
+fn volumetric_integrators_are_volpath() {
+    let load = |name: &str, replacement: Option<&str>| {
+        let text = scene_text(&format!(
+            "<integrator type='{name}'><integer name='max_depth' value='7'/></integrator>
+             <sensor type='perspective'/><shape type='sphere'><medium type='homogeneous' name='interior'/></shape>"
+        ));
+        let integrator = replacement.map(str::to_owned);
+        Files::new(&[("scene.xml", &text)])
+            .load(&LoadOptions { integrator, ..LoadOptions::default() })
+            .expect("a scene")
+    };
+    for name in ["volpath", "volpathmis", "prbvolpath"] {
+        let loaded = load(name, None);
+        assert_eq!(loaded.integrator, volpath(Some(7)));
+        let note = format!("the integrator {name} is rendered as volpath");
+        assert_eq!(loaded.notes.contains(&note), name != "volpath", "{:?}", loaded.notes);
+    }
+    let vacuum = "the scene has media, which are not rendered: every medium is vacuum".to_owned();
+    assert!(load("volpath", Some("path")).notes.contains(&vacuum));
+    assert!(!load("path", Some("volpath")).notes.contains(&vacuum));
+    let boundary = MediumBoundary { interior: Some(MediumId(0)), exterior: None };
+    assert_eq!(load("path", None).description.shapes[0].boundary, boundary);
+}

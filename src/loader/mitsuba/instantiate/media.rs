@@ -49,13 +49,13 @@ impl Builder<'_> {
             let vacuum = Homogeneous { sigma_t: Rgb::BLACK, sigma_s: Rgb::BLACK, phase: Phase::Isotropic };
             read = self.or_stand_in(read, "rendered as vacuum", |_| vacuum);
         }
-        let medium = match read {
+        let mut medium = match read {
             Err(error) if self.renders_media => return Err(error),
             Err(error) => Medium::Unsupported(error.to_string()),
             Ok(medium) => Medium::Homogeneous(medium),
         };
-        let mut medium = medium;
         if !self.renders_media {
+            // What is ignored needs no warnings.
             self.loaded.warnings.truncate(warnings);
             if let Some(error) = self.missing.drain(missing..).next() {
                 medium = Medium::Unsupported(error.to_string());
@@ -137,18 +137,17 @@ impl Builder<'_> {
         Ok(Homogeneous { sigma_t: sigma_t * scale, sigma_s: sigma_s * scale, phase })
     }
 
-    /// Returns the extinction and the scattering coefficient, without the scale: of `sigma_t` and `albedo`, of `sigma_a`
-    /// and `sigma_s`, or of a preset.
+    /// Returns the extinction and the scattering coefficient, without the scale: of `sigma_t` and `albedo`, of
+    /// `sigma_a` and `sigma_s`, or of a preset.
     fn coefficients(&mut self, props: &Props) -> Result<[Rgb; 2]> {
-        let has = |names: [&'static str; 2]| names.into_iter().find(|name| props.has(name));
-        let (by_parts, by_albedo) = (has(["sigma_a", "sigma_s"]), has(["sigma_t", "albedo"]));
-        let preset = has(["material", "material"]);
-        if [by_parts, by_albedo, preset].into_iter().flatten().count() > 1 {
+        let has = |names: &[&str]| names.iter().any(|name| props.has(name));
+        let (by_parts, by_preset) = (has(&["sigma_a", "sigma_s"]), has(&["material"]));
+        if u32::from(by_parts) + u32::from(by_preset) + u32::from(has(&["sigma_t", "albedo"])) > 1 {
             let message =
                 "expected either sigma_t and albedo, or sigma_a and sigma_s, or a material, found several";
             return Err(props.object.error(message));
         }
-        if by_parts.is_some() {
+        if by_parts {
             if let Some(name) = ["sigma_a", "sigma_s"].into_iter().find(|name| !props.has(name)) {
                 return Err(props.object.error(format!("the property {name} is missing")));
             }
@@ -158,7 +157,7 @@ impl Builder<'_> {
             ];
             return Ok([sigma_a + sigma_s, sigma_s]);
         }
-        if preset.is_some() {
+        if by_preset {
             let name = props.text("material")?.unwrap_or_default().to_ascii_lowercase();
             let Some(preset) = PRESETS.iter().find(|preset| preset.name == name) else {
                 let near = did_you_mean(&name, PRESETS.iter().map(|preset| preset.name));
