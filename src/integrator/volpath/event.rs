@@ -71,11 +71,10 @@ impl Tracer<'_> {
         if path.depth == 0 {
             radiance.distance = path.passed + collision.as_ref().map_or(end.0, |collision| collision.t);
         }
-        path.beta = path.beta
-            * match &collision {
-                Some(collision) => flight.scattered(collision.medium),
-                None => flight.passed(),
-            };
+        path.beta *= match &collision {
+            Some(collision) => flight.scattered(collision.medium),
+            None => flight.passed(),
+        };
         if path.beta.is_black() {
             return None;
         }
@@ -109,9 +108,12 @@ impl Tracer<'_> {
         self.query.wants(path.depth + 1) && !(path.depth == 0 && self.limits.hide_emitters)
     }
 
-    /// Returns whether emitters are sampled at the path's next event.
-    fn samples_emitters(&self, path: &Path) -> bool {
-        self.query.wants(path.depth + 2) && !self.selection().is_empty()
+    /// Samples a direction to an emitter at the path's next event, which is at `p`; `None` if its light is not wanted.
+    fn sample_emitter(&self, path: &Path, p: Vec3, numbers: &EventNumbers) -> Option<EmitterSample> {
+        if !self.query.wants(path.depth + 2) {
+            return None;
+        }
+        self.scene.sample_emitter(self.selection(), p, numbers.emitter_point, path.ray.time)
     }
 
     fn selection(&self) -> &LightSelection {
@@ -190,17 +192,14 @@ impl Tracer<'_> {
         let Ray { d, time, .. } = path.ray;
         let wo = at.frame.to_local(-d);
         let bsdf = self.scene.bsdf(at, Some(wo), arena);
-        if self.samples_emitters(&path) && !bsdf.is_specular() {
-            if let Some(sample) =
-                self.scene.sample_emitter(self.selection(), at.p, numbers.emitter_point, time)
-            {
-                let wi = at.frame.to_local(sample.wi);
-                let eval = bsdf.eval(wo, wi);
-                let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf);
-                let medium = self.medium_after(at, d, sample.wi, path.medium);
-                let ray = || self.scene.shadow_ray(at, &sample);
-                push_shadow(shadows, value, ray, medium, path.slot);
-            }
+        let emitter = if bsdf.is_specular() { None } else { self.sample_emitter(&path, at.p, numbers) };
+        if let Some(sample) = emitter {
+            let wi = at.frame.to_local(sample.wi);
+            let eval = bsdf.eval(wo, wi);
+            let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf);
+            let medium = self.medium_after(at, d, sample.wi, path.medium);
+            let ray = || self.scene.shadow_ray(at, &sample);
+            push_shadow(shadows, value, ray, medium, path.slot);
         }
         let sample = bsdf.sample(wo, numbers.lobe, numbers.direction)?;
         let wi = at.frame.to_world(sample.wi);
@@ -231,17 +230,14 @@ impl Tracer<'_> {
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase);
-        if self.samples_emitters(&path) {
-            if let Some(sample) = self.scene.sample_emitter(self.selection(), p, numbers.emitter_point, time)
-            {
-                let density = phase.eval(d.dot(sample.wi));
-                let value = path.beta * density * weighted(&sample, density);
-                let ray = || match sample.target {
-                    ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
-                    ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
-                };
-                push_shadow(shadows, value, ray, path.medium, path.slot);
-            }
+        if let Some(sample) = self.sample_emitter(&path, p, numbers) {
+            let density = phase.eval(d.dot(sample.wi));
+            let value = path.beta * density * weighted(&sample, density);
+            let ray = || match sample.target {
+                ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
+                ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
+            };
+            push_shadow(shadows, value, ray, path.medium, path.slot);
         }
         let wi = phase.sample(d, numbers.direction);
         let next = Path {

@@ -35,14 +35,14 @@ pub fn follow<'a>(
         let boundary = media.passed(&leg).map(|hit| (hit.t, scene.interaction(&leg, &hit)));
         let boundary = boundary.filter(|(_, at)| !end.is_some_and(|end| is_reached_first(end, at, ray.d)));
         let length = boundary.as_ref().map_or(leg.t_max, |(t, _)| *t).max(0.0);
-        if let Some(medium) = media.get(*current) {
-            if let Some(distance) = flight.advance(medium, f64::from(length) * speed) {
-                let t = (distance / speed) as f32;
-                let ahead = boundary.as_ref().map(|(_, at)| at).or(end);
-                let p = leg.o + leg.d * t;
-                let p = ahead.map_or(p, |at| before_surface(p, at, ray.d));
-                return Some(Collision { medium, p, t: before + t });
-            }
+        let mut flown = |medium: &Homogeneous| flight.advance(medium, f64::from(length) * speed);
+        let medium = media.get(*current);
+        if let Some((medium, distance)) = medium.and_then(|medium| Some((medium, flown(medium)?))) {
+            let t = (distance / speed) as f32;
+            let ahead = boundary.as_ref().map(|(_, at)| at).or(end);
+            let p = leg.o + leg.d * t;
+            let p = ahead.map_or(p, |at| before_surface(p, at, ray.d));
+            return Some(Collision { medium, p, t: before + t });
         }
         let (t, at) = boundary?;
         *current = media.beside(&at, ray.d, *current);
