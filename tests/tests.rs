@@ -35,6 +35,7 @@ mod light_selection;
 mod light_tracing;
 mod loader;
 mod loader_errors;
+mod loader_media;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;

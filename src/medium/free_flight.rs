@@ -144,7 +144,7 @@ mod tests {
             let mut to = None;
             for (k, (medium, length)) in legs.into_iter().enumerate() {
                 if flight.advance(medium, length).is_some() {
-                    after = after * flight.scattered(medium);
+                    after *= flight.scattered(medium);
                     to = Some(k / 2);
                     break;
                 }
@@ -152,7 +152,7 @@ mod tests {
             let sum = match to {
                 Some(k) => &mut scattered[k],
                 None => {
-                    after = after * flight.passed();
+                    after *= flight.passed();
                     &mut passed
                 }
             };
