@@ -38,6 +38,7 @@ mod light_tracing;
 mod loader;
 mod loader_daylight;
 mod loader_errors;
+mod loader_media;
 mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;

@@ -15,8 +15,8 @@ const fn preset(name: &'static str, sigma_s: [f32; 3], sigma_a: [f32; 3]) -> Pre
     Preset { name, sigma_s, sigma_a }
 }
 
-/// The measured materials of [Jensen et al. 2001, Fig. 5]. The table of Mitsuba 0.6 has a tenth of the red absorption of
-/// the two chickens.
+/// The measured materials of [Jensen et al. 2001, Fig. 5]. The table of Mitsuba 0.6 has a tenth of the red absorption
+/// of the two chickens.
 pub const PRESETS: [Preset; 12] = [
     preset("apple", [2.29, 2.39, 1.97], [0.0030, 0.0034, 0.046]),
     preset("chicken1", [0.15, 0.21, 0.38], [0.015, 0.077, 0.19]),
