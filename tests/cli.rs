@@ -23,8 +23,8 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         (
             "render s.xml --integrator pth",
             2,
-            "buffon: --integrator: there is no integrator \"pth\"; there are path, direct, ptracer, \
-             photonmapper, sppm, whitted, distribution, irrcache, ao, depth and aov",
+            "buffon: --integrator: there is no integrator \"pth\"; there are path, volpath, direct, \
+             ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth and aov",
         ),
         (
             "render s.xml --aov nope",
