@@ -36,8 +36,8 @@ demo: deps ## build, and render the Cornell box to out/
 
 # What is quickest to fail comes first.
 test: lint ## what must hold, in minutes
-	cargo test --locked --workspace
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
+	cargo test --locked --workspace
 
 # The tests marked `ignore`, the tests of what depends on the libraries without these, and random scenes on which all
 # estimators must agree.

@@ -8,7 +8,7 @@ pub use position::{DateAndPlace, SunPosition};
 pub use sky::{Sky, SkySettings};
 pub use sun_radiance::sun_radiance;
 
-/// Half the aperture of the sun, in degrees, for which [`sun_radiance`] is given.
+/// Half the aperture of the sun, in degrees, for which [`sun_radiance()`] is given.
 pub const SUN_HALF_APERTURE: f64 = 0.5 * 0.5358;
 
 /// The least and the greatest turbidity of the models.
