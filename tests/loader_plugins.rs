@@ -1,6 +1,7 @@
 //! The loaded description of each family of plugins.
 
 use crate::loader::{Files, loaded, scene};
+use buffon::bsdf::empirical::WardVariant;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::film::{ComponentFormat, Filter, PixelFormat, PixelRect};
@@ -195,4 +196,56 @@ fn what_old_exporters_write_is_read() {
     let loaded = files.load(&LoadOptions::default()).unwrap();
     let note = "bitmap: filter_type trilinear is rendered as bilinear: there are no mipmaps";
     assert!(loaded.notes.iter().any(|text| text == note), "{:?}", loaded.notes);
+}
+
+/// Materials of version 0.6, which Mitsuba 3 does not have.
+#[test]
+fn materials_of_older_versions_are_read() {
+    let materials = |text: &str| {
+        let text = format!(
+            "<scene version='0.6.0'><sensor type='perspective'/><shape type='sphere'>{text}</shape></scene>"
+        );
+        let files = Files::new(&[("scene.xml", &text)]);
+        files.load(&LoadOptions::default()).map(|loaded| loaded.description.materials)
+    };
+    let one = |text: &str| materials(text).expect("the scene loads").pop().expect("there is a material");
+    let Material::Phong(phong) =
+        one("<bsdf type='phong'><rgb name='diffuseReflectance' value='.1,.2,.3'/></bsdf>")
+    else {
+        panic!()
+    };
+    assert_eq!(phong.exponent, 30.0.into());
+    assert_eq!(phong.reflectances.diffuse_reflectance, Rgb::new(0.1, 0.2, 0.3).into());
+    assert_eq!(phong.reflectances.specular_reflectance, Rgb::splat(0.2).into());
+    let Material::Ward(ward) = one("<bsdf type='ward'><float name='alphaU' value='.3'/></bsdf>") else {
+        panic!()
+    };
+    assert_eq!((ward.alpha, ward.variant), ([0.3.into(), 0.1.into()], WardVariant::Balanced));
+    let Material::RoughDiffuse(rough) =
+        one("<bsdf type='roughdiffuse'><spectrum name='diffuseReflectance' value='.25'/></bsdf>")
+    else {
+        panic!()
+    };
+    assert_eq!((rough.alpha, rough.reflectance), (0.2.into(), Rgb::splat(0.25).into()));
+    let Material::DiffuseTransmitter(paper) = one("<bsdf type='difftrans'/>") else { panic!() };
+    assert_eq!(paper.transmittance, Rgb::splat(0.5).into());
+    let mixture = |weights: &str| {
+        let inner = "<bsdf type='diffuse'/><bsdf type='conductor'/><bsdf type='null'/>";
+        materials(&format!("<bsdf type='mixturebsdf'>{weights}{inner}</bsdf>"))
+    };
+    let Some(Material::Mixture(sum)) =
+        mixture("<string name='weights' value='1, 2 1'/>").expect("the scene loads").pop()
+    else {
+        panic!()
+    };
+    assert_eq!((sum.weights, sum.inner.len()), (vec![0.25, 0.5, 0.25], 3));
+    for (weights, message) in [
+        ("<string name='weights' value='1, -2, 3'/>", "expected numbers that are not negative"),
+        ("<string name='weights' value='1, two, 3'/>", "expected numbers that are not negative"),
+        ("<string name='weights' value='.5 .5'/>", "expected 2 bsdfs inside it, found 3"),
+        ("", "the property weights is missing"),
+    ] {
+        let error = mixture(weights).err().expect("it is refused").to_string();
+        assert!(error.contains(message), "{error}");
+    }
 }

@@ -63,6 +63,7 @@ mod samplers;
 mod samplers_rendered;
 mod scattering;
 mod scattering_adjoint;
+mod scattering_empirical;
 mod scattering_extremes;
 mod scattering_principled;
 mod scattering_rough;

@@ -342,8 +342,18 @@ fn bsdf(random: &mut Random, depth: usize, opaque: bool) -> Node {
 }
 
 fn leaf(random: &mut Random, opaque: bool) -> Node {
-    let opaque_ones = ["diffuse", "diffuse", "diffuse", "roughconductor", "roughplastic", "principled"];
-    let smooth_ones = ["roughdielectric", "null"];
+    let opaque_ones = [
+        "diffuse",
+        "diffuse",
+        "diffuse",
+        "roughconductor",
+        "roughplastic",
+        "principled",
+        "phong",
+        "ward",
+        "roughdiffuse",
+    ];
+    let smooth_ones = ["roughdielectric", "null", "difftrans"];
     let deltas = ["conductor", "plastic"];
     let clear = ["dielectric", "thindielectric", "principledthin"];
     let mut all = opaque_ones.to_vec();
@@ -378,6 +388,17 @@ fn leaf(random: &mut Random, opaque: bool) -> Node {
             let node = rough(random, node);
             ior(random, node)
         }
+        "roughdiffuse" => node.add(color(random, "reflectance", 0.1, 0.9)),
+        "difftrans" => node.add(color(random, "transmittance", 0.1, 0.9)),
+        "phong" => node.add(color(random, "diffuse_reflectance", 0.1, 0.6)).add(Node::value(
+            "float",
+            "exponent",
+            random.between(1.0, 50.0),
+        )),
+        "ward" => node
+            .add(color(random, "diffuse_reflectance", 0.1, 0.6))
+            .add(Node::value("float", "alpha_u", random.between(0.2, 0.7)))
+            .add(Node::value("float", "alpha_v", random.between(0.2, 0.7))),
         "plastic" => node.add(color(random, "diffuse_reflectance", 0.1, 0.9)),
         "roughplastic" => rough(random, node).add(color(random, "diffuse_reflectance", 0.1, 0.9)),
         "principled" | "principledthin" => {

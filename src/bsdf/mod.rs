@@ -9,6 +9,8 @@ pub mod burley;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
+pub mod diffuse_transmitter;
+pub mod empirical;
 pub mod facet;
 pub mod fresnel;
 pub mod lanes;
@@ -19,6 +21,7 @@ pub mod principled;
 pub mod principled_thin;
 pub mod rough_conductor;
 pub mod rough_dielectric;
+pub mod rough_diffuse;
 pub mod rough_plastic;
 pub mod rough_transmittance;
 pub mod specular;
@@ -31,6 +34,8 @@ pub use blend::Blend;
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
+pub use diffuse_transmitter::DiffuseTransmitter;
+pub use empirical::{DiffuseAnd, Phong, Ward};
 pub use lanes::{BsdfEvalX16, BsdfSampleX16};
 pub use mask::Mask;
 pub use plastic::Plastic;
@@ -38,6 +43,7 @@ pub use principled::Principled;
 pub use principled_thin::PrincipledThin;
 pub use rough_conductor::RoughConductor;
 pub use rough_dielectric::RoughDielectric;
+pub use rough_diffuse::RoughDiffuse;
 pub use rough_plastic::RoughPlastic;
 pub use rough_transmittance::RoughTransmittance;
 pub use specular::SpecularLobe;
@@ -96,6 +102,14 @@ pub enum Bsdf<'a> {
     Null,
     /// Ideal Lambertian reflection.
     Diffuse(Diffuse),
+    /// Ideal diffuse transmission.
+    DiffuseTransmitter(DiffuseTransmitter),
+    /// Diffuse reflection by a rough surface.
+    RoughDiffuse(RoughDiffuse),
+    /// Diffuse reflection plus a Phong lobe.
+    Phong(DiffuseAnd<Phong>),
+    /// Diffuse reflection plus the lobe of Ward.
+    Ward(DiffuseAnd<Ward>),
     /// Specular reflection by a smooth conductor.
     Conductor(Conductor),
     /// Reflection by a rough conductor.
@@ -161,6 +175,10 @@ impl Bsdf<'_> {
         Some(match self {
             Bsdf::Null => Bsdf::Null,
             Bsdf::Diffuse(b) => Bsdf::Diffuse(b),
+            Bsdf::DiffuseTransmitter(b) => Bsdf::DiffuseTransmitter(b),
+            Bsdf::RoughDiffuse(b) => Bsdf::RoughDiffuse(b),
+            Bsdf::Phong(b) => Bsdf::Phong(b),
+            Bsdf::Ward(b) => Bsdf::Ward(b),
             Bsdf::Conductor(b) => Bsdf::Conductor(b),
             Bsdf::RoughConductor(b) => Bsdf::RoughConductor(b),
             Bsdf::Dielectric(b) => Bsdf::Dielectric(b),
@@ -182,6 +200,9 @@ impl Bsdf<'_> {
             Bsdf::Null | Bsdf::Conductor(_) => Lobes::deltas(1),
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => Lobes::deltas(2),
             Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) => Lobes::FINITE,
+            Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => {
+                Lobes::FINITE
+            }
             Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => Lobes::FINITE,
             Bsdf::Plastic(_) => Lobes { finite: true, deltas: 1 },
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
@@ -205,7 +226,9 @@ impl Bsdf<'_> {
         match self {
             Bsdf::RoughConductor(b) => b.microfacets.is_anisotropic(),
             Bsdf::RoughDielectric(b) => b.microfacets.is_anisotropic(),
+            Bsdf::Ward(b) => b.lobe.microfacets.is_anisotropic(),
             Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::Dielectric(_) => false,
+            Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) => false,
             Bsdf::ThinDielectric(_) | Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => false,
             Bsdf::Principled(b) => b.anisotropy != 0.0,
             Bsdf::PrincipledThin(b) => b.anisotropy != 0.0,
@@ -220,7 +243,9 @@ impl Bsdf<'_> {
     pub fn transmits(&self) -> bool {
         match self {
             Bsdf::Null | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
+            Bsdf::DiffuseTransmitter(_) => true,
             Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
+            Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => false,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => false,
             Bsdf::Principled(b) => b.transmits(),
             Bsdf::PrincipledThin(b) => b.transmits(),
@@ -235,6 +260,8 @@ impl Bsdf<'_> {
     pub fn chooses_lobe(&self) -> bool {
         match self {
             Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
+            Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) => false,
+            Bsdf::Phong(_) | Bsdf::Ward(_) => true,
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
             Bsdf::Blend(_) | Bsdf::Mask(_) => true,
@@ -248,6 +275,10 @@ impl Bsdf<'_> {
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
         match self {
             Bsdf::Diffuse(b) => b.eval(wo, wi),
+            Bsdf::DiffuseTransmitter(b) => b.eval(wo, wi),
+            Bsdf::RoughDiffuse(b) => b.eval(wo, wi),
+            Bsdf::Phong(b) => b.eval(wo, wi),
+            Bsdf::Ward(b) => b.eval(wo, wi),
             Bsdf::RoughConductor(b) => b.eval(wo, wi),
             Bsdf::RoughDielectric(b) => b.eval(wo, wi),
             Bsdf::Plastic(b) => b.eval(wo, wi),
@@ -268,6 +299,10 @@ impl Bsdf<'_> {
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
         match self {
             Bsdf::Diffuse(b) => b.sample(wo, u),
+            Bsdf::DiffuseTransmitter(b) => b.sample(wo, u),
+            Bsdf::RoughDiffuse(b) => b.sample(wo, u),
+            Bsdf::Phong(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Ward(b) => b.sample(wo, u_lobe, u),
             Bsdf::RoughConductor(b) => b.sample(wo, u),
             Bsdf::Conductor(b) => b.sample(wo),
             Bsdf::Dielectric(b) => b.sample(wo, u_lobe),
@@ -291,6 +326,10 @@ impl Bsdf<'_> {
     pub fn albedo(&self) -> Rgb {
         match self {
             Bsdf::Diffuse(b) => b.reflectance,
+            Bsdf::DiffuseTransmitter(b) => b.transmittance,
+            Bsdf::RoughDiffuse(b) => b.reflectance,
+            Bsdf::Phong(b) => b.albedo(),
+            Bsdf::Ward(b) => b.albedo(),
             Bsdf::RoughConductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
             Bsdf::Conductor(b) => b.fresnel.reflectance(1.0) * b.specular_reflectance,
             Bsdf::Dielectric(b) => b.albedo(),

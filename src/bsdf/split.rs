@@ -3,7 +3,7 @@
 //! Irradiance caches provide the light of the diffuse part, for which directions do not matter. The rest is traced.
 
 use super::two_sided::mirrored;
-use super::{Blend, Bsdf, Diffuse, Plastic, RoughPlastic, Tilted, TwoSided, fresnel};
+use super::{Blend, Bsdf, Diffuse, DiffuseAnd, Plastic, RoughPlastic, Tilted, TwoSided, fresnel};
 use crate::color::Rgb;
 use crate::math::Vec3;
 use bumpalo::Bump;
@@ -38,6 +38,14 @@ impl<'a> Bsdf<'a> {
             Bsdf::RoughPlastic(b) if !b.diffuse_reflectance.is_black() => both(
                 Bsdf::RoughPlastic(RoughPlastic { specular_reflectance: Rgb::BLACK, ..*b }),
                 Bsdf::RoughPlastic(RoughPlastic { diffuse_reflectance: Rgb::BLACK, ..*b }),
+            ),
+            Bsdf::Phong(b) if !b.diffuse_reflectance.is_black() => both(
+                Bsdf::Diffuse(Diffuse { reflectance: b.diffuse_reflectance }),
+                Bsdf::Phong(DiffuseAnd { diffuse_reflectance: Rgb::BLACK, ..*b }),
+            ),
+            Bsdf::Ward(b) if !b.diffuse_reflectance.is_black() => both(
+                Bsdf::Diffuse(Diffuse { reflectance: b.diffuse_reflectance }),
+                Bsdf::Ward(DiffuseAnd { diffuse_reflectance: Rgb::BLACK, ..*b }),
             ),
             Bsdf::Blend(b) => {
                 let parts = b.bsdfs.map(|bsdf| bsdf.split(wo, arena));

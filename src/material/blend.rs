@@ -2,9 +2,11 @@
 
 use super::{Context, Input, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::bsdf::{self, Bsdf};
+use crate::color::Rgb;
 use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
 use crate::texture::TexturePoint;
+use bumpalo::Bump;
 
 /// A weighted sum of two materials.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -48,16 +50,37 @@ impl Plugin for Blend {
     fn scattering<'a>(&'a self, _: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
         let w = context.inputs().share(&self.weight);
         let [a, b] = self.inner.map(|id| context.inner(id));
-        let (share_a, share_b) = ((1.0 - w) * a.opacity, w * b.opacity);
-        let opacity = share_a + share_b;
-        let bsdf = if share_b == 0.0 {
-            a.bsdf
-        } else if share_a == 0.0 {
-            b.bsdf
-        } else {
-            let bsdfs = [a, b].map(|s| &*context.arena.alloc(s.bsdf));
-            Bsdf::Blend(bsdf::Blend { weight: share_b / opacity, bsdfs })
-        };
-        Scattering { bsdf, opacity }
+        weighted_sum([(1.0 - w, a), (w, b)], context.arena)
     }
+}
+
+/// A BSDF that scatters nothing.
+static BLACK: Bsdf<'static> = Bsdf::Diffuse(bsdf::Diffuse { reflectance: Rgb::BLACK });
+
+/// Returns the sum of weighted materials. What the weights lack to 1 is black and opaque.
+pub(super) fn weighted_sum<'a>(
+    parts: impl IntoIterator<Item = (f32, Scattering<'a>)>,
+    arena: &'a Bump,
+) -> Scattering<'a> {
+    let (mut sum, mut opacity, mut weights) = (None, 0.0, 0.0);
+    let mut add = |opaque: f32, bsdf: Bsdf<'a>| {
+        if opaque > 0.0 {
+            opacity += opaque;
+            sum = Some(match sum {
+                None => bsdf,
+                Some(before) => {
+                    let bsdfs = [before, bsdf].map(|bsdf| &*arena.alloc(bsdf));
+                    Bsdf::Blend(bsdf::Blend { weight: opaque / opacity, bsdfs })
+                }
+            });
+        }
+    };
+    for (weight, part) in parts {
+        weights += weight;
+        add(weight * part.opacity, part.bsdf);
+    }
+    if weights < 1.0 - 1e-6 {
+        add(1.0 - weights, BLACK);
+    }
+    Scattering { bsdf: sum.unwrap_or(BLACK), opacity }
 }

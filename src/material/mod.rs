@@ -11,19 +11,24 @@ pub mod compiled;
 mod conductor;
 mod dielectric;
 mod diffuse;
+mod diffuse_transmitter;
 mod mask;
+mod mixture;
 mod normal_map;
 mod null;
 mod parts;
+mod phong;
 mod plastic;
 mod principled;
 mod principled_thin;
 mod rough_conductor;
 mod rough_dielectric;
+mod rough_diffuse;
 mod rough_plastic;
 pub mod source;
 mod thin_dielectric;
 mod two_sided;
+mod ward;
 
 pub use crate::bsdf::microfacet::Distribution;
 pub use bending::Bending;
@@ -33,19 +38,24 @@ pub use compiled::{Context, Inputs, MaterialPoint, Materials, Sampling, Scatteri
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
+pub use diffuse_transmitter::DiffuseTransmitter;
 pub use mask::Mask;
+pub use mixture::Mixture;
 pub use normal_map::NormalMap;
 pub use null::Null;
-pub use parts::{Coated, Interface, Metal, Roughness};
+pub use parts::{Coated, DiffuseAndSpecular, Interface, Metal, Roughness};
+pub use phong::Phong;
 pub use plastic::Plastic;
 pub use principled::Principled;
 pub use principled_thin::PrincipledThin;
 pub use rough_conductor::RoughConductor;
 pub use rough_dielectric::RoughDielectric;
+pub use rough_diffuse::RoughDiffuse;
 pub use rough_plastic::RoughPlastic;
 pub use source::Source;
 pub use thin_dielectric::ThinDielectric;
 pub use two_sided::TwoSided;
+pub use ward::Ward;
 
 use crate::bsdf::{Bsdf, RoughTransmittance};
 use crate::error::Result;
@@ -254,12 +264,18 @@ plugins! {
     Dielectric(Dielectric),
     /// Ideal Lambertian reflection.
     Diffuse(Diffuse),
+    /// Ideal diffuse transmission.
+    DiffuseTransmitter(DiffuseTransmitter),
     /// A material with an opacity.
     Mask(Mask),
+    /// A weighted sum of materials.
+    Mixture(Mixture),
     /// Normals from a texture.
     NormalMap(NormalMap),
     /// No surface: light passes.
     Null(Null),
+    /// Diffuse reflection plus a Phong lobe.
+    Phong(Phong),
     /// A diffuse base under a smooth dielectric coat.
     Plastic(Plastic),
     /// The principled model.
@@ -270,10 +286,14 @@ plugins! {
     RoughConductor(RoughConductor),
     /// A boundary with microfacets between two dielectrics.
     RoughDielectric(RoughDielectric),
+    /// Diffuse reflection by a rough surface.
+    RoughDiffuse(RoughDiffuse),
     /// A diffuse base under a rough dielectric coat.
     RoughPlastic(RoughPlastic),
     /// A thin pane of a dielectric.
     ThinDielectric(ThinDielectric),
     /// One-sided materials on the front and on the back.
     TwoSided(TwoSided),
+    /// Diffuse reflection plus the lobe of Ward.
+    Ward(Ward),
 }

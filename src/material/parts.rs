@@ -2,6 +2,7 @@
 
 use super::source::{NumberOrName, Read, Source};
 use super::{Input, Inputs};
+use crate::bsdf::empirical::DiffuseAnd;
 use crate::bsdf::fresnel::ConductorFresnel;
 use crate::bsdf::microfacet::{Distribution, Microfacets};
 use crate::color::conductors::{self, ComplexIor};
@@ -165,5 +166,36 @@ impl Coated {
             diffuse_reflectance: source.reflectance("diffuse_reflectance", 0.5)?,
             nonlinear: source.boolean("nonlinear", false)?,
         })
+    }
+}
+
+/// The reflectances of a diffuse part and a specular lobe.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct DiffuseAndSpecular {
+    /// Reflectance of the diffuse part.
+    pub diffuse_reflectance: Input<Rgb>,
+    /// A factor on the lobe.
+    pub specular_reflectance: Input<Rgb>,
+}
+
+impl DiffuseAndSpecular {
+    pub(super) fn read(source: &mut dyn Source) -> Result<Self> {
+        Ok(DiffuseAndSpecular {
+            diffuse_reflectance: source.reflectance("diffuse_reflectance", 0.5)?,
+            specular_reflectance: source.reflectance("specular_reflectance", 0.2)?,
+        })
+    }
+
+    pub(super) fn textures(&self) -> impl Iterator<Item = TextureId> {
+        [self.diffuse_reflectance, self.specular_reflectance].into_iter().filter_map(|input| input.texture())
+    }
+
+    /// Returns the BSDF with the given lobe. If the reflectances sum to more than 1 in any channel, both are reduced
+    /// so that no light is created.
+    pub(super) fn with<L>(&self, lobe: L, inputs: &Inputs<'_>) -> DiffuseAnd<L> {
+        let [diffuse, specular] =
+            [self.diffuse_reflectance, self.specular_reflectance].map(|input| inputs.color(&input));
+        let scale = 1.0 / (diffuse + specular).max_component().max(1.0);
+        DiffuseAnd { diffuse_reflectance: diffuse * scale, specular_reflectance: specular * scale, lobe }
     }
 }

@@ -1,11 +1,13 @@
 //! Checks for every BSDF.
 
 use super::chi2::{check_directions, check_square};
+use buffon::bsdf::empirical::WardVariant;
 use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
 use buffon::bsdf::{
-    Blend, Bsdf, BsdfSample, Conductor, Dielectric, Diffuse, Lobe, Mask, Plastic, Principled, PrincipledThin,
-    RoughConductor, RoughDielectric, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided,
+    Blend, Bsdf, BsdfSample, Conductor, Dielectric, Diffuse, DiffuseAnd, DiffuseTransmitter, Lobe, Mask,
+    Phong, Plastic, Principled, PrincipledThin, RoughConductor, RoughDielectric, RoughDiffuse, RoughPlastic,
+    RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
 };
 use buffon::color::Rgb;
 use buffon::math::{DVec3, Frame, Vec2, Vec3};
@@ -209,6 +211,21 @@ pub fn simple_models() -> Vec<Bsdf<'static>> {
     let white = Rgb::WHITE;
     vec![
         DIFFUSE,
+        Bsdf::DiffuseTransmitter(DiffuseTransmitter { transmittance: white }),
+        Bsdf::RoughDiffuse(RoughDiffuse { reflectance: white, sigma: 0.5, qualitative: false }),
+        Bsdf::Phong(DiffuseAnd {
+            diffuse_reflectance: white * 0.5,
+            specular_reflectance: white * 0.5,
+            lobe: Phong { exponent: 20.0 },
+        }),
+        Bsdf::Ward(DiffuseAnd {
+            diffuse_reflectance: white * 0.5,
+            specular_reflectance: white * 0.5,
+            lobe: Ward {
+                microfacets: facets(Distribution::Beckmann, [0.1, 0.4], false),
+                variant: WardVariant::Balanced,
+            },
+        }),
         Bsdf::Null,
         Bsdf::Conductor(Conductor { fresnel: conductor(), specular_reflectance: white }),
         Bsdf::Dielectric(Dielectric { eta: 1.5, specular_reflectance: white, specular_transmittance: white }),

@@ -53,6 +53,7 @@ fn gathers(bsdf: &Bsdf<'_>) -> bool {
         Bsdf::RoughConductor(_) | Bsdf::RoughDielectric(_) => false,
         Bsdf::Diffuse(_) | Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => true,
         Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
+        Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => true,
         Bsdf::Blend(b) => b.bsdfs.iter().any(|b| gathers(b)),
         Bsdf::Mask(b) => gathers(b.inner),
         Bsdf::Tilted(b) => gathers(b.inner),

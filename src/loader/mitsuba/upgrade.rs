@@ -4,7 +4,7 @@
 pub fn property(plugin: &str, name: &str) -> String {
     let snake = snake_case(name);
     match (plugin, snake.as_str()) {
-        ("diffuse", "diffuse_reflectance") => "reflectance".to_owned(),
+        ("diffuse" | "roughdiffuse", "diffuse_reflectance") => "reflectance".to_owned(),
         _ => snake,
     }
 }
