@@ -11,10 +11,11 @@ use buffon::integrator::settings::{
 };
 use buffon::loader::LoadOptions;
 use buffon::material::{Conductor, Distribution, Material, Metal, RoughConductor};
-use buffon::math::Vec3;
+use buffon::math::{Vec2, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::Shape;
+use buffon::texture::TexturePoint;
 
 #[test]
 fn every_value_of_film_and_sensor_is_read() {
@@ -245,7 +246,30 @@ fn materials_of_older_versions_are_read() {
         ("<string name='weights' value='.5 .5'/>", "expected 2 bsdfs inside it, found 3"),
         ("", "the property weights is missing"),
     ] {
-        let error = mixture(weights).err().expect("it is refused").to_string();
+        let error = mixture(weights).expect_err("it is refused").to_string();
         assert!(error.contains(message), "{error}");
     }
+}
+
+/// Textures of version 0.6: `scale`, and coordinates with an offset and then a scale, as Mitsuba 3 reads them.
+#[test]
+fn textures_of_older_versions_are_read() {
+    let text = "<scene version='0.6.0'><sensor type='perspective'/><shape type='sphere'><bsdf type='diffuse'>
+        <texture type='scale' name='reflectance'><rgb name='scale' value='.5,1,2'/>
+            <texture type='checkerboard'>
+                <float name='uscale' value='3'/><float name='vscale' value='2'/><float name='uoffset' value='.25'/>
+                <rgb name='color0' value='.4,.4,.4'/><rgb name='color1' value='.1,.1,.1'/>
+            </texture>
+        </texture></bsdf></shape></scene>";
+    let loaded = Files::new(&[("scene.xml", text)]).load(&LoadOptions::default()).expect("the scene loads");
+    let Material::Diffuse(diffuse) = &loaded.description.materials[0] else { panic!() };
+    let id = diffuse.reflectance.texture().expect("a texture");
+    let color = |u, v| loaded.description.textures[id.index()].eval(&TexturePoint::at(Vec2::new(u, v)));
+    // Mitsuba's matrix is (3, 0, 0.75; 0, 2, 0), so the first square of colour 1 begins at u = -1/12.
+    for (u, expected) in [(-0.09, 0.4), (-0.08, 0.1), (0.08, 0.1), (0.09, 0.4)] {
+        let found = color(u, 0.1);
+        assert!((found - Rgb::new(0.5, 1.0, 2.0) * expected).max_component().abs() < 1e-6, "{u}: {found:?}");
+    }
+    assert_eq!(color(0.0, 0.2), color(0.0, 0.1));
+    assert_ne!(color(0.0, 0.3), color(0.0, 0.1));
 }

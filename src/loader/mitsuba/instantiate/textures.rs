@@ -9,12 +9,12 @@ use crate::image::{self, TextureImage};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::material::Input;
-use crate::math::Affine2;
-use crate::texture::{Bitmap, Checkerboard, FilterType, MeshAttribute, Texture, WrapMode};
+use crate::math::{Affine2, Vec2};
+use crate::texture::{Bitmap, Checkerboard, FilterType, MeshAttribute, Product, Texture, WrapMode};
 use std::path::Path;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 3] = ["bitmap", "checkerboard", "mesh_attribute"];
+const SUPPORTED: [&str; 4] = ["bitmap", "checkerboard", "mesh_attribute", "scale"];
 const MITSUBA: [&str; 1] = ["volume"];
 
 impl Builder<'_> {
@@ -43,10 +43,22 @@ impl Builder<'_> {
                 Texture::Checkerboard(Checkerboard::new(color0, color1, to_uv(&props)?))
             }
             "mesh_attribute" => mesh_attribute(&props)?,
+            "scale" => self.scaled(&props)?,
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
         self.finish(props);
         Ok(texture)
+    }
+
+    /// Returns a texture of version 0.6: the product of another texture and a factor.
+    fn scaled(&mut self, props: &Props) -> Result<Texture> {
+        let Some(inner) = props.child("texture")? else {
+            return Err(props.object.error("expected a texture inside it"));
+        };
+        let inner = self.texture(inner)?;
+        let factor = self.colour(props, "scale", Quantity::Unbounded, 1.0)?;
+        let inner = self.loaded.description.textures[inner.index()].clone();
+        Ok(Texture::Product(Product([inner, Arc::new(Texture::Constant(factor))])))
     }
 
     /// Returns a colour or texture inside a texture, as a texture.
@@ -99,11 +111,16 @@ impl Builder<'_> {
     }
 }
 
-/// Returns the transformation of texture coordinates: the part of a spatial transformation in the plane.
+/// Returns the transformation of texture coordinates: the part of a spatial transformation in the plane, or an offset
+/// and then a scale, as in files before version 2.
 fn to_uv(props: &Props) -> Result<Affine2> {
+    let number = |name, default| Ok(props.float(name)?.unwrap_or(default) as f32);
+    let offset = Vec2::new(number("uoffset", 0.0)?, number("voffset", 0.0)?);
+    let scale = Vec2::new(number("uscale", 1.0)?, number("vscale", 1.0)?);
     let m = props.transform("to_uv")?;
     let (x, y, t) = (m.matrix3.x_axis, m.matrix3.y_axis, m.translation);
-    Ok(Affine2::from_cols_array(&[x.x, x.y, y.x, y.y, t.x, t.y].map(|v| v as f32)))
+    let plane = Affine2::from_cols_array(&[x.x, x.y, y.x, y.y, t.x, t.y].map(|v| v as f32));
+    Ok(plane * Affine2::from_scale(scale) * Affine2::from_translation(offset))
 }
 
 fn mesh_attribute(props: &Props) -> Result<Texture> {
