@@ -14,7 +14,7 @@ use buffon::ids::MediumId;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathLimits;
 use buffon::material::{Dielectric, Interface, Mask, Material, Null};
-use buffon::math::{DAffine3, DVec3, Vec2, Vec3};
+use buffon::math::{DAffine3, DQuat, DVec3, Vec2, Vec3};
 use buffon::medium::{Homogeneous, Medium, MediumBoundary, Phase};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
@@ -256,6 +256,32 @@ fn fog_in_a_furnace_is_invisible() {
     for &accel in AccelKind::CHOICES {
         let rendered = render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 256, 3);
         group.expect(&format!("{accel}"), &rendered, [1.0; 3]);
+    }
+}
+
+/// Light of a uniform environment that a half-space scatters once towards its normal. It does not depend on the
+/// extinction, so it shows any error of the distances from the boundary.
+#[test]
+fn single_scattering_of_a_half_space_does_not_depend_on_its_density() {
+    let sigmas = [1.0, 60.0, 1e3, 1e4];
+    let group = Means::of_images(sigmas.len() * AccelKind::CHOICES.len(), 1e-2);
+    let albedo = [0.9, 0.6, 0.3];
+    // ϖ/2 · ∫ μ/(1 + μ) dμ over [0, 1].
+    let exact = albedo.map(|albedo| 0.5 * f64::from(albedo) * (1.0 - 2f64.ln()));
+    for sigma in sigmas {
+        let mut scene = spot(DVec3::Z);
+        let fog = medium(&mut scene, [sigma; 3], albedo, Phase::Isotropic);
+        let below = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(1e3),
+            DQuat::IDENTITY,
+            DVec3::new(0.0, 0.0, -1e3),
+        );
+        filled(&mut scene, Shape::Cube, below, Material::Null(Null), fog);
+        for &accel in AccelKind::CHOICES {
+            let rendered =
+                render(&compiled(scene.clone(), accel), &volpath(Some(2)), SamplerKind::Sobol, 2048, 6);
+            group.expect(&format!("{sigma}, {accel}"), &rendered, exact);
+        }
     }
 }
 
