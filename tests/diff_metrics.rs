@@ -186,6 +186,8 @@ fn the_z_test_accepts_noise_of_the_stated_variance_and_rejects_bias() {
     }
     let r = dir.save("r.exr", &flat(0.5, &RGB));
     let (a, biased) = (dir.save("a.exr", &a), dir.save("biased.exr", &biased));
+    assert!(said(&a, &r, &[]).text.contains("the images contain noise: --z tests"));
+    assert!(!said(&a, &r, &["--fail", "1e-9"]).text.contains("--z"));
     assert_eq!(diff(&a, &r, &["--z"]), 0);
     assert_eq!(diff(&a, &r, &["--z", "--json"]), 0);
     assert_eq!(diff(&a, &r, &["--z", "--fail", "1e-9"]), 1);

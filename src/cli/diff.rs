@@ -120,6 +120,8 @@ struct Verdict {
     z: Option<ZTest>,
     threshold: Option<f64>,
     same: bool,
+    /// Whether a z-test was not requested but is possible.
+    z_is_possible: bool,
 }
 
 /// Runs the comparison, prints the result on standard output and returns the exit code.
@@ -173,6 +175,9 @@ pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
     }
 }
 
+/// Significance of the z-test over the whole image.
+const Z_SIGNIFICANCE: f64 = 0.01;
+
 fn judge(
     args: &DiffArgs,
     a: &Image,
@@ -180,11 +185,14 @@ fn judge(
     variance: Option<&Image>,
 ) -> std::result::Result<Verdict, NotComparable> {
     let comparison = compare(a, b)?;
-    let z = args.z.then(|| z_test(a, b, variance, 0.01)).transpose()?;
+    let z = args.z.then(|| z_test(a, b, variance, Z_SIGNIFICANCE)).transpose()?;
     let threshold = args.fail.or((!args.z).then(|| args.metric.exact()));
     let within = threshold.is_none_or(|t| comparison.layers.iter().all(|l| args.metric.passes(l, t)));
     let same = !comparison.has_invalid() && within && z.as_ref().is_none_or(ZTest::passes);
-    Ok(Verdict { comparison, z, threshold, same })
+    // Noisy images are never equal, so that the default threshold says nothing about them.
+    let z_is_possible =
+        !same && !args.z && args.fail.is_none() && z_test(a, b, variance, Z_SIGNIFICANCE).is_ok();
+    Ok(Verdict { comparison, z, threshold, same, z_is_possible })
 }
 
 /// Returns the false-colour image: |z| of a z-test on a linear scale up to 5, otherwise the relative squared error on a
@@ -261,6 +269,9 @@ fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
         (Some(t), false) => writeln!(text, "{result} by {} with threshold {t}", args.metric.name()),
         (None, false) => writeln!(text, "{result} by the z-test"),
     };
+    if verdict.z_is_possible {
+        _ = writeln!(text, "the images contain noise: --z tests whether they differ by more than that");
+    }
     text
 }
 
