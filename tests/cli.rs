@@ -447,6 +447,10 @@ fn info_tells_about_scenes_and_images() {
     ] {
         assert!(scene.stdout.lines().any(|l| l == line), "{line} in\n{}", scene.stdout);
     }
+    let time = scene.stdout.lines().find_map(|line| line.strip_prefix("time"));
+    let time = time.unwrap_or_else(|| panic!("{}", scene.stdout)).trim();
+    assert!(time.starts_with("about ") && time.contains(" s for 8 samples per pixel with "), "{time}");
+    assert!(!folder.run("info s.xml --no-pilot").stdout.contains("\ntime"));
     folder.render("s.xml -q");
     let image = folder.run("info s.exr");
     assert!(image.stdout.starts_with("40x30 pixels, 3 channels\n"), "{}", image.stdout);

@@ -5,18 +5,22 @@ use super::shared::{SceneArgs, accel_help};
 use super::{info_image, print};
 use crate::accel::AccelKind;
 use crate::error::{Result, counted};
+use crate::film::FilmSettings;
 use crate::image;
 use crate::integrator::photon;
 use crate::loader;
 use crate::memory::{Amount, Budget};
-use crate::scene::{CompileOptions, Scene, compile_within};
-use crate::session::RenderMemory;
+use crate::render::Progress;
+use crate::scene::Scene;
 use crate::session::checkpoint::{self, Checkpoint, CheckpointLabel};
+use crate::session::{Choices, RenderMemory, SceneFile, Session};
 use crate::shape::WorldShape;
 use clap::Args;
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::mem::take;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Describe the content, needs and cost of a scene, or the content of an image.
 #[derive(Clone, Debug, Args)]
@@ -30,7 +34,15 @@ pub struct InfoArgs {
     /// The ray traversal.
     #[arg(long, value_name = "NAME", help = accel_help())]
     pub accel: Option<AccelKind>,
+    /// Render nothing: do not estimate the time of a render.
+    #[arg(long)]
+    pub no_pilot: bool,
 }
+
+/// The greatest width and height of the image from which the time of a render is estimated, pixels.
+const PILOT_SIZE: u32 = 128;
+/// The time of sampling for that image.
+const PILOT_TIME: Duration = Duration::from_millis(300);
 
 /// Prints the description.
 ///
@@ -89,17 +101,21 @@ fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
 fn describe_scene(args: &InfoArgs) -> Result<String> {
     let loaded = loader::load(&args.file, &args.resources.load_options(None))?;
     let settings = loaded.description.sensors.clone();
-    let compile_options = CompileOptions {
-        accel: args.accel.unwrap_or_default(),
-        threads: args.resources.threads(),
-        sensor: 0,
-    };
-    let (scene, report) = compile_within(loaded.description, compile_options, &loaded.memory)?;
+    let mut file = SceneFile::of(&args.file, loaded);
+    let (warnings, notes) = (take(&mut file.warnings), take(&mut file.notes));
+    if let Some(sensor) = file.description.sensors.first_mut() {
+        let film = &mut sensor.film;
+        let scale = f64::from(film.width.max(film.height)) / f64::from(PILOT_SIZE);
+        let smaller = |n: u32| (f64::from(n) / scale.max(1.0)).ceil() as u32;
+        (film.width, film.height, film.crop) = (smaller(film.width), smaller(film.height), None);
+    }
+    let session = file.compile(args.accel.unwrap_or_default(), args.resources.threads())?;
+    let Session { scene, report, defaults, .. } = &session;
     let mut text = String::new();
     let mut line = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<12} {value}");
     };
-    line("integrator", loaded.integrator.name().into());
+    line("integrator", defaults.integrator.name().into());
     for sensor in &settings {
         let film = &sensor.film;
         let rect = film.rect();
@@ -120,24 +136,42 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     line("emitters", count(scene.lights.iter().map(|l| l.kind())));
     line("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max));
     line("needs", scene.needs.to_string());
-    line("memory", memory(&scene, &loaded.memory));
+    line("memory", memory(scene, &session.memory));
     for sensor in &settings {
-        line("to render", to_render(&RenderMemory::least(&sensor.film), &loaded.memory));
+        line("to render", to_render(&RenderMemory::least(&sensor.film), &session.memory));
     }
     line("build", format!("{:.3} s ({})", report.build_seconds, scene.accel.name()));
-    if let Some(spp) = loaded.samples_per_pixel {
+    if let Some(spp) = defaults.samples_per_pixel {
         line("samples", format!("{spp} per pixel"));
+    }
+    if let Some(sensor) = settings.first().filter(|_| !args.no_pilot) {
+        line("time", time(&session, &sensor.film).unwrap_or_else(|e| format!("unknown: {}", e.message)));
     }
     if report.dropped_primitives > 0 {
         line("dropped", format!("{} invalid primitives", report.dropped_primitives));
     }
-    for warning in loaded.warnings.iter().chain(&report.warnings) {
+    for warning in warnings.iter().chain(&report.warnings) {
         line("warning", warning.to_string());
     }
-    for note in &loaded.notes {
+    for note in &notes {
         line("note", note.clone());
     }
     Ok(text)
+}
+
+/// Estimates the time of a render with the settings of the file, from a pilot with a smaller image.
+fn time(session: &Session, film: &FilmSettings) -> Result<String> {
+    let mut plan = session.plan(&Choices { replace_independent: true, ..Choices::default() })?;
+    let samples = plan.job.stop.samples.unwrap_or_default();
+    plan.job.stop.time = Some(PILOT_TIME);
+    let pilot = session.render(&plan, &Progress::new())?;
+    let all = film.rect().area() as f64 * samples as f64;
+    let taken = pilot.rect.area() as f64 * pilot.samples_per_pixel as f64;
+    let seconds = pilot.prepared.as_secs_f64() + pilot.elapsed.as_secs_f64() * all / taken;
+    let threads = counted(session.threads as u64, "thread", "threads");
+    Ok(format!(
+        "about {seconds:.2} s for {samples} samples per pixel with {threads}, estimated from a small image"
+    ))
 }
 
 /// Describes the memory of the scene.

@@ -78,6 +78,24 @@ pub struct Defaults {
 }
 
 impl SceneFile {
+    /// Returns the content of a scene file, with its first sensor.
+    pub fn of(path: &Path, loaded: Loaded) -> Self {
+        let Loaded { description, integrator, sampler, samples_per_pixel, warnings, notes, memory, .. } =
+            loaded;
+        let samples_per_pixel = samples_per_pixel.map(u64::from);
+        SceneFile {
+            path: path.to_owned(),
+            description,
+            sensor: 0,
+            defaults: Defaults { integrator, sampler, samples_per_pixel },
+            warnings,
+            notes,
+            load_seconds: 0.0,
+            memory,
+            sized_by_user: false,
+        }
+    }
+
     /// Loads a scene file and applies the choices.
     ///
     /// # Errors
@@ -85,16 +103,13 @@ impl SceneFile {
     /// exceeds the memory limit.
     pub fn load(path: &Path, choices: &SceneChoices) -> Result<Self> {
         let started = Instant::now();
-        let loaded = loader::load(path, &choices.load)?;
-        let Loaded {
-            mut description, integrator, sampler, samples_per_pixel, warnings, notes, memory, ..
-        } = loaded;
-        let load_seconds = started.elapsed().as_secs_f64();
-        let sensors = description.sensors.len();
+        let mut file = SceneFile::of(path, loader::load(path, &choices.load)?);
+        file.load_seconds = started.elapsed().as_secs_f64();
+        let sensors = file.description.sensors.len();
         if sensors == 0 {
             return Err(Error::scene("the scene has neither a sensor nor a shape to look at").in_file(path));
         }
-        let Some(sensor) = description.sensors.get_mut(choices.sensor) else {
+        let Some(sensor) = file.description.sensors.get_mut(choices.sensor) else {
             return Err(Error::usage(format!(
                 "--sensor {}: the scene has {}, counted from 0",
                 choices.sensor,
@@ -102,25 +117,14 @@ impl SceneFile {
             )));
         };
         adjust(sensor, choices)?;
-        let sized_by_user = choices.size.is_some();
+        file.sensor = choices.sensor;
+        file.sized_by_user = choices.size.is_some();
         // This is checked again when all settings are known. The early check avoids building a scene for an image
         // that is too large.
-        let least = RenderMemory::least(&sensor.film);
-        drop(memory::reserve(path, &sensor.film, sized_by_user, least, &memory)?);
-        let samples_per_pixel = samples_per_pixel.map(u64::from);
-        let defaults = Defaults { integrator, sampler, samples_per_pixel };
-        let path = path.to_owned();
-        Ok(SceneFile {
-            path,
-            description,
-            sensor: choices.sensor,
-            defaults,
-            warnings,
-            notes,
-            load_seconds,
-            memory,
-            sized_by_user,
-        })
+        let film = &sensor.film;
+        let least = RenderMemory::least(film);
+        drop(memory::reserve(path, film, file.sized_by_user, least, &file.memory)?);
+        Ok(file)
     }
 
     /// What renders of it belong to.
