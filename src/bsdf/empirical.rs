@@ -119,7 +119,7 @@ impl EmpiricalLobe for Ward {
         let h = (wo + wi).normalize();
         let (d, cos) = (self.microfacets.d(h), wo.dot(h));
         let value = match self.variant {
-            WardVariant::Original => d * h.z.powi(4) / (4.0 * (wo.z * wi.z).sqrt()),
+            WardVariant::Original => d * h.z.powi(4) / (4.0 * wo.z.sqrt() * wi.z.sqrt()),
             WardVariant::Duer => d * h.z.powi(4) / (4.0 * wo.z * wi.z),
             WardVariant::Balanced => d / (4.0 * cos * cos),
         };
