@@ -253,6 +253,7 @@ macro_rules! plugins {
     };
 }
 
+// New plugins go to the end: the hash of a scene contains the index of a plugin in this table.
 plugins! {
     /// A weighted sum of two materials.
     Blend(Blend),
@@ -264,18 +265,12 @@ plugins! {
     Dielectric(Dielectric),
     /// Ideal Lambertian reflection.
     Diffuse(Diffuse),
-    /// Ideal diffuse transmission.
-    DiffuseTransmitter(DiffuseTransmitter),
     /// A material with an opacity.
     Mask(Mask),
-    /// A weighted sum of materials.
-    Mixture(Mixture),
     /// Normals from a texture.
     NormalMap(NormalMap),
     /// No surface: light passes.
     Null(Null),
-    /// Diffuse reflection plus a Phong lobe.
-    Phong(Phong),
     /// A diffuse base under a smooth dielectric coat.
     Plastic(Plastic),
     /// The principled model.
@@ -286,14 +281,20 @@ plugins! {
     RoughConductor(RoughConductor),
     /// A boundary with microfacets between two dielectrics.
     RoughDielectric(RoughDielectric),
-    /// Diffuse reflection by a rough surface.
-    RoughDiffuse(RoughDiffuse),
     /// A diffuse base under a rough dielectric coat.
     RoughPlastic(RoughPlastic),
     /// A thin pane of a dielectric.
     ThinDielectric(ThinDielectric),
     /// One-sided materials on the front and on the back.
     TwoSided(TwoSided),
+    /// Ideal diffuse transmission.
+    DiffuseTransmitter(DiffuseTransmitter),
+    /// A weighted sum of materials.
+    Mixture(Mixture),
+    /// Diffuse reflection plus a Phong lobe.
+    Phong(Phong),
+    /// Diffuse reflection by a rough surface.
+    RoughDiffuse(RoughDiffuse),
     /// Diffuse reflection plus the lobe of Ward.
     Ward(Ward),
 }
