@@ -431,6 +431,23 @@ fn diff_answers_by_exit_code() {
     assert!(folder.files().contains(&"heat.png".to_string()));
 }
 
+/// A message that cannot be written does not stop the work.
+#[test]
+fn a_full_standard_error_loses_messages_only() {
+    let folder = Folder::new();
+    for arguments in ["render s.xml -o a.exr --spp 1 --progress json", "render none.xml"] {
+        let full = std::fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+        let status = Command::new(program())
+            .args(arguments.split(' '))
+            .current_dir(folder.path(""))
+            .stderr(full)
+            .status()
+            .expect("it runs");
+        assert_eq!(status.code(), Some(if arguments.contains("none") { 3 } else { 0 }), "{arguments}");
+    }
+    assert!(folder.files().contains(&"a.exr".to_string()));
+}
+
 #[test]
 fn info_tells_about_scenes_and_images() {
     let folder = Folder::new();

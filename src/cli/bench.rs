@@ -93,7 +93,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
     let signal = listen(&progress, None)?;
     let tell = |line: &str| {
         if !args.quiet {
-            eprintln!("buffon: {line}");
+            super::report!("buffon: {line}");
         }
     };
     let report = bench::run(options, &progress, &tell)?;

@@ -43,7 +43,7 @@ impl Checkpointing {
             }
             (false, resume) => {
                 if resume && !args.quiet {
-                    eprintln!("buffon: note: {} does not exist: starting a new render", path.display());
+                    super::report!("buffon: note: {} does not exist: starting a new render", path.display());
                 }
                 None
             }
@@ -73,7 +73,7 @@ impl Checkpointing {
         if let Err(error) = &saved
             && !self.quiet
         {
-            eprintln!("buffon: warning: {error}");
+            super::report!("buffon: warning: {error}");
         }
         saved
     }

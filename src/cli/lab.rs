@@ -79,7 +79,7 @@ pub fn run(args: &LabArgs) -> Result<u8> {
         let started = Instant::now();
         let outcome = experiment.run(&options)?;
         if !args.quiet {
-            eprintln!("buffon: {experiment} took {:.1} s", started.elapsed().as_secs_f64());
+            super::report!("buffon: {experiment} took {:.1} s", started.elapsed().as_secs_f64());
         }
         print(&format!("{}{}", if i > 0 { "\n" } else { "" }, outcome.text()))?;
         outcomes.push(outcome);
@@ -95,7 +95,7 @@ pub fn run(args: &LabArgs) -> Result<u8> {
 
 fn say_where(args: &LabArgs, file: &Path) {
     if !args.quiet {
-        eprintln!("buffon: {}", file.display());
+        super::report!("buffon: {}", file.display());
     }
 }
 

@@ -53,7 +53,7 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
             return Err(Error::new(Kind::Strict, message));
         }
         if !args.quiet {
-            eprintln!("buffon: warning: {message}");
+            super::report!("buffon: warning: {message}");
         }
     }
     if let Some(path) = &args.checkpoint {
@@ -66,12 +66,12 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
     let report = image::write(output, &image, &WriteOptions { samples, ..WriteOptions::default() })?;
     if report.clamped_half > 0 && !args.quiet {
         let values = counted(report.clamped_half as u64, "value", "values");
-        eprintln!("buffon: warning: {values} clamped to the range of half floats");
+        super::report!("buffon: warning: {values} clamped to the range of half floats");
     }
     if !args.quiet {
         let error = rendered.relmse.map_or_else(String::new, |e| format!(", relMSE about {e:.2e}"));
         let samples = checkpoint::list(&merged.label.samples);
-        eprintln!("{}: samples {samples}{error}", output.display());
+        super::report!("{}: samples {samples}{error}", output.display());
     }
     Ok(0)
 }

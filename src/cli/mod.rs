@@ -1,5 +1,17 @@
 //! The command line: one file per subcommand.
 
+#![deny(clippy::print_stderr)]
+
+/// Writes a line to standard error. A line that cannot be written is lost, because the work matters more than its
+/// report: `eprintln!` would panic on a full disk or a closed pipe.
+macro_rules! report {
+    ($($argument:tt)*) => {{
+        use std::io::Write as _;
+        _ = writeln!(std::io::stderr().lock(), $($argument)*);
+    }};
+}
+use report;
+
 pub mod bench;
 pub mod check;
 pub mod checkpoint;
@@ -87,7 +99,7 @@ pub fn main() -> ExitCode {
     match result {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            eprintln!("buffon: {error}");
+            report!("buffon: {error}");
             ExitCode::from(error.kind.exit_code())
         }
     }

@@ -59,8 +59,8 @@ impl Watcher {
             while let Err(RecvTimeoutError::Timeout) = receiver.recv_timeout(period) {
                 match &bar {
                     Some(bar) => view.draw(bar),
-                    None if kind == ProgressKind::Json => eprintln!("{}", view.json()),
-                    None => eprintln!("{}", view.line()),
+                    None if kind == ProgressKind::Json => super::report!("{}", view.json()),
+                    None => super::report!("{}", view.line()),
                 }
             }
             if let Some(bar) = bar {

@@ -161,7 +161,7 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
     let mut lines = CaseLines::default();
     let report = regress::run(&found.scenes, &options, &progress, |row| {
         if !args.quiet {
-            row.warnings.iter().for_each(|w| eprintln!("buffon: warning: {w}"));
+            row.warnings.iter().for_each(|w| super::report!("buffon: warning: {w}"));
         }
         if printed.is_ok() && !(args.quiet && row.status.is_good()) {
             printed = super::print(&lines.line(row).unwrap_or_else(|| line(row, width)));
@@ -210,7 +210,7 @@ fn options(args: &RegressArgs) -> Options {
         update: args.update.map(Update::from),
         update_samples: args.update_spp,
         update_time: args.time,
-        note: if args.quiet { |_| {} } else { |text| eprintln!("buffon: note: {text}") },
+        note: if args.quiet { |_| {} } else { |text| super::report!("buffon: note: {text}") },
         output: args.output.clone(),
         cross_accel: args.cross_accel,
     }

@@ -126,12 +126,12 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         && args.method.sampler().is_none()
         && !args.quiet
     {
-        eprintln!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
+        super::report!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
     }
     let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
     let advice = kind.advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
-        eprintln!("buffon: note: {advice}");
+        super::report!("buffon: note: {advice}");
     }
     let progress = Arc::new(Progress::new());
     let names = targets.iter().map(|target| target.display().to_string()).collect::<Vec<_>>().join(", ");
@@ -143,7 +143,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         signal => u8::try_from(128 + signal).unwrap_or(1),
     };
     if rendered.stop_reason == StopReason::Interrupted && rendered.counts.most == 0 {
-        eprintln!("buffon: interrupted before the first sample: {names} is left as it was");
+        super::report!("buffon: interrupted before the first sample: {names} is left as it was");
         return rendered.checkpoint_status.map(|()| code);
     }
     let written = Instant::now();
@@ -164,15 +164,15 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         Account { session: &session, plan: &plan, rendered: &rendered, seconds }.write(path)?;
     }
     if !args.quiet {
-        eprintln!("{}", summary(&names, &rendered));
+        super::report!("{}", summary(&names, &rendered));
         if args.verbose {
             let Seconds { load, build, prepare, render, write, total } = seconds;
-            eprintln!(
+            super::report!(
                 "buffon: note: loading {load:.2} s, building {build:.2} s, preparing {prepare:.2} s, \
                  sampling {render:.2} s, writing {write:.2} s, total {total:.2} s"
             );
         }
-        photon_notes(&rendered.statistics).iter().for_each(|note| eprintln!("buffon: note: {note}"));
+        photon_notes(&rendered.statistics).iter().for_each(|note| super::report!("buffon: note: {note}"));
     }
     warn_of_values(args, &names, &rendered, clamped_half)?;
     rendered.checkpoint_status.map(|()| code)
@@ -186,7 +186,7 @@ fn early_exit(args: &RenderArgs, names: &str) -> EarlyExit {
     let resumed = args.checkpoint.clone().filter(|file| args.resume && file.exists());
     let names = names.to_owned();
     Box::new(move |signal| {
-        eprintln!("buffon: interrupted before the first sample: {names} is left as it was");
+        super::report!("buffon: interrupted before the first sample: {names} is left as it was");
         match resumed {
             Some(_) => INTERRUPTED_WITH_CHECKPOINT.into(),
             None => 128 + signal,
@@ -238,7 +238,7 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let load = file.load_seconds;
     warn(args, std::mem::take(&mut file.warnings))?;
     if !args.quiet {
-        file.notes.iter().for_each(|note| eprintln!("buffon: note: {note}"));
+        file.notes.iter().for_each(|note| super::report!("buffon: note: {note}"));
     }
     let kept_beyond = args.cache.is_some() || args.checkpoint.is_some();
     let origin = kept_beyond.then(|| file.origin());
@@ -280,7 +280,7 @@ fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
         return Err(Error { kind: Kind::Strict, ..first }.with_others(warnings));
     }
     if !args.quiet {
-        warnings.iter().for_each(|w| eprintln!("buffon: warning: {w}"));
+        warnings.iter().for_each(|w| super::report!("buffon: warning: {w}"));
     }
     Ok(())
 }
