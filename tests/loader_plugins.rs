@@ -251,6 +251,63 @@ fn materials_of_older_versions_are_read() {
     }
 }
 
+/// Light is not polarised: filters of polarisation are sheets that pass half of it, or all.
+#[test]
+fn filters_of_polarisation_dim_light() {
+    let filter = |text: &str| {
+        let text = format!(
+            "<scene version='3.0.0'><sensor type='perspective'/><shape type='rectangle'>{text}</shape></scene>"
+        );
+        let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).expect("it loads");
+        let mut description = loaded.description;
+        let Some(Material::ThinDielectric(sheet)) = description.materials.pop() else { panic!() };
+        assert_eq!(sheet.interface.int_ior, sheet.interface.ext_ior);
+        (sheet.specular_transmittance, description.textures, loaded.notes)
+    };
+    let tint = "<rgb name='transmittance' value='.8, .4, .2'/>";
+    for (text, expected) in [
+        ("<bsdf type='polarizer'><float name='theta' value='30'/></bsdf>".to_owned(), Rgb::splat(0.5)),
+        (format!("<bsdf type='circular'>{tint}</bsdf>"), Rgb::new(0.4, 0.2, 0.1)),
+        (format!("<bsdf type='retarder'>{tint}</bsdf>"), Rgb::new(0.8, 0.4, 0.2)),
+    ] {
+        let (transmittance, _, notes) = filter(&text);
+        assert_eq!(transmittance, expected.into());
+        assert!(notes.iter().any(|note| note.contains("light is not polarised")), "{notes:?}");
+    }
+    let board = "<texture type='checkerboard' name='transmittance'/>";
+    let (transmittance, textures, _) = filter(&format!("<bsdf type='polarizer'>{board}</bsdf>"));
+    let texture = transmittance.texture().expect("there is a texture");
+    assert_eq!(textures[texture.index()].mean(), Rgb::splat(0.15));
+}
+
+/// A texture may be a constant volume or a raw constant. Volumes of which the values differ are refused.
+#[test]
+fn textures_may_be_constant_volumes() {
+    let reflectance = |texture: &str| {
+        let text = format!(
+            "<scene version='3.0.0'><sensor type='perspective'/><shape type='sphere'><bsdf type='diffuse'>{texture}
+            </bsdf></shape></scene>"
+        );
+        let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default());
+        loaded.map(|loaded| loaded.description.textures[0].mean()).map_err(|e| e.to_string())
+    };
+    let volume =
+        |inside: &str| reflectance(&format!("<texture type='volume' name='reflectance'>{inside}</texture>"));
+    let value = "<rgb name='value' value='.1, .2, .3'/>";
+    let constant = volume(&format!("<volume type='constvolume' name='volume'>{value}</volume>"));
+    assert_eq!(constant, Ok(Rgb::new(0.1, 0.2, 0.3)));
+    let raw = reflectance(&format!("<texture type='rawconstant' name='reflectance'>{value}</texture>"));
+    assert_eq!(raw, constant);
+    for (inside, message) in [
+        ("<volume type='gridvolume' name='volume'/>", "expected a constvolume"),
+        ("<volume type='constvolume' name='volume'/>", "the property value is missing"),
+        ("", "expected a volume inside it"),
+    ] {
+        let error = volume(inside).expect_err("it is refused");
+        assert!(error.contains(message), "{error}");
+    }
+}
+
 /// Textures of version 0.6: `scale`, and coordinates with an offset and then a scale, as Mitsuba 3 reads them.
 #[test]
 fn textures_of_older_versions_are_read() {

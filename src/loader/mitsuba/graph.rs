@@ -2,7 +2,7 @@
 
 use super::xml::Spot;
 use crate::color::spectrum::Spectrum;
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 use crate::math::{DAffine3, DVec3, Motion};
 use crate::util::wording;
 use crate::util::wording::quoted;
@@ -120,6 +120,11 @@ impl Object {
     /// Creates an error about the object, at its place.
     pub fn error(&self, message: impl Into<String>) -> Error {
         Error::scene(message).about(self.thing()).at(self.spot.place())
+    }
+
+    /// Creates an error about an object that the scene language has and Buffon does not.
+    pub fn unsupported(&self, message: impl Into<String>) -> Error {
+        Error { kind: Kind::Unsupported, ..self.error(message) }
     }
 }
 

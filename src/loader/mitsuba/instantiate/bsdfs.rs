@@ -8,20 +8,14 @@ use crate::ids::{MaterialId, TextureId};
 use crate::loader::mitsuba::graph::{ObjectId, Value};
 use crate::loader::mitsuba::props::Props;
 use crate::material::source::{NumberOrName, Source};
-use crate::material::{Diffuse, Input, Material};
+use crate::material::{Diffuse, Input, Interface, Material, ThinDielectric};
+use crate::texture::{Product, Texture};
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
-const MITSUBA: [&str; 9] = [
-    "circular",
-    "hair",
-    "measured",
-    "measured_polarized",
-    "neuralbsdf",
-    "openpbr",
-    "polarizer",
-    "pplastic",
-    "retarder",
-];
+const MITSUBA: [&str; 6] = ["hair", "measured", "measured_polarized", "neuralbsdf", "openpbr", "pplastic"];
+/// Filters that change the polarisation of light, each with the part of unpolarised light that passes.
+const POLARISATION_FILTERS: [(&str, f32); 3] = [("circular", 0.5), ("polarizer", 0.5), ("retarder", 1.0)];
 
 impl Builder<'_> {
     /// Returns the material of a BSDF. Each is instantiated once. The stand-in is grey and diffuse.
@@ -41,12 +35,37 @@ impl Builder<'_> {
 
     fn add_material(&mut self, object: ObjectId) -> Result<MaterialId> {
         let props = Props::new(self.graph, object);
+        if let Some((name, share)) =
+            POLARISATION_FILTERS.iter().find(|(name, _)| *name == props.object.plugin)
+        {
+            self.note(format!("{name}: light is not polarised, so the filter dims it evenly"));
+            let material = self.polarisation_filter(&props, *share)?;
+            self.finish(props);
+            return Ok(self.loaded.description.add_material(material));
+        }
         let read = Material::read(&props.object.plugin, &mut ObjectSource { builder: self, props: &props })?;
         let Some(material) = read else {
             return Err(unknown_plugin(props.object, Material::NAMES, &MITSUBA));
         };
         self.finish(props);
         Ok(self.loaded.description.add_material(material))
+    }
+
+    /// Returns a sheet that passes a part of the light in a straight line.
+    fn polarisation_filter(&mut self, props: &Props, share: f32) -> Result<ThinDielectric> {
+        let transmittance = self.color_input(props, "transmittance", Quantity::Reflectance, 1.0)?;
+        self.ignore(props, &["theta", "delta", "left_handed", "polarizing"], "light is not polarised");
+        let specular_transmittance = match transmittance {
+            Input::Constant(value) => Input::Constant(value * share),
+            Input::Texture(id) => {
+                let inner = self.loaded.description.textures[id.index()].clone();
+                let share = Arc::new(Texture::Constant(Rgb::splat(share)));
+                let product = Texture::Product(Product([inner, share]));
+                Input::Texture(self.loaded.description.add_texture(Arc::new(product)))
+            }
+        };
+        let interface = Interface { int_ior: 1.0, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
+        Ok(ThinDielectric { interface, specular_transmittance })
     }
 
     /// Returns the material of shapes that name none, as in Mitsuba: diffuse with reflectance 0.5, and black if they

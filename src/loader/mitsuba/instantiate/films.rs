@@ -6,7 +6,7 @@ use crate::film::{ComponentFormat, FilmSettings, Filter, PixelFormat, PixelRect}
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 
-const SUPPORTED: [&str; 2] = ["hdrfilm", "ldrfilm"];
+const SUPPORTED: [&str; 3] = ["hdrfilm", "ldrfilm", "tiledhdrfilm"];
 const MITSUBA: [&str; 1] = ["specfilm"];
 const SUPPORTED_FILTERS: [&str; 6] = ["box", "catmullrom", "gaussian", "lanczos", "mitchell", "tent"];
 /// The longest side of an image, in pixels.
@@ -25,7 +25,7 @@ impl Builder<'_> {
         let Some(object) = sensor.child("film")? else { return Ok(FilmSettings::default()) };
         let props = Props::new(self.graph, object);
         let for_display = match props.object.plugin.as_str() {
-            "hdrfilm" => false,
+            "hdrfilm" | "tiledhdrfilm" => false,
             "ldrfilm" => true,
             _ => {
                 let unknown = Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));

@@ -3,9 +3,9 @@
 use super::{Builder, unknown_plugin};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 use crate::ids::MediumId;
-use crate::loader::mitsuba::graph::{Object, ObjectId};
+use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::medium::{Homogeneous, Medium, MediumBoundary, PRESETS, Phase};
 use crate::util::wording::did_you_mean;
@@ -111,7 +111,7 @@ impl Builder<'_> {
                 return Err(unknown_plugin(props.object, &MEDIA, &[]));
             }
             let message = format!("expected a homogeneous medium, others are not supported; {WITHOUT}");
-            return Err(unsupported(props.object, message));
+            return Err(props.object.unsupported(message));
         }
         let [sigma_t, sigma_s] = self.coefficients(&props)?;
         let scales = ["scale", "density_multiplier"];
@@ -125,7 +125,7 @@ impl Builder<'_> {
         let phase = self.phase(&props)?;
         if let Some(emitter) = props.child("emitter")? {
             let message = format!("expected a medium that emits no light; {WITHOUT}");
-            return Err(unsupported(&self.graph.objects[emitter], message));
+            return Err(self.graph.objects[emitter].unsupported(message));
         }
         self.ignore(&props, &["sample_emitters"], "emitters are sampled at every scattering event");
         self.ignore(
@@ -178,22 +178,23 @@ impl Builder<'_> {
     fn volume(&mut self, props: &Props, name: &'static str, quantity: Quantity, default: f32) -> Result<Rgb> {
         let object = props.named_child(name).map(|id| (id, &self.graph.objects[id]));
         match object.filter(|(_, object)| object.class == "volume") {
-            Some((id, object)) if object.plugin == "constvolume" => {
-                let inside = Props::new(self.graph, id);
-                if !inside.has("value") {
-                    return Err(object.error("the property value is missing"));
-                }
-                let value = self.colour(&inside, "value", quantity, default)?;
-                self.ignore(&inside, &["to_world"], "the value is the same everywhere");
-                self.finish(inside);
-                Ok(value)
-            }
-            Some((_, object)) => Err(unsupported(
-                object,
-                format!("expected a constvolume, others are not supported; {WITHOUT}"),
-            )),
+            Some((id, object)) => self.constant_volume(id, quantity)?.ok_or_else(|| {
+                object.unsupported(format!("expected a constvolume, others are not supported; {WITHOUT}"))
+            }),
             None => self.colour(props, name, quantity, default),
         }
+    }
+
+    /// Returns the value of a volume; `None` if it is not the same everywhere.
+    pub fn constant_volume(&mut self, object: ObjectId, quantity: Quantity) -> Result<Option<Rgb>> {
+        let props = Props::new(self.graph, object);
+        if props.object.plugin != "constvolume" {
+            return Ok(None);
+        }
+        let value = self.required_colour(&props, quantity)?;
+        self.ignore(&props, &["to_world"], "the value is the same everywhere");
+        self.finish(props);
+        Ok(Some(value))
     }
 
     /// Returns the phase function of a medium.
@@ -213,17 +214,13 @@ impl Builder<'_> {
                 let message = format!(
                     "expected the phase function isotropic or hg, others are not supported; {WITHOUT}"
                 );
-                return Err(unsupported(props.object, message));
+                return Err(props.object.unsupported(message));
             }
             _ => return Err(unknown_plugin(props.object, &PHASES, &[])),
         };
         self.finish(props);
         Ok(phase)
     }
-}
-
-fn unsupported(object: &Object, message: String) -> Error {
-    Error { kind: Kind::Unsupported, ..object.error(message) }
 }
 
 /// Returns the phase function with the property `g`.

@@ -225,5 +225,5 @@ fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Erro
 
 /// Creates the error for a plugin that Mitsuba has and Buffon does not.
 fn unsupported(object: &Object) -> Error {
-    Error { kind: Kind::Unsupported, ..object.error(format!("this {} is not supported", object.class)) }
+    object.unsupported(format!("this {} is not supported", object.class))
 }

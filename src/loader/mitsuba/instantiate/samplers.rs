@@ -7,8 +7,11 @@ use crate::loader::mitsuba::props::Props;
 use crate::sampling::SamplerKind;
 
 /// Mitsuba's samplers that Buffon does not have, each with the closest that it has.
-const MAPPED: [(&str, SamplerKind); 2] =
-    [("orthogonal", SamplerKind::Multijitter), ("ldsampler", SamplerKind::Sobol)];
+const MAPPED: [(&str, SamplerKind); 3] = [
+    ("hammersley", SamplerKind::Sobol),
+    ("ldsampler", SamplerKind::Sobol),
+    ("orthogonal", SamplerKind::Multijitter),
+];
 
 impl Builder<'_> {
     /// Reads a sensor's sampler. The first sensor's sampler is the scene's.

@@ -14,8 +14,7 @@ use crate::texture::{Bitmap, Checkerboard, FilterType, MeshAttribute, Product, T
 use std::path::Path;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 4] = ["bitmap", "checkerboard", "mesh_attribute", "scale"];
-const MITSUBA: [&str; 1] = ["volume"];
+const SUPPORTED: [&str; 6] = ["bitmap", "checkerboard", "mesh_attribute", "rawconstant", "scale", "volume"];
 
 impl Builder<'_> {
     /// Returns the texture of an object. Each is instantiated once. The stand-in is grey.
@@ -43,11 +42,28 @@ impl Builder<'_> {
                 Texture::Checkerboard(Checkerboard::new(color0, color1, to_uv(&props)?))
             }
             "mesh_attribute" => mesh_attribute(&props)?,
+            "rawconstant" => Texture::Constant(self.required_colour(&props, Quantity::Unbounded)?),
             "scale" => self.scaled(&props)?,
-            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
+            "volume" => {
+                let Some(volume) = props.child("volume")? else {
+                    return Err(props.object.error("expected a volume inside it"));
+                };
+                let value = self.constant_volume(volume, Quantity::Unbounded)?;
+                let object = &self.graph.objects[volume];
+                Texture::Constant(value.ok_or_else(|| object.unsupported("expected a constvolume"))?)
+            }
+            _ => return Err(unknown_plugin(props.object, &SUPPORTED, &[])),
         };
         self.finish(props);
         Ok(texture)
+    }
+
+    /// Returns the colour `value`, which must be there.
+    pub fn required_colour(&mut self, props: &Props, quantity: Quantity) -> Result<Rgb> {
+        match props.has("value") {
+            true => self.colour(props, "value", quantity, 0.0),
+            false => Err(props.object.error("the property value is missing")),
+        }
     }
 
     /// Returns a texture of version 0.6: the product of another texture and a factor.
