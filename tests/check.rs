@@ -79,7 +79,7 @@ fn wrong_values_and_missing_files_are_listed_too() {
   <shape type="sphere"><float name="radius" value="-1"/></shape>
   <shape type="obj"><string name="filename" value="missing.obj"/></shape>
   <shape type="sphere"><float name="radios" value="1"/></shape>
-  <integrator type="bdpt"/>
+  <integrator type="mlt"/>
 </scene>"#;
     let folder = Folder::with(scene);
     let run = folder.run("check s.xml --skip-unknown");
@@ -90,7 +90,7 @@ fn wrong_values_and_missing_files_are_listed_too() {
         "s.xml:4:",
         "there is no file \"missing.obj\"",
         "warning: s.xml:6:",
-        "note: the integrator bdpt",
+        "note: the integrator mlt",
     ] {
         assert!(lines.iter().any(|line| line.contains(expected)), "{expected}: {lines:#?}");
     }

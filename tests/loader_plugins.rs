@@ -134,7 +134,7 @@ fn integrators_of_the_same_image_are_replaced() {
     };
     let path = Settings::Path(PathLimits { max_depth: Some(7), ..PathLimits::default() });
     let depth = "<integer name='max_depth' value='7'/>";
-    for name in ["volpath", "prb", "bdpt"] {
+    for name in ["volpath", "prb", "mlt"] {
         let loaded = load(&format!("<integrator type='{name}'>{depth}</integrator>"), None).unwrap();
         assert_eq!(loaded.integrator, path);
         assert!(loaded.notes.contains(&format!("the integrator {name} is rendered as path")));

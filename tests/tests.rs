@@ -2,6 +2,7 @@
 
 mod bare_meshes;
 mod bench;
+mod bidirectional;
 mod cameras;
 mod check;
 mod checkpoints;

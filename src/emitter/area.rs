@@ -233,6 +233,7 @@ impl AreaEmitter {
             radiance,
             pdf,
             delta: false,
+            cosine: cos,
         })
     }
 
@@ -294,7 +295,8 @@ impl AreaEmitter {
         let d = Frame::from_normal(point.n).to_world(warp::square_to_cosine_hemisphere(u_direction));
         let o = offset_origin(point.p, point.error, point.n, point.n);
         let power = radiance * (PI / pdf);
-        Some(LightRay { ray: Ray { o, t_max: f32::INFINITY, d, time }, power })
+        let ray = Ray { o, t_max: f32::INFINITY, d, time };
+        Some(LightRay { ray, power, cosine: d.dot(point.n) })
     }
 
     /// Samples a ray as [`sample_ray`](Self::sample_ray) does, with the same density. For a sphere at rest without a
@@ -311,7 +313,7 @@ impl AreaEmitter {
         let error = plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n);
         let o = offset_origin(center + n * radius, error, n, n);
         let ray = Ray { o, t_max: f32::INFINITY, d, time };
-        Some(LightRay { ray, power: radiance * (PI / self.uniform()) })
+        Some(LightRay { ray, power: radiance * (PI / self.uniform()), cosine: d.dot(n) })
     }
 
     /// Returns the density per unit area of uniform sampling.

@@ -74,6 +74,7 @@ impl AreaEmitter {
             radiance: radiance * (element.area * cos / distance_squared),
             pdf: 1.0,
             delta: true,
+            cosine: cos,
         })
     }
 

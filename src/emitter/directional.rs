@@ -27,12 +27,13 @@ impl DirectionalEmitter {
             radiance: self.irradiance,
             pdf: 1.0,
             delta: true,
+            cosine: 1.0,
         }
     }
 
     /// Samples a ray from a disk with the radius of the scene.
     pub fn sample_ray(&self, u: Vec2, time: f32) -> LightRay {
-        LightRay { ray: distant_ray(&self.scene, self.direction, u, time), power: self.power() }
+        LightRay { ray: distant_ray(&self.scene, self.direction, u, time), power: self.power(), cosine: 1.0 }
     }
 
     /// Returns the power that enters the scene's bounding sphere, W.

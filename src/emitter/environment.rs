@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// An emitter at infinity.
 pub struct Environment {
     radiance: EnvironmentRadiance,
-    scene: BoundingSphere,
+    pub(super) scene: BoundingSphere,
 }
 
 /// Radiance as a function of direction, W·m⁻²·sr⁻¹.
@@ -116,7 +116,7 @@ impl Environment {
         let sample = self.sample(u_direction)?;
         let area = PI * self.scene.radius * self.scene.radius;
         let ray = distant_ray(&self.scene, -sample.wi, u_point, time);
-        Some(LightRay { ray, power: sample.radiance * (area / sample.pdf) })
+        Some(LightRay { ray, power: sample.radiance * (area / sample.pdf), cosine: 1.0 })
     }
 
     /// Returns the mean radiance over all directions, W·m⁻²·sr⁻¹.
@@ -145,5 +145,5 @@ impl Environment {
 
 fn emitter_sample(sample: EnvMapSample) -> EmitterSample {
     let EnvMapSample { wi, radiance, pdf } = sample;
-    EmitterSample { wi, target: ShadowTarget::Infinity, radiance, pdf, delta: false }
+    EmitterSample { wi, target: ShadowTarget::Infinity, radiance, pdf, delta: false, cosine: 1.0 }
 }

@@ -16,6 +16,7 @@ pub mod selection;
 mod spherical_cap;
 pub mod spherical_rectangle;
 pub mod spot;
+mod start;
 pub mod sun;
 
 pub use area::{AreaEmitter, EmitterHit};
@@ -29,6 +30,7 @@ pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
 pub use selection::{ChoiceX16, LightSelection};
 pub use spot::SpotEmitter;
+pub use start::StartDensity;
 pub use sun::SunEmitter;
 
 use crate::color::Rgb;
@@ -152,6 +154,8 @@ pub struct EmitterSample {
     pub pdf: f32,
     /// Whether no other technique can sample this light.
     pub delta: bool,
+    /// Cosine between the emitting surface's normal and the direction to the receiver; 1 if there is no surface.
+    pub cosine: f32,
 }
 
 /// A sampled light ray.
@@ -162,6 +166,8 @@ pub struct LightRay {
     /// Radiance times the cosine at the emitter, divided by the density of position and direction: the power that the
     /// ray represents, W.
     pub power: Rgb,
+    /// Cosine between the emitting surface's normal and the ray; 1 if there is no surface.
+    pub cosine: f32,
 }
 
 /// A bounding sphere of everything that light from infinity can hit.

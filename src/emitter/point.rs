@@ -26,6 +26,7 @@ impl PointEmitter {
             radiance: self.intensity / distance_squared,
             pdf: 1.0,
             delta: true,
+            cosine: 1.0,
         })
     }
 
@@ -33,7 +34,7 @@ impl PointEmitter {
     pub fn sample_ray(&self, u: Vec2, time: f32) -> LightRay {
         let d = warp::square_to_sphere(u);
         let ray = Ray { o: self.position, t_max: f32::INFINITY, d, time };
-        LightRay { ray, power: self.power() }
+        LightRay { ray, power: self.power(), cosine: 1.0 }
     }
 
     /// Returns the emitted power, W.

@@ -70,7 +70,15 @@ impl ProjectorEmitter {
             radiance,
             pdf: 1.0,
             delta: true,
+            cosine: 1.0,
         })
+    }
+
+    /// Returns the density per unit solid angle with which [`sample_ray`](Self::sample_ray) samples the world-space
+    /// direction `d` of the image.
+    pub(super) fn ray_density(&self, d: Vec3) -> f32 {
+        let cos = d.dot(self.axes.z_axis);
+        1.0 / (4.0 * self.half.x * self.half.y * cos * cos * cos)
     }
 
     /// Samples a ray through a uniform point on the image.
@@ -83,7 +91,7 @@ impl ProjectorEmitter {
         let area = 4.0 * self.half.x * self.half.y;
         let power = self.intensity(d) * (area * d.z * d.z * d.z);
         let ray = Ray { o: self.position, t_max: f32::INFINITY, d: (self.axes * d).normalize(), time };
-        (!power.is_black()).then_some(LightRay { ray, power })
+        (!power.is_black()).then_some(LightRay { ray, power, cosine: 1.0 })
     }
 
     /// Returns an estimate of the emitted power, W.

@@ -90,6 +90,7 @@ impl SpotEmitter {
             radiance,
             pdf: 1.0,
             delta: true,
+            cosine: 1.0,
         })
     }
 
@@ -99,12 +100,17 @@ impl SpotEmitter {
         2.0 * half * half
     }
 
+    /// Returns the density per unit solid angle of the rays of [`sample_ray`](Self::sample_ray).
+    pub(super) fn ray_density(&self) -> f32 {
+        warp::square_to_cone_pdf(self.cap())
+    }
+
     /// Samples a ray with a uniform direction in the cone.
     pub fn sample_ray(&self, u: Vec2, time: f32) -> Option<LightRay> {
         let local = warp::square_to_cone(u, self.cap());
         let power = self.intensity(local) / warp::square_to_cone_pdf(self.cap());
         let ray = Ray { o: self.position, t_max: f32::INFINITY, d: (self.axes * local).normalize(), time };
-        (!power.is_black()).then_some(LightRay { ray, power })
+        (!power.is_black()).then_some(LightRay { ray, power, cosine: 1.0 })
     }
 
     /// Returns an estimate of the emitted power, W.

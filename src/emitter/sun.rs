@@ -13,13 +13,13 @@ pub struct SunEmitter {
     /// A frame around the direction of the centre.
     frame: Frame,
     /// `1 − cos` of the half angle of the cone.
-    one_minus_cos: f32,
+    pub(super) one_minus_cos: f32,
     /// Unit direction to the zenith.
     up: Vec3,
     /// Radiance, W·m⁻²·sr⁻¹.
     radiance: Rgb,
     /// The bounding sphere of the scene.
-    scene: BoundingSphere,
+    pub(super) scene: BoundingSphere,
 }
 
 impl SunEmitter {
@@ -40,6 +40,7 @@ impl SunEmitter {
             radiance: self.radiance,
             pdf: warp::square_to_cone_pdf(self.one_minus_cos),
             delta: false,
+            cosine: 1.0,
         })
     }
 
@@ -69,13 +70,18 @@ impl SunEmitter {
             radiance: self.irradiance(),
             pdf: 1.0,
             delta: true,
+            cosine: 1.0,
         }
     }
 
     /// Samples a ray from a disk with the radius of the scene, placed outside the scene in a sampled direction.
     pub fn sample_ray(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
         let sample = self.sample(u_direction)?;
-        Some(LightRay { ray: distant_ray(&self.scene, -sample.wi, u_point, time), power: self.power() })
+        Some(LightRay {
+            ray: distant_ray(&self.scene, -sample.wi, u_point, time),
+            power: self.power(),
+            cosine: 1.0,
+        })
     }
 
     /// Returns the irradiance of a surface that faces the centre, W·m⁻², without the horizon.

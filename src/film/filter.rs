@@ -108,8 +108,12 @@ impl FilterSampler {
 
     /// Returns the filter at an offset from the pixel's centre, normalised to integrate to 1.
     pub fn eval(&self, offset: DVec2) -> f32 {
-        let along = |x: f64| self.filter.eval(x) / self.integral;
-        (along(offset.x) * along(offset.y)) as f32
+        (self.along(offset.x) * self.along(offset.y)) as f32
+    }
+
+    /// Returns the factor of the filter along one axis, normalised to integrate to 1.
+    pub fn along(&self, x: f64) -> f64 {
+        self.filter.eval(x) / self.integral
     }
 
     /// Samples an offset from the pixel's centre, with its weight.

@@ -44,6 +44,12 @@ impl Tile {
         }
     }
 
+    /// Returns the pixels in the full image.
+    #[inline]
+    pub fn rect(&self) -> PixelRect {
+        self.rect
+    }
+
     /// Returns the number of replicates.
     pub fn replicates(&self) -> usize {
         self.replicates

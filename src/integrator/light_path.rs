@@ -3,7 +3,7 @@
 use super::block::ShadingBlock;
 use super::photon::EmissionGuide;
 use super::worker::{Continuation, PathWave, Worker, draw_1d, draw_2d};
-use crate::bsdf::{Bsdf, Lobe};
+use crate::bsdf::{Bsdf, BsdfEval, Lobe};
 use crate::color::Rgb;
 use crate::math::lanes::{LANES, f32x16};
 use crate::math::{Ray, RayX16, Vec2, Vec3, Vec3x16};
@@ -95,6 +95,8 @@ pub(super) struct ScatteredLight {
     pub eta: f32,
     /// The sampled lobe.
     pub lobe: Lobe,
+    /// Density per unit solid angle; infinite for a Dirac delta.
+    pub pdf: f32,
 }
 
 impl<'a> LightVertex<'a> {
@@ -113,9 +115,15 @@ impl<'a> LightVertex<'a> {
 
     /// Returns the BSDF times the corrected cosine for scattering into the world-space direction `wi`.
     pub fn eval(&self, wi: Vec3) -> Rgb {
+        self.eval_with_density(wi).0
+    }
+
+    /// Computes [`eval`](Self::eval). Returns the density with which a camera path from the direction `wi` samples the
+    /// direction to the light, beside it.
+    pub fn eval_with_density(&self, wi: Vec3) -> (Rgb, f32) {
         // `wo` of the BSDF is the direction towards the viewer.
-        let f = self.bsdf.eval(self.at.frame.to_local(wi), self.wo).f;
-        if f.is_black() { f } else { f * self.cosine(wi) }
+        let BsdfEval { f, pdf } = self.bsdf.eval(self.at.frame.to_local(wi), self.wo);
+        if f.is_black() { (f, pdf) } else { (f * self.cosine(wi), pdf) }
     }
 
     /// Samples the direction in which the light path continues.
@@ -123,7 +131,7 @@ impl<'a> LightVertex<'a> {
         let sample = self.bsdf.sample_adjoint(self.wo, u_lobe, u)?;
         let wi = self.at.frame.to_world(sample.wi).normalize();
         let weight = sample.weight * (self.cosine(wi) / sample.wi.z.abs());
-        Some(ScatteredLight { wi, weight, eta: sample.eta, lobe: sample.lobe })
+        Some(ScatteredLight { wi, weight, eta: sample.eta, lobe: sample.lobe, pdf: sample.pdf })
     }
 }
 

@@ -5,6 +5,7 @@
 
 pub mod ao;
 pub mod aov;
+pub mod bdpt;
 pub mod block;
 pub mod depth;
 pub mod direct;
@@ -28,6 +29,7 @@ pub mod whitted;
 pub mod worker;
 
 pub use ao::AmbientOcclusion;
+pub use bdpt::Bdpt;
 pub use depth::DepthIntegrator;
 pub use direct::DirectIntegrator;
 pub use distribution::DistributionIntegrator;
@@ -37,7 +39,7 @@ pub use path::PathIntegrator;
 pub use photon::Photonmapper;
 pub use preparation::{Preparation, Statistic};
 pub use progressive::{PreparedPass, Progressive, SamplePass};
-pub use ptracer::{Ptracer, Splat};
+pub use ptracer::{LightTracer, Ptracer, Splat};
 pub use settings::{PathLimits, Plugin, Settings, Source};
 pub use sppm::Sppm;
 pub use volpath::VolpathIntegrator;
@@ -183,7 +185,7 @@ pub trait Integrator: Send + Sync {
     }
 
     /// Returns the light tracer that runs in addition, if any.
-    fn light_tracer(&self) -> Option<&Ptracer> {
+    fn light_tracer(&self) -> Option<&dyn LightTracer> {
         None
     }
 

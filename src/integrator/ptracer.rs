@@ -29,6 +29,21 @@ pub struct Splat {
     pub value: Rgb,
 }
 
+/// The part of an integrator that traces paths from the emitters and connects them to the camera.
+pub trait LightTracer: Sync {
+    /// Traces a light path for each key and adds its contributions to the film. `margin` is the extent of the
+    /// reconstruction filter beyond the image, in pixels.
+    fn trace(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        margin: f64,
+        keys: &[SampleKey],
+        worker: &mut Worker,
+        out: &mut Vec<Splat>,
+    );
+}
+
 /// Traces paths from the emitters.
 pub struct Ptracer {
     settings: PathLimits,
@@ -52,9 +67,19 @@ impl Ptracer {
         self.settings.allows(edges)
     }
 
-    /// Traces a light path for each key and adds its contributions to the film. `margin` is the extent of the
-    /// reconstruction filter beyond the image, in pixels.
-    pub fn trace(
+    fn draw(&self, depth: u32, worker: &mut Worker, camera: &Camera) {
+        let Worker { sampler, paths, numbers, .. } = worker;
+        draw_1d(*sampler, Dimension::bsdf_lobe(depth), &paths.keys, &mut numbers.bsdf_lobe);
+        draw_2d(*sampler, Dimension::bsdf_direction(depth), &paths.keys, &mut numbers.bsdf_direction);
+        draw_1d(*sampler, Dimension::roulette(depth), &paths.keys, &mut numbers.roulette);
+        if camera.has_lens() {
+            draw_2d(*sampler, Dimension::emitter_point(depth), &paths.keys, &mut numbers.emitter_point);
+        }
+    }
+}
+
+impl LightTracer for Ptracer {
+    fn trace(
         &self,
         scene: &Scene,
         camera: &Camera,
@@ -87,16 +112,6 @@ impl Ptracer {
                 true => worker.trace_shadows_past_emitters(scene, splat),
             }
             depth += 1;
-        }
-    }
-
-    fn draw(&self, depth: u32, worker: &mut Worker, camera: &Camera) {
-        let Worker { sampler, paths, numbers, .. } = worker;
-        draw_1d(*sampler, Dimension::bsdf_lobe(depth), &paths.keys, &mut numbers.bsdf_lobe);
-        draw_2d(*sampler, Dimension::bsdf_direction(depth), &paths.keys, &mut numbers.bsdf_direction);
-        draw_1d(*sampler, Dimension::roulette(depth), &paths.keys, &mut numbers.roulette);
-        if camera.has_lens() {
-            draw_2d(*sampler, Dimension::emitter_point(depth), &paths.keys, &mut numbers.emitter_point);
         }
     }
 }
@@ -135,7 +150,7 @@ impl Integrator for Ptracer {
         !self.settings.hide_emitters
     }
 
-    fn light_tracer(&self) -> Option<&Ptracer> {
+    fn light_tracer(&self) -> Option<&dyn LightTracer> {
         Some(self)
     }
 

@@ -5,8 +5,8 @@
 
 use super::aov::NoImage;
 use super::{
-    AmbientOcclusion, DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator, IrradianceCache,
-    PathIntegrator, Photonmapper, Ptracer, Sppm, VolpathIntegrator, WhittedIntegrator, aov,
+    AmbientOcclusion, Bdpt, DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator,
+    IrradianceCache, PathIntegrator, Photonmapper, Ptracer, Sppm, VolpathIntegrator, WhittedIntegrator, aov,
 };
 use crate::error::Result;
 pub use crate::util::parameters::{Parameters, Read};
@@ -185,6 +185,8 @@ integrators! {
     Depth(DepthIntegrator),
     /// Layers of surface features, optionally in addition to the image of another integrator.
     Aov(NoImage),
+    /// Bidirectional path tracing.
+    Bdpt(Bdpt),
 }
 
 impl Settings {

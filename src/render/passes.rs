@@ -174,8 +174,8 @@ impl<'j, 'a> Passes<'j, 'a> {
                 }
             });
         });
-        if let Some(ptracer) = job.integrator.light_tracer() {
-            now.invalid_count += pool.install(|| splats::trace(job, ptracer, workers, tiles, samples));
+        if let Some(tracer) = job.integrator.light_tracer() {
+            now.invalid_count += pool.install(|| splats::trace(job, tracer, workers, tiles, samples));
         }
     }
 

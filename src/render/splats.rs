@@ -4,8 +4,7 @@ use super::job::Job;
 use super::passes::TILE;
 use super::tracing::CameraWorker;
 use crate::film::{PixelRect, Tile};
-use crate::integrator::{Ptracer, Splat};
-use crate::math::DVec2;
+use crate::integrator::{LightTracer, Splat};
 use crate::sampling::SampleKey;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -21,7 +20,7 @@ const AT_ONCE: usize = 256;
 /// do not depend on threads, because batches are added in order.
 pub fn trace(
     job: &Job<'_>,
-    ptracer: &Ptracer,
+    tracer: &dyn LightTracer,
     workers: &[Mutex<CameraWorker>],
     tiles: &mut [Tile],
     samples: Range<u64>,
@@ -48,56 +47,77 @@ pub fn trace(
                 let first = batch * BATCH;
                 let keys = (first..(first + BATCH).min(pixels)).map(|p| key(job, pixels, sample, p));
                 let keys: Vec<SampleKey> = keys.collect();
-                ptracer.trace(job.scene, job.camera, margin, &keys, &mut worker.worker, &mut out);
+                tracer.trace(job.scene, job.camera, margin, &keys, &mut worker.worker, &mut out);
                 out
             })
             .collect();
-        for (&(sample, _), splats) in chunk.iter().zip(&splats) {
-            let replicate = job.settings.sampler.replicate(sample) as usize;
-            for splat in splats {
-                dropped += u64::from(!add(job, tiles, replicate, splat));
+        let replicate = |&(sample, _): &(u64, u64)| job.settings.sampler.replicate(sample) as usize;
+        let batches: Vec<(usize, Vec<Splat>)> = chunk.iter().map(replicate).zip(splats).collect();
+        dropped += add(job, tiles, &batches);
+    }
+    dropped
+}
+
+/// Adds the splats of batches to the pixels within the filter's radius, in their order; returns the number of those
+/// with invalid values. Each batch has a replicate. Rows of tiles are independent, so they are done in parallel.
+fn add(job: &Job<'_>, tiles: &mut [Tile], batches: &[(usize, Vec<Splat>)]) -> u64 {
+    let rect = job.camera.film.rect();
+    let (columns, rows) = (rect.width.div_ceil(TILE), rect.height.div_ceil(TILE));
+    let mut by_row: Vec<Vec<(usize, &Splat)>> = vec![Vec::new(); rows as usize];
+    let mut dropped = 0;
+    for (replicate, splats) in batches {
+        for splat in splats {
+            if !splat.value.is_valid() {
+                dropped += 1;
+                continue;
+            }
+            let pixels = within(job, splat.film.y, rect.y, rect.height);
+            if let Some(last) = pixels.clone().last() {
+                for row in (pixels.start - rect.y) / TILE..=(last - rect.y) / TILE {
+                    by_row[row as usize].push((*replicate, splat));
+                }
             }
         }
     }
+    tiles.par_chunks_mut(columns as usize).zip(by_row).for_each(|(tiles, splats)| {
+        let mut across = Vec::new();
+        for (replicate, splat) in splats {
+            add_to_row(job, tiles, replicate, splat, &mut across);
+        }
+    });
     dropped
+}
+
+/// Returns the pixels along one axis for which the position `x` is within [−radius, radius) of the centre, as for camera
+/// samples.
+fn within(job: &Job<'_>, x: f64, start: u32, length: u32) -> Range<u32> {
+    let radius = job.filter.radius();
+    let low = ((x - radius - 0.5).floor() + 1.0).max(start.into()) as u32;
+    let high = (x + radius - 0.5).floor().min(f64::from(start + length) - 1.0);
+    if high < f64::from(low) { low..low } else { low..high as u32 + 1 }
+}
+
+/// Adds a splat to the pixels of a row of tiles. `across` is a buffer.
+fn add_to_row(job: &Job<'_>, tiles: &mut [Tile], replicate: usize, splat: &Splat, across: &mut Vec<f64>) {
+    let rect = job.camera.film.rect();
+    let along = |x: f64, pixel: u32| job.filter.along(x - (f64::from(pixel) + 0.5));
+    let columns = within(job, splat.film.x, rect.x, rect.width);
+    across.clear();
+    across.extend(columns.clone().map(|x| along(splat.film.x, x)));
+    let PixelRect { y: top, height, .. } = tiles[0].rect();
+    for y in within(job, splat.film.y, top, height) {
+        let down = along(splat.film.y, y);
+        for (x, across) in columns.clone().zip(&*across) {
+            let tile = &mut tiles[((x - rect.x) / TILE) as usize];
+            let PixelRect { x: left, width, .. } = tile.rect();
+            let pixel = ((y - top) * width + x - left) as usize;
+            debug_assert_eq!(tile.position(pixel), (x, y));
+            tile.splat(pixel, replicate, (splat.value * (across * down) as f32).to_array());
+        }
+    }
 }
 
 /// Returns the key of the light path for a pixel and a sample. All light paths of a half are one sequence.
 fn key(job: &Job<'_>, pixels: u64, sample: u64, pixel: u64) -> SampleKey {
     SampleKey::of(job.settings.seed, 0, 0, (sample & 1) as u32, (sample >> 1) * pixels + pixel)
-}
-
-/// Adds a splat to the pixels within the filter's radius; returns false if its value is invalid.
-fn add(job: &Job<'_>, tiles: &mut [Tile], replicate: usize, splat: &Splat) -> bool {
-    if !splat.value.is_valid() {
-        return false;
-    }
-    let rect = job.camera.film.rect();
-    let radius = job.filter.radius();
-    // The pixels for which the position is within [−radius, radius) of the centre, as for camera samples.
-    let range = |x: f64, start: u32, length: u32| {
-        let low = ((x - radius - 0.5).floor() + 1.0).max(start.into()) as u32;
-        let high = (x + radius - 0.5).floor().min(f64::from(start + length) - 1.0);
-        if high < f64::from(low) { low..low } else { low..high as u32 + 1 }
-    };
-    for y in range(splat.film.y, rect.y, rect.height) {
-        for x in range(splat.film.x, rect.x, rect.width) {
-            let offset = splat.film - DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
-            let weight = job.filter.eval(offset);
-            let (tile, pixel) = place(rect, x, y);
-            let tile = &mut tiles[tile];
-            debug_assert_eq!(tile.position(pixel), (x, y));
-            tile.splat(pixel, replicate, (splat.value * weight).to_array());
-        }
-    }
-    true
-}
-
-/// Returns the index of the tile that contains a pixel of the image, and of the pixel in it.
-fn place(rect: PixelRect, x: u32, y: u32) -> (usize, usize) {
-    let (x, y) = (x - rect.x, y - rect.y);
-    let (column, row) = (x / TILE, y / TILE);
-    let width = TILE.min(rect.width - column * TILE);
-    let tile = row as usize * rect.width.div_ceil(TILE) as usize + column as usize;
-    (tile, ((y % TILE) * width + x % TILE) as usize)
 }

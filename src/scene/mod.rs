@@ -17,6 +17,7 @@ use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
+use crate::emitter::selection::Choice;
 use crate::emitter::{
     ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, ShadowTarget,
 };
@@ -324,11 +325,24 @@ impl Scene {
         u: Vec2,
         time: f32,
     ) -> Option<EmitterSample> {
+        let (choice, sample) = self.sample_emitter_choice(selection, from, u, time)?;
+        Some(EmitterSample { pdf: sample.pdf * choice.pmf, ..sample })
+    }
+
+    /// Computes [`sample_emitter`](Self::sample_emitter). Returns the choice of the emitter beside the sample, of which
+    /// the density does not include it.
+    #[inline]
+    pub fn sample_emitter_choice(
+        &self,
+        selection: &LightSelection,
+        from: Vec3,
+        u: Vec2,
+        time: f32,
+    ) -> Option<(Choice, EmitterSample)> {
         let choice = selection.sample(from, u.x)?;
         let u = Vec2::new(choice.u, u.y);
-        let mut sample = self.sample_chosen(selection, choice.emitter, from, u, time)?;
-        sample.pdf *= choice.pmf;
-        Some(sample)
+        let sample = self.sample_chosen(selection, choice.emitter, from, u, time)?;
+        Some((choice, sample))
     }
 
     /// Samples a direction to an emitter that a selection has chosen.
@@ -408,9 +422,21 @@ impl Scene {
         u_direction: Vec2,
         time: f32,
     ) -> Option<LightRay> {
+        let (_, light) = self.sample_light_start(u_choice, u_point, u_direction, time)?;
+        Some(light)
+    }
+
+    /// Computes [`sample_light_ray`](Self::sample_light_ray). Returns the emitter beside the ray.
+    pub fn sample_light_start(
+        &self,
+        u_choice: f32,
+        u_point: Vec2,
+        u_direction: Vec2,
+        time: f32,
+    ) -> Option<(EmitterId, LightRay)> {
         let choice = self.light_choice.sample(u_choice)?;
         let light = self.lights[choice.index].sample_ray(u_point, u_direction, time)?;
-        Some(LightRay { power: light.power / choice.pmf, ..light })
+        Some((EmitterId::from(choice.index), LightRay { power: light.power / choice.pmf, ..light }))
     }
 
     /// Returns the shadow ray from a surface point to another point, which is in the direction `wi`.

@@ -226,6 +226,21 @@ impl Camera {
         })
     }
 
+    /// Returns the density per unit area, perpendicular to the unit direction `d`, with which camera rays in that
+    /// direction reach the world-space point `p`, if there is one ray for each pixel of the full image. It is
+    /// [`Importance::weight`] for the point of the aperture from which the ray starts.
+    pub fn density(&self, p: Vec3, d: Vec3, time: f32) -> f64 {
+        let CameraPose { to_world, axes, .. } = *self.pose(time);
+        let pixels = f64::from(self.film.width) * f64::from(self.film.height);
+        let area = (self.pixel.x * self.pixel.y).abs() * pixels;
+        let m = to_world.matrix3;
+        if self.parallel {
+            return 1.0 / (area * m.x_axis.cross(m.y_axis).dot(m.z_axis.normalize()).abs());
+        }
+        let depth = (p.as_dvec3() - to_world.translation).dot(axes.z_axis);
+        1.0 / (area * d.as_dvec3().dot(axes.z_axis) * depth * depth)
+    }
+
     /// Returns three vectors in camera space at distance 1 along the viewing axis: the full width and height of the
     /// image plane, and its top left corner.
     pub fn image_plane(&self) -> [DVec3; 3] {

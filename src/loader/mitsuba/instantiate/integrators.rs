@@ -8,8 +8,7 @@ use crate::loader::mitsuba::props::Props;
 
 const MITSUBA: [&str; 2] = ["batch", "volprim_rf_basic"];
 /// Integrators of Mitsuba that estimate the same image as one of Buffon's.
-const NEAREST: [(&str, &str); 15] = [
-    ("bdpt", "path"),
+const NEAREST: [(&str, &str); 14] = [
     ("direct_projective", "direct"),
     ("erpt", "path"),
     ("mlt", "path"),

@@ -1,0 +1,171 @@
+//! Bidirectional path tracing. [Lafortune & Willems 1993; Veach 1997, chapter 10]
+//!
+//! Each camera path has a light path. Every vertex of the camera path is a possible end: it may lie on an emitter, it
+//! samples an emitter, and it is connected to one vertex of the light path, which is chosen in proportion to its
+//! contribution if nothing is in between. The light paths of a second set, as many as there are pixels, are connected to
+//! the camera. The techniques are combined by multiple importance sampling ([`weights`]).
+
+mod camera_paths;
+mod light_paths;
+mod weights;
+
+use self::camera_paths::CameraPaths;
+use self::light_paths::{LightPaths, StoredVertex};
+use super::ptracer::{LightTracer, Splat};
+use super::settings::{PathLimits, Plugin, Source};
+use super::worker::draw_2d;
+use super::{Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
+use crate::accel::Coherence;
+use crate::color::Rgb;
+use crate::error::Result;
+use crate::math::{DVec2, Ray, Vec2};
+use crate::sampling::{Dimension, SampleKey};
+use crate::scene::Scene;
+use crate::sensor::Camera;
+
+/// Bidirectional path tracing.
+pub struct Bdpt {
+    limits: PathLimits,
+    /// The camera to which light paths are connected.
+    camera: Option<Camera>,
+}
+
+impl Plugin for Bdpt {
+    const NAME: &'static str = "bdpt";
+    type Settings = PathLimits;
+
+    fn read(source: &mut dyn Source) -> Result<PathLimits> {
+        PathLimits::read(source)
+    }
+
+    fn with_limits(limits: PathLimits) -> PathLimits {
+        limits
+    }
+
+    fn limits(limits: &PathLimits) -> PathLimits {
+        *limits
+    }
+
+    fn create(limits: &PathLimits) -> Box<dyn Integrator> {
+        Box::new(Bdpt { limits: *limits, camera: None })
+    }
+}
+
+impl Integrator for Bdpt {
+    fn name(&self) -> &'static str {
+        Self::NAME
+    }
+
+    fn shares_noise(&self) -> bool {
+        true
+    }
+
+    fn shows_environment(&self) -> bool {
+        !self.limits.hide_emitters
+    }
+
+    fn light_tracer(&self) -> Option<&dyn LightTracer> {
+        Some(self)
+    }
+
+    fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        self.camera = Some(preparation.camera.clone());
+        Ok(())
+    }
+
+    fn prepares(&self) -> bool {
+        false
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        out.fill(Radiance::NONE);
+        // BSDFs of the light paths are used until the camera paths end.
+        let mut arena = std::mem::take(&mut worker.arena);
+        arena.reset();
+        let light = LightPaths::trace(scene, &arena, &self.limits, 2, wave.keys, worker);
+        let paths = CameraPaths { scene, camera: self.camera.as_ref(), limits: self.limits, query, light };
+        paths.trace(wave, worker, out);
+        drop(paths);
+        worker.arena = arena;
+    }
+}
+
+impl LightTracer for Bdpt {
+    fn trace(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        margin: f64,
+        keys: &[SampleKey],
+        worker: &mut Worker,
+        out: &mut Vec<Splat>,
+    ) {
+        let mut arena = std::mem::take(&mut worker.arena);
+        arena.reset();
+        let paths = LightPaths::trace(scene, &arena, &self.limits, 1, keys, worker);
+        let lens = lens_numbers(camera, keys, &paths, worker);
+        let hide_emitters = self.limits.hide_emitters && scene.needs.hit_emitters;
+        let mut films = Vec::new();
+        for (i, stored) in paths.vertices.iter().enumerate() {
+            let emits = scene.shapes[stored.vertex.at.shape().index()].emitter.is_some();
+            if hide_emitters && emits {
+                continue;
+            }
+            let u = lens.get(i).copied().unwrap_or_default();
+            if let Some((ray, film, value)) = connect(scene, camera, margin, stored, u) {
+                worker.shadows.push_one(ray, films.len() as u32, value);
+                films.push(film);
+            }
+        }
+        drop(paths);
+        worker.arena = arena;
+        let splat = |slot: usize, value| out.push(Splat { film: films[slot], value });
+        match hide_emitters {
+            false => worker.trace_shadows(scene, Coherence::Incoherent, splat),
+            true => worker.trace_shadows_past_emitters(scene, splat),
+        }
+    }
+}
+
+/// Returns random numbers for positions on the lens, one pair for each vertex; none if there is no lens.
+fn lens_numbers(camera: &Camera, keys: &[SampleKey], paths: &LightPaths<'_>, worker: &Worker) -> Vec<Vec2> {
+    let mut lens = Vec::new();
+    if !camera.has_lens() {
+        return lens;
+    }
+    let mut numbers = [Vec::new(), Vec::new()];
+    for vertices in paths.vertices.chunk_by(|a, b| a.edges == b.edges) {
+        let keys: Vec<SampleKey> = vertices.iter().map(|vertex| keys[vertex.path as usize]).collect();
+        let dimension = Dimension::emitter_point(vertices[0].edges - 1).repeat(1);
+        draw_2d(worker.sampler, dimension, &keys, &mut numbers);
+        lens.extend((0..keys.len()).map(|i| Vec2::new(numbers[0][i], numbers[1][i])));
+    }
+    lens
+}
+
+/// Returns the ray from a vertex of a light path to the camera, its position on the film and the contribution.
+fn connect(
+    scene: &Scene,
+    camera: &Camera,
+    margin: f64,
+    stored: &StoredVertex<'_>,
+    u_lens: Vec2,
+) -> Option<(Ray, DVec2, Rgb)> {
+    let at = &stored.vertex.at;
+    let seen = camera.importance(at.p, u_lens, at.time, margin)?;
+    let (scattered, reverse) = stored.vertex.eval_with_density(seen.wi);
+    if scattered.is_black() {
+        return None;
+    }
+    let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs());
+    let weight = stored.partial.of_camera_connection(density, reverse.into());
+    let value = stored.power * scattered * (seen.weight * weight as f32);
+    Some((scene.shadow_ray_to(at, seen.target, seen.wi), seen.film, value))
+}

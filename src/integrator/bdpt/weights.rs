@@ -1,0 +1,274 @@
+//! Weights of the techniques that can sample a path.
+//!
+//! A path with n edges is sampled by n + 1 techniques at most: each joins a subpath from the camera and a subpath from
+//! an emitter. The weights are those of the power heuristic with exponent 2 (Veach 1997, Eq. 9.13) over all of them.
+//! The part of the sum that belongs to one subpath does not depend on the other, except for the densities of its last
+//! edge. Two numbers per subpath, updated at each vertex, are therefore enough. [Georgiev 2012, "Implementing Vertex
+//! Connection and Merging", Eqs. 31 to 41]
+
+use crate::emitter::StartDensity;
+
+/// The square of a density, for the power heuristic.
+#[inline]
+fn mis(density: f64) -> f64 {
+    density * density
+}
+
+/// The partial weight of a subpath. Densities are per unit area unless stated otherwise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Partial {
+    /// The squared ratio of the density of connecting to the last vertex's predecessor and that of sampling the last
+    /// vertex: `dVCM` [Georgiev 2012, Eqs. 31, 33, 35].
+    connected: f64,
+    /// The sum of the squared ratios for all earlier vertices, without the reverse density of the last edge: `dVC`
+    /// [Georgiev 2012, Eqs. 32, 34, 36].
+    earlier: f64,
+}
+
+/// The start of a light path: its densities with the probabilities of the choice of the emitter.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// The density of the point or direction with which the first vertex samples the emitter.
+    pub sampled: f64,
+    /// The density of the first ray.
+    pub ray: f64,
+    /// Cosine at the emitting surface; 1 if there is none.
+    pub cosine: f64,
+    /// Whether no scattered ray can hit the emitter.
+    pub delta: bool,
+    /// Whether the emitter is at infinity.
+    pub distant: bool,
+}
+
+impl Start {
+    /// Creates a start from the densities of an emitter and the probabilities with which a vertex and a light path
+    /// choose the emitter.
+    pub fn new(density: StartDensity, sampled: f32, started: f32) -> Self {
+        Start {
+            sampled: density.point * f64::from(sampled),
+            ray: density.ray * f64::from(started),
+            cosine: 1.0,
+            delta: false,
+            distant: false,
+        }
+    }
+}
+
+impl Partial {
+    /// Creates the partial weight of a camera path at its first vertex. `density` is that of camera rays per unit area
+    /// of the surface, with one camera path and one light path per pixel; `None` if light paths are not connected to
+    /// the camera.
+    pub fn of_camera(density: Option<f64>) -> Self {
+        Partial { connected: density.map_or(0.0, |density| mis(1.0 / density)), earlier: 0.0 }
+    }
+
+    /// Creates the partial weight of a light path at its first vertex, at the squared distance `distance2` from the
+    /// emitter, where `cos` is the cosine of the ray with the geometric normal.
+    pub fn of_light(start: Start, distance2: f64, cos: f64) -> Self {
+        let per_area = if start.distant { 1.0 } else { distance2 };
+        let earlier = if start.delta { 0.0 } else { mis(start.cosine / (start.ray * cos)) };
+        Partial { connected: mis(start.sampled * per_area / (start.ray * cos)), earlier }
+    }
+
+    /// Returns the partial weight at the next vertex, at the squared distance `distance2`, where `cos` is the cosine of
+    /// the ray with the geometric normal.
+    #[must_use]
+    pub fn at_next(self, distance2: f64, cos: f64) -> Self {
+        Partial { connected: self.connected * mis(distance2 / cos), earlier: self.earlier / mis(cos) }
+    }
+
+    /// Returns the partial weight after scattering by a finite lobe. `forward` and `reverse` are densities per unit
+    /// solid angle: that of the sampled direction, and that of the reversed path. `cos` is the cosine of the sampled
+    /// direction with the geometric normal.
+    #[must_use]
+    pub fn scattered(self, forward: f64, reverse: f64, cos: f64) -> Self {
+        Partial { connected: mis(1.0 / forward), earlier: mis(cos / forward) * self.ratios(reverse) }
+    }
+
+    /// Returns the partial weight after scattering by a Dirac delta, whose probabilities are equal in both directions.
+    #[must_use]
+    pub fn reflected(self, cos: f64) -> Self {
+        Partial { connected: 0.0, earlier: self.earlier * mis(cos) }
+    }
+
+    /// Returns the sum of the squared ratios of the techniques that join the path at an earlier vertex, relative to
+    /// that which joins it at this vertex, without the reverse density of the joining edge. `reverse` is the density
+    /// per unit solid angle with which the reversed path leaves the vertex.
+    fn ratios(&self, reverse: f64) -> f64 {
+        if reverse > 0.0 { self.connected + self.earlier * mis(reverse) } else { self.connected }
+    }
+
+    /// Returns the weight of a camera path that hits an emitter, after at least one scattering. [Georgiev 2012, Eq. 38]
+    pub fn of_hit(&self, start: Start) -> f64 {
+        1.0 / (1.0 + mis(start.sampled) * self.connected + mis(start.ray) * self.earlier)
+    }
+
+    /// Returns the weight of a camera path whose last vertex samples an emitter. `pdf` and `reverse` are the densities
+    /// per unit solid angle with which the BSDF samples the direction to the emitter and the reversed path. `cos` is
+    /// the cosine at the vertex. [Georgiev 2012, Eqs. 44, 45]
+    pub fn of_emitter_sample(&self, start: Start, distance2: f64, cos: f64, pdf: f64, reverse: f64) -> f64 {
+        // Per unit solid angle at the vertex, and per unit area of the vertex.
+        let (sampled, arrival) = match start.distant {
+            true => (start.sampled, cos * start.ray / start.sampled),
+            false => {
+                let per_angle = if start.delta { distance2 } else { distance2 / start.cosine };
+                (start.sampled * per_angle, cos * start.ray / (start.sampled * distance2))
+            }
+        };
+        let hit = if start.delta { 0.0 } else { mis(pdf / sampled) };
+        1.0 / (1.0 + hit + mis(arrival) * self.ratios(reverse))
+    }
+
+    /// Returns the weight of a light path whose last vertex is connected to the camera. `density` is that of camera
+    /// rays per unit area of the surface. [Georgiev 2012, Eq. 46]
+    pub fn of_camera_connection(&self, density: f64, reverse: f64) -> f64 {
+        1.0 / (1.0 + mis(density) * self.ratios(reverse))
+    }
+}
+
+/// The densities at one end of a connection between two subpaths.
+pub struct End {
+    /// The partial weight of the subpath.
+    pub partial: Partial,
+    /// The density per unit area of the other end, with which this subpath would have continued to it.
+    pub to_other: f64,
+    /// The density per unit solid angle of the reversed path.
+    pub reverse: f64,
+}
+
+/// Returns the weight of a connection. [Georgiev 2012, Eqs. 40, 41]
+pub fn of_connection(camera: &End, light: &End) -> f64 {
+    let ratio = |end: &End, other: &End| mis(other.to_other) * end.partial.ratios(end.reverse);
+    1.0 / (1.0 + ratio(camera, light) + ratio(light, camera))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::hash::{pcg3d, to_unit};
+
+    /// A path with random densities. Vertex 0 is on the emitter, the last one before the camera is `vertices - 1`.
+    struct RandomPath {
+        vertices: usize,
+        start: Start,
+        /// Density of camera rays per unit area of the last vertex.
+        camera: f64,
+        /// Squared lengths of the edges; edge `i` is between vertices `i` and `i + 1`.
+        distance2: Vec<f64>,
+        /// Cosines at each vertex, towards the emitter and towards the camera.
+        cosines: Vec<[f64; 2]>,
+        /// Densities per unit solid angle at each vertex, of the directions to the emitter and to the camera.
+        pdfs: Vec<[f64; 2]>,
+    }
+
+    impl RandomPath {
+        fn new(seed: u32, vertices: usize) -> Self {
+            let number = |i: usize, k: u32| 0.05 + f64::from(to_unit(pcg3d(i as u32, k, seed)[0]));
+            let all = |k: u32| (0..vertices).map(move |i| [number(i, k), number(i, k + 1)]);
+            let distant = seed.is_multiple_of(3);
+            let delta = seed % 4 == 1;
+            let cosine = if distant || delta { 1.0 } else { number(90, 0) };
+            let start = Start { sampled: number(91, 0), ray: number(92, 0), cosine, delta, distant };
+            let distance2 = (0..vertices).map(|i| 4.0 * number(i, 9)).collect();
+            let (cosines, pdfs) = (all(1).collect(), all(3).collect());
+            RandomPath { vertices, start, camera: number(93, 0), distance2, cosines, pdfs }
+        }
+
+        /// Returns the density of the path if the first `s` vertices belong to the light path. [Veach 1997, 10.2]
+        fn density(&self, s: usize) -> f64 {
+            let (n, start) = (self.vertices, &self.start);
+            // Per unit area of vertex i, from the light and from the camera.
+            let from_light = |i: usize| match i {
+                0 => panic!("the start has a density of its own"),
+                1 if start.distant => start.ray * self.cosines[1][0],
+                1 => start.ray / start.cosine * self.cosines[1][0] / self.distance2[0] * start.cosine,
+                _ => self.pdfs[i - 1][1] * self.cosines[i][0] / self.distance2[i - 1],
+            };
+            let from_camera = |i: usize| match i {
+                _ if i + 1 == n => self.camera,
+                0 if start.delta => 0.0,
+                0 if start.distant => self.pdfs[1][0],
+                0 => self.pdfs[1][0] * start.cosine / self.distance2[0],
+                _ => self.pdfs[i + 1][0] * self.cosines[i][1] / self.distance2[i],
+            };
+            let light: f64 = match s {
+                0 => 1.0,
+                1 => start.sampled,
+                // The density of the ray includes that of its start.
+                _ => (1..s).map(from_light).product(),
+            };
+            light * (s..n).map(from_camera).product::<f64>()
+        }
+
+        /// Returns the weight of the technique with `s` vertices in the light path, from the partial weights.
+        fn weight(&self, s: usize) -> f64 {
+            let n = self.vertices;
+            let mut light = Vec::new();
+            for i in 1..n {
+                let (distance2, cos) = (self.distance2[i - 1], self.cosines[i][0]);
+                light.push(match i {
+                    1 => Partial::of_light(self.start, distance2, cos),
+                    _ => {
+                        let last: Partial = light[i - 2];
+                        let [reverse, forward] = self.pdfs[i - 1];
+                        last.scattered(forward, reverse, self.cosines[i - 1][1]).at_next(distance2, cos)
+                    }
+                });
+            }
+            let mut camera = vec![Partial::of_camera(Some(self.camera)); n];
+            for i in (0..n - 1).rev() {
+                let [forward, reverse] = self.pdfs[i + 1];
+                let on = camera[i + 1].scattered(forward, reverse, self.cosines[i + 1][0]);
+                camera[i] = match i {
+                    0 if self.start.distant => on,
+                    0 => on.at_next(self.distance2[0], self.start.cosine),
+                    _ => on.at_next(self.distance2[i], self.cosines[i][1]),
+                };
+            }
+            let end = |partial: Partial, i: usize, to: usize, edge: usize, side: usize| End {
+                partial,
+                to_other: self.pdfs[i][side] * self.cosines[to][1 - side] / self.distance2[edge],
+                reverse: self.pdfs[i][1 - side],
+            };
+            match s {
+                0 => camera[0].of_hit(self.start),
+                1 => {
+                    let [pdf, reverse] = self.pdfs[1];
+                    camera[1].of_emitter_sample(
+                        self.start,
+                        self.distance2[0],
+                        self.cosines[1][0],
+                        pdf,
+                        reverse,
+                    )
+                }
+                _ if s == n => light[n - 2].of_camera_connection(self.camera, self.pdfs[n - 1][0]),
+                _ => {
+                    of_connection(&end(camera[s], s, s - 1, s - 1, 0), &end(light[s - 2], s - 1, s, s - 1, 1))
+                }
+            }
+        }
+    }
+
+    /// The weights are those of the power heuristic over the densities of all techniques.
+    #[test]
+    fn weights_are_those_of_the_power_heuristic() {
+        for seed in 0..60 {
+            for vertices in 2..7 {
+                let path = RandomPath::new(seed, vertices);
+                let densities: Vec<f64> = (0..=vertices).map(|s| path.density(s)).collect();
+                let sum: f64 = densities.iter().map(|p| p * p).sum();
+                for (s, density) in densities.iter().enumerate() {
+                    if s == 0 && path.start.delta {
+                        continue;
+                    }
+                    let (weight, exact) = (path.weight(s), density * density / sum);
+                    assert!(
+                        (weight - exact).abs() < 1e-9 * (1.0 + exact),
+                        "seed {seed}, {vertices} vertices, {s} from the light: {weight}, expected {exact}"
+                    );
+                }
+            }
+        }
+    }
+}

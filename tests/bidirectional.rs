@@ -1,0 +1,109 @@
+//! Bidirectional path tracing, compared with path tracing, light tracing and closed forms.
+
+use crate::support::cli::Folder;
+
+/// Renders a scene with two integrators and checks that the images differ by noise alone.
+#[track_caller]
+fn agree(folder: &Folder, common: &str, integrators: [&str; 2]) {
+    for (i, name) in integrators.iter().enumerate() {
+        let options = format!("--aov variance --integrator {name} --seed {i} -o {i}.exr");
+        folder.render(&format!("s.xml -q --sampler scene {common} {options}"));
+    }
+    let run = folder.run("diff 0.exr 1.exr --z");
+    assert_eq!(run.code, 0, "{integrators:?} {common}: {}{}", run.stdout, run.stderr);
+}
+
+/// All techniques together give the image of camera paths, with a pinhole, a thin lens and an orthographic camera.
+#[test]
+fn paths_from_both_ends_agree_with_camera_paths() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    for sensor in 0..3 {
+        agree(&folder, &format!("--size 32x24 -s {sensor} --spp 512"), ["path", "bdpt"]);
+    }
+}
+
+#[test]
+fn paths_from_both_ends_agree_on_every_kind_of_emitter() {
+    let folder = Folder::of_scene("photon", "emitters.xml");
+    agree(&folder, "--size 52x28 --spp 512", ["path", "bdpt"]);
+    agree(&folder, "--size 52x28 --spp 512", ["ptracer", "bdpt"]);
+}
+
+/// `max_depth` has the same meaning as for camera paths. With few edges, few techniques exist, so that each one counts.
+#[test]
+fn depths_mean_what_they_mean_to_camera_paths() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
+    for depth in 1..=4 {
+        let limit = format!("name=\"max_depth\" value=\"{depth}\"");
+        let scene = text.replace("name=\"max_depth\" value=\"6\"", &limit);
+        assert_ne!(scene, text);
+        folder.write("s.xml", scene.as_bytes());
+        agree(&folder, "--size 24x16 --spp 2048", ["path", "bdpt"]);
+    }
+}
+
+/// The image does not depend on threads, interruptions or the division into ranges.
+#[test]
+fn images_are_the_same_bits() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    let common = "s.xml -q --integrator bdpt --size 32x24";
+    let data = |name: &str| buffon::image::read(&folder.path(name)).expect("an image").data;
+    for threads in [1, 2, 5] {
+        folder.render(&format!("{common} --spp 8 -t {threads} -o {threads}.exr"));
+    }
+    assert!(data("1.exr") == data("2.exr") && data("1.exr") == data("5.exr"));
+    folder.render(&format!("{common} --spp 4 --checkpoint c.bck -o c.exr"));
+    folder.render(&format!("{common} --spp 8 --checkpoint c.bck --resume -o c.exr"));
+    assert!(data("1.exr") == data("c.exr"));
+    for (part, range) in ["0..2", "2..8"].iter().enumerate() {
+        let options = format!("--spp 8 --sample-range {range} --checkpoint {part}.bck -o part.exr");
+        folder.render(&format!("{common} {options}"));
+    }
+    let run = folder.run("merge 0.bck 1.bck -o merged.exr");
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(data("1.exr") == data("merged.exr"));
+}
+
+/// In a closed sphere that emits, the radiance is that of the geometric series.
+#[test]
+fn a_furnace_multiplies_light_by_bouncing() {
+    let furnace = |depth: &str| {
+        format!(
+            r#"<scene version="3.0.0">
+  <integrator type="bdpt"><integer name="max_depth" value="{depth}"/></integrator>
+  <sensor type="perspective"><transform name="to_world"><lookat origin="0.2,0,0" target="0,0.3,1" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
+  <shape type="sphere"><boolean name="flip_normals" value="true"/>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
+    <emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>
+</scene>"#
+        )
+    };
+    for (depth, exact) in [("1", 1.0), ("2", 1.5), ("3", 1.75), ("4", 1.875), ("-1", 2.0)] {
+        let folder = Folder::with(&furnace(depth));
+        folder.render("s.xml -q --spp 256 -o f.exr");
+        let image = buffon::image::read(&folder.path("f.exr")).expect("an image");
+        let rgb = image.select(&["R", "G", "B"]).expect("a picture").data;
+        let mean = rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / rgb.len() as f64;
+        assert!((mean / exact - 1.0).abs() < 0.004, "depth {depth}: {mean}, expected {exact}");
+    }
+}
+
+/// Light of a point that glass sends to a floor is found by light paths only, and is in the image.
+#[test]
+fn caustics_of_delta_emitters_are_found() {
+    let folder = Folder::with(
+        r#"<scene version="3.0.0"><integrator type="path"/>
+  <sensor type="orthographic"><transform name="to_world"><lookat origin="0,0,2" target="0,0,0" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
+  <emitter type="point"><point name="position" value="0,0,-4"/><rgb name="intensity" value="30"/></emitter>
+  <shape type="rectangle"><transform name="to_world"><translate z="-2"/></transform>
+    <bsdf type="thindielectric"/></shape>
+  <shape type="rectangle"><bsdf type="difftrans"><rgb name="transmittance" value="0.8"/></bsdf></shape>
+</scene>"#,
+    );
+    agree(&folder, "--spp 1024", ["ptracer", "bdpt"]);
+    let image = buffon::image::read(&folder.path("1.exr")).expect("an image");
+    assert!(image.data.iter().take(16).any(|v| *v > 0.1));
+}
