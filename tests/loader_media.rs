@@ -8,7 +8,7 @@ use buffon::ids::MediumId;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathLimits;
 use buffon::loader::LoadOptions;
-use buffon::medium::{Homogeneous, Medium, MediumBoundary, Phase};
+use buffon::medium::{Homogeneous, Medium, MediumBoundary, Phase, Tabulated};
 
 fn volpath(max_depth: Option<u32>) -> Settings {
     Settings::Volpath(PathLimits { max_depth, ..PathLimits::default() })
@@ -22,8 +22,8 @@ fn read(plugin: &str, inside: &str) -> Result<Homogeneous, String> {
     let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default());
     let loaded = loaded.map_err(|error| error.to_string())?;
     assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
-    match loaded.description.media[..] {
-        [Medium::Homogeneous(medium)] => Ok(medium),
+    match &loaded.description.media[..] {
+        [Medium::Homogeneous(medium)] => Ok(medium.clone()),
         _ => panic!("one medium"),
     }
 }
@@ -52,6 +52,14 @@ fn media_are_read_in_the_language_of_every_version() {
     assert_eq!(homogeneous(constant).sigma_t, Rgb::splat(4.0));
     assert_eq!(homogeneous("<phase type='hg'/>").phase, Phase::HenyeyGreenstein { g: 0.8 });
     assert_eq!(homogeneous("<phase type='isotropic'/>").phase, Phase::Isotropic);
+    let table = "<phase type='tabphase'><string name='values' value='1, 0, 3'/></phase>";
+    let tabulated = Phase::Tabulated(Tabulated::new(&[1.0, 0.0, 3.0]).unwrap());
+    assert_eq!(homogeneous(table).phase, tabulated);
+    let blend = format!(
+        "<phase type='blendphase'><float name='weight' value='0.25'/><phase type='rayleigh'/>{table}</phase>"
+    );
+    let phases = Box::new([Phase::Rayleigh, tabulated]);
+    assert_eq!(homogeneous(&blend).phase, Phase::Blend { weight: 0.25, phases });
     // Mitsuba 0.6.
     let parts = "<float name='sigma_a' value='.25'/><float name='sigma_s' value='.5'/><float name='density_multiplier' value='2'/>";
     assert_eq!(homogeneous(parts), grey(1.5, 1.0, Phase::Isotropic));
@@ -113,8 +121,18 @@ fn media_that_cannot_be_rendered_are_named() {
         ("homogenous", "", "<medium type=\"homogenous\">: unknown medium (did you mean \"homogeneous\"?)"),
         (
             "homogeneous",
-            "<phase type='rayleigh'/>",
-            "<phase type=\"rayleigh\">: expected the phase function isotropic or hg, others are not supported; WITHOUT",
+            "<phase type='sggx'/>",
+            "<phase type=\"sggx\">: this phase function is not supported; WITHOUT",
+        ),
+        (
+            "homogeneous",
+            "<phase type='tabphase'><string name='values' value='1'/></phase>",
+            "<string name=\"values\">: expected at least two numbers that are not negative, not all of them 0",
+        ),
+        (
+            "homogeneous",
+            "<phase type='blendphase'><phase type='hg'/></phase>",
+            "<phase type=\"blendphase\">: expected two phase functions inside it, found 1",
         ),
         (
             "homogeneous",

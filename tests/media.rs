@@ -15,7 +15,7 @@ use buffon::integrator::Settings;
 use buffon::integrator::settings::PathLimits;
 use buffon::material::{Dielectric, Interface, Mask, Material, Null};
 use buffon::math::{DAffine3, DQuat, DVec3, Vec2, Vec3};
-use buffon::medium::{Homogeneous, Medium, MediumBoundary, Phase};
+use buffon::medium::{Homogeneous, Medium, MediumBoundary, Phase, Tabulated};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
 use buffon::scene::description::{PlacedGroup, PlacedShape};
@@ -285,15 +285,43 @@ fn single_scattering_of_a_half_space_does_not_depend_on_its_density() {
     }
 }
 
+/// A density that is linear in the cosine on each side: 1 backward, 0 across, 3 forward.
+fn table() -> Phase {
+    Phase::Tabulated(Tabulated::new(&[1.0, 0.0, 3.0]).expect("a density"))
+}
+
+fn blend() -> Phase {
+    Phase::Blend { weight: 0.25, phases: Box::new([Phase::Rayleigh, HG]) }
+}
+
+/// Returns the value of a phase function by its formula, sr⁻¹.
+fn density(phase: &Phase, cos: f64) -> f64 {
+    match phase {
+        Phase::Isotropic => 0.25 / PI,
+        Phase::HenyeyGreenstein { g } => {
+            let g = f64::from(*g);
+            (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cos).powf(1.5))
+        }
+        Phase::Rayleigh => 3.0 * (1.0 + cos * cos) / (16.0 * PI),
+        // The integral of the table [1, 0, 3] over the cosine is 2.
+        Phase::Tabulated(_) => (if cos < 0.0 { -cos } else { 3.0 * cos }) / (4.0 * PI),
+        Phase::Blend { weight, phases } => {
+            let weight = f64::from(*weight);
+            density(&phases[0], cos) * (1.0 - weight) + density(&phases[1], cos) * weight
+        }
+    }
+}
+
 /// Light of a point emitter that an infinite medium scatters once, by quadrature over the camera ray.
 #[test]
 fn single_scattering_of_a_point_emitter_is_its_integral() {
     let albedo = [0.9f32, 0.6, 0.3];
-    let group = Means::of_images(2 * AccelKind::CHOICES.len(), 1e-2);
-    for phase in [Phase::Isotropic, HG] {
+    let phases = [Phase::Isotropic, HG, Phase::Rayleigh, table(), blend()];
+    let group = Means::of_images(phases.len() * AccelKind::CHOICES.len(), 1e-2);
+    for phase in phases {
         let mut scene = Description::default();
         scene.sensors.push(camera(DVec3::ZERO, -DVec3::Z, 1e-3, 8));
-        let fog = medium(&mut scene, SIGMA, albedo, phase);
+        let fog = medium(&mut scene, SIGMA, albedo, phase.clone());
         scene.sensors[0].medium = Some(fog);
         let light = DVec3::new(0.4, 0.0, -1.0);
         scene.emitters.push(Emitter::Point { position: light.as_vec3(), intensity: Rgb::splat(2.0) });
@@ -306,13 +334,7 @@ fn single_scattering_of_a_point_emitter_is_its_integral() {
                     let to_light = light - p;
                     let distance = to_light.length();
                     let cos = -to_light.z / distance;
-                    let phase = match phase {
-                        Phase::Isotropic => 0.25 / PI,
-                        Phase::HenyeyGreenstein { g } => {
-                            let g = f64::from(g);
-                            (1.0 - g * g) / (4.0 * PI * (1.0 + g * g - 2.0 * g * cos).powf(1.5))
-                        }
-                    };
+                    let phase = density(&phase, cos);
                     2.0 * phase * (-sigma * distance).exp() / (distance * distance)
                 })
         });
@@ -327,11 +349,12 @@ fn single_scattering_of_a_point_emitter_is_its_integral() {
 #[test]
 fn phase_functions_sample_their_density() {
     let functions = [-0.9, -0.3, 0.0, 0.5, 0.85].map(|g| Phase::HenyeyGreenstein { g });
-    for phase in functions.into_iter().chain([Phase::Isotropic]) {
+    let others = [Phase::Isotropic, Phase::Rayleigh, table(), blend()];
+    for phase in functions.into_iter().chain(others) {
         let d = Vec3::new(0.48, -0.6, 0.64);
         let integral = check_directions(
             &format!("{phase:?}"),
-            6,
+            9,
             |_, u| Some(phase.sample(d, u)),
             |wi| phase.eval(d.dot(wi)),
         );

@@ -86,6 +86,9 @@ pub struct Worker {
     pub specular_only: Vec<bool>,
     /// For each entry of the output, whether the path only searches for emitters. Empty if unused.
     pub probing: Vec<bool>,
+    /// The keys of the light paths that belong to the current wave of camera rays, for integrators that trace both. Empty
+    /// if each camera path has a light path with its own key.
+    pub light_keys: Vec<SampleKey>,
     /// Memory for the BSDFs of the current wave that vary over the surface.
     pub arena: Bump,
     /// The time of all new rays, in [0, 1] over the shutter interval; `None` if each sample draws its own.
@@ -260,6 +263,7 @@ impl Worker {
             numbers: RandomNumbers::default(),
             specular_only: Vec::new(),
             probing: Vec::new(),
+            light_keys: Vec::new(),
             arena: Bump::new(),
             time: None,
             interrupt: Interrupt::default(),

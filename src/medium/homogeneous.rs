@@ -4,7 +4,7 @@ use super::Phase;
 use crate::color::Rgb;
 
 /// A medium with the same coefficients everywhere.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Homogeneous {
     /// The extinction coefficient by channel, at least 0 and finite, in inverse world-space units.
     pub sigma_t: Rgb,

@@ -10,7 +10,7 @@ mod presets;
 
 pub use free_flight::FreeFlight;
 pub use homogeneous::Homogeneous;
-pub use phase::Phase;
+pub use phase::{Phase, Tabulated};
 pub use presets::{PRESETS, Preset};
 
 use crate::ids::MediumId;

@@ -13,6 +13,8 @@ use std::ops::Range;
 /// The number of paths in a wave: large enough for long SIMD loops and few calls, small enough for the second-level
 /// cache.
 const WAVE: usize = 2048;
+/// The number of pixels, side by side, whose samples of the same index share a light path.
+const SHARING_PIXELS: u32 = 4;
 
 /// A sample that was dropped because it is not a finite, non-negative radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,6 +149,15 @@ impl CameraWorker {
         for span in &self.spans {
             let (x, y) = tile.position(span.pixel);
             self.keys.extend((span.first..span.end).map(|s| sampler.key(job.settings.seed, x, y, s)));
+        }
+        self.worker.light_keys.clear();
+        if job.integrator.light_tracer().is_some() {
+            let (seed, spans) = (job.settings.seed, &self.spans);
+            self.worker.light_keys.extend(spans.iter().flat_map(|span| {
+                let (x, y) = tile.position(span.pixel);
+                let x = x - x % SHARING_PIXELS;
+                (span.first..span.end).map(move |s| sampler.key(seed, x, y, s))
+            }));
         }
         draw_2d(sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         if job.camera.has_lens() {

@@ -27,6 +27,8 @@ pub struct CameraPaths<'a> {
     pub limits: PathLimits,
     pub query: RadianceQuery,
     pub light: LightPaths<'a>,
+    /// The light path of each camera path.
+    pub light_path: Vec<u32>,
 }
 
 /// The state of a camera path between two vertices.
@@ -282,7 +284,8 @@ impl CameraPaths<'_> {
             self.limits.allows(edges) && self.query.wants(edges)
         };
         let (mut sum, mut chosen, mut u) = (0.0f32, None, u);
-        for light in self.light.of(slot as usize).filter(wanted) {
+        let light_path = self.light_path[slot as usize] as usize;
+        for light in self.light.of(light_path).filter(wanted) {
             let importance = importance(&at.vertex, light);
             if importance == 0.0 {
                 continue;

@@ -108,7 +108,8 @@ impl<'a> LightPaths<'a> {
         let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
         let Worker { numbers, hits, sampler, .. } = worker;
         let go_on = limits.allows(edges + 1 + beyond);
-        let roulette = Roulette::at(edges, limits.rr_depth);
+        // Light paths play at every vertex: long ones contribute little, but cost as much as camera paths.
+        let roulette = Roulette::at(edges, 1);
         if go_on {
             draw_1d(*sampler, Dimension::bsdf_lobe(edges - 1).repeat(1), &keys, &mut numbers.bsdf_lobe);
             let dimension = Dimension::bsdf_direction(edges - 1).repeat(1);

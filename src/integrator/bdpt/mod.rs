@@ -1,6 +1,6 @@
 //! Bidirectional path tracing. [Lafortune & Willems 1993; Veach 1997, chapter 10]
 //!
-//! Each camera path has a light path. Every vertex of the camera path is a possible end: it may lie on an emitter, it
+//! Each camera path has a light path, which it shares with those of neighbouring pixels. Every vertex of the camera path is a possible end: it may lie on an emitter, it
 //! samples an emitter, and it is connected to one vertex of the light path, which is chosen in proportion to its
 //! contribution if nothing is in between. The light paths of a second set, as many as there are pixels, are connected to
 //! the camera. The techniques are combined by multiple importance sampling ([`weights`]).
@@ -22,6 +22,7 @@ use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use crate::sensor::Camera;
+use std::collections::HashMap;
 
 /// Bidirectional path tracing.
 pub struct Bdpt {
@@ -35,6 +36,7 @@ impl Plugin for Bdpt {
     type Settings = PathLimits;
 
     fn read(source: &mut dyn Source) -> Result<PathLimits> {
+        source.ignore(&["light_image", "sample_direct"], "all techniques are used");
         PathLimits::read(source)
     }
 
@@ -89,8 +91,10 @@ impl Integrator for Bdpt {
         // BSDFs of the light paths are used until the camera paths end.
         let mut arena = std::mem::take(&mut worker.arena);
         arena.reset();
-        let light = LightPaths::trace(scene, &arena, &self.limits, 2, wave.keys, worker);
-        let paths = CameraPaths { scene, camera: self.camera.as_ref(), limits: self.limits, query, light };
+        let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
+        let light = LightPaths::trace(scene, &arena, &self.limits, 2, &keys, worker);
+        let camera = self.camera.as_ref();
+        let paths = CameraPaths { scene, camera, limits: self.limits, query, light, light_path };
         paths.trace(wave, worker, out);
         drop(paths);
         worker.arena = arena;
@@ -132,6 +136,23 @@ impl LightTracer for Bdpt {
             true => worker.trace_shadows_past_emitters(scene, splat),
         }
     }
+}
+
+/// Returns the different keys of the light paths of a wave, and the index of that of each camera path. In a scene with
+/// motion, each camera path has a light path with its own key, and therefore with its time.
+fn shared_keys(scene: &Scene, own: &[SampleKey], light: &[SampleKey]) -> (Vec<SampleKey>, Vec<u32>) {
+    if scene.needs.motion || light.len() != own.len() {
+        return (own.to_vec(), (0..own.len() as u32).collect());
+    }
+    let (mut keys, mut known) = (Vec::new(), HashMap::new());
+    let mut index = |key: &SampleKey| {
+        *known.entry(*key).or_insert_with(|| {
+            keys.push(*key);
+            keys.len() as u32 - 1
+        })
+    };
+    let indices = light.iter().map(&mut index).collect();
+    (keys, indices)
 }
 
 /// Returns random numbers for positions on the lens, one pair for each vertex; none if there is no lens.

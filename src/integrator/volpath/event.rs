@@ -229,7 +229,7 @@ impl Tracer<'_> {
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
-        let (p, phase) = (collision.p, collision.medium.phase);
+        let (p, phase) = (collision.p, &collision.medium.phase);
         if let Some(sample) = self.sample_emitter(&path, p, numbers) {
             let density = phase.eval(d.dot(sample.wi));
             let value = path.beta * density * weighted(&sample, density);

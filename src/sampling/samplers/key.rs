@@ -9,7 +9,7 @@ pub const SHARED_REPLICATES: u32 = 8;
 ///
 /// The samples of a pixel form two halves: sample `i` is point `i div 2` of the sequence of half `i mod 2`. The
 /// halves are scrambled independently. Data that pixels share (caches, photons) exists once for each replicate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SampleKey {
     /// Hash of seed, pixel and half.
     pub scramble: u32,

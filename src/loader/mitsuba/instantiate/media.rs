@@ -7,7 +7,8 @@ use crate::error::Result;
 use crate::ids::MediumId;
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
-use crate::medium::{Homogeneous, Medium, MediumBoundary, PRESETS, Phase};
+use crate::loader::mitsuba::values;
+use crate::medium::{Homogeneous, Medium, MediumBoundary, PRESETS, Phase, Tabulated};
 use crate::util::wording::did_you_mean;
 
 const MEDIA: [&str; 2] = ["heterogeneous", "homogeneous"];
@@ -206,15 +207,40 @@ impl Builder<'_> {
                 false => Ok(Phase::Isotropic),
             };
         };
+        self.phase_function(object)
+    }
+
+    fn phase_function(&mut self, object: ObjectId) -> Result<Phase> {
         let props = Props::new(self.graph, object);
         let phase = match props.object.plugin.as_str() {
             "isotropic" => Phase::Isotropic,
             "hg" => asymmetry(&props)?,
+            "rayleigh" => Phase::Rayleigh,
+            "tabphase" => {
+                let text = props.text("values")?;
+                let text = text.ok_or_else(|| props.object.error("the property values is missing"))?;
+                let values = values::floats(text).map_err(|error| props.error("values", &error))?;
+                Phase::Tabulated(Tabulated::new(&values).map_err(|e| props.error("values", &e.message))?)
+            }
+            "blendphase" => {
+                let children = props.children("phase");
+                let [first, second] = children[..] else {
+                    let found = children.len();
+                    return Err(props
+                        .object
+                        .error(format!("expected two phase functions inside it, found {found}")));
+                };
+                let weight = self.volume(&props, "weight", Quantity::Unbounded, 0.5)?.mean();
+                if !(0.0..=1.0).contains(&weight) {
+                    return Err(props.error("weight", "expected a number from 0 to 1"));
+                }
+                let phases = [self.phase_function(first.object)?, self.phase_function(second.object)?];
+                Phase::Blend { weight, phases: Box::new(phases) }
+            }
             plugin if PHASES.contains(&plugin) => {
-                let message = format!(
-                    "expected the phase function isotropic or hg, others are not supported; {WITHOUT}"
-                );
-                return Err(props.object.unsupported(message));
+                return Err(props
+                    .object
+                    .unsupported(format!("this phase function is not supported; {WITHOUT}")));
             }
             _ => return Err(unknown_plugin(props.object, &PHASES, &[])),
         };
