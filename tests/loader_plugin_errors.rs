@@ -15,7 +15,8 @@ fn unknown_and_unsupported_plugins() {
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",
         ),
         ("<sensor type='distant'/>", "<sensor type=\"distant\">: this sensor is not supported"),
-        ("<texture type='volume'/>", "<texture type=\"volume\">: this texture is not supported"),
+        ("<texture type='volume'/>", "<texture type=\"volume\">: expected a volume inside it"),
+        ("<texture type='bitmp'/>", "<texture type=\"bitmp\">: unknown texture (did you mean \"bitmap\"?)"),
     ];
     for (element, message) in cases {
         assert_eq!(error(element), format!("scene.xml:2:1: {message}"));
@@ -32,7 +33,7 @@ fn unknown_and_unsupported_plugins() {
         "scene.xml:3:1: <rfilter type=\"mitchel\">: unknown rfilter (did you mean \"mitchell\"?)"
     );
     let inside = "<bsdf type='diffuse'>\n<texture type='volume' name='reflectance'/></bsdf>";
-    assert_eq!(error(inside), "scene.xml:3:1: <texture type=\"volume\">: this texture is not supported");
+    assert_eq!(error(inside), "scene.xml:3:1: <texture type=\"volume\">: expected a volume inside it");
 }
 
 #[test]

@@ -230,6 +230,15 @@ fn materials_of_older_versions_are_read() {
     assert_eq!((rough.alpha, rough.reflectance), (0.2.into(), Rgb::splat(0.25).into()));
     let Material::DiffuseTransmitter(paper) = one("<bsdf type='difftrans'/>") else { panic!() };
     assert_eq!(paper.transmittance, Rgb::splat(0.5).into());
+    let Material::Coating(coating) =
+        one("<bsdf type='coating'><float name='thickness' value='2'/><bsdf type='conductor'/></bsdf>")
+    else {
+        panic!()
+    };
+    assert_eq!((coating.thickness, coating.sigma_a), (2.0, Rgb::BLACK.into()));
+    assert!((coating.interface.eta() - 1.5042).abs() < 1e-3, "{}", coating.interface.eta());
+    let error = materials("<bsdf type='coating'><bsdf type='null'/></bsdf>").expect_err("it is refused");
+    assert!(error.to_string().contains("a material that transmits light cannot be coated"), "{error}");
     let mixture = |weights: &str| {
         let inner = "<bsdf type='diffuse'/><bsdf type='conductor'/><bsdf type='null'/>";
         materials(&format!("<bsdf type='mixturebsdf'>{weights}{inner}</bsdf>"))

@@ -55,7 +55,7 @@ impl Features {
             is(node, "bsdf", &["roughdielectric"])
                 && node.children.iter().any(|child| child.attribute("name") == Some("ext_ior"))
         };
-        let specular = ["conductor", "dielectric", "thindielectric", "plastic", "principledthin"];
+        let specular = ["conductor", "dielectric", "thindielectric", "plastic", "principledthin", "coating"];
         // Connections pass through holes, except those of emitters, whose whole surface is hit.
         let emits_with_holes = |node: &Node| {
             node.tag == "shape"

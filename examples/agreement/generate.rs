@@ -302,7 +302,7 @@ fn bsdf(random: &mut Random, depth: usize, opaque: bool) -> Node {
     if depth == 0 {
         return leaf(random, opaque);
     }
-    let kind = random.below(6);
+    let kind = random.below(7);
     match if opaque && kind < 3 { 3 } else { kind } {
         0 | 1 => {
             let both = random.chance(40);
@@ -314,6 +314,11 @@ fn bsdf(random: &mut Random, depth: usize, opaque: bool) -> Node {
             .add(share(random, "weight"))
             .add(bsdf(random, depth - 1, opaque))
             .add(bsdf(random, depth - 1, opaque)),
+        // The reflection by a coating is a Dirac delta.
+        6 if !random.smooth => Node::plugin("bsdf", "coating")
+            .add(Node::value("float", "thickness", random.between(0.1, 1.0)))
+            .add(color(random, "sigma_a", 0.0, 1.0))
+            .add(bsdf(random, depth - 1, true)),
         4 => {
             let heights = Node::plugin("texture", "bitmap")
                 .named("bump")

@@ -18,6 +18,7 @@ impl Bsdf<'_> {
         let sample = match self {
             Bsdf::Null => return Some(mask::unscattered(wo)),
             Bsdf::Blend(b) => b.sample_adjoint(wo, u_lobe, u)?,
+            Bsdf::Coating(b) => b.sample_adjoint(wo, u_lobe, u)?,
             Bsdf::Mask(b) => return b.sample_adjoint(wo, u_lobe, u),
             Bsdf::TwoSided(b) => {
                 let sample = b.sample_adjoint(wo, u_lobe, u)?;
@@ -50,6 +51,7 @@ impl Bsdf<'_> {
                 let (p, [first, second]) = (b.probability(), b.bsdfs.map(|bsdf| bsdf.pdf_adjoint(wo, wi)));
                 first * (1.0 - p) + second * p
             }
+            Bsdf::Coating(b) => b.pdf_adjoint(wo, wi),
             Bsdf::Mask(b) => b.inner.pdf_adjoint(wo, wi) * b.probability(),
             Bsdf::TwoSided(b) if wo.z >= 0.0 => b.sides[0].pdf_adjoint(wo, wi),
             Bsdf::TwoSided(b) => b.sides[1].pdf_adjoint(mirrored(wo), mirrored(wi)),

@@ -6,6 +6,7 @@
 mod adjoint;
 pub mod blend;
 pub mod burley;
+pub mod coating;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse;
@@ -31,6 +32,7 @@ pub mod tilted;
 pub mod two_sided;
 
 pub use blend::Blend;
+pub use coating::Coating;
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
@@ -130,6 +132,8 @@ pub enum Bsdf<'a> {
     PrincipledThin(PrincipledThin),
     /// A linear combination of two BSDFs.
     Blend(Blend<'a>),
+    /// A BSDF under a smooth dielectric coating.
+    Coating(Coating<'a>),
     /// A BSDF with holes.
     Mask(Mask<'a>),
     /// A BSDF in the frame of a perturbed normal.
@@ -187,7 +191,8 @@ impl Bsdf<'_> {
             Bsdf::Plastic(b) => Bsdf::Plastic(b),
             Bsdf::Principled(b) => Bsdf::Principled(b),
             Bsdf::PrincipledThin(b) => Bsdf::PrincipledThin(b),
-            Bsdf::RoughPlastic(_) | Bsdf::Blend(_) | Bsdf::Mask(_) | Bsdf::Tilted(_) | Bsdf::TwoSided(_) => {
+            Bsdf::RoughPlastic(_) | Bsdf::Blend(_) | Bsdf::Coating(_) => return None,
+            Bsdf::Mask(_) | Bsdf::Tilted(_) | Bsdf::TwoSided(_) => {
                 return None;
             }
         })
@@ -208,6 +213,7 @@ impl Bsdf<'_> {
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
             Bsdf::RoughDielectric(_) => Lobes::FINITE,
             Bsdf::Blend(b) => b.bsdfs[0].lobes().and(b.bsdfs[1].lobes()),
+            Bsdf::Coating(b) => b.inner.lobes().and(Lobes::deltas(1)),
             // Light through holes is a Dirac delta.
             Bsdf::Mask(b) => b.inner.lobes().and(Lobes::deltas(1)),
             Bsdf::Tilted(b) => b.inner.lobes(),
@@ -233,6 +239,7 @@ impl Bsdf<'_> {
             Bsdf::Principled(b) => b.anisotropy != 0.0,
             Bsdf::PrincipledThin(b) => b.anisotropy != 0.0,
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.is_anisotropic()),
+            Bsdf::Coating(b) => b.inner.is_anisotropic(),
             Bsdf::Mask(b) => b.inner.is_anisotropic(),
             Bsdf::Tilted(_) => true,
             Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.is_anisotropic()),
@@ -246,7 +253,7 @@ impl Bsdf<'_> {
             Bsdf::DiffuseTransmitter(_) => true,
             Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
             Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => false,
-            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => false,
+            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Coating(_) => false,
             Bsdf::Principled(b) => b.transmits(),
             Bsdf::PrincipledThin(b) => b.transmits(),
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.transmits()),
@@ -264,7 +271,7 @@ impl Bsdf<'_> {
             Bsdf::Phong(_) | Bsdf::Ward(_) => true,
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
-            Bsdf::Blend(_) | Bsdf::Mask(_) => true,
+            Bsdf::Blend(_) | Bsdf::Coating(_) | Bsdf::Mask(_) => true,
             Bsdf::Tilted(b) => b.turned.is_some() || b.inner.chooses_lobe(),
             Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.chooses_lobe()),
         }
@@ -287,6 +294,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.eval(wo, wi),
             Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => BsdfEval::ZERO,
             Bsdf::Blend(b) => b.eval(wo, wi),
+            Bsdf::Coating(b) => b.eval(wo, wi),
             Bsdf::Mask(b) => b.eval(wo, wi),
             Bsdf::Tilted(b) => b.eval(wo, wi),
             Bsdf::TwoSided(b) => b.eval(wo, wi),
@@ -314,6 +322,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.sample(wo, u_lobe, u),
             Bsdf::Null => Some(mask::unscattered(wo)),
             Bsdf::Blend(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Coating(b) => b.sample(wo, u_lobe, u),
             Bsdf::Mask(b) => b.sample(wo, u_lobe, u),
             Bsdf::Tilted(b) => b.sample(wo, u_lobe, u),
             Bsdf::TwoSided(b) => b.sample(wo, u_lobe, u),
@@ -341,6 +350,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.albedo(),
             Bsdf::Null => Rgb::WHITE,
             Bsdf::Blend(b) => b.albedo(),
+            Bsdf::Coating(b) => b.albedo(),
             Bsdf::Mask(b) => b.inner.albedo() * b.opacity + Rgb::WHITE * (1.0 - b.opacity),
             Bsdf::Tilted(b) => b.inner.albedo(),
             Bsdf::TwoSided(b) => b.sides[0].albedo(),

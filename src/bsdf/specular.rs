@@ -38,6 +38,7 @@ impl Bsdf<'_> {
                     bsdf.specular_lobes(wo, &mut |lobe| found(lobe.scaled(share)));
                 }
             }
+            Bsdf::Coating(b) => b.specular_lobes(wo, found),
             Bsdf::Mask(b) => {
                 b.inner.specular_lobes(wo, &mut |lobe| found(lobe.scaled(b.opacity)));
                 let hole = mask::unscattered(wo);

@@ -86,8 +86,8 @@ pub struct Worker {
     pub specular_only: Vec<bool>,
     /// For each entry of the output, whether the path only searches for emitters. Empty if unused.
     pub probing: Vec<bool>,
-    /// The keys of the light paths that belong to the current wave of camera rays, for integrators that trace both. Empty
-    /// if each camera path has a light path with its own key.
+    /// The keys of the light paths that belong to the current wave of camera rays, for integrators that trace both.
+    /// Empty if each camera path has a light path with its own key.
     pub light_keys: Vec<SampleKey>,
     /// Memory for the BSDFs of the current wave that vary over the surface.
     pub arena: Bump,

@@ -7,6 +7,7 @@
 mod bending;
 mod blend;
 mod bump_map;
+mod coating;
 pub mod compiled;
 mod conductor;
 mod dielectric;
@@ -34,6 +35,7 @@ pub use crate::bsdf::microfacet::Distribution;
 pub use bending::Bending;
 pub use blend::Blend;
 pub use bump_map::BumpMap;
+pub use coating::Coating;
 pub use compiled::{Context, Inputs, MaterialPoint, Materials, Sampling, Scattering, SceneMaterial};
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
@@ -297,4 +299,6 @@ plugins! {
     RoughDiffuse(RoughDiffuse),
     /// Diffuse reflection plus the lobe of Ward.
     Ward(Ward),
+    /// A material under a smooth dielectric coating.
+    Coating(Coating),
 }

@@ -1,5 +1,6 @@
 //! `twosided`: one-sided materials on the front and on the back of the surface.
 
+use super::coating::transmits;
 use super::{Context, Material, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::error::Result;
 use crate::ids::MaterialId;
@@ -46,10 +47,4 @@ impl Plugin for TwoSided {
     fn scattering<'a>(&'a self, _: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
         context.both_sides(|side, context| context.scattering(self.sides[side]).bsdf)
     }
-}
-
-/// Returns whether light may pass through a material.
-fn transmits(materials: &[Material], id: MaterialId) -> bool {
-    let material = &materials[id.index()];
-    material.transmits() || material.inner().iter().any(|inner| transmits(materials, *inner))
 }

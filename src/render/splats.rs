@@ -88,8 +88,8 @@ fn add(job: &Job<'_>, tiles: &mut [Tile], batches: &[(usize, Vec<Splat>)]) -> u6
     dropped
 }
 
-/// Returns the pixels along one axis for which the position `x` is within [−radius, radius) of the centre, as for camera
-/// samples.
+/// Returns the pixels along one axis for which the position `x` is within [−radius, radius) of the centre, as for
+/// camera samples.
 fn within(job: &Job<'_>, x: f64, start: u32, length: u32) -> Range<u32> {
     let radius = job.filter.radius();
     let low = ((x - radius - 0.5).floor() + 1.0).max(start.into()) as u32;

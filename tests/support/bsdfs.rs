@@ -5,9 +5,9 @@ use buffon::bsdf::empirical::WardVariant;
 use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
 use buffon::bsdf::{
-    Blend, Bsdf, BsdfSample, Conductor, Dielectric, Diffuse, DiffuseAnd, DiffuseTransmitter, Lobe, Mask,
-    Phong, Plastic, Principled, PrincipledThin, RoughConductor, RoughDielectric, RoughDiffuse, RoughPlastic,
-    RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
+    Blend, Bsdf, BsdfSample, Coating, Conductor, Dielectric, Diffuse, DiffuseAnd, DiffuseTransmitter, Lobe,
+    Mask, Phong, Plastic, Principled, PrincipledThin, RoughConductor, RoughDielectric, RoughDiffuse,
+    RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
 };
 use buffon::color::Rgb;
 use buffon::math::{DVec3, Frame, Vec2, Vec3};
@@ -317,6 +317,11 @@ pub fn wrapped<'a>(plain: &'a [Bsdf<'a>]) -> Vec<Bsdf<'a>> {
         all.push(Bsdf::Tilted(Tilted { frame, soften: false, inner, turned: None }));
         all.push(Bsdf::TwoSided(TwoSided { sides: [inner, &DIFFUSE] }));
         all.push(Bsdf::Mask(Mask { opacity: 0.5, inner }));
+        if !inner.transmits() {
+            let depth = Rgb::new(0.0, 0.1, 0.5);
+            let specular_reflectance = Rgb::new(0.9, 1.0, 0.8);
+            all.push(Bsdf::Coating(Coating { eta: 1.5, depth, specular_reflectance, inner }));
+        }
         all.push(Bsdf::Blend(Blend { weight: 0.25, bsdfs: [inner, &DIFFUSE] }));
     }
     all

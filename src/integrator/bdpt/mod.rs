@@ -1,9 +1,9 @@
 //! Bidirectional path tracing. [Lafortune & Willems 1993; Veach 1997, chapter 10]
 //!
-//! Each camera path has a light path, which it shares with those of neighbouring pixels. Every vertex of the camera path is a possible end: it may lie on an emitter, it
-//! samples an emitter, and it is connected to one vertex of the light path, which is chosen in proportion to its
-//! contribution if nothing is in between. The light paths of a second set, as many as there are pixels, are connected to
-//! the camera. The techniques are combined by multiple importance sampling ([`weights`]).
+//! Each camera path has a light path, which it shares with those of neighbouring pixels. Every vertex of the camera
+//! path is a possible end: it may lie on an emitter, it samples an emitter, and it is connected to one vertex of the
+//! light path, which is chosen by an estimate of its contribution. The light paths of a second set, as many as there
+//! are pixels, are connected to the camera. The techniques are combined by multiple importance sampling ([`weights`]).
 
 mod camera_paths;
 mod light_paths;

@@ -55,6 +55,7 @@ fn gathers(bsdf: &Bsdf<'_>) -> bool {
         Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
         Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => true,
         Bsdf::Blend(b) => b.bsdfs.iter().any(|b| gathers(b)),
+        Bsdf::Coating(b) => gathers(b.inner),
         Bsdf::Mask(b) => gathers(b.inner),
         Bsdf::Tilted(b) => gathers(b.inner),
         Bsdf::TwoSided(b) => b.sides.iter().any(|b| gathers(b)),
