@@ -46,7 +46,7 @@ test-all: test test-rest agreement ## everything that must hold
 test-rest: deps
 	cargo test --locked --workspace -- --ignored
 	cargo test --locked $(RUST_ALONE) --lib
-	cargo test --locked $(RUST_ALONE) --test tests -- $(TWICE)
+	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
 
 agreement: deps ## compare all estimators on 300 random scenes

@@ -1,6 +1,7 @@
 //! Bidirectional path tracing, compared with path tracing, light tracing and closed forms.
 
 use crate::support::cli::Folder;
+use std::ops::RangeInclusive;
 
 /// Renders a scene with two integrators and checks that the images differ by noise alone.
 #[track_caller]
@@ -26,15 +27,32 @@ fn paths_from_both_ends_agree_with_camera_paths() {
 fn paths_from_both_ends_agree_on_every_kind_of_emitter() {
     let folder = Folder::of_scene("photon", "emitters.xml");
     agree(&folder, "--size 52x28 --spp 512", ["path", "bdpt"]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn paths_from_both_ends_agree_with_light_paths_on_every_kind_of_emitter() {
+    let folder = Folder::of_scene("photon", "emitters.xml");
     agree(&folder, "--size 52x28 --spp 512", ["ptracer", "bdpt"]);
 }
 
-/// `max_depth` has the same meaning as for camera paths. With few edges, few techniques exist, so that each one counts.
 #[test]
 fn depths_mean_what_they_mean_to_camera_paths() {
+    check_depths(2..=3);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn other_depths_mean_what_they_mean_to_camera_paths() {
+    check_depths(1..=1);
+    check_depths(4..=4);
+}
+
+/// `max_depth` has the same meaning as for camera paths. With few edges, few techniques exist, so that each one counts.
+fn check_depths(depths: RangeInclusive<u32>) {
     let folder = Folder::of_scene("light-tracing", "lights.xml");
     let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
-    for depth in 1..=4 {
+    for depth in depths {
         let limit = format!("name=\"max_depth\" value=\"{depth}\"");
         let scene = text.replace("name=\"max_depth\" value=\"6\"", &limit);
         assert_ne!(scene, text);

@@ -3,6 +3,7 @@
 use crate::support::cli::Folder;
 use buffon::compare::z_test;
 use buffon::image::{Image, read};
+use std::ops::RangeInclusive;
 
 /// The probability that a correct pair of images is rejected.
 const SIGNIFICANCE: f64 = 1e-5;
@@ -165,16 +166,27 @@ fn below_a_lamp(bsdf: &str) -> Folder {
     Folder::with(&scene(SENSOR, &things))
 }
 
-/// Photons and the rays of caches pass through every surface that transmits light in a straight line, also one that is
-/// neither a hole nor smooth glass.
 #[test]
 fn photons_and_caches_see_through_whatever_lets_light_pass() {
-    for bsdf in [
+    check_transmission(&[
         r#"<bsdf type="roughdielectric"><float name="int_ior" value="1.3"/><float name="ext_ior" value="1.3"/></bsdf>"#,
+    ]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn photons_and_caches_see_through_emitters_with_holes() {
+    check_transmission(&[
         r#"<bsdf type="mask"><float name="opacity" value="0.1"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>
            <emitter type="area"><rgb name="radiance" value="0.0001"/></emitter>"#,
         r#"<bsdf type="null"/><emitter type="area"><rgb name="radiance" value="0.0001"/></emitter>"#,
-    ] {
+    ]);
+}
+
+/// Photons and the rays of caches pass through every surface that transmits light in a straight line, also one that is
+/// neither a hole nor smooth glass.
+fn check_transmission(bsdfs: &[&str]) {
+    for bsdf in bsdfs {
         let folder = below_a_lamp(bsdf);
         let path = "--integrator path --spp 4096 --sampler sobol";
         agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");
@@ -250,27 +262,35 @@ fn no_light_path_goes_on_through_a_two_sided_wall() {
     }
 }
 
-/// Photons and camera rays both hit a surface with the probability of its opacity. The opacity is not counted twice.
 #[test]
 fn surfaces_with_holes_are_lit_by_photons_as_others_are() {
-    for opacity in ["0.2", "0.6"] {
-        let things = format!(
-            r#"{FLOOR}
+    check_holes("0.2");
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn surfaces_with_smaller_holes_are_lit_by_photons_as_others_are() {
+    check_holes("0.6");
+}
+
+/// Photons and camera rays both hit a surface with the probability of its opacity. The opacity is not counted twice.
+fn check_holes(opacity: &str) {
+    let things = format!(
+        r#"{FLOOR}
   <emitter type="point"><point name="position" value="0,1.2,0"/><rgb name="intensity" value="3"/></emitter>
   <shape type="rectangle">
     <transform name="to_world"><rotate x="1" angle="90"/><scale value="1.5"/><translate y="2.6"/></transform>
     <bsdf type="mask"><float name="opacity" value="{opacity}"/>
       <bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf></bsdf>
   </shape>"#
-        );
-        let text = scene(SENSOR, &things)
-            .replace("origin=\"0,1.5,5\" target=\"0,0.7,0\"", "origin=\"0,1.5,5\" target=\"0,2,0\"");
-        let folder = Folder::with(&text);
-        let path = "--integrator path --spp 1024 --sampler sobol";
-        agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");
-        nearly_agree(&folder, "--integrator sppm --spp 256 --sampler sobol", path, 0.03);
-        nearly_agree(&folder, "--integrator photonmapper --spp 64 --sampler sobol", path, 0.03);
-    }
+    );
+    let text = scene(SENSOR, &things)
+        .replace("origin=\"0,1.5,5\" target=\"0,0.7,0\"", "origin=\"0,1.5,5\" target=\"0,2,0\"");
+    let folder = Folder::with(&text);
+    let path = "--integrator path --spp 1024 --sampler sobol";
+    agree(&folder, path, "--integrator ptracer --spp 4096 --sampler sobol");
+    nearly_agree(&folder, "--integrator sppm --spp 256 --sampler sobol", path, 0.03);
+    nearly_agree(&folder, "--integrator photonmapper --spp 64 --sampler sobol", path, 0.03);
 }
 
 /// Clipping planes of an orthographic camera with a scale in its transform.
@@ -428,10 +448,20 @@ fn trees_of_rays_are_as_deep_as_they_are_asked_to_be() {
     assert!(run.code != 0 && run.stderr.contains("max_depth"), "{run:?}");
 }
 
-/// Images that differ only by their seeds are rejected with the probability of the test's significance, also with
-/// shared noise.
 #[test]
 fn pictures_that_differ_by_their_seeds_alone_are_the_same() {
+    check_seeds(1..=2);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn pictures_of_more_seeds_are_the_same() {
+    check_seeds(3..=8);
+}
+
+/// Images that differ only by their seeds are rejected with the probability of the test's significance, also with
+/// shared noise.
+fn check_seeds(seeds: RangeInclusive<u32>) {
     let folder = Folder::with(&scene(SENSOR, &format!("{FLOOR}\n{LAMP}\n{}", BALL)));
     for (integrator, filter) in [
         ("path", "box"),
@@ -441,7 +471,8 @@ fn pictures_that_differ_by_their_seeds_alone_are_the_same() {
         ("irrcache", "box"),
         ("photonmapper", "box"),
     ] {
-        let images: Vec<Image> = (1..=6)
+        let images: Vec<Image> = seeds
+            .clone()
             .map(|seed| {
                 let options =
                     format!("--integrator {integrator} -D filter={filter} --spp 32 --sampler sobol");

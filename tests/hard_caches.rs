@@ -139,6 +139,11 @@ fn a_photon_map_of_a_needle_of_light_renders() {
     }
 }
 
+/// Returns all traversals but the default one.
+fn others() -> Vec<AccelKind> {
+    AccelKind::ALL.iter().copied().filter(|&kind| kind != AccelKind::default()).collect()
+}
+
 /// Returns the number of records in the cache of a scene.
 fn records(scene: &Scene, settings: &IrrcacheSettings) -> usize {
     let pool = thread_pool(2).expect("the threads start");
@@ -178,11 +183,21 @@ fn wedge(degrees: f64, reflectance: f32, emission: f32) -> Description {
     scene
 }
 
-/// In a closed furnace the radiance is 1/(1 − a) everywhere, also in a corner of one degree. Such a corner does not
-/// need more records than a right angle.
 #[test]
 fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
-    for &accel in AccelKind::ALL {
+    check_furnace_in_a_corner(&[AccelKind::default()]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn a_corner_of_one_degree_is_a_furnace_with_every_traversal() {
+    check_furnace_in_a_corner(&others());
+}
+
+/// In a closed furnace the radiance is 1/(1 − a) everywhere, also in a corner of one degree. Such a corner does not
+/// need more records than a right angle.
+fn check_furnace_in_a_corner(accels: &[AccelKind]) {
+    for &accel in accels {
         for degrees in [1.0, 90.0] {
             let scene = compiled(wedge(degrees, 0.5, 1.0), accel);
             // Many rays per record, because the test is not about noise.
@@ -207,11 +222,21 @@ fn a_corner_of_one_degree_is_a_furnace_as_any_other() {
     }
 }
 
-/// A corner of one degree with an emitter on its open side, compared with path tracing. The noise of records is shared
-/// noise and not part of the error estimate.
 #[test]
 fn a_corner_of_one_degree_has_the_light_of_path_tracing() {
-    for &accel in AccelKind::ALL {
+    check_light_in_a_corner(&[AccelKind::default()]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn a_corner_of_one_degree_has_the_light_of_path_tracing_with_every_traversal() {
+    check_light_in_a_corner(&others());
+}
+
+/// A corner of one degree with an emitter on its open side, compared with path tracing. The noise of records is shared
+/// noise and not part of the error estimate.
+fn check_light_in_a_corner(accels: &[AccelKind]) {
+    for &accel in accels {
         let mut scene = wedge(1.0, 0.8, 0.0);
         // The third wall is the emitter.
         let Shape::Mesh(mesh) = &mut scene.shapes[0].shape else { panic!("a mesh") };
@@ -286,11 +311,21 @@ fn nothing_leaks_through_a_wall_thinner_than_the_records_are_apart() {
     }
 }
 
-/// Light above a thin wall with a gap agrees with path tracing, up to the bias of the cache in a scene without direct
-/// light. A thick wall gives the same bias.
 #[test]
 fn a_thin_wall_with_a_gap_has_the_light_of_path_tracing() {
-    for &accel in AccelKind::ALL {
+    check_light_above_a_wall(&[AccelKind::default()]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn a_thin_wall_with_a_gap_has_the_light_of_path_tracing_with_every_traversal() {
+    check_light_above_a_wall(&others());
+}
+
+/// Light above a thin wall with a gap agrees with path tracing, up to the bias of the cache in a scene without direct
+/// light. A thick wall gives the same bias.
+fn check_light_above_a_wall(accels: &[AccelKind]) {
+    for &accel in accels {
         let scene = compiled(divided_room(1e-3, 0.3), accel);
         let reference = render(&scene, &Settings::Path(PathLimits::default()), SamplerKind::Sobol, 512, 7);
         let cached =

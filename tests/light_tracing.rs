@@ -59,11 +59,21 @@ fn splats_do_not_depend_on_threads_or_crops() {
     }
 }
 
-/// `max_depth` has the same meaning as for camera paths.
 #[test]
 fn depths_mean_what_they_mean_to_camera_paths() {
+    check_depths(&[2]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn other_depths_mean_what_they_mean_to_camera_paths() {
+    check_depths(&[1, 3]);
+}
+
+/// `max_depth` has the same meaning as for camera paths.
+fn check_depths(depths: &[u32]) {
     let folder = folder();
-    for depth in [1, 2, 3] {
+    for depth in depths {
         let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
         let scene =
             text.replace("name=\"max_depth\" value=\"6\"", &format!("name=\"max_depth\" value=\"{depth}\""));

@@ -102,26 +102,37 @@ fn irradiance_from_beforehand_is_right_up_to_the_edges() {
     }
 }
 
-/// A wall without thickness stands on a floor. Light of one side does not reach the other side below it.
 #[test]
 fn light_does_not_pass_below_a_wall() {
+    check_below_a_wall(400_000, 40, 0.2);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn light_does_not_pass_below_a_wall_with_millions_of_photons() {
+    check_below_a_wall(4_000_000, 200, 0.02);
+}
+
+/// A wall without thickness stands on a floor. Light of one side does not reach the other side below it. The emitter of
+/// one side has the intensity 1, that of the other side `dark`.
+fn check_below_a_wall(photons: u64, lookup_size: usize, dark: f32) {
     let mut scene = Description::default();
     let up = DAffine3::from_quat(DQuat::from_rotation_x(-PI / 2.0));
     add(&mut scene, Shape::Rectangle, up, diffuse(0.5));
     let across =
         DAffine3::from_quat(DQuat::from_rotation_y(PI / 2.0)) * DAffine3::from_scale(DVec3::splat(9.0));
     add(&mut scene, Shape::Rectangle, across, diffuse(0.0));
-    for (x, intensity) in [(-3.0, 1.0), (3.0, 0.02)] {
+    for (x, intensity) in [(-3.0, 1.0), (3.0, dark)] {
         let position = Vec3::new(x, 4.0, 0.0);
         scene.emitters.push(Emitter::Point { position, intensity: Rgb::splat(intensity) });
     }
     scene.sensors.push(camera(DVec3::new(0.0, 3.0, 3.0), DVec3::ZERO, 40.0, 8));
     let scene = compiled(scene, AccelKind::default());
-    let photons = map(&scene, 4_000_000, 2);
-    let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size: 200, lookup_radius: 0.2 };
+    let photons = map(&scene, photons, 2);
+    let estimator = DensityEstimator { kernel: Kernel::Epanechnikov, lookup_size, lookup_radius: 0.2 };
     let boundary = Boundary::new(&scene);
     let map = IrradianceMap::new(&photons, &photons, &estimator, 1, Some(&boundary));
-    for (side, intensity) in [(-1.0, 1.0), (1.0, 0.02)] {
+    for (side, intensity) in [(-1.0, 1.0), (1.0, dark)] {
         let (mut sum, mut known) = (0.0, 0);
         for i in 0..400 {
             let p = Vec3::new(side * 0.002 * (i / 5) as f32, 0.0, 0.2 * (i % 5) as f32 - 0.4);
@@ -194,11 +205,21 @@ fn mean(image: &Image) -> f64 {
     image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
 }
 
-/// The bias is small, in the mean of the image and in the means of blocks of 6×6 pixels.
 #[test]
 fn the_picture_is_that_of_a_path_tracer_but_for_a_small_bias() {
+    check_bias(&["dielectric"]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn the_picture_is_that_of_a_path_tracer_for_other_materials() {
+    check_bias(&["diffuse", "roughconductor"]);
+}
+
+/// The bias is small, in the mean of the image and in the means of blocks of 6×6 pixels.
+fn check_bias(balls: &[&str]) {
     let folder = Folder::with(ROOM);
-    for ball in ["diffuse", "roughconductor", "dielectric"] {
+    for ball in balls {
         let path = picture(&folder, "path", &format!("-D ball={ball} --seed 1 --spp 1024"));
         let options = format!("-D ball={ball} -D integrator=photonmapper --seed 2 --spp 128");
         let mapped = picture(&folder, "mapped", &options);
@@ -227,10 +248,20 @@ fn every_kind_of_light_is_mapped() {
     }
 }
 
-/// The photon mapper can be the child of an irradiance cache. Caustics are then computed by photons, and paths do not
-/// search for them.
 #[test]
 fn an_irradiance_cache_can_gather_from_photons() {
+    check_gathering_from_photons("dielectric");
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn an_irradiance_cache_can_gather_from_photons_without_caustics() {
+    check_gathering_from_photons("diffuse");
+}
+
+/// The photon mapper can be the child of an irradiance cache. Caustics are then computed by photons, and paths do not
+/// search for them.
+fn check_gathering_from_photons(ball: &str) {
     let around = |child: &str| {
         let cached = ROOM.replace(
             "<integrator type=\"$integrator\"><integer name=\"max_depth\" value=\"12\"/></integrator>",
@@ -239,18 +270,16 @@ fn an_irradiance_cache_can_gather_from_photons() {
         Folder::with(&cached)
     };
     let (photons, paths, plain) = (around("photonmapper"), around("path"), Folder::with(ROOM));
-    for ball in ["diffuse", "dielectric"] {
-        let path = mean(&picture(&plain, "path", &format!("-D ball={ball} --spp 1024 --sampler sobol")));
-        let noise = |folder: &Folder| {
-            let cached = picture(folder, "cached", &format!("-D ball={ball} --spp 64 --stats s.json"));
-            let cached = mean(&cached);
-            assert!((cached / path - 1.0).abs() < 0.03, "{ball}: {cached}, not {path}");
-            let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
-            stats["relmse_estimate"].as_f64().expect("a number")
-        };
-        let (photons, paths) = (noise(&photons), noise(&paths));
-        assert!(ball == "diffuse" || photons < 0.25 * paths, "{photons}, by paths {paths}");
-    }
+    let path = mean(&picture(&plain, "path", &format!("-D ball={ball} --spp 1024 --sampler sobol")));
+    let noise = |folder: &Folder| {
+        let cached = picture(folder, "cached", &format!("-D ball={ball} --spp 64 --stats s.json"));
+        let cached = mean(&cached);
+        assert!((cached / path - 1.0).abs() < 0.03, "{ball}: {cached}, not {path}");
+        let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+        stats["relmse_estimate"].as_f64().expect("a number")
+    };
+    let (photons, paths) = (noise(&photons), noise(&paths));
+    assert!(ball == "diffuse" || photons < 0.25 * paths, "{photons}, by paths {paths}");
 }
 
 /// Emitters are hidden from the camera, not from records. If the camera sees none, nothing changes.

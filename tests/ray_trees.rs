@@ -217,6 +217,16 @@ fn ball_over_floor(material: Material) -> Description {
 /// Any branching has the expected value of paths with the same maximum depth.
 #[test]
 fn distribution_ray_tracing_is_path_tracing_in_expectation() {
+    check_distribution(&[AccelKind::default()]);
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn distribution_ray_tracing_is_path_tracing_with_every_traversal() {
+    check_distribution(AccelKind::ALL);
+}
+
+fn check_distribution(accels: &[AccelKind]) {
     let rough = Material::RoughConductor(RoughConductor {
         metal: metal(),
         roughness: Roughness {
@@ -225,8 +235,8 @@ fn distribution_ray_tracing_is_path_tracing_in_expectation() {
             sample_visible: true,
         },
     });
-    let group = Means::of_images(3 * 3 * AccelKind::ALL.len(), 0.01);
-    for &accel in AccelKind::ALL {
+    let group = Means::of_images(3 * 3 * accels.len(), 0.01);
+    for &accel in accels {
         for (name, material) in [("diffuse", diffuse(0.7)), ("glass", glass()), ("rough", rough.clone())] {
             let scene = compiled(ball_over_floor(material), accel);
             for (max_depth, lights, rays, spp) in [(2, 4, 3, 256), (4, 2, 2, 256), (6, 0, 2, 128)] {

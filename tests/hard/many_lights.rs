@@ -9,6 +9,7 @@ const LAMPS: u32 = 100_000;
 /// 1/√2, so E = ΣI / (2√2) and L = ρ/π·E. A few of them emit 90 % of the light. The noise comes from the 5 % of the
 /// samples that are distributed equally.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_hundred_thousand_lamps_of_very_different_power() {
     let folder = tempfile::tempdir().expect("a folder for temporary files");
     let mut scene = String::from(
