@@ -13,7 +13,7 @@
 
 use crate::meshes::{Mesh, Random, cube, soup, sphere, terrain};
 use buffon::accel::brute_force::BruteForce;
-use buffon::accel::{Accel, AccelKind, Coherence, Geometry, Hit, Primitive, build};
+use buffon::accel::{Accel, AccelKind, Coherence, CurveSegments, Geometry, Hit, Primitive, build};
 use buffon::math::{DVec3, Ray, Vec3};
 
 const RAYS_PER_SCENE: usize = 200_000;
@@ -56,7 +56,21 @@ fn scenes() -> Vec<Scene> {
         Scene::new("few boxes", (0..6).map(|_| boxes(&mut random)).collect(), vec![]),
         Scene::new("few", vec![soup(30, 0.5, 1.0, &mut random)], surfaces[..8].to_vec()),
         Scene::new("analytic", vec![soup(60, 0.5, 1.0, &mut random)], surfaces),
+        curves(&mut random),
     ]
+}
+
+/// Returns curves with corners and smooth ones.
+fn curves(random: &mut Random) -> Scene {
+    let mut scene = Scene::new("curves", vec![soup(20, 0.5, 1.0, random)], vec![]);
+    for smooth in [false, true] {
+        let points = (0..60).map(|_| (random.cube(), 0.02 + 0.1 * random.unit())).collect();
+        let first_points = (0..59).filter(|i| i % 6 != 5).collect();
+        let tangents = if smooth { (0..60).map(|_| random.cube().normalize()).collect() } else { Vec::new() };
+        scene.geometry.push(Geometry::Curves(CurveSegments { points, first_points, tangents }.into()));
+        scene.meshes.push(None);
+    }
+    scene
 }
 
 /// Returns a ray: between random points, to a vertex or edge, along an axis, from a surface, or a shadow ray.

@@ -11,11 +11,11 @@
 use super::assembly::{Assembly, CheckedAssembly, FilterQuery, GeometryFilter};
 use super::instance::{Instance, local_ray};
 use super::triangle::ShearedRay;
-use super::{Accel, COORDINATE_LIMIT, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
+use super::{Accel, COORDINATE_LIMIT, Geometry, Hit, NO_INSTANCE, is_valid_ray};
 use crate::error::{Error, Result, counted};
 use crate::math::{Bounds, DAffine3, Ray};
 use crate::memory::Budget;
-use build::{ANALYTIC, BvhTree, INSTANCE, LeafPrimitive};
+use build::{ANALYTIC, BvhTree, INSTANCE, LeafPrimitive, PlacedSurface};
 use node::BoxTest;
 
 mod build;
@@ -27,8 +27,8 @@ pub struct Bvh {
     world: BvhTree,
     groups: Vec<BvhTree>,
     instances: Vec<TraversalInstance>,
-    /// The analytic surface of each geometry; empty if there is none.
-    surfaces: Vec<Option<Primitive>>,
+    /// All analytic surfaces.
+    surfaces: Vec<PlacedSurface>,
     filter: Option<GeometryFilter>,
     bounds: Bounds,
     ray_limit: f32,
@@ -73,10 +73,11 @@ impl Bvh {
             .num_threads(threads)
             .build()
             .map_err(|e| Error::internal(format!("starting the threads that build the BVH: {e}")))?;
+        let surfaces = build::surfaces(&geometry);
         let (world, groups) = pool.install(|| {
-            let groups: Vec<BvhTree> =
-                groups.iter().map(|members| BvhTree::new(&geometry, members, &[])).collect();
-            (BvhTree::new(&geometry, &checked.world, &checked.instances), groups)
+            let tree = |members: &[u32], instances| BvhTree::new(&geometry, &surfaces, members, instances);
+            let groups: Vec<BvhTree> = groups.iter().map(|members| tree(members, &[])).collect();
+            (tree(&checked.world, &checked.instances), groups)
         });
         building.keep((world.bytes() + groups.iter().map(BvhTree::bytes).sum::<usize>()) as u64);
         let place = |instance: Instance| TraversalInstance {
@@ -88,7 +89,7 @@ impl Bvh {
             world,
             groups,
             instances: instances.into_iter().map(place).collect(),
-            surfaces: build::surfaces(&geometry),
+            surfaces,
             filter,
             bounds: checked.bounds,
             ray_limit: checked.ray_limit,
@@ -191,16 +192,10 @@ impl Bvh {
     }
 
     #[inline]
-    fn intersect_surface(&self, geometry: u32, ray: &Ray, query: &TreeQuery<'_>, nearest: &mut BvhHit) {
-        let Some(surface) = self.surfaces[geometry as usize] else { return };
-        let place = |h: &super::PrimitiveHit| Hit {
-            t: h.t,
-            u: h.u,
-            v: h.v,
-            geometry,
-            primitive: 0,
-            instance: query.instance,
-        };
+    fn intersect_surface(&self, index: u32, ray: &Ray, query: &TreeQuery<'_>, nearest: &mut BvhHit) {
+        let PlacedSurface { geometry, primitive, surface } = self.surfaces[index as usize];
+        let instance = query.instance;
+        let place = |h: &super::PrimitiveHit| Hit { t: h.t, u: h.u, v: h.v, geometry, primitive, instance };
         // The bound is exclusive. The next float keeps hits at exactly the nearest distance, which may win by order.
         let within = Ray { t_max: nearest.t.next_up(), ..*ray };
         let found = surface.intersect_where(&within, |h| query.filter.accepts(ray, &place(h)));

@@ -14,9 +14,9 @@ use std::sync::Arc;
 /// An Embree scene over an assembly. It shares the vertex and index arrays.
 ///
 /// In the scene of world space, the Embree id of a mesh is its index in the list of geometries; in the scene of a
-/// group it is its index in the group. (Embree keeps an array over all ids for each scene.) The analytic surfaces of
-/// a scene are one user geometry, whose id follows those of the meshes; its hits report the surface's index in the
-/// list as their primitive. The ids of instances follow.
+/// group it is its index in the group. (Embree keeps an array over all ids for each scene.) The same is true of curves,
+/// which are user geometries. All other analytic surfaces of a scene are one user geometry, whose id follows those of
+/// the meshes; its hits report the surface's index in the list as their primitive. The ids of instances follow.
 pub struct EmbreeAccel {
     scene: CommittedScene,
     bounds: Bounds,
@@ -145,23 +145,50 @@ impl SceneParts {
         surfaces_id: u32,
         builder: &mut SceneBuilder,
     ) -> Result<()> {
-        let mut surfaces = Vec::new();
-        for (id, place) in members {
-            match &self.geometry[place as usize] {
+        let mut single = Vec::new();
+        let add_surfaces = |id, surfaces: Vec<UserSurface>, builder: &mut SceneBuilder| {
+            let (filter, first_instance) = (self.filter.clone(), self.first_instance);
+            match surfaces.is_empty() {
+                true => Ok(()),
+                false => {
+                    builder.add_user(id, Arc::new(AnalyticSurfaces { surfaces, filter, first_instance }))
+                }
+            }
+        };
+        for (id, geometry) in members {
+            match &self.geometry[geometry as usize] {
                 Geometry::Triangles { indices, .. } if indices.is_empty() => {}
                 Geometry::Triangles { positions, indices } => {
                     let (vertices, indices) = (Arc::clone(positions.padded()), Arc::clone(indices));
-                    builder.add_triangles(id, vertices, positions.len(), indices, self.mesh_filter(place))?;
+                    builder.add_triangles(
+                        id,
+                        vertices,
+                        positions.len(),
+                        indices,
+                        self.mesh_filter(geometry),
+                    )?;
                 }
-                Geometry::Analytic(surface) if surface.is_valid() => surfaces.push((place, *surface)),
+                Geometry::Analytic(surface) if surface.is_valid() => {
+                    single.push(UserSurface {
+                        surface: *surface,
+                        geometry,
+                        primitive: 0,
+                        reported: geometry,
+                    });
+                }
                 Geometry::Analytic(_) => {}
+                Geometry::Curves(curves) => {
+                    let segments = curves.surfaces().map(|(primitive, surface)| UserSurface {
+                        surface,
+                        geometry,
+                        primitive,
+                        reported: primitive,
+                    });
+                    add_surfaces(id, segments.collect(), builder)?;
+                }
             }
         }
-        if !surfaces.is_empty() {
-            let (filter, first_instance) = (self.filter.clone(), self.first_instance);
-            builder.add_user(surfaces_id, Arc::new(AnalyticSurfaces { surfaces, filter, first_instance }))?;
-        }
-        Ok(())
+        add_surfaces(surfaces_id, single, builder)
     }
 
     fn mesh_filter(&self, geometry: u32) -> Option<Arc<dyn TriangleFilter>> {
@@ -285,9 +312,18 @@ impl From<Coherence> for embree::Coherence {
     }
 }
 
-/// The analytic surfaces of one scene as an Embree user geometry, each with its index in the list.
+/// An analytic surface, its geometry, its index in the geometry, and the primitive that Embree reports for it.
+#[derive(Clone, Copy)]
+struct UserSurface {
+    surface: Primitive,
+    geometry: u32,
+    primitive: u32,
+    reported: u32,
+}
+
+/// Analytic surfaces of one scene as an Embree user geometry.
 struct AnalyticSurfaces {
-    surfaces: Vec<(u32, Primitive)>,
+    surfaces: Vec<UserSurface>,
     filter: Option<Arc<GeometryFilter>>,
     first_instance: u32,
 }
@@ -298,18 +334,18 @@ impl UserPrimitives for AnalyticSurfaces {
     }
 
     fn bounds(&self, i: u32) -> ([f32; 3], [f32; 3]) {
-        let b = self.surfaces[i as usize].1.bounds();
+        let b = self.surfaces[i as usize].surface.bounds();
         (b.min.to_array(), b.max.to_array())
     }
 
     fn intersect(&self, i: u32, user_ray: &UserRay) -> Option<UserHit> {
-        let (geometry, surface) = self.surfaces[i as usize];
+        let UserSurface { surface, geometry, primitive, reported } = self.surfaces[i as usize];
         let ray = to_ray(user_ray);
         let query = FilterQuery::with_id(self.filter.as_deref(), user_ray.id);
         let instance = instance_of(user_ray, self.first_instance);
         let hit = surface.intersect_where(&ray, |&PrimitiveHit { t, u, v }| {
-            query.accepts(&ray, &Hit { t, u, v, geometry, primitive: 0, instance })
+            query.accepts(&ray, &Hit { t, u, v, geometry, primitive, instance })
         })?;
-        Some(UserHit { t: hit.t, u: hit.u, v: hit.v, primitive: geometry })
+        Some(UserHit { t: hit.t, u: hit.u, v: hit.v, primitive: reported })
     }
 }

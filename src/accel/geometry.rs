@@ -1,6 +1,7 @@
 //! The neutral description of geometry that accelerators are built from, and its validation.
 
 use super::primitive::Primitive;
+use super::round_cone::RoundCone;
 use crate::math::{Bounds, Vec3};
 use std::ops::Deref;
 use std::sync::Arc;
@@ -61,6 +62,71 @@ pub enum Geometry {
     },
     /// One analytic surface.
     Analytic(Primitive),
+    /// Segments of curves; each is a round cone.
+    Curves(Arc<CurveSegments>),
+}
+
+/// The segments of curves.
+#[derive(Clone, Debug, Default)]
+pub struct CurveSegments {
+    /// Positions, and the radius of the sphere around each.
+    pub points: Vec<(Vec3, f32)>,
+    /// For each segment, the index of its first point. The next point is its second one. The segments of a curve follow
+    /// each other.
+    pub first_points: Vec<u32>,
+    /// The unit tangent at each point of smooth curves, whose segments end at the planes across the tangents and whose
+    /// ends are disks; empty for curves with corners, whose segments end with spheres.
+    pub tangents: Vec<Vec3>,
+}
+
+impl CurveSegments {
+    /// Returns both ends of a segment.
+    ///
+    /// # Panics
+    /// If there is no such segment, or no such point.
+    #[inline]
+    pub fn ends(&self, segment: usize) -> [(Vec3, f32); 2] {
+        let first = self.first_points[segment] as usize;
+        [self.points[first], self.points[first + 1]]
+    }
+
+    /// Returns the tangents at both ends of a segment; zero without tangents.
+    ///
+    /// # Panics
+    /// As for [`ends`](Self::ends).
+    #[inline]
+    pub fn tangents(&self, segment: usize) -> [Vec3; 2] {
+        let first = self.first_points[segment] as usize;
+        if self.tangents.is_empty() {
+            [Vec3::ZERO; 2]
+        } else {
+            [self.tangents[first], self.tangents[first + 1]]
+        }
+    }
+
+    /// Returns the surface of a segment.
+    ///
+    /// # Panics
+    /// As for [`ends`](Self::ends).
+    #[inline]
+    pub fn surface(&self, segment: usize) -> Primitive {
+        let [(p0, r0), (p1, r1)] = self.ends(segment);
+        let first = self.first_points[segment];
+        let follows = segment > 0 && self.first_points[segment - 1] + 1 == first;
+        let goes_on = self.first_points.get(segment + 1) == Some(&(first + 1));
+        Primitive::RoundCone(RoundCone {
+            centers: [p0, p1],
+            radii: [r0, r1],
+            planes: self.tangents(segment),
+            closed: [!follows, !goes_on],
+        })
+    }
+
+    /// Returns the valid surfaces, each with the index of its segment.
+    pub fn surfaces(&self) -> impl Iterator<Item = (u32, Primitive)> + '_ {
+        let all = (0..self.first_points.len()).map(|i| (i as u32, self.surface(i)));
+        all.filter(|(_, surface)| surface.is_valid())
+    }
 }
 
 impl Geometry {
@@ -74,6 +140,7 @@ impl Geometry {
         match self {
             Geometry::Triangles { indices, .. } => indices.len(),
             Geometry::Analytic(_) => 1,
+            Geometry::Curves(curves) => curves.first_points.len(),
         }
     }
 
@@ -116,6 +183,14 @@ pub(super) fn check(geometry: &mut Geometry) -> CheckedGeometry {
         Geometry::Triangles { positions, indices } => check_mesh(positions, indices, &mut result),
         Geometry::Analytic(primitive) if primitive.is_valid() => result.bounds = primitive.bounds(),
         Geometry::Analytic(_) => result.dropped = 1,
+        Geometry::Curves(curves) => {
+            let mut valid = 0;
+            for (_, surface) in curves.surfaces() {
+                result.bounds = result.bounds.union(surface.bounds());
+                valid += 1;
+            }
+            result.dropped = curves.first_points.len() - valid;
+        }
     }
     result
 }

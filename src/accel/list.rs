@@ -50,12 +50,13 @@ struct BoundedSurface {
 }
 
 impl List {
-    /// Creates the list of a checked assembly that has no instances, no filter, no very thin triangles and a small
-    /// total cost. Returns `None` for any other assembly.
+    /// Creates the list of a checked assembly that has no instances, no filter, no curves, no very thin triangles and a
+    /// small total cost. Returns `None` for any other assembly.
     pub(super) fn new(assembly: &Assembly, checked: &CheckedAssembly) -> Option<Self> {
         let count: usize = assembly.geometry.iter().map(Geometry::len).sum();
         let simple = assembly.groups.is_empty() && assembly.instances.is_empty() && assembly.filter.is_none();
-        if !simple || count > 2 * MAX_COST || checked.bounds.is_empty() {
+        let curves = assembly.geometry.iter().any(|g| matches!(g, Geometry::Curves(_)));
+        if !simple || curves || count > 2 * MAX_COST || checked.bounds.is_empty() {
             return None;
         }
         let center = checked.bounds.center();

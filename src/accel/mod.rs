@@ -14,13 +14,15 @@ mod geometry;
 pub mod instance;
 pub mod list;
 pub mod primitive;
+mod round_cone;
 mod triangle;
 
 pub use assembly::{Assembly, GeometryFilter, HitFilter, ray_id};
 pub use cylinder::cylinder_frame;
-pub use geometry::{COORDINATE_LIMIT, Geometry, VertexBuffer, valid_triangle};
+pub use geometry::{COORDINATE_LIMIT, CurveSegments, Geometry, VertexBuffer, valid_triangle};
 pub use instance::{Instance, MAX_STEPS};
 pub use primitive::{Primitive, PrimitiveHit};
+pub use round_cone::RoundCone;
 
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};

@@ -209,5 +209,6 @@ fn shape_kind(shape: &WorldShape) -> &'static str {
         WorldShape::Sphere { .. } => "sphere",
         WorldShape::Disk { .. } => "disk",
         WorldShape::Cylinder { .. } => "cylinder",
+        WorldShape::Curves(_) => "curves",
     }
 }

@@ -79,6 +79,11 @@ fn corners(shape: &PlacedShape) -> impl Iterator<Item = DVec3> + use<> {
             let (a, b) = (around(*p0, *radius), around(*p1, *radius));
             (a.0.min(b.0), a.1.max(b.1))
         }
+        Shape::Curves(curves) => {
+            let boxes = curves.points().iter().map(|(p, radius)| around(*p, *radius));
+            boxes
+                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), (low, high)| (l.min(low), h.max(high)))
+        }
     };
     let to_world = shape.to_world.at(0.0);
     (0..8).map(move |i: u32| {

@@ -4,6 +4,7 @@
 //! an environment.
 
 mod bare;
+mod curves;
 mod files;
 mod framing;
 mod gltf;

@@ -175,6 +175,12 @@ impl SceneCompiler {
         }
         let world = WorldShape::new(shape, to_world, flip_normals).map_err(locate)?;
         let emission = emission.map(|input| self.emission(input)).transpose().map_err(locate)?;
+        if let WorldShape::Curves(_) = world
+            && (emission.is_some() || !boundary.is_none())
+        {
+            let message = "curves cannot emit light or contain a medium";
+            return Err(locate(Error::scene(message)));
+        }
         let mut emitter = None;
         if let Some(emission) = emission.filter(|e| !e.mean().is_black()) {
             let (triangles, most) = (world.triangle_count(), Distribution1D::MAX_ENTRIES);

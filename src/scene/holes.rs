@@ -42,7 +42,10 @@ fn enters(shape: &WorldShape, p: Vec3, d: Vec3) -> bool {
             let q = p - *p0;
             d.dot(q - axis * q.dot(axis)) < 0.0
         }
-        WorldShape::Mesh(_) | WorldShape::Rectangle { .. } | WorldShape::Disk { .. } => false,
+        WorldShape::Mesh(_)
+        | WorldShape::Rectangle { .. }
+        | WorldShape::Disk { .. }
+        | WorldShape::Curves(_) => false,
     }
 }
 

@@ -5,7 +5,7 @@ use crate::ids::{MaterialId, ShapeId};
 use crate::math::ray::{plane_error, plane_error_x16};
 use crate::math::robust::gamma;
 use crate::math::{Frame, FrameX16, LANES, Vec3, Vec3x16, f32x16};
-use crate::shape::TriangleMesh;
+use crate::shape::{TriangleMesh, WorldCurves};
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +76,15 @@ impl SurfaceInteractionX16 {
 pub(super) struct AnalyticPoint {
     pub p: Vec3,
     pub error: f32,
-    pub n: Vec3,
+    pub ng: Vec3,
+    pub ns: Vec3,
+}
+
+impl AnalyticPoint {
+    /// Creates a point with the same normal for shading.
+    fn new(p: Vec3, error: f32, n: Vec3) -> Self {
+        AnalyticPoint { p, error, ng: n, ns: n }
+    }
 }
 
 /// The corners of sixteen triangles and their vertex normals, which are zero if the mesh has none.
@@ -144,20 +152,14 @@ impl CornersX16 {
 /// Moves a point at or near `p` onto the sphere.
 pub(super) fn sphere_point(center: Vec3, radius: f32, inward: bool, p: Vec3) -> AnalyticPoint {
     let n = (p - center).normalize_or(Vec3::Z);
-    AnalyticPoint {
-        p: center + n * radius,
-        error: plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n),
-        n: if inward { -n } else { n },
-    }
+    let error = plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n);
+    AnalyticPoint::new(center + n * radius, error, if inward { -n } else { n })
 }
 
 /// Returns the point of a disk with the coordinates `u`, `v` along `du` and `dv`.
 pub(super) fn disk_point(center: Vec3, du: Vec3, dv: Vec3, normal: Vec3, u: f32, v: f32) -> AnalyticPoint {
-    AnalyticPoint {
-        p: center + du * u + dv * v,
-        error: plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), normal),
-        n: normal,
-    }
+    let error = plane_error((center.abs() + du.abs() + dv.abs()) * gamma(8), normal);
+    AnalyticPoint::new(center + du * u + dv * v, error, normal)
 }
 
 /// Moves a point at or near `p` onto the cylinder.
@@ -168,9 +170,12 @@ pub(super) fn cylinder_point(ends: [Vec3; 2], side: [Vec3; 2], inward: bool, p: 
     let n = (q - axis * height).normalize_or(side[0].normalize());
     let radius = side[0].length();
     let reach = ends[0].abs().max(ends[1].abs()) + Vec3::splat(radius);
-    AnalyticPoint {
-        p: ends[0] + axis * height + n * radius,
-        error: plane_error(reach * gamma(16), n),
-        n: if inward { -n } else { n },
-    }
+    let error = plane_error(reach * gamma(16), n);
+    AnalyticPoint::new(ends[0] + axis * height + n * radius, error, if inward { -n } else { n })
+}
+
+/// Moves a point at or near `p` onto the curve.
+pub(super) fn curve_point(curves: &WorldCurves, hit: &Hit, p: Vec3) -> AnalyticPoint {
+    let (p, [ng, ns], reach) = curves.surface(hit, p);
+    AnalyticPoint { p, error: plane_error(reach * gamma(16), ng), ng, ns }
 }

@@ -97,9 +97,7 @@ impl Scene {
                 WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
                     corners.set_lane(i, mesh, hit.primitive);
                 }
-                WorldShape::Sphere { .. } | WorldShape::Disk { .. } | WorldShape::Cylinder { .. } => {
-                    analytic |= 1 << i;
-                }
+                _ => analytic |= 1 << i,
             }
             (u[i], v[i]) = (hit.u, hit.v);
             material[i] = shape.material;
@@ -118,8 +116,8 @@ impl Scene {
             let surface = self.analytic_surface(&hits[i], &at);
             p.set_lane(i, surface.p);
             error.as_mut_array()[i] = surface.error;
-            ng.set_lane(i, surface.n);
-            ns.set_lane(i, surface.n);
+            ng.set_lane(i, surface.ng);
+            ns.set_lane(i, surface.ns);
         }
         for i in bits(placed) {
             let (instance, time) = (&self.instances[hits[i].instance as usize], rays.time.as_array()[i]);
@@ -160,6 +158,7 @@ impl Scene {
             WorldShape::Cylinder { p0, p1, side, inward } => {
                 interaction::cylinder_point([*p0, *p1], *side, *inward, at())
             }
+            WorldShape::Curves(curves) => interaction::curve_point(curves, hit, at()),
             WorldShape::Mesh(_) | WorldShape::Rectangle { .. } => unreachable!("a mesh is not analytic"),
         }
     }

@@ -1,10 +1,12 @@
 //! The shapes of the scene language.
 
+pub mod curves;
 pub mod mesh;
 pub mod parametrization;
 pub mod placement;
 pub mod world;
 
+pub use curves::{CurvePoint, Curves, WorldCurves};
 pub use mesh::Mesh;
 pub use placement::Placement;
 pub use world::{TriangleMesh, WorldShape};
@@ -38,4 +40,6 @@ pub enum Shape {
     },
     /// The unit disk in the plane z = 0 with normal +z; uv = (radius, angle / 2π).
     Disk,
+    /// Curves; rays hit them from the outside only. uv = (angle / 2π, position along all segments).
+    Curves(Curves),
 }

@@ -45,6 +45,7 @@ impl WorldShape {
                 let (cos, sin) = if r > 0.0 { (x / r, y / r) } else { (1.0, 0.0) };
                 [(side[1] * cos - side[0] * sin) * TAU, *p1 - *p0]
             }
+            WorldShape::Curves(curves) => curves.partials(hit, p),
         }
     }
 
@@ -69,6 +70,7 @@ impl WorldShape {
                 let height = q.dot(axis) / axis.length_squared();
                 Vec2::new(turn(q.dot(side[0]), q.dot(side[1])), height.clamp(0.0, 1.0))
             }
+            WorldShape::Curves(curves) => curves.uv(hit, p),
         }
     }
 

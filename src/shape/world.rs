@@ -1,6 +1,6 @@
 //! Shapes in world space, after transforms have been applied.
 
-use super::{Mesh, Shape};
+use super::{Mesh, Shape, WorldCurves};
 use crate::accel::{Geometry, Primitive, VertexBuffer};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat3, DVec3, Frame, Mat3, Vec2, Vec3};
@@ -89,6 +89,8 @@ pub enum WorldShape {
         /// Whether the front side is the inside.
         inward: bool,
     },
+    /// Curves.
+    Curves(Arc<WorldCurves>),
 }
 
 impl WorldShape {
@@ -104,6 +106,12 @@ impl WorldShape {
             Shape::Rectangle => rectangle(to_world, flip),
             Shape::Sphere { center, radius } => sphere(center, radius, to_world, flip)?,
             Shape::Cylinder { p0, p1, radius } => cylinder([p0, p1], radius, to_world, flip)?,
+            Shape::Curves(_) if flip => {
+                return Err(Error::scene(
+                    "the normals of curves always point outwards, so they cannot be flipped",
+                ));
+            }
+            Shape::Curves(curves) => WorldShape::Curves(Arc::new(WorldCurves::new(curves, to_world))),
             Shape::Disk => {
                 let normal = transform_normal(&to_world.matrix3, Vec3::Z);
                 WorldShape::Disk {
@@ -131,6 +139,7 @@ impl WorldShape {
             WorldShape::Cylinder { p0, p1, side, .. } => {
                 Geometry::Analytic(Primitive::Cylinder { p0: *p0, p1: *p1, radius: side[0].length() })
             }
+            WorldShape::Curves(curves) => Geometry::Curves(Arc::clone(&curves.segments)),
         }
     }
 
@@ -146,6 +155,7 @@ impl WorldShape {
     pub fn memory_bytes(&self) -> usize {
         match self {
             WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.memory_bytes(),
+            WorldShape::Curves(curves) => curves.memory_bytes(),
             _ => 0,
         }
     }

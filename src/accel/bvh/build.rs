@@ -9,7 +9,8 @@ use obvhs::aabb::Aabb;
 use obvhs::cwbvh::{CwBvh, builder::build_cwbvh};
 use std::time::Duration;
 
-/// The value of [`LeafPrimitive::primitive`] for an analytic surface.
+/// The value of [`LeafPrimitive::primitive`] for an analytic surface; [`LeafPrimitive::geometry`] is then its index in
+/// the [`Surfaces`].
 pub const ANALYTIC: u32 = u32::MAX;
 /// The value of [`LeafPrimitive::primitive`] for an instance; [`LeafPrimitive::geometry`] is then the index of the
 /// instance.
@@ -40,8 +41,13 @@ pub struct BvhTree {
 
 impl BvhTree {
     /// Builds the tree over the geometries with the indices `members` and over the instances' boxes.
-    pub fn new(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> Self {
-        let (mut boxes, mut origins) = collect(geometry, members, instances);
+    pub fn new(
+        geometry: &[Geometry],
+        surfaces: &[PlacedSurface],
+        members: &[u32],
+        instances: &[Bounds],
+    ) -> Self {
+        let (mut boxes, mut origins) = collect(geometry, surfaces, members, instances);
         let overlapping = lbvh::find_overlapping(&boxes);
         let entries = |nodes: &CwBvh, origins: &[(u32, u32)]| {
             nodes.primitive_indices.iter().map(|&i| entry(geometry, origins[i as usize])).collect()
@@ -75,18 +81,37 @@ impl BvhTree {
     }
 }
 
-/// Returns the analytic surface of each geometry, or an empty list if there is none.
-pub fn surfaces(geometry: &[Geometry]) -> Vec<Option<Primitive>> {
-    let surface = |g: &Geometry| match g {
-        Geometry::Analytic(surface) => Some(*surface),
-        Geometry::Triangles { .. } => None,
-    };
-    let surfaces: Vec<_> = geometry.iter().map(surface).collect();
-    if surfaces.iter().any(Option::is_some) { surfaces } else { Vec::new() }
+/// A valid analytic surface, with its geometry and its index in the geometry.
+#[derive(Clone, Copy)]
+pub struct PlacedSurface {
+    pub geometry: u32,
+    pub primitive: u32,
+    pub surface: Primitive,
+}
+
+/// Returns all valid analytic surfaces, in the order of the geometries.
+pub fn surfaces(geometry: &[Geometry]) -> Vec<PlacedSurface> {
+    let mut surfaces = Vec::new();
+    for (number, of_list) in (0..).zip(geometry) {
+        let place = |(primitive, surface)| PlacedSurface { geometry: number, primitive, surface };
+        match of_list {
+            Geometry::Triangles { .. } => {}
+            Geometry::Analytic(surface) => {
+                surfaces.extend(Some((0, *surface)).filter(|(_, s)| s.is_valid()).map(place));
+            }
+            Geometry::Curves(curves) => surfaces.extend(curves.surfaces().map(place)),
+        }
+    }
+    surfaces
 }
 
 /// Returns the boxes of all valid primitives, and for each its (geometry, triangle), or its index and mark.
-fn collect(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> (Vec<Aabb>, Vec<(u32, u32)>) {
+fn collect(
+    geometry: &[Geometry],
+    surfaces: &[PlacedSurface],
+    members: &[u32],
+    instances: &[Bounds],
+) -> (Vec<Aabb>, Vec<(u32, u32)>) {
     let count = members.iter().map(|&g| geometry[g as usize].len()).sum::<usize>() + instances.len();
     let mut boxes = Vec::with_capacity(count);
     let mut origins = Vec::with_capacity(count);
@@ -106,8 +131,14 @@ fn collect(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> (Vec
                     }
                 }
             }
-            Geometry::Analytic(surface) if surface.is_valid() => add(surface.bounds(), (g, ANALYTIC)),
-            Geometry::Analytic(_) => {}
+            Geometry::Analytic(_) | Geometry::Curves(_) => {
+                let first = surfaces.partition_point(|s| s.geometry < g);
+                for (i, placed) in
+                    (first as u32..).zip(&surfaces[first..]).take_while(|(_, s)| s.geometry == g)
+                {
+                    add(placed.surface.bounds(), (i, ANALYTIC));
+                }
+            }
         }
     }
     for (i, &b) in (0..).zip(instances).filter(|(_, b)| !b.is_empty()) {
@@ -118,7 +149,7 @@ fn collect(geometry: &[Geometry], members: &[u32], instances: &[Bounds]) -> (Vec
 
 fn entry(geometry: &[Geometry], (number, primitive): (u32, u32)) -> LeafPrimitive {
     let corners = match geometry.get(number as usize) {
-        Some(Geometry::Triangles { positions, indices }) if primitive != INSTANCE => {
+        Some(Geometry::Triangles { positions, indices }) if primitive < INSTANCE => {
             indices[primitive as usize].map(|index| Vec3::to_array(&positions[index as usize]))
         }
         _ => [[0.0; 3]; 3],

@@ -2,6 +2,7 @@
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
+use crate::loader::curves::{self, CurveFormat};
 use crate::loader::mesh::{self, Format};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
@@ -9,11 +10,14 @@ use crate::math::{DAffine3, DVec3};
 use crate::scene::description::{PlacedGroup, PlacedShape};
 use crate::shape::{Mesh, Shape};
 
-const SUPPORTED: [&str; 11] = [
+const SUPPORTED: [&str; 14] = [
+    "bsplinecurve",
     "cube",
     "cylinder",
     "disk",
+    "hair",
     "instance",
+    "linearcurve",
     "merge",
     "obj",
     "ply",
@@ -22,8 +26,7 @@ const SUPPORTED: [&str; 11] = [
     "shapegroup",
     "sphere",
 ];
-const MITSUBA: [&str; 7] =
-    ["bsplinecurve", "blender", "ellipsoids", "ellipsoidsmesh", "linearcurve", "sdfgrid", "catmullrom"];
+const MITSUBA: [&str; 4] = ["blender", "ellipsoids", "ellipsoidsmesh", "sdfgrid"];
 /// The greatest relative difference of the axes of a sphere's transformation. It is greater than the difference in a
 /// matrix that is printed with six digits.
 const SPHERE_TOLERANCE: f64 = 1e-4;
@@ -115,6 +118,13 @@ impl Builder<'_> {
             "disk" => Shape::Disk,
             "sphere" => sphere(&props, &to_world)?,
             "cylinder" => cylinder(&props)?,
+            "linearcurve" => self.curves(&props, CurveFormat::Linear)?,
+            "bsplinecurve" => self.curves(&props, CurveFormat::BSpline)?,
+            "hair" => {
+                self.ignore(&props, &["angle_threshold"], "all segments are kept");
+                self.ignore(&props, &["reduction"], "all hairs are rendered");
+                self.curves(&props, CurveFormat::Hair { radius: props.positive("radius", 0.025)? })?
+            }
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         };
         let emission = match props.child("emitter")? {
@@ -156,6 +166,13 @@ impl Builder<'_> {
         let Some(path) = self.find_file(props, "filename")? else { return Ok(Shape::Mesh(Mesh::default())) };
         let (mesh, _) = mesh::load(&path, format, options, to_world, self.memory, &mut self.loaded.warnings)?;
         Ok(Shape::Mesh(mesh))
+    }
+
+    /// Reads curves from a file; returns none if the file is missing.
+    fn curves(&mut self, props: &Props, format: CurveFormat) -> Result<Shape> {
+        let found = self.find_file(props, "filename")?;
+        let curves = found.map(|path| curves::load(&path, format, self.memory)).transpose()?;
+        Ok(Shape::Curves(curves.unwrap_or_default()))
     }
 }
 
