@@ -48,6 +48,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ]
     })?;
 
+    // Smoke: an extinction with empty cells and a dense one, and a coarser grid of albedos.
+    let density = |i: u32| match code(i, 3, 9) {
+        dense if i == 77 => 0.1 * f32::from(dense),
+        thin if thin < 90 => 0.0,
+        other => 0.01 * f32::from(other - 90),
+    };
+    volume(&meshes.join("smoke.vol"), [8, 6, 5], 1, (0..240).map(density))?;
+    volume(
+        &meshes.join("albedo.vol"),
+        [2, 3, 2],
+        3,
+        (0..36).map(|i| 0.3 + 0.7 * f32::from(code(i, 5, 10)) / 255.0),
+    )?;
+
     let ball = Ball::new(8, 12);
     std::fs::write(meshes.join("ball.obj"), ball.obj())?;
     std::fs::write(meshes.join("ball.ply"), ball.ply())?;
@@ -76,6 +90,19 @@ fn exr(
     }
     write(path, &image, &WriteOptions::default())?;
     Ok(())
+}
+
+/// Writes a grid in the unit cube, x fastest, with its box 1 × 1 × 2.
+fn volume(
+    path: &Path,
+    size: [i32; 3],
+    channels: i32,
+    values: impl Iterator<Item = f32>,
+) -> std::io::Result<()> {
+    let header = [1, size[0], size[1], size[2], channels].map(i32::to_le_bytes);
+    let floats = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0].into_iter().chain(values).map(f32::to_le_bytes);
+    let words: Vec<[u8; 4]> = header.into_iter().chain(floats).collect();
+    std::fs::write(path, [b"VOL\x03", words.as_flattened()].concat())
 }
 
 /// A dented sphere of quadrilaterals with normals, texture coordinates and colours.

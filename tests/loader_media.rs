@@ -115,8 +115,8 @@ fn media_that_cannot_be_rendered_are_named() {
         ),
         (
             "heterogeneous",
-            "",
-            "<medium type=\"heterogeneous\">: expected a homogeneous medium, others are not supported; WITHOUT",
+            "<volume type='noisevolume' name='sigma_t'/>",
+            "<volume type=\"noisevolume\">: expected a constvolume or gridvolume, others are not supported; WITHOUT",
         ),
         ("homogenous", "", "<medium type=\"homogenous\">: unknown medium (did you mean \"homogeneous\"?)"),
         (

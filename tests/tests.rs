@@ -29,6 +29,7 @@ mod hard_ends;
 mod hard_lights;
 mod hard_meshes;
 mod hard_sampling;
+mod heterogeneous;
 mod holes;
 mod image_io;
 mod image_robustness;

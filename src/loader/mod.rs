@@ -10,6 +10,7 @@ mod framing;
 mod gltf;
 mod mesh;
 mod mitsuba;
+mod volume;
 
 use crate::error::{Error, Kind, Place, Result};
 use crate::integrator;

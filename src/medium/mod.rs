@@ -4,14 +4,18 @@
 //! ray follows it, `wi` the sampled one. Distances are world-space units, coefficients their inverse.
 
 mod free_flight;
+mod heterogeneous;
 mod homogeneous;
 mod phase;
 mod presets;
+mod volume;
 
-pub use free_flight::FreeFlight;
+pub use free_flight::{FreeFlight, Stream};
+pub use heterogeneous::{Heterogeneous, Segment};
 pub use homogeneous::Homogeneous;
 pub use phase::{Phase, Tabulated};
 pub use presets::{PRESETS, Preset};
+pub use volume::{Grid, Volume};
 
 use crate::ids::MediumId;
 
@@ -22,6 +26,29 @@ pub enum Medium {
     Homogeneous(Homogeneous),
     /// A medium that cannot be rendered, with the reason. Integrators that ignore media accept it.
     Unsupported(String),
+    /// A medium with coefficients that depend on the point.
+    Heterogeneous(Box<Heterogeneous>),
+}
+
+impl Medium {
+    /// Returns whether the medium scatters light in any channel.
+    pub fn scatters(&self) -> bool {
+        match self {
+            Medium::Homogeneous(medium) => medium.scatters(),
+            Medium::Heterogeneous(medium) => medium.scatters(),
+            Medium::Unsupported(_) => false,
+        }
+    }
+
+    /// Returns the phase function.
+    #[inline]
+    pub fn phase(&self) -> &Phase {
+        match self {
+            Medium::Homogeneous(medium) => &medium.phase,
+            Medium::Heterogeneous(medium) => &medium.phase,
+            Medium::Unsupported(_) => &Phase::Isotropic,
+        }
+    }
 }
 
 /// The media on the two sides of a surface; `None` is vacuum.

@@ -5,7 +5,7 @@ use crate::accel::{self, Accel, Assembly, Geometry, Hit};
 use crate::error::{Error, Result};
 use crate::ids::{MediumId, ShapeId};
 use crate::math::{Ray, Vec3};
-use crate::medium::{Homogeneous, Medium, MediumBoundary};
+use crate::medium::{Medium, MediumBoundary};
 use crate::memory::Budget;
 use std::collections::HashMap;
 
@@ -24,24 +24,21 @@ pub struct SceneMedia {
 impl SceneMedia {
     /// Returns a medium; `None` for vacuum.
     #[inline]
-    pub fn get(&self, id: Option<MediumId>) -> Option<&Homogeneous> {
-        match &self.list[id?.index()] {
-            Medium::Homogeneous(medium) => Some(medium),
-            Medium::Unsupported(_) => None,
-        }
+    pub fn get(&self, id: Option<MediumId>) -> Option<&Medium> {
+        Some(&self.list[id?.index()])
     }
 
     /// Returns the reason why the media cannot be rendered, if there is one.
     pub fn unsupported(&self) -> Option<&str> {
         self.list.iter().find_map(|medium| match medium {
-            Medium::Homogeneous(_) => None,
+            Medium::Homogeneous(_) | Medium::Heterogeneous(_) => None,
             Medium::Unsupported(reason) => Some(reason.as_str()),
         })
     }
 
     /// Returns whether some medium scatters light.
     pub fn scatters(&self) -> bool {
-        self.list.iter().any(|medium| matches!(medium, Medium::Homogeneous(medium) if medium.scatters()))
+        self.list.iter().any(Medium::scatters)
     }
 
     /// Returns the nearest boundary that a ray may pass without being scattered. The hit is in the terms of

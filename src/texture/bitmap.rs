@@ -32,7 +32,7 @@ pub enum WrapMode {
 impl WrapMode {
     /// Returns the column or row, of `n`, for an index outside the image.
     #[inline]
-    fn wrap(self, i: i64, n: usize) -> usize {
+    pub fn wrap(self, i: i64, n: usize) -> usize {
         let n = n as i64;
         let wrapped = match self {
             WrapMode::Repeat => i.rem_euclid(n),

@@ -10,7 +10,7 @@ use crate::ids::MediumId;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::{PathLimits, Radiance, RadianceQuery, Worker};
 use crate::math::{Ray, Vec2, Vec3};
-use crate::medium::FreeFlight;
+use crate::medium::{FreeFlight, Stream};
 use crate::sampling::mis::power_heuristic;
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
 use bumpalo::Bump;
@@ -41,6 +41,10 @@ pub struct EventNumbers {
     pub direction: Vec2,
     /// Russian roulette.
     pub roulette: f32,
+    /// The flight through heterogeneous media.
+    pub flight_stream: Stream,
+    /// The transmittance of heterogeneous media up to the emitter.
+    pub shadow_stream: Stream,
 }
 
 impl Tracer<'_> {
@@ -63,8 +67,8 @@ impl Tracer<'_> {
         let surface = hit.map(|hit| self.scene.interaction(&path.ray, hit));
         // Where paths end, scattering in media is loss.
         let mut flight = match self.scatters(&path) {
-            true => FreeFlight::sampled(path.beta, numbers.free_flight, path.ray.o),
-            false => FreeFlight::unscattered(),
+            true => FreeFlight::sampled(path.beta, numbers.free_flight, path.ray.o, numbers.flight_stream),
+            false => FreeFlight::unscattered(numbers.flight_stream),
         };
         let end = (hit.map_or(f32::INFINITY, |hit| hit.t), surface.as_ref());
         let collision = follow(self.scene, self.media, &path.ray, end, &mut path.medium, &mut flight);
@@ -199,7 +203,7 @@ impl Tracer<'_> {
             let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf);
             let medium = self.medium_after(at, d, sample.wi, path.medium);
             let ray = || self.scene.shadow_ray(at, &sample);
-            push_shadow(shadows, value, ray, medium, path.slot);
+            push_shadow(shadows, value, ray, medium, path.slot, numbers.shadow_stream);
         }
         let sample = bsdf.sample(wo, numbers.lobe, numbers.direction)?;
         let wi = at.frame.to_world(sample.wi);
@@ -229,7 +233,7 @@ impl Tracer<'_> {
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
-        let (p, phase) = (collision.p, &collision.medium.phase);
+        let (p, phase) = (collision.p, collision.medium.phase());
         if let Some(sample) = self.sample_emitter(&path, p, numbers) {
             let density = phase.eval(d.dot(sample.wi));
             let value = path.beta * density * weighted(&sample, density);
@@ -237,7 +241,7 @@ impl Tracer<'_> {
                 ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
                 ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
             };
-            push_shadow(shadows, value, ray, path.medium, path.slot);
+            push_shadow(shadows, value, ray, path.medium, path.slot, numbers.shadow_stream);
         }
         let wi = phase.sample(d, numbers.direction);
         let next = Path {
@@ -280,8 +284,8 @@ impl Tracer<'_> {
         worker.counters.occlusion_rays += rays.len() as u64;
         for (shadow, occluded) in shadows.drain(..).zip(occluded) {
             if !occluded {
-                let Shadow { ray, medium, slot, value } = shadow;
-                out[slot].value += value * transmittance(self.scene, self.media, &ray, medium);
+                let Shadow { ray, medium, slot, value, random } = shadow;
+                out[slot].value += value * transmittance(self.scene, self.media, &ray, medium, random);
             }
         }
     }
@@ -302,8 +306,9 @@ fn push_shadow(
     ray: impl Fn() -> Ray,
     medium: Option<MediumId>,
     slot: usize,
+    random: Stream,
 ) {
     if !value.is_black() {
-        shadows.push(Shadow { ray: ray(), medium, slot, value });
+        shadows.push(Shadow { ray: ray(), medium, slot, value, random });
     }
 }

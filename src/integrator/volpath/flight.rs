@@ -4,13 +4,13 @@ use crate::color::Rgb;
 use crate::ids::MediumId;
 use crate::math::ray::offset_origin;
 use crate::math::{Ray, Vec3};
-use crate::medium::{FreeFlight, Homogeneous};
+use crate::medium::{FreeFlight, Medium, Segment, Stream};
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
 
 /// A scattering event in a medium.
 pub struct Collision<'a> {
     /// The medium.
-    pub medium: &'a Homogeneous,
+    pub medium: &'a Medium,
     /// The point.
     pub p: Vec3,
     /// The ray parameter.
@@ -35,7 +35,12 @@ pub fn follow<'a>(
         let boundary = media.passed(&leg).map(|hit| (hit.t, scene.interaction(&leg, &hit)));
         let boundary = boundary.filter(|(_, at)| !end.is_some_and(|end| is_reached_first(end, at, ray.d)));
         let length = boundary.as_ref().map_or(leg.t_max, |(t, _)| *t).max(0.0);
-        let mut flown = |medium: &Homogeneous| flight.advance(medium, f64::from(length) * speed);
+        let segment = Segment {
+            origin: leg.o,
+            direction: (ray.d.as_dvec3() / speed).as_vec3(),
+            length: f64::from(length) * speed,
+        };
+        let mut flown = |medium: &Medium| flight.advance(medium, &segment);
         let medium = media.get(*current);
         if let Some((medium, distance)) = medium.and_then(|medium| Some((medium, flown(medium)?))) {
             let t = (distance / speed) as f32;
@@ -51,9 +56,16 @@ pub fn follow<'a>(
     }
 }
 
-/// Returns the transmittance of the media along a ray that starts in `medium`.
-pub fn transmittance(scene: &Scene, media: &SceneMedia, ray: &Ray, medium: Option<MediumId>) -> Rgb {
-    let mut flight = FreeFlight::unscattered();
+/// Returns the transmittance of the media along a ray that starts in `medium`; in heterogeneous media, an unbiased
+/// estimate of it.
+pub fn transmittance(
+    scene: &Scene,
+    media: &SceneMedia,
+    ray: &Ray,
+    medium: Option<MediumId>,
+    random: Stream,
+) -> Rgb {
+    let mut flight = FreeFlight::unscattered(random);
     let mut current = medium;
     follow(scene, media, ray, (ray.t_max, None), &mut current, &mut flight);
     flight.passed()

@@ -17,6 +17,8 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::ids::MediumId;
 use crate::math::{Ray, Vec2, Vec3};
+use crate::medium::Stream;
+use crate::sampling::hash::combine;
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 
@@ -58,6 +60,8 @@ struct Shadow {
     medium: Option<MediumId>,
     slot: usize,
     value: Rgb,
+    /// The random numbers of heterogeneous media.
+    random: Stream,
 }
 
 impl VolpathIntegrator {
@@ -140,7 +144,7 @@ impl Integrator for VolpathIntegrator {
             numbers.draw(bounce, &paths, worker);
             for (i, (path, hit)) in paths.drain(..).zip(&worker.hits).enumerate() {
                 worker.arena.reset();
-                let numbers = numbers.of(i);
+                let numbers = numbers.of(i, bounce);
                 let radiance = &mut out[path.slot];
                 next.extend(tracer.event(
                     path,
@@ -183,7 +187,9 @@ impl WaveNumbers {
     }
 
     /// Returns the random numbers of path `i`.
-    fn of(&self, i: usize) -> EventNumbers {
+    fn of(&self, i: usize, bounce: u32) -> EventNumbers {
+        let key = self.keys[i];
+        let stream = |domain: u32| Stream::new([combine(key.scramble, 2 * bounce + domain), key.index]);
         let pair = |pair: &[Vec<f32>; 2]| Vec2::new(pair[0][i], pair[1][i]);
         EventNumbers {
             free_flight: pair(&self.free_flight),
@@ -191,6 +197,8 @@ impl WaveNumbers {
             lobe: self.lobe[i],
             direction: pair(&self.direction),
             roulette: self.roulette[i],
+            flight_stream: stream(0),
+            shadow_stream: stream(1),
         }
     }
 }

@@ -8,8 +8,12 @@ use crate::ids::MediumId;
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::loader::mitsuba::values;
-use crate::medium::{Homogeneous, Medium, MediumBoundary, PRESETS, Phase, Tabulated};
+use crate::loader::volume;
+use crate::math::DAffine3;
+use crate::medium::{Heterogeneous, Homogeneous, Medium, MediumBoundary, PRESETS, Phase, Tabulated, Volume};
+use crate::texture::{FilterType, WrapMode};
 use crate::util::wording::did_you_mean;
+use std::sync::Arc;
 
 const MEDIA: [&str; 2] = ["heterogeneous", "homogeneous"];
 const PHASES: [&str; 10] = [
@@ -48,12 +52,12 @@ impl Builder<'_> {
         let mut read = self.read_medium(object);
         if self.renders_media {
             let vacuum = Homogeneous { sigma_t: Rgb::BLACK, sigma_s: Rgb::BLACK, phase: Phase::Isotropic };
-            read = self.or_stand_in(read, "rendered as vacuum", |_| vacuum);
+            read = self.or_stand_in(read, "rendered as vacuum", |_| Medium::Homogeneous(vacuum));
         }
         let mut medium = match read {
             Err(error) if self.renders_media => return Err(error),
             Err(error) => Medium::Unsupported(error.to_string()),
-            Ok(medium) => Medium::Homogeneous(medium),
+            Ok(medium) => medium,
         };
         if !self.renders_media {
             // What is ignored needs no warnings.
@@ -105,25 +109,13 @@ impl Builder<'_> {
         Ok(boundary)
     }
 
-    fn read_medium(&mut self, object: ObjectId) -> Result<Homogeneous> {
+    fn read_medium(&mut self, object: ObjectId) -> Result<Medium> {
         let props = Props::new(self.graph, object);
-        if props.object.plugin != "homogeneous" {
-            if !MEDIA.contains(&props.object.plugin.as_str()) {
-                return Err(unknown_plugin(props.object, &MEDIA, &[]));
-            }
-            let message = format!("expected a homogeneous medium, others are not supported; {WITHOUT}");
-            return Err(props.object.unsupported(message));
-        }
-        let [sigma_t, sigma_s] = self.coefficients(&props)?;
-        let scales = ["scale", "density_multiplier"];
-        let name = if props.has(scales[1]) { scales[1] } else { scales[0] };
-        let scale = props.float(name)?.unwrap_or(1.0) as f32;
-        if !(scale >= 0.0 && (sigma_t * scale).is_valid()) {
-            return Err(
-                props.refusal(name, "expected a number of at least 0 for which the coefficients are finite")
-            );
-        }
-        let phase = self.phase(&props)?;
+        let medium = match props.object.plugin.as_str() {
+            "homogeneous" => self.homogeneous(&props)?,
+            "heterogeneous" => self.heterogeneous(&props)?,
+            _ => return Err(unknown_plugin(props.object, &MEDIA, &[])),
+        };
         if let Some(emitter) = props.child("emitter")? {
             let message = format!("expected a medium that emits no light; {WITHOUT}");
             return Err(self.graph.objects[emitter].unsupported(message));
@@ -135,7 +127,86 @@ impl Builder<'_> {
             "distances are sampled by the extinction of all channels",
         );
         self.finish(props);
-        Ok(Homogeneous { sigma_t: sigma_t * scale, sigma_s: sigma_s * scale, phase })
+        Ok(medium)
+    }
+
+    fn homogeneous(&mut self, props: &Props) -> Result<Medium> {
+        let [sigma_t, sigma_s] = self.coefficients(props)?;
+        let scale = scale_of(props, |scale| (sigma_t * scale).is_valid())?;
+        let phase = self.phase(props)?;
+        Ok(Medium::Homogeneous(Homogeneous { sigma_t: sigma_t * scale, sigma_s: sigma_s * scale, phase }))
+    }
+
+    /// Returns a medium of grids. The extinction is `density` in Mitsuba 0.6.
+    fn heterogeneous(&mut self, props: &Props) -> Result<Medium> {
+        let old = props.has("density");
+        let extinction = if old { "density" } else { "sigma_t" };
+        let sigma_t = self.volume(props, extinction, Quantity::Unbounded, DEFAULT_SIGMA_T, old)?;
+        let albedo = self.volume(props, "albedo", Quantity::Reflectance, DEFAULT_ALBEDO, old)?;
+        if let Some(orientation) = props.named_child("orientation") {
+            let message = format!("expected a medium without orientations; {WITHOUT}");
+            return Err(self.graph.objects[orientation].unsupported(message));
+        }
+        self.ignore(
+            props,
+            &["method", "step_size", "sampling_mode", "has_spectral_extinction"],
+            "distances are sampled by spectral tracking",
+        );
+        let phase = self.phase(props)?;
+        // The volumes of Mitsuba 0.6 that are the same everywhere have no box.
+        if let (true, Some(sigma_t), Some(albedo)) = (old, sigma_t.constant_value(), albedo.constant_value())
+        {
+            let sigma_t = sigma_t * scale_of(props, |scale| (sigma_t * scale).is_valid())?;
+            return Ok(Medium::Homogeneous(Homogeneous { sigma_t, sigma_s: sigma_t * albedo, phase }));
+        }
+        let medium = |scale| Heterogeneous::new(sigma_t.clone(), albedo.clone(), scale, phase.clone());
+        let scale = scale_of(props, |scale| medium(scale).is_finite())?;
+        Ok(Medium::Heterogeneous(Box::new(medium(scale))))
+    }
+
+    /// Returns a property that is a volume or a colour, or the default. A colour is a volume in the unit cube. A grid
+    /// of Mitsuba 0.6 (`old`) is always in the box of its file.
+    fn volume(
+        &mut self,
+        props: &Props,
+        name: &'static str,
+        quantity: Quantity,
+        default: f32,
+        old: bool,
+    ) -> Result<Volume> {
+        let Some(id) = props.named_child(name).filter(|id| self.graph.objects[*id].class == "volume") else {
+            return Volume::constant(self.colour(props, name, quantity, default)?, DAffine3::IDENTITY);
+        };
+        let props = Props::new(self.graph, id);
+        let to_world = props.to_world()?;
+        let volume = match props.object.plugin.as_str() {
+            "constvolume" => {
+                let value = self.required_colour(&props, quantity)?;
+                Volume::constant(value, to_world)
+            }
+            "gridvolume" => {
+                let filters = [("trilinear", FilterType::Bilinear), ("nearest", FilterType::Nearest)];
+                let filter = props.choice("filter_type", &filters, FilterType::Bilinear)?;
+                let wraps =
+                    [("repeat", WrapMode::Repeat), ("mirror", WrapMode::Mirror), ("clamp", WrapMode::Clamp)];
+                let wrap = props.choice("wrap_mode", &wraps, WrapMode::Clamp)?;
+                let in_box = props.boolean("use_grid_bbox", old)?;
+                self.ignore(&props, &["raw", "accel"], "values are coefficients of R, G and B");
+                let Some(path) = self.find_file(&props, "filename")? else {
+                    return Volume::constant(Rgb::BLACK, to_world);
+                };
+                let (grid, of_file) = volume::load(&path, filter, wrap, self.memory)?;
+                Volume::grid(Arc::new(grid), if in_box { to_world * of_file } else { to_world })
+            }
+            _ => {
+                let message =
+                    format!("expected a constvolume or gridvolume, others are not supported; {WITHOUT}");
+                return Err(props.object.unsupported(message));
+            }
+        };
+        let volume = volume.map_err(|e| props.object.error(e.message))?;
+        self.finish(props);
+        Ok(volume)
     }
 
     /// Returns the extinction and the scattering coefficient, without the scale: of `sigma_t` and `albedo`, of
@@ -153,8 +224,8 @@ impl Builder<'_> {
                 return Err(props.object.error(format!("the property {name} is missing")));
             }
             let [sigma_a, sigma_s] = [
-                self.volume(props, "sigma_a", Quantity::Unbounded, 0.0)?,
-                self.volume(props, "sigma_s", Quantity::Unbounded, 0.0)?,
+                self.constant(props, "sigma_a", Quantity::Unbounded, 0.0)?,
+                self.constant(props, "sigma_s", Quantity::Unbounded, 0.0)?,
             ];
             return Ok([sigma_a + sigma_s, sigma_s]);
         }
@@ -170,13 +241,19 @@ impl Builder<'_> {
             let [sigma_s, sigma_a] = [preset.sigma_s, preset.sigma_a].map(Rgb::from);
             return Ok([sigma_a + sigma_s, sigma_s]);
         }
-        let sigma_t = self.volume(props, "sigma_t", Quantity::Unbounded, DEFAULT_SIGMA_T)?;
-        let albedo = self.volume(props, "albedo", Quantity::Reflectance, DEFAULT_ALBEDO)?;
+        let sigma_t = self.constant(props, "sigma_t", Quantity::Unbounded, DEFAULT_SIGMA_T)?;
+        let albedo = self.constant(props, "albedo", Quantity::Reflectance, DEFAULT_ALBEDO)?;
         Ok([sigma_t, sigma_t * albedo])
     }
 
     /// Returns a colour property that may also be a constant volume, or the default.
-    fn volume(&mut self, props: &Props, name: &'static str, quantity: Quantity, default: f32) -> Result<Rgb> {
+    fn constant(
+        &mut self,
+        props: &Props,
+        name: &'static str,
+        quantity: Quantity,
+        default: f32,
+    ) -> Result<Rgb> {
         let object = props.named_child(name).map(|id| (id, &self.graph.objects[id]));
         match object.filter(|(_, object)| object.class == "volume") {
             Some((id, object)) => self.constant_volume(id, quantity)?.ok_or_else(|| {
@@ -230,7 +307,7 @@ impl Builder<'_> {
                         .object
                         .error(format!("expected two phase functions inside it, found {found}")));
                 };
-                let weight = self.volume(&props, "weight", Quantity::Unbounded, 0.5)?.mean();
+                let weight = self.constant(&props, "weight", Quantity::Unbounded, 0.5)?.mean();
                 if !(0.0..=1.0).contains(&weight) {
                     return Err(props.error("weight", "expected a number from 0 to 1"));
                 }
@@ -246,6 +323,19 @@ impl Builder<'_> {
         };
         self.finish(props);
         Ok(phase)
+    }
+}
+
+/// Returns the factor of the coefficients, which must be finite with it.
+fn scale_of(props: &Props, is_finite: impl Fn(f32) -> bool) -> Result<f32> {
+    let scales = ["scale", "density_multiplier"];
+    let name = if props.has(scales[1]) { scales[1] } else { scales[0] };
+    let scale = props.float(name)?.unwrap_or(1.0) as f32;
+    match scale >= 0.0 && is_finite(scale) {
+        true => Ok(scale),
+        false => {
+            Err(props.refusal(name, "expected a number of at least 0 for which the coefficients are finite"))
+        }
     }
 }
 

@@ -1,0 +1,53 @@
+//! Files of volumes: grids in Mitsuba's `.vol` format.
+
+use crate::error::{Error, Result};
+use crate::math::{DAffine3, DVec3};
+use crate::medium::Grid;
+use crate::memory::Budget;
+use crate::texture::{FilterType, WrapMode};
+use std::path::Path;
+
+/// The bytes before the values: the identifier and version, the encoding, the sizes, and the box.
+const HEADER: usize = 4 + 4 + 16 + 24;
+
+/// Reads a grid, and the transformation from the unit cube to the box that the file names.
+///
+/// # Errors
+/// If the file cannot be read, is malformed, or needs more memory than is left.
+pub fn load(path: &Path, filter: FilterType, wrap: WrapMode, memory: &Budget) -> Result<(Grid, DAffine3)> {
+    let (bytes, _reserved) = super::read_bytes(path, memory)?;
+    let wrong = |message: String| Error::scene(message).in_file(path);
+    if !bytes.starts_with(b"VOL\x03") {
+        return Err(wrong("expected a file that begins with VOL and the version 3".into()));
+    }
+    let (header, body) = bytes
+        .split_at_checked(HEADER)
+        .ok_or_else(|| wrong(format!("expected a header of {HEADER} bytes, found {} bytes", bytes.len())))?;
+    let (words, _) = header[4..].as_chunks::<4>();
+    let integer = |i: usize| i32::from_le_bytes(words[i]);
+    if integer(0) != 1 {
+        return Err(wrong(format!("expected the encoding 1, which is float32, found {}", integer(0))));
+    }
+    let sizes = [1, 2, 3, 4].map(|i| usize::try_from(integer(i)).unwrap_or(0));
+    let [x, y, z, channels] = sizes;
+    let count = sizes.iter().try_fold(1usize, |product, n| product.checked_mul(*n));
+    let expected = count.and_then(|count| count.checked_mul(4)).filter(|bytes| *bytes > 0);
+    if expected != Some(body.len()) {
+        return Err(wrong(format!(
+            "expected {x} x {y} x {z} cells of {channels} float32 values after the header, found {} bytes",
+            body.len()
+        )));
+    }
+    let planned = memory
+        .reserve(body.len() as u64)
+        .map_err(|refusal| wrong(refusal.sentence("its values", "use a smaller grid")))?;
+    let (values, _) = body.as_chunks::<4>();
+    let values: Vec<f32> = values.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+    let grid = Grid::new([x, y, z], channels, values, filter, wrap).map_err(|e| wrong(e.message))?;
+    planned.keep(grid.memory_bytes() as u64);
+    let [min, max] = [5, 8].map(|i| {
+        let [x, y, z] = [0, 1, 2].map(|axis| f64::from(f32::from_le_bytes(words[i + axis])));
+        DVec3::new(x, y, z)
+    });
+    Ok((grid, DAffine3::from_translation(min) * DAffine3::from_scale(max - min)))
+}
