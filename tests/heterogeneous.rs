@@ -147,6 +147,24 @@ fn equal_cells_are_a_homogeneous_medium() {
     }
 }
 
+/// The aligned box of a needle that is rotated is 10^6 times as wide as the needle. Its bounds are found all the same.
+#[test]
+fn a_rotated_needle_fills_its_box() {
+    let grid =
+        Grid::new([16, 2, 2], 1, vec![0.5; 64], FilterType::Bilinear, WrapMode::Clamp).expect("a grid");
+    let to_world = DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 0.7)
+        * DAffine3::from_scale(DVec3::new(2.0, 2e-6, 2e-6))
+        * DAffine3::from_translation(DVec3::splat(-0.5));
+    let sigma_t = Volume::grid(Arc::new(grid), to_world).expect("an invertible transformation");
+    let [low, high] = sigma_t.world_box();
+    let mut scene = filled(heterogeneous(sigma_t, albedo(0.0), 1.0, HG), 1e-3);
+    // The camera looks along x through the middle of the box.
+    scene.sensors[0] = camera(DVec3::X * 5.0, DVec3::ZERO, 1e-3, 4);
+    let exact = [(-0.5 * (high.x - low.x)).exp(); 3];
+    let rendered = render(&compiled(scene, AccelKind::Auto), &volpath(None), SamplerKind::Sobol, 4096, 1);
+    Means::of_images(1, 2e-2).expect("a needle", &rendered, exact);
+}
+
 /// A sensor and a surface inside the medium, and the walls of a furnace: the radiance is 1.
 #[test]
 fn clouds_in_a_furnace_are_invisible() {

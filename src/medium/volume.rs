@@ -113,7 +113,9 @@ impl Grid {
             let n = self.size[axis] as f64;
             let first = (low[axis] * n - 0.5 - MARGIN).floor() as i64;
             let last = (high[axis] * n - 0.5 + MARGIN).floor() as i64 + 1;
-            first..=last
+            // A range that is longer than the grid and its mirror image contains all cells.
+            let cells = self.size[axis] as i64;
+            if last - first >= 2 * cells { 0..=cells - 1 } else { first..=last }
         };
         let mut largest = 0.0f32;
         for z in range(2) {
