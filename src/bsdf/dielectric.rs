@@ -1,10 +1,12 @@
 //! A smooth boundary between two dielectrics.
 
-use super::fresnel;
-use super::{BsdfSample, Lobe};
+use super::fresnel::{self, dielectric_x16};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::{Bsdf, BsdfSample, Lobe};
 use crate::color::Rgb;
-use crate::math::Vec3;
-use crate::sampling::hash::probability_below;
+use crate::math::lanes::with_sign;
+use crate::math::{LANES, Vec3, Vec3x16, f32x16};
+use crate::sampling::hash::{probability_below, probability_below_x16};
 
 /// Reflection and refraction of radiance at a smooth boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,6 +66,61 @@ impl Dielectric {
     pub fn albedo(&self) -> Rgb {
         let r = fresnel::dielectric(1.0, self.eta).reflectance;
         self.specular_reflectance * r + self.specular_transmittance * (1.0 - r)
+    }
+}
+
+/// A [`Dielectric`] in each of sixteen lanes.
+pub struct DielectricX16 {
+    eta: f32x16,
+    reflectance: [f32x16; 3],
+    transmittance: [f32x16; 3],
+}
+
+impl<'a> Kernel<'a> for DielectricX16 {
+    type Scalar = Dielectric;
+
+    fn of(bsdf: &'a Bsdf<'a>) -> Option<&'a Dielectric> {
+        match bsdf {
+            Bsdf::Dielectric(b) if b.eta != 1.0 => Some(b),
+            _ => None,
+        }
+    }
+
+    #[inline(always)]
+    fn gather(bsdfs: [&'a Dielectric; LANES]) -> Self {
+        DielectricX16 {
+            eta: f32x16::new(bsdfs.map(|b| b.eta)),
+            reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
+            transmittance: channels(bsdfs.map(|b| b.specular_transmittance)),
+        }
+    }
+
+    #[inline(always)]
+    fn eval(&self, _: &Vec3x16, _: &Vec3x16) -> BsdfEvalX16 {
+        BsdfEvalX16::ZERO
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, _: [f32x16; 2]) -> BsdfSampleX16 {
+        let (zero, one) = (f32x16::ZERO, f32x16::ONE);
+        let eta = wo.z.simd_gt(zero).select(self.eta, one / self.eta);
+        let (r, cos_t) = dielectric_x16(wo.z.abs(), eta);
+        let probability = probability_below_x16(r);
+        let reflects = u_lobe.simd_lt(probability);
+        let scale = one / eta;
+        let refracted =
+            Vec3x16::new(-scale * wo.x, -scale * wo.y, with_sign(cos_t, -wo.z)).normalize_or_zero();
+        let reflection = r / probability;
+        let transmission = scale * scale * ((one - r) / (one - probability));
+        BsdfSampleX16 {
+            wi: Vec3x16::select(reflects, Vec3x16::new(-wo.x, -wo.y, wo.z), refracted),
+            weight: std::array::from_fn(|c| {
+                reflects.select(self.reflectance[c] * reflection, self.transmittance[c] * transmission)
+            }),
+            pdf: f32x16::splat(f32::INFINITY),
+            eta: reflects.select(one, eta),
+            valid: wo.z.simd_ne(zero),
+        }
     }
 }
 

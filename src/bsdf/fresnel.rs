@@ -1,7 +1,8 @@
 //! The Fresnel equations for unpolarised light.
 
+use super::lanes::channels;
 use crate::color::Rgb;
-use crate::math::f32x16;
+use crate::math::{LANES, f32x16};
 
 /// Reflectance of a smooth boundary, and the cosine of the refracted direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,9 +97,29 @@ pub fn dielectric_x16(cos_i: f32x16, eta: f32x16) -> (f32x16, f32x16) {
     (refracts.select(f32x16::HALF * (r_s * r_s + r_p * r_p), one), cos_t)
 }
 
+/// A [`ConductorFresnel`] in each of sixteen lanes.
+pub struct ConductorFresnelX16 {
+    eta: [f32x16; 3],
+    k: [f32x16; 3],
+}
+
+impl ConductorFresnelX16 {
+    /// Creates the lanes.
+    #[inline(always)]
+    pub fn gather(fresnels: [&ConductorFresnel; LANES]) -> Self {
+        ConductorFresnelX16 { eta: channels(fresnels.map(|f| f.eta)), k: channels(fresnels.map(|f| f.k)) }
+    }
+
+    /// Computes [`ConductorFresnel::reflectance`] in each lane, by channel.
+    #[inline(always)]
+    pub fn reflectance(&self, cos_i: f32x16) -> [f32x16; 3] {
+        std::array::from_fn(|c| conductor_x16(cos_i, self.eta[c], self.k[c]))
+    }
+}
+
 /// Computes [`conductor`] in each lane.
 #[inline(always)]
-pub fn conductor_x16(cos_i: f32x16, eta: f32x16, k: f32x16) -> f32x16 {
+fn conductor_x16(cos_i: f32x16, eta: f32x16, k: f32x16) -> f32x16 {
     let (zero, one, four) = (f32x16::ZERO, f32x16::ONE, f32x16::splat(4.0));
     let cos2 = cos_i * cos_i;
     let sin2 = one - cos2;

@@ -1,11 +1,14 @@
 //! BSDF evaluation and sampling for sixteen points at a time.
 //!
-//! Diffuse reflection and the rough boundaries of conductors and dielectrics are computed in parallel lanes, other
-//! BSDFs one lane after the other. The result of a lane does not depend on the other lanes.
+//! Diffuse reflection, plastics, and boundaries of conductors and dielectrics are computed in parallel lanes, other BSDFs
+//! one lane after the other. The result of a lane does not depend on the other lanes.
 
-use super::microfacet::Microfacets;
+use super::conductor::ConductorX16;
+use super::dielectric::DielectricX16;
+use super::plastic::PlasticX16;
 use super::rough_conductor::RoughConductorX16;
 use super::rough_dielectric::RoughDielectricX16;
+use super::rough_plastic::RoughPlasticX16;
 use super::{Bsdf, BsdfEval, BsdfSample};
 use crate::color::Rgb;
 use crate::math::Vec2;
@@ -37,16 +40,21 @@ pub struct BsdfSampleX16 {
     pub valid: f32x16,
 }
 
-/// A BSDF with microfacets in each of sixteen lanes.
-pub(super) trait Kernel: Sized {
+/// A BSDF of one kind in each of sixteen lanes.
+pub(super) trait Kernel<'a>: Sized {
     /// The BSDF of one lane.
-    type Scalar;
+    type Scalar: 'a;
 
-    /// Returns the BSDF and its microfacets if it is of this kind.
-    fn of<'a>(bsdf: &'a Bsdf<'_>) -> Option<(&'a Self::Scalar, &'a Microfacets)>;
+    /// Returns the BSDF if it is of this kind, with parameters that the kernel can have.
+    fn of(bsdf: &'a Bsdf<'a>) -> Option<&'a Self::Scalar>;
 
-    /// Creates the lanes. The microfacets are of the same family in all of them.
-    fn gather(bsdfs: [&Self::Scalar; LANES]) -> Self;
+    /// Returns whether two BSDFs of this kind can be in the same kernel.
+    fn alike(_: &Self::Scalar, _: &Self::Scalar) -> bool {
+        true
+    }
+
+    /// Creates the lanes.
+    fn gather(bsdfs: [&'a Self::Scalar; LANES]) -> Self;
 
     /// Computes [`Bsdf::eval`] in each lane.
     fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16;
@@ -56,13 +64,11 @@ pub(super) trait Kernel: Sized {
 
     /// Gathers those lanes of the mask `rest` that are like the lane `first`; `None` if it is not of this kind.
     #[inline(always)]
-    fn like(first: usize, bsdfs: &[&Bsdf<'_>; LANES], rest: u32) -> Option<(u32, Self)> {
-        let (one, microfacets) = Self::of(bsdfs[first]).filter(|(_, m)| m.sample_visible)?;
+    fn like(first: usize, bsdfs: &[&'a Bsdf<'a>; LANES], rest: u32) -> Option<(u32, Self)> {
+        let one = Self::of(bsdfs[first])?;
         let (mut lanes, mut all) = (0, [one; LANES]);
         for i in bits(rest) {
-            if let Some((bsdf, m)) = Self::of(bsdfs[i])
-                && (m.distribution, m.sample_visible) == (microfacets.distribution, true)
-            {
+            if let Some(bsdf) = Self::of(bsdfs[i]).filter(|bsdf| Self::alike(bsdf, one)) {
                 all[i] = bsdf;
                 lanes |= 1 << i;
             }
@@ -71,38 +77,45 @@ pub(super) trait Kernel: Sized {
     }
 }
 
-/// A kernel of any kind.
-enum AnyKernel {
-    RoughConductor(RoughConductorX16),
-    RoughDielectric(RoughDielectricX16),
+/// Declares [`AnyKernel`] from the list of kernels.
+macro_rules! kernels {
+    ($($name:ident($kernel:ty),)*) => {
+        /// A kernel of any kind.
+        enum AnyKernel<'a> {
+            $($name($kernel),)*
+        }
+
+        impl<'a> AnyKernel<'a> {
+            /// Gathers those lanes of the mask `rest` that are like the lane `first`; `None` if no kernel is of its
+            /// kind.
+            #[inline(always)]
+            fn like(first: usize, bsdfs: &[&'a Bsdf<'a>; LANES], rest: u32) -> Option<(u32, Self)> {
+                $(if let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest) {
+                    return Some((lanes, AnyKernel::$name(kernel)));
+                })*
+                None
+            }
+
+            #[inline(always)]
+            fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
+                match self { $(AnyKernel::$name(kernel) => kernel.eval(wo, wi),)* }
+            }
+
+            #[inline(always)]
+            fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
+                match self { $(AnyKernel::$name(kernel) => kernel.sample(wo, u_lobe, u),)* }
+            }
+        }
+    };
 }
 
-impl AnyKernel {
-    /// Gathers those lanes of the mask `rest` that are like the lane `first`; `None` if no kernel is of its kind.
-    #[inline(always)]
-    fn like(first: usize, bsdfs: &[&Bsdf<'_>; LANES], rest: u32) -> Option<(u32, Self)> {
-        if let Some((lanes, kernel)) = RoughConductorX16::like(first, bsdfs, rest) {
-            return Some((lanes, AnyKernel::RoughConductor(kernel)));
-        }
-        let (lanes, kernel) = RoughDielectricX16::like(first, bsdfs, rest)?;
-        Some((lanes, AnyKernel::RoughDielectric(kernel)))
-    }
-
-    #[inline(always)]
-    fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
-        match self {
-            AnyKernel::RoughConductor(kernel) => kernel.eval(wo, wi),
-            AnyKernel::RoughDielectric(kernel) => kernel.eval(wo, wi),
-        }
-    }
-
-    #[inline(always)]
-    fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
-        match self {
-            AnyKernel::RoughConductor(kernel) => kernel.sample(wo, u_lobe, u),
-            AnyKernel::RoughDielectric(kernel) => kernel.sample(wo, u_lobe, u),
-        }
-    }
+kernels! {
+    RoughConductor(RoughConductorX16),
+    RoughDielectric(RoughDielectricX16),
+    RoughPlastic(RoughPlasticX16<'a>),
+    Plastic(PlasticX16),
+    Dielectric(DielectricX16),
+    Conductor(ConductorX16),
 }
 
 /// Returns colours by channel.
@@ -130,7 +143,7 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
 
 /// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 #[inline]
-pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
+pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
     let inverse_pi = f32x16::splat(FRAC_1_PI);
@@ -152,8 +165,8 @@ pub fn eval_x16(bsdfs: &[&Bsdf<'_>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: 
 
 /// Computes [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 #[inline]
-pub fn sample_x16(
-    bsdfs: &[&Bsdf<'_>; LANES],
+pub fn sample_x16<'a>(
+    bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     u_lobe: f32x16,
     u: [f32x16; 2],
@@ -184,6 +197,9 @@ pub fn sample_x16(
 }
 
 impl BsdfEvalX16 {
+    /// No scattering in any lane.
+    pub(super) const ZERO: BsdfEvalX16 = BsdfEvalX16 { f: [f32x16::ZERO; 3], pdf: f32x16::ZERO };
+
     fn set_lane(&mut self, i: usize, eval: &BsdfEval) {
         for (channel, value) in self.f.iter_mut().zip(eval.f.to_array()) {
             channel.as_mut_array()[i] = value;
@@ -230,8 +246,11 @@ impl BsdfSampleX16 {
 mod tests {
     use super::*;
     use crate::bsdf::fresnel::ConductorFresnel;
-    use crate::bsdf::microfacet::Distribution;
-    use crate::bsdf::{Dielectric, Diffuse, RoughConductor, RoughDielectric};
+    use crate::bsdf::microfacet::{Distribution, Microfacets};
+    use crate::bsdf::{
+        Conductor, Dielectric, Diffuse, Plastic, RoughConductor, RoughDielectric, RoughPlastic,
+        RoughTransmittance,
+    };
     use crate::math::Vec3;
     use crate::sampling::hash::{combine, to_unit};
 
@@ -269,8 +288,8 @@ mod tests {
         }
     }
 
-    /// Rough boundaries of all kinds are the same in lanes as one by one, within the rounding of their functions. The
-    /// density decreases steeply with the angle between two directions, so the tolerance is 0.1 %.
+    /// The kernels compute what the BSDFs do one by one, within the rounding of their functions. The density of rough
+    /// boundaries decreases steeply with the angle between two directions, so the tolerance is 0.1 %.
     #[test]
     fn kernels_compute_what_the_bsdfs_do() {
         let mut seed = 0;
@@ -279,30 +298,44 @@ mod tests {
             to_unit(combine(7, seed))
         };
         let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * a.abs().max(b.abs()) + 1e-12;
+        let coats = [Distribution::Beckmann, Distribution::Ggx]
+            .map(|distribution| RoughTransmittance::new(distribution, 0.2, 1.5));
+        let fresnel = ConductorFresnel { eta: Rgb::new(0.2, 1.0, 0.0), k: Rgb::new(3.0, 2.0, 1.0) };
+        let white = Rgb::new(1.0, 0.9, 0.3);
         let (mut sampled, mut different) = (0, 0);
         for round in 0..2000 {
             let mut alpha = || 0.02 + 0.9 * random() * random();
             let all: Vec<Bsdf<'_>> = (0..LANES)
                 .map(|i| {
-                    let distribution = [Distribution::Beckmann, Distribution::Ggx][(i / 3 + round) % 2];
-                    let microfacets = Microfacets {
-                        distribution,
-                        alpha_x: alpha(),
-                        alpha_y: alpha(),
-                        sample_visible: true,
-                    };
-                    match (i + round) % 3 {
+                    let family = (i / 3 + round) % 2;
+                    let distribution = [Distribution::Beckmann, Distribution::Ggx][family];
+                    let (alpha_x, alpha_y) = (alpha(), alpha());
+                    let microfacets = Microfacets { distribution, alpha_x, alpha_y, sample_visible: true };
+                    let nonlinear = i % 2 == 0;
+                    match (i + round) % 8 {
                         0 => Bsdf::RoughConductor(RoughConductor {
                             microfacets,
-                            fresnel: ConductorFresnel {
-                                eta: Rgb::new(0.2, 1.0, 0.0),
-                                k: Rgb::new(3.0, 2.0, 1.0),
-                            },
-                            specular_reflectance: Rgb::new(1.0, 0.9, 0.3),
+                            fresnel,
+                            specular_reflectance: white,
+                        }),
+                        1 => Bsdf::Conductor(Conductor { fresnel, specular_reflectance: white }),
+                        2 => Bsdf::Plastic(Plastic::new(Rgb::new(0.5, 0.0, 0.9), white, 1.5, nonlinear)),
+                        3 => Bsdf::RoughPlastic(RoughPlastic {
+                            microfacets: Microfacets { alpha_x: 0.2, alpha_y: 0.2, ..microfacets },
+                            diffuse_reflectance: Rgb::new(0.5, 0.0, 0.9),
+                            specular_reflectance: white,
+                            eta: 1.5,
+                            nonlinear,
+                            transmittance: &coats[family],
+                        }),
+                        kind @ (4 | 5) => Bsdf::Dielectric(Dielectric {
+                            eta: [1.5, 0.8][kind - 4],
+                            specular_reflectance: Rgb::new(0.5, 0.9, 0.3),
+                            specular_transmittance: Rgb::new(1.0, 0.9, 0.2),
                         }),
                         kind => Bsdf::RoughDielectric(RoughDielectric {
                             microfacets,
-                            eta: [1.5, 0.8][kind - 1],
+                            eta: [1.5, 0.8][kind - 6],
                             specular_reflectance: Rgb::new(0.5, 0.9, 0.3),
                             specular_transmittance: Rgb::new(1.0, 0.9, 0.2),
                         }),
@@ -344,9 +377,13 @@ mod tests {
                 different += u32::from(!near);
                 let here = bsdf.eval(wo.lane(i), wi);
                 let pdf = sample.pdf.as_array()[i];
+                if pdf.is_infinite() || alone.pdf.is_infinite() {
+                    assert_eq!(pdf, alone.pdf, "{bsdf:?}");
+                    continue;
+                }
                 assert!((pdf / here.pdf - 1.0).abs() < 0.02, "{bsdf:?} {}: {pdf} {}", wo.lane(i), here.pdf);
             }
         }
-        assert!(sampled > 25_000 && different < sampled / 1000, "{sampled} samples, {different} different");
+        assert!(sampled > 20_000 && different < sampled / 1000, "{sampled} samples, {different} different");
     }
 }

@@ -227,11 +227,11 @@ pub struct MicrofacetsX16 {
 }
 
 impl MicrofacetsX16 {
-    /// Creates the distributions.
+    /// Creates the distributions, all of the family of the first.
     #[inline(always)]
-    pub fn gather(distribution: Distribution, microfacets: [&Microfacets; LANES]) -> Self {
+    pub fn gather(microfacets: [&Microfacets; LANES]) -> Self {
         MicrofacetsX16 {
-            distribution,
+            distribution: microfacets[0].distribution,
             alpha_x: f32x16::new(microfacets.map(|m| m.alpha_x)),
             alpha_y: f32x16::new(microfacets.map(|m| m.alpha_y)),
         }

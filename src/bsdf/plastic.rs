@@ -1,9 +1,12 @@
 //! A diffuse base under a smooth dielectric coating.
 
-use super::{BsdfEval, BsdfSample, Lobe, fresnel};
+use super::fresnel::{self, dielectric_x16};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::{Bsdf, BsdfEval, BsdfSample, Lobe};
 use crate::color::Rgb;
-use crate::math::{Vec2, Vec3};
-use crate::sampling::hash::probability_below;
+use crate::math::lanes::mask_from_bits;
+use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
+use crate::sampling::hash::{probability_below, probability_below_x16};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
@@ -114,4 +117,103 @@ pub(super) fn base(reflectance: Rgb, fdr_int: f32, eta: f32, nonlinear: bool) ->
 pub(super) fn specular_probability(diffuse: Rgb, specular: Rgb, r: f32) -> f32 {
     let (specular, diffuse) = (r * specular.mean(), (1.0 - r) * diffuse.mean());
     if specular + diffuse > 0.0 { probability_below(specular / (specular + diffuse)) } else { 1.0 }
+}
+
+/// The reflectances of a coated base and its coating in each of sixteen lanes.
+pub(super) struct CoatedX16 {
+    /// The index of refraction of the coatings relative to that outside.
+    pub eta: f32x16,
+    /// The bases' albedos for coatings with full transmittance, by channel.
+    pub base: [f32x16; 3],
+    /// Factors on the reflection by the coatings, by channel.
+    pub specular: [f32x16; 3],
+    /// The means of the reflectances of coating and base.
+    means: [f32x16; 2],
+}
+
+impl CoatedX16 {
+    /// Creates the lanes from the parameters of each: the reflectances of base and coating, the fraction of diffuse
+    /// light from inside that the coating reflects back, its index, and whether the model is nonlinear.
+    #[inline(always)]
+    pub fn gather(lanes: [(Rgb, Rgb, f32, f32, bool); LANES]) -> Self {
+        let eta = f32x16::new(lanes.map(|l| l.3));
+        let internal = f32x16::new(lanes.map(|l| l.2));
+        let nonlinear =
+            mask_from_bits(lanes.iter().enumerate().fold(0, |bits, (i, l)| bits | u32::from(l.4) << i));
+        let scale = f32x16::ONE / (eta * eta);
+        let base = channels(lanes.map(|l| l.0))
+            .map(|rho| scale * rho / (f32x16::ONE - nonlinear.select(rho * internal, internal)));
+        CoatedX16 {
+            eta,
+            base,
+            specular: channels(lanes.map(|l| l.1)),
+            means: [f32x16::new(lanes.map(|l| l.1.mean())), f32x16::new(lanes.map(|l| l.0.mean()))],
+        }
+    }
+
+    /// Computes [`specular_probability`] in each lane.
+    #[inline(always)]
+    pub fn specular_probability(&self, r: f32x16) -> f32x16 {
+        let (specular, diffuse) = (r * self.means[0], (f32x16::ONE - r) * self.means[1]);
+        let total = specular + diffuse;
+        let some = total.simd_gt(f32x16::ZERO);
+        some.select(probability_below_x16(specular / total), f32x16::ONE)
+    }
+}
+
+/// A [`Plastic`] in each of sixteen lanes.
+pub struct PlasticX16(CoatedX16);
+
+impl<'a> Kernel<'a> for PlasticX16 {
+    type Scalar = Plastic;
+
+    fn of(bsdf: &'a Bsdf<'a>) -> Option<&'a Plastic> {
+        match bsdf {
+            Bsdf::Plastic(b) if b.eta != 1.0 => Some(b),
+            _ => None,
+        }
+    }
+
+    #[inline(always)]
+    fn gather(bsdfs: [&'a Plastic; LANES]) -> Self {
+        PlasticX16(CoatedX16::gather(
+            bsdfs.map(|b| (b.diffuse_reflectance, b.specular_reflectance, b.fdr_int, b.eta, b.nonlinear)),
+        ))
+    }
+
+    #[inline(always)]
+    fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
+        let (one, inverse_pi) = (f32x16::ONE, f32x16::splat(FRAC_1_PI));
+        let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
+        let [r_o, r_i] = [wo, wi].map(|w| dielectric_x16(w.z, self.0.eta).0);
+        let factor = (inverse_pi * (one - r_o) * (one - r_i)) & above;
+        BsdfEvalX16 {
+            f: self.0.base.map(|base| base * factor),
+            pdf: (wi.z * inverse_pi * (one - self.0.specular_probability(r_o))) & above,
+        }
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
+        let one = f32x16::ONE;
+        let (r_o, _) = dielectric_x16(wo.z, self.0.eta);
+        let probability = self.0.specular_probability(r_o);
+        let mirrors = u_lobe.simd_lt(probability);
+        let diffuse = warp::square_to_cosine_hemisphere_x16(u);
+        let (r_i, _) = dielectric_x16(diffuse.z, self.0.eta);
+        let reflection = r_o / probability;
+        let entering = (one - r_o) * (one - r_i) / (one - probability);
+        BsdfSampleX16 {
+            wi: Vec3x16::select(mirrors, Vec3x16::new(-wo.x, -wo.y, wo.z), diffuse),
+            weight: std::array::from_fn(|c| {
+                mirrors.select(self.0.specular[c] * reflection, self.0.base[c] * entering)
+            }),
+            pdf: mirrors.select(
+                f32x16::splat(f32::INFINITY),
+                diffuse.z * f32x16::splat(FRAC_1_PI) * (one - probability),
+            ),
+            eta: one,
+            valid: wo.z.simd_gt(f32x16::ZERO),
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! A rough conductor with a microfacet distribution. [Walter 2007]
 
-use super::fresnel::{ConductorFresnel, conductor_x16};
+use super::fresnel::{ConductorFresnel, ConductorFresnelX16};
 use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
 use super::microfacet::{Microfacets, MicrofacetsX16};
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe};
@@ -66,38 +66,37 @@ impl RoughConductor {
 /// A [`RoughConductor`] in each of sixteen lanes.
 pub struct RoughConductorX16 {
     microfacets: MicrofacetsX16,
-    eta: [f32x16; 3],
-    k: [f32x16; 3],
+    fresnel: ConductorFresnelX16,
     specular_reflectance: [f32x16; 3],
 }
 
 impl RoughConductorX16 {
     #[inline(always)]
     fn reflectance(&self, cos_i: f32x16) -> [f32x16; 3] {
-        let cos_i = cos_i.fast_min(f32x16::ONE);
-        std::array::from_fn(|c| conductor_x16(cos_i, self.eta[c], self.k[c]) * self.specular_reflectance[c])
+        let fresnel = self.fresnel.reflectance(cos_i.fast_min(f32x16::ONE));
+        std::array::from_fn(|c| fresnel[c] * self.specular_reflectance[c])
     }
 }
 
-impl Kernel for RoughConductorX16 {
+impl<'a> Kernel<'a> for RoughConductorX16 {
     type Scalar = RoughConductor;
 
-    fn of<'a>(bsdf: &'a Bsdf<'_>) -> Option<(&'a RoughConductor, &'a Microfacets)> {
+    fn of(bsdf: &'a Bsdf<'a>) -> Option<&'a RoughConductor> {
         match bsdf {
-            Bsdf::RoughConductor(b) => Some((b, &b.microfacets)),
+            Bsdf::RoughConductor(b) if b.microfacets.sample_visible => Some(b),
             _ => None,
         }
     }
 
+    fn alike(a: &RoughConductor, b: &RoughConductor) -> bool {
+        a.microfacets.distribution == b.microfacets.distribution
+    }
+
     #[inline(always)]
-    fn gather(bsdfs: [&RoughConductor; LANES]) -> Self {
+    fn gather(bsdfs: [&'a RoughConductor; LANES]) -> Self {
         RoughConductorX16 {
-            microfacets: MicrofacetsX16::gather(
-                bsdfs[0].microfacets.distribution,
-                bsdfs.map(|b| &b.microfacets),
-            ),
-            eta: channels(bsdfs.map(|b| b.fresnel.eta)),
-            k: channels(bsdfs.map(|b| b.fresnel.k)),
+            microfacets: MicrofacetsX16::gather(bsdfs.map(|b| &b.microfacets)),
+            fresnel: ConductorFresnelX16::gather(bsdfs.map(|b| &b.fresnel)),
             specular_reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
         }
     }

@@ -166,23 +166,24 @@ fn refraction_jacobian(cos_o: f32x16, cos_t: f32x16, eta: f32x16) -> f32x16 {
     eta * eta * cos_t / (difference * difference)
 }
 
-impl Kernel for RoughDielectricX16 {
+impl<'a> Kernel<'a> for RoughDielectricX16 {
     type Scalar = RoughDielectric;
 
-    fn of<'a>(bsdf: &'a Bsdf<'_>) -> Option<(&'a RoughDielectric, &'a Microfacets)> {
+    fn of(bsdf: &'a Bsdf<'a>) -> Option<&'a RoughDielectric> {
         match bsdf {
-            Bsdf::RoughDielectric(b) if !b.is_passing() => Some((b, &b.microfacets)),
+            Bsdf::RoughDielectric(b) if b.microfacets.sample_visible && !b.is_passing() => Some(b),
             _ => None,
         }
     }
 
+    fn alike(a: &RoughDielectric, b: &RoughDielectric) -> bool {
+        a.microfacets.distribution == b.microfacets.distribution
+    }
+
     #[inline(always)]
-    fn gather(bsdfs: [&RoughDielectric; LANES]) -> Self {
+    fn gather(bsdfs: [&'a RoughDielectric; LANES]) -> Self {
         RoughDielectricX16 {
-            microfacets: MicrofacetsX16::gather(
-                bsdfs[0].microfacets.distribution,
-                bsdfs.map(|b| &b.microfacets),
-            ),
+            microfacets: MicrofacetsX16::gather(bsdfs.map(|b| &b.microfacets)),
             eta: f32x16::new(bsdfs.map(|b| b.eta)),
             reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
             transmittance: channels(bsdfs.map(|b| b.specular_transmittance)),

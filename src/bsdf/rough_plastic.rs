@@ -1,10 +1,13 @@
 //! A diffuse base under a rough dielectric coating.
 
 use super::facet::Facet;
-use super::microfacet::Microfacets;
-use super::{BsdfEval, BsdfSample, Lobe, RoughTransmittance, fresnel, plastic};
+use super::fresnel::dielectric_x16;
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel};
+use super::microfacet::{Microfacets, MicrofacetsX16};
+use super::plastic::{self, CoatedX16};
+use super::{Bsdf, BsdfEval, BsdfSample, Lobe, RoughTransmittance, fresnel};
 use crate::color::Rgb;
-use crate::math::{Vec2, Vec3};
+use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
 
@@ -76,5 +79,98 @@ impl RoughPlastic<'_> {
         let r = fresnel::dielectric(1.0, self.eta).reflectance;
         let entering = self.transmittance.external(1.0) * self.transmittance.external_mean();
         self.specular_reflectance * r + self.base() * entering
+    }
+}
+
+/// A [`RoughPlastic`] in each of sixteen lanes.
+pub struct RoughPlasticX16<'a> {
+    microfacets: MicrofacetsX16,
+    coated: CoatedX16,
+    transmittance: [&'a RoughTransmittance; LANES],
+}
+
+impl RoughPlasticX16<'_> {
+    /// Computes [`RoughTransmittance::external`] in each lane.
+    #[inline(always)]
+    fn external(&self, cos: f32x16) -> f32x16 {
+        let cos = cos.as_array();
+        f32x16::new(std::array::from_fn(|i| self.transmittance[i].external(cos[i])))
+    }
+
+    /// Computes [`RoughPlastic::eval`] in each lane, for the transmittance of `wo` and the probability of sampling the
+    /// coating.
+    #[inline(always)]
+    fn eval_with(&self, wo: &Vec3x16, wi: &Vec3x16, t_o: f32x16, probability: f32x16) -> BsdfEvalX16 {
+        let (zero, one, four) = (f32x16::ZERO, f32x16::ONE, f32x16::splat(4.0));
+        let inverse_pi = f32x16::splat(FRAC_1_PI);
+        let above = wo.z.simd_gt(zero) & wi.z.simd_gt(zero);
+        let m = (*wo + *wi).normalize_or_zero();
+        let cos = wo.dot(m);
+        let (r, _) = dielectric_x16(cos, self.coated.eta);
+        let g1_o = self.microfacets.g1(wo, &m);
+        let d = self.microfacets.d(&m);
+        let joined = above & cos.simd_gt(zero);
+        let coating = (r * d * (g1_o * self.microfacets.g1(wi, &m)) / (four * wo.z * wi.z)) & joined;
+        let facets = (d * g1_o / (four * wo.z)) & joined;
+        let base = (inverse_pi * t_o * self.external(wi.z)) & above;
+        BsdfEvalX16 {
+            f: std::array::from_fn(|c| self.coated.base[c] * base + self.coated.specular[c] * coating),
+            pdf: (((one - probability) * (wi.z * inverse_pi)) & above) + probability * facets,
+        }
+    }
+}
+
+impl<'a> Kernel<'a> for RoughPlasticX16<'a> {
+    type Scalar = RoughPlastic<'a>;
+
+    fn of(bsdf: &'a Bsdf<'a>) -> Option<&'a RoughPlastic<'a>> {
+        match bsdf {
+            Bsdf::RoughPlastic(b) if b.microfacets.sample_visible && b.eta != 1.0 => Some(b),
+            _ => None,
+        }
+    }
+
+    fn alike(a: &RoughPlastic<'a>, b: &RoughPlastic<'a>) -> bool {
+        a.microfacets.distribution == b.microfacets.distribution
+    }
+
+    #[inline(always)]
+    fn gather(bsdfs: [&'a RoughPlastic<'a>; LANES]) -> Self {
+        RoughPlasticX16 {
+            microfacets: MicrofacetsX16::gather(bsdfs.map(|b| &b.microfacets)),
+            coated: CoatedX16::gather(bsdfs.map(|b| {
+                let internal = b.transmittance.internal();
+                (b.diffuse_reflectance, b.specular_reflectance, internal, b.eta, b.nonlinear)
+            })),
+            transmittance: bsdfs.map(|b| b.transmittance),
+        }
+    }
+
+    #[inline(always)]
+    fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
+        let t_o = self.external(wo.z);
+        self.eval_with(wo, wi, t_o, self.coated.specular_probability(f32x16::ONE - t_o))
+    }
+
+    #[inline(always)]
+    fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
+        let zero = f32x16::ZERO;
+        let t_o = self.external(wo.z);
+        let probability = self.coated.specular_probability(f32x16::ONE - t_o);
+        let m = self.microfacets.sample(wo, u);
+        let cos = wo.dot(m);
+        let mirrored = (m * (cos + cos) - *wo).normalize_or_zero();
+        let mirrors = u_lobe.simd_lt(probability);
+        let wi = Vec3x16::select(mirrors, mirrored, warp::square_to_cosine_hemisphere_x16(u));
+        let BsdfEvalX16 { f, pdf } = self.eval_with(wo, &wi, t_o, probability);
+        let factor = wi.z / pdf;
+        let visible = (cos.simd_gt(zero) & wi.z.simd_gt(zero)) | !mirrors;
+        BsdfSampleX16 {
+            wi,
+            weight: f.map(|f| f * factor),
+            pdf,
+            eta: f32x16::ONE,
+            valid: wo.z.simd_gt(zero) & visible & pdf.simd_gt(zero),
+        }
     }
 }

@@ -17,8 +17,10 @@ pub struct SceneMaterial {
     /// The material of the description, without the outermost [`Material::TwoSided`] of a single material.
     material: Material,
     prepared: Prepared,
-    /// The BSDF, if it is constant over the surface.
+    /// The BSDF, if it is constant over the surface and borrows nothing.
     pub constant: Option<Bsdf<'static>>,
+    /// Whether the BSDF is constant over the surface.
+    uniform: bool,
     /// Whether the back scatters as the front does. If so, surface points turn their frames to the ray.
     pub two_sided: bool,
     /// Whether the tangents of the local frame matter.
@@ -105,6 +107,7 @@ impl Materials {
                 material: outer.clone(),
                 prepared: outer.prepare(),
                 constant: None,
+                uniform: outer.inner().is_empty() && outer.textures().is_empty(),
                 two_sided,
                 tangents: is(outer, Material::has_tangents),
                 holes: is(outer, Material::has_holes),
@@ -114,7 +117,7 @@ impl Materials {
         let mut all = Materials { list, textures };
         for i in 0..all.list.len() {
             let sampling = all.sampling(MaterialId::from(i));
-            let constant = all.constant(&all.list[i]);
+            let constant = all.uniform(&all.list[i]).and_then(Bsdf::owned);
             all.list[i] = SceneMaterial { constant, sampling, ..all.list[i].clone() };
         }
         Ok(all)
@@ -126,13 +129,12 @@ impl Materials {
         entry.material.sampling(&entry.prepared, self)
     }
 
-    /// Returns the BSDF of a material without inner materials, if its inputs are constant and it borrows nothing.
-    fn constant(&self, entry: &SceneMaterial) -> Option<Bsdf<'static>> {
-        let SceneMaterial { material, prepared, .. } = entry;
-        if !material.inner().is_empty() || !material.textures().is_empty() {
-            return None;
-        }
-        material.bsdf(prepared, &self.inputs(&TexturePoint::at(Vec2::ZERO))).owned()
+    /// Returns the BSDF of a material that is the same at all points of a surface, as it is without textures and inner
+    /// materials.
+    #[inline]
+    pub fn uniform<'a>(&'a self, entry: &'a SceneMaterial) -> Option<Bsdf<'a>> {
+        let point = TexturePoint::at(Vec2::ZERO);
+        entry.uniform.then(|| entry.material.bsdf(&entry.prepared, &self.inputs(&point)))
     }
 
     /// Returns a material.

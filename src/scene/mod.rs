@@ -188,9 +188,11 @@ impl Scene {
     /// surface is allocated in the arena.
     #[inline]
     pub fn bsdf<'a>(&'a self, at: &SurfaceInteraction, wo: Option<Vec3>, arena: &'a Bump) -> &'a Bsdf<'a> {
-        match &self.materials.get(at.material).constant {
+        let material = self.materials.get(at.material);
+        match &material.constant {
             Some(bsdf) => bsdf,
-            None => arena.alloc(self.varying_bsdf(at, wo, arena)),
+            None => arena
+                .alloc(self.materials.uniform(material).unwrap_or_else(|| self.varying_bsdf(at, wo, arena))),
         }
     }
 

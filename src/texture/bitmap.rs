@@ -34,6 +34,10 @@ impl WrapMode {
     #[inline]
     pub fn wrap(self, i: i64, n: usize) -> usize {
         let n = n as i64;
+        // Most indices are inside, and a division takes long.
+        if (0..n).contains(&i) {
+            return i as usize;
+        }
         let wrapped = match self {
             WrapMode::Repeat => i.rem_euclid(n),
             WrapMode::Clamp => i.clamp(0, n - 1),
@@ -93,12 +97,16 @@ impl Bitmap {
         Bitmap { wrap_modes, ..self }
     }
 
-    /// Returns the colour of a texel, inside or outside the image.
+    /// Returns the column of an index inside or outside the image.
     #[inline]
-    fn texel(&self, x: i64, y: i64) -> Rgb {
-        let image = &self.image;
-        let [along_u, along_v] = self.wrap_modes;
-        Rgb::from(image.rgb(along_u.wrap(x, image.width()), along_v.wrap(y, image.height())))
+    fn column(&self, x: i64) -> usize {
+        self.wrap_modes[0].wrap(x, self.image.width())
+    }
+
+    /// Returns the row of an index inside or outside the image.
+    #[inline]
+    fn row(&self, y: i64) -> usize {
+        self.wrap_modes[1].wrap(y, self.image.height())
     }
 
     /// Returns the numbers of columns and rows of the image.
@@ -115,15 +123,16 @@ impl Bitmap {
         let p = self.to_uv.transform_point2(uv) * self.resolution() - 0.5;
         let low = p.floor();
         let (x, y) = (index(low.x), index(low.y));
-        let row = |y| [self.texel(x, y), self.texel(x + 1, y)];
-        TexelQuad { colors: [row(y), row(y + 1)], at: p - low }
+        let columns = [self.column(x), self.column(x + 1)];
+        let rows = [self.row(y), self.row(y + 1)];
+        TexelQuad { colors: rows.map(|y| columns.map(|x| Rgb::from(self.image.rgb(x, y)))), at: p - low }
     }
 
     /// Returns the colour at a point.
     pub fn eval(&self, point: &TexturePoint<'_>) -> Rgb {
         if self.filter_type == FilterType::Nearest {
             let p = (self.to_uv.transform_point2(point.uv) * self.resolution()).floor();
-            return self.texel(index(p.x), index(p.y));
+            return Rgb::from(self.image.rgb(self.column(index(p.x)), self.row(index(p.y))));
         }
         let TexelQuad { colors: [top, bottom], at } = self.corners(point.uv);
         let lerp = |a: Rgb, b: Rgb, t: f32| a * (1.0 - t) + b * t;
