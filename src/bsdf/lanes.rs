@@ -1,7 +1,7 @@
 //! BSDF evaluation and sampling for sixteen points at a time.
 //!
-//! Diffuse reflection, plastics, and boundaries of conductors and dielectrics are computed in parallel lanes, other BSDFs
-//! one lane after the other. The result of a lane does not depend on the other lanes.
+//! Diffuse reflection, plastics, and boundaries of conductors and dielectrics are computed in parallel lanes, other
+//! BSDFs one lane after the other. The result of a lane does not depend on the other lanes.
 
 use super::conductor::ConductorX16;
 use super::dielectric::DielectricX16;
