@@ -12,7 +12,12 @@ use buffon::scene::{Description, Scene};
 /// Number of renders with different seeds.
 const RUNS: u64 = 48;
 
-/// Returns a sphere with albedo 1/2 and emission 1/2, seen from inside. The radiance is 1 everywhere.
+/// The number of edges of the longest paths. Only the last edge may be ended by roulette.
+const EDGES: u32 = 6;
+/// The radiance of [`furnace`] by paths of so many edges.
+const RADIANCE: f64 = 1.0 - 1.0 / (1 << EDGES) as f64;
+
+/// Returns a sphere with albedo 1/2 and emission 1/2, seen from inside. The radiance is the same everywhere.
 fn furnace() -> Scene {
     let mut scene = Description::default();
     let id = add(&mut scene, sphere(1.0), DAffine3::IDENTITY, diffuse(0.5));
@@ -33,7 +38,8 @@ struct Figures {
 }
 
 fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
-    let settings = Settings::Path(PathLimits { max_depth: None, rr_depth: 5, hide_emitters: false });
+    let settings =
+        Settings::Path(PathLimits { max_depth: Some(EDGES), rr_depth: EDGES - 1, hide_emitters: false });
     let (mut means, mut squares, mut estimates, mut pixels) = (Vec::new(), 0.0, 0.0, 0.0);
     for seed in 0..RUNS {
         let rendered = render(scene, &settings, kind, 16, seed);
@@ -43,7 +49,7 @@ fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
             for i in 0..tile.pixel_count() {
                 let estimate = tile.estimate(i, 0);
                 sum += estimate.mean;
-                squares += (estimate.mean - 1.0).powi(2);
+                squares += (estimate.mean - RADIANCE).powi(2);
                 estimates += estimate.variance.expect("both halves have samples");
                 count += 1.0;
             }
@@ -54,9 +60,9 @@ fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
     let runs = RUNS as f64;
     let mean = means.iter().sum::<f64>() / runs;
     let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (runs - 1.0);
-    let of_mean = means.iter().map(|m| (m - 1.0).powi(2)).sum::<f64>() / runs;
+    let of_mean = means.iter().map(|m| (m - RADIANCE).powi(2)).sum::<f64>() / runs;
     Figures {
-        t: (mean - 1.0) / (variance / runs).sqrt(),
+        t: (mean - RADIANCE) / (variance / runs).sqrt(),
         estimated: estimates / squares,
         of_mean: of_mean / (squares / (runs * pixels) / pixels),
     }

@@ -21,19 +21,33 @@ fn survival_limit(edges: u32) -> f32 {
 pub struct Roulette {
     /// The upper limit of the survival probability.
     limit: f32,
+    /// Whether the survivors get equal throughputs.
+    equalizes: bool,
 }
 
 impl Roulette {
     /// Returns the roulette for paths with the given number of edges; `None` before `rr_depth`.
     pub fn at(edges: u32, rr_depth: u32) -> Option<Self> {
-        (edges >= rr_depth).then(|| Roulette { limit: survival_limit(edges) })
+        (edges >= rr_depth).then(|| Roulette { limit: survival_limit(edges), equalizes: false })
+    }
+
+    /// Returns the roulette for photons, as [`at`](Self::at). All survivors get the same power, because the variance
+    /// of a density estimate is least for photons of equal power.
+    pub fn for_photons(edges: u32, rr_depth: u32) -> Option<Self> {
+        Roulette::at(edges, rr_depth).map(|roulette| Roulette { equalizes: true, ..roulette })
     }
 
     /// Returns the throughput of a surviving path, or `None` if the random number `u` terminates it. The survival
-    /// probability is the largest channel of `beta` times `importance`, up to the limit.
+    /// probability is the fourth root of `s`, the largest channel of `beta` times `importance`, up to the limit.
+    ///
+    /// In a room of reflectance ρ, the throughput then tends to ρ⁴ and the survival probability to ρ. With the
+    /// probability `s` itself, which photons have, the first roulette ends most paths, and the few survivors bear all
+    /// the variance of the light that comes after it.
     #[inline]
     pub fn play(self, beta: Rgb, importance: f32, u: f32) -> Option<Rgb> {
-        let survival = probability_below((beta.max_component() * importance).min(self.limit));
+        let strongest = beta.max_component() * importance;
+        let survival = if self.equalizes { strongest } else { strongest.sqrt().sqrt() };
+        let survival = probability_below(survival.min(self.limit));
         // A path with NaN throughput survives, so that the sample is counted as invalid.
         if u >= survival { None } else { Some(beta * (1.0 / survival)) }
     }
@@ -43,7 +57,9 @@ impl Roulette {
     #[inline(always)]
     pub fn play_x16(self, beta: [f32x16; 3], importance: f32x16, u: f32x16) -> ([f32x16; 3], f32x16) {
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
-        let survival = probability_below_x16((strongest * importance).fast_min(f32x16::splat(self.limit)));
+        let strongest = strongest * importance;
+        let survival = if self.equalizes { strongest } else { strongest.sqrt().sqrt() };
+        let survival = probability_below_x16(survival.fast_min(f32x16::splat(self.limit)));
         let per_survival = f32x16::ONE / survival;
         (beta.map(|channel| channel * per_survival), !u.simd_ge(survival))
     }
@@ -73,20 +89,22 @@ mod tests {
     fn nothing_is_gained_or_lost() {
         for strongest in [1e-12f32, 1e-10, 1e-7, 1e-6, 1e-3, 0.3, 0.9, 1.0, 7.0] {
             let beta = Rgb::new(strongest, 0.5 * strongest, 0.0);
-            let roulette = Roulette::at(9, 5).expect("played from the fifth edge on");
-            let on = roulette.play(beta, 1.0, 0.0).expect("the least number lets every path live");
-            // The fraction of hashes whose number lets the path survive.
-            let (mut low, mut high) = (0u64, 1u64 << 32);
-            while low < high {
-                let middle = (low + high) / 2;
-                let lives = roulette.play(beta, 1.0, to_unit(middle as u32)).is_some();
-                if lives { low = middle + 1 } else { high = middle }
+            for roulette in [Roulette::at(9, 5), Roulette::for_photons(9, 5)] {
+                let roulette = roulette.expect("played from the fifth edge on");
+                let on = roulette.play(beta, 1.0, 0.0).expect("the least number lets every path live");
+                // The fraction of hashes whose number lets the path survive.
+                let (mut low, mut high) = (0u64, 1u64 << 32);
+                while low < high {
+                    let middle = (low + high) / 2;
+                    let lives = roulette.play(beta, 1.0, to_unit(middle as u32)).is_some();
+                    if lives { low = middle + 1 } else { high = middle }
+                }
+                let mean = low as f64 / 2f64.powi(32) * f64::from(on.r);
+                assert!((mean / f64::from(strongest) - 1.0).abs() < 3e-7, "{strongest}: {mean}");
+                let (sixteen, alive) =
+                    roulette.play_x16(beta.to_array().map(f32x16::splat), f32x16::ONE, f32x16::ZERO);
+                assert_eq!((sixteen[0].as_array()[2], alive.to_bitmask()), (on.r, 0xffff));
             }
-            let mean = low as f64 / 2f64.powi(32) * f64::from(on.r);
-            assert!((mean / f64::from(strongest) - 1.0).abs() < 3e-7, "{strongest}: {mean}");
-            let (sixteen, alive) =
-                roulette.play_x16(beta.to_array().map(f32x16::splat), f32x16::ONE, f32x16::ZERO);
-            assert_eq!((sixteen[0].as_array()[2], alive.to_bitmask()), (on.r, 0xffff));
         }
         assert!(Roulette::at(4, 5).is_none());
     }

@@ -88,7 +88,7 @@ impl PhotonPaths {
                 paths.keep_hits(hits, |_, _| {});
             }
             let go_on = self.allows(edges + 1);
-            let roulette = Roulette::at(edges, self.rr_depth);
+            let roulette = Roulette::for_photons(edges, self.rr_depth);
             if go_on {
                 draw(scene, edges - 1, roulette.is_some(), worker);
             }
