@@ -91,6 +91,11 @@ impl Gtr1 {
         Gtr1 { alpha2: alpha * alpha }
     }
 
+    /// Returns the square of the roughness.
+    pub fn alpha2(self) -> f32 {
+        self.alpha2
+    }
+
     /// Returns the density of normals per unit solid angle and unit area of the surface.
     pub fn d(&self, m: Vec3) -> f32 {
         let a = self.alpha2 - 1.0;

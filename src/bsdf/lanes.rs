@@ -1,11 +1,12 @@
 //! BSDF evaluation and sampling for sixteen points at a time.
 //!
-//! Diffuse reflection, plastics, and boundaries of conductors and dielectrics are computed in parallel lanes, other
-//! BSDFs one lane after the other. The result of a lane does not depend on the other lanes.
+//! Diffuse reflection, plastics, boundaries of conductors and dielectrics, and the principled model without transmission
+//! are computed in parallel lanes, other BSDFs one lane after the other. The result of a lane does not depend on the other lanes.
 
 use super::conductor::ConductorX16;
 use super::dielectric::DielectricX16;
 use super::plastic::PlasticX16;
+use super::principled_lanes::PrincipledX16;
 use super::rough_conductor::RoughConductorX16;
 use super::rough_dielectric::RoughDielectricX16;
 use super::rough_plastic::RoughPlasticX16;
@@ -114,6 +115,7 @@ kernels! {
     RoughDielectric(RoughDielectricX16),
     RoughPlastic(RoughPlasticX16<'a>),
     Plastic(PlasticX16),
+    Principled(PrincipledX16),
     Dielectric(DielectricX16),
     Conductor(ConductorX16),
 }
@@ -248,7 +250,7 @@ mod tests {
     use crate::bsdf::fresnel::ConductorFresnel;
     use crate::bsdf::microfacet::{Distribution, Microfacets};
     use crate::bsdf::{
-        Conductor, Dielectric, Diffuse, Plastic, RoughConductor, RoughDielectric, RoughPlastic,
+        Conductor, Dielectric, Diffuse, Plastic, Principled, RoughConductor, RoughDielectric, RoughPlastic,
         RoughTransmittance,
     };
     use crate::math::Vec3;
@@ -312,7 +314,7 @@ mod tests {
                     let (alpha_x, alpha_y) = (alpha(), alpha());
                     let microfacets = Microfacets { distribution, alpha_x, alpha_y, sample_visible: true };
                     let nonlinear = i % 2 == 0;
-                    match (i + round) % 8 {
+                    match (i + round) % 9 {
                         0 => Bsdf::RoughConductor(RoughConductor {
                             microfacets,
                             fresnel,
@@ -332,6 +334,20 @@ mod tests {
                             eta: [1.5, 0.8][kind - 4],
                             specular_reflectance: Rgb::new(0.5, 0.9, 0.3),
                             specular_transmittance: Rgb::new(1.0, 0.9, 0.2),
+                        }),
+                        8 => Bsdf::Principled(Principled {
+                            base_color: Rgb::new(0.5, 0.9, 0.3),
+                            roughness: alpha(),
+                            anisotropy: alpha(),
+                            metallic: alpha() - 0.02,
+                            spec_trans: 0.0,
+                            eta: 1.0 + alpha(),
+                            spec_tint: if nonlinear { alpha() } else { 0.0 },
+                            sheen: alpha(),
+                            sheen_tint: alpha(),
+                            flatness: alpha(),
+                            clearcoat: alpha() - 0.02,
+                            clearcoat_gloss: alpha(),
                         }),
                         kind => Bsdf::RoughDielectric(RoughDielectric {
                             microfacets,

@@ -19,6 +19,7 @@ pub mod mask;
 pub mod microfacet;
 pub mod plastic;
 pub mod principled;
+pub mod principled_lanes;
 pub mod principled_thin;
 pub mod rough_conductor;
 pub mod rough_dielectric;

@@ -86,7 +86,7 @@ struct LobeProbabilities {
 }
 
 /// The microfacet distribution for the masking of the clear coat. [Burley 2012, 5]
-const CLEARCOAT_MASKING: Microfacets =
+pub(super) const CLEARCOAT_MASKING: Microfacets =
     Microfacets { distribution: Distribution::Ggx, alpha_x: 0.25, alpha_y: 0.25, sample_visible: true };
 
 impl Principled {
@@ -100,7 +100,7 @@ impl Principled {
         self.transmitting() > 0.0
     }
 
-    fn microfacets(&self) -> Microfacets {
+    pub(super) fn microfacets(&self) -> Microfacets {
         burley::microfacets(self.roughness, self.anisotropy)
     }
 
@@ -110,7 +110,7 @@ impl Principled {
     }
 
     /// Returns the weight of the part with a diffuse base.
-    fn opaque(&self) -> f32 {
+    pub(super) fn opaque(&self) -> f32 {
         (1.0 - self.metallic) * (1.0 - self.spec_trans)
     }
 
@@ -181,7 +181,7 @@ impl Principled {
         }
     }
 
-    fn sheen_color(&self) -> Rgb {
+    pub(super) fn sheen_color(&self) -> Rgb {
         burley::tinted(self.base_color, self.sheen_tint)
     }
 
