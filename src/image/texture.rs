@@ -193,6 +193,50 @@ impl TextureImage {
         }
     }
 
+    /// Returns the linear colour between the pixels in two columns and two rows. The weights of the second column and
+    /// row are `at`.
+    ///
+    /// # Panics
+    /// If a pixel is outside the image.
+    #[inline]
+    pub fn bilinear(&self, columns: [usize; 2], rows: [usize; 2], at: [f32; 2]) -> [f32; 3] {
+        match &self.texels {
+            Texels::Bytes { codes, values } => {
+                let values: &[f32; 256] = values[..].try_into().expect("a value for each byte");
+                self.bilinear_of(codes, columns, rows, at, |v| values[usize::from(v)])
+            }
+            Texels::Shorts { codes, values } => {
+                self.bilinear_of(codes, columns, rows, at, |v| values[usize::from(v)])
+            }
+            Texels::Halves(values) => self.bilinear_of(values, columns, rows, at, f16::to_f32),
+            Texels::Floats(values) => self.bilinear_of(values, columns, rows, at, |v| v),
+        }
+    }
+
+    /// Computes [`bilinear`](Self::bilinear) for samples of one type.
+    #[inline(always)]
+    fn bilinear_of<T: Copy>(
+        &self,
+        samples: &[T],
+        [left, right]: [usize; 2],
+        [top, bottom]: [usize; 2],
+        [s, t]: [f32; 2],
+        value: impl Fn(T) -> f32,
+    ) -> [f32; 3] {
+        assert!(left.max(right) < self.width, "columns {left} and {right} of a texture {} wide", self.width);
+        let pixel = |x: usize, y: usize| {
+            let start = (y * self.width + x) * self.channels;
+            &samples[start..start + self.channels]
+        };
+        let (a, b, c, d) = (pixel(left, top), pixel(right, top), pixel(left, bottom), pixel(right, bottom));
+        let lerp = |a: f32, b: f32, t: f32| a * (1.0 - t) + b * t;
+        let channel = |i: usize| {
+            let upper = lerp(value(a[i]), value(b[i]), s);
+            lerp(upper, lerp(value(c[i]), value(d[i]), s), t)
+        };
+        if self.channels == 3 { [channel(0), channel(1), channel(2)] } else { [channel(0); 3] }
+    }
+
     /// Returns the colour of the first pixel in `samples`.
     #[inline]
     fn pixel<T: Copy>(&self, samples: &[T], value: impl Fn(T) -> f32) -> [f32; 3] {

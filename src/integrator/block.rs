@@ -60,21 +60,16 @@ impl<'a> ShadingBlock<'a> {
         let rays = RayX16::load(rays, first);
         let hits = &hits[first..first + count];
         // Inactive lanes repeat the last hit.
-        let hit = |i: usize| hits[i.min(count - 1)].expect("rays without a hit were removed");
-        let hits = match hits.first_chunk::<LANES>() {
-            Some(chunk) => chunk.map(|hit| hit.expect("rays without a hit were removed")),
-            None => std::array::from_fn(hit),
-        };
-        let at = scene.interactions(&rays, &hits);
+        let last = hits[count - 1].expect("rays without a hit were removed");
+        let mut all = [last; LANES];
+        for (lane, hit) in all.iter_mut().zip(hits) {
+            *lane = hit.expect("rays without a hit were removed");
+        }
+        let at = scene.interactions(&rays, &all);
         let wo = at.frame.to_local(-rays.d);
         let bsdfs = match scene.needs.varying_materials {
             false => at.material.map(|material| scene.constant_bsdf(material)),
-            true => std::array::from_fn(|i| {
-                scene.materials.get(at.material[i]).constant.as_ref().unwrap_or_else(|| {
-                    let viewer = from_viewer.then(|| wo.lane(i));
-                    scene.bsdf(&at.lane(i), viewer, arena)
-                })
-            }),
+            true => scene.bsdfs(&at, from_viewer.then_some(&wo), arena),
         };
         let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
         ShadingBlock { first, active, rays, at, bsdfs, finite: finite & active, wo }

@@ -20,7 +20,9 @@ pub struct SceneMaterial {
     /// The BSDF, if it is constant over the surface and borrows nothing.
     pub constant: Option<Bsdf<'static>>,
     /// Whether the BSDF is constant over the surface.
-    uniform: bool,
+    pub uniform: bool,
+    /// Whether the BSDF depends on nothing but textures.
+    pub plain: bool,
     /// Whether the back scatters as the front does. If so, surface points turn their frames to the ray.
     pub two_sided: bool,
     /// Whether the tangents of the local frame matter.
@@ -108,6 +110,7 @@ impl Materials {
                 prepared: outer.prepare(),
                 constant: None,
                 uniform: outer.inner().is_empty() && outer.textures().is_empty(),
+                plain: outer.inner().is_empty() && !is(outer, Material::has_holes),
                 two_sided,
                 tangents: is(outer, Material::has_tangents),
                 holes: is(outer, Material::has_holes),
@@ -135,6 +138,13 @@ impl Materials {
     pub fn uniform<'a>(&'a self, entry: &'a SceneMaterial) -> Option<Bsdf<'a>> {
         let point = TexturePoint::at(Vec2::ZERO);
         entry.uniform.then(|| entry.material.bsdf(&entry.prepared, &self.inputs(&point)))
+    }
+
+    /// Returns the BSDF at a point of a material that depends on nothing but its own textures; `None` if it has holes,
+    /// inner materials or a BSDF for each side.
+    #[inline]
+    pub fn textured<'a>(&'a self, entry: &'a SceneMaterial, point: &TexturePoint<'_>) -> Option<Bsdf<'a>> {
+        entry.plain.then(|| entry.material.bsdf(&entry.prepared, &self.inputs(point)))
     }
 
     /// Returns a material.
@@ -169,6 +179,7 @@ impl Materials {
     }
 
     /// Returns an evaluator of parameters at a point.
+    #[inline]
     pub(super) fn inputs<'a>(&'a self, point: &'a TexturePoint<'a>) -> Inputs<'a> {
         Inputs { textures: &self.textures, point }
     }

@@ -22,7 +22,7 @@ use crate::emitter::{
     ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
-use crate::material::{MaterialPoint, Materials, Scattering};
+use crate::material::{MaterialPoint, Materials, Scattering, SceneMaterial};
 use crate::math::lanes::{bits, mask_from_bits};
 use crate::math::ray::{offset_origin, offset_origin_x16};
 use crate::math::{Bounds, Frame, FrameX16, LANES, Ray, RayX16, Vec2, Vec3, Vec3x16, f32x16};
@@ -194,6 +194,49 @@ impl Scene {
             None => arena
                 .alloc(self.materials.uniform(material).unwrap_or_else(|| self.varying_bsdf(at, wo, arena))),
         }
+    }
+
+    /// Returns the BSDFs at sixteen surface points, as [`bsdf`](Self::bsdf) does for one.
+    #[inline]
+    pub fn bsdfs<'a>(
+        &'a self,
+        at: &SurfaceInteractionX16,
+        wo: Option<&Vec3x16>,
+        arena: &'a Bump,
+    ) -> [&'a Bsdf<'a>; LANES] {
+        let mut last: &'a Bsdf<'a> = &Bsdf::Null;
+        let mut bsdfs = [last; LANES];
+        for (i, bsdf) in bsdfs.iter_mut().enumerate() {
+            let material = self.materials.get(at.material[i]);
+            *bsdf = match &material.constant {
+                Some(constant) => constant,
+                // Neighbours often have the same material.
+                None if i > 0 && material.uniform && at.material[i] == at.material[i - 1] => last,
+                None => self.varying_bsdf_in_lane(material, at, i, wo, arena),
+            };
+            last = bsdf;
+        }
+        bsdfs
+    }
+
+    /// Returns the BSDF of a varying material in one lane.
+    #[inline]
+    fn varying_bsdf_in_lane<'a>(
+        &'a self,
+        material: &'a SceneMaterial,
+        at: &SurfaceInteractionX16,
+        i: usize,
+        wo: Option<&Vec3x16>,
+        arena: &'a Bump,
+    ) -> &'a Bsdf<'a> {
+        if material.plain && !material.uniform && (wo.is_some() || !material.two_sided) {
+            let (hit, world) = (&at.hit[i], &self.shapes[at.hit[i].geometry as usize].world);
+            let p = self.local_point(hit, at.time.as_array()[i], at.p.lane(i));
+            if let Some(bsdf) = self.materials.textured(material, &world.texture_point(hit, p)) {
+                return arena.alloc(bsdf);
+            }
+        }
+        self.bsdf(&at.lane(i), wo.map(|wo| wo.lane(i)), arena)
     }
 
     /// Returns the BSDF of a material that is constant over the surface.

@@ -62,14 +62,6 @@ pub struct Bitmap {
     mean: Rgb,
 }
 
-/// The four texels around a point, and the position of the point between their centres.
-struct TexelQuad {
-    /// The colours, by row, then by column.
-    colors: [[Rgb; 2]; 2],
-    /// The weights of the second column and row, in [0, 1].
-    at: Vec2,
-}
-
 impl Bitmap {
     /// Creates a texture that evaluates an image at `to_uv` times the texture coordinates. Values that are not
     /// colours need an image read [`as_linear`](TextureImage::as_linear).
@@ -119,13 +111,13 @@ impl Bitmap {
         Vec2::new(self.image.width() as f32, self.image.height() as f32)
     }
 
-    fn corners(&self, uv: Vec2) -> TexelQuad {
+    /// Returns the columns and rows of the four texels around a point, and the weights of the second column and row.
+    #[inline]
+    fn around(&self, uv: Vec2) -> ([usize; 2], [usize; 2], Vec2) {
         let p = self.to_uv.transform_point2(uv) * self.resolution() - 0.5;
         let low = p.floor();
         let (x, y) = (index(low.x), index(low.y));
-        let columns = [self.column(x), self.column(x + 1)];
-        let rows = [self.row(y), self.row(y + 1)];
-        TexelQuad { colors: rows.map(|y| columns.map(|x| Rgb::from(self.image.rgb(x, y)))), at: p - low }
+        ([self.column(x), self.column(x + 1)], [self.row(y), self.row(y + 1)], p - low)
     }
 
     /// Returns the colour at a point.
@@ -134,9 +126,8 @@ impl Bitmap {
             let p = (self.to_uv.transform_point2(point.uv) * self.resolution()).floor();
             return Rgb::from(self.image.rgb(self.column(index(p.x)), self.row(index(p.y))));
         }
-        let TexelQuad { colors: [top, bottom], at } = self.corners(point.uv);
-        let lerp = |a: Rgb, b: Rgb, t: f32| a * (1.0 - t) + b * t;
-        lerp(lerp(top[0], top[1], at.x), lerp(bottom[0], bottom[1], at.x), at.y)
+        let (columns, rows, at) = self.around(point.uv);
+        Rgb::from(self.image.bilinear(columns, rows, at.to_array()))
     }
 
     /// Returns the scalar of a colour: its luminance, or the value of a grey image.
@@ -155,8 +146,9 @@ impl Bitmap {
         if self.filter_type == FilterType::Nearest {
             return Vec2::ZERO;
         }
-        let TexelQuad { colors, at } = self.corners(point.uv);
-        let [[f00, f10], [f01, f11]] = colors.map(|row| row.map(|c| self.scalar(c)));
+        let (columns, rows, at) = self.around(point.uv);
+        let texel = |x: usize, y: usize| self.scalar(Rgb::from(self.image.rgb(columns[x], rows[y])));
+        let (f00, f10, f01, f11) = (texel(0, 0), texel(1, 0), texel(0, 1), texel(1, 1));
         let by_texel = Vec2::new(
             (1.0 - at.y) * (f10 - f00) + at.y * (f11 - f01),
             (1.0 - at.x) * (f01 - f00) + at.x * (f11 - f10),
