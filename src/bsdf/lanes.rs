@@ -82,6 +82,7 @@ pub(super) trait Kernel<'a>: Sized {
 macro_rules! kernels {
     ($($name:ident($kernel:ty),)*) => {
         /// A kernel of any kind.
+        #[expect(clippy::large_enum_variant, reason = "one is on the stack, for the time of one call")]
         enum AnyKernel<'a> {
             $($name($kernel),)*
         }

@@ -5,6 +5,9 @@ use super::fresnel;
 use super::microfacet::{Distribution, Microfacets, beckmann_slope_across, beckmann_slope_along};
 use crate::math::{Vec2, Vec3};
 use crate::sampling::warp;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The transmittance of a rough dielectric boundary from outside, and its diffuse reflectance from inside.
 ///
@@ -21,23 +24,40 @@ pub struct RoughTransmittance {
 const RESOLUTION: usize = 64;
 
 impl RoughTransmittance {
-    /// Integrates over the visible facets, which takes some tens of milliseconds. `eta` is the index below relative
-    /// to that outside.
+    /// Returns the table for the given parameters, which is computed at the first call only.
+    pub fn shared(distribution: Distribution, alpha: f32, eta: f32) -> Arc<Self> {
+        type Parameters = (Distribution, [u32; 2]);
+        static TABLES: Mutex<BTreeMap<Parameters, Arc<RoughTransmittance>>> = Mutex::new(BTreeMap::new());
+        let parameters = (distribution, [alpha, eta].map(f32::to_bits));
+        let tables = || TABLES.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(table) = tables().get(&parameters) {
+            return table.clone();
+        }
+        // Without the lock, because a thread that waits for others may be given another material to prepare.
+        let table = Arc::new(RoughTransmittance::new(distribution, alpha, eta));
+        tables().entry(parameters).or_insert(table).clone()
+    }
+
+    /// Integrates over the visible facets, which takes about a tenth of a second on one thread. `eta` is the index below
+    /// relative to that outside.
     pub fn new(distribution: Distribution, alpha: f32, eta: f32) -> Self {
         let facets = Microfacets { distribution, alpha_x: alpha, alpha_y: alpha, sample_visible: true };
         // Uses more nodes where total internal reflection causes a kink.
         let rule = |eta: f32| gauss(if eta > 1.0 { 32 } else { 128 });
         let (outside, inside) = (rule(eta), rule(1.0 / eta));
-        let mut external = [0.0; RESOLUTION];
-        let mut internal = 0.0;
-        for (i, t) in external.iter_mut().enumerate() {
+        let at = |i: usize| {
             let cos = (i as f32 / (RESOLUTION - 1) as f32).max(1e-6);
-            *t = transmittance(&facets, cos, eta, &outside) as f32;
-            // A mean of samples that includes both ends. It is not a proper quadrature, but the definition of the
-            // scene language.
-            internal += 2.0 * f64::from(cos) * reflectance(&facets, cos, 1.0 / eta, &inside);
+            let reflected = 2.0 * f64::from(cos) * reflectance(&facets, cos, 1.0 / eta, &inside);
+            (transmittance(&facets, cos, eta, &outside) as f32, reflected)
+        };
+        let (external, reflected): (Vec<f32>, Vec<f64>) = (0..RESOLUTION).into_par_iter().map(at).unzip();
+        // A mean of samples that includes both ends. It is not a proper quadrature, but the definition of the scene
+        // language.
+        let internal = reflected.iter().sum::<f64>() / RESOLUTION as f64;
+        RoughTransmittance {
+            external: external.try_into().expect("one value for each cosine"),
+            internal: internal as f32,
         }
-        RoughTransmittance { external, internal: (internal / RESOLUTION as f64) as f32 }
     }
 
     /// Returns the fraction of light at the cosine `cos` outside that enters, interpolated linearly.

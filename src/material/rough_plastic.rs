@@ -7,7 +7,6 @@ use crate::bsdf::microfacet::Microfacets;
 use crate::bsdf::{self, Bsdf, RoughTransmittance};
 use crate::error::Result;
 use crate::ids::TextureId;
-use std::sync::Arc;
 
 /// A diffuse base under a rough dielectric coat.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -44,8 +43,8 @@ impl Plugin for RoughPlastic {
 
     fn prepare(&self) -> Prepared {
         let alpha = self.alpha.max(LEAST_ALPHA);
-        let rough = RoughTransmittance::new(self.distribution, alpha, self.interface.eta());
-        Prepared { rough: Some(Arc::new(rough)), ..Prepared::default() }
+        let rough = RoughTransmittance::shared(self.distribution, alpha, self.interface.eta());
+        Prepared { rough: Some(rough), ..Prepared::default() }
     }
 
     fn bsdf<'a>(&'a self, prepared: &'a Prepared, inputs: &Inputs<'_>) -> Bsdf<'a> {
