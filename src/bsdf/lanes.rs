@@ -1,7 +1,8 @@
 //! BSDF evaluation and sampling for sixteen points at a time.
 //!
-//! Diffuse reflection, plastics, boundaries of conductors and dielectrics, and the principled model without transmission
-//! are computed in parallel lanes, other BSDFs one lane after the other. The result of a lane does not depend on the other lanes.
+//! Diffuse reflection, plastics, boundaries of conductors and dielectrics, and the principled model without
+//! transmission are computed in parallel lanes, other BSDFs one lane after the other. The result of a lane does not
+//! depend on the other lanes.
 
 use super::conductor::ConductorX16;
 use super::dielectric::DielectricX16;

@@ -322,8 +322,8 @@ fn sample_visible_beckmann(v: &Vec3x16, u: [f32x16; 2]) -> Vec3x16 {
 }
 
 /// Computes the slope of `beckmann_slope_along` in each lane, with an error of its cumulative distribution below
-/// 2·10⁻⁶. The variable is the error function of the slope, in which the cumulative distribution is almost linear, so two
-/// steps of Halley's method suffice. [Jakob 2014]
+/// 2·10⁻⁶. The variable is the error function of the slope, in which the cumulative distribution is almost linear, so
+/// two steps of Halley's method suffice. [Jakob 2014]
 #[inline(always)]
 fn beckmann_slope_along_x16(cos: f32x16, sin: f32x16, u: f32x16) -> f32x16 {
     let (one, k) = (f32x16::ONE, f32x16::splat(FRAC_1_SQRT_PI));

@@ -38,8 +38,8 @@ impl RoughTransmittance {
         tables().entry(parameters).or_insert(table).clone()
     }
 
-    /// Integrates over the visible facets, which takes about a tenth of a second on one thread. `eta` is the index below
-    /// relative to that outside.
+    /// Integrates over the visible facets, which takes about a tenth of a second on one thread. `eta` is the index
+    /// below relative to that outside.
     pub fn new(distribution: Distribution, alpha: f32, eta: f32) -> Self {
         let facets = Microfacets { distribution, alpha_x: alpha, alpha_y: alpha, sample_visible: true };
         // Uses more nodes where total internal reflection causes a kink.
