@@ -68,6 +68,7 @@ mod scattering;
 mod scattering_adjoint;
 mod scattering_empirical;
 mod scattering_extremes;
+mod scattering_hair;
 mod scattering_principled;
 mod scattering_rough;
 mod scattering_values;

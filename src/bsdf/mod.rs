@@ -14,10 +14,12 @@ pub mod diffuse_transmitter;
 pub mod empirical;
 pub mod facet;
 pub mod fresnel;
+pub mod hair;
 pub mod lanes;
 pub mod mask;
 pub mod microfacet;
 pub mod plastic;
+pub mod polarized_plastic;
 pub mod principled;
 pub mod principled_lanes;
 pub mod principled_thin;
@@ -39,9 +41,11 @@ pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
 pub use diffuse_transmitter::DiffuseTransmitter;
 pub use empirical::{DiffuseAnd, Phong, Ward};
+pub use hair::Hair;
 pub use lanes::{BsdfEvalX16, BsdfSampleX16};
 pub use mask::Mask;
 pub use plastic::Plastic;
+pub use polarized_plastic::PolarizedPlastic;
 pub use principled::Principled;
 pub use principled_thin::PrincipledThin;
 pub use rough_conductor::RoughConductor;
@@ -131,6 +135,10 @@ pub enum Bsdf<'a> {
     Principled(Principled),
     /// The principled model of a thin sheet.
     PrincipledThin(PrincipledThin),
+    /// Diffuse reflection below a boundary that also reflects.
+    PolarizedPlastic(PolarizedPlastic),
+    /// Scattering by a hair.
+    Hair(Hair),
     /// A linear combination of two BSDFs.
     Blend(Blend<'a>),
     /// A BSDF under a smooth dielectric coating.
@@ -192,6 +200,8 @@ impl Bsdf<'_> {
             Bsdf::Plastic(b) => Bsdf::Plastic(b),
             Bsdf::Principled(b) => Bsdf::Principled(b),
             Bsdf::PrincipledThin(b) => Bsdf::PrincipledThin(b),
+            Bsdf::PolarizedPlastic(b) => Bsdf::PolarizedPlastic(b),
+            Bsdf::Hair(b) => Bsdf::Hair(b),
             Bsdf::RoughPlastic(_) | Bsdf::Blend(_) | Bsdf::Coating(_) => return None,
             Bsdf::Mask(_) | Bsdf::Tilted(_) | Bsdf::TwoSided(_) => {
                 return None;
@@ -210,6 +220,7 @@ impl Bsdf<'_> {
                 Lobes::FINITE
             }
             Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => Lobes::FINITE,
+            Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => Lobes::FINITE,
             Bsdf::Plastic(_) => Lobes { finite: true, deltas: 1 },
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
             Bsdf::RoughDielectric(_) => Lobes::FINITE,
@@ -239,6 +250,8 @@ impl Bsdf<'_> {
             Bsdf::ThinDielectric(_) | Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => false,
             Bsdf::Principled(b) => b.anisotropy != 0.0,
             Bsdf::PrincipledThin(b) => b.anisotropy != 0.0,
+            Bsdf::PolarizedPlastic(b) => b.microfacets.is_anisotropic(),
+            Bsdf::Hair(_) => true,
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.is_anisotropic()),
             Bsdf::Coating(b) => b.inner.is_anisotropic(),
             Bsdf::Mask(b) => b.inner.is_anisotropic(),
@@ -251,10 +264,10 @@ impl Bsdf<'_> {
     pub fn transmits(&self) -> bool {
         match self {
             Bsdf::Null | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
-            Bsdf::DiffuseTransmitter(_) => true,
+            Bsdf::DiffuseTransmitter(_) | Bsdf::Hair(_) => true,
             Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
             Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => false,
-            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Coating(_) => false,
+            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::PolarizedPlastic(_) | Bsdf::Coating(_) => false,
             Bsdf::Principled(b) => b.transmits(),
             Bsdf::PrincipledThin(b) => b.transmits(),
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.transmits()),
@@ -269,7 +282,7 @@ impl Bsdf<'_> {
         match self {
             Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
             Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) => false,
-            Bsdf::Phong(_) | Bsdf::Ward(_) => true,
+            Bsdf::Phong(_) | Bsdf::Ward(_) | Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => true,
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
             Bsdf::Blend(_) | Bsdf::Coating(_) | Bsdf::Mask(_) => true,
@@ -293,6 +306,8 @@ impl Bsdf<'_> {
             Bsdf::RoughPlastic(b) => b.eval(wo, wi),
             Bsdf::Principled(b) => b.eval(wo, wi),
             Bsdf::PrincipledThin(b) => b.eval(wo, wi),
+            Bsdf::PolarizedPlastic(b) => b.eval(wo, wi),
+            Bsdf::Hair(b) => b.eval(wo, wi),
             Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => BsdfEval::ZERO,
             Bsdf::Blend(b) => b.eval(wo, wi),
             Bsdf::Coating(b) => b.eval(wo, wi),
@@ -321,6 +336,8 @@ impl Bsdf<'_> {
             Bsdf::RoughPlastic(b) => b.sample(wo, u_lobe, u),
             Bsdf::Principled(b) => b.sample(wo, u_lobe, u),
             Bsdf::PrincipledThin(b) => b.sample(wo, u_lobe, u),
+            Bsdf::PolarizedPlastic(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Hair(b) => b.sample(wo, u_lobe, u),
             Bsdf::Null => Some(mask::unscattered(wo)),
             Bsdf::Blend(b) => b.sample(wo, u_lobe, u),
             Bsdf::Coating(b) => b.sample(wo, u_lobe, u),
@@ -349,6 +366,8 @@ impl Bsdf<'_> {
             Bsdf::RoughPlastic(b) => b.albedo(),
             Bsdf::Principled(b) => b.albedo(),
             Bsdf::PrincipledThin(b) => b.albedo(),
+            Bsdf::PolarizedPlastic(b) => b.albedo(),
+            Bsdf::Hair(b) => b.albedo(),
             Bsdf::Null => Rgb::WHITE,
             Bsdf::Blend(b) => b.albedo(),
             Bsdf::Coating(b) => b.albedo(),

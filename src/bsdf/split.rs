@@ -3,7 +3,9 @@
 //! Irradiance caches provide the light of the diffuse part, for which directions do not matter. The rest is traced.
 
 use super::two_sided::mirrored;
-use super::{Blend, Bsdf, Diffuse, DiffuseAnd, Plastic, RoughPlastic, Tilted, TwoSided, fresnel};
+use super::{
+    Blend, Bsdf, Diffuse, DiffuseAnd, Plastic, PolarizedPlastic, RoughPlastic, Tilted, TwoSided, fresnel,
+};
 use crate::color::Rgb;
 use crate::math::Vec3;
 use bumpalo::Bump;
@@ -38,6 +40,10 @@ impl<'a> Bsdf<'a> {
             Bsdf::RoughPlastic(b) if !b.diffuse_reflectance.is_black() => both(
                 Bsdf::RoughPlastic(RoughPlastic { specular_reflectance: Rgb::BLACK, ..*b }),
                 Bsdf::RoughPlastic(RoughPlastic { diffuse_reflectance: Rgb::BLACK, ..*b }),
+            ),
+            Bsdf::PolarizedPlastic(b) if !b.diffuse_reflectance.is_black() => both(
+                Bsdf::PolarizedPlastic(PolarizedPlastic { specular_reflectance: Rgb::BLACK, ..*b }),
+                Bsdf::PolarizedPlastic(PolarizedPlastic { diffuse_reflectance: Rgb::BLACK, ..*b }),
             ),
             Bsdf::Phong(b) if !b.diffuse_reflectance.is_black() => both(
                 Bsdf::Diffuse(Diffuse { reflectance: b.diffuse_reflectance }),
@@ -93,6 +99,10 @@ impl<'a> Bsdf<'a> {
             Bsdf::RoughPlastic(b) if wo.z > 0.0 => {
                 let (leaving, entering) = (b.transmittance.external(wo.z), b.transmittance.external_mean());
                 b.base() * (leaving * entering * FRAC_1_PI)
+            }
+            Bsdf::PolarizedPlastic(b) if wo.z > 0.0 => {
+                let entering = 1.0 - fresnel::diffuse_reflectance(b.eta);
+                b.diffuse_reflectance * (b.transmittance(wo.z) * entering * FRAC_1_PI)
             }
             Bsdf::Blend(b) => {
                 let [first, second] = b.bsdfs.map(|bsdf| bsdf.radiance_per_irradiance(wo));

@@ -13,6 +13,7 @@ mod conductor;
 mod dielectric;
 mod diffuse;
 mod diffuse_transmitter;
+mod hair;
 mod mask;
 mod mixture;
 mod normal_map;
@@ -20,6 +21,7 @@ mod null;
 mod parts;
 mod phong;
 mod plastic;
+mod polarized_plastic;
 mod principled;
 mod principled_thin;
 mod rough_conductor;
@@ -41,6 +43,7 @@ pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
 pub use diffuse_transmitter::DiffuseTransmitter;
+pub use hair::Hair;
 pub use mask::Mask;
 pub use mixture::Mixture;
 pub use normal_map::NormalMap;
@@ -48,6 +51,7 @@ pub use null::Null;
 pub use parts::{Coated, DiffuseAndSpecular, Interface, Metal, Roughness};
 pub use phong::Phong;
 pub use plastic::Plastic;
+pub use polarized_plastic::PolarizedPlastic;
 pub use principled::Principled;
 pub use principled_thin::PrincipledThin;
 pub use rough_conductor::RoughConductor;
@@ -301,4 +305,8 @@ plugins! {
     Ward(Ward),
     /// A material under a smooth dielectric coating.
     Coating(Coating),
+    /// A fibre with an absorbing interior.
+    Hair(Hair),
+    /// Diffuse reflection below a boundary that also reflects.
+    PolarizedPlastic(PolarizedPlastic),
 }

@@ -90,7 +90,7 @@ impl Interface {
 }
 
 /// Reads an index of refraction: a number or the name of a dielectric.
-fn read_ior(source: &mut dyn Source, name: &'static str, default: &str) -> Result<f32> {
+pub(super) fn read_ior(source: &mut dyn Source, name: &'static str, default: &str) -> Result<f32> {
     match source.number_or_name(name)? {
         None => ior::dielectric(default)
             .ok_or_else(|| source.object_error(&format!("unknown dielectric {}", quoted(default)))),

@@ -6,8 +6,8 @@ use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
 use buffon::bsdf::{
     Blend, Bsdf, BsdfSample, Coating, Conductor, Dielectric, Diffuse, DiffuseAnd, DiffuseTransmitter, Lobe,
-    Mask, Phong, Plastic, Principled, PrincipledThin, RoughConductor, RoughDielectric, RoughDiffuse,
-    RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
+    Mask, Phong, Plastic, PolarizedPlastic, Principled, PrincipledThin, RoughConductor, RoughDielectric,
+    RoughDiffuse, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
 };
 use buffon::color::Rgb;
 use buffon::math::{DVec3, Frame, Vec2, Vec3};
@@ -260,6 +260,12 @@ pub fn simple_models() -> Vec<Bsdf<'static>> {
             sheen_tint: 0.5,
             flatness: 0.2,
             diff_trans: 0.8,
+        }),
+        Bsdf::PolarizedPlastic(PolarizedPlastic {
+            microfacets: facets(Distribution::Ggx, [0.2, 0.4], true),
+            diffuse_reflectance: white,
+            specular_reflectance: white,
+            eta: 1.5,
         }),
     ]
 }
