@@ -155,6 +155,8 @@
 //! - `[Astronomical Almanac 2010]` The Astronomical Almanac for the Year 2010. US Naval Observatory, HM Nautical
 //!   Almanac Office.
 //! - `[Bayer 1973]` An optimum method for two-level rendition of continuous-tone pictures. ICC.
+//! - `[Bekaert 2002]` Bekaert, Sbert, Halton: Accelerating path tracing by re-using paths. Eurographics Workshop on
+//!   Rendering.
 //! - `[Bentley 1975]` Multidimensional binary search trees used for associative searching. CACM 18(9).
 //! - `[Blanco-Muriel 2001]` Blanco-Muriel, Alarcón-Padilla, López-Moratalla, Lara-Coira: Computing the solar vector.
 //!   Solar Energy 70(5).

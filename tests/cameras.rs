@@ -15,7 +15,7 @@ const SIZE: u32 = 24;
 
 /// Returns the settings for emitted light alone. Its only noise is that of positions, lens and time.
 fn emitted() -> Settings {
-    Settings::Path(PathLimits { max_depth: Some(1), ..PathLimits::default() })
+    Settings::Path(PathLimits { max_depth: Some(1), ..PathLimits::default() }.into())
 }
 
 fn lamp(description: &mut Description, shape: Shape, to_world: impl Into<Motion>, radiance: f32) {
@@ -166,11 +166,9 @@ fn check_moving_lamps(shapes: &[Shape]) {
             let mut description = description.clone();
             description.sensors = vec![SensorSettings { shutter, ..sensor.clone() }];
             let scene = compiled(description, AccelKind::default());
-            let path = Settings::Path(PathLimits {
-                max_depth: Some(2),
-                hide_emitters: true,
-                ..PathLimits::default()
-            });
+            let path = Settings::Path(
+                PathLimits { max_depth: Some(2), hide_emitters: true, ..PathLimits::default() }.into(),
+            );
             pixels(&render(&scene, &path, SamplerKind::Sobol, spp, seed))
         };
         let n = 64;

@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 
 /// Returns the settings of a path integrator with a maximum depth and a first depth of roulette.
 fn path(max_depth: Option<u32>, rr_depth: u32) -> Settings {
-    Settings::Path(PathLimits { max_depth, rr_depth, hide_emitters: false })
+    Settings::Path(PathLimits { max_depth, rr_depth, hide_emitters: false }.into())
 }
 
 fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {

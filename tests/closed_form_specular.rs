@@ -17,7 +17,7 @@ use buffon::scene::{Description, Scene};
 use buffon::shape::Shape;
 
 fn path(max_depth: Option<u32>) -> Settings {
-    Settings::Path(PathLimits { max_depth, ..PathLimits::default() })
+    Settings::Path(PathLimits { max_depth, ..PathLimits::default() }.into())
 }
 
 fn glass(ior: f32) -> Material {
@@ -198,7 +198,7 @@ fn asked(scene: &Scene, settings: &Settings, query: RadianceQuery) -> Vec<Radian
         })
         .unzip();
     let mut out = vec![Radiance::NONE; rays.len()];
-    let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent };
+    let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups: &[] };
     settings.create().li(
         scene,
         wave,
@@ -260,7 +260,7 @@ fn hidden_emitters_shine_without_being_seen() {
             let exact = if hide_emitters { 0.5 * 3.0 * (0.5f64 / 1.5).powi(2) } else { 3.0 };
             let direct = Settings::Direct(DirectSettings { hide_emitters, ..DirectSettings::default() });
             let two_edges = PathLimits { max_depth: Some(2), hide_emitters, ..PathLimits::default() };
-            for settings in [direct, Settings::Path(two_edges)] {
+            for settings in [direct, Settings::Path(two_edges.into())] {
                 let rendered = render(&scene, &settings, sampler, 64, 6);
                 let distance = asked(&scene, &settings, RadianceQuery::ALL)[0].distance;
                 let expected = if hide_emitters { 5.0 } else { 3.0 };

@@ -133,7 +133,7 @@ fn an_extended_sky_continues_below_the_horizon() {
 }
 
 fn path() -> Settings {
-    Settings::Path(PathLimits { max_depth: Some(3), rr_depth: 5, hide_emitters: false })
+    Settings::Path(PathLimits { max_depth: Some(3), rr_depth: 5, hide_emitters: false }.into())
 }
 
 fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {

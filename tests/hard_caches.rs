@@ -248,7 +248,7 @@ fn check_light_in_a_corner(accels: &[AccelKind]) {
         let id = add(&mut scene, Shape::Mesh(lamp), DAffine3::IDENTITY, diffuse(0.0));
         scene.shapes[id].emission = Some(Rgb::splat(10.0).into());
         let scene = compiled(scene, accel);
-        let path = Settings::Path(PathLimits::default());
+        let path = Settings::Path(PathLimits::default().into());
         let reference = render(&scene, &path, SamplerKind::Sobol, 512, 7);
         let cached =
             render(&scene, &Settings::Irrcache(IrrcacheSettings::default()), SamplerKind::Sobol, 32, 1);
@@ -327,7 +327,8 @@ fn a_thin_wall_with_a_gap_has_the_light_of_path_tracing_with_every_traversal() {
 fn check_light_above_a_wall(accels: &[AccelKind]) {
     for &accel in accels {
         let scene = compiled(divided_room(1e-3, 0.3), accel);
-        let reference = render(&scene, &Settings::Path(PathLimits::default()), SamplerKind::Sobol, 512, 7);
+        let reference =
+            render(&scene, &Settings::Path(PathLimits::default().into()), SamplerKind::Sobol, 512, 7);
         let cached =
             render(&scene, &Settings::Irrcache(IrrcacheSettings::default()), SamplerKind::Sobol, 32, 1);
         let ((wanted, error), (found, noise)) = (mean(&reference), mean(&cached));

@@ -249,7 +249,7 @@ fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
                 let centre = scene.lights[0].sample_centre(from, 0.0).expect("its middle shines");
                 assert!(centre.wi.is_finite() && centre.radiance.is_valid());
             }
-            let path = Settings::Path(PathLimits::default());
+            let path = Settings::Path(PathLimits::default().into());
             let rendered = scenes::render(&scene, &path, SamplerKind::Sobol, 512, 1);
             assert_eq!(rendered.invalid_count, 0);
             scenes::mean(&rendered).0[1]

@@ -17,7 +17,7 @@ use buffon::shape::Shape;
 use std::f64::consts::PI;
 
 fn path(max_depth: Option<u32>) -> Settings {
-    Settings::Path(PathLimits { max_depth, ..PathLimits::default() })
+    Settings::Path(PathLimits { max_depth, ..PathLimits::default() }.into())
 }
 
 fn direct(emitter_samples: u32, bsdf_samples: u32) -> Settings {

@@ -17,7 +17,7 @@ fn irrcache(quality: f32) -> Settings {
 }
 
 fn path() -> Settings {
-    Settings::Path(PathLimits::default())
+    Settings::Path(PathLimits::default().into())
 }
 
 /// Adds a rectangle with the given centre, half edges and emission.

@@ -131,7 +131,7 @@ fn a_box_of_the_collection_is_read() {
     let loaded = files.load(&LoadOptions::default()).unwrap();
     assert!(loaded.warnings.is_empty() && loaded.notes.is_empty(), "{loaded:?}");
     let path = PathLimits { max_depth: Some(30), ..PathLimits::default() };
-    assert_eq!(loaded.integrator, Settings::Path(path));
+    assert_eq!(loaded.integrator, Settings::Path(path.into()));
     assert_eq!((loaded.sampler, loaded.samples_per_pixel), (Some(SamplerKind::Independent), Some(64)));
     let scene = &loaded.description;
     let sensor = &scene.sensors[0];
@@ -292,7 +292,7 @@ fn the_first_default_counts_and_the_users_value_before_it() {
         let defines = defines.iter().map(|(n, v)| (n.to_string(), v.to_string())).collect();
         let loaded = files.load(&LoadOptions { defines, ..LoadOptions::default() }).unwrap();
         let Settings::Path(path) = loaded.integrator else { panic!() };
-        (path.max_depth, loaded.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())
+        (path.limits.max_depth, loaded.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())
     };
     assert_eq!(depth(&[]), (Some(3), vec![]));
     assert_eq!(depth(&[("d", "-1")]), (None, vec![]));
@@ -369,7 +369,7 @@ fn old_scenes_are_upgraded() {
     );
     assert_eq!(
         loaded.integrator,
-        Settings::Path(PathLimits { max_depth: Some(5), rr_depth: 5, hide_emitters: true })
+        Settings::Path(PathLimits { max_depth: Some(5), rr_depth: 5, hide_emitters: true }.into())
     );
     assert_eq!(loaded.samples_per_pixel, Some(16));
     let sensor = &loaded.description.sensors[0];

@@ -158,7 +158,7 @@ fn media_that_cannot_be_rendered_are_named() {
         let note = "the scene has media, which are not rendered: every medium is vacuum";
         assert!(loaded.notes.iter().any(|text| text == note));
         let compiled = compiled(loaded.description, AccelKind::Auto);
-        Settings::Path(PathLimits::default()).create().check(&compiled).expect("path renders it");
+        Settings::Path(PathLimits::default().into()).create().check(&compiled).expect("path renders it");
         let refused = volpath(None).create().check(&compiled).expect_err("refused").to_string();
         assert!(refused.contains(&message), "{refused}");
     }

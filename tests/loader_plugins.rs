@@ -132,7 +132,7 @@ fn integrators_of_the_same_image_are_replaced() {
         let text = scene(&format!("<sensor type='perspective'/>{text}"));
         Files::new(&[("scene.xml", &text)]).load(&options)
     };
-    let path = Settings::Path(PathLimits { max_depth: Some(7), ..PathLimits::default() });
+    let path = Settings::Path(PathLimits { max_depth: Some(7), ..PathLimits::default() }.into());
     let depth = "<integer name='max_depth' value='7'/>";
     for name in ["volpath", "prb", "mlt"] {
         let loaded = load(&format!("<integrator type='{name}'>{depth}</integrator>"), None).unwrap();

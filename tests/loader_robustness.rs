@@ -101,7 +101,7 @@ proptest! {
         let options = CompileOptions { accel: AccelKind::default(), threads: 1, sensor: 0 };
         let Ok((scene, _)) = compile(loaded.description, options) else { return Ok(()) };
         if !scene.sensors.is_empty() {
-            let path = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() });
+            let path = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() }.into());
             let rendered = render(&scene, &path, SamplerKind::Sobol, 1, 1);
             prop_assert_eq!(rendered.samples_per_pixel, 1);
         }

@@ -385,7 +385,7 @@ fn without_media_volpath_is_path() {
     let of = |scene: &Description, settings: &Settings| {
         pixels(&render(&compiled(scene.clone(), AccelKind::Auto), settings, SamplerKind::Sobol, 8, 1))
     };
-    let path = Settings::Path(PathLimits::default());
+    let path = Settings::Path(PathLimits::default().into());
     let expected = of(&scene, &path);
     assert_eq!(of(&scene, &volpath(None)), expected);
     let fog = medium(&mut scene, SIGMA, [0.5; 3], HG);

@@ -20,7 +20,7 @@ use buffon::shape::Shape;
 use std::f64::consts::PI;
 
 fn path(max_depth: u32) -> Settings {
-    Settings::Path(PathLimits { max_depth: Some(max_depth), ..PathLimits::default() })
+    Settings::Path(PathLimits { max_depth: Some(max_depth), ..PathLimits::default() }.into())
 }
 
 fn whitted(max_depth: u32) -> Settings {

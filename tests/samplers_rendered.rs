@@ -38,8 +38,9 @@ struct Figures {
 }
 
 fn figures(scene: &Scene, kind: SamplerKind) -> Figures {
-    let settings =
-        Settings::Path(PathLimits { max_depth: Some(EDGES), rr_depth: EDGES - 1, hide_emitters: false });
+    let settings = Settings::Path(
+        PathLimits { max_depth: Some(EDGES), rr_depth: EDGES - 1, hide_emitters: false }.into(),
+    );
     let (mut means, mut squares, mut estimates, mut pixels) = (Vec::new(), 0.0, 0.0, 0.0);
     for seed in 0..RUNS {
         let rendered = render(scene, &settings, kind, 16, seed);

@@ -10,7 +10,7 @@ use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::Aov;
+use crate::integrator::settings::{Aov, PathReuse};
 use crate::render::{CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
@@ -46,6 +46,10 @@ pub struct RenderArgs {
     /// Take more samples where the error is larger, with --spp as the average; adds no bias
     #[arg(long)]
     pub adaptive: bool,
+    /// Whether path reuses the paths of neighbouring pixels: auto, always, never; auto: if a pilot finds that it pays
+    /// [default: the scene's, or auto]
+    #[arg(long, value_name = "WHEN")]
+    pub path_reuse: Option<PathReuse>,
     /// Definitions, folders, memory and threads.
     #[command(flatten)]
     pub resources: SceneArgs,
@@ -265,6 +269,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         seed: args.method.seed,
         aov: args.aov.clone(),
         adaptive: args.adaptive,
+        path_reuse: args.path_reuse,
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
     }

@@ -12,5 +12,5 @@ pub use images::{
     Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,
     is_of_noise,
 };
-pub use noise::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
+pub use noise::{GROUP_NOISE, MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE};
 pub use ztest::{ZTest, ZTestOptions, z_test, z_test_with};

@@ -7,6 +7,8 @@ use crate::image::{Image, Value};
 pub const NOISE: &str = "buffon:noise";
 /// The value of [`NOISE`] if they do.
 pub const SHARED_NOISE: &str = "shared by pixels";
+/// The value of [`NOISE`] if pixels share noise with the few of their group.
+pub const GROUP_NOISE: &str = "shared by groups of pixels";
 /// The metadata key for the number of independent replicates from which the variances of an image with shared noise
 /// were computed.
 pub const REPLICATES: &str = "buffon:replicates";

@@ -9,7 +9,9 @@
 //!   the error and to d².
 //!
 //! If the errors of pixels are independent, tr C² is a sum over pixels, which the differences of *two* neighbours
-//! estimate. If pixels share noise (photons, caches, light paths), the samples are divided among eight replicates,
+//! estimate. Pixels that reuse the paths of their group have correlated errors. Their mean correlation ρ follows from the
+//! sums of d over blocks: the mean of (Σ d)² relative to Σ d² is 1 + (G − 1)·ρ for groups of G pixels, and tr C² is
+//! larger by the factor 1 + (G − 1)·ρ². If pixels share noise (photons, caches, light paths), the samples are divided among eight replicates,
 //! four in each half, each with its own photons and caches. For two replicates of either half, the products of
 //! differences, ⟨r₀ − r₂, r₁ − r₃⟩²/4, estimate tr C² of the replicates with all correlations between pixels. The
 //! difference between the estimate for blocks of pixels and that for single pixels is due to noise shared by
@@ -27,6 +29,8 @@ use std::ops::Range;
 
 /// The side of the largest block, in pixels.
 pub const BLOCK: usize = 16;
+/// The number of pixels in a group that reuses paths.
+const GROUP: f64 = 16.0;
 /// The greatest number of replicates.
 pub const MAX_REPLICATES: usize = 8;
 /// The number of pixels in the largest block.
@@ -83,6 +87,9 @@ pub struct ErrorSums {
     pixels: u64,
     /// The sum of the relative squared differences, averaged over the channels.
     errors: f64,
+    /// The sum over blocks and channels of the squares of their sums of relative differences, averaged over the channels.
+    /// It is as large as `errors` if the errors of pixels are independent.
+    of_sums: f64,
     /// The same sum relative to the image itself.
     own: f64,
     /// The decrease of `errors` if outliers were part of the true image.
@@ -142,7 +149,10 @@ impl PixelBlock {
         let truth = self.truth();
         self.add_errors(&mut sums, &truth);
         let scales = truth.weights.map(|plane| plane.map(f32::sqrt));
-        sums.variance = self.product_sum(&multiplied(&self.difference, &scales));
+        let relative = multiplied(&self.difference, &scales);
+        sums.variance = self.product_sum(&relative);
+        let total = |plane: &Plane| self.indices().map(|i| f64::from(plane[i])).sum::<f64>();
+        sums.of_sums = relative.iter().map(|plane| total(plane).powi(2)).sum::<f64>() / 3.0;
         if replicates > 2 {
             self.add_shared(&mut sums, &scales);
         }
@@ -393,6 +403,7 @@ impl ErrorSums {
             replicates,
             pixels: 0,
             errors: 0.0,
+            of_sums: 0.0,
             own: 0.0,
             of_pixels: 0.0,
             of_blocks: 0.0,
@@ -407,6 +418,7 @@ impl ErrorSums {
     pub fn merge(&mut self, other: &ErrorSums) {
         self.pixels += other.pixels;
         self.errors += other.errors;
+        self.of_sums += other.of_sums;
         self.own += other.own;
         self.of_pixels += other.of_pixels;
         self.of_blocks += other.of_blocks;
@@ -428,7 +440,11 @@ impl ErrorSums {
             return Some(ErrorEstimate::default());
         }
         let shared = match self.replicates {
-            2 => 0.0,
+            2 => {
+                // (G − 1)·ρ, at most for noise that is common to the group.
+                let excess = (self.of_sums / self.errors - 1.0).clamp(0.0, GROUP - 1.0);
+                self.variance * excess * excess / (GROUP - 1.0)
+            }
             replicates if filled == replicates => {
                 let near = (self.of_blocks - self.of_pixels).max(0.0);
                 // Long-range correlation is estimated by a single value, which is used only if it clearly exceeds

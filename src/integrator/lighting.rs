@@ -5,7 +5,7 @@ use super::block::ShadingBlock;
 use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
-use crate::emitter::LightSelection;
+use crate::emitter::{EmitterSampleX16, LightSelection};
 use crate::math::lanes::{bits, f32x16};
 use crate::math::{LANES, RayX16, Vec3x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
@@ -63,6 +63,40 @@ pub struct ShadowRays {
     pub lanes: u32,
 }
 
+/// Draws one emitter sample at each point with a finite lobe.
+#[inline(always)]
+pub fn draw_emitters(
+    scene: &Scene,
+    block: &ShadingBlock<'_>,
+    u_point: [f32x16; 2],
+    counts: TechniqueCounts,
+) -> EmitterSampleX16 {
+    scene.sample_emitters(counts.selection(scene), block.at.p, u_point, block.rays.time, block.finite)
+}
+
+/// Returns the shadow rays of emitter samples and the light that the points in the mask `lanes` reflect if the rays
+/// are unoccluded, divided by the number of emitter samples.
+#[inline(always)]
+pub fn reflect_emitters(
+    scene: &Scene,
+    block: &ShadingBlock<'_>,
+    sample: &EmitterSampleX16,
+    counts: TechniqueCounts,
+    lanes: u32,
+) -> ShadowRays {
+    let ShadingBlock { at, .. } = block;
+    let wi = at.frame.to_local(sample.wi);
+    let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, lanes);
+    let [r, g, b] = scattered.f;
+    let some = r.simd_gt(f32x16::ZERO) | g.simd_gt(f32x16::ZERO) | b.simd_gt(f32x16::ZERO);
+    let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & lanes;
+    let weight = weighted_power_heuristic_x16(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf);
+    let weight = sample.delta.select(f32x16::ONE, weight);
+    let factor = wi.z.abs() * weight / (sample.pdf * f32x16::splat(counts.emitter));
+    let value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c] * factor);
+    ShadowRays { rays: scene.shadow_rays(at, sample, block.rays.time), value, lanes }
+}
+
 /// Draws one emitter sample at each point. Returns the shadow rays and their contributions if unoccluded, divided by
 /// the number of emitter samples.
 #[inline(always)]
@@ -72,18 +106,8 @@ pub fn sample_emitters(
     u_point: [f32x16; 2],
     counts: TechniqueCounts,
 ) -> ShadowRays {
-    let ShadingBlock { at, .. } = block;
-    let sample = scene.sample_emitters(counts.selection(scene), at.p, u_point, block.rays.time, block.finite);
-    let wi = at.frame.to_local(sample.wi);
-    let scattered = crate::bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
-    let [r, g, b] = scattered.f;
-    let some = r.simd_gt(f32x16::ZERO) | g.simd_gt(f32x16::ZERO) | b.simd_gt(f32x16::ZERO);
-    let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & block.finite;
-    let weight = weighted_power_heuristic_x16(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf);
-    let weight = sample.delta.select(f32x16::ONE, weight);
-    let factor = wi.z.abs() * weight / (sample.pdf * f32x16::splat(counts.emitter));
-    let value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c] * factor);
-    ShadowRays { rays: scene.shadow_rays(at, &sample, block.rays.time), value, lanes }
+    let sample = draw_emitters(scene, block, u_point, counts);
+    reflect_emitters(scene, block, &sample, counts, block.finite)
 }
 
 /// Returns the weighted radiance of the emitters hit by the rays of the block, which are those of `paths` (see

@@ -52,10 +52,15 @@ use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::error::Result;
 use crate::estimate::replicates::MAX_REPLICATES;
-use crate::math::Ray;
+use crate::math::{LANES, Ray};
 use crate::sampling::{SHARED_REPLICATES, SampleKey, SamplerKind};
 use crate::scene::Scene;
 use std::sync::Arc;
+
+/// Up to sixteen rays of a wave, by their indices, whose paths may share what they find; [`NO_RAY`] fills the rest.
+pub type Group = [u32; LANES];
+/// The index in a [`Group`] that stands for no ray.
+pub const NO_RAY: u32 = u32::MAX;
 
 /// A wave of rays, each with the key of its sample.
 #[derive(Clone, Copy, Debug)]
@@ -66,6 +71,8 @@ pub struct Wave<'a> {
     pub keys: &'a [SampleKey],
     /// The coherence of neighbouring rays.
     pub coherence: Coherence,
+    /// Groups of rays of the same sample index. A ray is in one group at most; without groups, no path shares anything.
+    pub groups: &'a [Group],
 }
 
 /// A selection of light by the number of edges between the ray's origin and the emitter.
@@ -130,6 +137,12 @@ pub trait Integrator: Send + Sync {
     /// Returns whether the errors of different pixels are correlated, because pixels share photons, caches or light
     /// paths.
     fn shares_noise(&self) -> bool {
+        false
+    }
+
+    /// Returns whether the paths of neighbouring pixels are reused for each other, after the preparation. Waves of camera
+    /// rays then have groups.
+    fn reuses_paths(&self) -> bool {
         false
     }
 

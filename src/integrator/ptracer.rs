@@ -8,7 +8,7 @@
 use super::block::ShadingBlock;
 use super::light_path::{self, LightVertex, Survivors};
 use super::roulette::Roulette;
-use super::settings::{PathLimits, Plugin, Source};
+use super::settings::{PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -59,7 +59,7 @@ impl Ptracer {
             hide_emitters: settings.hide_emitters,
             ..PathLimits::default()
         };
-        Ptracer { settings, emitters: PathIntegrator::new(emitters) }
+        Ptracer { settings, emitters: PathIntegrator::new(PathSettings::independent(emitters)) }
     }
 
     /// Returns whether a path may have the given number of edges.

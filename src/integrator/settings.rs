@@ -17,6 +17,7 @@ pub use super::depth::DepthSettings;
 pub use super::direct::DirectSettings;
 pub use super::distribution::DistributionSettings;
 pub use super::irrcache::IrrcacheSettings;
+pub use super::path::{PathReuse, PathSettings};
 pub use super::photon::mapper::{PhotonDebug, PhotonmapperSettings};
 pub use super::sppm::SppmSettings;
 pub use super::whitted::WhittedSettings;
@@ -147,6 +148,15 @@ macro_rules! integrators {
                 match self { $(Settings::$name(settings) => <$plugin as Plugin>::limits(settings),)* }
             }
 
+            /// Returns the settings of path tracing, also of the image inside `aov`.
+            pub fn path_mut(&mut self) -> Option<&mut PathSettings> {
+                match self {
+                    Settings::Path(path) => Some(path),
+                    Settings::Aov(AovSettings { image: Some(image), .. }) => image.path_mut(),
+                    _ => None,
+                }
+            }
+
             /// Returns the integrator's name in the scene language.
             pub fn name(&self) -> &'static str {
                 match self { $(Settings::$name(_) => <$plugin as Plugin>::NAME,)* }
@@ -202,6 +212,6 @@ impl Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Settings::Path(PathLimits::default())
+        Settings::Path(PathSettings::default())
     }
 }

@@ -1,7 +1,7 @@
 //! The data of one thread: sampler, counters and buffers.
 
-use super::Interrupt;
 use super::emission::skip_emitters;
+use super::{Interrupt, Radiance};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::math::lanes::bits;
@@ -91,6 +91,10 @@ pub struct Worker {
     pub light_keys: Vec<SampleKey>,
     /// Memory for the BSDFs of the current wave that vary over the surface.
     pub arena: Bump,
+    /// Memory for BSDFs that are used until the end of a wave.
+    pub kept_arena: Bump,
+    /// Memory for the radiance of the current wave and of its tails.
+    pub radiance: Vec<Radiance>,
     /// The time of all new rays, in [0, 1] over the shutter interval; `None` if each sample draws its own.
     pub time: Option<f32>,
     /// A request to stop, after which the result of the current wave is discarded.
@@ -265,6 +269,8 @@ impl Worker {
             probing: Vec::new(),
             light_keys: Vec::new(),
             arena: Bump::new(),
+            kept_arena: Bump::new(),
+            radiance: Vec::new(),
             time: None,
             interrupt: Interrupt::default(),
         }

@@ -7,7 +7,7 @@ use super::{Found, Options};
 use crate::error::Result;
 use crate::estimate::convergence::PowerLaw;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathLimits;
+use crate::integrator::settings::{PathLimits, PathSettings};
 use crate::lab::moments::Measured;
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::{Domain, DomainSet, SamplerKind};
@@ -120,7 +120,7 @@ fn findings(rows: &[DomainRow]) -> Vec<Finding> {
 pub fn run(options: &Options) -> Result<Found> {
     // Russian roulette would be a seventh domain, which has no visible effect.
     let path = PathLimits { max_depth: Some(6), rr_depth: u32::MAX, hide_emitters: false };
-    let integrator = Settings::Path(path);
+    let integrator = Settings::Path(PathSettings::independent(path));
     let rows =
         measure(&Studio::open(ROOM, options.scaled((24, 18), (48, 36)), options)?, &integrator, options)?;
     let studio = Studio::open(ROOM, options.scaled((80, 60), (160, 120)), options)?;

@@ -6,7 +6,7 @@ use super::verdict::Check;
 use super::{Found, Options};
 use crate::error::Result;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathLimits;
+use crate::integrator::settings::{PathLimits, PathSettings};
 use crate::report::{Align, Table};
 use crate::sampling::{Domain, DomainSet, SamplerKind};
 
@@ -19,7 +19,8 @@ fn lobe(kind: SamplerKind, spp: u64) -> Sampling {
 /// Measures the error at both numbers of samples and shows both images.
 pub fn run(options: &Options) -> Result<Found> {
     // Surfaces hit by reflected rays receive direct light only. Longer paths would add noise of other domains.
-    let integrator = Settings::Path(PathLimits { max_depth: Some(3), ..PathLimits::default() });
+    let integrator =
+        Settings::Path(PathSettings::independent(PathLimits { max_depth: Some(3), ..PathLimits::default() }));
     let studio = Studio::open(ROOM, options.scaled((36, 27), (100, 75)), options)?;
     let pairs = 4;
     let mut table = Table::new([

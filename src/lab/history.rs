@@ -10,7 +10,7 @@ use crate::estimate::convergence::PowerLaw;
 use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::Settings;
-use crate::integrator::settings::{DistributionSettings, PathLimits, WhittedSettings};
+use crate::integrator::settings::{DistributionSettings, PathLimits, PathSettings, WhittedSettings};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::SamplerKind;
 
@@ -39,7 +39,11 @@ fn algorithms(options: &Options) -> [Algorithm; 4] {
         algorithm("ray casting", whitted(2), &[4, 16, 64]),
         algorithm("Whitted", whitted(MAX_DEPTH), &[4, 16, 64]),
         algorithm("distribution", Settings::Distribution(branching), &[1, 4, 16]),
-        algorithm("path", Settings::Path(path), options.scaled(&[4, 16, 64], &[4, 16, 64, 256])),
+        algorithm(
+            "path",
+            Settings::Path(PathSettings::independent(path)),
+            options.scaled(&[4, 16, 64], &[4, 16, 64, 256]),
+        ),
     ]
 }
 

@@ -8,7 +8,7 @@ use super::{Found, Options};
 use crate::error::Result;
 use crate::estimate::convergence::PowerLaw;
 use crate::integrator::Settings;
-use crate::integrator::settings::{DirectSettings, DistributionSettings, PathLimits};
+use crate::integrator::settings::{DirectSettings, DistributionSettings, PathLimits, PathSettings};
 use crate::report::{Align, Axis, Line, Plot, Point, Series, Table};
 use crate::sampling::SamplerKind;
 use std::f64::consts::PI;
@@ -202,7 +202,8 @@ fn pictures(options: &Options) -> Result<Evidence> {
             DistributionSettings { max_depth: 4, emitter_samples, bsdf_samples: 1, hide_emitters: false };
         Settings::Distribution(tree)
     };
-    let path = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() });
+    let path =
+        Settings::Path(PathSettings::independent(PathLimits { max_depth: Some(4), ..PathLimits::default() }));
     let few = Sampling::new(SamplerKind::Independent, 16);
     let without = studio.shoot(&tree(0), few, 0)?.image;
     let with = studio.shoot(&tree(1), few, 0)?.image;

@@ -6,7 +6,7 @@ use super::verdict::Check;
 use super::{Found, Options};
 use crate::error::Result;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathLimits;
+use crate::integrator::settings::{PathLimits, PathSettings};
 use crate::report::{Align, Table};
 use crate::sampling::SamplerKind;
 
@@ -15,7 +15,8 @@ const PATHS: [u64; 2] = [10, 100];
 
 /// Measures the error at both numbers of paths and shows both images.
 pub fn run(options: &Options) -> Result<Found> {
-    let integrator = Settings::Path(PathLimits { max_depth: Some(5), ..PathLimits::default() });
+    let integrator =
+        Settings::Path(PathSettings::independent(PathLimits { max_depth: Some(5), ..PathLimits::default() }));
     let studio = Studio::open(BALLS, options.scaled((48, 36), (120, 90)), options)?;
     let pairs = 4;
     let mut table = Table::new([

@@ -174,7 +174,7 @@ pub fn viewer(title: &str, images: Vec<(String, &Image)>) -> Result<crate::repor
 mod tests {
     use super::*;
     use crate::accel::AccelKind;
-    use crate::integrator::settings::PathLimits;
+    use crate::integrator::settings::{PathLimits, PathSettings};
 
     /// The noise of 4 samples is twice that of 16 samples, and is the same for the same seed.
     #[test]
@@ -182,7 +182,10 @@ mod tests {
         let options = Options { seed: 1, runs: 10, quick: true, threads: 2, accel: AccelKind::default() };
         for scene in [ROOM, BALLS] {
             let studio = Studio::open(scene, (24, 18), &options).expect("the scene is well-formed");
-            let path = Settings::Path(PathLimits { max_depth: Some(3), ..PathLimits::default() });
+            let path = Settings::Path(PathSettings::independent(PathLimits {
+                max_depth: Some(3),
+                ..PathLimits::default()
+            }));
             let noise = |spp| studio.noise(&path, Sampling::new(SamplerKind::Independent, spp), 4);
             let [few, many] = [4, 16].map(|spp| noise(spp).expect("threads start"));
             let ratio = few.value / many.value;

@@ -72,6 +72,8 @@ pub struct Rendered {
     pub counts: SampleCounts,
     /// The reason why the render stopped.
     pub stop_reason: StopReason,
+    /// Whether groups of pixels reused their paths, so that their errors are correlated.
+    pub reuses_paths: bool,
     /// Estimated relMSE, from the two halves.
     pub relmse: Option<f64>,
     /// The 95 % confidence interval for the relMSE of this image.
@@ -137,6 +139,7 @@ impl Rendered {
             samples_per_pixel: counts.mean.round() as u64,
             counts,
             stop_reason: StopReason::Samples,
+            reuses_paths: false,
             relmse: None,
             relmse_interval: None,
             prepared: Duration::ZERO,

@@ -2,7 +2,7 @@
 
 use super::job::Rendered;
 use crate::color::Rgb;
-use crate::compare::{MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE, ZTest};
+use crate::compare::{GROUP_NOISE, MEAN_VARIANCE, NOISE, REPLICATES, SHARED_NOISE, ZTest};
 use crate::film::tile::variance_of_mean;
 use crate::film::{ComponentFormat, PixelFormat, Tile};
 use crate::image::{Image, Metadata, SampleFormat, Value};
@@ -111,7 +111,11 @@ fn sums_of_image(tiles: &[Tile]) -> Vec<Option<[f64; 3]>> {
 /// Adds metadata about noise that pixels share: the number of replicates, and the variance of each channel's mean.
 pub fn noise_metadata(rendered: &Rendered, metadata: &mut Metadata) {
     let shared = rendered.tiles.first().is_some_and(|tile| tile.replicates() > 2);
-    let noise = if shared { SHARED_NOISE } else { "independent" };
+    let noise = match rendered.reuses_paths {
+        true => GROUP_NOISE,
+        false if shared => SHARED_NOISE,
+        false => "independent",
+    };
     metadata.set(NOISE, Value::Text(noise.into()));
     if !shared {
         return;

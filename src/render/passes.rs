@@ -257,6 +257,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         }
         Rendered {
             stop_reason,
+            reuses_paths: self.job.integrator.reuses_paths(),
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),
             checkpoint_status,
@@ -265,17 +266,20 @@ impl<'j, 'a> Passes<'j, 'a> {
     }
 }
 
+/// Divides a region into tiles. Their edges are at multiples of their size in the full image, so that the tiles of a crop
+/// are parts of those of the image.
 pub(super) fn tiles_of(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
-    let (columns, rows) = (rect.width.div_ceil(TILE), rect.height.div_ceil(TILE));
-    (0..u64::from(columns) * u64::from(rows)).map(move |i| {
-        let (column, row) = ((i % u64::from(columns)) as u32, (i / u64::from(columns)) as u32);
-        let (x, y) = (column * TILE, row * TILE);
-        PixelRect {
-            x: rect.x + x,
-            y: rect.y + y,
-            width: TILE.min(rect.width - x),
-            height: TILE.min(rect.height - y),
-        }
+    let along = |start: u32, length: u32| {
+        let end = start + length;
+        (start / TILE..end.div_ceil(TILE)).map(move |i| (i * TILE).max(start)..((i + 1) * TILE).min(end))
+    };
+    along(rect.y, rect.height).flat_map(move |y| {
+        along(rect.x, rect.width).map(move |x| PixelRect {
+            x: x.start,
+            y: y.start,
+            width: x.end - x.start,
+            height: y.end - y.start,
+        })
     })
 }
 

@@ -62,7 +62,8 @@ pub fn trace(
 /// with invalid values. Each batch has a replicate. Rows of tiles are independent, so they are done in parallel.
 fn add(job: &Job<'_>, tiles: &mut [Tile], batches: &[(usize, Vec<Splat>)]) -> u64 {
     let rect = job.camera.film.rect();
-    let (columns, rows) = (rect.width.div_ceil(TILE), rect.height.div_ceil(TILE));
+    let along = |start: u32, length: u32| (start + length).div_ceil(TILE) - start / TILE;
+    let (columns, rows) = (along(rect.x, rect.width), along(rect.y, rect.height));
     let mut by_row: Vec<Vec<(usize, &Splat)>> = vec![Vec::new(); rows as usize];
     let mut dropped = 0;
     for (replicate, splats) in batches {
@@ -73,8 +74,8 @@ fn add(job: &Job<'_>, tiles: &mut [Tile], batches: &[(usize, Vec<Splat>)]) -> u6
             }
             let pixels = within(job, splat.film.y, rect.y, rect.height);
             if let Some(last) = pixels.clone().last() {
-                for row in (pixels.start - rect.y) / TILE..=(last - rect.y) / TILE {
-                    by_row[row as usize].push((*replicate, splat));
+                for row in pixels.start / TILE..=last / TILE {
+                    by_row[(row - rect.y / TILE) as usize].push((*replicate, splat));
                 }
             }
         }
@@ -108,7 +109,7 @@ fn add_to_row(job: &Job<'_>, tiles: &mut [Tile], replicate: usize, splat: &Splat
     for y in within(job, splat.film.y, top, height) {
         let down = along(splat.film.y, y);
         for (x, across) in columns.clone().zip(&*across) {
-            let tile = &mut tiles[((x - rect.x) / TILE) as usize];
+            let tile = &mut tiles[(x / TILE - rect.x / TILE) as usize];
             let PixelRect { x: left, width, .. } = tile.rect();
             let pixel = ((y - top) * width + x - left) as usize;
             debug_assert_eq!(tile.position(pixel), (x, y));

@@ -4,8 +4,9 @@ use super::job::Job;
 use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::film::{FilterSample, Tile};
+use crate::integrator::path::groups::PixelGroups;
 use crate::integrator::worker::{draw_1d, draw_2d};
-use crate::integrator::{Radiance, RadianceQuery, Wave, Worker};
+use crate::integrator::{Group, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use std::ops::Range;
@@ -13,6 +14,8 @@ use std::ops::Range;
 /// The number of paths in a wave: large enough for long SIMD loops and few calls, small enough for the second-level
 /// cache.
 const WAVE: usize = 2048;
+/// The number of paths in a wave with groups, which need more memory.
+const GROUPED_WAVE: usize = 1024;
 /// The number of pixels, side by side, whose samples of the same index share a light path.
 const SHARING_PIXELS: u32 = 4;
 
@@ -29,10 +32,13 @@ pub struct InvalidSample {
     pub value: [f32; 3],
 }
 
-/// Consecutive samples of one pixel of a tile.
+/// Consecutive samples of one pixel.
 #[derive(Clone, Copy)]
 struct SampleSpan {
-    pixel: usize,
+    /// The pixel's index in the tile; `None` outside.
+    pixel: Option<usize>,
+    /// The position in the full image.
+    position: (u32, u32),
     first: u64,
     end: u64,
 }
@@ -50,6 +56,7 @@ pub struct CameraWorker {
     times: Vec<f32>,
     /// The weights of filter samples, for filters that have them.
     weights: Vec<f32>,
+    groups: Vec<Group>,
     radiance: Vec<Radiance>,
     values: Vec<f32>,
     /// The first dropped samples of this thread.
@@ -73,6 +80,7 @@ impl CameraWorker {
             lens: [Vec::new(), Vec::new()],
             times: Vec::new(),
             weights: Vec::new(),
+            groups: Vec::new(),
             radiance: Vec::new(),
             values: Vec::new(),
             invalid: Vec::new(),
@@ -82,16 +90,27 @@ impl CameraWorker {
 
     /// Takes the given samples of every pixel of the tile, unless the render is interrupted between waves.
     pub fn render_tile(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
-        let pixels = tile.pixel_count();
-        let per_wave = (WAVE / pixels).max(1) as u64;
+        let reuses = job.integrator.reuses_paths();
+        let (film, seed) = (&job.camera.film, job.settings.seed);
+        let groups = reuses.then(|| PixelGroups::new(seed, [film.width, film.height], tile.rect()));
+        let outside = groups.as_ref().map_or(&[][..], |groups| &groups.outside);
+        let inside = (0..tile.pixel_count()).map(|pixel| (Some(pixel), tile.position(pixel)));
+        let pixels: Vec<_> = inside.chain(outside.iter().map(|&position| (None, position))).collect();
+        let wave = if reuses { GROUPED_WAVE } else { WAVE };
+        let per_wave = (wave / pixels.len()).max(1) as u64;
         let mut first = samples.start;
         while first < samples.end && !job.progress.is_interrupted() {
             let end = (first + per_wave).min(samples.end);
             self.spans.clear();
-            self.spans.extend((0..pixels).map(|pixel| SampleSpan { pixel, first, end }));
+            let span = |&(pixel, position)| SampleSpan { pixel, position, first, end };
+            self.spans.extend(pixels.iter().map(span));
+            if let Some(groups) = &groups {
+                groups.of_wave((end - first) as u32, &mut self.groups);
+            }
             self.render_wave(job, tile);
             first = end;
         }
+        self.groups.clear();
     }
 
     /// Takes the samples that `samples` returns for the position of each pixel in the full image, unless the render
@@ -105,10 +124,11 @@ impl CameraWorker {
         self.spans.clear();
         let mut free = WAVE as u64;
         for pixel in 0..tile.pixel_count() {
-            let Range { start: mut first, end: last } = samples(tile.position(pixel));
+            let position = tile.position(pixel);
+            let Range { start: mut first, end: last } = samples(position);
             while first < last && !job.progress.is_interrupted() {
                 let end = last.min(first + free);
-                self.spans.push(SampleSpan { pixel, first, end });
+                self.spans.push(SampleSpan { pixel: Some(pixel), position, first, end });
                 free -= end - first;
                 first = end;
                 if free == 0 {
@@ -125,8 +145,9 @@ impl CameraWorker {
 
     /// Takes the samples of `spans`.
     fn render_wave(&mut self, job: &Job<'_>, tile: &mut Tile) {
-        self.generate_rays(job, tile);
-        let wave = Wave { rays: &self.rays, keys: &self.keys, coherence: Coherence::Coherent };
+        self.generate_rays(job);
+        let (rays, keys, groups) = (&self.rays, &self.keys, &self.groups);
+        let wave = Wave { rays, keys, coherence: Coherence::Coherent, groups };
         self.radiance.clear();
         self.radiance.resize(self.rays.len(), Radiance::NONE);
         job.integrator.li(job.scene, wave, RadianceQuery::ALL, &mut self.worker, &mut self.radiance);
@@ -139,22 +160,23 @@ impl CameraWorker {
             self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
         }
         self.accumulate(job, tile);
-        job.progress.add_samples(self.rays.len() as u64);
+        let inside = self.spans.iter().filter(|span| span.pixel.is_some());
+        job.progress.add_samples(inside.map(|span| span.end - span.first).sum());
     }
 
     /// Generates the camera rays, pixel by pixel; the samples of a pixel are consecutive.
-    fn generate_rays(&mut self, job: &Job<'_>, tile: &Tile) {
+    fn generate_rays(&mut self, job: &Job<'_>) {
         let sampler = self.worker.sampler;
         self.keys.clear();
         for span in &self.spans {
-            let (x, y) = tile.position(span.pixel);
+            let (x, y) = span.position;
             self.keys.extend((span.first..span.end).map(|s| sampler.key(job.settings.seed, x, y, s)));
         }
         self.worker.light_keys.clear();
         if job.integrator.light_tracer().is_some() {
             let (seed, spans) = (job.settings.seed, &self.spans);
             self.worker.light_keys.extend(spans.iter().flat_map(|span| {
-                let (x, y) = tile.position(span.pixel);
+                let (x, y) = span.position;
                 let x = x - x % SHARING_PIXELS;
                 (span.first..span.end).map(move |s| sampler.key(seed, x, y, s))
             }));
@@ -170,7 +192,7 @@ impl CameraWorker {
         self.weights.clear();
         let pair = |pair: &[Vec<f32>; 2], i: usize| Vec2::new(pair[0][i], pair[1][i]);
         for span in &self.spans {
-            let (x, y) = tile.position(span.pixel);
+            let (x, y) = span.position;
             let centre = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             for _ in span.first..span.end {
                 let i = self.rays.len();
@@ -193,12 +215,16 @@ impl CameraWorker {
         let only_colour = !job.alpha && !job.has_sampled_layers() && !job.filter.has_weights();
         let mut j = 0;
         for s in 0..self.spans.len() {
-            let SampleSpan { pixel, first, end } = self.spans[s];
+            let SampleSpan { pixel, position, first, end } = self.spans[s];
+            let Some(pixel) = pixel else {
+                j += (end - first) as usize;
+                continue;
+            };
             for sample in first..end {
                 let value = self.radiance[j].value;
                 let replicate = job.settings.sampler.replicate(sample) as usize;
                 if !value.is_valid() {
-                    self.drop_sample(tile.position(pixel), sample, value);
+                    self.drop_sample(position, sample, value);
                 } else if only_colour {
                     tile.add(pixel, replicate, &value.to_array());
                 } else {

@@ -3,7 +3,7 @@
 use super::Session;
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{Aov, AovSettings, IrrcacheSettings, Layer};
+use crate::integrator::settings::{Aov, AovSettings, IrrcacheSettings, Layer, PathReuse};
 use crate::integrator::{self, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -26,6 +26,8 @@ pub struct Choices {
     pub aov: Vec<String>,
     /// Whether noisier pixels get more samples.
     pub adaptive: bool,
+    /// Whether paths are reused; `None` leaves it to the scene.
+    pub path_reuse: Option<PathReuse>,
     /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The range of samples of each pixel to take, out of those determined by the stop rules; all if `None`.
@@ -49,6 +51,11 @@ pub struct Plan {
     pub target: Option<u64>,
 }
 
+/// Returns whether layers state variances, from which z-tests compute those of blocks of pixels.
+pub(super) fn states_variances(layers: &[Layer]) -> bool {
+    layers.iter().any(|layer| matches!(layer.aov, Aov::Variance | Aov::BlockVariance))
+}
+
 /// The samples per pixel if neither the scene nor the user sets them.
 const DEFAULT_SPP: u64 = 64;
 
@@ -59,7 +66,8 @@ impl Session {
     /// If the integrator or a layer does not exist, a layer occurs twice, the integrator does not support adaptive
     /// sampling, or the image exceeds the memory limit.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
-        let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
+        let mut integrator =
+            choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
         if stop == StopRules::default() {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
@@ -71,6 +79,7 @@ impl Session {
         let replicates = integrator::replicates(created.as_ref(), kind);
         let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
         let layers = choose_layers(&choices.aov, &integrator, replicates > 2)?;
+        choose_reuse(&mut integrator, choices, &layers)?;
         let target = stop.samples;
         let first = match &choices.samples {
             Some(range) => restrict(range, &mut stop, choices)?,
@@ -105,6 +114,30 @@ impl Session {
         drop(self.reserve(&plan)?);
         Ok(plan)
     }
+}
+
+/// Sets whether paths are reused. Pixels whose neighbours have other numbers of samples, or whose variances are stated
+/// for z-tests, keep independent errors.
+fn choose_reuse(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
+    let name = integrator.name();
+    let Some(path) = integrator.path_mut() else {
+        return match choices.path_reuse {
+            None => Ok(()),
+            Some(_) => {
+                Err(Error::usage(format!("--path-reuse: {name} has no paths that are reused; use path")))
+            }
+        };
+    };
+    path.reuse = choices.path_reuse.unwrap_or(path.reuse);
+    if choices.adaptive || states_variances(layers) {
+        if path.reuse == PathReuse::Always {
+            return Err(Error::usage(
+                "path_reuse always: found --adaptive or a layer of variances, which need pixels with independent errors; use auto",
+            ));
+        }
+        path.reuse = PathReuse::Never;
+    }
+    Ok(())
 }
 
 /// Limits the stop rules to a range of samples; returns the first sample of the range.

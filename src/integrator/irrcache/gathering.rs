@@ -62,7 +62,7 @@ impl Gathering<'_> {
             keys.extend((0..strata.cells() as u32).map(key));
         }
         let mut found = vec![Radiance::NONE; rays.len()];
-        let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Incoherent };
+        let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Incoherent, groups: &[] };
         self.child.li(self.scene, wave, GATHERED, worker, &mut found);
         worker.counters.paths += rays.len() as u64;
         let cells = directions.chunks_exact(strata.cells()).zip(found.chunks_exact(strata.cells()));

@@ -28,7 +28,9 @@ mod shading;
 pub mod weight;
 
 use super::preparation::reject_motion;
-use super::settings::{Aov, PathLimits, PhotonmapperSettings, Plugin, Read, Settings, Source};
+use super::settings::{
+    Aov, PathLimits, PathReuse, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source,
+};
 use super::{
     Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker,
 };
@@ -114,7 +116,10 @@ impl IrradianceCache {
     pub fn new(settings: &IrrcacheSettings) -> Self {
         // Emitters are hidden from the camera only, not from the rays of records.
         let (path, gathered) = match settings.child.as_ref() {
-            Settings::Path(path) => (*path, Settings::Path(from_surface(path, 2))),
+            Settings::Path(path) => {
+                let gathered = from_surface(&path.limits, 2);
+                (path.limits, Settings::Path(PathSettings { limits: gathered, reuse: PathReuse::Never }))
+            }
             Settings::Photonmapper(mapper) => {
                 let limits = PathLimits { hide_emitters: false, ..mapper.limits };
                 (mapper.limits, Settings::Photonmapper(PhotonmapperSettings { limits, ..*mapper }))
@@ -246,12 +251,12 @@ impl Plugin for IrradianceCache {
     }
 
     fn with_limits(limits: PathLimits) -> IrrcacheSettings {
-        IrrcacheSettings { child: Box::new(Settings::Path(limits)), ..IrrcacheSettings::default() }
+        IrrcacheSettings { child: Box::new(Settings::Path(limits.into())), ..IrrcacheSettings::default() }
     }
 
     fn limits(settings: &IrrcacheSettings) -> PathLimits {
         match settings.child.as_ref() {
-            Settings::Path(limits) => *limits,
+            Settings::Path(path) => path.limits,
             _ => PathLimits::default(),
         }
     }

@@ -9,7 +9,7 @@ mod event;
 mod flight;
 
 use self::event::{EventNumbers, Tracer};
-use super::settings::{PathLimits, Plugin, Source};
+use super::settings::{PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -67,7 +67,7 @@ struct Shadow {
 impl VolpathIntegrator {
     /// Creates the integrator.
     pub fn new(limits: PathLimits) -> Self {
-        VolpathIntegrator { limits, without_media: PathIntegrator::new(limits) }
+        VolpathIntegrator { limits, without_media: PathIntegrator::new(PathSettings::independent(limits)) }
     }
 }
 

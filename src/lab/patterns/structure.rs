@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::Settings;
-use crate::integrator::settings::PathLimits;
+use crate::integrator::settings::{PathLimits, PathSettings};
 use crate::lab::moments::Measured;
 use crate::lab::outcome::{Evidence, Finding, plus_minus};
 use crate::lab::studio::{BALLS, Sampling, Studio, viewer};
@@ -43,7 +43,8 @@ fn correlation(a: &Image, b: &Image) -> Measured {
 
 /// Renders with each sampler and measures the structure of the error.
 pub fn run(options: &Options) -> Result<Found> {
-    let integrator = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() });
+    let integrator =
+        Settings::Path(PathSettings::independent(PathLimits { max_depth: Some(4), ..PathLimits::default() }));
     let studio = Studio::open(BALLS, options.scaled((64, 48), (120, 90)), options)?;
     let truth =
         studio.shoot(&integrator, Sampling::new(SamplerKind::Sobol, options.scaled(256, 512)), 99)?.image;

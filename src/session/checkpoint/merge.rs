@@ -3,6 +3,7 @@
 use super::{Checkpoint, list};
 use crate::error::{Error, Result};
 use crate::render::{Rendered, StopReason};
+use crate::session::plan::states_variances;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -119,7 +120,12 @@ impl Checkpoint {
         let rendered = Rendered::new(self.state.clone(), self.label.image_description.rect, layers, alpha);
         let taken: u64 = self.label.samples.iter().map(|range| range.end - range.start).sum();
         let whole = self.label.target.is_some() && self.missing().is_empty();
+        let description = &self.label.image_description;
         Ok(Rendered {
+            // A checkpoint does not say whether the pilot chose reuse.
+            reuses_paths: ["path", "volpath"].contains(&description.integrator.as_str())
+                && self.state.allocation.is_none()
+                && !states_variances(&description.layers),
             samples_per_pixel: if self.state.allocation.is_some() {
                 rendered.samples_per_pixel
             } else {

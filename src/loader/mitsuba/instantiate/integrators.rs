@@ -49,7 +49,7 @@ impl Builder<'_> {
             props = Props::new(self.graph, inner);
         }
         let limits = PathLimits::read(&mut ObjectSource { builder: self, props: &props });
-        Ok(Settings::Path(limits.unwrap_or_default()))
+        Ok(Settings::Path(limits.unwrap_or_default().into()))
     }
 
     /// Returns the settings of an integrator.

@@ -1,0 +1,432 @@
+//! The path integrator. [Kajiya 1986; Veach 1997]
+//!
+//! A wave of paths advances one bounce at a time: it finds all nearest hits, then shades in blocks of sixteen, then
+//! traces all shadow rays. In shading, each path adds at most one shadow ray with its pending contribution and at
+//! most one next ray, and terminated paths are removed.
+
+pub mod groups;
+mod pilot;
+mod reuse;
+
+use self::reuse::Reuse;
+use super::block::ShadingBlock;
+use super::lighting::{self, TechniqueCounts};
+use super::roulette::Roulette;
+use super::settings::{PathLimits, Plugin, Read, Source};
+use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, ShadowQueue, intersect};
+use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission};
+use crate::accel::Coherence;
+use crate::bsdf;
+use crate::error::Result;
+use crate::math::lanes::{LANES, bits, f32x16, load, mask_from_bits};
+use crate::scene::Scene;
+use bumpalo::Bump;
+use std::str::FromStr;
+
+/// Whether the paths of neighbouring pixels are reused for each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub enum PathReuse {
+    /// If a pilot finds that it reduces error × cost.
+    #[default]
+    Auto,
+    /// Always, unless surfaces or the camera move: a point is found at one time only.
+    Always,
+    /// Never: the errors of all pixels are independent.
+    Never,
+}
+
+impl PathReuse {
+    /// The names in the scene language and on the command line.
+    pub const NAMES: [(&str, PathReuse); 3] =
+        [("auto", PathReuse::Auto), ("always", PathReuse::Always), ("never", PathReuse::Never)];
+}
+
+impl FromStr for PathReuse {
+    type Err = String;
+
+    fn from_str(name: &str) -> std::result::Result<Self, String> {
+        let found = PathReuse::NAMES.iter().find(|(known, _)| *known == name);
+        found.map(|(_, reuse)| *reuse).ok_or_else(|| "expected auto, always or never".into())
+    }
+}
+
+/// The parameters of path tracing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct PathSettings {
+    /// The paths.
+    pub limits: PathLimits,
+    /// Whether paths are reused.
+    pub reuse: PathReuse,
+}
+
+impl PathSettings {
+    /// Returns the settings for independent paths with the given limits.
+    pub fn independent(limits: PathLimits) -> Self {
+        PathSettings { limits, reuse: PathReuse::Never }
+    }
+}
+
+impl From<PathLimits> for PathSettings {
+    fn from(limits: PathLimits) -> Self {
+        PathSettings { limits, ..PathSettings::default() }
+    }
+}
+
+/// Unidirectional path tracing with next-event estimation, combined by the power heuristic.
+pub struct PathIntegrator {
+    settings: PathLimits,
+    reuse: PathReuse,
+    /// Whether paths are reused, as decided by the settings or the pilot.
+    reuses: bool,
+}
+
+/// The state shared by all paths of a bounce.
+struct PathBounce<'a> {
+    scene: &'a Scene,
+    /// Whether emitters are sampled at this bounce.
+    next_event: bool,
+    /// Whether emission found by the rays of this bounce is added.
+    add_emission: bool,
+    /// Whether emission is added for rays with specular lobes only, if caustics are separated.
+    add_caustics: Option<bool>,
+    /// Russian roulette, if it applies at this bounce.
+    roulette: Option<Roulette>,
+}
+
+impl PathIntegrator {
+    /// Creates the integrator.
+    pub fn new(PathSettings { limits, reuse }: PathSettings) -> Self {
+        PathIntegrator { settings: limits, reuse, reuses: reuse == PathReuse::Always }
+    }
+
+    /// Returns whether a path may have the given number of edges.
+    fn allows(&self, edges: u32) -> bool {
+        self.settings.allows(edges)
+    }
+}
+
+impl Plugin for PathIntegrator {
+    const NAME: &'static str = "path";
+    type Settings = PathSettings;
+
+    fn read(source: &mut dyn Source) -> Result<PathSettings> {
+        let words = [("auto", PathReuse::Auto), ("always", PathReuse::Always), ("never", PathReuse::Never)];
+        let limits = PathLimits::read(source)?;
+        Ok(PathSettings { limits, reuse: source.choice("path_reuse", &words, PathReuse::Auto)? })
+    }
+
+    fn with_limits(limits: PathLimits) -> PathSettings {
+        limits.into()
+    }
+
+    fn limits(settings: &PathSettings) -> PathLimits {
+        settings.limits
+    }
+
+    fn create(settings: &PathSettings) -> Box<dyn Integrator> {
+        Box::new(PathIntegrator::new(*settings))
+    }
+}
+
+impl Integrator for PathIntegrator {
+    fn name(&self) -> &'static str {
+        "path"
+    }
+
+    fn shows_environment(&self) -> bool {
+        !self.settings.hide_emitters
+    }
+
+    fn reuses_paths(&self) -> bool {
+        self.reuses
+    }
+
+    fn prepares(&self) -> bool {
+        self.reuse == PathReuse::Auto
+    }
+
+    fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        self.reuses = match self.reuse {
+            PathReuse::Always | PathReuse::Auto if preparation.scene.needs.time => false,
+            PathReuse::Always => true,
+            PathReuse::Auto => pilot::reuse_pays(self, preparation),
+            PathReuse::Never => false,
+        };
+        Ok(())
+    }
+
+    fn statistics(&self) -> Vec<Statistic> {
+        vec![Statistic { name: "path_reuse", value: f64::from(u8::from(self.reuses)) }]
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        // A point that moves is found at one time only.
+        if wave.groups.is_empty() || query != RadianceQuery::ALL || scene.needs.time {
+            out.fill(Radiance::NONE);
+            return self.trace(scene, wave, query, worker, out, None);
+        }
+        // The BSDFs of shared points are used until they are connected.
+        let mut arena = std::mem::take(&mut worker.kept_arena);
+        let mut all = std::mem::take(&mut worker.radiance);
+        all.clear();
+        all.resize(2 * out.len(), Radiance::NONE);
+        let mut reuse = Reuse::new(wave.groups, out.len());
+        self.trace(scene, wave, query, worker, &mut all, Some((&mut reuse, &arena)));
+        out.copy_from_slice(&all[..out.len()]);
+        reuse.finish(&all, out);
+        drop(reuse);
+        arena.reset();
+        (worker.kept_arena, worker.radiance) = (arena, all);
+    }
+}
+
+impl PathIntegrator {
+    /// Traces the paths of a wave. With reuse, the second half of `out` is for tails.
+    fn trace<'a>(
+        &self,
+        scene: &'a Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+        mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
+    ) {
+        worker.paths.begin(wave.rays, wave.keys);
+        worker.specular_only.clear();
+        worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
+        let samples_emitters = TechniqueCounts::ONE_EACH.samples_emitters(scene);
+        let mut depth = 0;
+        while !worker.paths.rays.is_empty() && self.allows(depth + 1) && !worker.interrupt.is_raised() {
+            let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
+            intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
+            if depth == 0 {
+                first_hits(scene, self.settings.hide_emitters, worker, out);
+            }
+            let bounce = PathBounce {
+                scene,
+                next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
+                add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
+                add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
+                roulette: Roulette::at(depth + 1, self.settings.rr_depth),
+            };
+            let Worker { paths, hits, numbers, specular_only, sampler, .. } = &mut *worker;
+            if let Some((reuse, _)) = &mut reuse
+                && scene.needs.environment
+            {
+                reuse.add_missed(paths, hits);
+            }
+            let is_shared = |slot| reuse.as_ref().is_some_and(|(reuse, _)| reuse.is_shared(slot));
+            lighting::drop_missed(scene, paths, hits, out, TechniqueCounts::ONE_EACH, |paths, i| {
+                bounce.adds(specular_only, paths.slots[i]) && !is_shared(paths.slots[i])
+            });
+            let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
+            if scatter {
+                let uses = BounceNumbers {
+                    next_event: bounce.next_event,
+                    lobe: scene.needs.lobe_choice,
+                    direction: true,
+                    roulette: bounce.roulette.is_some(),
+                };
+                numbers.draw(uses, depth, *sampler, &paths.keys);
+            }
+            match &mut reuse {
+                Some((reuse, arena)) => {
+                    bounce.shade(scatter, worker, out, Some((reuse, arena)));
+                    let Worker { paths, counters, .. } = &mut *worker;
+                    reuse.connect(scene, paths, counters, out);
+                }
+                None => bounce.shade(scatter, worker, out, None),
+            }
+            if bounce.next_event {
+                worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
+            }
+            depth += 1;
+        }
+    }
+}
+
+/// Writes the distances of the first surfaces, behind hidden emitters if `hide_emitters` is true.
+pub(super) fn first_hits(scene: &Scene, hide_emitters: bool, worker: &mut Worker, out: &mut [Radiance]) {
+    for (out, hit) in out.iter_mut().zip(&worker.hits) {
+        out.distance = hit.map_or(f32::INFINITY, |h| h.t);
+    }
+    if hide_emitters && scene.needs.hit_emitters {
+        let Worker { paths, hits, counters, .. } = worker;
+        let passed = emission::skip_emitters(scene, &mut paths.rays, hits, counters);
+        for ((out, hit), passed) in out.iter_mut().zip(&*hits).zip(passed) {
+            out.distance = hit.map_or(f32::INFINITY, |h| passed + h.t);
+        }
+    }
+}
+
+impl<'a> PathBounce<'a> {
+    /// Returns whether emission found by the path of a slot is added.
+    #[inline(always)]
+    fn adds(&self, specular_only: &[bool], slot: u32) -> bool {
+        match self.add_caustics {
+            Some(caustics) if specular_only[slot as usize] => caustics,
+            _ => self.add_emission,
+        }
+    }
+
+    /// Returns whether emission may be added for any path.
+    #[inline(always)]
+    fn may_add(&self) -> bool {
+        self.add_emission || self.add_caustics == Some(true)
+    }
+
+    /// Shades every path of the wave, block by block, and moves the continuing paths to the front.
+    fn shade(
+        &self,
+        scatter: bool,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+        mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
+    ) {
+        let Worker { hits, shadows, paths, numbers, arena, specular_only, .. } = worker;
+        let mut alive = 0;
+        for first in (0..hits.len()).step_by(LANES) {
+            arena.reset();
+            let Some((reuse, kept)) =
+                reuse.as_mut().filter(|(reuse, _)| scatter && reuse.has_single(first, paths))
+            else {
+                let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
+                self.add_emitted(&block, paths, specular_only, out, block.active);
+                if scatter {
+                    if self.next_event && block.finite != 0 {
+                        self.light(&block, paths, numbers, shadows);
+                    }
+                    let (next, survivors) = self.scatter(&block, paths, numbers, [0; 2]);
+                    if !specular_only.is_empty() {
+                        for i in bits(survivors) {
+                            let only = &mut specular_only[paths.slots[first + i] as usize];
+                            *only &= next.pdf.as_array()[i].is_infinite();
+                        }
+                    }
+                    alive = paths.compact(first, alive, &next, survivors);
+                }
+                continue;
+            };
+            let block = ShadingBlock::new(self.scene, kept, &paths.rays, hits, first);
+            let single = reuse.single(&block, paths);
+            let shared = reuse.shareable(&block, paths, single);
+            self.add_emitted(&block, paths, specular_only, out, !shared);
+            if self.next_event && block.finite != 0 {
+                self.light_with_reuse(&block, paths, numbers, shadows, reuse, shared);
+            } else {
+                reuse.add_points(&block, paths, None, shared);
+            }
+            let vertices = if self.roulette.is_none() { single & !shared & block.finite } else { 0 };
+            reuse.add_vertices(&block, paths, vertices);
+            // The directions of these paths have a density for the group, even if their own pixels do not need them.
+            let (next, survivors) = self.scatter(&block, paths, numbers, [shared, shared | vertices]);
+            let finite = next.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask();
+            for i in bits(survivors & shared & finite) {
+                let path = alive + (survivors & ((1 << i) - 1)).count_ones() as usize;
+                let wi = block.at.frame.to_local(next.rays.d).lane(i);
+                reuse.set_tail(paths.slots[first + i], wi, path);
+            }
+            alive = paths.compact(first, alive, &next, survivors);
+        }
+        paths.truncate(alive);
+    }
+
+    /// Adds the light of the emitters that the paths of a block hit, for the lanes in a mask.
+    #[inline(always)]
+    fn add_emitted(
+        &self,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        specular_only: &[bool],
+        out: &mut [Radiance],
+        lanes: u32,
+    ) {
+        if self.may_add() && block.at.emitting & block.active & lanes != 0 {
+            for (i, le) in lighting::emitted(self.scene, block, paths, TechniqueCounts::ONE_EACH) {
+                let slot = paths.slots[block.first + i];
+                if lanes >> i & 1 == 1 && self.adds(specular_only, slot) {
+                    out[slot as usize].value += paths.beta(block.first + i) * le;
+                }
+            }
+        }
+    }
+
+    /// Samples an emitter at each point of the block. Gives the samples of the lanes in the mask `shared` to the groups,
+    /// and queues shadow rays for the other lanes.
+    fn light_with_reuse(
+        &self,
+        block: &ShadingBlock<'a>,
+        paths: &PathWave,
+        numbers: &RandomNumbers,
+        shadows: &mut ShadowQueue,
+        reuse: &mut Reuse<'a>,
+        shared: u32,
+    ) {
+        let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
+        let sample = lighting::draw_emitters(self.scene, block, u_point, TechniqueCounts::ONE_EACH);
+        let alone = block.finite & !shared;
+        if alone != 0 {
+            let sampled =
+                lighting::reflect_emitters(self.scene, block, &sample, TechniqueCounts::ONE_EACH, alone);
+            let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
+            shadows.push(&sampled.rays, &paths.slots[block.first..], &value, sampled.lanes);
+        }
+        let rays = self.scene.shadow_rays(&block.at, &sample, block.rays.time).to_rays();
+        reuse.add_points(block, paths, Some((&sample, rays)), shared);
+    }
+
+    /// Queues a shadow ray from each point of the block.
+    #[inline(always)]
+    fn light(
+        &self,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        numbers: &RandomNumbers,
+        shadows: &mut ShadowQueue,
+    ) {
+        let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
+        let sampled = lighting::sample_emitters(self.scene, block, u_point, TechniqueCounts::ONE_EACH);
+        let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
+        shadows.push(&sampled.rays, &paths.slots[block.first..], &value, sampled.lanes);
+    }
+
+    /// Samples the BSDFs and applies Russian roulette, except in the lanes of the mask `spared`; returns the
+    /// continuations and a mask of the surviving lanes. The lanes of the mask `kept` survive without throughput.
+    #[inline(always)]
+    fn scatter(
+        &self,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        numbers: &RandomNumbers,
+        [spared, kept]: [u32; 2],
+    ) -> (Continuation, u32) {
+        let u_lobe = load(&numbers.bsdf_lobe, block.first);
+        let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
+        let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+        let mut beta: [f32x16; 3] =
+            std::array::from_fn(|c| load(&paths.beta[c], block.first) * sample.weight[c]);
+        let eta = load(&paths.eta, block.first) * sample.eta;
+        let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
+        let mut alive = sample.valid & (strongest.simd_ne(f32x16::ZERO) | mask_from_bits(kept));
+        if let Some(roulette) = self.roulette {
+            // `eta²` removes the scaling of radiance inside a dielectric, which does not change a path's importance.
+            let (played, on) = roulette.play_x16(beta, eta * eta, load(&numbers.roulette, block.first));
+            let spared = mask_from_bits(spared);
+            beta = std::array::from_fn(|c| spared.select(beta[c], played[c]));
+            alive &= on | spared;
+        }
+        let wi = block.at.frame.to_world(sample.wi);
+        let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
+        (
+            Continuation { rays, from: block.at.p, beta, pdf: sample.pdf, eta },
+            alive.to_bitmask() & block.active,
+        )
+    }
+}
