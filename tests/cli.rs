@@ -298,7 +298,6 @@ fn the_account_has_every_key() {
         ("/spp", 5.into()),
         ("/paths", (5 * 40 * 30).into()),
         ("/stop_reason", "samples".into()),
-        ("/seconds/prepare", 0.0.into()),
         ("/invalid_samples", 0.into()),
         ("/triangles", 16.into()),
         ("/scene", "s.xml".into()),

@@ -72,8 +72,8 @@ fn blocks(
     sums.iter().map(|[mean, square]| [*mean, (square - mean * mean).max(0.0) / (n - 1.0)]).collect()
 }
 
-/// Asserts that images with and without reuse have the same expectation: every block, at a significance of 0.001 for all
-/// blocks of a scene, and the mean over the image within 4 standard errors.
+/// Asserts that images with and without reuse have the same expectation: every block, at a significance of 0.001 for
+/// all blocks of a scene, and the mean over the image within 4 standard errors.
 fn expect_same(name: &str, scene: &Scene, limits: PathLimits, size: usize, spp: u64) {
     const SEEDS: u64 = 48;
     let reused = blocks(scene, &path(PathReuse::Always, limits), size, 0..SEEDS, spp);

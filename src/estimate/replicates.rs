@@ -9,13 +9,14 @@
 //!   the error and to d².
 //!
 //! If the errors of pixels are independent, tr C² is a sum over pixels, which the differences of *two* neighbours
-//! estimate. Pixels that reuse the paths of their group have correlated errors. Their mean correlation ρ follows from the
-//! sums of d over blocks: the mean of (Σ d)² relative to Σ d² is 1 + (G − 1)·ρ for groups of G pixels, and tr C² is
-//! larger by the factor 1 + (G − 1)·ρ². If pixels share noise (photons, caches, light paths), the samples are divided among eight replicates,
-//! four in each half, each with its own photons and caches. For two replicates of either half, the products of
-//! differences, ⟨r₀ − r₂, r₁ − r₃⟩²/4, estimate tr C² of the replicates with all correlations between pixels. The
-//! difference between the estimate for blocks of pixels and that for single pixels is due to noise shared by
-//! neighbours. The difference between the whole image and its blocks is due to noise shared by all pixels.
+//! estimate. Pixels that reuse the paths of their group have correlated errors. Their mean correlation ρ follows from
+//! the sums of d over blocks: the mean of (Σ d)² relative to Σ d² is 1 + (G − 1)·ρ for groups of G pixels, and tr C²
+//! is larger by the factor 1 + (G − 1)·ρ². If pixels share noise (photons, caches, light paths), the samples are
+//! divided among eight replicates, four in each half, each with its own photons and caches. For two replicates of
+//! either half, the products of differences, ⟨r₀ − r₂, r₁ − r₃⟩²/4, estimate tr C² of the replicates with all
+//! correlations between pixels. The difference between the estimate for blocks of pixels and that for single pixels
+//! is due to noise shared by neighbours. The difference between the whole image and its blocks is due to noise shared
+//! by all pixels.
 //!
 //! The error is relative to the true image r, which is unknown. Dividing by the image's own values would
 //! underestimate large errors, because a firefly would be compared with itself. Therefore r is estimated from those
@@ -87,8 +88,8 @@ pub struct ErrorSums {
     pixels: u64,
     /// The sum of the relative squared differences, averaged over the channels.
     errors: f64,
-    /// The sum over blocks and channels of the squares of their sums of relative differences, averaged over the channels.
-    /// It is as large as `errors` if the errors of pixels are independent.
+    /// The sum over blocks and channels of the squares of their sums of relative differences, averaged over the
+    /// channels. It is as large as `errors` if the errors of pixels are independent.
     of_sums: f64,
     /// The same sum relative to the image itself.
     own: f64,

@@ -140,8 +140,8 @@ pub trait Integrator: Send + Sync {
         false
     }
 
-    /// Returns whether the paths of neighbouring pixels are reused for each other, after the preparation. Waves of camera
-    /// rays then have groups.
+    /// Returns whether the paths of neighbouring pixels are reused for each other, after the preparation. Waves of
+    /// camera rays then have groups.
     fn reuses_paths(&self) -> bool {
         false
     }

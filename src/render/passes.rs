@@ -266,8 +266,8 @@ impl<'j, 'a> Passes<'j, 'a> {
     }
 }
 
-/// Divides a region into tiles. Their edges are at multiples of their size in the full image, so that the tiles of a crop
-/// are parts of those of the image.
+/// Divides a region into tiles. Their edges are at multiples of their size in the full image, so that the tiles of a
+/// crop are parts of those of the image.
 pub(super) fn tiles_of(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
     let along = |start: u32, length: u32| {
         let end = start + length;

@@ -1,9 +1,9 @@
 //! The groups of pixels whose paths are reused for each other.
 //!
-//! The image is divided into cells of 8 × 8 pixels, counted from its top left corner. The pixels of a cell are divided
-//! at random into groups of sixteen, which are the same for all samples, so that each member contributes all of its
-//! low-discrepancy sequence. Neighbours are mostly in different groups: their noise is independent, and the mean of a few
-//! neighbours is more exact than a pixel. With groups of 4 × 4 neighbours, the noise would be blocks.
+//! The image is divided into cells of 8 × 8 pixels, counted from its top left corner. The pixels of a cell are
+//! divided at random into groups of sixteen, which are the same for all samples, so that each member contributes all
+//! of its low-discrepancy sequence. Neighbours are mostly in different groups: their noise is independent, and the
+//! mean of a few neighbours is more exact than a pixel. With groups of 4 × 4 neighbours, the noise would be blocks.
 
 use crate::film::PixelRect;
 use crate::integrator::{Group, NO_RAY};

@@ -358,8 +358,8 @@ impl<'a> PathBounce<'a> {
         }
     }
 
-    /// Samples an emitter at each point of the block. Gives the samples of the lanes in the mask `shared` to the groups,
-    /// and queues shadow rays for the other lanes.
+    /// Samples an emitter at each point of the block. Gives the samples of the lanes in the mask `shared` to the
+    /// groups, and queues shadow rays for the other lanes.
     fn light_with_reuse(
         &self,
         block: &ShadingBlock<'a>,

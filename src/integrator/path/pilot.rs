@@ -1,9 +1,9 @@
 //! The choice between independent paths and reuse, by a pilot.
 //!
-//! Reuse multiplies the cost of a path by about 2. It divides the variance of indirect light by up to 16, but it does not
-//! reduce the noise of emitter samples at the first surface, of edges, and of specular paths. The pilot traces some
-//! cells of the image both ways and compares error × cost. Its samples are not part of the image. Costs are numbers of
-//! rays, so the choice is the same on every machine.
+//! Reuse multiplies the cost of a path by about 2. It divides the variance of indirect light by up to 16, but it does
+//! not reduce the noise of emitter samples at the first surface, of edges, and of specular paths. The pilot traces
+//! some cells of the image both ways and compares error × cost. Its samples are not part of the image. Costs are
+//! numbers of rays, so the choice is the same on every machine.
 
 use super::PathIntegrator;
 use super::groups::{CELL, PixelGroups};
@@ -28,8 +28,8 @@ const SEED: u64 = 0x7069_6c6f_7470_6174;
 /// The errors and costs of a cell with independent paths and with reuse.
 #[derive(Clone, Copy, Default)]
 struct Trial {
-    /// Fourth roots of the mean squared relative errors. Their sums are compared, because a few fireflies would dominate
-    /// sums of squares.
+    /// Fourth roots of the mean squared relative errors. Their sums are compared, because a few fireflies would
+    /// dominate sums of squares.
     errors: [f64; 2],
     costs: [f64; 2],
 }

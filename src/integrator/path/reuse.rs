@@ -254,8 +254,8 @@ impl<'a> Reuse<'a> {
         }
     }
 
-    /// Shares the light from infinity along the rays of a wave that hit nothing. Rays whose light is not shared are those
-    /// for which [`is_shared`](Self::is_shared) is false.
+    /// Shares the light from infinity along the rays of a wave that hit nothing. Rays whose light is not shared are
+    /// those for which [`is_shared`](Self::is_shared) is false.
     pub fn add_missed(&mut self, paths: &PathWave, hits: &[Option<Hit>]) {
         for (i, _) in hits.iter().enumerate().filter(|(_, hit)| hit.is_none()) {
             let slot = paths.slots[i] as usize;
@@ -280,7 +280,8 @@ impl<'a> Reuse<'a> {
     }
 
     /// Connects the shared points of the current bounce to the vertices before. Adds the light of emitter samples to
-    /// `out`, and begins a tail for every path that continues. Tails have entries of the output behind those of the rays.
+    /// `out`, and begins a tail for every path that continues. Tails have entries of the output behind those of the
+    /// rays.
     pub fn connect(
         &mut self,
         scene: &Scene,
