@@ -8,11 +8,12 @@
 //! integrator on.
 //!
 //! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper), `--samplers LIST`, `--spp LIST`, `--size
-//! N`, `--adaptive`; other arguments are scenes.
+//! N`, `--adaptive`, `--path-reuse WHEN`; other arguments are scenes.
 
 use buffon::accel::AccelKind;
 use buffon::error::Error;
 use buffon::estimate::metrics::RELATIVE_FLOOR;
+use buffon::integrator::settings::PathReuse;
 use buffon::render::{Progress, Rendered, StopRules};
 use buffon::sampling::SamplerKind;
 use buffon::session::{Choices, SceneChoices, SceneFile, Session, default_threads};
@@ -30,6 +31,7 @@ struct Options {
     seeds: u64,
     size: u32,
     adaptive: bool,
+    path_reuse: Option<PathReuse>,
     integrators: Vec<String>,
     samplers: Vec<SamplerKind>,
     samples: Vec<u64>,
@@ -41,6 +43,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         seeds: 100,
         size: 48,
         adaptive: false,
+        path_reuse: None,
         integrators: vec!["path".into()],
         samplers: vec![SamplerKind::Independent, SamplerKind::Sobol],
         samples: vec![64, 16],
@@ -51,6 +54,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let mut list = || arguments.next().ok_or(format!("{argument}: expected a value"));
         match argument.as_str() {
             "--adaptive" => options.adaptive = true,
+            "--path-reuse" => options.path_reuse = Some(list()?.parse()?),
             "--size" => options.size = list()?.parse()?,
             "--integrators" => options.integrators = list()?.split(',').map(String::from).collect(),
             "--samplers" => {
@@ -124,8 +128,9 @@ impl Seeds {
         let stop = StopRules { samples: Some(samples), ..StopRules::default() };
         let render = |seed| {
             let (integrator, sampler) = (Some(integrator.to_string()), Some(sampler));
+            let Options { adaptive, path_reuse, .. } = *options;
             let choices =
-                Choices { integrator, sampler, stop, seed, adaptive: options.adaptive, ..Choices::default() };
+                Choices { integrator, sampler, stop, seed, adaptive, path_reuse, ..Choices::default() };
             session.render(&session.plan(&choices)?, &Progress::new())
         };
         let renders = (0..options.seeds).map(render).collect::<Result<Vec<_>, _>>()?;
