@@ -68,7 +68,7 @@ fn cell(seed: u64, [width, height]: [u32; 2], (x, y): (u32, u32)) -> Vec<(u32, u
     let mut hash = combine(combine(combine(0x6772_6f75, seed as u32), (seed >> 32) as u32), combine(x, y));
     for i in (1..pixels.len()).rev() {
         hash = combine(hash, i as u32);
-        pixels.swap(i, (u64::from(hash) * (i as u64 + 1) >> 32) as usize);
+        pixels.swap(i, ((u64::from(hash) * (i as u64 + 1)) >> 32) as usize);
     }
     pixels
 }

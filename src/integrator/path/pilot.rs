@@ -46,7 +46,7 @@ pub fn reuse_pays(integrator: &PathIntegrator, preparation: &Preparation<'_>) ->
             // One cell in each of as many stretches of the image.
             let (first, end) = (i * cells / trials, (i + 1) * cells / trials);
             let random = u64::from(combine(preparation.seed as u32, i as u32));
-            let cell = first + (random * (end - first) >> 32);
+            let cell = first + ((random * (end - first)) >> 32);
             let (x, y) =
                 ((cell % u64::from(columns)) as u32 * CELL, (cell / u64::from(columns)) as u32 * CELL);
             let (width, height) = (CELL.min(film.width - x), CELL.min(film.height - y));
