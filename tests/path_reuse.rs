@@ -141,15 +141,18 @@ fn reuse_is_unbiased_for_all_materials() {
     ];
     for (name, material) in materials {
         let body = format!(
-            "<shape type='rectangle'><transform name='to_world'><rotate x='1' angle='-90'/><scale value='3'/></transform>\
+            "<shape type='rectangle'><transform name='to_world'>\
+             <rotate x='1' angle='-90'/><scale value='3'/></transform>\
              {material}</shape>\
              <shape type='rectangle'><transform name='to_world'><scale value='3'/><translate z='-1.2'/></transform>\
              <bsdf type='twosided'><bsdf type='diffuse'/></bsdf></shape>\
-             <shape type='sphere'><point name='center' value='-0.5, 0.51, 0'/><float name='radius' value='0.5'/>{material}</shape>\
+             <shape type='sphere'><point name='center' value='-0.5, 0.51, 0'/>\
+             <float name='radius' value='0.5'/>{material}</shape>\
              <shape type='cube'><transform name='to_world'><scale value='0.3'/><rotate y='1' angle='30'/>\
              <translate x='0.6' y='0.301' z='0.3'/></transform>{material}</shape>\
              <shape type='rectangle'><transform name='to_world'><scale value='0.7'/><rotate x='1' angle='90'/>\
-             <translate y='2.2'/></transform><emitter type='area'><rgb name='radiance' value='6, 5, 4'/></emitter></shape>\
+             <translate y='2.2'/></transform>\
+             <emitter type='area'><rgb name='radiance' value='6, 5, 4'/></emitter></shape>\
              <emitter type='constant'><rgb name='radiance' value='0.2, 0.3, 0.4'/></emitter>"
         );
         expect_same(name, &from_xml(&body, 16), limited(6), 16, 16);
@@ -239,7 +242,13 @@ fn independent_pixels_exclude_reuse() {
     let used = |options: &str| {
         folder.render(&format!("s.xml --spp 16 -q -o a.exr --stats a.json {options}"));
         let stats: serde_json::Value = serde_json::from_slice(&folder.read("a.json")).expect("JSON");
-        stats["prepared"]["path_reuse"].as_f64().expect("a number")
+        let reuses = stats["prepared"]["path_reuse"].as_f64().expect("a number");
+        // Only the pilot takes time, and `always` and `never` have none.
+        let prepared = stats["seconds"]["prepare"].as_f64().expect("a number");
+        if options.contains("--path-reuse") {
+            assert_eq!(prepared, 0.0, "{options}");
+        }
+        reuses
     };
     assert_eq!(used("--path-reuse never"), 0.0);
     assert_eq!(used("--path-reuse always"), 1.0);

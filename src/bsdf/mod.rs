@@ -277,6 +277,22 @@ impl Bsdf<'_> {
         }
     }
 
+    /// Returns whether a BSDF that was made for one viewer differs from that for another viewer on the same side.
+    pub fn depends_on_viewer(&self) -> bool {
+        match self {
+            Bsdf::Tilted(_) => true,
+            Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) => false,
+            Bsdf::Conductor(_) | Bsdf::RoughConductor(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => false,
+            Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => false,
+            Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => false,
+            Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => false,
+            Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.depends_on_viewer()),
+            Bsdf::Coating(b) => b.inner.depends_on_viewer(),
+            Bsdf::Mask(b) => b.inner.depends_on_viewer(),
+            Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.depends_on_viewer()),
+        }
+    }
+
     /// Returns whether [`sample`](Self::sample) uses `u_lobe`.
     pub fn chooses_lobe(&self) -> bool {
         match self {

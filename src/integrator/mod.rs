@@ -219,7 +219,7 @@ pub trait Integrator: Send + Sync {
 }
 
 /// Returns the number of replicates among which the samples of a render are divided. Two estimate the error of pixels
-/// with independent errors; eight also estimate the error that pixels share.
+/// that are independent, or correlated in groups; eight also estimate the error that pixels share.
 pub fn replicates(integrator: &dyn Integrator, sampler: SamplerKind) -> u32 {
     const { assert!(SHARED_REPLICATES as usize <= MAX_REPLICATES) };
     if integrator.shares_noise() || sampler.shares_noise() { SHARED_REPLICATES } else { 2 }

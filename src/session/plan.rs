@@ -132,7 +132,8 @@ fn choose_reuse(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) 
     if choices.adaptive || states_variances(layers) {
         if path.reuse == PathReuse::Always {
             return Err(Error::usage(
-                "path_reuse always: found --adaptive or a layer of variances, which need pixels with independent errors; use auto",
+                "path_reuse always: found --adaptive or a layer of variances, which need pixels with independent \
+                 errors; use auto",
             ));
         }
         path.reuse = PathReuse::Never;

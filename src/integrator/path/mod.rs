@@ -110,9 +110,8 @@ impl Plugin for PathIntegrator {
     type Settings = PathSettings;
 
     fn read(source: &mut dyn Source) -> Result<PathSettings> {
-        let words = [("auto", PathReuse::Auto), ("always", PathReuse::Always), ("never", PathReuse::Never)];
         let limits = PathLimits::read(source)?;
-        Ok(PathSettings { limits, reuse: source.choice("path_reuse", &words, PathReuse::Auto)? })
+        Ok(PathSettings { limits, reuse: source.choice("path_reuse", &PathReuse::NAMES, PathReuse::Auto)? })
     }
 
     fn with_limits(limits: PathLimits) -> PathSettings {

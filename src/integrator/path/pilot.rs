@@ -11,7 +11,7 @@ use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::PixelRect;
 use crate::integrator::preparation::{Preparation, Workers};
-use crate::integrator::worker::{draw_1d, draw_2d};
+use crate::integrator::worker::draw_2d;
 use crate::integrator::{Group, Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::hash::combine;
@@ -74,14 +74,12 @@ fn try_cell(
     let key = |(x, y), sample| sampler.key(seed ^ SEED, x, y, sample);
     let keys: Vec<SampleKey> = pixels().flat_map(|p| [key(p, 0), key(p, 1)]).collect();
     let mut numbers = [(); 2].map(|()| [Vec::new(), Vec::new()]);
-    let mut times = Vec::new();
     draw_2d(*sampler, Dimension::PIXEL, &keys, &mut numbers[0]);
     draw_2d(*sampler, Dimension::LENS, &keys, &mut numbers[1]);
-    draw_1d(*sampler, Dimension::TIME, &keys, &mut times);
     let pair = |of: usize, i: usize| Vec2::new(numbers[of][0][i], numbers[of][1][i]);
     let ray = |(i, (x, y)): (usize, (u32, u32))| {
         let film = DVec2::new(f64::from(x), f64::from(y)) + pair(0, i).as_dvec2();
-        camera.ray(film, pair(1, i), times[i])
+        camera.ray(film, pair(1, i), 0.0)
     };
     let rays: Vec<Ray> = pixels().flat_map(|p| [p, p]).enumerate().map(ray).collect();
     let mut groups: Vec<Group> = Vec::new();

@@ -192,7 +192,7 @@ impl<'a> Reuse<'a> {
         let shareable = |i: &usize| {
             let path = block.first + i;
             let vertex = &self.vertices[paths.slots[path] as usize];
-            paths.pdf[path].is_finite() && vertex.is_some() && !depends_on_viewer(block.bsdfs[*i])
+            paths.pdf[path].is_finite() && vertex.is_some() && !block.bsdfs[*i].depends_on_viewer()
         };
         bits(single & block.finite).filter(shareable).fold(0, |lanes, i| lanes | 1 << i)
     }
@@ -515,17 +515,5 @@ impl Receivers<'_> {
             }
         }
         (scene.emitted(emitter, at), f32x16::new(weights))
-    }
-}
-
-/// Returns whether a BSDF that was made for one viewer differs from that for another viewer on the same side.
-fn depends_on_viewer(bsdf: &Bsdf<'_>) -> bool {
-    match bsdf {
-        Bsdf::Tilted(_) => true,
-        Bsdf::Blend(b) => b.bsdfs.iter().any(|b| depends_on_viewer(b)),
-        Bsdf::Coating(b) => depends_on_viewer(b.inner),
-        Bsdf::Mask(b) => depends_on_viewer(b.inner),
-        Bsdf::TwoSided(b) => b.sides.iter().any(|b| depends_on_viewer(b)),
-        _ => false,
     }
 }
