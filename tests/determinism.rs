@@ -6,11 +6,14 @@ use buffon::accel::AccelKind;
 use buffon::compare::{compare, z_test};
 use buffon::film::{PixelRect, Tile};
 use buffon::image::{Image, read};
+use buffon::integrator::settings::{PathLimits, PathReuse, PathSettings};
 use buffon::integrator::{self, Settings, Worker};
 use buffon::loader::{LoadOptions, load};
 use buffon::render::tracing::CameraWorker;
 use buffon::render::{Job, JobSettings, Progress, StopRules};
 use buffon::sampling::{Sampler, SamplerKind};
+use buffon::scene::Scene;
+use std::path::Path;
 
 /// Returns the bits of all values of an image.
 fn bits(image: &Image) -> Vec<u32> {
@@ -131,6 +134,29 @@ fn every_traversal_gives_the_same_picture() {
         assert!((picture.mean_ratio - 1.0).abs() < 1e-3, "ratio {}", picture.mean_ratio);
         let z = z_test(image, &images[0], None, 0.01).expect("variances are there");
         assert!(z.passes() && z.rms < 0.5, "{z:?}");
+    }
+}
+
+/// Sorting a wave by what its rays hit changes the order of the work, but no path.
+#[test]
+fn sorted_waves_have_the_pixels_of_unsorted_ones() {
+    for reuse in [PathReuse::Never, PathReuse::Always] {
+        for file in ["interior/interior.xml", "spheres/spheres.xml"] {
+            let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(file);
+            let mut loaded = load(&file, &LoadOptions::default()).expect("the scene loads");
+            let film = &mut loaded.description.sensors[0].film;
+            (film.width, film.height, film.crop) = (48, 48, None);
+            let mut scene = scenes::compiled(loaded.description, AccelKind::default());
+            assert!(!scene.shading_buckets.is_empty());
+            let settings = Settings::Path(PathSettings { limits: PathLimits::default(), reuse });
+            let image = |scene: &Scene| {
+                let rendered = scenes::render(scene, &settings, SamplerKind::Sobol, 8, 1);
+                scenes::pixels(&rendered).into_iter().map(|rgb| rgb.map(f64::to_bits)).collect::<Vec<_>>()
+            };
+            let sorted = image(&scene);
+            scene.shading_buckets.clear();
+            assert!(image(&scene) == sorted, "{}, {reuse:?}", file.display());
+        }
     }
 }
 

@@ -1,10 +1,10 @@
 //! A smooth conductor.
 
 use super::fresnel::{ConductorFresnel, ConductorFresnelX16};
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::{Bsdf, BsdfSample, Lobe};
 use crate::color::Rgb;
-use crate::math::{LANES, Vec3, Vec3x16, f32x16};
+use crate::math::{Vec3, Vec3x16, f32x16};
 
 /// Specular reflection by a conductor on the front side; the back side is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,10 +49,10 @@ impl<'a> Kernel<'a> for ConductorX16 {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a Conductor; LANES]) -> Self {
+    fn gather(lanes: &LaneBsdfs<'a, Conductor>) -> Self {
         ConductorX16 {
-            fresnel: ConductorFresnelX16::gather(bsdfs.map(|b| &b.fresnel)),
-            specular_reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
+            fresnel: ConductorFresnelX16::gather(lanes, |b| b.fresnel),
+            specular_reflectance: lanes.colors(|b| b.specular_reflectance),
         }
     }
 

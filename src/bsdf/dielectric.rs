@@ -1,11 +1,11 @@
 //! A smooth boundary between two dielectrics.
 
 use super::fresnel::{self, dielectric_x16};
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::{Bsdf, BsdfSample, Lobe};
 use crate::color::Rgb;
 use crate::math::lanes::with_sign;
-use crate::math::{LANES, Vec3, Vec3x16, f32x16};
+use crate::math::{Vec3, Vec3x16, f32x16};
 use crate::sampling::hash::{probability_below, probability_below_x16};
 
 /// Reflection and refraction of radiance at a smooth boundary.
@@ -87,11 +87,11 @@ impl<'a> Kernel<'a> for DielectricX16 {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a Dielectric; LANES]) -> Self {
+    fn gather(lanes: &LaneBsdfs<'a, Dielectric>) -> Self {
         DielectricX16 {
-            eta: f32x16::new(bsdfs.map(|b| b.eta)),
-            reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
-            transmittance: channels(bsdfs.map(|b| b.specular_transmittance)),
+            eta: lanes.numbers(|b| b.eta),
+            reflectance: lanes.colors(|b| b.specular_reflectance),
+            transmittance: lanes.colors(|b| b.specular_transmittance),
         }
     }
 

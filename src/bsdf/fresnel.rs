@@ -1,8 +1,8 @@
 //! The Fresnel equations for unpolarised light.
 
-use super::lanes::channels;
+use super::lanes::LaneBsdfs;
 use crate::color::Rgb;
-use crate::math::{LANES, f32x16};
+use crate::math::f32x16;
 
 /// Reflectance of a smooth boundary, and the cosine of the refracted direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,8 +106,8 @@ pub struct ConductorFresnelX16 {
 impl ConductorFresnelX16 {
     /// Creates the lanes.
     #[inline(always)]
-    pub fn gather(fresnels: [&ConductorFresnel; LANES]) -> Self {
-        ConductorFresnelX16 { eta: channels(fresnels.map(|f| f.eta)), k: channels(fresnels.map(|f| f.k)) }
+    pub(super) fn gather<T>(lanes: &LaneBsdfs<'_, T>, fresnel: impl Fn(&T) -> ConductorFresnel) -> Self {
+        ConductorFresnelX16 { eta: lanes.colors(|b| fresnel(b).eta), k: lanes.colors(|b| fresnel(b).k) }
     }
 
     /// Computes [`ConductorFresnel::reflectance`] in each lane, by channel.

@@ -56,7 +56,7 @@ pub(super) trait Kernel<'a>: Sized {
     }
 
     /// Creates the lanes.
-    fn gather(bsdfs: [&'a Self::Scalar; LANES]) -> Self;
+    fn gather(lanes: &LaneBsdfs<'a, Self::Scalar>) -> Self;
 
     /// Computes [`Bsdf::eval`] in each lane.
     fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16;
@@ -68,15 +68,64 @@ pub(super) trait Kernel<'a>: Sized {
     #[inline(always)]
     fn like(first: usize, bsdfs: &[&'a Bsdf<'a>; LANES], rest: u32) -> Option<(u32, Self)> {
         let one = Self::of(bsdfs[first])?;
-        let (mut lanes, mut all) = (0, [one; LANES]);
-        for i in bits(rest) {
-            if let Some(bsdf) = Self::of(bsdfs[i]).filter(|bsdf| Self::alike(bsdf, one)) {
-                all[i] = bsdf;
-                lanes |= 1 << i;
+        let mut lanes = rest;
+        let mut like = LaneBsdfs { bsdfs: [one; LANES], equal: true };
+        if !all_equal(bsdfs) {
+            lanes = 0;
+            for i in bits(rest) {
+                if let Some(bsdf) = Self::of(bsdfs[i]).filter(|bsdf| Self::alike(bsdf, one)) {
+                    like.bsdfs[i] = bsdf;
+                    like.equal &= std::ptr::eq(bsdf, one);
+                    lanes |= 1 << i;
+                }
             }
         }
-        Some((lanes, Self::gather(all)))
+        Some((lanes, Self::gather(&like)))
     }
+}
+
+/// The BSDFs of one kind, from which a kernel takes its parameters.
+pub(super) struct LaneBsdfs<'a, T> {
+    /// The BSDF of each lane.
+    pub bsdfs: [&'a T; LANES],
+    /// Whether all lanes have the same.
+    equal: bool,
+}
+
+impl<T> LaneBsdfs<'_, T> {
+    /// Returns a number of each BSDF.
+    #[inline(always)]
+    pub fn numbers(&self, number: impl Fn(&T) -> f32) -> f32x16 {
+        if self.equal {
+            return f32x16::splat(number(self.bsdfs[0]));
+        }
+        let mut numbers = [0.0; LANES];
+        for (to, bsdf) in numbers.iter_mut().zip(&self.bsdfs) {
+            *to = number(bsdf);
+        }
+        f32x16::new(numbers)
+    }
+
+    /// Returns a colour of each BSDF, by channel.
+    #[inline(always)]
+    pub fn colors(&self, color: impl Fn(&T) -> Rgb) -> [f32x16; 3] {
+        if self.equal {
+            return color(self.bsdfs[0]).to_array().map(f32x16::splat);
+        }
+        let mut channels = [[0.0; LANES]; 3];
+        let [r, g, b] = &mut channels;
+        for (i, bsdf) in self.bsdfs.iter().enumerate() {
+            let color = color(bsdf);
+            (r[i], g[i], b[i]) = (color.r, color.g, color.b);
+        }
+        channels.map(f32x16::new)
+    }
+}
+
+/// Returns whether all lanes have the same BSDF.
+#[inline(always)]
+fn all_equal(bsdfs: &[&Bsdf<'_>; LANES]) -> bool {
+    bsdfs.iter().all(|&bsdf| std::ptr::eq(bsdf, bsdfs[0]))
 }
 
 /// Declares [`AnyKernel`] from the list of kernels.
@@ -122,15 +171,15 @@ kernels! {
     Conductor(ConductorX16),
 }
 
-/// Returns colours by channel.
-#[inline(always)]
-pub(super) fn channels(colors: [Rgb; LANES]) -> [f32x16; 3] {
-    [f32x16::new(colors.map(|c| c.r)), f32x16::new(colors.map(|c| c.g)), f32x16::new(colors.map(|c| c.b))]
-}
-
 /// Returns the reflectances of the diffuse lanes by channel, and a mask of the other lanes.
 #[inline(always)]
 fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
+    if all_equal(bsdfs) {
+        return match bsdfs[0] {
+            Bsdf::Diffuse(diffuse) => (diffuse.reflectance.to_array().map(f32x16::splat), 0),
+            _ => ([f32x16::ZERO; 3], u32::MAX),
+        };
+    }
     let mut reflectance = [[0.0; LANES]; 3];
     let mut others = 0;
     for (i, bsdf) in bsdfs.iter().enumerate() {

@@ -1,7 +1,8 @@
 //! Distributions of microfacet normals. [Walter 2007; Heitz 2014, 2018]
 
+use super::lanes::LaneBsdfs;
 use crate::math::functions::{angle_x16, erf_inverse_x16, erfc_x16, exp_x16, ln_x16};
-use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::warp::sin_cos_turn_x16;
 use std::f32::consts::{PI, TAU};
 
@@ -229,11 +230,11 @@ pub struct MicrofacetsX16 {
 impl MicrofacetsX16 {
     /// Creates the distributions, all of the family of the first.
     #[inline(always)]
-    pub fn gather(microfacets: [&Microfacets; LANES]) -> Self {
+    pub(super) fn gather<T>(lanes: &LaneBsdfs<'_, T>, microfacets: impl Fn(&T) -> Microfacets) -> Self {
         MicrofacetsX16 {
-            distribution: microfacets[0].distribution,
-            alpha_x: f32x16::new(microfacets.map(|m| m.alpha_x)),
-            alpha_y: f32x16::new(microfacets.map(|m| m.alpha_y)),
+            distribution: microfacets(lanes.bsdfs[0]).distribution,
+            alpha_x: lanes.numbers(|b| microfacets(b).alpha_x),
+            alpha_y: lanes.numbers(|b| microfacets(b).alpha_y),
         }
     }
 
@@ -376,6 +377,7 @@ fn inside_x16(u: f32x16) -> (f32x16, f32x16) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::LANES;
 
     #[test]
     fn the_inverse_error_function_inverts() {

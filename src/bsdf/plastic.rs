@@ -1,11 +1,10 @@
 //! A diffuse base under a smooth dielectric coating.
 
 use super::fresnel::{self, dielectric_x16};
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe};
 use crate::color::Rgb;
-use crate::math::lanes::mask_from_bits;
-use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::hash::{probability_below, probability_below_x16};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
@@ -119,6 +118,20 @@ pub(super) fn specular_probability(diffuse: Rgb, specular: Rgb, r: f32) -> f32 {
     if specular + diffuse > 0.0 { probability_below(specular / (specular + diffuse)) } else { 1.0 }
 }
 
+/// A diffuse base under a coating.
+pub(super) struct Coated {
+    /// The reflectance of the base.
+    pub base: Rgb,
+    /// A factor on the reflection by the coating.
+    pub coating: Rgb,
+    /// The fraction of diffuse light from inside that the coating reflects back.
+    pub internal: f32,
+    /// The index of refraction of the coating relative to that outside.
+    pub eta: f32,
+    /// Whether multiple scattering multiplies the base's colour several times.
+    pub nonlinear: bool,
+}
+
 /// The reflectances of a coated base and its coating in each of sixteen lanes.
 pub(super) struct CoatedX16 {
     /// The index of refraction of the coatings relative to that outside.
@@ -132,22 +145,21 @@ pub(super) struct CoatedX16 {
 }
 
 impl CoatedX16 {
-    /// Creates the lanes from the parameters of each: the reflectances of base and coating, the fraction of diffuse
-    /// light from inside that the coating reflects back, its index, and whether the model is nonlinear.
+    /// Creates the lanes from the coated base of each BSDF.
     #[inline(always)]
-    pub fn gather(lanes: [(Rgb, Rgb, f32, f32, bool); LANES]) -> Self {
-        let eta = f32x16::new(lanes.map(|l| l.3));
-        let internal = f32x16::new(lanes.map(|l| l.2));
-        let nonlinear =
-            mask_from_bits(lanes.iter().enumerate().fold(0, |bits, (i, l)| bits | u32::from(l.4) << i));
+    pub fn gather<T>(lanes: &LaneBsdfs<'_, T>, coated: impl Fn(&T) -> Coated) -> Self {
+        let eta = lanes.numbers(|b| coated(b).eta);
+        let internal = lanes.numbers(|b| coated(b).internal);
+        let nonlinear = lanes.numbers(|b| f32::from(coated(b).nonlinear)).simd_gt(f32x16::ZERO);
         let scale = f32x16::ONE / (eta * eta);
-        let base = channels(lanes.map(|l| l.0))
+        let base = lanes
+            .colors(|b| coated(b).base)
             .map(|rho| scale * rho / (f32x16::ONE - nonlinear.select(rho * internal, internal)));
         CoatedX16 {
             eta,
             base,
-            specular: channels(lanes.map(|l| l.1)),
-            means: [f32x16::new(lanes.map(|l| l.1.mean())), f32x16::new(lanes.map(|l| l.0.mean()))],
+            specular: lanes.colors(|b| coated(b).coating),
+            means: [lanes.numbers(|b| coated(b).coating.mean()), lanes.numbers(|b| coated(b).base.mean())],
         }
     }
 
@@ -175,10 +187,14 @@ impl<'a> Kernel<'a> for PlasticX16 {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a Plastic; LANES]) -> Self {
-        PlasticX16(CoatedX16::gather(
-            bsdfs.map(|b| (b.diffuse_reflectance, b.specular_reflectance, b.fdr_int, b.eta, b.nonlinear)),
-        ))
+    fn gather(lanes: &LaneBsdfs<'a, Plastic>) -> Self {
+        PlasticX16(CoatedX16::gather(lanes, |b| Coated {
+            base: b.diffuse_reflectance,
+            coating: b.specular_reflectance,
+            internal: b.fdr_int,
+            eta: b.eta,
+            nonlinear: b.nonlinear,
+        }))
     }
 
     #[inline(always)]

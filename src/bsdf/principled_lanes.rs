@@ -2,12 +2,12 @@
 
 use super::burley::{self, MEAN_SCHLICK_WEIGHT};
 use super::fresnel::dielectric_x16;
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::microfacet::MicrofacetsX16;
 use super::principled::CLEARCOAT_MASKING;
 use super::{Bsdf, Principled};
 use crate::math::functions::exp_x16;
-use crate::math::{LANES, Vec3x16, f32x16};
+use crate::math::{Vec3x16, f32x16};
 use crate::sampling::hash::probability_below_x16;
 use crate::sampling::warp::{self, sin_cos_turn_x16};
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
@@ -169,33 +169,30 @@ impl<'a> Kernel<'a> for PrincipledX16 {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a Principled; LANES]) -> Self {
-        let lanes = |value: fn(&Principled) -> f32| f32x16::new(bsdfs.map(value));
-        let any = |value: fn(&Principled) -> f32| bsdfs.iter().any(|b| value(b) > 0.0);
-        let microfacets = bsdfs.map(Principled::microfacets);
-        let masking = [&CLEARCOAT_MASKING; LANES];
+    fn gather(lanes: &LaneBsdfs<'a, Principled>) -> Self {
+        let any = |value: fn(&Principled) -> f32| lanes.bsdfs.iter().any(|b| value(b) > 0.0);
         let gtr1 = |b: &Principled| burley::Gtr1::from_gloss(b.clearcoat_gloss);
         PrincipledX16 {
-            microfacets: MicrofacetsX16::gather(microfacets.each_ref()),
-            base_color: channels(bsdfs.map(|b| b.base_color)),
-            roughness: lanes(|b| b.roughness),
-            flatness: lanes(|b| b.flatness),
-            eta: lanes(|b| b.eta),
-            opaque: lanes(Principled::opaque),
-            metallic: lanes(|b| b.metallic),
-            untinted: lanes(|b| (1.0 - b.metallic) * (1.0 - b.spec_tint)),
-            tinted: lanes(|b| (1.0 - b.metallic) * b.spec_tint),
+            microfacets: MicrofacetsX16::gather(lanes, Principled::microfacets),
+            base_color: lanes.colors(|b| b.base_color),
+            roughness: lanes.numbers(|b| b.roughness),
+            flatness: lanes.numbers(|b| b.flatness),
+            eta: lanes.numbers(|b| b.eta),
+            opaque: lanes.numbers(Principled::opaque),
+            metallic: lanes.numbers(|b| b.metallic),
+            untinted: lanes.numbers(|b| (1.0 - b.metallic) * (1.0 - b.spec_tint)),
+            tinted: lanes.numbers(|b| (1.0 - b.metallic) * b.spec_tint),
             tinted_r0: match any(|b| b.spec_tint) {
-                true => channels(bsdfs.map(|b| burley::tint(b.base_color) * burley::r0_from_eta(b.eta))),
+                true => lanes.colors(|b| burley::tint(b.base_color) * burley::r0_from_eta(b.eta)),
                 false => [f32x16::ZERO; 3],
             },
             sheen: any(|b| b.sheen)
-                .then(|| channels(bsdfs.map(|b| b.sheen_color() * ((1.0 - b.metallic) * b.sheen)))),
+                .then(|| lanes.colors(|b| b.sheen_color() * ((1.0 - b.metallic) * b.sheen))),
             clearcoat: any(|b| b.clearcoat).then(|| ClearcoatX16 {
-                weight: lanes(|b| b.clearcoat),
-                alpha2: f32x16::new(bsdfs.map(|b| gtr1(b).alpha2())),
-                ln_alpha2: f32x16::new(bsdfs.map(|b| gtr1(b).alpha2().ln())),
-                masking: MicrofacetsX16::gather(masking),
+                weight: lanes.numbers(|b| b.clearcoat),
+                alpha2: lanes.numbers(|b| gtr1(b).alpha2()),
+                ln_alpha2: lanes.numbers(|b| gtr1(b).alpha2().ln()),
+                masking: MicrofacetsX16::gather(lanes, |_| CLEARCOAT_MASKING),
             }),
         }
     }

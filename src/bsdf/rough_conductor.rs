@@ -1,11 +1,11 @@
 //! A rough conductor with a microfacet distribution. [Walter 2007]
 
 use super::fresnel::{ConductorFresnel, ConductorFresnelX16};
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::microfacet::{Microfacets, MicrofacetsX16};
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe};
 use crate::color::Rgb;
-use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 
 /// Microfacet reflection by a conductor on the front side; the back side is black.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,11 +93,11 @@ impl<'a> Kernel<'a> for RoughConductorX16 {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a RoughConductor; LANES]) -> Self {
+    fn gather(lanes: &LaneBsdfs<'a, RoughConductor>) -> Self {
         RoughConductorX16 {
-            microfacets: MicrofacetsX16::gather(bsdfs.map(|b| &b.microfacets)),
-            fresnel: ConductorFresnelX16::gather(bsdfs.map(|b| &b.fresnel)),
-            specular_reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
+            microfacets: MicrofacetsX16::gather(lanes, |b| b.microfacets),
+            fresnel: ConductorFresnelX16::gather(lanes, |b| b.fresnel),
+            specular_reflectance: lanes.colors(|b| b.specular_reflectance),
         }
     }
 

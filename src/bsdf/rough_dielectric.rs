@@ -2,12 +2,12 @@
 
 use super::facet::Facet;
 use super::fresnel::dielectric_x16;
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, channels};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::microfacet::{Microfacets, MicrofacetsX16};
 use super::{Bsdf, BsdfEval, BsdfSample, Dielectric, Lobe, fresnel, mask};
 use crate::color::Rgb;
 use crate::math::lanes::with_sign;
-use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::hash::{probability_below, probability_below_x16};
 
 /// Reflection and refraction of radiance at a boundary with a microfacet distribution.
@@ -181,15 +181,15 @@ impl<'a> Kernel<'a> for RoughDielectricX16 {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a RoughDielectric; LANES]) -> Self {
+    fn gather(lanes: &LaneBsdfs<'a, RoughDielectric>) -> Self {
         RoughDielectricX16 {
-            microfacets: MicrofacetsX16::gather(bsdfs.map(|b| &b.microfacets)),
-            eta: f32x16::new(bsdfs.map(|b| b.eta)),
-            reflectance: channels(bsdfs.map(|b| b.specular_reflectance)),
-            transmittance: channels(bsdfs.map(|b| b.specular_transmittance)),
+            microfacets: MicrofacetsX16::gather(lanes, |b| b.microfacets),
+            eta: lanes.numbers(|b| b.eta),
+            reflectance: lanes.colors(|b| b.specular_reflectance),
+            transmittance: lanes.colors(|b| b.specular_transmittance),
             strongest: [
-                f32x16::new(bsdfs.map(|b| b.specular_reflectance.max_component())),
-                f32x16::new(bsdfs.map(|b| b.specular_transmittance.max_component())),
+                lanes.numbers(|b| b.specular_reflectance.max_component()),
+                lanes.numbers(|b| b.specular_transmittance.max_component()),
             ],
         }
     }

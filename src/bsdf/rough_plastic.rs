@@ -2,11 +2,12 @@
 
 use super::facet::Facet;
 use super::fresnel::dielectric_x16;
-use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel};
+use super::lanes::{BsdfEvalX16, BsdfSampleX16, Kernel, LaneBsdfs};
 use super::microfacet::{Microfacets, MicrofacetsX16};
-use super::plastic::{self, CoatedX16};
+use super::plastic::{self, Coated, CoatedX16};
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe, RoughTransmittance, fresnel};
 use crate::color::Rgb;
+use crate::math::lanes::each_lane;
 use crate::math::{LANES, Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::warp;
 use std::f32::consts::FRAC_1_PI;
@@ -94,7 +95,7 @@ impl RoughPlasticX16<'_> {
     #[inline(always)]
     fn external(&self, cos: f32x16) -> f32x16 {
         let cos = cos.as_array();
-        f32x16::new(std::array::from_fn(|i| self.transmittance[i].external(cos[i])))
+        f32x16::new(each_lane(|i| self.transmittance[i].external(cos[i])))
     }
 
     /// Computes [`RoughPlastic::eval`] in each lane, for the transmittance of `wo` and the probability of sampling the
@@ -135,14 +136,17 @@ impl<'a> Kernel<'a> for RoughPlasticX16<'a> {
     }
 
     #[inline(always)]
-    fn gather(bsdfs: [&'a RoughPlastic<'a>; LANES]) -> Self {
+    fn gather(lanes: &LaneBsdfs<'a, RoughPlastic<'a>>) -> Self {
         RoughPlasticX16 {
-            microfacets: MicrofacetsX16::gather(bsdfs.map(|b| &b.microfacets)),
-            coated: CoatedX16::gather(bsdfs.map(|b| {
-                let internal = b.transmittance.internal();
-                (b.diffuse_reflectance, b.specular_reflectance, internal, b.eta, b.nonlinear)
-            })),
-            transmittance: bsdfs.map(|b| b.transmittance),
+            microfacets: MicrofacetsX16::gather(lanes, |b| b.microfacets),
+            coated: CoatedX16::gather(lanes, |b| Coated {
+                base: b.diffuse_reflectance,
+                coating: b.specular_reflectance,
+                internal: b.transmittance.internal(),
+                eta: b.eta,
+                nonlinear: b.nonlinear,
+            }),
+            transmittance: each_lane(|i| lanes.bsdfs[i].transmittance),
         }
     }
 

@@ -61,6 +61,7 @@ impl RoughTransmittance {
     }
 
     /// Returns the fraction of light at the cosine `cos` outside that enters, interpolated linearly.
+    #[inline]
     pub fn external(&self, cos: f32) -> f32 {
         let x = cos * (RESOLUTION - 1) as f32;
         let i = (x as usize).min(RESOLUTION - 2);

@@ -2,6 +2,7 @@
 
 use crate::accel::Hit;
 use crate::bsdf::Bsdf;
+use crate::math::lanes::each_lane;
 use crate::math::{LANES, Ray, RayX16, Vec3x16};
 use crate::scene::{Scene, SurfaceInteractionX16};
 use bumpalo::Bump;
@@ -68,7 +69,7 @@ impl<'a> ShadingBlock<'a> {
         let at = scene.interactions(&rays, &all);
         let wo = at.frame.to_local(-rays.d);
         let bsdfs = match scene.needs.varying_materials {
-            false => at.material.map(|material| scene.constant_bsdf(material)),
+            false => each_lane(|i| scene.constant_bsdf(at.material[i])),
             true => scene.bsdfs(&at, from_viewer.then_some(&wo), arena),
         };
         let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);

@@ -80,6 +80,8 @@ pub struct Worker {
     pub shadows: ShadowQueue,
     /// The current wave, for integrators that scatter.
     pub paths: PathWave,
+    /// Memory for sorting the wave.
+    pub sort_buffers: SortBuffers,
     /// Random numbers of the current wave.
     pub numbers: RandomNumbers,
     /// For each entry of the output, whether the path has had specular lobes only. Empty if unused.
@@ -131,6 +133,20 @@ pub struct PathWave {
     pub pdf: Vec<f32>,
     /// Product of the relative indices of refraction along the path.
     pub eta: Vec<f32>,
+}
+
+/// Memory for sorting a wave.
+#[derive(Default)]
+pub struct SortBuffers {
+    order: Vec<u32>,
+    paths: PathWave,
+    hits: Vec<Option<Hit>>,
+}
+
+/// Replaces the contents of `to` by the elements of `from` in the given order.
+fn take<T: Copy>(to: &mut Vec<T>, from: &[T], order: &[u32]) {
+    to.clear();
+    to.extend(order.iter().map(|&i| from[i as usize]));
 }
 
 impl PathWave {
@@ -187,6 +203,45 @@ impl PathWave {
         self.from.truncate(n);
         self.pdf.truncate(n);
         self.eta.truncate(n);
+    }
+
+    /// Sorts the paths by the bucket of the shape that each has hit. Paths of a bucket keep their order.
+    ///
+    /// # Panics
+    /// If a path has no hit.
+    pub fn sort(&mut self, hits: &mut Vec<Option<Hit>>, bucket_of: &[u8], buffers: &mut SortBuffers) {
+        let bucket = |hit: &Option<Hit>| {
+            let geometry = hit.expect("paths without a hit were removed").geometry;
+            bucket_of[geometry as usize] as usize
+        };
+        let mut starts = [0; 256];
+        hits.iter().for_each(|hit| starts[bucket(hit)] += 1);
+        if hits.first().is_none_or(|hit| starts[bucket(hit)] == hits.len()) {
+            return;
+        }
+        let mut sum = 0;
+        for start in &mut starts {
+            (*start, sum) = (sum, sum + *start);
+        }
+        let SortBuffers { order, paths, hits: sorted } = buffers;
+        order.resize(hits.len(), 0);
+        for (i, hit) in hits.iter().enumerate() {
+            let to = &mut starts[bucket(hit)];
+            order[*to] = i as u32;
+            *to += 1;
+        }
+        take(sorted, hits, order);
+        take(&mut paths.rays, &self.rays, order);
+        take(&mut paths.keys, &self.keys, order);
+        take(&mut paths.slots, &self.slots, order);
+        for (to, from) in paths.beta.iter_mut().zip(&self.beta) {
+            take(to, from, order);
+        }
+        take(&mut paths.from, &self.from, order);
+        take(&mut paths.pdf, &self.pdf, order);
+        take(&mut paths.eta, &self.eta, order);
+        std::mem::swap(self, paths);
+        std::mem::swap(hits, sorted);
     }
 
     /// Returns the throughput of path `i`.
@@ -264,6 +319,7 @@ impl Worker {
             hits: Vec::new(),
             shadows: ShadowQueue::default(),
             paths: PathWave::default(),
+            sort_buffers: SortBuffers::default(),
             numbers: RandomNumbers::default(),
             specular_only: Vec::new(),
             probing: Vec::new(),

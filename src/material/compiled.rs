@@ -17,6 +17,8 @@ pub struct SceneMaterial {
     /// The material of the description, without the outermost [`Material::TwoSided`] of a single material.
     material: Material,
     prepared: Prepared,
+    /// The index of the kind of material among those of the scene.
+    pub kind: usize,
     /// The BSDF, if it is constant over the surface and borrows nothing.
     pub constant: Option<Bsdf<'static>>,
     /// Whether the BSDF is constant over the surface.
@@ -86,6 +88,7 @@ impl Materials {
     /// If an index is out of range, a material contains itself, or a material inside a two-sided one transmits light.
     pub fn new(materials: Vec<Material>, textures: Vec<Arc<Texture>>) -> Result<Self> {
         check_references(&materials, textures.len())?;
+        let mut kinds = Vec::new();
         let mut list: Vec<SceneMaterial> = Vec::with_capacity(materials.len());
         for material in &materials {
             let is = |material, f: fn(&Material) -> bool| is_made_of(&materials, material, f);
@@ -105,7 +108,13 @@ impl Materials {
                 }
                 other => (other, false),
             };
+            let kind =
+                kinds.iter().position(|&kind| kind == std::mem::discriminant(outer)).unwrap_or_else(|| {
+                    kinds.push(std::mem::discriminant(outer));
+                    kinds.len() - 1
+                });
             list.push(SceneMaterial {
+                kind,
                 material: outer.clone(),
                 prepared: outer.prepare(),
                 constant: None,

@@ -168,6 +168,16 @@ pub fn mask_from_bits(bits: u32) -> f32x16 {
     f32x16::new(std::array::from_fn(|i| lane(i as u32)))
 }
 
+/// Returns a value for each lane. It is inlined more reliably than `std::array::from_fn`.
+#[inline(always)]
+pub fn each_lane<T: Copy>(value: impl Fn(usize) -> T) -> [T; LANES] {
+    let mut values = [value(0); LANES];
+    for (i, to) in values.iter_mut().enumerate().skip(1) {
+        *to = value(i);
+    }
+    values
+}
+
 /// Iterates over the indices of the set bits, from the lowest.
 #[inline]
 pub fn bits(mut bits: u32) -> impl Iterator<Item = usize> {

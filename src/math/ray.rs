@@ -123,8 +123,11 @@ impl RayX16 {
     #[inline]
     pub fn to_rays(&self) -> [Ray; LANES] {
         let columns = [self.o.x, self.o.y, self.o.z, self.t_max, self.d.x, self.d.y, self.d.z, self.time];
-        let halves = columns.map(bytemuck::cast::<f32x16, [f32x8; 2]>);
-        bytemuck::cast([0, 1].map(|half| f32x8::transpose(halves.map(|column| column[half]))))
+        let (mut low, mut high) = ([f32x8::ZERO; 8], [f32x8::ZERO; 8]);
+        for (i, column) in columns.into_iter().enumerate() {
+            [low[i], high[i]] = bytemuck::cast(column);
+        }
+        bytemuck::cast([f32x8::transpose(low), f32x8::transpose(high)])
     }
 }
 

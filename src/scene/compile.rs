@@ -6,7 +6,7 @@ use super::holes::OpacityFilter;
 use super::media::MediaCompiler;
 use super::{Materials, Needs, Scene, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
-use crate::bsdf::Lobes;
+use crate::bsdf::{Bsdf, Lobes};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
@@ -267,6 +267,7 @@ impl SceneCompiler {
             ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty())
         };
         let scene = Scene {
+            shading_buckets: shading_buckets(&self.shapes, &self.materials),
             accel: built.accel,
             shapes: self.shapes,
             instances,
@@ -384,4 +385,26 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
         varying_materials: used.iter().any(|(material, _)| material.constant.is_none()),
         ..Needs::default()
     }
+}
+
+/// Returns a bucket for each shape, such that the shapes of a bucket are shaded by the same code; nothing if all are.
+fn shading_buckets(shapes: &[SceneShape], materials: &Materials) -> Vec<u8> {
+    let key = |shape: &SceneShape| {
+        let material = materials.get(shape.material);
+        let mesh = matches!(shape.world, WorldShape::Mesh(_) | WorldShape::Rectangle { .. });
+        // Diffuse surfaces of any colour are shaded together.
+        let own = !matches!(material.constant, Some(Bsdf::Diffuse(_)));
+        (material.kind, own.then_some(shape.material), mesh)
+    };
+    let mut keys: Vec<_> = shapes.iter().map(key).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    if keys.len() < 2 {
+        return Vec::new();
+    }
+    let bucket = |shape| {
+        let rank = keys.partition_point(|other| *other < key(shape));
+        (rank * 256 / keys.len().max(256)) as u8
+    };
+    shapes.iter().map(bucket).collect()
 }

@@ -49,6 +49,8 @@ pub struct Scene {
     pub accel: Box<dyn Accel>,
     /// The shapes. The geometry index of a hit is a shape's id.
     pub shapes: Vec<SceneShape>,
+    /// For each shape, the bucket into which a wave is sorted before its hits are shaded; empty if there is only one.
+    pub shading_buckets: Vec<u8>,
     /// The instances of groups of shapes, indexed by a hit's instance.
     pub instances: Vec<Instance>,
     /// The materials.

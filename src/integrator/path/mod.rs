@@ -215,7 +215,7 @@ impl PathIntegrator {
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
-            let Worker { paths, hits, numbers, specular_only, sampler, .. } = &mut *worker;
+            let Worker { paths, hits, numbers, specular_only, sampler, sort_buffers, .. } = &mut *worker;
             if let Some((reuse, _)) = &mut reuse
                 && scene.needs.environment
             {
@@ -225,6 +225,9 @@ impl PathIntegrator {
             lighting::drop_missed(scene, paths, hits, out, TechniqueCounts::ONE_EACH, |paths, i| {
                 bounce.adds(specular_only, paths.slots[i]) && !is_shared(paths.slots[i])
             });
+            if !scene.shading_buckets.is_empty() {
+                paths.sort(hits, &scene.shading_buckets, sort_buffers);
+            }
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
             if scatter {
                 let uses = BounceNumbers {
