@@ -198,10 +198,7 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
 #[inline]
 pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
-    let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
-    let inverse_pi = f32x16::splat(FRAC_1_PI);
-    let mut eval =
-        BsdfEvalX16 { f: reflectance.map(|r| (r * inverse_pi) & above), pdf: (wi.z * inverse_pi) & above };
+    let mut eval = BsdfEvalX16::diffuse(reflectance, wo, wi);
     let mut rest = others & active;
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
@@ -214,6 +211,48 @@ pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, a
         }
     }
     eval
+}
+
+/// BSDFs whose parameters were gathered, to be evaluated several times.
+pub struct BsdfX16<'a> {
+    bsdfs: [&'a Bsdf<'a>; LANES],
+    /// The reflectances of the diffuse lanes by channel.
+    reflectance: [f32x16; 3],
+    /// Kernels with the masks of their lanes.
+    kernels: Vec<(u32, AnyKernel<'a>)>,
+    /// Mask of the lanes without a kernel.
+    others: u32,
+}
+
+impl<'a> BsdfX16<'a> {
+    /// Gathers the parameters of the lanes in the mask `active`.
+    pub fn new(bsdfs: [&'a Bsdf<'a>; LANES], active: u32) -> Self {
+        let (reflectance, others) = gather_diffuse(&bsdfs);
+        let (mut rest, mut others, mut kernels) = (others & active, 0, Vec::new());
+        while rest != 0 {
+            let i = rest.trailing_zeros() as usize;
+            let (lanes, kernel) = match AnyKernel::like(i, &bsdfs, rest) {
+                Some((lanes, kernel)) => (lanes, Some((lanes, kernel))),
+                None => (1 << i, None),
+            };
+            others |= if kernel.is_none() { lanes } else { 0 };
+            kernels.extend(kernel);
+            rest &= !lanes;
+        }
+        BsdfX16 { bsdfs, reflectance, kernels, others }
+    }
+
+    /// Computes [`Bsdf::eval`] in each lane.
+    pub fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
+        let mut eval = BsdfEvalX16::diffuse(self.reflectance, wo, wi);
+        for (lanes, kernel) in &self.kernels {
+            eval.set_lanes(*lanes, &kernel.eval(wo, wi));
+        }
+        for i in bits(self.others) {
+            eval.set_lane(i, &self.bsdfs[i].eval(wo.lane(i), wi.lane(i)));
+        }
+        eval
+    }
 }
 
 /// Computes [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
@@ -252,6 +291,14 @@ pub fn sample_x16<'a>(
 impl BsdfEvalX16 {
     /// No scattering in any lane.
     pub(super) const ZERO: BsdfEvalX16 = BsdfEvalX16 { f: [f32x16::ZERO; 3], pdf: f32x16::ZERO };
+
+    /// Returns diffuse reflection.
+    #[inline(always)]
+    fn diffuse(reflectance: [f32x16; 3], wo: &Vec3x16, wi: &Vec3x16) -> Self {
+        let above = wo.z.simd_gt(f32x16::ZERO) & wi.z.simd_gt(f32x16::ZERO);
+        let inverse_pi = f32x16::splat(FRAC_1_PI);
+        BsdfEvalX16 { f: reflectance.map(|r| (r * inverse_pi) & above), pdf: (wi.z * inverse_pi) & above }
+    }
 
     fn set_lane(&mut self, i: usize, eval: &BsdfEval) {
         for (channel, value) in self.f.iter_mut().zip(eval.f.to_array()) {

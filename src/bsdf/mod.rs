@@ -42,7 +42,7 @@ pub use diffuse::Diffuse;
 pub use diffuse_transmitter::DiffuseTransmitter;
 pub use empirical::{DiffuseAnd, Phong, Ward};
 pub use hair::Hair;
-pub use lanes::{BsdfEvalX16, BsdfSampleX16};
+pub use lanes::{BsdfEvalX16, BsdfSampleX16, BsdfX16};
 pub use mask::Mask;
 pub use plastic::Plastic;
 pub use polarized_plastic::PolarizedPlastic;

@@ -176,7 +176,7 @@ impl Integrator for PathIntegrator {
         let mut all = std::mem::take(&mut worker.radiance);
         all.clear();
         all.resize(2 * out.len(), Radiance::NONE);
-        let mut reuse = Reuse::new(wave.groups, out.len());
+        let mut reuse = Reuse::new(wave.groups, out.len(), &arena);
         self.trace(scene, wave, query, worker, &mut all, Some((&mut reuse, &arena)));
         out.copy_from_slice(&all[..out.len()]);
         reuse.finish(&all, out);

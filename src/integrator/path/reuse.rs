@@ -16,7 +16,7 @@
 //! The estimate of each pixel is unbiased. The errors of the pixels of a group are correlated.
 
 use crate::accel::{Coherence, Hit};
-use crate::bsdf::{self, Bsdf};
+use crate::bsdf::{self, Bsdf, BsdfX16};
 use crate::color::Rgb;
 use crate::emitter::EmitterSampleX16;
 use crate::integrator::block::ShadingBlock;
@@ -28,6 +28,7 @@ use crate::math::ray::{end_error_x16, offset_origin, offset_origin_x16};
 use crate::math::{Frame, FrameX16, Ray, RayX16, Vec3, Vec3x16, f32x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
+use bumpalo::Bump;
 use std::time::Instant;
 
 /// The number of groups whose rays are traced together.
@@ -110,11 +111,11 @@ struct TailWeights {
 pub(super) struct Reuse<'a> {
     groups: &'a [Group],
     /// For each entry of the output, the last vertex of the path, if it has a finite lobe and shares no point yet.
-    vertices: Vec<Option<Vertex<'a>>>,
+    vertices: &'a mut [Option<Vertex<'a>>],
     /// The vertices of the current bounce, which replace `vertices` afterwards.
-    next: Vec<Option<Vertex<'a>>>,
+    next: &'a mut [Option<Vertex<'a>>],
     /// For each entry of the output, the point that is shared at the current bounce.
-    points: Vec<Option<Shared<'a>>>,
+    points: &'a mut [Option<Shared<'a>>],
     /// The points of the current bounce that emit.
     emitting: Vec<SurfaceInteraction>,
     tails: Vec<TailWeights>,
@@ -127,7 +128,7 @@ struct Receivers<'a> {
     ng: Vec3x16,
     frame: FrameX16,
     wo: Vec3x16,
-    bsdfs: [&'a Bsdf<'a>; LANES],
+    bsdf: BsdfX16<'a>,
     beta: [f32x16; 3],
     lanes: u32,
 }
@@ -170,10 +171,16 @@ impl Batch<'_> {
 }
 
 impl<'a> Reuse<'a> {
-    /// Creates the state before the first bounce of a wave with the given number of rays.
-    pub fn new(groups: &'a [Group], rays: usize) -> Self {
-        let (vertices, next, points) = (vec![None; rays], vec![None; rays], vec![None; rays]);
-        Reuse { groups, vertices, next, points, emitting: Vec::new(), tails: Vec::new() }
+    /// Creates the state before the first bounce of a wave with the given number of rays, in the arena.
+    pub fn new(groups: &'a [Group], rays: usize, arena: &'a Bump) -> Self {
+        Reuse {
+            groups,
+            vertices: arena.alloc_slice_fill_copy(rays, None),
+            next: arena.alloc_slice_fill_copy(rays, None),
+            points: arena.alloc_slice_fill_copy(rays, None),
+            emitting: Vec::new(),
+            tails: Vec::new(),
+        }
     }
 
     /// Returns whether any of the sixteen paths from `first` on shares no point yet.
@@ -305,8 +312,15 @@ impl<'a> Reuse<'a> {
                 counters.occlusion_time += started.elapsed();
                 counters.occlusion_rays += rays.len() as u64;
                 let mut occluded = occluded.iter().copied();
-                for link in links {
-                    self.collect(scene, link, &receivers[link.receivers], &mut occluded, paths, out);
+                for links in links.chunk_by(|a, b| a.group == b.group) {
+                    let mut sum = [f32x16::ZERO; 3];
+                    for link in links {
+                        let receivers = &receivers[link.receivers];
+                        let light = self.collect(scene, link, receivers, &mut occluded, paths);
+                        (0..3).for_each(|c| sum[c] += light[c]);
+                    }
+                    let group = &self.groups[links[0].group as usize];
+                    add_to_pixels(out, group, receivers[links[0].receivers].lanes, sum);
                 }
             }
             self.emitting.clear();
@@ -318,31 +332,25 @@ impl<'a> Reuse<'a> {
 
     /// Gathers the vertices of a group.
     fn receivers(&self, group: &Group) -> Receivers<'a> {
-        let mut receivers = Receivers {
-            p: Vec3x16::default(),
-            error: f32x16::ZERO,
-            ng: Vec3x16::default(),
-            frame: FrameX16 { s: Vec3x16::default(), t: Vec3x16::default(), n: Vec3x16::default() },
-            wo: Vec3x16::default(),
-            bsdfs: [&Bsdf::Null; LANES],
-            beta: [f32x16::ZERO; 3],
-            lanes: 0,
-        };
+        let zero = Vec3x16::default();
+        let (mut p, mut ng, mut wo, mut frame) = (zero, zero, zero, FrameX16 { s: zero, t: zero, n: zero });
+        let (mut error, mut beta) = (f32x16::ZERO, [f32x16::ZERO; 3]);
+        let (mut bsdfs, mut lanes) = ([&Bsdf::Null; LANES], 0);
         for (i, &slot) in group.iter().enumerate() {
             if let Some(Some(v)) = self.vertices.get(slot as usize) {
-                receivers.p.set_lane(i, v.p);
-                receivers.error.as_mut_array()[i] = v.error;
-                receivers.ng.set_lane(i, v.ng);
-                receivers.frame.set_lane(i, v.frame);
-                receivers.wo.set_lane(i, v.wo);
-                receivers.bsdfs[i] = v.bsdf;
-                for (channel, value) in receivers.beta.iter_mut().zip(v.beta.to_array()) {
+                p.set_lane(i, v.p);
+                error.as_mut_array()[i] = v.error;
+                ng.set_lane(i, v.ng);
+                frame.set_lane(i, v.frame);
+                wo.set_lane(i, v.wo);
+                bsdfs[i] = v.bsdf;
+                for (channel, value) in beta.iter_mut().zip(v.beta.to_array()) {
                     channel.as_mut_array()[i] = value;
                 }
-                receivers.lanes |= 1 << i;
+                lanes |= 1 << i;
             }
         }
-        receivers
+        Receivers { p, error, ng, frame, wo, bsdf: BsdfX16::new(bsdfs, lanes), beta, lanes }
     }
 
     /// Links the shared samples of a group with its vertices.
@@ -362,7 +370,7 @@ impl<'a> Reuse<'a> {
         batch.receivers.push(receivers);
     }
 
-    /// Adds the light of a linked sample, given the occlusion of its rays.
+    /// Returns the light of a linked sample by channel, given the occlusion of its rays.
     fn collect(
         &mut self,
         scene: &Scene,
@@ -370,9 +378,9 @@ impl<'a> Reuse<'a> {
         receivers: &Receivers<'_>,
         occluded: &mut impl Iterator<Item = bool>,
         paths: &mut PathWave,
-        out: &mut [Radiance],
-    ) {
-        let Some(shared) = &self.points[link.slot as usize] else { return };
+    ) -> [f32x16; 3] {
+        let mut light = [f32x16::ZERO; 3];
+        let Some(shared) = &self.points[link.slot as usize] else { return light };
         let mut next = || occluded.next().expect("every ray has a result");
         let hidden = bits(link.traced).filter(|_| next()).fold(0, |lanes, i| lanes | 1 << i);
         let lanes = (link.traced | 1 << link.own) & !hidden;
@@ -382,18 +390,15 @@ impl<'a> Reuse<'a> {
         let per_density = f32x16::splat(if total > 0.0 { 1.0 / total } else { 0.0 });
         let share = density * per_density;
         let flux = link.flux.map(|flux| (flux & visible) * per_density);
-        let group = &self.groups[link.group as usize];
         let mut add = |value: Rgb, factors: [f32x16; 3]| {
-            let value = value.to_array();
-            let light: [f32x16; 3] = std::array::from_fn(|c| flux[c] * factors[c] * f32x16::splat(value[c]));
-            let [r, g, b] = light.map(f32x16::to_array);
-            for i in bits(lanes) {
-                out[group[i] as usize].value += Rgb::new(r[i], g[i], b[i]);
+            for (c, value) in value.to_array().into_iter().enumerate() {
+                light[c] += (flux[c] * factors[c] * f32x16::splat(value)) & visible;
             }
         };
         let point = match &shared.place {
             Place::Infinity(d) => {
-                return receivers.distant(scene, *d, link.pdf, |le, weights| add(le, [weights; 3]));
+                receivers.distant(scene, *d, link.pdf, |le, weights| add(le, [weights; 3]));
+                return light;
             }
             Place::Surface(point) => point,
         };
@@ -427,6 +432,7 @@ impl<'a> Reuse<'a> {
             paths.beta.iter_mut().for_each(|channel| channel[path] = scale);
             paths.pdf[path] = pdf;
         }
+        light
     }
 
     /// Adds the radiance of all tails to that of the pixels.
@@ -437,13 +443,18 @@ impl<'a> Reuse<'a> {
                 continue;
             }
             let value = value.to_array();
-            let light: [f32x16; 3] = std::array::from_fn(|c| weights[c] * f32x16::splat(value[c]));
-            let [r, g, b] = light.map(f32x16::to_array);
-            for (i, &slot) in self.groups[*group as usize].iter().enumerate() {
-                if let Some(out) = out.get_mut(slot as usize) {
-                    out.value += Rgb::new(r[i], g[i], b[i]);
-                }
-            }
+            let light = std::array::from_fn(|c| weights[c] * f32x16::splat(value[c]));
+            add_to_pixels(out, &self.groups[*group as usize], u32::MAX, light);
+        }
+    }
+}
+
+/// Adds light, by channel, to the pixels of those lanes of the mask `lanes` that have one.
+fn add_to_pixels(out: &mut [Radiance], group: &Group, lanes: u32, light: [f32x16; 3]) {
+    let [r, g, b] = light.each_ref().map(f32x16::as_array);
+    for (i, &slot) in group.iter().enumerate() {
+        if let Some(out) = out.get_mut(slot as usize).filter(|_| lanes >> i & 1 == 1) {
+            out.value += Rgb::new(r[i], g[i], b[i]);
         }
     }
 }
@@ -460,7 +471,7 @@ impl Receivers<'_> {
             }
         };
         let wi = self.frame.to_local(w);
-        let eval = bsdf::lanes::eval_x16(&self.bsdfs, &self.wo, &wi, self.lanes);
+        let eval = self.bsdf.eval(&self.wo, &wi);
         let density = eval.pdf * per_area;
         let mut some = density.simd_gt(f32x16::ZERO)
             & density.simd_lt(f32x16::splat(f32::INFINITY))
