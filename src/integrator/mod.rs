@@ -46,6 +46,7 @@ pub use volpath::VolpathIntegrator;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
 
+use self::path::groups::CellSide;
 use self::photon::CausticMaps;
 use self::settings::Aov;
 use crate::accel::{Coherence, Hit};
@@ -140,10 +141,10 @@ pub trait Integrator: Send + Sync {
         false
     }
 
-    /// Returns whether the paths of neighbouring pixels are reused for each other, after the preparation. Waves of
-    /// camera rays then have groups.
-    fn reuses_paths(&self) -> bool {
-        false
+    /// Returns the side of the cells in which pixels reuse each other's paths, after the preparation; `None` if the
+    /// paths of all pixels are independent. Waves of camera rays have groups if there are cells.
+    fn reuse_cells(&self) -> Option<CellSide> {
+        None
     }
 
     /// Rejects scenes that the integrator cannot render correctly, before any work is done.

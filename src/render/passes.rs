@@ -257,7 +257,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         }
         Rendered {
             stop_reason,
-            reuses_paths: self.job.integrator.reuses_paths(),
+            reuses_paths: self.job.integrator.reuse_cells().is_some(),
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),
             checkpoint_status,

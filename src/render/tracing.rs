@@ -90,13 +90,13 @@ impl CameraWorker {
 
     /// Takes the given samples of every pixel of the tile, unless the render is interrupted between waves.
     pub fn render_tile(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
-        let reuses = job.integrator.reuses_paths();
         let (film, seed) = (&job.camera.film, job.settings.seed);
-        let groups = reuses.then(|| PixelGroups::new(seed, [film.width, film.height], tile.rect()));
+        let cells = job.integrator.reuse_cells();
+        let groups = cells.map(|side| PixelGroups::new(side, seed, [film.width, film.height], tile.rect()));
         let outside = groups.as_ref().map_or(&[][..], |groups| &groups.outside);
         let inside = (0..tile.pixel_count()).map(|pixel| (Some(pixel), tile.position(pixel)));
         let pixels: Vec<_> = inside.chain(outside.iter().map(|&position| (None, position))).collect();
-        let wave = if reuses { GROUPED_WAVE } else { WAVE };
+        let wave = if groups.is_some() { GROUPED_WAVE } else { WAVE };
         let per_wave = (wave / pixels.len()).max(1) as u64;
         let mut first = samples.start;
         while first < samples.end && !job.progress.is_interrupted() {

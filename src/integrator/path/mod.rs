@@ -8,6 +8,7 @@ pub mod groups;
 mod pilot;
 mod reuse;
 
+use self::groups::CellSide;
 use self::reuse::Reuse;
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
@@ -76,8 +77,8 @@ impl From<PathLimits> for PathSettings {
 pub struct PathIntegrator {
     settings: PathLimits,
     reuse: PathReuse,
-    /// Whether paths are reused, as decided by the settings or the pilot.
-    reuses: bool,
+    /// The cells in which paths are reused, as decided by the settings or the pilot.
+    cells: Option<CellSide>,
 }
 
 /// The state shared by all paths of a bounce.
@@ -96,7 +97,11 @@ struct PathBounce<'a> {
 impl PathIntegrator {
     /// Creates the integrator.
     pub fn new(PathSettings { limits, reuse }: PathSettings) -> Self {
-        PathIntegrator { settings: limits, reuse, reuses: reuse == PathReuse::Always }
+        PathIntegrator {
+            settings: limits,
+            reuse,
+            cells: (reuse == PathReuse::Always).then_some(CellSide::Eight),
+        }
     }
 
     /// Returns whether a path may have the given number of edges.
@@ -136,26 +141,26 @@ impl Integrator for PathIntegrator {
         !self.settings.hide_emitters
     }
 
-    fn reuses_paths(&self) -> bool {
-        self.reuses
+    fn reuse_cells(&self) -> Option<CellSide> {
+        self.cells
     }
 
     fn prepares(&self) -> bool {
-        self.reuse == PathReuse::Auto
+        self.reuse != PathReuse::Never
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        self.reuses = match self.reuse {
-            PathReuse::Always | PathReuse::Auto if preparation.scene.needs.time => false,
-            PathReuse::Always => true,
-            PathReuse::Auto => pilot::reuse_pays(self, preparation),
-            PathReuse::Never => false,
+        self.cells = match self.reuse {
+            PathReuse::Never => None,
+            PathReuse::Always | PathReuse::Auto if preparation.scene.needs.time => None,
+            PathReuse::Always => Some(pilot::run(self, preparation).cells()),
+            PathReuse::Auto => pilot::run(self, preparation).cells_that_pay(),
         };
         Ok(())
     }
 
     fn statistics(&self) -> Vec<Statistic> {
-        vec![Statistic { name: "path_reuse", value: f64::from(u8::from(self.reuses)) }]
+        vec![Statistic { name: "path_reuse", value: self.cells.map_or(0.0, |side| f64::from(side as u8)) }]
     }
 
     fn li(

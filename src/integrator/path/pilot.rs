@@ -1,12 +1,12 @@
-//! The choice between independent paths and reuse, by a pilot.
+//! The choice between independent paths and reuse in cells of either size, by a pilot.
 //!
 //! Reuse multiplies the cost of a path by about 2. It divides the variance of indirect light by up to 16, but it does
 //! not reduce the noise of emitter samples at the first surface, of edges, and of specular paths. The pilot traces
-//! some cells of the image both ways and compares error × cost. Its samples are not part of the image. Costs are
+//! some cells of the image in each way and compares error × cost. Its samples are not part of the image. Costs are
 //! numbers of rays, so the choice is the same on every machine.
 
 use super::PathIntegrator;
-use super::groups::{CELL, PixelGroups};
+use super::groups::{CellSide, PixelGroups};
 use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::PixelRect;
@@ -18,24 +18,56 @@ use crate::sampling::hash::combine;
 use crate::sampling::{Dimension, SampleKey};
 use rayon::prelude::*;
 
-/// The number of cells of the pilot.
-const CELLS: u64 = 32;
+/// The number of cells of the pilot, and their side in pixels.
+const CELLS: u64 = 24;
+const CELL: u32 = CellSide::Eight as u32;
+/// The number of samples of a pixel, of which the halves of a pixel have every other one. With one sample in each half,
+/// the direct light of emitters would be noisier beside indirect light than in an image, because samples of few
+/// dimensions become exact sooner.
+const SAMPLES: usize = 8;
+/// The ways in which each cell is traced; `None`: with independent paths.
+const MODES: [Option<CellSide>; 3] = [None, Some(CellSide::Eight), Some(CellSide::Four)];
+/// Reuse correlates the noise of pixels. It is chosen if its effort, relative to that of independent paths, is below
+/// this.
+const REUSE: f64 = 0.9;
+/// The noise of small cells is blocks of 4 × 4 pixels. They are chosen if their effort, relative to that of large
+/// cells, is below this.
+const SMALL_CELLS: f64 = 0.85;
 /// The cost of an occlusion query relative to that of a nearest-hit query.
-const OCCLUSION_COST: f64 = 0.4;
+const OCCLUSION_COST: f64 = 0.45;
 /// The seed of the pilot's samples is another than that of the image.
 const SEED: u64 = 0x7069_6c6f_7470_6174;
 
-/// The errors and costs of a cell with independent paths and with reuse.
+/// The errors and costs of a cell in each of the [`MODES`].
 #[derive(Clone, Copy, Default)]
 struct Trial {
     /// Fourth roots of the mean squared relative errors. Their sums are compared, because a few fireflies would
     /// dominate sums of squares.
-    errors: [f64; 2],
-    costs: [f64; 2],
+    errors: [f64; MODES.len()],
+    costs: [f64; MODES.len()],
 }
 
-/// Returns whether reuse is expected to reach a given error at less cost than independent paths.
-pub fn reuse_pays(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> bool {
+/// The cost at which each of the [`MODES`] is expected to reach a given error, in arbitrary units.
+pub struct Efforts([f64; MODES.len()]);
+
+impl Efforts {
+    /// Returns the better cells for reuse.
+    pub fn cells(&self) -> CellSide {
+        let [_, large, small] = self.0;
+        if small < SMALL_CELLS * large { CellSide::Four } else { CellSide::Eight }
+    }
+
+    /// Returns the better cells, if reuse in them has less effort than independent paths.
+    pub fn cells_that_pay(&self) -> Option<CellSide> {
+        let [independent, large, small] = self.0;
+        let cells = self.cells();
+        let effort = if cells == CellSide::Four { small } else { large };
+        (effort < REUSE * independent).then_some(cells)
+    }
+}
+
+/// Runs the pilot.
+pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Efforts {
     let film = &preparation.camera.film;
     let (columns, rows) = (film.width.div_ceil(CELL), film.height.div_ceil(CELL));
     let cells = u64::from(columns) * u64::from(rows);
@@ -55,13 +87,14 @@ pub fn reuse_pays(integrator: &PathIntegrator, preparation: &Preparation<'_>) ->
         };
         (0..trials).into_par_iter().map(trial).collect()
     });
-    let sum =
-        |of: fn(&Trial) -> [f64; 2], mode: usize| trials.iter().map(|trial| of(trial)[mode]).sum::<f64>();
-    let effort = |mode| sum(|trial| trial.errors, mode).powi(4) * sum(|trial| trial.costs, mode);
-    effort(1) < effort(0)
+    Efforts(std::array::from_fn(|mode| {
+        let (errors, costs) =
+            trials.iter().fold((0.0, 0.0), |(e, c), trial| (e + trial.errors[mode], c + trial.costs[mode]));
+        f64::powi(errors, 4) * costs
+    }))
 }
 
-/// Traces a sample of either half in each pixel of a cell, with independent paths and with reuse.
+/// Traces the [`SAMPLES`] of each pixel of a cell in each of the [`MODES`].
 fn try_cell(
     integrator: &PathIntegrator,
     preparation: &Preparation<'_>,
@@ -72,7 +105,7 @@ fn try_cell(
     let pixels =
         || (cell.y..cell.y + cell.height).flat_map(|y| (cell.x..cell.x + cell.width).map(move |x| (x, y)));
     let key = |(x, y), sample| sampler.key(seed ^ SEED, x, y, sample);
-    let keys: Vec<SampleKey> = pixels().flat_map(|p| [key(p, 0), key(p, 1)]).collect();
+    let keys: Vec<SampleKey> = pixels().flat_map(|p| (0..SAMPLES as u64).map(move |i| key(p, i))).collect();
     let mut numbers = [(); 2].map(|()| [Vec::new(), Vec::new()]);
     draw_2d(*sampler, Dimension::PIXEL, &keys, &mut numbers[0]);
     draw_2d(*sampler, Dimension::LENS, &keys, &mut numbers[1]);
@@ -81,14 +114,18 @@ fn try_cell(
         let film = DVec2::new(f64::from(x), f64::from(y)) + pair(0, i).as_dvec2();
         camera.ray(film, pair(1, i), 0.0)
     };
-    let rays: Vec<Ray> = pixels().flat_map(|p| [p, p]).enumerate().map(ray).collect();
+    let rays: Vec<Ray> = pixels().flat_map(|p| [p; SAMPLES]).enumerate().map(ray).collect();
     let mut groups: Vec<Group> = Vec::new();
-    PixelGroups::new(*seed, [camera.film.width, camera.film.height], cell).of_wave(2, &mut groups);
     let mut trial = Trial::default();
-    let mut radiance = [(); 2].map(|()| vec![Radiance::NONE; rays.len()]);
-    for (mode, groups) in [&[][..], &groups].into_iter().enumerate() {
+    let mut radiance = MODES.map(|_| vec![Radiance::NONE; rays.len()]);
+    for (mode, side) in MODES.into_iter().enumerate() {
+        groups.clear();
+        if let Some(side) = side {
+            let size = [camera.film.width, camera.film.height];
+            PixelGroups::new(side, *seed, size, cell).of_wave(SAMPLES as u32, &mut groups);
+        }
         let before = worker.counters;
-        let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups };
+        let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups: &groups };
         integrator.li(scene, wave, RadianceQuery::ALL, worker, &mut radiance[mode]);
         let nearest = worker.counters.closest_rays - before.closest_rays;
         let occlusion = worker.counters.occlusion_rays - before.occlusion_rays;
@@ -97,12 +134,13 @@ fn try_cell(
     // The mean of the cell stands for the true image, because a pixel's own mean is as noisy as its error.
     let values = |mode: usize| radiance[mode].iter().map(|radiance| radiance.value.to_array().map(f64::from));
     let mean = [0, 1, 2].map(|c| values(1).map(|value| value[c]).sum::<f64>() / rays.len() as f64);
-    let mut squares = [0.0; 2];
+    let mut squares = [0.0; MODES.len()];
     for (mode, square) in squares.iter_mut().enumerate() {
         let values: Vec<[f64; 3]> = values(mode).collect();
-        for [a, b] in values.as_chunks::<2>().0 {
+        for samples in values.chunks(SAMPLES) {
             for c in 0..3 {
-                *square += (a[c] - b[c]).powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR);
+                let difference = samples.as_chunks::<2>().0.iter().map(|[a, b]| a[c] - b[c]).sum::<f64>();
+                *square += difference.powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR);
             }
         }
     }
