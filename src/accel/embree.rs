@@ -339,7 +339,7 @@ impl UserPrimitives for AnalyticSurfaces {
     }
 
     fn intersect(&self, i: u32, user_ray: &UserRay) -> Option<UserHit> {
-        let UserSurface { surface, geometry, primitive, reported } = self.surfaces[i as usize];
+        let &UserSurface { ref surface, geometry, primitive, reported } = &self.surfaces[i as usize];
         let ray = to_ray(user_ray);
         let query = FilterQuery::with_id(self.filter.as_deref(), user_ray.id);
         let instance = instance_of(user_ray, self.first_instance);
