@@ -231,13 +231,13 @@ impl<'a> BsdfX16<'a> {
         let (mut rest, mut others, mut kernels) = (others & active, 0, Vec::new());
         while rest != 0 {
             let i = rest.trailing_zeros() as usize;
-            let (lanes, kernel) = match AnyKernel::like(i, &bsdfs, rest) {
-                Some((lanes, kernel)) => (lanes, Some((lanes, kernel))),
-                None => (1 << i, None),
-            };
-            others |= if kernel.is_none() { lanes } else { 0 };
-            kernels.extend(kernel);
-            rest &= !lanes;
+            if let Some((lanes, kernel)) = AnyKernel::like(i, &bsdfs, rest) {
+                kernels.push((lanes, kernel));
+                rest &= !lanes;
+            } else {
+                others |= 1 << i;
+                rest &= rest - 1;
+            }
         }
         BsdfX16 { bsdfs, reflectance, kernels, others }
     }
@@ -471,6 +471,14 @@ mod tests {
             let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
             let (u_lobe, u) = (numbers(), [numbers(), numbers()]);
             let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
+            let values =
+                |eval: BsdfEvalX16| [eval.f[0], eval.f[1], eval.f[2], eval.pdf].map(f32x16::to_array);
+            assert_eq!(values(BsdfX16::new(bsdfs, 0xffff).eval(&wo, &wi)), values(eval));
+            // Parameters that are equal in all lanes are read once, and the result is the same.
+            for (i, bsdf) in bsdfs.into_iter().enumerate() {
+                let all = values(eval_x16(&[bsdf; LANES], &wo, &wi, 0xffff));
+                assert_eq!(all.map(|v| v[i]), values(eval).map(|v| v[i]), "{bsdf:?}");
+            }
             let sample = sample_x16(&bsdfs, &wo, u_lobe, u, 0xffff);
             for (i, bsdf) in bsdfs.into_iter().enumerate() {
                 let alone = bsdf.eval(wo.lane(i), wi.lane(i));
