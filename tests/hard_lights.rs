@@ -41,11 +41,11 @@ fn seen_by_samples(light: &Light, from: Vec3, n: Vec3) -> Seen {
             [std::array::from_fn(|k| u((first + k) % SIDE)), std::array::from_fn(|k| u((first + k) / SIDE))];
         let all = lanes.sample(
             &[0; LANES],
+            false,
             Vec3x16::splat(from),
             pair.map(f32x16::new),
-            f32x16::ZERO,
             u32::from(u16::MAX),
-            |emitter, from, u, time| lights[emitter].sample(from, u, time),
+            |_, u| lights[0].sample(from, u, 0.0),
         );
         let (valid, pdf) = (all.valid.to_bitmask(), all.pdf.to_array());
         for k in (0..LANES).filter(|k| valid >> k & 1 == 1) {

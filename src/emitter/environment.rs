@@ -1,21 +1,23 @@
 //! Infinite emitters: light from every direction.
 
 use super::directional::distant_ray;
+use super::environment_map::EnvMapSampleX16;
 use super::{BoundingSphere, EmitterSample, EnvMap, EnvMapSample, LightRay, ShadowTarget, Sky};
 use crate::color::Rgb;
-use crate::math::{Vec2, Vec3};
+use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use crate::sampling::warp;
 use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// An emitter at infinity.
 pub struct Environment {
-    radiance: EnvironmentRadiance,
+    pub(super) radiance: EnvironmentRadiance,
     pub(super) scene: BoundingSphere,
 }
 
 /// Radiance as a function of direction, W·m⁻²·sr⁻¹.
-enum EnvironmentRadiance {
+#[derive(Clone)]
+pub(super) enum EnvironmentRadiance {
     Constant(Rgb),
     Map(Arc<EnvMap>),
     Sky(Arc<Sky>),
@@ -35,15 +37,6 @@ impl Environment {
     /// Creates an emitter with the radiance of a clear sky.
     pub fn sky(sky: Arc<Sky>, scene: BoundingSphere) -> Self {
         Environment { radiance: EnvironmentRadiance::Sky(sky), scene }
-    }
-
-    /// Returns the radiance, if it is the same from every direction.
-    #[inline]
-    pub(super) fn uniform(&self) -> Option<Rgb> {
-        match &self.radiance {
-            EnvironmentRadiance::Constant(radiance) => Some(*radiance),
-            EnvironmentRadiance::Map(_) | EnvironmentRadiance::Sky(_) => None,
-        }
     }
 
     /// Returns the radiance from the unit direction `d`.
@@ -139,6 +132,37 @@ impl Environment {
             EnvironmentRadiance::Constant(_) => "constant",
             EnvironmentRadiance::Map(_) => "envmap",
             EnvironmentRadiance::Sky(_) => "sky",
+        }
+    }
+}
+
+impl EnvironmentRadiance {
+    /// Samples directions in sixteen lanes: those of [`Environment::sample`], or of
+    /// [`Environment::sample_compensated`]. Densities are 0 where there is no sample.
+    #[inline]
+    pub fn sample_x16(&self, compensated: bool, u: [f32x16; 2]) -> EnvMapSampleX16 {
+        match self {
+            EnvironmentRadiance::Constant(radiance) => EnvMapSampleX16 {
+                wi: warp::square_to_sphere_x16(u),
+                radiance: radiance.to_array().map(f32x16::splat),
+                pdf: f32x16::splat(if compensated { 0.0 } else { warp::SQUARE_TO_SPHERE_PDF }),
+            },
+            EnvironmentRadiance::Map(map) => map.sample_x16(compensated, u),
+            EnvironmentRadiance::Sky(sky) => sky.sample_x16(compensated, u),
+        }
+    }
+
+    /// Returns the radiance from sixteen unit directions, and the densities with which
+    /// [`sample_x16`](Self::sample_x16) samples them.
+    #[inline]
+    pub fn eval_x16(&self, d: &Vec3x16, compensated: bool) -> ([f32x16; 3], f32x16) {
+        match self {
+            EnvironmentRadiance::Constant(radiance) => {
+                let pdf = if compensated { 0.0 } else { warp::SQUARE_TO_SPHERE_PDF };
+                (radiance.to_array().map(f32x16::splat), f32x16::splat(pdf))
+            }
+            EnvironmentRadiance::Map(map) => map.eval_x16(d, compensated),
+            EnvironmentRadiance::Sky(sky) => sky.eval_x16(d, compensated),
         }
     }
 }

@@ -1,18 +1,19 @@
 //! Emitter sampling for sixteen points at a time.
 //!
-//! Rectangles, spheres, points, spots without texture, directional emitters and uniform environments are sampled in
+//! Rectangles, spheres, points, spots without texture, directional emitters, the environment and the sun are sampled in
 //! parallel lanes, other emitters one lane after the other.
 
+use super::environment::EnvironmentRadiance;
+use super::environment_map::EnvMapSampleX16;
 use super::selection::Cone;
 use super::spherical_cap::SphericalCapX16;
 use super::spherical_rectangle::{NUMBERS as RECTANGLE, RectanglePointX16, RectangleX16};
-use super::{DirectionalEmitter, EmitterSample, Light, PointEmitter, ShadowTarget};
+use super::{DirectionalEmitter, EmitterSample, Light, PointEmitter, ShadowTarget, SunEmitter};
 use crate::math::functions::angle_x16;
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::ray::{end_error_x16, offset_origin_x16, plane_error_x16};
 use crate::math::robust::gamma;
 use crate::math::{Vec2, Vec3};
-use crate::sampling::warp;
 
 /// An [`EmitterSample`] in each of sixteen lanes.
 #[derive(Clone, Copy, Debug)]
@@ -228,16 +229,15 @@ fn sample_directional([x, y, z, r, g, b]: [f32x16; 6]) -> EmitterSampleX16 {
     }
 }
 
-/// Returns samples of environments with the same radiance from every direction.
+/// Returns samples of directions to emitters at infinity.
 #[inline(always)]
-fn sample_uniform_environment(radiance: [f32x16; 3], u: [f32x16; 2]) -> EmitterSampleX16 {
-    let all = mask_from_bits(0xffff);
+fn at_infinity(EnvMapSampleX16 { wi, radiance, pdf }: EnvMapSampleX16) -> EmitterSampleX16 {
     EmitterSampleX16 {
-        wi: warp::square_to_sphere_x16(u),
-        at_infinity: all,
+        wi,
+        at_infinity: mask_from_bits(0xffff),
         radiance,
-        pdf: f32x16::splat(warp::SQUARE_TO_SPHERE_PDF),
-        valid: all,
+        pdf,
+        valid: pdf.simd_gt(f32x16::ZERO),
         ..EmitterSampleX16::NONE
     }
 }
@@ -253,8 +253,10 @@ enum Kind {
     Point,
     /// The direction and irradiance of parallel light.
     Directional,
-    /// The radiance of an environment.
-    UniformEnvironment,
+    /// The environment.
+    Environment,
+    /// The sun.
+    Sun,
     /// An emitter that is sampled one lane after the other.
     Other,
 }
@@ -268,12 +270,19 @@ pub struct LightLanes {
     records: Vec<(Kind, u32)>,
     /// The numbers of all emitters.
     numbers: Vec<f32>,
+    environment: Option<EnvironmentRadiance>,
+    sun: Option<SunEmitter>,
 }
 
 impl LightLanes {
     /// Prepares the emitters of a scene.
     pub fn new(lights: &[Light]) -> Self {
-        let mut all = LightLanes { records: Vec::with_capacity(lights.len()), numbers: Vec::new() };
+        let mut all = LightLanes {
+            records: Vec::with_capacity(lights.len()),
+            numbers: Vec::new(),
+            environment: None,
+            sun: None,
+        };
         lights.iter().for_each(|light| all.add(light));
         all
     }
@@ -287,18 +296,12 @@ impl LightLanes {
             Light::Area(area) => Some(area),
             _ => None,
         };
-        let uniform = match light {
-            Light::Environment(environment) => environment.uniform(),
-            _ => None,
-        };
         if let Some((r, radiance)) = area.and_then(|area| area.rectangle()) {
             let (numbers, normal, radiance) =
                 (r.rectangle.numbers(), r.normal.to_array(), radiance.to_array());
             record(Kind::Rectangle, [&numbers, &normal, &[r.error], &[r.inverse_area], &radiance])
         } else if let Some((center, radius, radiance)) = area.and_then(|area| area.sphere()) {
             record(Kind::Sphere, [&center.to_array(), &[radius], &radiance.to_array(), &[], &[]])
-        } else if let Some(radiance) = uniform {
-            record(Kind::UniformEnvironment, [&radiance.to_array(), &[], &[], &[], &[]])
         } else {
             match light {
                 Light::Point(PointEmitter { position, intensity }) => {
@@ -318,39 +321,53 @@ impl LightLanes {
                     let (direction, irradiance) = (direction.to_array(), irradiance.to_array());
                     record(Kind::Directional, [&direction, &irradiance, &[], &[], &[]]);
                 }
+                Light::Environment(environment) => {
+                    record(Kind::Environment, [&[]; 5]);
+                    self.environment = Some(environment.radiance.clone());
+                }
+                Light::Sun(sun) => {
+                    record(Kind::Sun, [&[]; 5]);
+                    self.sun = Some(*sun);
+                }
                 _ => record(Kind::Other, [&[]; 5]),
             }
         }
     }
 
     /// Samples a direction to emitter `emitters[i]` as seen from lane `i` of `from`, for the lanes in the mask
-    /// `active`. `one` samples an emitter that has no kernel, given its index, a point, random numbers and the time.
+    /// `active`. If `compensated` is true, the samples omit the environment's light that BSDF samples find well. `one`
+    /// samples the emitter of a lane that has no kernel.
     #[inline]
     pub fn sample(
         &self,
         emitters: &[usize; LANES],
+        compensated: bool,
         from: Vec3x16,
         u: [f32x16; 2],
-        time: f32x16,
         active: u32,
-        one: impl Fn(usize, Vec3, Vec2, f32) -> Option<EmitterSample>,
+        one: impl Fn(usize, Vec2) -> Option<EmitterSample>,
     ) -> EmitterSampleX16 {
-        let [mut rectangles, mut spheres, mut points, mut directional, mut environments, mut others] = [0; 6];
+        let [mut rectangles, mut spheres, mut points, mut directional] = [0; 4];
+        let [mut environments, mut suns, mut others] = [0; 3];
         for i in bits(active) {
             let lanes = match self.records[emitters[i]].0 {
                 Kind::Rectangle => &mut rectangles,
                 Kind::Sphere => &mut spheres,
                 Kind::Point => &mut points,
                 Kind::Directional => &mut directional,
-                Kind::UniformEnvironment => &mut environments,
+                Kind::Environment => &mut environments,
+                Kind::Sun => &mut suns,
                 Kind::Other => &mut others,
             };
             *lanes |= 1 << i;
         }
         let mut samples = EmitterSampleX16::NONE;
-        if environments != 0 {
-            samples = sample_uniform_environment(self.gather(emitters, environments), u);
+        if let Some(environment) = self.environment.as_ref().filter(|_| environments != 0) {
+            samples = at_infinity(environment.sample_x16(compensated, u));
             samples.valid &= mask_from_bits(environments);
+        }
+        if let Some(sun) = self.sun.as_ref().filter(|_| suns != 0) {
+            samples.set_lanes(suns, &at_infinity(sun.sample_x16(u)));
         }
         if points != 0 {
             let found = PointsX16::new(self.gather(emitters, points)).sample(from);
@@ -371,7 +388,7 @@ impl LightLanes {
         }
         for i in bits(others) {
             let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-            samples.set_lane(i, one(emitters[i], from.lane(i), u, time.as_array()[i]));
+            samples.set_lane(i, one(i, u));
         }
         samples
     }
@@ -459,8 +476,8 @@ mod tests {
             let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
             let u = [numbers(), numbers()];
             let lanes = LightLanes::new(&lights);
-            let one = |emitter: usize, from, u, time| lights[emitter].sample(from, u, time);
-            let samples = lanes.sample(&emitters, from, u, f32x16::ZERO, 0xffff, one);
+            let one = |i: usize, u| lights[emitters[i]].sample(from.lane(i), u, 0.0);
+            let samples = lanes.sample(&emitters, false, from, u, 0xffff, one);
             for (i, emitter) in emitters.into_iter().enumerate() {
                 let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
                 let alone = lights[emitter].sample(from.lane(i), u, 0.0);

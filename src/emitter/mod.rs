@@ -35,7 +35,7 @@ pub use sun::SunEmitter;
 
 use crate::color::Rgb;
 use crate::ids::TextureId;
-use crate::math::{DAffine3, Ray, Vec2, Vec3};
+use crate::math::{DAffine3, Ray, Vec2, Vec3, Vec3x16, f32x16};
 use crate::texture::Texture;
 use std::sync::Arc;
 
@@ -251,6 +251,18 @@ impl Light {
             | Light::Spot(_)
             | Light::Directional(_)
             | Light::Projector(_) => true,
+        }
+    }
+
+    /// Returns the radiance of an emitter at infinity that rays can hit, from sixteen unit directions, and the
+    /// densities per unit solid angle with which [`sample`](Self::sample), or
+    /// [`sample_compensated`](Self::sample_compensated), samples them; zero for other emitters.
+    #[inline]
+    pub fn distant_x16(&self, d: &Vec3x16, compensated: bool) -> ([f32x16; 3], f32x16) {
+        match self {
+            Light::Environment(environment) => environment.radiance.eval_x16(d, compensated),
+            Light::Sun(sun) => sun.eval_x16(d),
+            _ => ([f32x16::ZERO; 3], f32x16::ZERO),
         }
     }
 

@@ -7,6 +7,7 @@ use exr::prelude::f16;
 use super::Image;
 use super::srgb::{StoredPixels, StoredSamples, from_srgb};
 use crate::error::{Error, Result};
+use crate::math::lanes::{LANES, each_lane, f32x16};
 
 /// The greatest number of values (pixels times channels) of a texture: 16384 x 16384 pixels with four channels.
 pub(super) const MAX_TEXTURE_VALUES: u64 = 1 << 30;
@@ -235,6 +236,52 @@ impl TextureImage {
             lerp(upper, lerp(value(c[i]), value(d[i]), s), t)
         };
         if self.channels == 3 { [channel(0), channel(1), channel(2)] } else { [channel(0); 3] }
+    }
+
+    /// Computes [`bilinear`](Self::bilinear) in sixteen lanes.
+    ///
+    /// # Panics
+    /// If a pixel is outside the image.
+    #[inline]
+    pub fn bilinear_x16(
+        &self,
+        columns: &[[usize; LANES]; 2],
+        rows: &[[usize; LANES]; 2],
+        at: [f32x16; 2],
+    ) -> [f32x16; 3] {
+        match &self.texels {
+            Texels::Bytes { codes, values } => {
+                let values: &[f32; 256] = values[..].try_into().expect("a value for each byte");
+                self.bilinear_of_x16(codes, columns, rows, at, |v| values[usize::from(v)])
+            }
+            Texels::Shorts { codes, values } => {
+                self.bilinear_of_x16(codes, columns, rows, at, |v| values[usize::from(v)])
+            }
+            Texels::Halves(values) => self.bilinear_of_x16(values, columns, rows, at, f16::to_f32),
+            Texels::Floats(values) => self.bilinear_of_x16(values, columns, rows, at, |v| v),
+        }
+    }
+
+    /// Computes [`bilinear_x16`](Self::bilinear_x16) for samples of one type.
+    #[inline(always)]
+    fn bilinear_of_x16<T: Copy>(
+        &self,
+        samples: &[T],
+        columns: &[[usize; LANES]; 2],
+        rows: &[[usize; LANES]; 2],
+        [s, t]: [f32x16; 2],
+        value: impl Fn(T) -> f32,
+    ) -> [f32x16; 3] {
+        let (width, channels) = (self.width, self.channels);
+        assert!(columns.iter().flatten().all(|&x| x < width), "columns of a texture {width} wide");
+        let starts = rows.map(|rows| columns.map(|x| each_lane(|i| (rows[i] * width + x[i]) * channels)));
+        let lerp = |a: f32x16, b: f32x16, t: f32x16| a * (f32x16::ONE - t) + b * t;
+        let channel = |c: usize| {
+            let texels = |starts: &[usize; LANES]| f32x16::new(each_lane(|i| value(samples[starts[i] + c])));
+            let [upper, lower] = starts.each_ref().map(|[left, right]| lerp(texels(left), texels(right), s));
+            lerp(upper, lower, t)
+        };
+        if channels == 3 { [channel(0), channel(1), channel(2)] } else { [channel(0); 3] }
     }
 
     /// Returns the colour of the first pixel in `samples`.

@@ -179,26 +179,26 @@ fn add_environment(
     counts: TechniqueCounts,
     out: &mut [Radiance],
 ) {
-    let mut from = Vec3x16::default();
+    let (mut from, mut d, mut pdf) = (Vec3x16::default(), Vec3x16::default(), [f32::INFINITY; LANES]);
     for (lane, &i) in missed.iter().enumerate() {
         from.set_lane(lane, paths.from[i]);
+        d.set_lane(lane, paths.rays[i].d);
+        pdf[lane] = paths.pdf[i];
     }
-    let weighted = missed.iter().any(|&i| paths.pdf[i].is_finite());
+    let pdf = f32x16::new(pdf);
+    let finite = pdf.simd_lt(f32x16::splat(f32::INFINITY));
     let selection = counts.selection(scene);
     // Each emitter is weighted against its own samples, as if it were alone.
     for emitter in scene.distant_emitters() {
-        let pmf = match weighted {
-            true => scene.distant_pmf_x16(selection, emitter, from, missed.len()),
-            false => f32x16::ZERO,
-        };
+        let (mut radiance, density) = scene.distant_x16(selection, emitter, &d);
+        if finite.any() {
+            let other = scene.distant_pmf_x16(selection, emitter, from, missed.len()) * density;
+            let weight = weighted_power_heuristic_x16(counts.bsdf, pdf, counts.emitter, other);
+            radiance = radiance.map(|c| c * finite.select(weight, f32x16::ONE));
+        }
+        let [r, g, b] = radiance.map(f32x16::to_array);
         for (lane, &i) in missed.iter().enumerate() {
-            let (d, pdf) = (paths.rays[i].d, paths.pdf[i]);
-            let mut le = scene.distant_radiance(emitter, d);
-            if pdf.is_finite() {
-                let other = pmf.as_array()[lane] * scene.distant_density(selection, emitter, d);
-                le *= weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other);
-            }
-            out[paths.slots[i] as usize].value += paths.beta(i) * le;
+            out[paths.slots[i] as usize].value += paths.beta(i) * Rgb::new(r[lane], g[lane], b[lane]);
         }
     }
 }

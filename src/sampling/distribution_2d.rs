@@ -2,6 +2,7 @@
 
 use super::Distribution1D;
 use crate::math::Vec2;
+use crate::math::lanes::{LANES, each_lane, f32x16};
 
 /// A piecewise constant density over the cells of a regular grid on the unit square.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -192,10 +193,88 @@ impl BilinearDistribution2D {
         ((1.0 - s) * a + s * b) as f32
     }
 
+    /// Computes [`sample`](Self::sample) in sixteen lanes, for a distribution that is not empty. Returns the points
+    /// with their densities, which are 0 where there is no sample.
+    #[inline]
+    pub fn sample_x16(&self, u: [f32x16; 2]) -> (PointsX16, f32x16) {
+        let uy = u[1].to_array().map(f64::from);
+        let bands = each_lane(|i| self.below.partition_point(|&b| b <= uy[i]).min(self.below.len() - 1) - 1);
+        let starts = bands.map(|band| band * self.width);
+        let rows = |i: usize| self.integrals[starts[i]..][..2 * self.width].split_at(self.width);
+        let share = |i: usize| {
+            let (low, high) = (self.below[bands[i]], self.below[bands[i] + 1]);
+            ((uy[i] - low) / (high - low)) as f32
+        };
+        let last = self.width - 1;
+        let whole = [each_lane(|i| rows(i).0[last]), each_lane(|i| rows(i).1[last])].map(f32x16::new);
+        let t = linear_quantile_x16(whole, f32x16::new(each_lane(share)));
+        let (t, one_minus_t) = (t.to_array(), (f32x16::ONE - t).to_array());
+        let until = |i: usize, column: usize| {
+            let (first, second) = rows(i);
+            one_minus_t[i] * first[column] + t[i] * second[column]
+        };
+        let wanted = (u[0] * f32x16::new(each_lane(|i| until(i, last)))).to_array();
+        let (mut columns, mut size) = ([0; LANES], last);
+        while size > 1 {
+            let half = size / 2;
+            for (i, column) in columns.iter_mut().enumerate() {
+                if until(i, *column + half) <= wanted[i] {
+                    *column += half;
+                }
+            }
+            size -= half;
+        }
+        let (low, high) = (each_lane(|i| until(i, columns[i])), each_lane(|i| until(i, columns[i] + 1)));
+        let (low, high) = (f32x16::new(low), f32x16::new(high));
+        let (t, s) = (f32x16::new(t), (f32x16::new(wanted) - low) / (high - low));
+        let mut points = PointsX16 { bands, columns, s, t };
+        let [a, b] = self.sides_x16(&points);
+        points.s = linear_quantile_x16([a, b], s);
+        (points, (f32x16::ONE - points.s) * a + points.s * b)
+    }
+
+    /// Returns the densities at the left and right side of the cells of points, at the points' heights.
+    #[inline(always)]
+    fn sides_x16(&self, points: &PointsX16) -> [f32x16; 2] {
+        [0, 1].map(|side| {
+            let corner = |below: usize| {
+                let at = |i: usize| (points.bands[i] + below) * self.width + points.columns[i] + side;
+                f32x16::new(each_lane(|i| self.densities[at(i)]))
+            };
+            (f32x16::ONE - points.t) * corner(0) + points.t * corner(1)
+        })
+    }
+
+    /// Returns the densities per unit area at points, for a distribution that is not empty.
+    #[inline]
+    pub fn pdf_x16(&self, points: &PointsX16) -> f32x16 {
+        let [a, b] = self.sides_x16(points);
+        (f32x16::ONE - points.s) * a + points.s * b
+    }
+
+    /// Returns the positions of rows, from 0 to 1.
+    #[inline]
+    pub fn rows(&self) -> &[f64] {
+        &self.ys
+    }
+
     /// Returns the bytes of memory.
     pub fn memory_bytes(&self) -> usize {
         8 * (self.ys.len() + self.below.len()) + 4 * (self.densities.len() + self.integrals.len())
     }
+}
+
+/// Points in the cells of a [`BilinearDistribution2D`], in sixteen lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct PointsX16 {
+    /// The row above the cell.
+    pub bands: [usize; LANES],
+    /// The column to the left of the cell.
+    pub columns: [usize; LANES],
+    /// The position in the cell along x, in [0, 1].
+    pub s: f32x16,
+    /// The position in the cell along y, in [0, 1].
+    pub t: f32x16,
 }
 
 /// Returns the `p`-quantile on [0, 1] of a density that is linear from `a` to `b`. [pbrt, A.4.4]
@@ -206,6 +285,18 @@ fn linear_quantile(a: f64, b: f64, p: f64) -> f64 {
     let root = (a * a * (1.0 - p) + b * b * p).sqrt();
     let divisor = a + root;
     if divisor > 0.0 { (p * (a + b) / divisor).min(1.0) } else { p }
+}
+
+/// Computes [`linear_quantile`] in each lane.
+#[inline(always)]
+fn linear_quantile_x16([a, b]: [f32x16; 2], p: f32x16) -> f32x16 {
+    let p = p.fast_min(f32x16::ONE) & p.simd_gt(f32x16::ZERO);
+    // Relative to the larger one, no square is too small.
+    let larger = a.fast_max(b);
+    let (a, b) = (a / larger, b / larger);
+    let divisor = a + (a * a * (f32x16::ONE - p) + b * b * p).sqrt();
+    // False if both densities are zero, too.
+    divisor.simd_gt(f32x16::ZERO).select((p * (a + b) / divisor).fast_min(f32x16::ONE), p)
 }
 
 #[cfg(test)]

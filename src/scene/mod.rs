@@ -355,6 +355,18 @@ impl Scene {
         selection.pmf_x16(emitter.index(), from, count)
     }
 
+    /// Returns the radiance of a distant emitter in sixteen unit directions, and their densities per unit solid angle
+    /// if a selection has chosen the emitter.
+    #[inline]
+    pub fn distant_x16(
+        &self,
+        selection: &LightSelection,
+        emitter: EmitterId,
+        d: &Vec3x16,
+    ) -> ([f32x16; 3], f32x16) {
+        self.lights[emitter.index()].distant_x16(d, selection.is_compensated())
+    }
+
     /// Returns the density per unit solid angle of the direction `d` if a selection has chosen a distant emitter.
     #[inline]
     pub fn distant_density(&self, selection: &LightSelection, emitter: EmitterId, d: Vec3) -> f32 {
@@ -420,8 +432,10 @@ impl Scene {
         let Some(ChoiceX16 { emitters, pmf, u: rest }) = selection.sample_x16(from, u[0], active) else {
             return EmitterSampleX16::NONE;
         };
-        let one = |emitter, from, u, time| self.sample_chosen(selection, emitter, from, u, time);
-        let mut samples = self.light_lanes.sample(&emitters, from, [rest, u[1]], time, active, one);
+        let one =
+            |i: usize, u| self.sample_chosen(selection, emitters[i], from.lane(i), u, time.as_array()[i]);
+        let (u, compensated) = ([rest, u[1]], selection.is_compensated());
+        let mut samples = self.light_lanes.sample(&emitters, compensated, from, u, active, one);
         samples.pdf *= pmf;
         samples
     }

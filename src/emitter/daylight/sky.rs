@@ -9,10 +9,12 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use hw_skymodel::rgb::{SkyParams, SkyState};
 
 use crate::color::Rgb;
+use crate::emitter::environment_map::EnvMapSampleX16;
 use crate::emitter::{EnvMap, EnvMapSample};
 use crate::error::{Error, Result};
 use crate::image::TextureImage;
-use crate::math::{DAffine3, DMat3, DVec3, Frame, Vec2, Vec3};
+use crate::math::functions::{angle_x16, exp_x16};
+use crate::math::{DAffine3, DMat3, DVec3, Frame, Vec2, Vec3, Vec3x16, f32x16};
 
 /// The width of the map of densities, in texels.
 const WIDTH: usize = 512;
@@ -104,6 +106,21 @@ impl Sky {
         (!radiance.is_black()).then_some(EnvMapSample { radiance, ..sample })
     }
 
+    /// Computes [`sample`](Self::sample) in sixteen lanes, or [`sample_compensated`](Self::sample_compensated).
+    /// Densities are 0 where there is no sample.
+    pub fn sample_x16(&self, compensated: bool, u: [f32x16; 2]) -> EnvMapSampleX16 {
+        let EnvMapSampleX16 { wi, pdf, .. } = self.map.sample_x16(compensated, u);
+        let radiance = self.radiance.eval_x16(&wi);
+        let [r, g, b] = radiance.map(|c| c.simd_gt(f32x16::ZERO));
+        EnvMapSampleX16 { wi, radiance, pdf: pdf & (r | g | b) }
+    }
+
+    /// Returns the radiance from sixteen unit directions, and the densities with which
+    /// [`sample_x16`](Self::sample_x16) samples them.
+    pub fn eval_x16(&self, d: &Vec3x16, compensated: bool) -> ([f32x16; 3], f32x16) {
+        (self.radiance.eval_x16(d), self.map.eval_x16(d, compensated).1)
+    }
+
     /// Returns the map that gives the densities of the samples and the mean radiance.
     pub fn map(&self) -> &EnvMap {
         &self.map
@@ -142,6 +159,32 @@ impl SkyRadiance {
         }
     }
 
+    /// Computes [`eval`](Self::eval) in sixteen lanes.
+    fn eval_x16(&self, d: &Vec3x16) -> [f32x16; 3] {
+        let (up, sun) = (Vec3x16::splat(self.up), Vec3x16::splat(self.sun));
+        let cos_theta = d.dot(up);
+        let above = cos_theta.simd_ge(f32x16::ZERO);
+        let horizontal = (*d - up * cos_theta).normalize_or_zero();
+        let d = Vec3x16::select(above, *d, horizontal);
+        let seen = match self.extends {
+            true => above | horizontal.length_squared().simd_gt(f32x16::ZERO),
+            false => above,
+        };
+        let cos_theta = cos_theta.fast_max(f32x16::ZERO);
+        let cos_gamma = d.dot(sun);
+        let gamma = angle_x16(d.cross(sun).length_squared().sqrt(), cos_gamma);
+        std::array::from_fn(|channel| {
+            let [a, b, c, d, e, f, g, i, h] = self.coefficients[channel].map(f32x16::splat);
+            let one = f32x16::ONE;
+            let base = (one + h * h - f32x16::splat(2.0) * h * cos_gamma).fast_max(f32x16::ZERO);
+            let chi = (one + cos_gamma * cos_gamma) / (base * base.sqrt());
+            let zenith = one + a * exp_x16(b / (cos_theta + f32x16::splat(0.01)));
+            let around = d * exp_x16(e * gamma) + f * cos_gamma * cos_gamma + g * chi;
+            let radiance = zenith * (c + around + i * cos_theta.sqrt());
+            (f32x16::splat(self.scale[channel]) * radiance) & seen
+        })
+    }
+
     /// Returns the radiance from a unit direction with a cosine to the zenith of at least 0.
     fn above(&self, cos_theta: f32, d: Vec3) -> Rgb {
         let cos_gamma = d.dot(self.sun);
@@ -155,5 +198,39 @@ impl SkyRadiance {
                 * (c + d * (e * gamma).exp() + f * cos_gamma * cos_gamma + g * chi + i * cos_theta.sqrt())
         };
         Rgb::from([0, 1, 2].map(|c| self.scale[c] * channel(c)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lanes_compute_what_scalars_do() {
+        let sun = Vec3::new(0.5, 0.3, -0.4).normalize();
+        for extends in [false, true] {
+            let (albedo, up) = (Rgb::splat(0.2), Vec3::Y);
+            let settings = SkySettings { turbidity: 3.0, albedo, up, sun, scale: 0.5, extends };
+            let sky = Sky::new(&settings).expect("a sky");
+            for i in 0..400u16 {
+                let turn = f32::from(i) * 2.4;
+                let y = 1.0 - f32::from(i) / 200.0;
+                let r = (1.0 - y * y).max(0.0).sqrt();
+                let d = Vec3::new(r * turn.cos(), y, r * turn.sin());
+                let (radiance, pdf) = sky.eval_x16(&Vec3x16::splat(d), true);
+                let (expected, expected_pdf) = (sky.eval(d).to_array(), sky.map().pdf_compensated(d));
+                for (found, expected) in radiance.iter().zip(expected) {
+                    assert!((found.as_array()[5] - expected).abs() <= 1e-5 * expected, "{d}");
+                }
+                assert!((pdf.as_array()[5] - expected_pdf).abs() < 1e-3 * (1.0 + expected_pdf), "{d}");
+                let u = [f32::from(i) / 400.0, f32::from(i * 7 % 400) / 400.0];
+                let sample = sky.sample_x16(false, u.map(f32x16::splat));
+                let alone = sky.sample(u.into());
+                assert_eq!(sample.pdf.as_array()[2] > 0.0, alone.is_some(), "{u:?}");
+                let Some(alone) = alone else { continue };
+                assert!((sample.wi.lane(2) - alone.wi).length() < 2e-5, "{u:?}");
+                assert!((sample.pdf.as_array()[2] / alone.pdf - 1.0).abs() < 1e-3, "{u:?}");
+            }
+        }
     }
 }

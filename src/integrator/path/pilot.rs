@@ -27,9 +27,9 @@ const CELL: u32 = CellSide::Eight as u32;
 const SAMPLES: usize = 8;
 /// The ways in which each cell is traced; `None`: with independent paths.
 const MODES: [Option<CellSide>; 3] = [None, Some(CellSide::Eight), Some(CellSide::Four)];
-/// Reuse correlates the noise of pixels. It is chosen if its effort, relative to that of independent paths, is below
-/// this.
-const REUSE: f64 = 0.9;
+/// Reuse is chosen if its effort, relative to that of independent paths, is below this. It is more than 1, because in
+/// an image of more samples the noise of emitter samples, which reuse does not reduce, is a smaller part.
+const REUSE: f64 = 1.1;
 /// The noise of small cells is blocks of 4 × 4 pixels. They are chosen if their effort, relative to that of large
 /// cells, is below this.
 const SMALL_CELLS: f64 = 0.85;
@@ -38,13 +38,15 @@ const OCCLUSION_COST: f64 = 0.45;
 /// The seed of the pilot's samples is another than that of the image.
 const SEED: u64 = 0x7069_6c6f_7470_6174;
 
-/// The errors and costs of a cell in each of the [`MODES`].
-#[derive(Clone, Copy, Default)]
+/// The share of the pixels that count as fireflies, if they have the largest errors.
+const FIREFLIES: f64 = 0.01;
+
+/// The errors and the cost of a cell in one of the [`MODES`].
+#[derive(Default)]
 struct Trial {
-    /// Fourth roots of the mean squared relative errors. Their sums are compared, because a few fireflies would
-    /// dominate sums of squares.
-    errors: [f64; MODES.len()],
-    costs: [f64; MODES.len()],
+    /// The squared relative error of each pixel, times a constant.
+    squares: Vec<f64>,
+    cost: f64,
 }
 
 /// The cost at which each of the [`MODES`] is expected to reach a given error, in arbitrary units.
@@ -73,7 +75,7 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
     let cells = u64::from(columns) * u64::from(rows);
     let trials = cells.min(CELLS);
     let workers = Workers::new(preparation.pool, preparation.sampler, preparation.interrupt);
-    let trials: Vec<Trial> = preparation.pool.install(|| {
+    let trials: Vec<[Trial; MODES.len()]> = preparation.pool.install(|| {
         let trial = |i: u64| {
             // One cell in each of as many stretches of the image.
             let (first, end) = (i * cells / trials, (i + 1) * cells / trials);
@@ -88,10 +90,21 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
         (0..trials).into_par_iter().map(trial).collect()
     });
     Efforts(std::array::from_fn(|mode| {
-        let (errors, costs) =
-            trials.iter().fold((0.0, 0.0), |(e, c), trial| (e + trial.errors[mode], c + trial.costs[mode]));
-        f64::powi(errors, 4) * costs
+        let cost: f64 = trials.iter().map(|trial| trial[mode].cost).sum();
+        error(trials.iter().map(|trial| &trial[mode].squares[..])) * cost
     }))
+}
+
+/// Returns an error from the squared errors of the pixels of cells: the geometric mean of two, because an image may be
+/// judged with its fireflies or without them. One is of all pixels; it is the sum of fourth roots of the cells' sums,
+/// to the fourth power, because a few fireflies would dominate a sum of squares. The other is the sum of squares
+/// without the [`FIREFLIES`].
+fn error<'a>(cells: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+    let all = cells.clone().map(|squares| squares.iter().sum::<f64>().powf(0.25)).sum::<f64>().powi(4);
+    let mut squares: Vec<f64> = cells.flatten().copied().collect();
+    squares.sort_by(f64::total_cmp);
+    let kept = squares.len() - (FIREFLIES * squares.len() as f64) as usize;
+    (all * squares[..kept].iter().sum::<f64>()).sqrt()
 }
 
 /// Traces the [`SAMPLES`] of each pixel of a cell in each of the [`MODES`].
@@ -100,7 +113,7 @@ fn try_cell(
     preparation: &Preparation<'_>,
     cell: PixelRect,
     worker: &mut Worker,
-) -> Trial {
+) -> [Trial; MODES.len()] {
     let Preparation { scene, camera, sampler, seed, .. } = preparation;
     let pixels =
         || (cell.y..cell.y + cell.height).flat_map(|y| (cell.x..cell.x + cell.width).map(move |x| (x, y)));
@@ -116,7 +129,7 @@ fn try_cell(
     };
     let rays: Vec<Ray> = pixels().flat_map(|p| [p; SAMPLES]).enumerate().map(ray).collect();
     let mut groups: Vec<Group> = Vec::new();
-    let mut trial = Trial::default();
+    let mut trials = MODES.map(|_| Trial::default());
     let mut radiance = MODES.map(|_| vec![Radiance::NONE; rays.len()]);
     for (mode, side) in MODES.into_iter().enumerate() {
         groups.clear();
@@ -129,21 +142,20 @@ fn try_cell(
         integrator.li(scene, wave, RadianceQuery::ALL, worker, &mut radiance[mode]);
         let nearest = worker.counters.closest_rays - before.closest_rays;
         let occlusion = worker.counters.occlusion_rays - before.occlusion_rays;
-        trial.costs[mode] = nearest as f64 + OCCLUSION_COST * occlusion as f64;
+        trials[mode].cost = nearest as f64 + OCCLUSION_COST * occlusion as f64;
     }
     // The mean of the cell stands for the true image, because a pixel's own mean is as noisy as its error.
     let values = |mode: usize| radiance[mode].iter().map(|radiance| radiance.value.to_array().map(f64::from));
     let mean = [0, 1, 2].map(|c| values(1).map(|value| value[c]).sum::<f64>() / rays.len() as f64);
-    let mut squares = [0.0; MODES.len()];
-    for (mode, square) in squares.iter_mut().enumerate() {
+    for (mode, trial) in trials.iter_mut().enumerate() {
         let values: Vec<[f64; 3]> = values(mode).collect();
-        for samples in values.chunks(SAMPLES) {
-            for c in 0..3 {
+        trial.squares.extend(values.chunks(SAMPLES).map(|samples| {
+            let square = |c: usize| {
                 let difference = samples.as_chunks::<2>().0.iter().map(|[a, b]| a[c] - b[c]).sum::<f64>();
-                *square += difference.powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR);
-            }
-        }
+                difference.powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR)
+            };
+            square(0) + square(1) + square(2)
+        }));
     }
-    trial.errors = squares.map(|square| square.sqrt().sqrt());
-    trial
+    trials
 }
