@@ -17,8 +17,9 @@ use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::hash::combine;
 use crate::sampling::{Dimension, SampleKey};
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// The number of cells of the pilot, and their side in pixels.
+/// The number of cells of a round, and their side in pixels.
 const CELLS: u64 = 24;
 const CELL: u32 = CellSide::Eight as u32;
 /// The number of samples of a pixel, of which the halves of a pixel have every other one. With one sample in each half,
@@ -27,9 +28,10 @@ const CELL: u32 = CellSide::Eight as u32;
 const SAMPLES: usize = 8;
 /// The ways in which each cell is traced; `None`: with independent paths.
 const MODES: [Option<CellSide>; 3] = [None, Some(CellSide::Eight), Some(CellSide::Four)];
-/// Reuse is chosen if its effort, relative to that of independent paths, is below this. It is more than 1, because in
-/// an image of more samples the noise of emitter samples, which reuse does not reduce, is a smaller part.
-const REUSE: f64 = 1.1;
+/// Another round of cells is traced, up to [`ROUNDS`], if the effort of reuse relative to that of independent paths is
+/// in this range.
+const UNCLEAR: Range<f64> = 0.7..1.4;
+const ROUNDS: u64 = 3;
 /// The noise of small cells is blocks of 4 × 4 pixels. They are chosen if their effort, relative to that of large
 /// cells, is below this.
 const SMALL_CELLS: f64 = 0.85;
@@ -59,12 +61,15 @@ impl Efforts {
         if small < SMALL_CELLS * large { CellSide::Four } else { CellSide::Eight }
     }
 
+    /// Returns the effort of reuse in the better cells relative to that of independent paths.
+    fn relative(&self) -> f64 {
+        let [independent, large, small] = self.0;
+        (if self.cells() == CellSide::Four { small } else { large }) / independent
+    }
+
     /// Returns the better cells, if reuse in them has less effort than independent paths.
     pub fn cells_that_pay(&self) -> Option<CellSide> {
-        let [independent, large, small] = self.0;
-        let cells = self.cells();
-        let effort = if cells == CellSide::Four { small } else { large };
-        (effort < REUSE * independent).then_some(cells)
+        (self.relative() < 1.0).then(|| self.cells())
     }
 }
 
@@ -73,13 +78,15 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
     let film = &preparation.camera.film;
     let (columns, rows) = (film.width.div_ceil(CELL), film.height.div_ceil(CELL));
     let cells = u64::from(columns) * u64::from(rows);
-    let trials = cells.min(CELLS);
+    let count = cells.min(CELLS);
     let workers = Workers::new(preparation.pool, preparation.sampler, preparation.interrupt);
-    let trials: Vec<[Trial; MODES.len()]> = preparation.pool.install(|| {
+    let mut trials: Vec<[Trial; MODES.len()]> = Vec::new();
+    let mut round = 0;
+    loop {
         let trial = |i: u64| {
             // One cell in each of as many stretches of the image.
-            let (first, end) = (i * cells / trials, (i + 1) * cells / trials);
-            let random = u64::from(combine(preparation.seed as u32, i as u32));
+            let (first, end) = (i * cells / count, (i + 1) * cells / count);
+            let random = u64::from(combine(preparation.seed as u32, (round * CELLS + i) as u32));
             let cell = first + ((random * (end - first)) >> 32);
             let (x, y) =
                 ((cell % u64::from(columns)) as u32 * CELL, (cell / u64::from(columns)) as u32 * CELL);
@@ -87,12 +94,16 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
             workers
                 .with(|worker| try_cell(integrator, preparation, PixelRect { x, y, width, height }, worker))
         };
-        (0..trials).into_par_iter().map(trial).collect()
-    });
-    Efforts(std::array::from_fn(|mode| {
-        let cost: f64 = trials.iter().map(|trial| trial[mode].cost).sum();
-        error(trials.iter().map(|trial| &trial[mode].squares[..])) * cost
-    }))
+        trials.extend(preparation.pool.install(|| (0..count).into_par_iter().map(trial).collect::<Vec<_>>()));
+        let efforts = Efforts(std::array::from_fn(|mode| {
+            let cost: f64 = trials.iter().map(|trial| trial[mode].cost).sum();
+            error(trials.iter().map(|trial| &trial[mode].squares[..])) * cost
+        }));
+        round += 1;
+        if round == ROUNDS || !UNCLEAR.contains(&efforts.relative()) {
+            return efforts;
+        }
+    }
 }
 
 /// Returns an error from the squared errors of the pixels of cells: the geometric mean of two, because an image may be
