@@ -5,20 +5,22 @@
 //! coordinates of the intersection in it. Where the rounding of these could change the result (near an edge, at a
 //! grazing angle, for an origin far outside the scene), the triangles are tested with the watertight test of the
 //! pure-Rust BVH. The list is therefore as watertight as the BVH, and it saves the tree traversal, which costs more
-//! than a few dozen planes. An analytic surface is tested, by the code that all back ends share, if a ray intersects
-//! its bounding sphere.
+//! than a few dozen planes. An analytic surface is tested by the code that all back ends share, unless it is certain
+//! that the ray misses it.
 
 use super::assembly::{Assembly, CheckedAssembly};
 use super::geometry::valid_triangle;
 use super::triangle::ShearedRay;
-use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, is_valid_ray};
+use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, is_valid_ray};
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16};
 use crate::math::robust::gamma;
 use crate::math::{Bounds, Ray, RayX16, Vec3};
 use facet::{FacetResult, HalfFacet, ListFacet, ListTriangle, facet};
+use surface::BoundedSurface;
 use wide::{f32x8, i32x8};
 
 mod facet;
+mod surface;
 
 /// The costs of a facet and of an analytic surface, and the greatest total cost of a list. With 19 facets, a list
 /// answers twice as many rays in random directions as Embree. That it is still faster at the limit is extrapolated,
@@ -39,14 +41,6 @@ pub struct List {
     center: Vec3,
     reach: f32,
     ray_limit: f32,
-}
-
-/// An analytic surface and its bounding sphere.
-struct BoundedSurface {
-    geometry: u32,
-    primitive: Primitive,
-    center: Vec3,
-    radius_squared: f32,
 }
 
 impl List {
@@ -159,11 +153,7 @@ fn facets(triangles: Vec<ListTriangle>, reach: f32) -> Option<(Vec<ListFacet>, V
 fn surfaces(assembly: &Assembly, reach: f32) -> impl Iterator<Item = BoundedSurface> {
     (0..).zip(&assembly.geometry).filter_map(move |(geometry, of_list)| {
         let &Geometry::Analytic(primitive) = of_list else { return None };
-        let bounds = primitive.bounds();
-        let center = bounds.center();
-        // The margin exceeds the rounding error of the test.
-        let radius_squared = (bounds.max - center).length_squared() * 1.01 + 1e-5 * reach * reach;
-        primitive.is_valid().then_some(BoundedSurface { geometry, primitive, center, radius_squared })
+        primitive.is_valid().then(|| BoundedSurface::new(geometry, primitive, reach))
     })
 }
 
@@ -325,7 +315,7 @@ impl<'a> RayX8<'a> {
         })
     }
 
-    /// Tests an analytic surface for the rays that intersect its bounding sphere.
+    /// Tests an analytic surface for the rays that may hit it.
     #[inline(always)]
     fn test_surface<const ANY: bool>(
         &self,
@@ -333,12 +323,7 @@ impl<'a> RayX8<'a> {
         found: HitX8,
         exact: &mut ExactHits,
     ) -> HitX8 {
-        let from_center = self.o.relative_to(surface.center);
-        let b = from_center.dot_x8(self.d);
-        let c = from_center.dot_x8(from_center) - surface.radius_squared;
-        let meets = (b * b).simd_ge(self.d.dot_x8(self.d) * c);
-        let ahead = b.simd_lt(f32x8::ZERO) | c.simd_lt(f32x8::ZERO);
-        let candidates = (meets & ahead & found.t.simd_gt(f32x8::ZERO)).to_bitmask();
+        let candidates = surface.candidates(self, found.t);
         if candidates == 0 {
             return found;
         }
