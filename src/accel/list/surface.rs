@@ -97,7 +97,8 @@ impl BoundedSurface {
         BoundedSurface { geometry, primitive, center, radius_squared, exclusion }
     }
 
-    /// Returns a mask of the rays that may hit the surface before the distances `t_max`, which are 0 for inactive lanes.
+    /// Returns a mask of the rays that may hit the surface before the distances `t_max`, which are 0 for inactive
+    /// lanes.
     #[inline(always)]
     pub fn candidates(&self, rays: &RayX8<'_>, t_max: f32x8) -> u32 {
         let from_center = rays.o.relative_to(self.center);
