@@ -162,7 +162,7 @@ pub fn drop_missed(
                 missed[count] = i;
                 count += 1;
             }
-            if count == LANES || i + 1 == hits.len() {
+            if count == LANES || (count > 0 && i + 1 == hits.len()) {
                 add_environment(scene, paths, &missed[..count], counts, out);
                 count = 0;
             }

@@ -2,12 +2,11 @@
 
 use super::{RayX8, Vec3x8};
 use crate::accel::Primitive;
+use crate::accel::cylinder::CERTAIN;
 use crate::math::{DVec3, Vec3};
 use wide::{f32x8, f64x8};
 
-/// The relative margins of tests in double precision, far above their rounding errors: of squared distances, and of the
-/// coordinates in a disk, whose axes may be nearly parallel.
-const CERTAIN: f64 = 1e-13;
+/// The relative margin of coordinates in a disk, whose axes may be nearly parallel.
 const CERTAIN_IN_DISK: f64 = 1e-9;
 
 /// An analytic surface and its bounding sphere.

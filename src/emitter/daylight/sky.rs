@@ -111,7 +111,7 @@ impl Sky {
     pub fn sample_x16(&self, compensated: bool, u: [f32x16; 2]) -> EnvMapSampleX16 {
         let EnvMapSampleX16 { wi, pdf, .. } = self.map.sample_x16(compensated, u);
         let radiance = self.radiance.eval_x16(&wi);
-        let [r, g, b] = radiance.map(|c| c.simd_gt(f32x16::ZERO));
+        let [r, g, b] = radiance.map(|c| c.simd_ne(f32x16::ZERO));
         EnvMapSampleX16 { wi, radiance, pdf: pdf & (r | g | b) }
     }
 

@@ -100,7 +100,8 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
             error(trials.iter().map(|trial| &trial[mode].squares[..])) * cost
         }));
         round += 1;
-        if round == ROUNDS || !UNCLEAR.contains(&efforts.relative()) {
+        // In a small image, another round would trace the same cells.
+        if round == ROUNDS || cells <= CELLS || !UNCLEAR.contains(&efforts.relative()) {
             return efforts;
         }
     }
