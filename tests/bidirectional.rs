@@ -64,8 +64,15 @@ fn check_depths(depths: RangeInclusive<u32>) {
 /// The image does not depend on threads, interruptions or the division into ranges.
 #[test]
 fn images_are_the_same_bits() {
+    for integrator in ["bdpt", "vcm"] {
+        check_bits(integrator);
+    }
+}
+
+#[track_caller]
+fn check_bits(integrator: &str) {
     let folder = Folder::of_scene("light-tracing", "lights.xml");
-    let common = "s.xml -q --integrator bdpt --size 32x24";
+    let common = &format!("s.xml -q --integrator {integrator} --size 32x24");
     let data = |name: &str| buffon::image::read(&folder.path(name)).expect("an image").data;
     for threads in [1, 2, 5] {
         folder.render(&format!("{common} --spp 8 -t {threads} -o {threads}.exr"));
@@ -86,10 +93,10 @@ fn images_are_the_same_bits() {
 /// In a closed sphere that emits, the radiance is that of the geometric series.
 #[test]
 fn a_furnace_multiplies_light_by_bouncing() {
-    let furnace = |depth: &str| {
+    let furnace = |integrator: &str, depth: &str| {
         format!(
             r#"<scene version="3.0.0">
-  <integrator type="bdpt"><integer name="max_depth" value="{depth}"/></integrator>
+  <integrator type="{integrator}"><integer name="max_depth" value="{depth}"/></integrator>
   <sensor type="perspective"><transform name="to_world"><lookat origin="0.2,0,0" target="0,0.3,1" up="0,1,0"/></transform>
     <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
   <shape type="sphere"><boolean name="flip_normals" value="true"/>
@@ -99,13 +106,22 @@ fn a_furnace_multiplies_light_by_bouncing() {
         )
     };
     for (depth, exact) in [("1", 1.0), ("2", 1.5), ("3", 1.75), ("4", 1.875), ("-1", 2.0)] {
-        let folder = Folder::with(&furnace(depth));
-        folder.render("s.xml -q --spp 256 -o f.exr");
-        let image = buffon::image::read(&folder.path("f.exr")).expect("an image");
-        let rgb = image.select(&["R", "G", "B"]).expect("a picture").data;
-        let mean = rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / rgb.len() as f64;
-        assert!((mean / exact - 1.0).abs() < 0.004, "depth {depth}: {mean}, expected {exact}");
+        for integrator in ["bdpt", "vcm"] {
+            let mean = mean_of(&Folder::with(&furnace(integrator, depth)), 256);
+            assert!(
+                (mean / exact - 1.0).abs() < 0.004,
+                "{integrator}, depth {depth}: {mean}, expected {exact}"
+            );
+        }
     }
+}
+
+/// Renders a scene and returns the mean of the image.
+fn mean_of(folder: &Folder, samples: u32) -> f64 {
+    folder.render(&format!("s.xml -q --spp {samples} -o f.exr"));
+    let image = buffon::image::read(&folder.path("f.exr")).expect("an image");
+    let rgb = image.select(&["R", "G", "B"]).expect("a picture").data;
+    rgb.iter().map(|v| f64::from(*v)).sum::<f64>() / rgb.len() as f64
 }
 
 /// Light of a point that glass sends to a floor is found by light paths only, and is in the image.
@@ -124,4 +140,54 @@ fn caustics_of_delta_emitters_are_found() {
     agree(&folder, "--spp 1024", ["ptracer", "bdpt"]);
     let image = buffon::image::read(&folder.path("1.exr")).expect("an image");
     assert!(image.data.iter().take(16).any(|v| *v > 0.1));
+}
+
+/// Merging blurs, but so little with a small radius that the noise hides it.
+#[test]
+fn merged_paths_agree_with_camera_paths() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    for sensor in 0..3 {
+        agree(&folder, &format!("--size 32x24 -s {sensor} --spp 256"), ["path", "vcm"]);
+    }
+}
+
+#[test]
+#[ignore = "takes long: make test-all"]
+fn merged_paths_agree_on_every_kind_of_emitter() {
+    let folder = Folder::of_scene("photon", "emitters.xml");
+    agree(&folder, "--size 52x28 --spp 256", ["path", "vcm"]);
+}
+
+/// A mirror shows a floor that a spot lights through a pane. Neither camera paths nor connections find that light. The
+/// radiance of the floor is known: `ρ/π·I·cos/d²·T`, with the transmittance `T` of the pane.
+#[test]
+fn merging_finds_caustics_in_a_mirror() {
+    let scene = |mirror: &str, target: &str| {
+        format!(
+            r#"<scene version="3.0.0"><integrator type="vcm"><integer name="max_depth" value="4"/></integrator>
+  <sensor type="perspective"><float name="fov" value="2"/>
+    <transform name="to_world"><lookat origin="0,3,3" target="{target}" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
+  <emitter type="spot"><transform name="to_world"><lookat origin="0,20,0" target="0,0,0" up="0,0,1"/></transform>
+    <float name="cutoff_angle" value="1.5"/><float name="beam_width" value="1.4"/>
+    <rgb name="intensity" value="1000"/></emitter>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></shape>
+  <shape type="rectangle"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="2"/>
+    <translate y="15"/></transform><bsdf type="thindielectric"/></shape>
+  {mirror}
+</scene>"#
+        )
+    };
+    // The mirror shows the point (0, 0, 0) at (0, 0, -5). It is outside the spot.
+    let mirror = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.3"/>
+    <translate y="0.94" z="-2.5"/></transform>
+    <bsdf type="conductor"><string name="material" value="none"/></bsdf></shape>"#;
+    // Normal incidence on glass of 1.5046 in 1.000277: the pane reflects 2R/(1 + R).
+    let r = ((1.5046f64 - 1.000277) / (1.5046 + 1.000277)).powi(2);
+    let exact = 0.5 / std::f64::consts::PI * 1000.0 / 400.0 * (1.0 - 2.0 * r / (1.0 + r));
+    for (name, mirror, target) in [("floor", "", "0,0,0"), ("mirror", mirror, "0,0,-5")] {
+        let mean = mean_of(&Folder::with(&scene(mirror, target)), 1024);
+        assert!((mean / exact - 1.0).abs() < 0.02, "{name}: {mean}, expected {exact}");
+    }
 }

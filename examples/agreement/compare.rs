@@ -103,6 +103,7 @@ pub fn estimators() -> Vec<Estimator> {
         Estimator { depth: Some("2"), ..of("direct", 256) },
         Estimator { reaches: Features::light_paths_find_all, ..of("ptracer", 1024) },
         Estimator { reaches: Features::paths_find_all, ..of("bdpt", 256) },
+        Estimator { reaches: Features::paths_find_all, biased: true, ..of("vcm", 64) },
         Estimator { reaches: Features::paths_find_all, biased: true, ..of("sppm", 64) },
         Estimator { reaches: Features::paths_find_all, biased: true, every: 32, ..of("photonmapper", 32) },
         Estimator { reaches: Features::paths_find_all, biased: true, every: 16, ..of("irrcache", 32) },
@@ -149,14 +150,13 @@ pub fn integrator(estimator: &Estimator, settings: &[Node], look: u64) -> Node {
     }
     match estimator.integrator {
         "distribution" => node.add(Node::value("integer", "bsdf_samples", 2)),
-        "sppm" => {
-            // Later looks use more photons and smaller disks, and so have less bias.
-            let shrink = (look as f64).powf(-0.25);
-            node.add(Node::value("integer", "photon_count", 2000)).add(Node::value(
-                "float",
-                "initial_radius",
-                0.06 * shrink,
-            ))
+        "sppm" | "vcm" => {
+            // Later looks use smaller disks, and so have less bias.
+            let radius = 0.06 * (look as f64).powf(-0.25);
+            if estimator.integrator == "sppm" {
+                node = node.add(Node::value("integer", "photon_count", 2000));
+            }
+            node.add(Node::value("float", "initial_radius", radius))
         }
         "photonmapper" => node.add(Node::value("integer", "global_photons", 20_000)).add(Node::value(
             "integer",

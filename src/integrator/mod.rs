@@ -24,6 +24,7 @@ pub mod roulette;
 pub mod settings;
 pub mod sppm;
 mod tree;
+pub mod vcm;
 pub mod volpath;
 pub mod whitted;
 pub mod worker;
@@ -42,6 +43,7 @@ pub use progressive::{PreparedPass, Progressive, SamplePass};
 pub use ptracer::{LightTracer, Ptracer, Splat};
 pub use settings::{PathLimits, Plugin, Settings, Source};
 pub use sppm::Sppm;
+pub use vcm::Vcm;
 pub use volpath::VolpathIntegrator;
 pub use whitted::WhittedIntegrator;
 pub use worker::{Counters, Worker};
@@ -201,6 +203,11 @@ pub trait Integrator: Send + Sync {
     /// Returns the light tracer that runs in addition, if any.
     fn light_tracer(&self) -> Option<&dyn LightTracer> {
         None
+    }
+
+    /// Returns whether light paths contribute to the film, so that an image without some of them is too dark.
+    fn traces_light_paths(&self) -> bool {
+        self.light_tracer().is_some()
     }
 
     /// Returns the computation required before each sample of the pixels, if any.

@@ -1,6 +1,7 @@
 //! Integrators that compute shared data anew for each sample of the pixels.
 
-use super::{Counters, Preparation};
+use super::{Counters, Preparation, Splat};
+use crate::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 
 /// One sample of every pixel, before it is taken.
 pub struct SamplePass<'a> {
@@ -8,13 +9,33 @@ pub struct SamplePass<'a> {
     pub preparation: &'a Preparation<'a>,
     /// The index of the sample.
     pub sample: u64,
+    /// The extent of the reconstruction filter beyond the image, in pixels.
+    pub margin: f64,
+}
+
+impl SamplePass<'_> {
+    /// Returns the time of the pass, in [0, 1) over the shutter interval; `None` if the scene does not need any. All
+    /// photons and camera rays of a pass share it, so that photons on moving objects are looked up at the same
+    /// position. Times are stratified over the passes of each half.
+    pub fn time(&self) -> Option<f32> {
+        if !self.preparation.scene.needs.time {
+            return None;
+        }
+        // No path has this pixel.
+        let key = SampleKey::new(self.preparation.seed, u32::MAX, 0, self.sample);
+        let mut time = [0.0];
+        Sampler::new(SamplerKind::Sobol, None).fill_1d(Dimension::TIME, &[key], &mut time);
+        Some(time[0])
+    }
 }
 
 /// The result of the computation before a sample.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct PreparedPass {
     /// The counts of rays and their times.
     pub counters: Counters,
+    /// The contributions of light paths to the film, in batches whose order does not depend on threads.
+    pub splats: Vec<Vec<Splat>>,
     /// Photons that were dropped because they were not finite.
     pub invalid: u64,
     /// The time of the camera's rays in [0, 1] over the shutter interval, if the sample has one for all pixels.

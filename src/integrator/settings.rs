@@ -6,7 +6,8 @@
 use super::aov::NoImage;
 use super::{
     AmbientOcclusion, Bdpt, DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator,
-    IrradianceCache, PathIntegrator, Photonmapper, Ptracer, Sppm, VolpathIntegrator, WhittedIntegrator, aov,
+    IrradianceCache, PathIntegrator, Photonmapper, Ptracer, Sppm, Vcm, VolpathIntegrator, WhittedIntegrator,
+    aov,
 };
 use crate::error::Result;
 pub use crate::util::parameters::{Parameters, Read};
@@ -20,6 +21,7 @@ pub use super::irrcache::IrrcacheSettings;
 pub use super::path::{PathReuse, PathSettings};
 pub use super::photon::mapper::{PhotonDebug, PhotonmapperSettings};
 pub use super::sppm::SppmSettings;
+pub use super::vcm::VcmSettings;
 pub use super::whitted::WhittedSettings;
 
 /// The greatest number of samples of one kind at a surface point.
@@ -197,6 +199,8 @@ integrators! {
     Aov(NoImage),
     /// Bidirectional path tracing.
     Bdpt(Bdpt),
+    /// Vertex connection and merging.
+    Vcm(Vcm),
 }
 
 impl Settings {

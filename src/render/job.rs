@@ -195,7 +195,7 @@ impl<'a> Job<'a> {
     /// Returns whether an incomplete pass must be discarded. Missing light paths would affect all pixels, and a
     /// checkpoint must allow the render to continue with exactly the same samples.
     pub(super) fn needs_whole_passes(&self) -> bool {
-        self.checkpoints.is_some() || self.integrator.light_tracer().is_some()
+        self.checkpoints.is_some() || self.integrator.traces_light_paths()
     }
 
     /// Returns the job with another first sample.

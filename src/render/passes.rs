@@ -240,7 +240,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.keep();
         // With only a part of the light paths, the image would be too dark.
         if stop_reason == StopReason::Interrupted
-            && self.job.integrator.light_tracer().is_some()
+            && self.job.integrator.traces_light_paths()
             && let Some(whole) = self.whole.take()
         {
             self.now = whole;

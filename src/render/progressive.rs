@@ -1,6 +1,7 @@
 //! Rendering with integrators that prepare each sample separately.
 
 use super::job::Job;
+use super::splats;
 use super::tracing::CameraWorker;
 use crate::film::Tile;
 use crate::integrator::{Preparation, PreparedPass, Progressive, SamplePass};
@@ -36,7 +37,11 @@ pub fn render(
         if job.progress.is_interrupted() {
             break;
         }
-        let begun = progressive.begin_sample(&SamplePass { preparation: &preparation, sample });
+        let begun = progressive.begin_sample(&SamplePass {
+            preparation: &preparation,
+            sample,
+            margin: job.filter.radius(),
+        });
         sum.counters.merge(&begun.counters);
         sum.invalid += begun.invalid;
         pool.install(|| {
@@ -47,6 +52,9 @@ pub fn render(
                 worker.render_tile(job, tile, sample..sample + 1);
             });
         });
+        let replicate = job.settings.sampler.replicate(sample) as usize;
+        let batches: Vec<_> = begun.splats.into_iter().map(|splats| (replicate, splats)).collect();
+        sum.invalid += pool.install(|| splats::add(job, tiles, &batches));
     }
     sum
 }

@@ -60,7 +60,7 @@ pub fn trace(
 
 /// Adds the splats of batches to the pixels within the filter's radius, in their order; returns the number of those
 /// with invalid values. Each batch has a replicate. Rows of tiles are independent, so they are done in parallel.
-fn add(job: &Job<'_>, tiles: &mut [Tile], batches: &[(usize, Vec<Splat>)]) -> u64 {
+pub fn add(job: &Job<'_>, tiles: &mut [Tile], batches: &[(usize, Vec<Splat>)]) -> u64 {
     let rect = job.camera.film.rect();
     let along = |start: u32, length: u32| (start + length).div_ceil(TILE) - start / TILE;
     let (columns, rows) = (along(rect.x, rect.width), along(rect.y, rect.height));

@@ -1,7 +1,8 @@
 //! Camera subpaths, and all techniques that end at their vertices.
 
 use super::light_paths::{LightPaths, StoredVertex};
-use super::weights::{self, End, Partial, Start};
+use super::merging::Merging;
+use super::weights::{self, End, Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::ids::EmitterId;
@@ -22,13 +23,15 @@ use crate::sensor::Camera;
 /// The camera paths of a wave, and the light paths to which they are connected.
 pub struct CameraPaths<'a> {
     pub scene: &'a Scene,
-    /// The camera to which light paths are connected, if there are any.
-    pub camera: Option<&'a Camera>,
+    /// The camera to which light paths are connected.
+    pub camera: &'a Camera,
     pub limits: PathLimits,
     pub query: RadianceQuery,
     pub light: LightPaths<'a>,
     /// The light path of each camera path.
     pub light_path: Vec<u32>,
+    /// The light paths with which camera paths are merged.
+    pub merging: Option<&'a Merging>,
 }
 
 /// The state of a camera path between two vertices.
@@ -203,6 +206,15 @@ impl CameraPaths<'_> {
                 if !go_on {
                     continue;
                 }
+                if let Some(merging) = self.merging
+                    && at.partial.is_merged()
+                    && block.finite >> i & 1 == 1
+                {
+                    let wanted =
+                        |edges| self.limits.allows(depth + 1 + edges) && self.query.wants(depth + 1 + edges);
+                    out[path.slot as usize].value +=
+                        at.beta * merging.radiance(&at.vertex, &at.partial, wanted);
+                }
                 let numbers = VertexNumbers::of(&worker.numbers, &connection, first + i);
                 if block.finite >> i & 1 == 1 {
                     let shadows = &mut worker.shadows;
@@ -226,8 +238,8 @@ impl CameraPaths<'_> {
         match path.partial {
             Some(partial) => partial.at_next(distance * distance, cos),
             None => {
-                let density = |camera: &Camera| camera.density(vertex.at.p, path.ray.d, path.ray.time) * cos;
-                Partial::of_camera(self.camera.map(density))
+                let density = self.camera.density(vertex.at.p, path.ray.d, path.ray.time) * cos;
+                Partial::of_camera(density, self.merging.map_or_else(Merged::default, Merging::merged))
             }
         }
     }

@@ -1,6 +1,6 @@
 //! Light subpaths, whose vertices are kept.
 
-use super::weights::{Partial, Start};
+use super::weights::{Merged, Partial, Start};
 use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::integrator::block::ShadingBlock;
@@ -57,19 +57,33 @@ enum State {
     Scattered(Partial),
 }
 
+/// The light paths to trace.
+#[derive(Clone, Copy)]
+pub struct LightPathSettings {
+    pub limits: PathLimits,
+    /// The least number of edges with which a path reaches the camera from a vertex.
+    pub beyond: u32,
+    pub merged: Merged,
+}
+
+impl LightPathSettings {
+    /// Returns whether a light path may have so many edges.
+    fn allows(&self, edges: u32) -> bool {
+        self.limits.allows(edges + self.beyond)
+    }
+}
+
 impl<'a> LightPaths<'a> {
-    /// Traces a light path for each key. `beyond` is the least number of edges with which a path reaches the camera
-    /// from a vertex.
+    /// Traces a light path for each key.
     pub fn trace(
         scene: &'a Scene,
         arena: &'a Bump,
-        limits: &PathLimits,
-        beyond: u32,
+        settings: LightPathSettings,
         keys: &[SampleKey],
         worker: &mut Worker,
     ) -> Self {
         let mut paths = LightPaths { vertices: Vec::new(), last: vec![None; keys.len()] };
-        let mut subpaths = if limits.allows(1 + beyond) { start(scene, keys, worker) } else { Vec::new() };
+        let mut subpaths = if settings.allows(1) { start(scene, keys, worker) } else { Vec::new() };
         let mut next = Vec::new();
         let mut edges = 1;
         while !subpaths.is_empty() && !worker.interrupt.is_raised() {
@@ -78,7 +92,7 @@ impl<'a> LightPaths<'a> {
             let mut hits = worker.hits.iter();
             subpaths.retain(|_| hits.next().is_some_and(Option::is_some));
             worker.hits.retain(Option::is_some);
-            paths.add_vertices(scene, arena, limits, (edges, beyond), &subpaths, worker, &mut next);
+            paths.add_vertices(scene, arena, settings, edges, &subpaths, worker, &mut next);
             std::mem::swap(&mut subpaths, &mut next);
             next.clear();
             edges += 1;
@@ -98,8 +112,8 @@ impl<'a> LightPaths<'a> {
         &mut self,
         scene: &'a Scene,
         arena: &'a Bump,
-        limits: &PathLimits,
-        (edges, beyond): (u32, u32),
+        settings: LightPathSettings,
+        edges: u32,
         subpaths: &[Subpath],
         worker: &mut Worker,
         next: &mut Vec<Subpath>,
@@ -107,7 +121,7 @@ impl<'a> LightPaths<'a> {
         let rays: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
         let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
         let Worker { numbers, hits, sampler, .. } = worker;
-        let go_on = limits.allows(edges + 1 + beyond);
+        let go_on = settings.allows(edges + 1);
         // Light paths play at every vertex: long ones contribute little, but cost as much as camera paths.
         let roulette = Roulette::at(edges, 1);
         if go_on {
@@ -127,7 +141,7 @@ impl<'a> LightPaths<'a> {
                     State::Started(emitter, start) => {
                         let chosen = scene.light_selection.pmf(emitter, vertex.at.p);
                         let start = Start { sampled: start.sampled * f64::from(chosen), ..start };
-                        Partial::of_light(start, distance * distance, cos)
+                        Partial::of_light(start, distance * distance, cos, settings.merged)
                     }
                     State::Scattered(partial) => partial.at_next(distance * distance, cos),
                 };

@@ -7,10 +7,13 @@
 
 mod camera_paths;
 mod light_paths;
+pub(super) mod merging;
 mod weights;
 
 use self::camera_paths::CameraPaths;
-use self::light_paths::{LightPaths, StoredVertex};
+use self::light_paths::{LightPathSettings, LightPaths, StoredVertex};
+use self::merging::Merging;
+use self::weights::Merged;
 use super::ptracer::{LightTracer, Splat};
 use super::settings::{PathLimits, Plugin, Source};
 use super::worker::draw_2d;
@@ -87,17 +90,8 @@ impl Integrator for Bdpt {
         worker: &mut Worker,
         out: &mut [Radiance],
     ) {
-        out.fill(Radiance::NONE);
-        // BSDFs of the light paths are used until the camera paths end.
-        let mut arena = std::mem::take(&mut worker.arena);
-        arena.reset();
-        let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
-        let light = LightPaths::trace(scene, &arena, &self.limits, 2, &keys, worker);
-        let camera = self.camera.as_ref();
-        let paths = CameraPaths { scene, camera, limits: self.limits, query, light, light_path };
-        paths.trace(wave, worker, out);
-        drop(paths);
-        worker.arena = arena;
+        let camera = self.camera.as_ref().expect("prepare comes first");
+        trace_both(scene, camera, self.limits, None, wave, query, worker, out);
     }
 }
 
@@ -111,30 +105,83 @@ impl LightTracer for Bdpt {
         worker: &mut Worker,
         out: &mut Vec<Splat>,
     ) {
+        let settings = LightPathSettings { limits: self.limits, beyond: 1, merged: Merged::default() };
         let mut arena = std::mem::take(&mut worker.arena);
         arena.reset();
-        let paths = LightPaths::trace(scene, &arena, &self.limits, 1, keys, worker);
-        let lens = lens_numbers(camera, keys, &paths, worker);
-        let hide_emitters = self.limits.hide_emitters && scene.needs.hit_emitters;
-        let mut films = Vec::new();
-        for (i, stored) in paths.vertices.iter().enumerate() {
-            let emits = scene.shapes[stored.vertex.at.shape().index()].emitter.is_some();
-            if hide_emitters && emits {
-                continue;
-            }
-            let u = lens.get(i).copied().unwrap_or_default();
-            if let Some((ray, film, value)) = connect(scene, camera, margin, stored, u) {
-                worker.shadows.push_one(ray, films.len() as u32, value);
-                films.push(film);
-            }
-        }
+        let paths = LightPaths::trace(scene, &arena, settings, keys, worker);
+        let films = queue_connections(scene, camera, margin, settings, &paths, keys, worker);
         drop(paths);
         worker.arena = arena;
-        let splat = |slot: usize, value| out.push(Splat { film: films[slot], value });
-        match hide_emitters {
-            false => worker.trace_shadows(scene, Coherence::Incoherent, splat),
-            true => worker.trace_shadows_past_emitters(scene, splat),
+        trace_connections(scene, self.limits, &films, worker, out);
+    }
+}
+
+/// Traces the camera paths of a wave and the light paths to which they are connected, and merges them with those of
+/// `merging`.
+#[expect(clippy::too_many_arguments, reason = "those of `Integrator::li`")]
+pub(super) fn trace_both(
+    scene: &Scene,
+    camera: &Camera,
+    limits: PathLimits,
+    merging: Option<&Merging>,
+    wave: Wave<'_>,
+    query: RadianceQuery,
+    worker: &mut Worker,
+    out: &mut [Radiance],
+) {
+    out.fill(Radiance::NONE);
+    // BSDFs of the light paths are used until the camera paths end.
+    let mut arena = std::mem::take(&mut worker.kept_arena);
+    arena.reset();
+    let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
+    let merged = merging.map_or_else(Merged::default, Merging::merged);
+    let light =
+        LightPaths::trace(scene, &arena, LightPathSettings { limits, beyond: 2, merged }, &keys, worker);
+    let paths = CameraPaths { scene, camera, limits, query, light, light_path, merging };
+    paths.trace(wave, worker, out);
+    drop(paths);
+    worker.kept_arena = arena;
+}
+
+/// Queues a shadow ray from each vertex of the light paths to the camera. Returns the positions on the film.
+fn queue_connections(
+    scene: &Scene,
+    camera: &Camera,
+    margin: f64,
+    settings: LightPathSettings,
+    paths: &LightPaths<'_>,
+    keys: &[SampleKey],
+    worker: &mut Worker,
+) -> Vec<DVec2> {
+    let lens = lens_numbers(camera, keys, paths, worker);
+    let hide_emitters = settings.limits.hide_emitters && scene.needs.hit_emitters;
+    let mut films = Vec::new();
+    for (i, stored) in paths.vertices.iter().enumerate() {
+        let emits = scene.shapes[stored.vertex.at.shape().index()].emitter.is_some();
+        if hide_emitters && emits {
+            continue;
         }
+        let u = lens.get(i).copied().unwrap_or_default();
+        if let Some((ray, film, value)) = connect(scene, camera, margin, settings.merged, stored, u) {
+            worker.shadows.push_one(ray, films.len() as u32, value);
+            films.push(film);
+        }
+    }
+    films
+}
+
+/// Traces the queued shadow rays and adds what is unoccluded.
+fn trace_connections(
+    scene: &Scene,
+    limits: PathLimits,
+    films: &[DVec2],
+    worker: &mut Worker,
+    out: &mut Vec<Splat>,
+) {
+    let splat = |slot: usize, value| out.push(Splat { film: films[slot], value });
+    match limits.hide_emitters && scene.needs.hit_emitters {
+        false => worker.trace_shadows(scene, Coherence::Incoherent, splat),
+        true => worker.trace_shadows_past_emitters(scene, splat),
     }
 }
 
@@ -176,6 +223,7 @@ fn connect(
     scene: &Scene,
     camera: &Camera,
     margin: f64,
+    merged: Merged,
     stored: &StoredVertex<'_>,
     u_lens: Vec2,
 ) -> Option<(Ray, DVec2, Rgb)> {
@@ -186,7 +234,7 @@ fn connect(
         return None;
     }
     let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs());
-    let weight = stored.partial.of_camera_connection(density, reverse.into());
+    let weight = stored.partial.of_camera_connection(density, reverse.into(), merged);
     let value = stored.power * scattered * (seen.weight * weight as f32);
     Some((scene.shadow_ray_to(at, seen.target, seen.wi), seen.film, value))
 }

@@ -5,6 +5,11 @@
 //! The part of the sum that belongs to one subpath does not depend on the other, except for the densities of its last
 //! edge. Two numbers per subpath, updated at each vertex, are therefore enough. [Georgiev 2012, "Implementing Vertex
 //! Connection and Merging", Eqs. 31 to 41]
+//!
+//! With merging, a vertex with a finite lobe is one more technique: both subpaths end there, and any of the light
+//! paths of a pass may be the one that does. Its density is that of both subpaths times an area and the number of light
+//! paths. [Georgiev 2012, Eq. 9] Subpaths are merged where nothing else finds all light: at the first vertex with a
+//! finite lobe from the camera, and behind a Dirac delta ([`Merged`]).
 
 use crate::emitter::StartDensity;
 
@@ -17,12 +22,48 @@ fn mis(density: f64) -> f64 {
 /// The partial weight of a subpath. Densities are per unit area unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Partial {
-    /// The squared ratio of the density of connecting to the last vertex's predecessor and that of sampling the last
-    /// vertex: `dVCM` [Georgiev 2012, Eqs. 31, 33, 35].
+    /// The techniques that join the path at an earlier vertex.
+    pub earlier: Earlier,
+    /// The squared ratio of the density of merging at the vertex and that of a connection to it; 0 for light paths,
+    /// which are merged where camera paths end.
+    merged: f64,
+    /// The value of `merged` at the next vertex, if a Dirac delta scatters at this one.
+    merged_after_delta: f64,
+    /// The value of `merged` behind a finite lobe and a Dirac delta: for camera paths, and for light paths.
+    merged_later: [f64; 2],
+    /// The part of [`Earlier::sum`] for merging at the previous vertex of a light path. It exists only if a Dirac delta
+    /// scatters at this one.
+    pending: f64,
+}
+
+/// The sum of the squared ratios of the densities of the techniques that join a path at an earlier vertex of a subpath,
+/// and that of a connection to its last vertex.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Earlier {
+    /// The ratio for the last vertex's predecessor: `dVCM` [Georgiev 2012, Eqs. 31, 33, 35].
     connected: f64,
-    /// The sum of the squared ratios for all earlier vertices, without the reverse density of the last edge: `dVC`
-    /// [Georgiev 2012, Eqs. 32, 34, 36].
-    earlier: f64,
+    /// The sum for all vertices before, without the reverse density of the last edge: `dVC` [Georgiev 2012, Eqs. 32,
+    /// 34, 36].
+    sum: f64,
+}
+
+impl Earlier {
+    /// Returns the sum. `reverse` is the density per unit solid angle with which the reversed path leaves the last
+    /// vertex.
+    fn ratios(&self, reverse: f64) -> f64 {
+        if reverse > 0.0 { self.connected + self.sum * mis(reverse) } else { self.connected }
+    }
+}
+
+/// The densities of merging relative to those of connecting: number of light paths × area; 0 without merging.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Merged {
+    /// At the first vertex with a finite lobe from the camera: the area of the disk in which subpaths are merged.
+    pub first: f64,
+    /// At a later vertex, behind a Dirac delta. All subpaths in a disk are merged with the same camera path, which is
+    /// random there. They count as one: with the area of the disk, the weights would take the noise of a single camera
+    /// path for that of many. [Grittmann et al. 2021]
+    pub later: f64,
 }
 
 /// The start of a light path: its densities with the probabilities of the choice of the emitter.
@@ -56,25 +97,39 @@ impl Start {
 
 impl Partial {
     /// Creates the partial weight of a camera path at its first vertex. `density` is that of camera rays per unit area
-    /// of the surface, with one camera path and one light path per pixel; `None` if light paths are not connected to
-    /// the camera.
-    pub fn of_camera(density: Option<f64>) -> Self {
-        Partial { connected: density.map_or(0.0, |density| mis(1.0 / density)), earlier: 0.0 }
+    /// of the surface, with one camera path and one light path per pixel.
+    pub fn of_camera(density: f64, merged: Merged) -> Self {
+        let first = mis(merged.first);
+        Partial {
+            earlier: Earlier { connected: mis(1.0 / density), sum: 0.0 },
+            merged: first,
+            merged_after_delta: first,
+            merged_later: [mis(merged.later), 0.0],
+            pending: 0.0,
+        }
     }
 
     /// Creates the partial weight of a light path at its first vertex, at the squared distance `distance2` from the
     /// emitter, where `cos` is the cosine of the ray with the geometric normal.
-    pub fn of_light(start: Start, distance2: f64, cos: f64) -> Self {
+    pub fn of_light(start: Start, distance2: f64, cos: f64, merged: Merged) -> Self {
         let per_area = if start.distant { 1.0 } else { distance2 };
-        let earlier = if start.delta { 0.0 } else { mis(start.cosine / (start.ray * cos)) };
-        Partial { connected: mis(start.sampled * per_area / (start.ray * cos)), earlier }
+        let sum = if start.delta { 0.0 } else { mis(start.cosine / (start.ray * cos)) };
+        Partial {
+            earlier: Earlier { connected: mis(start.sampled * per_area / (start.ray * cos)), sum },
+            merged: 0.0,
+            merged_after_delta: 0.0,
+            merged_later: [0.0, mis(merged.later)],
+            pending: 0.0,
+        }
     }
 
     /// Returns the partial weight at the next vertex, at the squared distance `distance2`, where `cos` is the cosine of
     /// the ray with the geometric normal.
     #[must_use]
     pub fn at_next(self, distance2: f64, cos: f64) -> Self {
-        Partial { connected: self.connected * mis(distance2 / cos), earlier: self.earlier / mis(cos) }
+        let Earlier { connected, sum } = self.earlier;
+        let earlier = Earlier { connected: connected * mis(distance2 / cos), sum: sum / mis(cos) };
+        Partial { earlier, pending: self.pending / mis(cos), ..self }
     }
 
     /// Returns the partial weight after scattering by a finite lobe. `forward` and `reverse` are densities per unit
@@ -82,25 +137,50 @@ impl Partial {
     /// direction with the geometric normal.
     #[must_use]
     pub fn scattered(self, forward: f64, reverse: f64, cos: f64) -> Self {
-        Partial { connected: mis(1.0 / forward), earlier: mis(cos / forward) * self.ratios(reverse) }
+        let scale = mis(cos / forward);
+        let [of_camera, of_light] = self.merged_later;
+        Partial {
+            earlier: Earlier { connected: mis(1.0 / forward), sum: scale * self.ratios(reverse) },
+            merged: 0.0,
+            merged_after_delta: of_camera,
+            pending: scale * of_light,
+            ..self
+        }
     }
 
     /// Returns the partial weight after scattering by a Dirac delta, whose probabilities are equal in both directions.
     #[must_use]
     pub fn reflected(self, cos: f64) -> Self {
-        Partial { connected: 0.0, earlier: self.earlier * mis(cos) }
+        let sum = (self.earlier.sum + self.pending) * mis(cos);
+        Partial {
+            earlier: Earlier { connected: 0.0, sum },
+            merged: self.merged_after_delta,
+            pending: 0.0,
+            ..self
+        }
     }
 
-    /// Returns the sum of the squared ratios of the techniques that join the path at an earlier vertex, relative to
-    /// that which joins it at this vertex, without the reverse density of the joining edge. `reverse` is the density
-    /// per unit solid angle with which the reversed path leaves the vertex.
+    /// Returns whether the path is merged with others at its last vertex, if that has a finite lobe.
+    pub fn is_merged(&self) -> bool {
+        self.merged > 0.0
+    }
+
+    /// Returns the sum of the squared ratios of the techniques that join the path at an earlier vertex or merge it at
+    /// this one, relative to that which connects it to this vertex, without the reverse density of the joining edge.
+    /// `reverse` is the density per unit solid angle with which the reversed path leaves the vertex.
     fn ratios(&self, reverse: f64) -> f64 {
-        if reverse > 0.0 { self.connected + self.earlier * mis(reverse) } else { self.connected }
+        self.merged + self.earlier.ratios(reverse)
+    }
+
+    /// Returns the weight of merging a camera path and a light path that end at one point. The densities per unit solid
+    /// angle are those with which the reversed paths leave the point. [Georgiev 2012, Eqs. 38, 39]
+    pub fn of_merging(&self, reverse: f64, light: &Earlier, reverse_of_light: f64) -> f64 {
+        self.merged / (self.ratios(reverse) + light.ratios(reverse_of_light))
     }
 
     /// Returns the weight of a camera path that hits an emitter, after at least one scattering. [Georgiev 2012, Eq. 38]
     pub fn of_hit(&self, start: Start) -> f64 {
-        1.0 / (1.0 + mis(start.sampled) * self.connected + mis(start.ray) * self.earlier)
+        1.0 / (1.0 + mis(start.sampled) * self.earlier.connected + mis(start.ray) * self.earlier.sum)
     }
 
     /// Returns the weight of a camera path whose last vertex samples an emitter. `pdf` and `reverse` are the densities
@@ -121,8 +201,8 @@ impl Partial {
 
     /// Returns the weight of a light path whose last vertex is connected to the camera. `density` is that of camera
     /// rays per unit area of the surface. [Georgiev 2012, Eq. 46]
-    pub fn of_camera_connection(&self, density: f64, reverse: f64) -> f64 {
-        1.0 / (1.0 + mis(density) * self.ratios(reverse))
+    pub fn of_camera_connection(&self, density: f64, reverse: f64, merged: Merged) -> f64 {
+        1.0 / (1.0 + mis(density) * (mis(merged.first) + self.ratios(reverse)))
     }
 }
 
@@ -159,6 +239,9 @@ mod tests {
         cosines: Vec<[f64; 2]>,
         /// Densities per unit solid angle at each vertex, of the directions to the emitter and to the camera.
         pdfs: Vec<[f64; 2]>,
+        merged: Merged,
+        /// Whether a Dirac delta scatters at each vertex.
+        delta: Vec<bool>,
     }
 
     impl RandomPath {
@@ -170,8 +253,24 @@ mod tests {
             let cosine = if distant || delta { 1.0 } else { number(90, 0) };
             let start = Start { sampled: number(91, 0), ray: number(92, 0), cosine, delta, distant };
             let distance2 = (0..vertices).map(|i| 4.0 * number(i, 9)).collect();
-            let (cosines, pdfs) = (all(1).collect(), all(3).collect());
-            RandomPath { vertices, start, camera: number(93, 0), distance2, cosines, pdfs }
+            let (cosines, mut pdfs): (_, Vec<[f64; 2]>) = (all(1).collect(), all(3).collect());
+            let merged = match seed % 2 {
+                0 => Merged { first: number(94, 0), later: number(95, 0) },
+                _ => Merged::default(),
+            };
+            let delta: Vec<bool> = (0..vertices).map(|i| i > 0 && number(i, 11) < 0.4).collect();
+            // The probability of a Dirac delta is the same in both directions.
+            pdfs.iter_mut().zip(&delta).filter(|(_, delta)| **delta).for_each(|(pdf, _)| *pdf = [1.0; 2]);
+            RandomPath { vertices, start, camera: number(93, 0), distance2, cosines, pdfs, merged, delta }
+        }
+
+        /// Returns whether the path can be joined between vertices `s - 1` and `s`.
+        fn is_joined(&self, s: usize) -> bool {
+            let finite = |i: usize| i == 0 || i == self.vertices || !self.delta[i];
+            match s {
+                0 => !self.start.delta,
+                _ => finite(s - 1) && finite(s),
+            }
         }
 
         /// Returns the density of the path if the first `s` vertices belong to the light path. [Veach 1997, 10.2]
@@ -200,31 +299,71 @@ mod tests {
             light * (s..n).map(from_camera).product::<f64>()
         }
 
-        /// Returns the weight of the technique with `s` vertices in the light path, from the partial weights.
-        fn weight(&self, s: usize) -> f64 {
+        /// Returns the density of the path if both subpaths end at vertex `i`; 0 if they are not merged there.
+        fn density_of_merging(&self, i: usize) -> f64 {
+            let merged = match () {
+                () if self.delta[i] => 0.0,
+                () if self.delta[i + 1..].iter().all(|delta| *delta) => self.merged.first,
+                () if self.delta[i + 1] => self.merged.later,
+                () => 0.0,
+            };
+            // A connection to vertex i, and the light path that would have gone on to it.
+            let to_light = match i {
+                1 if self.start.distant => self.start.ray / self.start.sampled * self.cosines[1][0],
+                1 => self.start.ray / self.start.sampled * self.cosines[1][0] / self.distance2[0],
+                _ => self.pdfs[i - 1][1] * self.cosines[i][0] / self.distance2[i - 1],
+            };
+            self.density(i) * to_light * merged
+        }
+
+        /// Returns the partial weights of both subpaths at each vertex: those of the light path from vertex 1 on.
+        fn partials(&self) -> [Vec<Partial>; 2] {
             let n = self.vertices;
             let mut light = Vec::new();
             for i in 1..n {
                 let (distance2, cos) = (self.distance2[i - 1], self.cosines[i][0]);
                 light.push(match i {
-                    1 => Partial::of_light(self.start, distance2, cos),
+                    1 => Partial::of_light(self.start, distance2, cos, self.merged),
                     _ => {
                         let last: Partial = light[i - 2];
                         let [reverse, forward] = self.pdfs[i - 1];
-                        last.scattered(forward, reverse, self.cosines[i - 1][1]).at_next(distance2, cos)
+                        let cos_out = self.cosines[i - 1][1];
+                        let on = match self.delta[i - 1] {
+                            true => last.reflected(cos_out),
+                            false => last.scattered(forward, reverse, cos_out),
+                        };
+                        on.at_next(distance2, cos)
                     }
                 });
             }
-            let mut camera = vec![Partial::of_camera(Some(self.camera)); n];
+            let mut camera = vec![Partial::of_camera(self.camera, self.merged); n];
             for i in (0..n - 1).rev() {
                 let [forward, reverse] = self.pdfs[i + 1];
-                let on = camera[i + 1].scattered(forward, reverse, self.cosines[i + 1][0]);
+                let cos = self.cosines[i + 1][0];
+                let on = match self.delta[i + 1] {
+                    true => camera[i + 1].reflected(cos),
+                    false => camera[i + 1].scattered(forward, reverse, cos),
+                };
                 camera[i] = match i {
                     0 if self.start.distant => on,
                     0 => on.at_next(self.distance2[0], self.start.cosine),
                     _ => on.at_next(self.distance2[i], self.cosines[i][1]),
                 };
             }
+            [light, camera]
+        }
+
+        /// Returns the weight of merging at vertex `i`.
+        fn weight_of_merging(&self, i: usize) -> f64 {
+            let [light, camera] = self.partials();
+            let [to_light, to_camera] = self.pdfs[i];
+            camera[i].of_merging(to_camera, &light[i - 1].earlier, to_light)
+        }
+
+        /// Returns the weight of the technique with `s` vertices in the light path, from the partial weights.
+        fn weight(&self, s: usize) -> f64 {
+            let n = self.vertices;
+            let [light, camera] = self.partials();
             let end = |partial: Partial, i: usize, to: usize, edge: usize, side: usize| End {
                 partial,
                 to_other: self.pdfs[i][side] * self.cosines[to][1 - side] / self.distance2[edge],
@@ -242,7 +381,9 @@ mod tests {
                         reverse,
                     )
                 }
-                _ if s == n => light[n - 2].of_camera_connection(self.camera, self.pdfs[n - 1][0]),
+                _ if s == n => {
+                    light[n - 2].of_camera_connection(self.camera, self.pdfs[n - 1][0], self.merged)
+                }
                 _ => {
                     of_connection(&end(camera[s], s, s - 1, s - 1, 0), &end(light[s - 2], s - 1, s, s - 1, 1))
                 }
@@ -256,15 +397,24 @@ mod tests {
         for seed in 0..60 {
             for vertices in 2..7 {
                 let path = RandomPath::new(seed, vertices);
-                let densities: Vec<f64> = (0..=vertices).map(|s| path.density(s)).collect();
-                let sum: f64 = densities.iter().map(|p| p * p).sum();
+                let density = |s| if path.is_joined(s) { path.density(s) } else { 0.0 };
+                let densities: Vec<f64> = (0..=vertices).map(density).collect();
+                let merging: Vec<f64> = (1..vertices).map(|i| path.density_of_merging(i)).collect();
+                let sum: f64 = densities.iter().chain(&merging).map(|p| p * p).sum();
+                let near = |weight: f64, exact: f64| (weight - exact).abs() < 1e-9 * (1.0 + exact);
+                for (i, density) in (1..vertices).zip(&merging).filter(|(_, density)| **density > 0.0) {
+                    let (weight, exact) = (path.weight_of_merging(i), density * density / sum);
+                    let seen =
+                        format!("seed {seed}, {vertices} vertices, merged at {i}: {weight}, not {exact}");
+                    assert!(near(weight, exact), "{seen}");
+                }
                 for (s, density) in densities.iter().enumerate() {
-                    if s == 0 && path.start.delta {
+                    if !path.is_joined(s) {
                         continue;
                     }
                     let (weight, exact) = (path.weight(s), density * density / sum);
                     assert!(
-                        (weight - exact).abs() < 1e-9 * (1.0 + exact),
+                        near(weight, exact),
                         "seed {seed}, {vertices} vertices, {s} from the light: {weight}, expected {exact}"
                     );
                 }

@@ -63,10 +63,23 @@ impl GridPhoton {
     }
 }
 
+/// A photon of a grid.
+pub trait Positioned: Copy + Send + Sync {
+    /// Returns the position in world space.
+    fn position(&self) -> Vec3;
+}
+
+impl Positioned for GridPhoton {
+    #[inline]
+    fn position(&self) -> Vec3 {
+        self.p
+    }
+}
+
 /// Photons sorted by their cell in a regular grid. A hash maps cells to buckets.
-#[derive(Debug, Default)]
-pub struct PhotonGrid {
-    photons: Vec<GridPhoton>,
+#[derive(Debug)]
+pub struct PhotonGrid<P = GridPhoton> {
+    photons: Vec<P>,
     /// The index of the first photon of each bucket, and the number of photons.
     starts: Vec<u32>,
     radius: f32,
@@ -77,13 +90,19 @@ pub struct PhotonGrid {
 /// along an axis only rarely.
 const SLACK: f32 = 1.0 + 1e-3;
 
-impl PhotonGrid {
+impl<P> Default for PhotonGrid<P> {
+    fn default() -> Self {
+        PhotonGrid { photons: Vec::new(), starts: Vec::new(), radius: 0.0, per_cell: 0.0 }
+    }
+}
+
+impl<P: Positioned> PhotonGrid<P> {
     /// Builds the grid for queries with the given radius, which is positive and finite. Photons keep their order
     /// within a bucket.
     ///
     /// # Panics
     /// If there are 2^32 photons or more.
-    pub fn new(photons: &[GridPhoton], radius: f32) -> Self {
+    pub fn new(photons: &[P], radius: f32) -> Self {
         assert!(u32::try_from(photons.len()).is_ok(), "{} photons in one grid", photons.len());
         let per_cell = 1.0 / (2.0 * SLACK * radius);
         let buckets = photons.len().next_power_of_two().max(1);
@@ -93,7 +112,7 @@ impl PhotonGrid {
         let mut order: Vec<u64> = photons
             .par_iter()
             .enumerate()
-            .map(|(i, photon)| u64::from(bucket(cell(photon.p, per_cell), mask)) << 32 | i as u64)
+            .map(|(i, photon)| u64::from(bucket(cell(photon.position(), per_cell), mask)) << 32 | i as u64)
             .collect();
         order.par_sort_unstable();
         let mut starts = Vec::with_capacity(buckets + 1);
@@ -130,7 +149,7 @@ impl PhotonGrid {
 
     /// Calls `visit` for every photon nearer to `p` than the radius, with its squared distance.
     #[inline]
-    pub fn within(&self, p: Vec3, mut visit: impl FnMut(&GridPhoton, f32)) {
+    pub fn within(&self, p: Vec3, mut visit: impl FnMut(&P, f32)) {
         if self.photons.is_empty() {
             return;
         }
@@ -150,7 +169,7 @@ impl PhotonGrid {
                     (seen[count], count) = (bucket, count + 1);
                     let [start, end] = [0, 1].map(|k| self.starts[bucket as usize + k] as usize);
                     for photon in &self.photons[start..end] {
-                        let squared = (photon.p - p).length_squared();
+                        let squared = (photon.position() - p).length_squared();
                         if squared < self.radius * self.radius {
                             visit(photon, squared);
                         }
@@ -239,7 +258,7 @@ mod tests {
             grid.within(Vec3::ZERO, |_, _| n += 1);
             n
         };
-        assert_eq!(count(&PhotonGrid::new(&[], 1.0)), 0);
+        assert_eq!(count(&PhotonGrid::<GridPhoton>::new(&[], 1.0)), 0);
         assert_eq!(count(&PhotonGrid::default()), 0);
         let one = photon(Vec3::new(0.5, 0.0, 0.0));
         assert_eq!(count(&PhotonGrid::new(&[one], 1.0)), 1);

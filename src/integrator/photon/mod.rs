@@ -15,11 +15,13 @@ pub mod map;
 pub mod mapper;
 #[allow(clippy::module_inception)]
 pub mod photon;
+pub mod radius;
 pub mod tracing;
+pub mod visible_surfaces;
 
 pub use cast::{LightPathTracer, PathLimit, PathSequence, TracedPaths};
 pub use density::{DensityEstimator, Irradiance, LookupPoint, Sides};
-pub use grid::{GridPhoton, PhotonGrid};
+pub use grid::{GridPhoton, PhotonGrid, Positioned};
 pub use guide::EmissionGuide;
 pub use irradiance::IrradianceMap;
 pub use kernel::Kernel;
@@ -27,3 +29,4 @@ pub use map::PhotonMap;
 pub use mapper::{CausticMaps, Photonmapper};
 pub use photon::Photon;
 pub use tracing::{Deposit, PhotonPaths};
+pub use visible_surfaces::VisibleSurfaces;

@@ -15,23 +15,20 @@
 
 mod camera_path;
 mod gather;
-mod radius;
-mod visible_surfaces;
 
 use super::photon::{
     Deposit, EmissionGuide, GridPhoton, LightPathTracer, PathLimit, PathSequence, PhotonGrid, PhotonPaths,
+    VisibleSurfaces, radius,
 };
 use super::progressive::{PreparedPass, Progressive, SamplePass};
 use super::settings::{MAX_PHOTONS, PathLimits, Plugin, Read, Source};
 use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker};
 use crate::error::{Error, Result, counted};
 use crate::memory::Reservation;
-use crate::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 use crate::scene::Scene;
 use camera_path::CameraPaths;
 use gather::PhotonGather;
 use std::sync::{Arc, PoisonError, RwLock};
-use visible_surfaces::VisibleSurfaces;
 
 /// The assumed number of photons for each light path, for the memory plan. The actual number depends on the scene.
 const PHOTONS_PER_PATH: u64 = 2;
@@ -130,6 +127,21 @@ impl Sppm {
     }
 }
 
+/// Reads the radius of the first pass, in scene units, and the parameter of its reduction.
+pub(super) fn read_radius(source: &mut dyn Source, radius: f32, alpha: f32) -> Result<(f32, f32)> {
+    let radius = source.float("initial_radius")?.map_or(radius, |r| r as f32);
+    if !(radius == 0.0 || (1e-18..=1e18).contains(&radius)) {
+        let expected =
+            "expected a radius of at least 1e-18 and at most 1e18, or 0 for three widths of a pixel";
+        return Err(source.refusal("initial_radius", expected));
+    }
+    let alpha = source.float("alpha")?.map_or(alpha, |a| a as f32);
+    if !(alpha > 0.0 && alpha <= 1.0) {
+        return Err(source.refusal("alpha", "expected a number above 0 and at most 1"));
+    }
+    Ok((radius, alpha))
+}
+
 impl Plugin for Sppm {
     const NAME: &'static str = "sppm";
     type Settings = SppmSettings;
@@ -137,16 +149,7 @@ impl Plugin for Sppm {
     fn read(source: &mut dyn Source) -> Result<SppmSettings> {
         source.ignore(&["granularity", "max_passes"], "the render job decides");
         let default = SppmSettings::default();
-        let initial_radius = source.float("initial_radius")?.map_or(default.initial_radius, |r| r as f32);
-        if !(initial_radius == 0.0 || (1e-18..=1e18).contains(&initial_radius)) {
-            let expected =
-                "expected a radius of at least 1e-18 and at most 1e18, or 0 for three widths of a pixel";
-            return Err(source.refusal("initial_radius", expected));
-        }
-        let alpha = source.float("alpha")?.map_or(default.alpha, |a| a as f32);
-        if !(alpha > 0.0 && alpha <= 1.0) {
-            return Err(source.refusal("alpha", "expected a number above 0 and at most 1"));
-        }
+        let (initial_radius, alpha) = read_radius(source, default.initial_radius, default.alpha)?;
         Ok(SppmSettings {
             limits: PathLimits::read(source)?,
             photon_count: source.count("photon_count", 0..=MAX_PHOTONS, default.photon_count)?,
@@ -238,7 +241,7 @@ impl Progressive for Sppm {
         let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
         let paths = self.paths_of_a_pass(pass.preparation);
         let sequence = PathSequence { seed, stream: 0, number: half, first: index * paths };
-        let time = scene.needs.time.then(|| time_of_pass(seed, pass.sample));
+        let time = pass.time();
         let tracer = LightPathTracer { scene, sampler, guide: self.guide.as_ref(), pool, interrupt, time };
         let until = PathLimit { paths, kept: None };
         let cast = tracer.cast(&self.photon_paths(), sequence, until, |d, _| Some(GridPhoton::new(d)));
@@ -252,17 +255,6 @@ impl Progressive for Sppm {
         let grid = pool.install(|| PhotonGrid::new(&cast.kept, radius));
         let pass = PhotonPass { grid, emitted: cast.emitted };
         *self.pass.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(pass);
-        PreparedPass { counters: cast.counters, invalid: cast.invalid, time }
+        PreparedPass { counters: cast.counters, invalid: cast.invalid, time, ..PreparedPass::default() }
     }
-}
-
-/// Returns the time of a pass, in [0, 1) over the shutter interval. All photons and camera rays of a pass share it,
-/// so that photons on moving objects are looked up at the same position. Times are stratified over the passes of each
-/// half.
-fn time_of_pass(seed: u64, sample: u64) -> f32 {
-    // No path has this pixel.
-    let key = SampleKey::new(seed, u32::MAX, 0, sample);
-    let mut time = [0.0];
-    Sampler::new(SamplerKind::Sobol, None).fill_1d(Dimension::TIME, &[key], &mut time);
-    time[0]
 }

@@ -2,7 +2,7 @@
 
 /// Returns the radius of pass `index`, counted from 0, where pass 0 has the radius `first`: `r²ᵢ₊₁ = r²ᵢ (i + α)/(i +
 /// 1)` for i ≥ 1. [Knaus and Zwicker 2011, Eq. 15]
-pub(super) fn of_pass(first: f32, alpha: f32, index: u64) -> f32 {
+pub fn of_pass(first: f32, alpha: f32, index: u64) -> f32 {
     // Computes the product for small indices; beyond, its asymptote, whose relative error is below 1/(12·i).
     const SHORT: u64 = 1 << 12;
     let factor = |i: u64| (i as f64 + f64::from(alpha)) / (i as f64 + 1.0);

@@ -19,7 +19,7 @@ const SHARE: f32 = 1e-3;
 const MARGIN: f32 = 0.1;
 
 /// The surfaces with finite lobes in the full image, seen directly or in mirrors and glass.
-pub(super) struct VisibleSurfaces {
+pub struct VisibleSurfaces {
     /// Their bounding box, with a margin.
     bounds: Bounds,
     /// The median width of a pixel on them.
@@ -57,8 +57,12 @@ impl VisibleSurfaces {
 
     /// Returns three pixel widths in scene units.
     pub fn radius(&self, scene: &Scene) -> f32 {
-        let otherwise = (scene.bounds.radius() * SHARE).max(f32::MIN_POSITIVE.sqrt());
-        self.pixel.map_or(otherwise, |pixel| PIXELS * pixel)
+        PIXELS * self.pixel(scene)
+    }
+
+    /// Returns the median width of a pixel in scene units; a small part of the scene if the camera sees no surface.
+    pub fn pixel(&self, scene: &Scene) -> f32 {
+        self.pixel.unwrap_or_else(|| (scene.bounds.radius() * SHARE / PIXELS).max(f32::MIN_POSITIVE.sqrt()))
     }
 }
 

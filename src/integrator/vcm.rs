@@ -1,0 +1,184 @@
+//! Vertex connection and merging: bidirectional path tracing and progressive photon mapping in one estimator.
+//! [Georgiev et al. 2012; Hachisuka et al. 2012]
+//!
+//! Every sample of a pixel is a pass with its own light paths, one for each pixel of the full image. Their vertices are
+//! connected to the camera, and camera paths are merged with those that end nearby. All other techniques are those of
+//! [`bdpt`](super::bdpt), with light paths of their own. Multiple importance sampling combines all of them. The radius
+//! of a pass shrinks as that of [`sppm`](super::sppm), so the blur vanishes.
+
+use super::bdpt::merging::{LightPass, Merging};
+use super::bdpt::trace_both;
+use super::photon::{PathSequence, VisibleSurfaces, radius};
+use super::progressive::{PreparedPass, Progressive, SamplePass};
+use super::settings::{PathLimits, Plugin, Source};
+use super::sppm::read_radius;
+use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker};
+use crate::error::{Error, Result, counted};
+use crate::memory::Reservation;
+use crate::scene::Scene;
+use crate::sensor::Camera;
+use std::sync::{Arc, PoisonError, RwLock};
+
+/// The assumed number of ends of a light path, for the memory plan. The actual number depends on the scene.
+const ENDS_PER_PATH: u64 = 4;
+/// The bytes of an end: when traced, when sorted, in the grid of this pass and in that of the previous one.
+const BYTES_PER_END: u64 = 320;
+
+/// Vertex connection and merging. [Georgiev et al. 2012; Hachisuka et al. 2012]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct VcmSettings {
+    /// The paths from the camera and from emitters.
+    pub limits: PathLimits,
+    /// Radius of the first pass in scene units; 0 selects three pixel widths.
+    pub initial_radius: f32,
+    /// Parameter of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
+    pub alpha: f32,
+}
+
+impl Default for VcmSettings {
+    fn default() -> Self {
+        VcmSettings { limits: PathLimits::default(), initial_radius: 0.0, alpha: 0.75 }
+    }
+}
+
+/// The integrator. Its passes need [`Progressive::begin_sample`].
+pub struct Vcm {
+    settings: VcmSettings,
+    /// The radius of the first pass in scene units.
+    first_radius: f32,
+    /// The width of a pixel on the surfaces seen, in scene units.
+    pixel: f32,
+    camera: Option<Camera>,
+    pass: RwLock<Arc<Merging>>,
+    /// The reserved memory for the light paths of a pass.
+    reserved: Option<Reservation>,
+}
+
+impl Vcm {
+    fn pass(&self) -> Arc<Merging> {
+        self.pass.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Returns the number of light paths in a pass: one for each pixel of the full image.
+fn paths_of_a_pass(camera: &Camera) -> u64 {
+    u64::from(camera.film.width) * u64::from(camera.film.height)
+}
+
+impl Plugin for Vcm {
+    const NAME: &'static str = "vcm";
+    type Settings = VcmSettings;
+
+    fn read(source: &mut dyn Source) -> Result<VcmSettings> {
+        let default = VcmSettings::default();
+        let (initial_radius, alpha) = read_radius(source, default.initial_radius, default.alpha)?;
+        Ok(VcmSettings { limits: PathLimits::read(source)?, initial_radius, alpha })
+    }
+
+    fn with_limits(limits: PathLimits) -> VcmSettings {
+        VcmSettings { limits, ..VcmSettings::default() }
+    }
+
+    fn limits(settings: &VcmSettings) -> PathLimits {
+        settings.limits
+    }
+
+    fn create(settings: &VcmSettings) -> Box<dyn Integrator> {
+        Box::new(Vcm {
+            settings: *settings,
+            first_radius: settings.initial_radius,
+            pixel: 0.0,
+            camera: None,
+            pass: RwLock::default(),
+            reserved: None,
+        })
+    }
+}
+
+impl Integrator for Vcm {
+    fn name(&self) -> &'static str {
+        Self::NAME
+    }
+
+    fn shares_noise(&self) -> bool {
+        true
+    }
+
+    fn shows_environment(&self) -> bool {
+        !self.settings.limits.hide_emitters
+    }
+
+    fn traces_light_paths(&self) -> bool {
+        true
+    }
+
+    fn prepares(&self) -> bool {
+        true
+    }
+
+    fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        let paths = paths_of_a_pass(preparation.camera);
+        let needed = paths.saturating_mul(ENDS_PER_PATH * BYTES_PER_END);
+        self.reserved = Some(preparation.memory.reserve(needed).map_err(|refusal| {
+            let what = format!("the vertices of {}", counted(paths, "light path", "light paths"));
+            Error::scene(refusal.sentence(&what, "render a smaller image")).about(Self::NAME)
+        })?);
+        let visible_surfaces = VisibleSurfaces::of(preparation);
+        self.pixel = visible_surfaces.pixel(preparation.scene);
+        if self.settings.initial_radius == 0.0 {
+            self.first_radius = visible_surfaces.radius(preparation.scene);
+        }
+        self.camera = Some(preparation.camera.clone());
+        Ok(())
+    }
+
+    fn statistics(&self) -> Vec<Statistic> {
+        let pass = self.pass();
+        vec![
+            Statistic { name: "first_radius", value: self.first_radius.into() },
+            Statistic { name: "last_radius", value: pass.radius().into() },
+            Statistic { name: "light_vertices_of_the_last_pass", value: pass.len() as f64 },
+            Statistic { name: "light_vertex_memory_bytes", value: pass.memory_bytes() as f64 },
+        ]
+    }
+
+    fn progressive(&self) -> Option<&dyn Progressive> {
+        Some(self)
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        let camera = self.camera.as_ref().expect("prepare comes first");
+        trace_both(scene, camera, self.settings.limits, Some(&self.pass()), wave, query, worker, out);
+    }
+}
+
+impl Progressive for Vcm {
+    fn begin_sample(&self, pass: &SamplePass<'_>) -> PreparedPass {
+        let Preparation { camera, sampler, seed, .. } = *pass.preparation;
+        // Each half of the samples is an independent sequence of passes.
+        let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
+        let paths = paths_of_a_pass(camera);
+        // All replicates use the same radius for a pass, that of the first replicate.
+        let each = u64::from(sampler.replicates() / 2);
+        let light = LightPass {
+            limits: self.settings.limits,
+            sequence: PathSequence { seed, stream: 0, number: half, first: index * paths },
+            paths,
+            radius: radius::of_pass(self.first_radius, self.settings.alpha, index / each * each),
+            pixel: self.pixel,
+            time: pass.time(),
+            margin: pass.margin,
+        };
+        let traced = light.trace(pass.preparation);
+        *self.pass.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(traced.merging);
+        let (counters, splats, invalid) = (traced.counters, traced.splats, traced.invalid);
+        PreparedPass { counters, splats, invalid, time: light.time }
+    }
+}
