@@ -43,7 +43,7 @@ impl Positioned for PathEnd {
 }
 
 impl PathEnd {
-    /// Returns the end of a light path at a vertex, if it is valid.
+    /// Returns the end of a light path at a vertex, if its values are finite.
     fn of(scene: &Scene, stored: &StoredVertex<'_>) -> Option<Self> {
         let LightVertex { at, wo, wo_ng, .. } = &stored.vertex;
         // Paths from both ends hit a surface with holes with the same probability, which must count once.
@@ -112,9 +112,10 @@ impl LightPass {
                 arena.reset();
                 let paths = LightPaths::trace(scene, &arena, settings, &keys, worker);
                 let films = queue_connections(scene, camera, self.margin, settings, &paths, &keys, worker);
+                let scattered = || paths.vertices.iter().filter(|vertex| vertex.edges > 1);
                 let ends: Vec<PathEnd> =
-                    paths.vertices.iter().filter_map(|v| PathEnd::of(scene, v)).collect();
-                let invalid = (paths.vertices.len() - ends.len()) as u64;
+                    scattered().filter_map(|vertex| PathEnd::of(scene, vertex)).collect();
+                let invalid = (scattered().count() - ends.len()) as u64;
                 drop(paths);
                 worker.kept_arena = arena;
                 trace_connections(scene, self.limits, &films, worker, &mut splats);

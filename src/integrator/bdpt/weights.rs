@@ -9,7 +9,8 @@
 //! With merging, a vertex with a finite lobe is one more technique: both subpaths end there, and any of the light
 //! paths of a pass may be the one that does. Its density is that of both subpaths times an area and the number of light
 //! paths. [Georgiev 2012, Eq. 9] Subpaths are merged where nothing else finds all light: at the first vertex with a
-//! finite lobe from the camera, and behind a Dirac delta ([`Merged`]).
+//! finite lobe from the camera, and behind a Dirac delta ([`Merged`]). Emitter samples find light that nothing has
+//! scattered.
 
 use crate::emitter::StartDensity;
 
@@ -31,9 +32,14 @@ pub struct Partial {
     merged_after_delta: f64,
     /// The value of `merged` behind a finite lobe and a Dirac delta: for camera paths, and for light paths.
     merged_later: [f64; 2],
+    /// The part of [`Earlier::sum`] for merging at the previous vertex of a camera path. It exists unless this vertex is
+    /// on the emitter of the path.
+    before_surface: f64,
     /// The part of [`Earlier::sum`] for merging at the previous vertex of a light path. It exists only if a Dirac delta
     /// scatters at this one.
-    pending: f64,
+    before_delta: f64,
+    /// Whether a light path has more than one edge, so that camera paths may be merged with it.
+    is_scattered: bool,
 }
 
 /// The sum of the squared ratios of the densities of the techniques that join a path at an earlier vertex of a subpath,
@@ -105,7 +111,9 @@ impl Partial {
             merged: first,
             merged_after_delta: first,
             merged_later: [mis(merged.later), 0.0],
-            pending: 0.0,
+            before_surface: 0.0,
+            before_delta: 0.0,
+            is_scattered: false,
         }
     }
 
@@ -119,7 +127,9 @@ impl Partial {
             merged: 0.0,
             merged_after_delta: 0.0,
             merged_later: [0.0, mis(merged.later)],
-            pending: 0.0,
+            before_surface: 0.0,
+            before_delta: 0.0,
+            is_scattered: false,
         }
     }
 
@@ -129,7 +139,13 @@ impl Partial {
     pub fn at_next(self, distance2: f64, cos: f64) -> Self {
         let Earlier { connected, sum } = self.earlier;
         let earlier = Earlier { connected: connected * mis(distance2 / cos), sum: sum / mis(cos) };
-        Partial { earlier, pending: self.pending / mis(cos), ..self }
+        Partial {
+            earlier,
+            before_surface: self.before_surface / mis(cos),
+            before_delta: self.before_delta / mis(cos),
+            is_scattered: true,
+            ..self
+        }
     }
 
     /// Returns the partial weight after scattering by a finite lobe. `forward` and `reverse` are densities per unit
@@ -140,10 +156,14 @@ impl Partial {
         let scale = mis(cos / forward);
         let [of_camera, of_light] = self.merged_later;
         Partial {
-            earlier: Earlier { connected: mis(1.0 / forward), sum: scale * self.ratios(reverse) },
+            earlier: Earlier {
+                connected: mis(1.0 / forward),
+                sum: scale * self.all_earlier().ratios(reverse),
+            },
             merged: 0.0,
             merged_after_delta: of_camera,
-            pending: scale * of_light,
+            before_surface: scale * self.merged,
+            before_delta: if self.is_scattered { scale * of_light } else { 0.0 },
             ..self
         }
     }
@@ -151,11 +171,12 @@ impl Partial {
     /// Returns the partial weight after scattering by a Dirac delta, whose probabilities are equal in both directions.
     #[must_use]
     pub fn reflected(self, cos: f64) -> Self {
-        let sum = (self.earlier.sum + self.pending) * mis(cos);
+        let sum = (self.all_earlier().sum + self.before_delta) * mis(cos);
         Partial {
             earlier: Earlier { connected: 0.0, sum },
             merged: self.merged_after_delta,
-            pending: 0.0,
+            before_surface: 0.0,
+            before_delta: 0.0,
             ..self
         }
     }
@@ -169,7 +190,12 @@ impl Partial {
     /// this one, relative to that which connects it to this vertex, without the reverse density of the joining edge.
     /// `reverse` is the density per unit solid angle with which the reversed path leaves the vertex.
     fn ratios(&self, reverse: f64) -> f64 {
-        self.merged + self.earlier.ratios(reverse)
+        self.merged + self.all_earlier().ratios(reverse)
+    }
+
+    /// Returns the earlier techniques if the last vertex is not on the emitter of the path.
+    fn all_earlier(&self) -> Earlier {
+        Earlier { sum: self.earlier.sum + self.before_surface, ..self.earlier }
     }
 
     /// Returns the weight of merging a camera path and a light path that end at one point. The densities per unit solid
@@ -196,13 +222,14 @@ impl Partial {
             }
         };
         let hit = if start.delta { 0.0 } else { mis(pdf / sampled) };
-        1.0 / (1.0 + hit + mis(arrival) * self.ratios(reverse))
+        1.0 / (1.0 + hit + mis(arrival) * self.all_earlier().ratios(reverse))
     }
 
     /// Returns the weight of a light path whose last vertex is connected to the camera. `density` is that of camera
     /// rays per unit area of the surface. [Georgiev 2012, Eq. 46]
     pub fn of_camera_connection(&self, density: f64, reverse: f64, merged: Merged) -> f64 {
-        1.0 / (1.0 + mis(density) * (mis(merged.first) + self.ratios(reverse)))
+        let merged = if self.is_scattered { mis(merged.first) } else { 0.0 };
+        1.0 / (1.0 + mis(density) * (merged + self.ratios(reverse)))
     }
 }
 
@@ -302,7 +329,7 @@ mod tests {
         /// Returns the density of the path if both subpaths end at vertex `i`; 0 if they are not merged there.
         fn density_of_merging(&self, i: usize) -> f64 {
             let merged = match () {
-                () if self.delta[i] => 0.0,
+                () if self.delta[i] || i == 1 => 0.0,
                 () if self.delta[i + 1..].iter().all(|delta| *delta) => self.merged.first,
                 () if self.delta[i + 1] => self.merged.later,
                 () => 0.0,
