@@ -24,7 +24,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "render s.xml --integrator pth",
             2,
             "buffon: --integrator: there is no integrator \"pth\"; there are path, volpath, direct, \
-             ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt and vcm",
+             ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt, vcm and pssmlt",
         ),
         (
             "render s.xml --aov nope",

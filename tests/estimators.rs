@@ -256,7 +256,7 @@ fn no_light_path_goes_on_through_a_two_sided_wall() {
     let place = r#"<scale value="50"/><translate y="2"/>"#;
     let sheet = bent_sheet("false", ["0.9,0.5,0.6", "0.1,0.5,0.6"], place);
     let folder = Folder::with(&scene(SENSOR, &format!("{FLOOR}\n{LAMP}\n{sheet}")));
-    for integrator in ["path", "ptracer", "bdpt", "vcm", "sppm"] {
+    for integrator in ["path", "ptracer", "bdpt", "vcm", "pssmlt", "sppm"] {
         let lit = mean(&picture(&folder, &format!("--integrator {integrator} --spp 64")));
         assert!(lit == 0.0, "{integrator}: {lit}");
     }
@@ -468,6 +468,7 @@ fn check_seeds(seeds: RangeInclusive<u32>) {
         ("ptracer", "gaussian"),
         ("bdpt", "gaussian"),
         ("vcm", "gaussian"),
+        ("pssmlt", "gaussian"),
         ("sppm", "box"),
         ("irrcache", "box"),
         ("photonmapper", "box"),

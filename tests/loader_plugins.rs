@@ -134,12 +134,14 @@ fn integrators_of_the_same_image_are_replaced() {
     };
     let path = Settings::Path(PathLimits { max_depth: Some(7), ..PathLimits::default() }.into());
     let depth = "<integer name='max_depth' value='7'/>";
-    for name in ["volpath", "prb", "mlt"] {
+    for name in ["volpath", "prb", "vpl"] {
         let loaded = load(&format!("<integrator type='{name}'>{depth}</integrator>"), None).unwrap();
         assert_eq!(loaded.integrator, path);
         assert!(loaded.notes.contains(&format!("the integrator {name} is rendered as path")));
         assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
     }
+    let chains = load("<integrator type='mlt'/>", None).unwrap().integrator;
+    assert_eq!(chains, Settings::Pssmlt(PathLimits::default()));
     let inside =
         format!("<integrator type='stokes'><integrator type='path'>{depth}</integrator></integrator>");
     assert_eq!(load(&inside, None).unwrap().integrator, path);

@@ -84,9 +84,9 @@ fn kill_at_random(trials: Range<u32>) {
 
 #[test]
 fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
-    for integrator in ["path", "ptracer", "bdpt", "vcm", "sppm"] {
+    for integrator in ["path", "ptracer", "bdpt", "vcm", "pssmlt", "sppm"] {
         let folder = Folder::new();
-        let samples = if ["vcm", "sppm"].contains(&integrator) { 60 } else { 600 };
+        let samples = if ["vcm", "pssmlt", "sppm"].contains(&integrator) { 60 } else { 600 };
         let options = format!("--integrator {integrator} --spp {samples} --sampler sobol");
         folder.render(&format!("s.xml -q {options} -o whole.pfm"));
         let resume = format!("{options} --checkpoint c --checkpoint-every 0.02s --resume -o r.pfm");

@@ -87,7 +87,7 @@ fn the_help_lists_names_from_the_tables() {
         let help = folder.run(&format!("{command} --help")).stdout;
         let words: String = help.split_whitespace().collect::<Vec<_>>().join(" ");
         for list in [
-            "path, volpath, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt or vcm",
+            "path, volpath, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt, vcm or pssmlt",
             "independent, stratified, multijitter, halton, sobol, zsobol or fixed",
         ] {
             assert!(words.contains(list), "{command}: {help}");

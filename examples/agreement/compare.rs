@@ -103,6 +103,7 @@ pub fn estimators() -> Vec<Estimator> {
         Estimator { depth: Some("2"), ..of("direct", 256) },
         Estimator { reaches: Features::light_paths_find_all, ..of("ptracer", 1024) },
         Estimator { reaches: Features::paths_find_all, ..of("bdpt", 256) },
+        Estimator { reaches: Features::paths_find_all, ..of("pssmlt", 256) },
         Estimator { reaches: Features::paths_find_all, biased: true, ..of("vcm", 64) },
         Estimator { reaches: Features::paths_find_all, biased: true, ..of("sppm", 64) },
         Estimator { reaches: Features::paths_find_all, biased: true, every: 32, ..of("photonmapper", 32) },

@@ -6,8 +6,8 @@
 use super::aov::NoImage;
 use super::{
     AmbientOcclusion, Bdpt, DepthIntegrator, DirectIntegrator, DistributionIntegrator, Integrator,
-    IrradianceCache, PathIntegrator, Photonmapper, Ptracer, Sppm, Vcm, VolpathIntegrator, WhittedIntegrator,
-    aov,
+    IrradianceCache, PathIntegrator, Photonmapper, Pssmlt, Ptracer, Sppm, Vcm, VolpathIntegrator,
+    WhittedIntegrator, aov,
 };
 use crate::error::Result;
 pub use crate::util::parameters::{Parameters, Read};
@@ -201,6 +201,8 @@ integrators! {
     Bdpt(Bdpt),
     /// Vertex connection and merging.
     Vcm(Vcm),
+    /// Metropolis light transport in primary sample space.
+    Pssmlt(Pssmlt),
 }
 
 impl Settings {

@@ -13,4 +13,4 @@ pub use dimension::Dimension;
 pub use distribution::Distribution1D;
 pub use distribution_2d::{BilinearDistribution2D, Distribution2D, PointsX16};
 pub use domain::{Domain, DomainSet};
-pub use samplers::{SHARED_REPLICATES, SampleKey, Sampler, SamplerKind};
+pub use samplers::{CHAIN_STEPS, SHARED_REPLICATES, SampleKey, Sampler, SamplerKind};

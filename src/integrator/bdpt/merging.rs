@@ -1,15 +1,15 @@
 //! Merging of camera paths with the light paths of a pass that end nearby. [Georgiev et al. 2012; Hachisuka et al.
 //! 2012]
 
-use super::light_paths::{LightPathSettings, LightPaths, StoredVertex};
+use super::LensConnections;
+use super::light_paths::StoredVertex;
 use super::weights::{Earlier, Merged, Partial};
-use super::{queue_connections, trace_connections};
 use crate::color::Rgb;
 use crate::integrator::light_path::LightVertex;
 use crate::integrator::photon::{PathSequence, PhotonGrid, Positioned};
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::PathLimits;
-use crate::integrator::{Counters, Preparation, Splat};
+use crate::integrator::{Counters, Preparation, RadianceQuery, Splat};
 use crate::math::Vec3;
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
@@ -101,8 +101,8 @@ impl LightPass {
     pub fn trace(&self, preparation: &Preparation<'_>) -> TracedPass {
         let Preparation { scene, camera, sampler, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt).at_time(self.time);
-        let merged = self.merged();
-        let settings = LightPathSettings { limits: self.limits, beyond: 1, merged };
+        let (limits, query, margin, merged) = (self.limits, RadianceQuery::ALL, self.margin, self.merged());
+        let lens = LensConnections { scene, camera, limits, query, margin, merged };
         let batch = |batch: u64| {
             let range = batch * BATCH..((batch + 1) * BATCH).min(self.paths);
             let keys: Vec<SampleKey> = range.map(|i| self.sequence.key(i)).collect();
@@ -110,15 +110,15 @@ impl LightPass {
                 let mut splats = Vec::new();
                 let mut arena = std::mem::take(&mut worker.kept_arena);
                 arena.reset();
-                let paths = LightPaths::trace(scene, &arena, settings, &keys, worker);
-                let films = queue_connections(scene, camera, self.margin, settings, &paths, &keys, worker);
+                let paths = lens.light_paths(&arena, &keys, worker);
+                let points = lens.queue(&paths, &keys, worker);
                 let scattered = || paths.vertices.iter().filter(|vertex| vertex.edges > 1);
                 let ends: Vec<PathEnd> =
                     scattered().filter_map(|vertex| PathEnd::of(scene, vertex)).collect();
                 let invalid = (scattered().count() - ends.len()) as u64;
                 drop(paths);
                 worker.kept_arena = arena;
-                trace_connections(scene, self.limits, &films, worker, &mut splats);
+                lens.trace(&points, worker, |_, splat| splats.push(splat));
                 (ends, splats, invalid)
             })
         };

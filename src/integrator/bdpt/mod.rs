@@ -8,7 +8,7 @@
 mod camera_paths;
 mod light_paths;
 pub(super) mod merging;
-mod weights;
+pub(super) mod weights;
 
 use self::camera_paths::CameraPaths;
 use self::light_paths::{LightPathSettings, LightPaths, StoredVertex};
@@ -25,6 +25,7 @@ use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use crate::sensor::Camera;
+use bumpalo::Bump;
 use std::collections::HashMap;
 
 /// Bidirectional path tracing.
@@ -105,14 +106,15 @@ impl LightTracer for Bdpt {
         worker: &mut Worker,
         out: &mut Vec<Splat>,
     ) {
-        let settings = LightPathSettings { limits: self.limits, beyond: 1, merged: Merged::default() };
-        let mut arena = std::mem::take(&mut worker.arena);
+        let (limits, query, merged) = (self.limits, RadianceQuery::ALL, Merged::default());
+        let lens = LensConnections { scene, camera, limits, query, margin, merged };
+        let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
-        let paths = LightPaths::trace(scene, &arena, settings, keys, worker);
-        let films = queue_connections(scene, camera, margin, settings, &paths, keys, worker);
+        let paths = lens.light_paths(&arena, keys, worker);
+        let points = lens.queue(&paths, keys, worker);
         drop(paths);
-        worker.arena = arena;
-        trace_connections(scene, self.limits, &films, worker, out);
+        worker.kept_arena = arena;
+        lens.trace(&points, worker, |_, splat| out.push(splat));
     }
 }
 
@@ -143,45 +145,105 @@ pub(super) fn trace_both(
     worker.kept_arena = arena;
 }
 
-/// Queues a shadow ray from each vertex of the light paths to the camera. Returns the positions on the film.
-fn queue_connections(
-    scene: &Scene,
-    camera: &Camera,
-    margin: f64,
-    settings: LightPathSettings,
-    paths: &LightPaths<'_>,
-    keys: &[SampleKey],
-    worker: &mut Worker,
-) -> Vec<DVec2> {
-    let lens = lens_numbers(camera, keys, paths, worker);
-    let hide_emitters = settings.limits.hide_emitters && scene.needs.hit_emitters;
-    let mut films = Vec::new();
-    for (i, stored) in paths.vertices.iter().enumerate() {
-        let emits = scene.shapes[stored.vertex.at.shape().index()].emitter.is_some();
-        if hide_emitters && emits {
-            continue;
-        }
-        let u = lens.get(i).copied().unwrap_or_default();
-        if let Some((ray, film, value)) = connect(scene, camera, margin, settings.merged, stored, u) {
-            worker.shadows.push_one(ray, films.len() as u32, value);
-            films.push(film);
-        }
-    }
-    films
+/// A vertex of a light path that is connected to the camera.
+#[derive(Clone, Copy)]
+struct LensPoint {
+    /// The position on the film in pixels.
+    film: DVec2,
+    /// The index of the light path.
+    path: u32,
 }
 
-/// Traces the queued shadow rays and adds what is unoccluded.
-fn trace_connections(
-    scene: &Scene,
-    limits: PathLimits,
-    films: &[DVec2],
-    worker: &mut Worker,
-    out: &mut Vec<Splat>,
-) {
-    let splat = |slot: usize, value| out.push(Splat { film: films[slot], value });
-    match limits.hide_emitters && scene.needs.hit_emitters {
-        false => worker.trace_shadows(scene, Coherence::Incoherent, splat),
-        true => worker.trace_shadows_past_emitters(scene, splat),
+/// Connections of light paths to the camera.
+#[derive(Clone, Copy)]
+pub(super) struct LensConnections<'a> {
+    pub scene: &'a Scene,
+    pub camera: &'a Camera,
+    pub limits: PathLimits,
+    /// The light that counts.
+    pub query: RadianceQuery,
+    /// The extent of the reconstruction filter beyond the image, in pixels.
+    pub margin: f64,
+    pub merged: Merged,
+}
+
+impl<'a> LensConnections<'a> {
+    /// Traces a light path for each key.
+    fn light_paths<'s>(&self, arena: &'s Bump, keys: &[SampleKey], worker: &mut Worker) -> LightPaths<'s>
+    where
+        'a: 's,
+    {
+        let settings = LightPathSettings { limits: self.limits, beyond: 1, merged: self.merged };
+        LightPaths::trace(self.scene, arena, settings, keys, worker)
+    }
+
+    fn hides_emitters(&self) -> bool {
+        self.limits.hide_emitters && self.scene.needs.hit_emitters
+    }
+
+    /// Queues a shadow ray to the camera from each vertex.
+    fn queue(&self, paths: &LightPaths<'_>, keys: &[SampleKey], worker: &mut Worker) -> Vec<LensPoint> {
+        let lens = lens_numbers(self.camera, keys, paths, worker);
+        let mut points = Vec::new();
+        for (i, stored) in paths.vertices.iter().enumerate() {
+            let emits = self.scene.shapes[stored.vertex.at.shape().index()].emitter.is_some();
+            if (self.hides_emitters() && emits) || !self.query.wants(stored.edges + 1) {
+                continue;
+            }
+            let u = lens.get(i).copied().unwrap_or_default();
+            if let Some((ray, film, value)) = self.connect(stored, u) {
+                worker.shadows.push_one(ray, points.len() as u32, value);
+                points.push(LensPoint { film, path: stored.path });
+            }
+        }
+        points
+    }
+
+    /// Traces the queued rays, and calls `add` with the index of the light path for each that is unoccluded.
+    fn trace(&self, points: &[LensPoint], worker: &mut Worker, mut add: impl FnMut(u32, Splat)) {
+        let splat = |slot: usize, value| add(points[slot].path, Splat { film: points[slot].film, value });
+        match self.hides_emitters() {
+            false => worker.trace_shadows(self.scene, Coherence::Incoherent, splat),
+            true => worker.trace_shadows_past_emitters(self.scene, splat),
+        }
+    }
+
+    /// Traces a camera path and a light path for each ray of a wave. Writes the radiance of all techniques that
+    /// contribute to the ray's own position on the film, and calls `add` with the index of the ray for all that
+    /// contribute elsewhere.
+    pub fn trace_pairs(
+        &self,
+        wave: Wave<'_>,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+        add: impl FnMut(u32, Splat),
+    ) {
+        let LensConnections { scene, camera, limits, query, .. } = *self;
+        out.fill(Radiance::NONE);
+        let mut arena = std::mem::take(&mut worker.kept_arena);
+        arena.reset();
+        let light = self.light_paths(&arena, wave.keys, worker);
+        let points = self.queue(&light, wave.keys, worker);
+        self.trace(&points, worker, add);
+        let light_path = (0..wave.keys.len() as u32).collect();
+        let paths = CameraPaths { scene, camera, limits, query, light, light_path, merging: None };
+        paths.trace(wave, worker, out);
+        drop(paths);
+        worker.kept_arena = arena;
+    }
+
+    /// Returns the ray from a vertex to the camera, its position on the film and the contribution.
+    fn connect(&self, stored: &StoredVertex<'_>, u_lens: Vec2) -> Option<(Ray, DVec2, Rgb)> {
+        let at = &stored.vertex.at;
+        let seen = self.camera.importance(at.p, u_lens, at.time, self.margin)?;
+        let (scattered, reverse) = stored.vertex.eval_with_density(seen.wi);
+        if scattered.is_black() {
+            return None;
+        }
+        let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs());
+        let weight = stored.partial.of_camera_connection(density, reverse.into(), self.merged);
+        let value = stored.power * scattered * (seen.weight * weight as f32);
+        Some((self.scene.shadow_ray_to(at, seen.target, seen.wi), seen.film, value))
     }
 }
 
@@ -216,25 +278,4 @@ fn lens_numbers(camera: &Camera, keys: &[SampleKey], paths: &LightPaths<'_>, wor
         lens.extend((0..keys.len()).map(|i| Vec2::new(numbers[0][i], numbers[1][i])));
     }
     lens
-}
-
-/// Returns the ray from a vertex of a light path to the camera, its position on the film and the contribution.
-fn connect(
-    scene: &Scene,
-    camera: &Camera,
-    margin: f64,
-    merged: Merged,
-    stored: &StoredVertex<'_>,
-    u_lens: Vec2,
-) -> Option<(Ray, DVec2, Rgb)> {
-    let at = &stored.vertex.at;
-    let seen = camera.importance(at.p, u_lens, at.time, margin)?;
-    let (scattered, reverse) = stored.vertex.eval_with_density(seen.wi);
-    if scattered.is_black() {
-        return None;
-    }
-    let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs());
-    let weight = stored.partial.of_camera_connection(density, reverse.into(), merged);
-    let value = stored.power * scattered * (seen.weight * weight as f32);
-    Some((scene.shadow_ray_to(at, seen.target, seen.wi), seen.film, value))
 }

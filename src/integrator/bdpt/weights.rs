@@ -32,8 +32,8 @@ pub struct Partial {
     merged_after_delta: f64,
     /// The value of `merged` behind a finite lobe and a Dirac delta: for camera paths, and for light paths.
     merged_later: [f64; 2],
-    /// The part of [`Earlier::sum`] for merging at the previous vertex of a camera path. It exists unless this vertex is
-    /// on the emitter of the path.
+    /// The part of [`Earlier::sum`] for merging at the previous vertex of a camera path. It exists unless this vertex
+    /// is on the emitter of the path.
     before_surface: f64,
     /// The part of [`Earlier::sum`] for merging at the previous vertex of a light path. It exists only if a Dirac delta
     /// scatters at this one.

@@ -11,6 +11,7 @@ mod independent;
 mod key;
 mod kind;
 mod multijitter;
+mod mutated;
 mod sobol;
 mod strata;
 mod stratified;
@@ -20,6 +21,7 @@ mod zsobol;
 
 pub use key::{SHARED_REPLICATES, SampleKey};
 pub use kind::SamplerKind;
+pub use mutated::STEPS as CHAIN_STEPS;
 
 use super::hash::combine;
 use super::{Dimension, DomainSet};
@@ -52,6 +54,8 @@ enum PointSet {
     /// The same Sobol points in every pixel. The error of a single pixel is not larger than with independent Sobol
     /// points, but the errors of neighbours are correlated, so they appear as structure instead of noise.
     Fixed,
+    /// The states of Markov chains, for keys that name them.
+    Mutated,
 }
 
 impl Sampler {
@@ -89,10 +93,17 @@ impl Sampler {
         Sampler { held, ..self }
     }
 
+    /// Returns a sampler of the states of Markov chains. A key's index is the set of accepted steps, its scramble gives
+    /// the start, and its replicate the chain.
+    #[must_use]
+    pub fn mutated(self) -> Self {
+        Sampler { points: PointSet::Mutated, ..self }
+    }
+
     /// Returns the kind.
     pub fn kind(self) -> SamplerKind {
         match self.points {
-            PointSet::Independent => SamplerKind::Independent,
+            PointSet::Independent | PointSet::Mutated => SamplerKind::Independent,
             PointSet::Stratified(_) => SamplerKind::Stratified,
             PointSet::Multijitter(_) => SamplerKind::Multijitter,
             PointSet::Halton => SamplerKind::Halton,
@@ -149,6 +160,7 @@ impl Sampler {
             PointSet::Halton => halton::fill_1d(d, keys, out),
             PointSet::Sobol | PointSet::Fixed => sobol::fill_1d(d, keys, out),
             PointSet::Zsobol { log2_count } => zsobol::fill_1d(log2_count, d, keys, out),
+            PointSet::Mutated => mutated::fill_1d(d, keys, out),
         }
     }
 
@@ -170,6 +182,7 @@ impl Sampler {
             PointSet::Halton => halton::fill_2d(d, keys, x, y),
             PointSet::Sobol | PointSet::Fixed => sobol::fill_2d(d, keys, x, y),
             PointSet::Zsobol { log2_count } => zsobol::fill_2d(log2_count, d, keys, x, y),
+            PointSet::Mutated => mutated::fill_2d(d, keys, x, y),
         }
     }
 }

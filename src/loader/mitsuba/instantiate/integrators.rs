@@ -8,17 +8,16 @@ use crate::loader::mitsuba::props::Props;
 
 const MITSUBA: [&str; 2] = ["batch", "volprim_rf_basic"];
 /// Integrators of Mitsuba that estimate the same image as one of Buffon's.
-const NEAREST: [(&str, &str); 14] = [
+const NEAREST: [(&str, &str); 13] = [
     ("direct_projective", "direct"),
-    ("erpt", "path"),
-    ("mlt", "path"),
+    ("erpt", "pssmlt"),
+    ("mlt", "pssmlt"),
     ("ppm", "sppm"),
     ("prb", "path"),
     ("prb_basic", "path"),
     ("prb_projective", "path"),
     ("prb_threepoint", "path"),
     ("prbvolpath", "path"),
-    ("pssmlt", "path"),
     ("volpath", "path"),
     ("volpath_simple", "path"),
     ("volpathmis", "path"),
