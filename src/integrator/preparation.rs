@@ -91,7 +91,7 @@ pub(super) fn reject_motion(integrator: &str, kept: &str, scene: &Scene) -> Resu
     match scene.needs.motion {
         false => Ok(()),
         true => Err(Error::scene(format!(
-            "{integrator}: expected a scene without motion, because {kept} have no time; for motion blur use path, ptracer, sppm or distribution"
+            "{integrator}: expected a scene without motion, because {kept} have no time; for motion blur use path, ptracer, bdpt, vcm, pssmlt, sppm or distribution"
         ))),
     }
 }

@@ -16,17 +16,23 @@ use super::settings::{PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Splat, Wave, Worker};
 use crate::accel::Coherence;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::{DVec2, Ray, Vec2};
+use crate::memory::Reservation;
 use crate::sampling::hash::{combine, pcg3d, to_unit};
 use crate::sampling::{CHAIN_STEPS, Dimension, SampleKey};
 use crate::scene::Scene;
+use crate::sensor::Camera;
 use rayon::prelude::*;
 
 /// The chains that one thread runs side by side, as a wave.
 const SIDE_BY_SIDE: usize = 256;
 /// The independent paths of a pass for each state of its chains.
 const STARTS: f64 = 0.25;
+/// The paths that are traced for the memory plan: how much a path contributes to depends on the scene.
+const PILOT: u64 = 1024;
+/// The stream of their random numbers.
+const PILOT_STREAM: u32 = 7;
 /// The greatest number of edges of the light that ordinary paths sample.
 const ORDINARY_EDGES: u32 = 2;
 
@@ -35,6 +41,29 @@ pub struct Pssmlt {
     limits: PathLimits,
     /// Renders what the chains do not.
     ordinary: PathIntegrator,
+    /// The reserved memory for the contributions of a pass.
+    reserved: Option<Reservation>,
+}
+
+impl Pssmlt {
+    /// Returns a tracer of states, for a film with the given margin.
+    fn tracer<'a>(&self, preparation: &Preparation<'a>, margin: f64) -> StateTracer<'a> {
+        let Preparation { scene, camera, .. } = *preparation;
+        let query = RadianceQuery { emitted: false, direct: false, ..RadianceQuery::ALL };
+        let (limits, merged) = (self.limits, Merged::default());
+        StateTracer { lens: LensConnections { scene, camera, limits, query, margin, merged } }
+    }
+}
+
+/// Returns the state at which a chain may start: path `i` of a sequence.
+fn start(sequence: PathSequence, i: u64) -> SampleKey {
+    let key = sequence.key(i);
+    SampleKey { scramble: combine(key.scramble, key.index), index: 0, replicate: 0 }
+}
+
+/// Returns the number of states of the chains of a pass: one for each pixel of the full image.
+fn pixels(camera: &Camera) -> u64 {
+    u64::from(camera.film.width) * u64::from(camera.film.height)
 }
 
 impl Plugin for Pssmlt {
@@ -58,7 +87,7 @@ impl Plugin for Pssmlt {
     fn create(limits: &PathLimits) -> Box<dyn Integrator> {
         let max_depth = Some(limits.depth_within(ORDINARY_EDGES));
         let ordinary = PathIntegrator::new(PathSettings::independent(PathLimits { max_depth, ..*limits }));
-        Box::new(Pssmlt { limits: *limits, ordinary })
+        Box::new(Pssmlt { limits: *limits, ordinary, reserved: None })
     }
 }
 
@@ -77,6 +106,27 @@ impl Integrator for Pssmlt {
 
     fn traces_light_paths(&self) -> bool {
         true
+    }
+
+    fn prepares(&self) -> bool {
+        true
+    }
+
+    fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        let mut worker = Worker::new(preparation.sampler.mutated()).with_interrupt(preparation.interrupt);
+        let sequence = PathSequence { seed: preparation.seed, stream: PILOT_STREAM, number: 0, first: 0 };
+        let keys: Vec<SampleKey> = (0..PILOT).map(|i| start(sequence, i)).collect();
+        let states = self.tracer(preparation, 0.0).trace(&keys, &mut worker);
+        let mean = |f: &dyn Fn(&State) -> f64| states.iter().map(f).sum::<f64>().max(f64::MIN_POSITIVE);
+        let importance = mean(&|state| state.importance.into());
+        let splats = mean(&|state| f64::from(state.importance) * state.splats.len() as f64) / importance;
+        // Each step adds what the state and its mutation contribute.
+        let needed = 2.0 * splats * pixels(preparation.camera) as f64 * Splat::BYTES_IN_A_PASS as f64;
+        self.reserved = Some(preparation.memory.reserve(needed as u64).map_err(|refusal| {
+            let what = "the contributions of the chains of a pass";
+            Error::scene(refusal.sentence(what, "render a smaller image")).about(Self::NAME)
+        })?);
+        Ok(())
     }
 
     fn progressive(&self) -> Option<&dyn Progressive> {
@@ -101,21 +151,16 @@ impl Progressive for Pssmlt {
         if !self.limits.allows(ORDINARY_EDGES + 1) {
             return prepared;
         }
-        let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *pass.preparation;
+        let Preparation { camera, sampler, seed, pool, interrupt, .. } = *pass.preparation;
         let workers = Workers::new(pool, sampler.mutated(), interrupt).at_time(prepared.time);
-        let query = RadianceQuery { emitted: false, direct: false, ..RadianceQuery::ALL };
-        let (limits, margin, merged) = (self.limits, pass.margin, Merged::default());
-        let tracer = StateTracer { lens: LensConnections { scene, camera, limits, query, margin, merged } };
-        let pixels = u64::from(camera.film.width) * u64::from(camera.film.height);
+        let tracer = self.tracer(pass.preparation, pass.margin);
+        let pixels = pixels(camera);
         let chains = pixels.div_ceil(CHAIN_STEPS.into()) as usize;
         let starts = (pixels as f64 * STARTS).ceil() as u64;
         // Each half of the samples is an independent sequence of passes.
         let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
         let sequence = PathSequence { seed, stream: 0, number: half, first: index * starts };
-        let start = |i: u64| {
-            let key = sequence.key(i);
-            SampleKey { scramble: combine(key.scramble, key.index), index: 0, replicate: 0 }
-        };
+        let start = |i: u64| start(sequence, i);
         pool.install(|| {
             let first: Vec<u64> = (0..starts).step_by(SIDE_BY_SIDE).collect();
             let traced: Vec<Vec<f32>> = first

@@ -29,6 +29,11 @@ pub struct Splat {
     pub value: Rgb,
 }
 
+impl Splat {
+    /// The bytes of a splat while it is kept until the end of a pass, and sorted into rows.
+    pub const BYTES_IN_A_PASS: u64 = 64;
+}
+
 /// The part of an integrator that traces paths from the emitters and connects them to the camera.
 pub trait LightTracer: Sync {
     /// Traces a light path for each key and adds its contributions to the film. `margin` is the extent of the

@@ -12,16 +12,19 @@ use super::photon::{PathSequence, VisibleSurfaces, radius};
 use super::progressive::{PreparedPass, Progressive, SamplePass};
 use super::settings::{PathLimits, Plugin, Source};
 use super::sppm::read_radius;
-use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker};
+use super::{Integrator, Preparation, Radiance, RadianceQuery, Splat, Statistic, Wave, Worker};
 use crate::error::{Error, Result, counted};
 use crate::memory::Reservation;
 use crate::scene::Scene;
 use crate::sensor::Camera;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The assumed number of ends of a light path, for the memory plan. The actual number depends on the scene.
-const ENDS_PER_PATH: u64 = 4;
-/// The bytes of an end: when traced, when sorted, in the grid of this pass and in that of the previous one.
+/// The light paths that are traced for the memory plan: how many vertices a path has depends on the scene.
+const PILOT: u64 = 4096;
+/// The stream of their random numbers.
+const PILOT_STREAM: u32 = 7;
+/// The bytes of a vertex that camera paths may be merged with: when traced, when sorted, in the grid of this pass and in
+/// that of the previous one.
 const BYTES_PER_END: u64 = 320;
 
 /// Vertex connection and merging. [Georgiev et al. 2012; Hachisuka et al. 2012]
@@ -57,6 +60,13 @@ pub struct Vcm {
 impl Vcm {
     fn pass(&self) -> Arc<Merging> {
         self.pass.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Returns a pass whose paths have times of their own, for a film without a margin.
+    fn light_pass(&self, preparation: &Preparation<'_>, sequence: PathSequence, radius: f32) -> LightPass {
+        let (limits, pixel) = (self.settings.limits, self.pixel);
+        let paths = paths_of_a_pass(preparation.camera);
+        LightPass { limits, sequence, paths, radius, pixel, time: None, margin: 0.0 }
     }
 }
 
@@ -117,17 +127,25 @@ impl Integrator for Vcm {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        let paths = paths_of_a_pass(preparation.camera);
-        let needed = paths.saturating_mul(ENDS_PER_PATH * BYTES_PER_END);
-        self.reserved = Some(preparation.memory.reserve(needed).map_err(|refusal| {
-            let what = format!("the vertices of {}", counted(paths, "light path", "light paths"));
-            Error::scene(refusal.sentence(&what, "render a smaller image")).about(Self::NAME)
-        })?);
         let visible_surfaces = VisibleSurfaces::of(preparation);
         self.pixel = visible_surfaces.pixel(preparation.scene);
         if self.settings.initial_radius == 0.0 {
             self.first_radius = visible_surfaces.radius(preparation.scene);
         }
+        let paths = paths_of_a_pass(preparation.camera);
+        let sequence = PathSequence { seed: preparation.seed, stream: PILOT_STREAM, number: 0, first: 0 };
+        let pilot = LightPass {
+            paths: paths.min(PILOT),
+            ..self.light_pass(preparation, sequence, self.first_radius)
+        };
+        let traced = pilot.trace(preparation);
+        let splats: usize = traced.splats.iter().map(Vec::len).sum();
+        let bytes = traced.merging.len() as u64 * BYTES_PER_END + splats as u64 * Splat::BYTES_IN_A_PASS;
+        let needed = (bytes as f64 / pilot.paths as f64 * paths as f64) as u64;
+        self.reserved = Some(preparation.memory.reserve(needed).map_err(|refusal| {
+            let what = format!("the vertices of {}", counted(paths, "light path", "light paths"));
+            Error::scene(refusal.sentence(&what, "render a smaller image")).about(Self::NAME)
+        })?);
         self.camera = Some(preparation.camera.clone());
         Ok(())
     }
@@ -167,14 +185,12 @@ impl Progressive for Vcm {
         let paths = paths_of_a_pass(camera);
         // All replicates use the same radius for a pass, that of the first replicate.
         let each = u64::from(sampler.replicates() / 2);
+        let sequence = PathSequence { seed, stream: 0, number: half, first: index * paths };
+        let radius = radius::of_pass(self.first_radius, self.settings.alpha, index / each * each);
         let light = LightPass {
-            limits: self.settings.limits,
-            sequence: PathSequence { seed, stream: 0, number: half, first: index * paths },
-            paths,
-            radius: radius::of_pass(self.first_radius, self.settings.alpha, index / each * each),
-            pixel: self.pixel,
             time: pass.time(),
             margin: pass.margin,
+            ..self.light_pass(pass.preparation, sequence, radius)
         };
         let traced = light.trace(pass.preparation);
         *self.pass.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(traced.merging);

@@ -99,7 +99,7 @@ impl Session {
         }
         if choices.adaptive && created.progressive().is_some() {
             return Err(Error::usage(format!(
-                "--adaptive: {} traces photons for all pixels together and cannot sample some of the pixels",
+                "--adaptive: {} traces paths for all pixels together and cannot sample some of the pixels",
                 created.name()
             )));
         }
