@@ -23,8 +23,8 @@ use std::sync::{Arc, PoisonError, RwLock};
 const PILOT: u64 = 4096;
 /// The stream of their random numbers.
 const PILOT_STREAM: u32 = 7;
-/// The bytes of a vertex that camera paths may be merged with: when traced, when sorted, in the grid of this pass and in
-/// that of the previous one.
+/// The bytes of a vertex with which camera paths may be merged: when traced, when sorted, in the grid of this pass and
+/// in that of the previous one.
 const BYTES_PER_END: u64 = 320;
 
 /// Vertex connection and merging. [Georgiev et al. 2012; Hachisuka et al. 2012]
