@@ -216,7 +216,7 @@ fn merging_finds_caustics_in_a_mirror() {
 </scene>"#
         )
     };
-    // The mirror shows the point (0, 0, 0) at (0, 0, -5). It is outside the spot.
+    // The mirror shows the point (0, 0, 0) at (0, 0, -5). No light of the spot hits the mirror.
     let mirror = r#"<shape type="rectangle"><transform name="to_world"><scale value="0.3"/>
     <translate y="0.94" z="-2.5"/></transform>
     <bsdf type="conductor"><string name="material" value="none"/></bsdf></shape>"#;

@@ -129,6 +129,11 @@ impl PixelRect {
 }
 
 impl FilmSettings {
+    /// Returns the number of pixels of the full image, whether it is cropped or not.
+    pub fn full_area(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+
     /// Returns the region of the image to render.
     pub fn rect(&self) -> PixelRect {
         self.crop.unwrap_or(PixelRect { x: 0, y: 0, width: self.width, height: self.height })

@@ -1,5 +1,6 @@
 //! Integrators that compute shared data anew for each sample of the pixels.
 
+use super::photon::{PathSequence, radius};
 use super::{Counters, Preparation, Splat};
 use crate::sampling::{Dimension, SampleKey, Sampler, SamplerKind};
 
@@ -14,6 +15,21 @@ pub struct SamplePass<'a> {
 }
 
 impl SamplePass<'_> {
+    /// Returns the sequence of the light paths of the pass, of which there are `paths` in each pass. Each half of the
+    /// samples is an independent sequence of passes.
+    pub fn light_paths(&self, paths: u64) -> PathSequence {
+        let (half, index) = ((self.sample & 1) as u32, self.sample >> 1);
+        PathSequence { seed: self.preparation.seed, stream: 0, number: half, first: index * paths }
+    }
+
+    /// Returns the radius within which photons are gathered, which shrinks from pass to pass. `first` is that of the
+    /// first pass in scene units, and `alpha` the parameter of the reduction.
+    pub fn radius(&self, first: f32, alpha: f32) -> f32 {
+        // All replicates use the same radius for a pass, that of the first replicate.
+        let each = u64::from(self.preparation.sampler.replicates() / 2);
+        radius::of_pass(first, alpha, (self.sample >> 1) / each * each)
+    }
+
     /// Returns the time of the pass, in [0, 1) over the shutter interval; `None` if the scene does not need any. All
     /// photons and camera rays of a pass share it, so that photons on moving objects are looked up at the same
     /// position. Times are stratified over the passes of each half.

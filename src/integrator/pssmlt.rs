@@ -22,7 +22,6 @@ use crate::memory::Reservation;
 use crate::sampling::hash::{combine, pcg3d, to_unit};
 use crate::sampling::{CHAIN_STEPS, Dimension, SampleKey};
 use crate::scene::Scene;
-use crate::sensor::Camera;
 use rayon::prelude::*;
 
 /// The chains that one thread runs side by side, as a wave.
@@ -59,11 +58,6 @@ impl Pssmlt {
 fn start(sequence: PathSequence, i: u64) -> SampleKey {
     let key = sequence.key(i);
     SampleKey { scramble: combine(key.scramble, key.index), index: 0, replicate: 0 }
-}
-
-/// Returns the number of states of the chains of a pass: one for each pixel of the full image.
-fn pixels(camera: &Camera) -> u64 {
-    u64::from(camera.film.width) * u64::from(camera.film.height)
 }
 
 impl Plugin for Pssmlt {
@@ -117,11 +111,12 @@ impl Integrator for Pssmlt {
         let sequence = PathSequence { seed: preparation.seed, stream: PILOT_STREAM, number: 0, first: 0 };
         let keys: Vec<SampleKey> = (0..PILOT).map(|i| start(sequence, i)).collect();
         let states = self.tracer(preparation, 0.0).trace(&keys, &mut worker);
-        let mean = |f: &dyn Fn(&State) -> f64| states.iter().map(f).sum::<f64>().max(f64::MIN_POSITIVE);
-        let importance = mean(&|state| state.importance.into());
-        let splats = mean(&|state| f64::from(state.importance) * state.splats.len() as f64) / importance;
+        let sum = |f: &dyn Fn(&State) -> f64| states.iter().map(f).sum::<f64>();
+        let importance = sum(&|state| state.importance.into()).max(f64::MIN_POSITIVE);
+        let splats = sum(&|state| f64::from(state.importance) * state.splats.len() as f64) / importance;
         // Each step adds what the state and its mutation contribute.
-        let needed = 2.0 * splats * pixels(preparation.camera) as f64 * Splat::BYTES_IN_A_PASS as f64;
+        let steps = preparation.camera.film.full_area() as f64;
+        let needed = 2.0 * splats * steps * Splat::BYTES_IN_A_PASS as f64;
         self.reserved = Some(preparation.memory.reserve(needed as u64).map_err(|refusal| {
             let what = "the contributions of the chains of a pass";
             Error::scene(refusal.sentence(what, "render a smaller image")).about(Self::NAME)
@@ -151,15 +146,13 @@ impl Progressive for Pssmlt {
         if !self.limits.allows(ORDINARY_EDGES + 1) {
             return prepared;
         }
-        let Preparation { camera, sampler, seed, pool, interrupt, .. } = *pass.preparation;
+        let Preparation { camera, sampler, pool, interrupt, .. } = *pass.preparation;
         let workers = Workers::new(pool, sampler.mutated(), interrupt).at_time(prepared.time);
         let tracer = self.tracer(pass.preparation, pass.margin);
-        let pixels = pixels(camera);
+        let pixels = camera.film.full_area();
         let chains = pixels.div_ceil(CHAIN_STEPS.into()) as usize;
         let starts = (pixels as f64 * STARTS).ceil() as u64;
-        // Each half of the samples is an independent sequence of passes.
-        let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
-        let sequence = PathSequence { seed, stream: 0, number: half, first: index * starts };
+        let sequence = pass.light_paths(starts);
         let start = |i: u64| start(sequence, i);
         pool.install(|| {
             let first: Vec<u64> = (0..starts).step_by(SIDE_BY_SIDE).collect();

@@ -8,7 +8,7 @@
 
 use super::bdpt::merging::{LightPass, Merging};
 use super::bdpt::trace_both;
-use super::photon::{PathSequence, VisibleSurfaces, radius};
+use super::photon::{PathSequence, VisibleSurfaces};
 use super::progressive::{PreparedPass, Progressive, SamplePass};
 use super::settings::{PathLimits, Plugin, Source};
 use super::sppm::read_radius;
@@ -62,17 +62,12 @@ impl Vcm {
         self.pass.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns a pass whose paths have times of their own, for a film without a margin.
+    /// Returns a pass with one light path for each pixel. Each path has its own time, and the film has no margin.
     fn light_pass(&self, preparation: &Preparation<'_>, sequence: PathSequence, radius: f32) -> LightPass {
         let (limits, pixel) = (self.settings.limits, self.pixel);
-        let paths = paths_of_a_pass(preparation.camera);
+        let paths = preparation.camera.film.full_area();
         LightPass { limits, sequence, paths, radius, pixel, time: None, margin: 0.0 }
     }
-}
-
-/// Returns the number of light paths in a pass: one for each pixel of the full image.
-fn paths_of_a_pass(camera: &Camera) -> u64 {
-    u64::from(camera.film.width) * u64::from(camera.film.height)
 }
 
 impl Plugin for Vcm {
@@ -132,7 +127,7 @@ impl Integrator for Vcm {
         if self.settings.initial_radius == 0.0 {
             self.first_radius = visible_surfaces.radius(preparation.scene);
         }
-        let paths = paths_of_a_pass(preparation.camera);
+        let paths = preparation.camera.film.full_area();
         let sequence = PathSequence { seed: preparation.seed, stream: PILOT_STREAM, number: 0, first: 0 };
         let pilot = LightPass {
             paths: paths.min(PILOT),
@@ -179,14 +174,8 @@ impl Integrator for Vcm {
 
 impl Progressive for Vcm {
     fn begin_sample(&self, pass: &SamplePass<'_>) -> PreparedPass {
-        let Preparation { camera, sampler, seed, .. } = *pass.preparation;
-        // Each half of the samples is an independent sequence of passes.
-        let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
-        let paths = paths_of_a_pass(camera);
-        // All replicates use the same radius for a pass, that of the first replicate.
-        let each = u64::from(sampler.replicates() / 2);
-        let sequence = PathSequence { seed, stream: 0, number: half, first: index * paths };
-        let radius = radius::of_pass(self.first_radius, self.settings.alpha, index / each * each);
+        let sequence = pass.light_paths(pass.preparation.camera.film.full_area());
+        let radius = pass.radius(self.first_radius, self.settings.alpha);
         let light = LightPass {
             time: pass.time(),
             margin: pass.margin,

@@ -192,6 +192,8 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.report();
         if self.whole.is_some() {
             self.collect();
+            // Without the old copy, so that there are never three films.
+            self.whole = None;
             self.whole = Some(self.now.clone());
         }
         if let (Some(CheckpointSink { every, .. }), Some(checkpoint_status)) =

@@ -25,8 +25,7 @@ pub fn trace(
     tiles: &mut [Tile],
     samples: Range<u64>,
 ) -> u64 {
-    let film = &job.camera.film;
-    let pixels = u64::from(film.width) * u64::from(film.height);
+    let pixels = job.camera.film.full_area();
     let per_sample = pixels.div_ceil(BATCH);
     let batches: Vec<(u64, u64)> = samples.flat_map(|s| (0..per_sample).map(move |b| (s, b))).collect();
     let margin = job.filter.radius();

@@ -42,7 +42,8 @@ impl RenderMemory {
     }
 
     /// Returns the memory of a job.
-    pub fn of(film: &FilmSettings, job: &JobSettings, adaptive: bool) -> Self {
+    /// `films` is the number of copies of the sums.
+    pub fn of(film: &FilmSettings, job: &JobSettings, adaptive: bool, films: u64) -> Self {
         let pixels = film.rect().area();
         let count = |sampled: bool| {
             let layers = job.layers.iter().filter(|layer| !sampled || layer.aov.is_sampled());
@@ -53,7 +54,7 @@ impl RenderMemory {
         let film = Tile::bytes_per_pixel(sums, job.sampler.replicates() as usize) as u64;
         let known = if adaptive { pixels.saturating_mul(ADAPTIVE) } else { 0 };
         RenderMemory {
-            film: pixels.saturating_mul(film).saturating_add(known),
+            film: pixels.saturating_mul(film * films).saturating_add(known),
             image: pixels.saturating_mul(4 * values),
             threads: THREAD * job.threads as u64,
         }
@@ -98,7 +99,9 @@ pub(super) fn reserve(
 impl Session {
     /// Returns the memory of a render in addition to the scene.
     pub fn render_memory(&self, plan: &Plan) -> RenderMemory {
-        RenderMemory::of(&self.camera().film, &plan.job, plan.adaptive)
+        // A pass that is interrupted is discarded if light paths contribute to all pixels.
+        let films = if plan.integrator.create().traces_light_paths() { 2 } else { 1 };
+        RenderMemory::of(&self.camera().film, &plan.job, plan.adaptive, films)
     }
 
     /// Reserves the memory of a render.

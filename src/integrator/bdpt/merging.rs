@@ -6,7 +6,7 @@ use super::light_paths::StoredVertex;
 use super::weights::{Earlier, Merged, Partial};
 use crate::color::Rgb;
 use crate::integrator::light_path::LightVertex;
-use crate::integrator::photon::{PathSequence, PhotonGrid, Positioned};
+use crate::integrator::photon::{PathSequence, PhotonGrid, Positioned, grid::MIN_COSINE};
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::{Counters, Preparation, RadianceQuery, Splat};
@@ -18,8 +18,6 @@ use std::f32::consts::PI;
 
 /// The number of light paths in a batch.
 const BATCH: u64 = 2048;
-/// The least cosine between the normals of two points. Below it, one is assumed to be around a corner.
-const MIN_COSINE: f32 = 0.7;
 
 /// The end of a light path.
 #[derive(Clone, Copy)]

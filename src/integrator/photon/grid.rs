@@ -11,6 +11,9 @@ use rayon::prelude::*;
 
 use super::tracing::Deposit;
 
+/// The least cosine between the normals of photon and point. Below it, the photon is assumed to be around a corner.
+pub const MIN_COSINE: f32 = 0.7;
+
 /// A photon in a grid: 40 bytes, with everything except the normal in full precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridPhoton {

@@ -3,11 +3,8 @@
 use crate::bsdf::Bsdf;
 use crate::color::Rgb;
 use crate::integrator::block::ShadingBlock;
-use crate::integrator::photon::{GridPhoton, PhotonGrid};
+use crate::integrator::photon::{GridPhoton, PhotonGrid, grid::MIN_COSINE};
 use std::f32::consts::PI;
-
-/// The least cosine between the normals of photon and point. Below it, the photon is assumed to be around a corner.
-const MIN_COSINE: f32 = 0.7;
 
 /// Photons and the scale of the kernel.
 pub(super) struct PhotonGather<'a> {

@@ -18,7 +18,7 @@ mod gather;
 
 use super::photon::{
     Deposit, EmissionGuide, GridPhoton, LightPathTracer, PathLimit, PathSequence, PhotonGrid, PhotonPaths,
-    VisibleSurfaces, radius,
+    VisibleSurfaces,
 };
 use super::progressive::{PreparedPass, Progressive, SamplePass};
 use super::settings::{MAX_PHOTONS, PathLimits, Plugin, Read, Source};
@@ -30,7 +30,11 @@ use camera_path::CameraPaths;
 use gather::PhotonGather;
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The assumed number of photons for each light path, for the memory plan. The actual number depends on the scene.
+/// The light paths that are traced for the memory plan: how many photons a path leaves depends on the scene.
+const PILOT: u64 = 4096;
+/// The stream of their random numbers.
+const PILOT_STREAM: u32 = 7;
+/// The least number of photons for each light path in the memory plan.
 const PHOTONS_PER_PATH: u64 = 2;
 /// The bytes of a photon: when traced, when sorted, in the grid of this pass and in that of the previous one.
 const BYTES_PER_PHOTON: u64 = 150;
@@ -105,8 +109,16 @@ impl Sppm {
 
     /// Reserves the memory for the photons of a pass.
     fn reserve(&self, preparation: &Preparation<'_>) -> Result<Reservation> {
+        let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
         let paths = self.paths_of_a_pass(preparation);
-        let needed = paths.saturating_mul(PHOTONS_PER_PATH * BYTES_PER_PHOTON);
+        let pilot = paths.min(PILOT);
+        let sequence = PathSequence { seed, stream: PILOT_STREAM, number: 0, first: 0 };
+        let tracer =
+            LightPathTracer { scene, sampler, guide: self.guide.as_ref(), pool, interrupt, time: None };
+        let until = PathLimit { paths: pilot, kept: None };
+        let photons = tracer.cast(&self.photon_paths(), sequence, until, |_, _| Some(())).kept.len() as u64;
+        let each = (photons as f64 / pilot as f64).max(PHOTONS_PER_PATH as f64);
+        let needed = (paths as f64 * each * BYTES_PER_PHOTON as f64) as u64;
         preparation.memory.reserve(needed).map_err(|refusal| {
             let what = format!("the photons of {}", counted(paths, "light path", "light paths"));
             Error::scene(refusal.sentence(&what, "set photon_count to fewer")).about("sppm")
@@ -115,9 +127,8 @@ impl Sppm {
 
     /// Returns the number of light paths in a pass: the setting, or one for each pixel of the full image.
     fn paths_of_a_pass(&self, preparation: &Preparation<'_>) -> u64 {
-        let film = &preparation.camera.film;
         match self.settings.photon_count {
-            0 => u64::from(film.width) * u64::from(film.height),
+            0 => preparation.camera.film.full_area(),
             count => u64::from(count),
         }
     }
@@ -190,7 +201,6 @@ impl Integrator for Sppm {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        self.reserved = Some(self.reserve(preparation)?);
         let visible_surfaces = VisibleSurfaces::of(preparation);
         if self.settings.initial_radius == 0.0 {
             self.first_radius = visible_surfaces.radius(preparation.scene);
@@ -201,6 +211,7 @@ impl Integrator for Sppm {
             let visible_point = |deposit: &Deposit| visible_surfaces.contains(deposit.p);
             self.guide = EmissionGuide::learn(&tracer, &self.photon_paths(), seed, visible_point);
         }
+        self.reserved = Some(self.reserve(preparation)?);
         Ok(())
     }
 
@@ -236,11 +247,9 @@ impl Integrator for Sppm {
 
 impl Progressive for Sppm {
     fn begin_sample(&self, pass: &SamplePass<'_>) -> PreparedPass {
-        let Preparation { scene, sampler, seed, pool, interrupt, .. } = *pass.preparation;
-        // Each half of the samples is an independent sequence of passes.
-        let (half, index) = ((pass.sample & 1) as u32, pass.sample >> 1);
+        let Preparation { scene, sampler, pool, interrupt, .. } = *pass.preparation;
         let paths = self.paths_of_a_pass(pass.preparation);
-        let sequence = PathSequence { seed, stream: 0, number: half, first: index * paths };
+        let sequence = pass.light_paths(paths);
         let time = pass.time();
         let tracer = LightPathTracer { scene, sampler, guide: self.guide.as_ref(), pool, interrupt, time };
         let until = PathLimit { paths, kept: None };
@@ -249,9 +258,7 @@ impl Progressive for Sppm {
             0.0 => VisibleSurfaces::of(pass.preparation).radius(scene),
             radius => radius,
         };
-        // All replicates use the same radius for a pass, that of the first replicate.
-        let each = u64::from(sampler.replicates() / 2);
-        let radius = radius::of_pass(first, self.settings.alpha, index / each * each);
+        let radius = pass.radius(first, self.settings.alpha);
         let grid = pool.install(|| PhotonGrid::new(&cast.kept, radius));
         let pass = PhotonPass { grid, emitted: cast.emitted };
         *self.pass.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(pass);
