@@ -168,5 +168,9 @@ fn mistakes_are_named() {
         with("<integer name=\"granularity\" value=\"100\"/><integer name=\"photon_count\" value=\"1000\"/>");
     assert_eq!(run.code, 0, "{}", run.stderr);
     let run = folder.run("render s.xml -q --spp 2 --adaptive -o o.exr");
-    assert!(run.code == 2 && run.stderr.contains("--adaptive: sppm traces paths for all pixels"), "{}", run.stderr);
+    assert!(
+        run.code == 2 && run.stderr.contains("--adaptive: sppm traces paths for all pixels"),
+        "{}",
+        run.stderr
+    );
 }
