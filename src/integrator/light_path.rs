@@ -5,6 +5,8 @@ use super::photon::EmissionGuide;
 use super::worker::{Continuation, PathWave, Worker, draw_1d, draw_2d};
 use crate::bsdf::{Bsdf, BsdfEval, Lobe};
 use crate::color::Rgb;
+use crate::emitter::LightRay;
+use crate::ids::EmitterId;
 use crate::math::lanes::{LANES, f32x16};
 use crate::math::{Ray, RayX16, Vec2, Vec3, Vec3x16};
 use crate::sampling::{Dimension, SampleKey};
@@ -23,12 +25,7 @@ pub(super) fn emit(
     let (mut rays, mut alive, mut slots) = (Vec::new(), Vec::new(), Vec::new());
     let mut powers = vec![Rgb::BLACK; keys.len()];
     for (i, key) in keys.iter().enumerate() {
-        let (choice, pairs, time) = (numbers.choice[i], numbers.pairs(i), numbers.time(i));
-        let light = match guide {
-            Some(guide) => guide.sample_light_ray(scene, choice, pairs, time),
-            None => scene.sample_light_ray(choice, pairs[0], pairs[1], time),
-        };
-        if let Some(light) = light.filter(|light| !light.power.is_black()) {
+        if let Some((_, light)) = numbers.start(scene, guide, i) {
             rays.push(light.ray);
             alive.push(*key);
             slots.push(i as u32);
@@ -62,6 +59,22 @@ impl EmissionNumbers {
         if scene.needs.time && self.time.is_none() {
             draw_1d(worker.sampler, Dimension::TIME, keys, &mut self.times);
         }
+    }
+
+    /// Samples a light ray, with the guide's density if there is one. Returns the emitter beside it, or `None` if it
+    /// emits nothing.
+    pub fn start(
+        &self,
+        scene: &Scene,
+        guide: Option<&EmissionGuide>,
+        i: usize,
+    ) -> Option<(EmitterId, LightRay)> {
+        let (choice, pairs, time) = (self.choice[i], self.pairs(i), self.time(i));
+        let start = match guide {
+            Some(guide) => guide.sample_light_start(scene, choice, pairs, time),
+            None => scene.sample_light_start(choice, pairs, time),
+        };
+        start.filter(|(_, light)| !light.power.is_black())
     }
 
     /// Returns the numbers for the position on the emitter and for the direction.

@@ -9,7 +9,7 @@
 
 use super::bdpt::LensConnections;
 use super::bdpt::weights::Merged;
-use super::photon::PathSequence;
+use super::photon::{EmissionGuide, PathSequence, VisibleSurfaces};
 use super::preparation::Workers;
 use super::progressive::{PreparedPass, Progressive, SamplePass};
 use super::settings::{PathLimits, PathSettings, Plugin, Source};
@@ -38,6 +38,7 @@ const ORDINARY_EDGES: u32 = 2;
 /// The integrator. Its passes need [`Progressive::begin_sample`].
 pub struct Pssmlt {
     limits: PathLimits,
+    guide: Option<EmissionGuide>,
     /// Renders what the chains do not.
     ordinary: PathIntegrator,
     /// The reserved memory for the contributions of a pass.
@@ -46,11 +47,21 @@ pub struct Pssmlt {
 
 impl Pssmlt {
     /// Returns a tracer of states, for a film with the given margin.
-    fn tracer<'a>(&self, preparation: &Preparation<'a>, margin: f64) -> StateTracer<'a> {
+    fn tracer<'a>(&'a self, preparation: &Preparation<'a>, margin: f64) -> StateTracer<'a> {
         let Preparation { scene, camera, .. } = *preparation;
         let query = RadianceQuery { emitted: false, direct: false, ..RadianceQuery::ALL };
         let (limits, merged) = (self.limits, Merged::default());
-        StateTracer { lens: LensConnections { scene, camera, limits, query, margin, merged } }
+        StateTracer {
+            lens: LensConnections {
+                scene,
+                camera,
+                guide: self.guide.as_ref(),
+                limits,
+                query,
+                margin,
+                merged,
+            },
+        }
     }
 }
 
@@ -81,7 +92,7 @@ impl Plugin for Pssmlt {
     fn create(limits: &PathLimits) -> Box<dyn Integrator> {
         let max_depth = Some(limits.depth_within(ORDINARY_EDGES));
         let ordinary = PathIntegrator::new(PathSettings::independent(PathLimits { max_depth, ..*limits }));
-        Box::new(Pssmlt { limits: *limits, ordinary, reserved: None })
+        Box::new(Pssmlt { limits: *limits, guide: None, ordinary, reserved: None })
     }
 }
 
@@ -107,6 +118,8 @@ impl Integrator for Pssmlt {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        let visible_surfaces = VisibleSurfaces::of(preparation);
+        self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.limits);
         let mut worker = Worker::new(preparation.sampler.mutated()).with_interrupt(preparation.interrupt);
         let sequence = PathSequence { seed: preparation.seed, stream: PILOT_STREAM, number: 0, first: 0 };
         let keys: Vec<SampleKey> = (0..PILOT).map(|i| start(sequence, i)).collect();

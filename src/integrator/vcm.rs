@@ -7,8 +7,8 @@
 //! of a pass shrinks as that of [`sppm`](super::sppm), so the blur vanishes.
 
 use super::bdpt::merging::{LightPass, Merging};
-use super::bdpt::trace_both;
-use super::photon::{PathSequence, VisibleSurfaces};
+use super::bdpt::{LightPathSettings, trace_both};
+use super::photon::{EmissionGuide, PathSequence, VisibleSurfaces};
 use super::progressive::{PreparedPass, Progressive, SamplePass};
 use super::settings::{PathLimits, Plugin, Source};
 use super::sppm::read_radius;
@@ -52,6 +52,7 @@ pub struct Vcm {
     /// The width of a pixel on the surfaces seen, in scene units.
     pixel: f32,
     camera: Option<Camera>,
+    guide: Option<EmissionGuide>,
     pass: RwLock<Arc<Merging>>,
     /// The reserved memory for the light paths of a pass.
     reserved: Option<Reservation>,
@@ -63,10 +64,24 @@ impl Vcm {
     }
 
     /// Returns a pass with one light path for each pixel. Each path has its own time, and the film has no margin.
-    fn light_pass(&self, preparation: &Preparation<'_>, sequence: PathSequence, radius: f32) -> LightPass {
+    fn light_pass(
+        &self,
+        preparation: &Preparation<'_>,
+        sequence: PathSequence,
+        radius: f32,
+    ) -> LightPass<'_> {
         let (limits, pixel) = (self.settings.limits, self.pixel);
         let paths = preparation.camera.film.full_area();
-        LightPass { limits, sequence, paths, radius, pixel, time: None, margin: 0.0 }
+        LightPass {
+            guide: self.guide.as_ref(),
+            limits,
+            sequence,
+            paths,
+            radius,
+            pixel,
+            time: None,
+            margin: 0.0,
+        }
     }
 }
 
@@ -94,6 +109,7 @@ impl Plugin for Vcm {
             first_radius: settings.initial_radius,
             pixel: 0.0,
             camera: None,
+            guide: None,
             pass: RwLock::default(),
             reserved: None,
         })
@@ -127,6 +143,7 @@ impl Integrator for Vcm {
         if self.settings.initial_radius == 0.0 {
             self.first_radius = visible_surfaces.radius(preparation.scene);
         }
+        self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.settings.limits);
         let paths = preparation.camera.film.full_area();
         let sequence = PathSequence { seed: preparation.seed, stream: PILOT_STREAM, number: 0, first: 0 };
         let pilot = LightPass {
@@ -168,7 +185,14 @@ impl Integrator for Vcm {
         out: &mut [Radiance],
     ) {
         let camera = self.camera.as_ref().expect("prepare comes first");
-        trace_both(scene, camera, self.settings.limits, Some(&self.pass()), wave, query, worker, out);
+        let pass = self.pass();
+        let light = LightPathSettings {
+            limits: self.settings.limits,
+            guide: self.guide.as_ref(),
+            beyond: 2,
+            merged: pass.merged(),
+        };
+        trace_both(scene, camera, light, Some(&pass), wave, query, worker, out);
     }
 }
 

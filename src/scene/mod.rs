@@ -474,28 +474,15 @@ impl Scene {
         Ray { o: offset_origin(at.p, at.error, at.ng, wi), t_max: f32::INFINITY, d: wi, time }
     }
 
-    /// Samples a light ray. Its power is divided by the probability of choosing the emitter.
-    pub fn sample_light_ray(
-        &self,
-        u_choice: f32,
-        u_point: Vec2,
-        u_direction: Vec2,
-        time: f32,
-    ) -> Option<LightRay> {
-        let (_, light) = self.sample_light_start(u_choice, u_point, u_direction, time)?;
-        Some(light)
-    }
-
-    /// Computes [`sample_light_ray`](Self::sample_light_ray). Returns the emitter beside the ray.
+    /// Samples a light ray. Its power is divided by the probability of choosing the emitter, which is returned beside it.
     pub fn sample_light_start(
         &self,
         u_choice: f32,
-        u_point: Vec2,
-        u_direction: Vec2,
+        [point, direction]: [Vec2; 2],
         time: f32,
     ) -> Option<(EmitterId, LightRay)> {
         let choice = self.light_choice.sample(u_choice)?;
-        let light = self.lights[choice.index].sample_ray(u_point, u_direction, time)?;
+        let light = self.lights[choice.index].sample_ray(point, direction, time)?;
         Some((EmitterId::from(choice.index), LightRay { power: light.power / choice.pmf, ..light }))
     }
 

@@ -1,6 +1,6 @@
 //! Camera subpaths, and all techniques that end at their vertices.
 
-use super::light_paths::{LightPaths, StoredVertex};
+use super::light_paths::{LightPaths, StoredVertex, start_pmf};
 use super::merging::Merging;
 use super::weights::{self, End, Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
@@ -9,6 +9,7 @@ use crate::ids::EmitterId;
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::emission::skip_emitters;
 use crate::integrator::light_path::LightVertex;
+use crate::integrator::photon::EmissionGuide;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{RandomNumbers, Worker, draw_1d, draw_2d, intersect};
@@ -25,6 +26,8 @@ pub struct CameraPaths<'a> {
     pub scene: &'a Scene,
     /// The camera to which light paths are connected.
     pub camera: &'a Camera,
+    /// The density of the starts of light paths.
+    pub guide: Option<&'a EmissionGuide>,
     pub limits: PathLimits,
     pub query: RadianceQuery,
     pub light: LightPaths<'a>,
@@ -159,7 +162,7 @@ impl CameraPaths<'_> {
     fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
         let (scene, i) = (self.scene, emitter.index());
         let light = &scene.lights[i];
-        let (sampled, started) = (scene.light_selection.pmf(i, from), scene.light_choice.pmf(i));
+        let (sampled, started) = (scene.light_selection.pmf(i, from), start_pmf(scene, self.guide, i));
         Start {
             cosine: cosine.into(),
             delta: light.is_delta(),
@@ -273,7 +276,7 @@ impl CameraPaths<'_> {
             return None;
         }
         let light = &scene.lights[choice.emitter];
-        let started = scene.light_choice.pmf(choice.emitter);
+        let started = start_pmf(scene, self.guide, choice.emitter);
         let start = Start {
             cosine: sample.cosine.into(),
             delta: light.is_delta(),

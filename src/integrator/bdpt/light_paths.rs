@@ -5,6 +5,7 @@ use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::light_path::{EmissionNumbers, LightVertex};
+use crate::integrator::photon::EmissionGuide;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{Worker, draw_1d, draw_2d, intersect};
@@ -59,14 +60,16 @@ enum State {
 
 /// The light paths to trace.
 #[derive(Clone, Copy)]
-pub struct LightPathSettings {
+pub struct LightPathSettings<'a> {
     pub limits: PathLimits,
+    /// The density of their starts.
+    pub guide: Option<&'a EmissionGuide>,
     /// The least number of edges with which a path reaches the camera from a vertex.
     pub beyond: u32,
     pub merged: Merged,
 }
 
-impl LightPathSettings {
+impl LightPathSettings<'_> {
     /// Returns whether a light path may have so many edges.
     fn allows(&self, edges: u32) -> bool {
         self.limits.allows(edges + self.beyond)
@@ -78,12 +81,13 @@ impl<'a> LightPaths<'a> {
     pub fn trace(
         scene: &'a Scene,
         arena: &'a Bump,
-        settings: LightPathSettings,
+        settings: LightPathSettings<'_>,
         keys: &[SampleKey],
         worker: &mut Worker,
     ) -> Self {
         let mut paths = LightPaths { vertices: Vec::new(), last: vec![None; keys.len()] };
-        let mut subpaths = if settings.allows(1) { start(scene, keys, worker) } else { Vec::new() };
+        let mut subpaths =
+            if settings.allows(1) { start(scene, settings.guide, keys, worker) } else { Vec::new() };
         let mut next = Vec::new();
         let mut edges = 1;
         while !subpaths.is_empty() && !worker.interrupt.is_raised() {
@@ -112,7 +116,7 @@ impl<'a> LightPaths<'a> {
         &mut self,
         scene: &'a Scene,
         arena: &'a Bump,
-        settings: LightPathSettings,
+        settings: LightPathSettings<'_>,
         edges: u32,
         subpaths: &[Subpath],
         worker: &mut Worker,
@@ -181,22 +185,25 @@ impl<'a> LightPaths<'a> {
     }
 }
 
+/// Returns the probability with which a light path starts at an emitter.
+pub fn start_pmf(scene: &Scene, guide: Option<&EmissionGuide>, emitter: usize) -> f32 {
+    guide.map_or_else(|| scene.light_choice.pmf(emitter), |guide| guide.pmf(emitter))
+}
+
 /// Starts the light paths of all keys. A key whose emitter emits nothing starts none.
-fn start(scene: &Scene, keys: &[SampleKey], worker: &Worker) -> Vec<Subpath> {
+fn start(scene: &Scene, guide: Option<&EmissionGuide>, keys: &[SampleKey], worker: &Worker) -> Vec<Subpath> {
     let mut numbers = EmissionNumbers::default();
     numbers.draw(scene, keys, worker);
     let mut subpaths = Vec::with_capacity(keys.len());
     for (i, key) in keys.iter().enumerate() {
-        let [u_point, u_direction] = numbers.pairs(i);
-        let started = scene.sample_light_start(numbers.choice[i], u_point, u_direction, numbers.time(i));
-        let Some((emitter, light)) = started.filter(|(_, light)| !light.power.is_black()) else { continue };
+        let Some((emitter, light)) = numbers.start(scene, guide, i) else { continue };
         let source = &scene.lights[emitter.index()];
         let density = source.start_density(light.ray.d, light.cosine);
         let start = Start {
             cosine: light.cosine.into(),
             delta: source.is_delta(),
             distant: source.is_distant(),
-            ..Start::new(density, 1.0, scene.light_choice.pmf(emitter.index()))
+            ..Start::new(density, 1.0, start_pmf(scene, guide, emitter.index()))
         };
         let state = State::Started(emitter.index(), start);
         let (ray, power) = (light.ray, light.power);

@@ -6,7 +6,7 @@ use super::light_paths::StoredVertex;
 use super::weights::{Earlier, Merged, Partial};
 use crate::color::Rgb;
 use crate::integrator::light_path::LightVertex;
-use crate::integrator::photon::{PathSequence, PhotonGrid, Positioned, grid::MIN_COSINE};
+use crate::integrator::photon::{EmissionGuide, PathSequence, PhotonGrid, Positioned, grid::MIN_COSINE};
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::{Counters, Preparation, RadianceQuery, Splat};
@@ -79,7 +79,9 @@ pub struct TracedPass {
 }
 
 /// What the light paths of a pass are.
-pub struct LightPass {
+pub struct LightPass<'a> {
+    /// The density of the starts of light paths.
+    pub guide: Option<&'a EmissionGuide>,
     pub limits: PathLimits,
     pub sequence: PathSequence,
     /// The number of light paths.
@@ -94,13 +96,13 @@ pub struct LightPass {
     pub margin: f64,
 }
 
-impl LightPass {
+impl LightPass<'_> {
     /// Traces the light paths, and connects their vertices to the camera.
     pub fn trace(&self, preparation: &Preparation<'_>) -> TracedPass {
         let Preparation { scene, camera, sampler, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt).at_time(self.time);
         let (limits, query, margin, merged) = (self.limits, RadianceQuery::ALL, self.margin, self.merged());
-        let lens = LensConnections { scene, camera, limits, query, margin, merged };
+        let lens = LensConnections { scene, camera, guide: self.guide, limits, query, margin, merged };
         let batch = |batch: u64| {
             let range = batch * BATCH..((batch + 1) * BATCH).min(self.paths);
             let keys: Vec<SampleKey> = range.map(|i| self.sequence.key(i)).collect();

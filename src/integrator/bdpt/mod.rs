@@ -11,9 +11,12 @@ pub(super) mod merging;
 pub(super) mod weights;
 
 use self::camera_paths::CameraPaths;
-use self::light_paths::{LightPathSettings, LightPaths, StoredVertex};
+pub(super) use self::light_paths::LightPathSettings;
+use self::light_paths::{LightPaths, StoredVertex};
 use self::merging::Merging;
 use self::weights::Merged;
+use super::photon::{EmissionGuide, VisibleSurfaces};
+use super::preparation::Statistic;
 use super::ptracer::{LightTracer, Splat};
 use super::settings::{PathLimits, Plugin, Source};
 use super::worker::draw_2d;
@@ -33,6 +36,7 @@ pub struct Bdpt {
     limits: PathLimits,
     /// The camera to which light paths are connected.
     camera: Option<Camera>,
+    guide: Option<EmissionGuide>,
 }
 
 impl Plugin for Bdpt {
@@ -53,7 +57,7 @@ impl Plugin for Bdpt {
     }
 
     fn create(limits: &PathLimits) -> Box<dyn Integrator> {
-        Box::new(Bdpt { limits: *limits, camera: None })
+        Box::new(Bdpt { limits: *limits, camera: None, guide: None })
     }
 }
 
@@ -75,12 +79,18 @@ impl Integrator for Bdpt {
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        let visible_surfaces = VisibleSurfaces::of(preparation);
+        self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.limits);
         self.camera = Some(preparation.camera.clone());
         Ok(())
     }
 
     fn prepares(&self) -> bool {
-        false
+        true
+    }
+
+    fn statistics(&self) -> Vec<Statistic> {
+        vec![Statistic { name: "guided", value: f64::from(u8::from(self.guide.is_some())) }]
     }
 
     fn li(
@@ -92,7 +102,13 @@ impl Integrator for Bdpt {
         out: &mut [Radiance],
     ) {
         let camera = self.camera.as_ref().expect("prepare comes first");
-        trace_both(scene, camera, self.limits, None, wave, query, worker, out);
+        let light = LightPathSettings {
+            limits: self.limits,
+            guide: self.guide.as_ref(),
+            beyond: 2,
+            merged: Merged::default(),
+        };
+        trace_both(scene, camera, light, None, wave, query, worker, out);
     }
 }
 
@@ -107,7 +123,8 @@ impl LightTracer for Bdpt {
         out: &mut Vec<Splat>,
     ) {
         let (limits, query, merged) = (self.limits, RadianceQuery::ALL, Merged::default());
-        let lens = LensConnections { scene, camera, limits, query, margin, merged };
+        let guide = self.guide.as_ref();
+        let lens = LensConnections { scene, camera, guide, limits, query, margin, merged };
         let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
         let paths = lens.light_paths(&arena, keys, worker);
@@ -124,7 +141,7 @@ impl LightTracer for Bdpt {
 pub(super) fn trace_both(
     scene: &Scene,
     camera: &Camera,
-    limits: PathLimits,
+    settings: LightPathSettings<'_>,
     merging: Option<&Merging>,
     wave: Wave<'_>,
     query: RadianceQuery,
@@ -136,10 +153,9 @@ pub(super) fn trace_both(
     let mut arena = std::mem::take(&mut worker.kept_arena);
     arena.reset();
     let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
-    let merged = merging.map_or_else(Merged::default, Merging::merged);
-    let light =
-        LightPaths::trace(scene, &arena, LightPathSettings { limits, beyond: 2, merged }, &keys, worker);
-    let paths = CameraPaths { scene, camera, limits, query, light, light_path, merging };
+    let light = LightPaths::trace(scene, &arena, settings, &keys, worker);
+    let LightPathSettings { limits, guide, .. } = settings;
+    let paths = CameraPaths { scene, camera, guide, limits, query, light, light_path, merging };
     paths.trace(wave, worker, out);
     drop(paths);
     worker.kept_arena = arena;
@@ -159,6 +175,8 @@ struct LensPoint {
 pub(super) struct LensConnections<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
+    /// The density of the starts of light paths.
+    pub guide: Option<&'a EmissionGuide>,
     pub limits: PathLimits,
     /// The light that counts.
     pub query: RadianceQuery,
@@ -173,7 +191,8 @@ impl<'a> LensConnections<'a> {
     where
         'a: 's,
     {
-        let settings = LightPathSettings { limits: self.limits, beyond: 1, merged: self.merged };
+        let settings =
+            LightPathSettings { limits: self.limits, guide: self.guide, beyond: 1, merged: self.merged };
         LightPaths::trace(self.scene, arena, settings, keys, worker)
     }
 
@@ -218,7 +237,7 @@ impl<'a> LensConnections<'a> {
         out: &mut [Radiance],
         add: impl FnMut(u32, Splat),
     ) {
-        let LensConnections { scene, camera, limits, query, .. } = *self;
+        let LensConnections { scene, camera, guide, limits, query, .. } = *self;
         out.fill(Radiance::NONE);
         let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
@@ -226,7 +245,7 @@ impl<'a> LensConnections<'a> {
         let points = self.queue(&light, wave.keys, worker);
         self.trace(&points, worker, add);
         let light_path = (0..wave.keys.len() as u32).collect();
-        let paths = CameraPaths { scene, camera, limits, query, light, light_path, merging: None };
+        let paths = CameraPaths { scene, camera, guide, limits, query, light, light_path, merging: None };
         paths.trace(wave, worker, out);
         drop(paths);
         worker.kept_arena = arena;

@@ -8,6 +8,7 @@ use crate::integrator::Worker;
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::light_path::{self, LightVertex, Survivors};
 use crate::integrator::roulette::Roulette;
+use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{draw_1d, draw_2d, intersect};
 use crate::math::lanes::{LANES, bits};
 use crate::math::{Vec2, Vec3};
@@ -62,6 +63,12 @@ impl PhotonPaths {
     /// Returns whether a path may have the given number of edges.
     fn allows(&self, edges: u32) -> bool {
         self.max_edges.is_none_or(|max| edges <= max)
+    }
+
+    /// Returns paths with scattered light, to which a camera path can be added.
+    pub fn scattered(limits: PathLimits) -> Self {
+        let max_edges = limits.max_depth.map(|max| max.saturating_sub(1));
+        PhotonPaths { max_edges, rr_depth: limits.rr_depth, direct: false, indirect: true }
     }
 
     /// Traces a path for each key, started with the guide's density if there is one. Appends the deposits in an order

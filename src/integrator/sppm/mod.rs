@@ -17,7 +17,7 @@ mod camera_path;
 mod gather;
 
 use super::photon::{
-    Deposit, EmissionGuide, GridPhoton, LightPathTracer, PathLimit, PathSequence, PhotonGrid, PhotonPaths,
+    EmissionGuide, GridPhoton, LightPathTracer, PathLimit, PathSequence, PhotonGrid, PhotonPaths,
     VisibleSurfaces,
 };
 use super::progressive::{PreparedPass, Progressive, SamplePass};
@@ -97,14 +97,9 @@ impl Sppm {
         }
     }
 
-    /// Returns the parameters of light paths; their length is limited such that a camera path can be added.
+    /// Returns the parameters of light paths.
     fn photon_paths(&self) -> PhotonPaths {
-        PhotonPaths {
-            max_edges: self.settings.limits.max_depth.map(|max| max.saturating_sub(1)),
-            rr_depth: self.settings.limits.rr_depth,
-            direct: false,
-            indirect: true,
-        }
+        PhotonPaths::scattered(self.settings.limits)
     }
 
     /// Reserves the memory for the photons of a pass.
@@ -206,10 +201,7 @@ impl Integrator for Sppm {
             self.first_radius = visible_surfaces.radius(preparation.scene);
         }
         if self.settings.guided {
-            let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
-            let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
-            let visible_point = |deposit: &Deposit| visible_surfaces.contains(deposit.p);
-            self.guide = EmissionGuide::learn(&tracer, &self.photon_paths(), seed, visible_point);
+            self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.settings.limits);
         }
         self.reserved = Some(self.reserve(preparation)?);
         Ok(())

@@ -10,9 +10,12 @@ mod pilot;
 use self::pilot::PilotResults;
 use super::cast::{LightPathTracer, PathLimit, PathSequence};
 use super::tracing::{Deposit, PhotonPaths};
+use super::visible_surfaces::VisibleSurfaces;
 use crate::emitter::LightRay;
-use crate::integrator::Worker;
+use crate::ids::EmitterId;
 use crate::integrator::light_path::EmissionNumbers;
+use crate::integrator::settings::PathLimits;
+use crate::integrator::{Preparation, Worker};
 use crate::math::Vec2;
 use crate::sampling::{Distribution1D, Distribution2D, SampleKey};
 use crate::scene::Scene;
@@ -43,6 +46,18 @@ impl EmissionGuide {
     pub fn uniform(scene: &Scene) -> Self {
         let lights = scene.lights.iter().map(|_| [None, None]).collect();
         EmissionGuide { choice: scene.light_choice.clone(), lights }
+    }
+
+    /// Learns which starts of light paths with at most `max_edges` edges bring scattered light to visible surfaces.
+    pub fn towards(
+        visible: &VisibleSurfaces,
+        preparation: &Preparation<'_>,
+        limits: PathLimits,
+    ) -> Option<Self> {
+        let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
+        let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
+        let paths = PhotonPaths::scattered(limits);
+        Self::learn(&tracer, &paths, seed, |deposit: &Deposit| visible.contains(deposit.p))
     }
 
     /// Learns which starts contribute power to accepted deposits. Returns `None` if no deposit was accepted.
@@ -92,14 +107,19 @@ impl EmissionGuide {
         Some(EmissionGuide { choice, lights })
     }
 
-    /// Samples a light ray as [`Scene::sample_light_ray`] does, with the guide's density.
-    pub fn sample_light_ray(
+    /// Returns the probability of choosing an emitter.
+    pub fn pmf(&self, emitter: usize) -> f32 {
+        self.choice.pmf(emitter) + self.choice.pmf(self.lights.len() + emitter)
+    }
+
+    /// Samples a light ray as [`Scene::sample_light_start`] does, with the guide's density.
+    pub fn sample_light_start(
         &self,
         scene: &Scene,
         u_choice: f32,
         [mut point, mut direction]: [Vec2; 2],
         time: f32,
-    ) -> Option<LightRay> {
+    ) -> Option<(EmitterId, LightRay)> {
         let choice = self.choice.sample(u_choice)?.index;
         let (guided, index) = (choice >= self.lights.len(), choice % self.lights.len());
         let mut learned = 1.0;
@@ -116,6 +136,6 @@ impl EmissionGuide {
         // Guided and unguided paths can start this way, so their densities are added.
         let density = self.choice.pmf(index) + self.choice.pmf(self.lights.len() + index) * learned;
         let light = scene.lights[index].sample_ray_by_direction(point, direction, time)?;
-        Some(LightRay { power: light.power / density, ..light })
+        Some((EmitterId::from(index), LightRay { power: light.power / density, ..light }))
     }
 }
