@@ -57,7 +57,7 @@ fn check_depths(depths: RangeInclusive<u32>) {
         let scene = text.replace("name=\"max_depth\" value=\"6\"", &limit);
         assert_ne!(scene, text);
         folder.write("s.xml", scene.as_bytes());
-        agree(&folder, "--size 24x16 --spp 2048", ["path", "bdpt"]);
+        agree(&folder, "--size 24x16 --spp 4096", ["path", "bdpt"]);
     }
 }
 
@@ -90,32 +90,95 @@ fn check_bits(integrator: &str) {
     assert!(data("1.exr") == data("merged.exr"));
 }
 
-/// In a closed sphere that emits, the radiance is that of the geometric series.
-#[test]
-fn a_furnace_multiplies_light_by_bouncing() {
-    let furnace = |integrator: &str, depth: &str| {
-        format!(
-            r#"<scene version="3.0.0">
-  <integrator type="{integrator}"><integer name="max_depth" value="{depth}"/></integrator>
+/// Returns a closed sphere with the reflectance 1/2 that emits the radiance 1, seen from inside.
+fn furnace(integrator: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+  {integrator}
   <sensor type="perspective"><transform name="to_world"><lookat origin="0.2,0,0" target="0,0.3,1" up="0,1,0"/></transform>
     <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/></film></sensor>
   <shape type="sphere"><boolean name="flip_normals" value="true"/>
     <bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>
     <emitter type="area"><rgb name="radiance" value="1"/></emitter></shape>
 </scene>"#
-        )
-    };
+    )
+}
+
+/// In a closed sphere that emits, the radiance is that of the geometric series.
+#[test]
+fn a_furnace_multiplies_light_by_bouncing() {
     for (depth, exact) in [("1", 1.0), ("2", 1.5), ("3", 1.75), ("4", 1.875), ("-1", 2.0)] {
         // The chains of a pass share the estimate of their brightness, from few paths at this size.
         for (integrator, samples, bound) in
             [("bdpt", 256, 0.004), ("vcm", 256, 0.004), ("pssmlt", 1024, 0.015)]
         {
-            let mean = mean_of(&Folder::with(&furnace(integrator, depth)), samples);
+            let scene = furnace(&format!(
+                r#"<integrator type="{integrator}"><integer name="max_depth" value="{depth}"/></integrator>"#
+            ));
+            let mean = mean_of(&Folder::with(&scene), samples);
             assert!(
                 (mean / exact - 1.0).abs() < bound,
                 "{integrator}, depth {depth}: {mean}, expected {exact}"
             );
         }
+    }
+}
+
+/// Every technique alone finds all light of the paths that it samples: in a furnace with the reflectance `ρ`, paths of
+/// `n` edges bring `ρⁿ⁻¹`. With their weights, all techniques of one length together bring as much.
+#[test]
+fn every_technique_alone_finds_the_light_of_its_length() {
+    for edges in 1..=5u32 {
+        let exact = 0.5f64.powi(edges as i32 - 1);
+        let mut together = 0.0;
+        for light in if edges == 1 { 0..1 } else { 0..edges + 1 } {
+            let camera = edges + 1 - light;
+            // Four standard deviations are less than the bound. Few light paths hit what the camera sees.
+            let samples = if camera == 1 { 2048 } else { 256 };
+            let mean = |weighted: bool| {
+                let scene = furnace(&format!(
+                    r#"<integrator type="bdpt"><string name="technique" value="{light},{camera}"/>
+                    <boolean name="weighted" value="{weighted}"/></integrator>"#
+                ));
+                mean_of(&Folder::with(&scene), samples)
+            };
+            let alone = mean(false);
+            let difference = (alone / exact - 1.0).abs();
+            assert!(difference < 0.035, "{light} + {camera} vertices: {alone}, expected {exact}");
+            together += mean(true);
+        }
+        assert!((together / exact - 1.0).abs() < 0.01, "{edges} edges: {together}, expected {exact}");
+    }
+}
+
+/// The images of all techniques are the parts of the image: they add up to it.
+#[test]
+fn parts_of_techniques_add_up_to_the_image() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
+    let render = |parameters: &str| {
+        let integrator =
+            format!(r#"<integrator type="bdpt"><integer name="max_depth" value="3"/>{parameters}"#);
+        let old = "<integrator type=\"$integrator\">\n    <integer name=\"max_depth\" value=\"6\"/>";
+        let scene =
+            text.replace(old, &integrator).replace(r#"<default name="integrator" value="ptracer"/>"#, "");
+        assert!(scene.contains(&integrator));
+        folder.write("s.xml", scene.as_bytes());
+        folder.render("s.xml -q --size 32x24 --spp 16 -o f.exr");
+        let image = buffon::image::read(&folder.path("f.exr")).expect("an image");
+        image.select(&["R", "G", "B"]).expect("a picture").data
+    };
+    let whole = render("");
+    let mut sum = vec![0.0; whole.len()];
+    for edges in 1..=3u32 {
+        for light in if edges == 1 { 0..1 } else { 0..edges + 1 } {
+            let technique = format!("{light}, {}", edges + 1 - light);
+            let part = render(&format!(r#"<string name="technique" value="{technique}"/>"#));
+            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        }
+    }
+    for (i, (whole, sum)) in whole.iter().zip(&sum).enumerate() {
+        assert!((whole - sum).abs() <= 1e-4 * whole.abs() + 1e-6, "value {i}: {sum}, expected {whole}");
     }
 }
 

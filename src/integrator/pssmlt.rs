@@ -8,6 +8,7 @@
 //! film. Emitters that the camera sees, and light scattered once, are sampled by ordinary paths.
 
 use super::bdpt::LensConnections;
+use super::bdpt::technique::Techniques;
 use super::bdpt::weights::Merged;
 use super::photon::{EmissionGuide, PathSequence, VisibleSurfaces};
 use super::preparation::Workers;
@@ -56,6 +57,7 @@ impl Pssmlt {
                 scene,
                 camera,
                 guide: self.guide.as_ref(),
+                techniques: Techniques::All,
                 limits,
                 query,
                 margin,

@@ -7,6 +7,7 @@
 //! of a pass shrinks as that of [`sppm`](super::sppm), so the blur vanishes.
 
 use super::bdpt::merging::{LightPass, Merging};
+use super::bdpt::technique::Techniques;
 use super::bdpt::{LightPathSettings, trace_both};
 use super::photon::{EmissionGuide, PathSequence, VisibleSurfaces};
 use super::progressive::{PreparedPass, Progressive, SamplePass};
@@ -189,6 +190,7 @@ impl Integrator for Vcm {
         let light = LightPathSettings {
             limits: self.settings.limits,
             guide: self.guide.as_ref(),
+            techniques: Techniques::All,
             beyond: 2,
             merged: pass.merged(),
         };

@@ -2,6 +2,7 @@
 
 use super::light_paths::{LightPaths, StoredVertex, start_pmf};
 use super::merging::Merging;
+use super::technique::Techniques;
 use super::weights::{self, End, Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
@@ -29,6 +30,8 @@ pub struct CameraPaths<'a> {
     /// The density of the starts of light paths.
     pub guide: Option<&'a EmissionGuide>,
     pub limits: PathLimits,
+    /// The techniques that contribute.
+    pub techniques: Techniques,
     pub query: RadianceQuery,
     pub light: LightPaths<'a>,
     /// The light path of each camera path.
@@ -153,6 +156,7 @@ impl CameraPaths<'_> {
                 Some(partial) => partial.of_hit(self.start(emitter, path.from, -d, 1.0)),
                 None => 1.0,
             };
+            let weight = self.techniques.weight(0, depth + 2, weight);
             out[path.slot as usize].value += path.beta * radiance * weight as f32;
         }
     }
@@ -204,7 +208,7 @@ impl CameraPaths<'_> {
                 let partial = self.arrive(path, &vertex);
                 let at = CameraVertex { vertex, beta: path.beta, partial };
                 if self.shows_emission(depth) {
-                    out[path.slot as usize].value += self.emitted(path, &at);
+                    out[path.slot as usize].value += self.emitted(path, &at, depth);
                 }
                 if !go_on {
                     continue;
@@ -222,7 +226,7 @@ impl CameraPaths<'_> {
                 if block.finite >> i & 1 == 1 {
                     let shadows = &mut worker.shadows;
                     if self.query.wants(depth + 2)
-                        && let Some((ray, value)) = self.sample_emitter(&at, &numbers)
+                        && let Some((ray, value)) = self.sample_emitter(&at, &numbers, depth)
                     {
                         shadows.push_one(ray, path.slot, value);
                     }
@@ -248,7 +252,7 @@ impl CameraPaths<'_> {
     }
 
     /// Returns the weighted contribution of a vertex on an emitter.
-    fn emitted(&self, path: &Subpath, at: &CameraVertex<'_>) -> Rgb {
+    fn emitted(&self, path: &Subpath, at: &CameraVertex<'_>, depth: u32) -> Rgb {
         let surface = &at.vertex.at;
         let Some(emitter) = self.scene.emitter_at(surface) else { return Rgb::BLACK };
         let radiance = self.scene.emitted(emitter, surface);
@@ -259,11 +263,17 @@ impl CameraPaths<'_> {
             }
             None => 1.0,
         };
+        let weight = self.techniques.weight(0, depth + 2, weight);
         at.beta * radiance * weight as f32
     }
 
     /// Samples an emitter. Returns the shadow ray and the weighted contribution if it is unoccluded.
-    fn sample_emitter(&self, at: &CameraVertex<'_>, numbers: &VertexNumbers) -> Option<(Ray, Rgb)> {
+    fn sample_emitter(
+        &self,
+        at: &CameraVertex<'_>,
+        numbers: &VertexNumbers,
+        depth: u32,
+    ) -> Option<(Ray, Rgb)> {
         let (scene, CameraVertex { vertex, beta, partial }) = (self.scene, at);
         let (surface, u) = (&vertex.at, numbers.emitter_point);
         let (choice, sample) =
@@ -288,6 +298,7 @@ impl CameraPaths<'_> {
         let cos = f64::from(sample.wi.dot(surface.ng).abs());
         let reverse = vertex.bsdf.pdf_adjoint(wi, vertex.wo);
         let weight = partial.of_emitter_sample(start, distance2, cos, scattered.pdf.into(), reverse.into());
+        let weight = self.techniques.weight(1, depth + 2, weight);
         Some((ray, value * weight as f32))
     }
 
@@ -315,7 +326,8 @@ impl CameraPaths<'_> {
             }
         }
         let (light, importance) = chosen?;
-        let value = contribution(at, light);
+        let value =
+            contribution(at, light, |weight| self.techniques.weight(light.edges + 1, depth + 2, weight));
         if value.is_black() {
             return None;
         }
@@ -371,8 +383,9 @@ fn importance(at: &LightVertex<'_>, light: &StoredVertex<'_>) -> f32 {
     light.power.max_component() * cosines / distance2
 }
 
-/// Returns the weighted contribution of the connection of two vertices if nothing is in between.
-fn contribution(at: &CameraVertex<'_>, light: &StoredVertex<'_>) -> Rgb {
+/// Returns the contribution of the connection of two vertices if nothing is in between. `weighted` returns its final
+/// weight.
+fn contribution(at: &CameraVertex<'_>, light: &StoredVertex<'_>, weighted: impl Fn(f64) -> f64) -> Rgb {
     let (camera_end, light_end) = (&at.vertex, &light.vertex);
     let way = light_end.at.p - camera_end.at.p;
     let distance2 = way.length_squared();
@@ -404,7 +417,7 @@ fn contribution(at: &CameraVertex<'_>, light: &StoredVertex<'_>) -> Rgb {
             reverse: reverse_of_light.into(),
         },
     );
-    let geometry = local.z.abs() / distance2 * weight as f32;
+    let geometry = local.z.abs() / distance2 * weighted(weight) as f32;
     at.beta * scattered.f * emerging * light.power * geometry
 }
 

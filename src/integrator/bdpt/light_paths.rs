@@ -1,5 +1,6 @@
 //! Light subpaths, whose vertices are kept.
 
+use super::technique::Techniques;
 use super::weights::{Merged, Partial, Start};
 use crate::accel::Coherence;
 use crate::color::Rgb;
@@ -64,6 +65,8 @@ pub struct LightPathSettings<'a> {
     pub limits: PathLimits,
     /// The density of their starts.
     pub guide: Option<&'a EmissionGuide>,
+    /// The techniques that contribute.
+    pub techniques: Techniques,
     /// The least number of edges with which a path reaches the camera from a vertex.
     pub beyond: u32,
     pub merged: Merged,

@@ -3,6 +3,7 @@
 
 use super::LensConnections;
 use super::light_paths::StoredVertex;
+use super::technique::Techniques;
 use super::weights::{Earlier, Merged, Partial};
 use crate::color::Rgb;
 use crate::integrator::light_path::LightVertex;
@@ -102,7 +103,9 @@ impl LightPass<'_> {
         let Preparation { scene, camera, sampler, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt).at_time(self.time);
         let (limits, query, margin, merged) = (self.limits, RadianceQuery::ALL, self.margin, self.merged());
-        let lens = LensConnections { scene, camera, guide: self.guide, limits, query, margin, merged };
+        let techniques = Techniques::All;
+        let lens =
+            LensConnections { scene, camera, guide: self.guide, techniques, limits, query, margin, merged };
         let batch = |batch: u64| {
             let range = batch * BATCH..((batch + 1) * BATCH).min(self.paths);
             let keys: Vec<SampleKey> = range.map(|i| self.sequence.key(i)).collect();

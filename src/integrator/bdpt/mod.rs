@@ -8,12 +8,14 @@
 mod camera_paths;
 mod light_paths;
 pub(super) mod merging;
+pub mod technique;
 pub(super) mod weights;
 
 use self::camera_paths::CameraPaths;
 pub(super) use self::light_paths::LightPathSettings;
 use self::light_paths::{LightPaths, StoredVertex};
 use self::merging::Merging;
+use self::technique::Techniques;
 use self::weights::Merged;
 use super::photon::{EmissionGuide, VisibleSurfaces};
 use super::preparation::Statistic;
@@ -31,9 +33,18 @@ use crate::sensor::Camera;
 use bumpalo::Bump;
 use std::collections::HashMap;
 
+/// The parameters of bidirectional path tracing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct BdptSettings {
+    /// The paths.
+    pub limits: PathLimits,
+    /// The techniques that contribute.
+    pub techniques: Techniques,
+}
+
 /// Bidirectional path tracing.
 pub struct Bdpt {
-    limits: PathLimits,
+    settings: BdptSettings,
     /// The camera to which light paths are connected.
     camera: Option<Camera>,
     guide: Option<EmissionGuide>,
@@ -41,23 +52,23 @@ pub struct Bdpt {
 
 impl Plugin for Bdpt {
     const NAME: &'static str = "bdpt";
-    type Settings = PathLimits;
+    type Settings = BdptSettings;
 
-    fn read(source: &mut dyn Source) -> Result<PathLimits> {
+    fn read(source: &mut dyn Source) -> Result<BdptSettings> {
         source.ignore(&["light_image", "sample_direct"], "all techniques are used");
-        PathLimits::read(source)
+        Ok(BdptSettings { limits: PathLimits::read(source)?, techniques: Techniques::read(source)? })
     }
 
-    fn with_limits(limits: PathLimits) -> PathLimits {
-        limits
+    fn with_limits(limits: PathLimits) -> BdptSettings {
+        BdptSettings { limits, ..BdptSettings::default() }
     }
 
-    fn limits(limits: &PathLimits) -> PathLimits {
-        *limits
+    fn limits(settings: &BdptSettings) -> PathLimits {
+        settings.limits
     }
 
-    fn create(limits: &PathLimits) -> Box<dyn Integrator> {
-        Box::new(Bdpt { limits: *limits, camera: None, guide: None })
+    fn create(settings: &BdptSettings) -> Box<dyn Integrator> {
+        Box::new(Bdpt { settings: *settings, camera: None, guide: None })
     }
 }
 
@@ -71,7 +82,7 @@ impl Integrator for Bdpt {
     }
 
     fn shows_environment(&self) -> bool {
-        !self.limits.hide_emitters
+        !self.settings.limits.hide_emitters
     }
 
     fn light_tracer(&self) -> Option<&dyn LightTracer> {
@@ -80,7 +91,7 @@ impl Integrator for Bdpt {
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         let visible_surfaces = VisibleSurfaces::of(preparation);
-        self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.limits);
+        self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.settings.limits);
         self.camera = Some(preparation.camera.clone());
         Ok(())
     }
@@ -103,8 +114,9 @@ impl Integrator for Bdpt {
     ) {
         let camera = self.camera.as_ref().expect("prepare comes first");
         let light = LightPathSettings {
-            limits: self.limits,
+            limits: self.settings.limits,
             guide: self.guide.as_ref(),
+            techniques: self.settings.techniques,
             beyond: 2,
             merged: Merged::default(),
         };
@@ -122,9 +134,10 @@ impl LightTracer for Bdpt {
         worker: &mut Worker,
         out: &mut Vec<Splat>,
     ) {
-        let (limits, query, merged) = (self.limits, RadianceQuery::ALL, Merged::default());
+        let BdptSettings { limits, techniques } = self.settings;
+        let (query, merged) = (RadianceQuery::ALL, Merged::default());
         let guide = self.guide.as_ref();
-        let lens = LensConnections { scene, camera, guide, limits, query, margin, merged };
+        let lens = LensConnections { scene, camera, guide, limits, techniques, query, margin, merged };
         let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
         let paths = lens.light_paths(&arena, keys, worker);
@@ -154,8 +167,8 @@ pub(super) fn trace_both(
     arena.reset();
     let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
     let light = LightPaths::trace(scene, &arena, settings, &keys, worker);
-    let LightPathSettings { limits, guide, .. } = settings;
-    let paths = CameraPaths { scene, camera, guide, limits, query, light, light_path, merging };
+    let LightPathSettings { limits, guide, techniques, .. } = settings;
+    let paths = CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, merging };
     paths.trace(wave, worker, out);
     drop(paths);
     worker.kept_arena = arena;
@@ -178,6 +191,8 @@ pub(super) struct LensConnections<'a> {
     /// The density of the starts of light paths.
     pub guide: Option<&'a EmissionGuide>,
     pub limits: PathLimits,
+    /// The techniques that contribute.
+    pub techniques: Techniques,
     /// The light that counts.
     pub query: RadianceQuery,
     /// The extent of the reconstruction filter beyond the image, in pixels.
@@ -191,8 +206,13 @@ impl<'a> LensConnections<'a> {
     where
         'a: 's,
     {
-        let settings =
-            LightPathSettings { limits: self.limits, guide: self.guide, beyond: 1, merged: self.merged };
+        let settings = LightPathSettings {
+            limits: self.limits,
+            guide: self.guide,
+            techniques: self.techniques,
+            beyond: 1,
+            merged: self.merged,
+        };
         LightPaths::trace(self.scene, arena, settings, keys, worker)
     }
 
@@ -237,7 +257,7 @@ impl<'a> LensConnections<'a> {
         out: &mut [Radiance],
         add: impl FnMut(u32, Splat),
     ) {
-        let LensConnections { scene, camera, guide, limits, query, .. } = *self;
+        let LensConnections { scene, camera, guide, limits, techniques, query, .. } = *self;
         out.fill(Radiance::NONE);
         let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
@@ -245,7 +265,8 @@ impl<'a> LensConnections<'a> {
         let points = self.queue(&light, wave.keys, worker);
         self.trace(&points, worker, add);
         let light_path = (0..wave.keys.len() as u32).collect();
-        let paths = CameraPaths { scene, camera, guide, limits, query, light, light_path, merging: None };
+        let paths =
+            CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, merging: None };
         paths.trace(wave, worker, out);
         drop(paths);
         worker.kept_arena = arena;
@@ -261,6 +282,7 @@ impl<'a> LensConnections<'a> {
         }
         let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs());
         let weight = stored.partial.of_camera_connection(density, reverse.into(), self.merged);
+        let weight = self.techniques.weight(stored.edges + 1, 1, weight);
         let value = stored.power * scattered * (seen.weight * weight as f32);
         Some((self.scene.shadow_ray_to(at, seen.target, seen.wi), seen.film, value))
     }
