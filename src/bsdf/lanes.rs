@@ -197,6 +197,26 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
 /// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 #[inline]
 pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
+    eval_or(bsdfs, wo, wi, active, |i| bsdfs[i].eval(wo.lane(i), wi.lane(i)))
+}
+
+/// Computes [`Bsdf::pdf_adjoint`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
+#[inline]
+pub fn pdf_adjoint_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> f32x16 {
+    // The density does not depend on what light is, for the BSDFs that have a kernel.
+    let one = |i: usize| BsdfEval { f: Rgb::BLACK, pdf: bsdfs[i].pdf_adjoint(wo.lane(i), wi.lane(i)) };
+    eval_or(bsdfs, wo, wi, active, one).pdf
+}
+
+/// Evaluates the BSDFs with a kernel, and calls `one` for each other lane.
+#[inline(always)]
+fn eval_or<'a>(
+    bsdfs: &[&'a Bsdf<'a>; LANES],
+    wo: &Vec3x16,
+    wi: &Vec3x16,
+    active: u32,
+    one: impl Fn(usize) -> BsdfEval,
+) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let mut eval = BsdfEvalX16::diffuse(reflectance, wo, wi);
     let mut rest = others & active;
@@ -206,7 +226,7 @@ pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, a
             eval.set_lanes(lanes, &kernel.eval(wo, wi));
             rest &= !lanes;
         } else {
-            eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
+            eval.set_lane(i, &one(i));
             rest &= rest - 1;
         }
     }

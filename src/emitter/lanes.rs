@@ -30,6 +30,8 @@ pub struct EmitterSampleX16 {
     pub pdf: f32x16,
     /// Mask of the lanes whose light no other technique can sample.
     pub delta: f32x16,
+    /// Cosines between the emitted light and the normal of the emitting surface; 1 if there is none.
+    pub cosine: f32x16,
     /// Mask of the lanes with a sample.
     pub valid: f32x16,
 }
@@ -43,6 +45,7 @@ impl EmitterSampleX16 {
         radiance: [f32x16::ZERO; 3],
         pdf: f32x16::ZERO,
         delta: f32x16::ZERO,
+        cosine: f32x16::ONE,
         valid: f32x16::ZERO,
     };
 
@@ -58,6 +61,7 @@ impl EmitterSampleX16 {
         self.at_infinity = mask.select(other.at_infinity, self.at_infinity);
         self.pdf = mask.select(other.pdf, self.pdf);
         self.delta = mask.select(other.delta, self.delta);
+        self.cosine = mask.select(other.cosine, self.cosine);
         self.valid = mask.select(other.valid, self.valid);
     }
 
@@ -78,6 +82,7 @@ impl EmitterSampleX16 {
         }
         self.pdf.as_mut_array()[i] = sample.pdf;
         self.delta.as_mut_array()[i] = mask(sample.delta);
+        self.cosine.as_mut_array()[i] = sample.cosine;
     }
 }
 
@@ -123,6 +128,7 @@ impl RectanglesX16 {
             target: offset_origin_x16(p, self.error + end_error_x16(to), self.normal, -wi),
             radiance: self.radiance,
             pdf,
+            cosine: cos,
             // False if `from` is the point itself.
             valid: cos.simd_gt(f32x16::ZERO),
             ..EmitterSampleX16::NONE
@@ -154,12 +160,14 @@ impl SpheresX16 {
         let [x, y, z] = [self.center.x, self.center.y, self.center.z]
             .map(|c| (c.abs() + self.radius) * f32x16::splat(gamma(8)));
         let error = plane_error_x16(Vec3x16::new(x, y, z), n) + end_error_x16(to);
+        let cosine = -wi.dot(n);
         let samples = EmitterSampleX16 {
             wi,
             target: offset_origin_x16(self.center + n * self.radius, error, n, -wi),
             radiance: self.radiance,
             pdf: projection.pdf(),
-            valid: (-wi.dot(n)).simd_gt(f32x16::ZERO),
+            cosine,
+            valid: cosine.simd_gt(f32x16::ZERO),
             ..EmitterSampleX16::NONE
         };
         (samples, projection.outside())

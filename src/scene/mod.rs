@@ -429,15 +429,29 @@ impl Scene {
         time: f32x16,
         active: u32,
     ) -> EmitterSampleX16 {
-        let Some(ChoiceX16 { emitters, pmf, u: rest }) = selection.sample_x16(from, u[0], active) else {
-            return EmitterSampleX16::NONE;
-        };
+        self.sample_emitters_choice(selection, from, u, time, active)
+            .map_or(EmitterSampleX16::NONE, |(_, samples)| samples)
+    }
+
+    /// Computes [`sample_emitters`](Self::sample_emitters). Returns the choices beside the samples; `None` if there is
+    /// no emitter to choose.
+    #[inline]
+    pub fn sample_emitters_choice(
+        &self,
+        selection: &LightSelection,
+        from: Vec3x16,
+        u: [f32x16; 2],
+        time: f32x16,
+        active: u32,
+    ) -> Option<(ChoiceX16, EmitterSampleX16)> {
+        let choice = selection.sample_x16(from, u[0], active)?;
+        let ChoiceX16 { emitters, pmf, u: rest } = choice;
         let one =
             |i: usize, u| self.sample_chosen(selection, emitters[i], from.lane(i), u, time.as_array()[i]);
         let (u, compensated) = ([rest, u[1]], selection.is_compensated());
         let mut samples = self.light_lanes.sample(&emitters, compensated, from, u, active, one);
         samples.pdf *= pmf;
-        samples
+        Some((choice, samples))
     }
 
     /// Returns shadow rays from surface points to emitters. They end short of the emitter by at most the rounding
@@ -451,6 +465,19 @@ impl Scene {
             d: Vec3x16::select(sample.at_infinity, sample.wi, sample.target - o),
             time,
         }
+    }
+
+    /// Computes [`shadow_ray_to`](Self::shadow_ray_to) for sixteen points.
+    #[inline]
+    pub fn shadow_rays_to(
+        &self,
+        at: &SurfaceInteractionX16,
+        target: Vec3x16,
+        wi: Vec3x16,
+        time: f32x16,
+    ) -> RayX16 {
+        let o = offset_origin_x16(at.p, at.error, at.ng, wi);
+        RayX16 { o, t_max: f32x16::ONE, d: target - o, time }
     }
 
     /// Returns the shadow ray from a surface point to a sampled emitter.

@@ -1,10 +1,11 @@
-//! Camera subpaths, and all techniques that end at their vertices.
+//! Camera subpaths, and the light that they find.
 
-use super::light_paths::{LightPaths, StoredVertex, start_pmf};
+use super::light_paths::{LightPaths, start_pmf};
 use super::merging::Merging;
 use super::technique::Techniques;
-use super::weights::{self, End, Merged, Partial, Start};
+use super::weights::{Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
+use crate::bsdf;
 use crate::color::Rgb;
 use crate::ids::EmitterId;
 use crate::integrator::block::ShadingBlock;
@@ -15,9 +16,8 @@ use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{RandomNumbers, Worker, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, RadianceQuery, Wave};
-use crate::math::lanes::{LANES, bits};
-use crate::math::ray::{end_error, offset_origin};
-use crate::math::{Ray, Vec2, Vec3};
+use crate::math::lanes::{LANES, bits, f32x16, load};
+use crate::math::{Ray, Vec3};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use crate::sensor::Camera;
@@ -42,35 +42,29 @@ pub struct CameraPaths<'a> {
 
 /// The state of a camera path between two vertices.
 #[derive(Clone, Copy)]
-struct Subpath {
+pub(super) struct Subpath {
     key: SampleKey,
-    slot: u32,
-    ray: Ray,
+    pub slot: u32,
+    pub ray: Ray,
     /// The last vertex. The ray starts beside it.
     from: Vec3,
     /// The product of the weights so far.
-    beta: Rgb,
+    pub beta: Rgb,
     /// The product of the relative indices of refraction.
     eta: f32,
     /// The partial weight; `None` before the first vertex.
     partial: Option<Partial>,
 }
 
-/// A vertex of a camera path.
-struct CameraVertex<'a> {
-    /// The surface point. Its `wo` points to the viewer.
-    vertex: LightVertex<'a>,
-    beta: Rgb,
-    partial: Partial,
-}
-
-/// The random numbers at a vertex.
-struct VertexNumbers {
-    emitter_point: Vec2,
-    connection: f32,
-    lobe: f32,
-    direction: Vec2,
-    roulette: f32,
+/// The vertices of up to sixteen camera paths. The `wo` of the block point to the viewer.
+pub(super) struct CameraVertices<'a> {
+    pub block: &'a ShadingBlock<'a>,
+    /// The path of each lane.
+    pub paths: &'a [Subpath],
+    /// The partial weight at the vertex in each lane.
+    pub partials: &'a [Partial; LANES],
+    /// The number of scatterings before.
+    pub depth: u32,
 }
 
 impl CameraPaths<'_> {
@@ -188,7 +182,6 @@ impl CameraPaths<'_> {
         out: &mut [Radiance],
     ) {
         let go_on = self.limits.allows(depth + 2) && (self.query.direct || self.query.indirect);
-        let roulette = Roulette::at(depth + 1, self.limits.rr_depth);
         let mut connection = Vec::new();
         if go_on {
             let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
@@ -202,234 +195,107 @@ impl CameraPaths<'_> {
         for first in (0..hits.len()).step_by(LANES) {
             worker.arena.reset();
             let block = ShadingBlock::of_light(self.scene, &worker.arena, rays, hits, first);
-            for i in bits(block.active) {
-                let path = &subpaths[first + i];
-                let vertex = LightVertex::new(&block, i);
-                let partial = self.arrive(path, &vertex);
-                let at = CameraVertex { vertex, beta: path.beta, partial };
-                if self.shows_emission(depth) {
-                    out[path.slot as usize].value += self.emitted(path, &at, depth);
+            let paths = &subpaths[first..hits.len().min(first + LANES)];
+            let partials = self.arrive(&block, paths);
+            let vertices = CameraVertices { block: &block, paths, partials: &partials, depth };
+            if self.shows_emission(depth) {
+                for i in bits(block.at.emitting & block.active) {
+                    out[paths[i].slot as usize].value += self.emitted(&vertices, i);
                 }
-                if !go_on {
-                    continue;
-                }
-                if let Some(merging) = self.merging
-                    && at.partial.is_merged()
-                    && block.finite >> i & 1 == 1
-                {
+            }
+            if !go_on {
+                continue;
+            }
+            if let Some(merging) = self.merging {
+                for i in bits(block.finite).filter(|i| partials[*i].is_merged()) {
                     let wanted =
                         |edges| self.limits.allows(depth + 1 + edges) && self.query.wants(depth + 1 + edges);
-                    out[path.slot as usize].value +=
-                        at.beta * merging.radiance(&at.vertex, &at.partial, wanted);
+                    let vertex = LightVertex::new(&block, i);
+                    out[paths[i].slot as usize].value +=
+                        paths[i].beta * merging.radiance(&vertex, &partials[i], wanted);
                 }
-                let numbers = VertexNumbers::of(&worker.numbers, &connection, first + i);
-                if block.finite >> i & 1 == 1 {
-                    let shadows = &mut worker.shadows;
-                    if self.query.wants(depth + 2)
-                        && let Some((ray, value)) = self.sample_emitter(&at, &numbers, depth)
-                    {
-                        shadows.push_one(ray, path.slot, value);
-                    }
-                    if let Some((ray, value)) = self.connect(&at, depth, path.slot, numbers.connection) {
-                        shadows.push_one(ray, path.slot, value);
-                    }
-                }
-                next.extend(self.scatter(path, &at, &numbers, roulette));
             }
+            if block.finite != 0 {
+                if self.query.wants(depth + 2) {
+                    let u = [0, 1].map(|k| load(&worker.numbers.emitter_point[k], first));
+                    self.sample_emitters(&vertices, u, &mut worker.shadows);
+                }
+                self.connect(&vertices, &connection[first..], &mut worker.shadows);
+            }
+            self.scatter(&vertices, &worker.numbers, next);
         }
     }
 
-    /// Returns the partial weight at the vertex that a ray hits.
-    fn arrive(&self, path: &Subpath, vertex: &LightVertex<'_>) -> Partial {
-        let (distance, cos) = (f64::from(vertex.at.hit.t), f64::from(vertex.wo_ng.abs()));
-        match path.partial {
-            Some(partial) => partial.at_next(distance * distance, cos),
-            None => {
-                let density = self.camera.density(vertex.at.p, path.ray.d, path.ray.time) * cos;
-                Partial::of_camera(density, self.merging.map_or_else(Merged::default, Merging::merged))
-            }
+    /// Returns the partial weights at the vertices that the rays hit.
+    fn arrive(&self, block: &ShadingBlock<'_>, paths: &[Subpath]) -> [Partial; LANES] {
+        let cosines = block.rays.d.dot(block.at.ng).abs().to_array();
+        let merged = self.merging.map_or_else(Merged::default, Merging::merged);
+        let mut partials = [Partial::of_camera(1.0, merged); LANES];
+        for ((i, path), partial) in paths.iter().enumerate().zip(&mut partials) {
+            let (distance, cos) = (f64::from(block.at.hit[i].t), f64::from(cosines[i]));
+            *partial = match path.partial {
+                Some(partial) => partial.at_next(distance * distance, cos),
+                None => {
+                    let density = self.camera.density(block.at.p.lane(i), path.ray.d, path.ray.time) * cos;
+                    Partial::of_camera(density, merged)
+                }
+            };
         }
+        partials
     }
 
-    /// Returns the weighted contribution of a vertex on an emitter.
-    fn emitted(&self, path: &Subpath, at: &CameraVertex<'_>, depth: u32) -> Rgb {
-        let surface = &at.vertex.at;
+    /// Returns the weighted contribution of the vertex of lane `i`, whose shape emits.
+    fn emitted(&self, vertices: &CameraVertices<'_>, i: usize) -> Rgb {
+        let (path, surface) = (&vertices.paths[i], &vertices.block.at.lane(i));
         let Some(emitter) = self.scene.emitter_at(surface) else { return Rgb::BLACK };
         let radiance = self.scene.emitted(emitter, surface);
         let weight = match path.partial {
             Some(_) => {
-                let start = self.start(emitter, path.from, -path.ray.d, at.vertex.wo_ng.abs());
-                at.partial.of_hit(start)
+                let cosine = path.ray.d.dot(surface.ng).abs();
+                vertices.partials[i].of_hit(self.start(emitter, path.from, -path.ray.d, cosine))
             }
             None => 1.0,
         };
-        let weight = self.techniques.weight(0, depth + 2, weight);
-        at.beta * radiance * weight as f32
+        let weight = self.techniques.weight(0, vertices.depth + 2, weight);
+        path.beta * radiance * weight as f32
     }
 
-    /// Samples an emitter. Returns the shadow ray and the weighted contribution if it is unoccluded.
-    fn sample_emitter(
-        &self,
-        at: &CameraVertex<'_>,
-        numbers: &VertexNumbers,
-        depth: u32,
-    ) -> Option<(Ray, Rgb)> {
-        let (scene, CameraVertex { vertex, beta, partial }) = (self.scene, at);
-        let (surface, u) = (&vertex.at, numbers.emitter_point);
-        let (choice, sample) =
-            scene.sample_emitter_choice(&scene.light_selection, surface.p, u, surface.time)?;
-        let density = sample.pdf * choice.pmf;
-        let wi = surface.frame.to_local(sample.wi);
-        let scattered = vertex.bsdf.eval(vertex.wo, wi);
-        let value = *beta * scattered.f * sample.radiance * (wi.z.abs() / density);
-        if value.is_black() || density <= 0.0 {
-            return None;
-        }
-        let light = &scene.lights[choice.emitter];
-        let started = start_pmf(scene, self.guide, choice.emitter);
-        let start = Start {
-            cosine: sample.cosine.into(),
-            delta: light.is_delta(),
-            distant: light.is_distant(),
-            ..Start::new(light.start_density(-sample.wi, sample.cosine), choice.pmf, started)
+    /// Samples the continuations of the paths, and adds them to `next`.
+    fn scatter(&self, vertices: &CameraVertices<'_>, numbers: &RandomNumbers, next: &mut Vec<Subpath>) {
+        let CameraVertices { block, paths, partials, depth } = vertices;
+        let roulette = Roulette::at(depth + 1, self.limits.rr_depth);
+        let u_lobe = load(&numbers.bsdf_lobe, block.first);
+        let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
+        let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+        let valid = sample.valid.to_bitmask() & block.active;
+        let finite = sample.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & valid;
+        let reverse = match finite {
+            0 => f32x16::ZERO,
+            _ => bsdf::lanes::pdf_adjoint_x16(&block.bsdfs, &sample.wi, &block.wo, finite),
         };
-        let ray = scene.shadow_ray(surface, &sample);
-        let distance2 = f64::from(ray.d.length_squared());
-        let cos = f64::from(sample.wi.dot(surface.ng).abs());
-        let reverse = vertex.bsdf.pdf_adjoint(wi, vertex.wo);
-        let weight = partial.of_emitter_sample(start, distance2, cos, scattered.pdf.into(), reverse.into());
-        let weight = self.techniques.weight(1, depth + 2, weight);
-        Some((ray, value * weight as f32))
-    }
-
-    /// Connects a vertex to one vertex of its light path. Returns the shadow ray and the weighted contribution if it is
-    /// unoccluded. The vertex is chosen with a probability that is nearly in proportion to its contribution.
-    fn connect(&self, at: &CameraVertex<'_>, depth: u32, slot: u32, u: f32) -> Option<(Ray, Rgb)> {
-        let wanted = |light: &&StoredVertex<'_>| {
-            let edges = depth + light.edges + 2;
-            self.limits.allows(edges) && self.query.wants(edges)
-        };
-        let (mut sum, mut chosen, mut u) = (0.0f32, None, u);
-        let light_path = self.light_path[slot as usize] as usize;
-        for light in self.light.of(light_path).filter(wanted) {
-            let importance = importance(&at.vertex, light);
-            if importance == 0.0 {
+        let wi = block.at.frame.to_world(sample.wi);
+        let cosines = wi.dot(block.at.ng).abs().to_array();
+        let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time).to_rays();
+        let ([r, g, b], eta) = (sample.weight.map(f32x16::to_array), sample.eta.to_array());
+        let (pdf, reverse) = (sample.pdf.to_array(), reverse.to_array());
+        for i in bits(valid) {
+            let (mut beta, eta) = (paths[i].beta * Rgb::new(r[i], g[i], b[i]), paths[i].eta * eta[i]);
+            if let Some(roulette) = roulette {
+                let Some(on) = roulette.play(beta, eta * eta, numbers.roulette[block.first + i]) else {
+                    continue;
+                };
+                beta = on;
+            }
+            if beta.is_black() {
                 continue;
             }
-            sum += importance;
-            let share = importance / sum;
-            if u < share || chosen.is_none() {
-                u = (u / share).min(1f32.next_down());
-                chosen = Some((light, importance));
-            } else {
-                u = (u - share) / (1.0 - share);
-            }
-        }
-        let (light, importance) = chosen?;
-        let value =
-            contribution(at, light, |weight| self.techniques.weight(light.edges + 1, depth + 2, weight));
-        if value.is_black() {
-            return None;
-        }
-        let (from, to) = (&at.vertex.at, &light.vertex.at);
-        let way = to.p - from.p;
-        let target = offset_origin(to.p, to.error + end_error(way), to.ng, -way);
-        let ray = self.scene.shadow_ray_to(from, target, way.normalize());
-        Some((ray, value * (sum / importance)))
-    }
-
-    /// Samples the continuation of a path.
-    fn scatter(
-        &self,
-        path: &Subpath,
-        at: &CameraVertex<'_>,
-        numbers: &VertexNumbers,
-        roulette: Option<Roulette>,
-    ) -> Option<Subpath> {
-        let CameraVertex { vertex, beta, partial } = at;
-        let sample = vertex.bsdf.sample(vertex.wo, numbers.lobe, numbers.direction)?;
-        let (mut beta, eta) = (*beta * sample.weight, path.eta * sample.eta);
-        if let Some(roulette) = roulette {
-            beta = roulette.play(beta, eta * eta, numbers.roulette)?;
-        }
-        if beta.is_black() {
-            return None;
-        }
-        let wi = vertex.at.frame.to_world(sample.wi);
-        let cos = f64::from(wi.dot(vertex.at.ng).abs());
-        let partial = match sample.pdf.is_infinite() {
-            true => partial.reflected(cos),
-            false => {
-                let reverse = vertex.bsdf.pdf_adjoint(sample.wi, vertex.wo);
-                partial.scattered(sample.pdf.into(), reverse.into(), cos)
-            }
-        };
-        let ray = self.scene.spawn_ray(&vertex.at, wi, path.ray.time);
-        Some(Subpath { ray, from: vertex.at.p, beta, eta, partial: Some(partial), ..*path })
-    }
-}
-
-/// Returns an estimate of the contribution of a connection, which is positive if the contribution is: that of diffuse
-/// surfaces. Shading normals and lobes may be anywhere, so the cosines have a least value.
-fn importance(at: &LightVertex<'_>, light: &StoredVertex<'_>) -> f32 {
-    const LEAST: f32 = 0.05;
-    let way = light.vertex.at.p - at.at.p;
-    let distance2 = way.length_squared();
-    if distance2 == 0.0 {
-        return 0.0;
-    }
-    let wi = way / distance2.sqrt();
-    let cosines = wi.dot(at.at.ng).abs().max(LEAST) * wi.dot(light.vertex.at.ng).abs().max(LEAST);
-    light.power.max_component() * cosines / distance2
-}
-
-/// Returns the contribution of the connection of two vertices if nothing is in between. `weighted` returns its final
-/// weight.
-fn contribution(at: &CameraVertex<'_>, light: &StoredVertex<'_>, weighted: impl Fn(f64) -> f64) -> Rgb {
-    let (camera_end, light_end) = (&at.vertex, &light.vertex);
-    let way = light_end.at.p - camera_end.at.p;
-    let distance2 = way.length_squared();
-    if distance2 == 0.0 {
-        return Rgb::BLACK;
-    }
-    let wi = way / distance2.sqrt();
-    let local = camera_end.at.frame.to_local(wi);
-    let scattered = camera_end.bsdf.eval(camera_end.wo, local);
-    if scattered.f.is_black() {
-        return Rgb::BLACK;
-    }
-    let (emerging, reverse_of_light) = light_end.eval_with_density(-wi);
-    if emerging.is_black() {
-        return Rgb::BLACK;
-    }
-    let forward_of_light = light_end.bsdf.pdf_adjoint(light_end.wo, light_end.at.frame.to_local(-wi));
-    let reverse_of_camera = camera_end.bsdf.pdf_adjoint(local, camera_end.wo);
-    let per_area = |pdf: f32, n: Vec3| f64::from(pdf) * f64::from(wi.dot(n).abs()) / f64::from(distance2);
-    let weight = weights::of_connection(
-        &End {
-            partial: at.partial,
-            to_other: per_area(scattered.pdf, light_end.at.ng),
-            reverse: reverse_of_camera.into(),
-        },
-        &End {
-            partial: light.partial,
-            to_other: per_area(forward_of_light, camera_end.at.ng),
-            reverse: reverse_of_light.into(),
-        },
-    );
-    let geometry = local.z.abs() / distance2 * weighted(weight) as f32;
-    at.beta * scattered.f * emerging * light.power * geometry
-}
-
-impl VertexNumbers {
-    fn of(numbers: &RandomNumbers, connection: &[f32], i: usize) -> Self {
-        let pair = |pair: &[Vec<f32>; 2]| Vec2::new(pair[0][i], pair[1][i]);
-        VertexNumbers {
-            emitter_point: pair(&numbers.emitter_point),
-            connection: connection[i],
-            lobe: numbers.bsdf_lobe[i],
-            direction: pair(&numbers.bsdf_direction),
-            roulette: numbers.roulette[i],
+            let cos = f64::from(cosines[i]);
+            let partial = match finite >> i & 1 {
+                0 => partials[i].reflected(cos),
+                _ => partials[i].scattered(pdf[i].into(), reverse[i].into(), cos),
+            };
+            let (ray, from) = (rays[i], block.at.p.lane(i));
+            next.push(Subpath { ray, from, beta, eta, partial: Some(partial), ..paths[i] });
         }
     }
 }

@@ -6,6 +6,7 @@
 //! are pixels, are connected to the camera. The techniques are combined by multiple importance sampling ([`weights`]).
 
 mod camera_paths;
+mod connections;
 mod light_paths;
 pub(super) mod merging;
 pub mod technique;

@@ -1,0 +1,215 @@
+//! Connections of the vertices of camera paths with emitters and with the vertices of light paths.
+
+use super::camera_paths::{CameraPaths, CameraVertices};
+use super::light_paths::{StoredVertex, start_pmf};
+use super::weights::{self, End, Start};
+use crate::bsdf::lanes::{eval_x16, pdf_adjoint_x16};
+use crate::color::Rgb;
+use crate::integrator::worker::ShadowQueue;
+use crate::math::lanes::{LANES, bits, each_lane, f32x16};
+use crate::math::ray::{end_error, offset_origin};
+use crate::math::{Ray, RayX16, Vec3, Vec3x16};
+
+impl CameraPaths<'_> {
+    /// Samples an emitter at each vertex with a finite lobe. Queues shadow rays with the weighted contributions.
+    pub(super) fn sample_emitters(
+        &self,
+        vertices: &CameraVertices<'_>,
+        u: [f32x16; 2],
+        shadows: &mut ShadowQueue,
+    ) {
+        let (scene, CameraVertices { block, partials, depth, .. }) = (self.scene, vertices);
+        let (at, selection) = (&block.at, &scene.light_selection);
+        let chosen = scene.sample_emitters_choice(selection, at.p, u, block.rays.time, block.finite);
+        let Some((choice, sample)) = chosen else { return };
+        let wi = at.frame.to_local(sample.wi);
+        let scattered = eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
+        let mut value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c]);
+        let lanes =
+            some(&value) & (sample.valid & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & block.finite;
+        if lanes == 0 {
+            return;
+        }
+        let reverse = pdf_adjoint_x16(&block.bsdfs, &wi, &block.wo, lanes).to_array();
+        let rays = scene.shadow_rays(at, &sample, block.rays.time);
+        let distance2 = rays.d.length_squared().to_array();
+        let cosines = sample.wi.dot(at.ng).abs().to_array();
+        let (directions, emitted) = (-sample.wi, sample.cosine.to_array());
+        let (pmf, pdf) = (choice.pmf.to_array(), scattered.pdf.to_array());
+        let weights = each_active(lanes, |i| {
+            let light = &scene.lights[choice.emitters[i]];
+            let started = start_pmf(scene, self.guide, choice.emitters[i]);
+            let start = Start {
+                cosine: emitted[i].into(),
+                delta: light.is_delta(),
+                distant: light.is_distant(),
+                ..Start::new(light.start_density(directions.lane(i), emitted[i]), pmf[i], started)
+            };
+            let (distance2, cos) = (f64::from(distance2[i]), f64::from(cosines[i]));
+            let weight =
+                partials[i].of_emitter_sample(start, distance2, cos, pdf[i].into(), reverse[i].into());
+            self.techniques.weight(1, depth + 2, weight) as f32
+        });
+        let factor = wi.z.abs() / sample.pdf * weights;
+        value = value.map(|channel| channel * factor);
+        push(shadows, vertices, lanes, &rays, value);
+    }
+
+    /// Connects each vertex with a finite lobe to one vertex of its light path. Queues shadow rays with the weighted
+    /// contributions. The vertex is chosen with a probability that is nearly in proportion to its contribution, by the
+    /// number of its lane in `u`.
+    pub(super) fn connect(&self, vertices: &CameraVertices<'_>, u: &[f32], shadows: &mut ShadowQueue) {
+        let CameraVertices { block, partials, depth, .. } = vertices;
+        let at = &block.at;
+        let mut chosen = [None; LANES];
+        for i in bits(block.finite) {
+            chosen[i] = self.choose(vertices, i, u[i]);
+        }
+        let lanes =
+            chosen.iter().enumerate().fold(0, |lanes, (i, choice)| lanes | u32::from(choice.is_some()) << i);
+        let Some((any, _)) = chosen.iter().flatten().next().copied() else { return };
+        // The lanes without a connection have any vertex, and are not used.
+        let lights: [&StoredVertex<'_>; LANES] = each_lane(|i| chosen[i].map_or(any, |(light, _)| light));
+        let inverse_pmf = f32x16::new(each_lane(|i| chosen[i].map_or(0.0, |(_, inverse_pmf)| inverse_pmf)));
+        let vectors = |vector: &dyn Fn(&StoredVertex<'_>) -> Vec3| {
+            let mut all = Vec3x16::default();
+            lights.iter().enumerate().for_each(|(i, light)| all.set_lane(i, vector(light)));
+            all
+        };
+        let way = vectors(&|light| light.vertex.at.p) - at.p;
+        let distance2 = way.length_squared();
+        let wi = way * (f32x16::ONE / distance2.sqrt());
+        let local = at.frame.to_local(wi);
+        let scattered = eval_x16(&block.bsdfs, &block.wo, &local, lanes);
+        let lanes = lanes & some(&scattered.f);
+        if lanes == 0 {
+            return;
+        }
+        // At the light path's end.
+        let bsdfs = lights.map(|light| light.vertex.bsdf);
+        let (wo, ng) = (vectors(&|light| light.vertex.wo), vectors(&|light| light.vertex.at.ng));
+        let mut to_viewer = Vec3x16::default();
+        for i in bits(lanes) {
+            to_viewer.set_lane(i, lights[i].vertex.at.frame.to_local(-wi.lane(i)));
+        }
+        let emerging = eval_x16(&bsdfs, &to_viewer, &wo, lanes);
+        let lanes = lanes & some(&emerging.f);
+        if lanes == 0 {
+            return;
+        }
+        let wo_ng = f32x16::new(each_lane(|i| lights[i].vertex.wo_ng));
+        let corrected = (wi.dot(ng) * wo.z / wo_ng).abs();
+        let forward_of_light = pdf_adjoint_x16(&bsdfs, &wo, &to_viewer, lanes).to_array();
+        let reverse_of_camera = pdf_adjoint_x16(&block.bsdfs, &local, &block.wo, lanes).to_array();
+        let (forward, reverse_of_light) = (scattered.pdf.to_array(), emerging.pdf.to_array());
+        let cosines = [at.ng, ng].map(|n| wi.dot(n).abs().to_array());
+        let squares = distance2.to_array();
+        let per_area =
+            |pdf: f32, cosine: f32, i: usize| f64::from(pdf) * f64::from(cosine) / f64::from(squares[i]);
+        let weights = each_active(lanes, |i| {
+            let weight = weights::of_connection(
+                &End {
+                    partial: partials[i],
+                    to_other: per_area(forward[i], cosines[1][i], i),
+                    reverse: reverse_of_camera[i].into(),
+                },
+                &End {
+                    partial: lights[i].partial,
+                    to_other: per_area(forward_of_light[i], cosines[0][i], i),
+                    reverse: reverse_of_light[i].into(),
+                },
+            );
+            self.techniques.weight(lights[i].edges + 1, depth + 2, weight) as f32
+        });
+        let factor = local.z.abs() * corrected / distance2 * weights * inverse_pmf;
+        let powers = [0, 1, 2].map(|c| f32x16::new(each_lane(|i| lights[i].power.to_array()[c])));
+        let value = std::array::from_fn(|c| scattered.f[c] * emerging.f[c] * powers[c] * factor);
+        let mut targets = Vec3x16::default();
+        for i in bits(lanes) {
+            let (to, way) = (&lights[i].vertex.at, way.lane(i));
+            targets.set_lane(i, offset_origin(to.p, to.error + end_error(way), to.ng, -way));
+        }
+        let rays = self.scene.shadow_rays_to(at, targets, wi, block.rays.time);
+        push(shadows, vertices, lanes, &rays, value);
+    }
+
+    /// Chooses the vertex of the light path to which the vertex of lane `i` is connected. Returns it with the
+    /// reciprocal of its probability.
+    fn choose(
+        &self,
+        vertices: &CameraVertices<'_>,
+        i: usize,
+        mut u: f32,
+    ) -> Option<(&StoredVertex<'_>, f32)> {
+        let CameraVertices { block, paths, depth, .. } = vertices;
+        let (p, ng) = (block.at.p.lane(i), block.at.ng.lane(i));
+        let (mut sum, mut chosen) = (0.0f32, None);
+        for light in self.light.of(self.light_path[paths[i].slot as usize] as usize) {
+            let edges = depth + light.edges + 2;
+            if !self.limits.allows(edges) || !self.query.wants(edges) {
+                continue;
+            }
+            let importance = importance(p, ng, light);
+            if importance == 0.0 {
+                continue;
+            }
+            sum += importance;
+            let share = importance / sum;
+            if u < share || chosen.is_none() {
+                u = (u / share).min(1f32.next_down());
+                chosen = Some((light, importance));
+            } else {
+                u = (u - share) / (1.0 - share);
+            }
+        }
+        chosen.map(|(light, importance)| (light, sum / importance))
+    }
+}
+
+/// Returns an estimate of the contribution of a connection, which is positive if the contribution is: that of diffuse
+/// surfaces. Shading normals and lobes may be anywhere, so the cosines have a least value.
+fn importance(p: Vec3, ng: Vec3, light: &StoredVertex<'_>) -> f32 {
+    const LEAST: f32 = 0.05;
+    let way = light.vertex.at.p - p;
+    let distance2 = way.length_squared();
+    if distance2 == 0.0 {
+        return 0.0;
+    }
+    let wi = way / distance2.sqrt();
+    let cosines = wi.dot(ng).abs().max(LEAST) * wi.dot(light.vertex.at.ng).abs().max(LEAST);
+    light.power.max_component() * cosines / distance2
+}
+
+/// Returns a mask of the lanes in which a colour is not black.
+fn some(color: &[f32x16; 3]) -> u32 {
+    let [r, g, b] = color.map(|channel| channel.simd_ne(f32x16::ZERO));
+    (r | g | b).to_bitmask()
+}
+
+/// Returns a number for each lane in a mask, and 0 for the others.
+fn each_active(lanes: u32, number: impl Fn(usize) -> f32) -> f32x16 {
+    let mut numbers = [0.0; LANES];
+    for i in bits(lanes) {
+        numbers[i] = number(i);
+    }
+    f32x16::new(numbers)
+}
+
+/// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the paths.
+fn push(
+    shadows: &mut ShadowQueue,
+    vertices: &CameraVertices<'_>,
+    lanes: u32,
+    rays: &RayX16,
+    value: [f32x16; 3],
+) {
+    let rays: [Ray; LANES] = rays.to_rays();
+    let [r, g, b] = value.map(f32x16::to_array);
+    for i in bits(lanes) {
+        let path = &vertices.paths[i];
+        let value = path.beta * Rgb::new(r[i], g[i], b[i]);
+        if !value.is_black() {
+            shadows.push_one(rays[i], path.slot, value);
+        }
+    }
+}
