@@ -79,10 +79,10 @@ impl Tile {
     }
 
     /// Adds to the sums of a replicate of pixel `i` without increasing its sample count.
-    pub fn splat(&mut self, i: usize, replicate: usize, values: [f32; 3]) {
+    pub fn splat(&mut self, i: usize, replicate: usize, values: [f64; 3]) {
         let start = (self.replicates * i + replicate) * self.channels;
         for (sum, v) in self.sums[start..start + 3].iter_mut().zip(values) {
-            sum.add(f64::from(v));
+            sum.add(v);
         }
     }
 

@@ -53,8 +53,7 @@ pub fn render(
             });
         });
         let replicate = job.settings.sampler.replicate(sample) as usize;
-        let batches: Vec<_> = begun.splats.into_iter().map(|splats| (replicate, splats)).collect();
-        sum.invalid += pool.install(|| splats::add(job, tiles, &batches));
+        sum.invalid += pool.install(|| splats::add(job, tiles, replicate, begun.splats));
     }
     sum
 }
