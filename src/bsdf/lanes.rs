@@ -284,6 +284,57 @@ pub fn sample_x16<'a>(
     u: [f32x16; 2],
     active: u32,
 ) -> BsdfSampleX16 {
+    let one = |i: usize| {
+        bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], Vec2::new(u[0].as_array()[i], u[1].as_array()[i]))
+    };
+    let (samples, _) = sample_or(bsdfs, wo, u_lobe, u, active, one);
+    samples
+}
+
+/// Computes [`Bsdf::sample_adjoint`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
+#[inline]
+pub fn sample_adjoint_x16<'a>(
+    bsdfs: &[&'a Bsdf<'a>; LANES],
+    wo: &Vec3x16,
+    u_lobe: f32x16,
+    u: [f32x16; 2],
+    active: u32,
+) -> BsdfSampleX16 {
+    let one = |i: usize| {
+        let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+        bsdfs[i].sample_adjoint(wo.lane(i), u_lobe.as_array()[i], u)
+    };
+    let (mut samples, in_lanes) = sample_or(bsdfs, wo, u_lobe, u, active, one);
+    let in_lanes = mask_from_bits(in_lanes);
+    // The scaling at a boundary applies to radiance, but not to power.
+    let scale = in_lanes.select(samples.eta * samples.eta, f32x16::ONE);
+    samples.weight = samples.weight.map(|channel| channel * scale);
+    let finite = in_lanes & samples.pdf.simd_lt(f32x16::splat(f32::INFINITY)) & samples.valid;
+    let lanes = finite.to_bitmask() & active;
+    if lanes != 0 {
+        let pdf = pdf_adjoint_x16(bsdfs, wo, &samples.wi, lanes);
+        let f = eval_x16(bsdfs, &samples.wi, wo, lanes).f;
+        let factor = samples.wi.z.abs() / pdf;
+        for (weight, f) in samples.weight.iter_mut().zip(f) {
+            *weight = finite.select(f * factor, *weight);
+        }
+        samples.pdf = finite.select(pdf, samples.pdf);
+        samples.valid &= !finite | pdf.simd_gt(f32x16::ZERO);
+    }
+    samples
+}
+
+/// Samples the BSDFs with a kernel, and calls `one` for each other lane. Returns a mask of the lanes with a kernel
+/// beside the samples.
+#[inline(always)]
+fn sample_or<'a>(
+    bsdfs: &[&'a Bsdf<'a>; LANES],
+    wo: &Vec3x16,
+    u_lobe: f32x16,
+    u: [f32x16; 2],
+    active: u32,
+    one: impl Fn(usize) -> Option<BsdfSample>,
+) -> (BsdfSampleX16, u32) {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let wi = warp::square_to_cosine_hemisphere_x16(u);
     let mut samples = BsdfSampleX16 {
@@ -293,19 +344,19 @@ pub fn sample_x16<'a>(
         eta: f32x16::ONE,
         valid: wo.z.simd_gt(f32x16::ZERO),
     };
-    let mut rest = others & active;
+    let (mut rest, mut in_lanes) = (others & active, active);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
         if let Some((lanes, kernel)) = AnyKernel::like(i, bsdfs, rest) {
             samples.set_lanes(lanes, &kernel.sample(wo, u_lobe, u));
             rest &= !lanes;
         } else {
-            let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-            samples.set_lane(i, bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u));
+            samples.set_lane(i, one(i));
+            in_lanes &= !(1 << i);
             rest &= rest - 1;
         }
     }
-    samples
+    (samples, in_lanes)
 }
 
 impl BsdfEvalX16 {
@@ -359,173 +410,5 @@ impl BsdfSampleX16 {
         }
         self.pdf.as_mut_array()[i] = sample.pdf;
         self.eta.as_mut_array()[i] = sample.eta;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::bsdf::fresnel::ConductorFresnel;
-    use crate::bsdf::microfacet::{Distribution, Microfacets};
-    use crate::bsdf::{
-        Conductor, Dielectric, Diffuse, Plastic, Principled, RoughConductor, RoughDielectric, RoughPlastic,
-        RoughTransmittance,
-    };
-    use crate::math::Vec3;
-    use crate::sampling::hash::{combine, to_unit};
-
-    /// A lane with glass does not change the results of the diffuse lanes.
-    #[test]
-    fn lanes_are_independent() {
-        let diffuse = Bsdf::Diffuse(Diffuse { reflectance: Rgb::new(0.2, 0.4, 0.8) });
-        let glass = Bsdf::Dielectric(Dielectric {
-            eta: 1.5,
-            specular_reflectance: Rgb::WHITE,
-            specular_transmittance: Rgb::WHITE,
-        });
-        let mut bsdfs = [&diffuse; LANES];
-        bsdfs[3] = &glass;
-        let mut wo = Vec3x16::splat(Vec3::new(0.6, 0.0, 0.8));
-        wo.set_lane(5, Vec3::new(0.6, 0.0, -0.8));
-        let wi = Vec3x16::splat(Vec3::new(0.0, 0.28, 0.96));
-        let (u_lobe, u) = (0.9, Vec2::new(0.3, 0.7));
-        let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
-        let splat = [f32x16::splat(u.x), f32x16::splat(u.y)];
-        let sample = sample_x16(&bsdfs, &wo, f32x16::splat(u_lobe), splat, 0xffff);
-        for (i, bsdf) in bsdfs.into_iter().enumerate() {
-            let alone = bsdf.eval(wo.lane(i), wi.lane(i));
-            assert_eq!(
-                (eval.f.map(|c| c.as_array()[i]), eval.pdf.as_array()[i]),
-                (alone.f.to_array(), alone.pdf)
-            );
-            let alone = bsdf.sample(wo.lane(i), u_lobe, u);
-            assert_eq!(sample.valid.to_bitmask() >> i & 1 == 1, alone.is_some(), "lane {i}");
-            if let Some(alone) = alone {
-                assert_eq!(sample.wi.lane(i), alone.wi, "lane {i}");
-                assert_eq!(sample.weight.map(|c| c.as_array()[i]), alone.weight.to_array());
-                assert_eq!((sample.pdf.as_array()[i], sample.eta.as_array()[i]), (alone.pdf, alone.eta));
-            }
-        }
-    }
-
-    /// The kernels compute what the BSDFs do one by one, within the rounding of their functions. The density of rough
-    /// boundaries decreases steeply with the angle between two directions, so the tolerance is 0.1 %.
-    #[test]
-    fn kernels_compute_what_the_bsdfs_do() {
-        let mut seed = 0;
-        let mut random = || {
-            seed += 1;
-            to_unit(combine(7, seed))
-        };
-        let close = |a: f32, b: f32| (a - b).abs() <= 1e-3 * a.abs().max(b.abs()) + 1e-12;
-        let coats = [Distribution::Beckmann, Distribution::Ggx]
-            .map(|distribution| RoughTransmittance::new(distribution, 0.2, 1.5));
-        let fresnel = ConductorFresnel { eta: Rgb::new(0.2, 1.0, 0.0), k: Rgb::new(3.0, 2.0, 1.0) };
-        let white = Rgb::new(1.0, 0.9, 0.3);
-        let (mut sampled, mut different) = (0, 0);
-        for round in 0..2000 {
-            let mut alpha = || 0.02 + 0.9 * random() * random();
-            let all: Vec<Bsdf<'_>> = (0..LANES)
-                .map(|i| {
-                    let family = (i / 3 + round) % 2;
-                    let distribution = [Distribution::Beckmann, Distribution::Ggx][family];
-                    let (alpha_x, alpha_y) = (alpha(), alpha());
-                    let microfacets = Microfacets { distribution, alpha_x, alpha_y, sample_visible: true };
-                    let nonlinear = i % 2 == 0;
-                    match (i + round) % 9 {
-                        0 => Bsdf::RoughConductor(RoughConductor {
-                            microfacets,
-                            fresnel,
-                            specular_reflectance: white,
-                        }),
-                        1 => Bsdf::Conductor(Conductor { fresnel, specular_reflectance: white }),
-                        2 => Bsdf::Plastic(Plastic::new(Rgb::new(0.5, 0.0, 0.9), white, 1.5, nonlinear)),
-                        3 => Bsdf::RoughPlastic(RoughPlastic {
-                            microfacets: Microfacets { alpha_x: 0.2, alpha_y: 0.2, ..microfacets },
-                            diffuse_reflectance: Rgb::new(0.5, 0.0, 0.9),
-                            specular_reflectance: white,
-                            eta: 1.5,
-                            nonlinear,
-                            transmittance: &coats[family],
-                        }),
-                        kind @ (4 | 5) => Bsdf::Dielectric(Dielectric {
-                            eta: [1.5, 0.8][kind - 4],
-                            specular_reflectance: Rgb::new(0.5, 0.9, 0.3),
-                            specular_transmittance: Rgb::new(1.0, 0.9, 0.2),
-                        }),
-                        8 => Bsdf::Principled(Principled {
-                            base_color: Rgb::new(0.5, 0.9, 0.3),
-                            roughness: alpha(),
-                            anisotropy: alpha(),
-                            metallic: alpha() - 0.02,
-                            spec_trans: 0.0,
-                            eta: 1.0 + alpha(),
-                            spec_tint: if nonlinear { alpha() } else { 0.0 },
-                            sheen: alpha(),
-                            sheen_tint: alpha(),
-                            flatness: alpha(),
-                            clearcoat: alpha() - 0.02,
-                            clearcoat_gloss: alpha(),
-                        }),
-                        kind => Bsdf::RoughDielectric(RoughDielectric {
-                            microfacets,
-                            eta: [1.5, 0.8][kind - 6],
-                            specular_reflectance: Rgb::new(0.5, 0.9, 0.3),
-                            specular_transmittance: Rgb::new(1.0, 0.9, 0.2),
-                        }),
-                    }
-                })
-                .collect();
-            let bsdfs = std::array::from_fn(|i| &all[i]);
-            let mut direction = || {
-                let z = 2.0 * random() - 1.0;
-                let (sin, cos) = (std::f32::consts::TAU * random()).sin_cos();
-                let r = (1.0 - z * z).sqrt();
-                Vec3::new(r * cos, r * sin, z)
-            };
-            let (mut wo, mut wi) = (Vec3x16::default(), Vec3x16::default());
-            for i in 0..LANES {
-                wo.set_lane(i, direction());
-                wi.set_lane(i, direction());
-            }
-            let mut numbers = || f32x16::new(std::array::from_fn(|_| random()));
-            let (u_lobe, u) = (numbers(), [numbers(), numbers()]);
-            let eval = eval_x16(&bsdfs, &wo, &wi, 0xffff);
-            let values =
-                |eval: BsdfEvalX16| [eval.f[0], eval.f[1], eval.f[2], eval.pdf].map(f32x16::to_array);
-            assert_eq!(values(BsdfX16::new(bsdfs, 0xffff).eval(&wo, &wi)), values(eval));
-            // Parameters that are equal in all lanes are read once, and the result is the same.
-            for (i, bsdf) in bsdfs.into_iter().enumerate() {
-                let all = values(eval_x16(&[bsdf; LANES], &wo, &wi, 0xffff));
-                assert_eq!(all.map(|v| v[i]), values(eval).map(|v| v[i]), "{bsdf:?}");
-            }
-            let sample = sample_x16(&bsdfs, &wo, u_lobe, u, 0xffff);
-            for (i, bsdf) in bsdfs.into_iter().enumerate() {
-                let alone = bsdf.eval(wo.lane(i), wi.lane(i));
-                let [r, g, b] = eval.f.map(|c| c.as_array()[i]);
-                let same = close(r, alone.f.r) && close(g, alone.f.g) && close(b, alone.f.b);
-                assert!(same && close(eval.pdf.as_array()[i], alone.pdf), "{bsdf:?}: {eval:?} {alone:?}");
-                let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-                let alone = bsdf.sample(wo.lane(i), u_lobe.as_array()[i], u);
-                let valid = sample.valid.to_bitmask() >> i & 1 == 1;
-                assert_eq!(valid, alone.is_some(), "{bsdf:?}");
-                let Some(alone) = alone else { continue };
-                sampled += 1;
-                // A small error of the slope is a large one of the density in the tail.
-                let wi = sample.wi.lane(i);
-                let weight = sample.weight.map(|c| c.as_array()[i]);
-                let near = (wi - alone.wi).length() < 1e-3
-                    && weight.iter().zip(alone.weight.to_array()).all(|(a, b)| (a - b).abs() < 1e-3);
-                different += u32::from(!near);
-                let here = bsdf.eval(wo.lane(i), wi);
-                let pdf = sample.pdf.as_array()[i];
-                if pdf.is_infinite() || alone.pdf.is_infinite() {
-                    assert_eq!(pdf, alone.pdf, "{bsdf:?}");
-                    continue;
-                }
-                assert!((pdf / here.pdf - 1.0).abs() < 0.02, "{bsdf:?} {}: {pdf} {}", wo.lane(i), here.pdf);
-            }
-        }
-        assert!(sampled > 20_000 && different < sampled / 1000, "{sampled} samples, {different} different");
     }
 }

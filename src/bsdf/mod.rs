@@ -16,6 +16,8 @@ pub mod facet;
 pub mod fresnel;
 pub mod hair;
 pub mod lanes;
+#[cfg(test)]
+mod lanes_tests;
 pub mod mask;
 pub mod microfacet;
 pub mod plastic;

@@ -108,8 +108,6 @@ pub(super) struct ScatteredLight {
     pub eta: f32,
     /// The sampled lobe.
     pub lobe: Lobe,
-    /// Density per unit solid angle; infinite for a Dirac delta.
-    pub pdf: f32,
 }
 
 impl<'a> LightVertex<'a> {
@@ -144,7 +142,7 @@ impl<'a> LightVertex<'a> {
         let sample = self.bsdf.sample_adjoint(self.wo, u_lobe, u)?;
         let wi = self.at.frame.to_world(sample.wi).normalize();
         let weight = sample.weight * (self.cosine(wi) / sample.wi.z.abs());
-        Some(ScatteredLight { wi, weight, eta: sample.eta, lobe: sample.lobe, pdf: sample.pdf })
+        Some(ScatteredLight { wi, weight, eta: sample.eta, lobe: sample.lobe })
     }
 }
 

@@ -3,15 +3,16 @@
 use super::technique::Techniques;
 use super::weights::{Merged, Partial, Start};
 use crate::accel::Coherence;
+use crate::bsdf::lanes::{eval_x16, sample_adjoint_x16};
 use crate::color::Rgb;
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::light_path::{EmissionNumbers, LightVertex};
 use crate::integrator::photon::EmissionGuide;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
-use crate::integrator::worker::{Worker, draw_1d, draw_2d, intersect};
-use crate::math::lanes::{LANES, bits};
-use crate::math::{Ray, Vec2};
+use crate::integrator::worker::{RandomNumbers, Worker, draw_1d, draw_2d, intersect};
+use crate::math::Ray;
+use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 use bumpalo::Bump;
@@ -41,6 +42,7 @@ pub struct LightPaths<'a> {
 }
 
 /// The state of a light path between two vertices.
+#[derive(Clone, Copy)]
 struct Subpath {
     key: SampleKey,
     index: u32,
@@ -52,6 +54,7 @@ struct Subpath {
 }
 
 /// The weights of a light path between two vertices.
+#[derive(Clone, Copy)]
 enum State {
     /// Before the first vertex.
     Started(usize, Start),
@@ -139,52 +142,89 @@ impl<'a> LightPaths<'a> {
         }
         for first in (0..hits.len()).step_by(LANES) {
             let block = ShadingBlock::of_light(scene, arena, &rays, hits, first);
-            for i in bits(block.active) {
-                let j = first + i;
-                let path = &subpaths[j];
-                let vertex = LightVertex::new(&block, i);
-                let (distance, cos) = (f64::from(vertex.at.hit.t), f64::from(vertex.wo_ng.abs()));
-                let partial = match path.state {
-                    State::Started(emitter, start) => {
-                        let chosen = scene.light_selection.pmf(emitter, vertex.at.p);
-                        let start = Start { sampled: start.sampled * f64::from(chosen), ..start };
-                        Partial::of_light(start, distance * distance, cos, settings.merged)
-                    }
-                    State::Scattered(partial) => partial.at_next(distance * distance, cos),
-                };
-                let on = go_on.then(|| {
-                    let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
-                    vertex.scatter(numbers.bsdf_lobe[j], u)
+            let paths = &subpaths[first..hits.len().min(first + LANES)];
+            let partials = arrive(scene, settings.merged, &block, paths);
+            if go_on {
+                scatter(scene, &block, paths, &partials, roulette, numbers, next);
+            }
+            for i in bits(block.finite) {
+                let (path, vertex) = (&paths[i], LightVertex::new(&block, i));
+                let last = &mut self.last[path.index as usize];
+                let previous = last.replace(self.vertices.len() as u32);
+                self.vertices.push(StoredVertex {
+                    vertex,
+                    power: path.power * path.beta,
+                    partial: partials[i],
+                    edges,
+                    path: path.index,
+                    previous,
                 });
-                if let Some(on) = on.flatten() {
-                    let mut beta = path.beta * on.weight;
-                    let survives = match roulette {
-                        Some(roulette) => roulette.play(beta, 1.0, numbers.roulette[j]),
-                        None => Some(beta),
-                    };
-                    let alive = survives.is_some() && !beta.is_black();
-                    beta = survives.unwrap_or(beta);
-                    let cos = f64::from(on.wi.dot(vertex.at.ng).abs());
-                    let state = State::Scattered(match on.pdf.is_infinite() {
-                        true => partial.reflected(cos),
-                        false => {
-                            let (_, reverse) = vertex.eval_with_density(on.wi);
-                            partial.scattered(on.pdf.into(), reverse.into(), cos)
-                        }
-                    });
-                    if alive {
-                        let ray = scene.spawn_ray(&vertex.at, on.wi, vertex.at.time);
-                        next.push(Subpath { beta, ray, state, ..*path });
-                    }
-                }
-                if block.finite >> i & 1 == 1 {
-                    let last = &mut self.last[path.index as usize];
-                    let (index, power) = (path.index, path.power * path.beta);
-                    let previous = last.replace(self.vertices.len() as u32);
-                    self.vertices.push(StoredVertex { vertex, power, partial, edges, path: index, previous });
-                }
             }
         }
+    }
+}
+
+/// Returns the partial weights at the vertices that the rays hit.
+fn arrive(scene: &Scene, merged: Merged, block: &ShadingBlock<'_>, paths: &[Subpath]) -> Vec<Partial> {
+    let cosines = block.rays.d.dot(block.at.ng).abs().to_array();
+    let partial = |(i, path): (usize, &Subpath)| {
+        let (distance, cos) = (f64::from(block.at.hit[i].t), f64::from(cosines[i]));
+        match path.state {
+            State::Started(emitter, start) => {
+                let chosen = scene.light_selection.pmf(emitter, block.at.p.lane(i));
+                let start = Start { sampled: start.sampled * f64::from(chosen), ..start };
+                Partial::of_light(start, distance * distance, cos, merged)
+            }
+            State::Scattered(partial) => partial.at_next(distance * distance, cos),
+        }
+    };
+    paths.iter().enumerate().map(partial).collect()
+}
+
+/// Samples the continuations of the paths of a block, and adds them to `next`.
+fn scatter(
+    scene: &Scene,
+    block: &ShadingBlock<'_>,
+    paths: &[Subpath],
+    partials: &[Partial],
+    roulette: Option<Roulette>,
+    numbers: &RandomNumbers,
+    next: &mut Vec<Subpath>,
+) {
+    let (at, first) = (&block.at, block.first);
+    let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], first));
+    let u_lobe = load(&numbers.bsdf_lobe, first);
+    let sample = sample_adjoint_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+    let valid = sample.valid.to_bitmask() & block.active;
+    let finite = sample.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & valid;
+    let reverse = match finite {
+        0 => f32x16::ZERO,
+        _ => eval_x16(&block.bsdfs, &sample.wi, &block.wo, finite).pdf,
+    };
+    let wi = at.frame.to_world(sample.wi);
+    let wi = wi * (f32x16::ONE / wi.length_squared().sqrt());
+    let cosines = wi.dot(at.ng).abs();
+    // The corrected cosine towards the viewer, as in `LightVertex`.
+    let wo_ng = -block.rays.d.dot(at.ng);
+    let corrected = (cosines * block.wo.z / wo_ng).abs() / sample.wi.z.abs();
+    let [r, g, b] = sample.weight.map(|channel| (channel * corrected).to_array());
+    let rays = scene.spawn_rays(at, wi, block.rays.time).to_rays();
+    let (cosines, pdf, reverse) = (cosines.to_array(), sample.pdf.to_array(), reverse.to_array());
+    for i in bits(valid) {
+        let mut beta = paths[i].beta * Rgb::new(r[i], g[i], b[i]);
+        if let Some(roulette) = roulette {
+            let Some(on) = roulette.play(beta, 1.0, numbers.roulette[first + i]) else { continue };
+            beta = on;
+        }
+        if beta.is_black() {
+            continue;
+        }
+        let cos = f64::from(cosines[i]);
+        let state = State::Scattered(match finite >> i & 1 {
+            0 => partials[i].reflected(cos),
+            _ => partials[i].scattered(pdf[i].into(), reverse[i].into(), cos),
+        });
+        next.push(Subpath { beta, ray: rays[i], state, ..paths[i] });
     }
 }
 
