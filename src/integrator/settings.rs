@@ -15,7 +15,7 @@ pub use crate::util::parameters::{Parameters, Read};
 pub use super::ao::AoSettings;
 pub use super::aov::{Aov, AovSettings, Layer};
 pub use super::bdpt::BdptSettings;
-pub use super::bdpt::technique::{Technique, Techniques};
+pub use super::bdpt::technique::{Technique, Techniques, techniques_with_edges};
 pub use super::depth::DepthSettings;
 pub use super::direct::DirectSettings;
 pub use super::distribution::DistributionSettings;

@@ -3,6 +3,7 @@
 //! An experiment states claims. It measures each of them with an interval, decides whether the interval confirms or
 //! refutes the claim ([`Verdict`]), and shows the data. The seed determines everything but times.
 
+mod bidirectional;
 mod domains;
 mod glossy;
 mod history;
@@ -68,11 +69,13 @@ pub enum Experiment {
     Paths,
     /// Algorithms from ray casting to path tracing.
     History,
+    /// The techniques of bidirectional path tracing.
+    Bidirectional,
 }
 
 impl Experiment {
     /// All experiments.
-    pub const ALL: [Experiment; 7] = [
+    pub const ALL: [Experiment; 8] = [
         Experiment::OneDimension,
         Experiment::Domains,
         Experiment::Patterns,
@@ -80,6 +83,7 @@ impl Experiment {
         Experiment::Glossy,
         Experiment::Paths,
         Experiment::History,
+        Experiment::Bidirectional,
     ];
 
     /// Returns the experiment's name on the command line.
@@ -92,6 +96,7 @@ impl Experiment {
             Experiment::Glossy => "glossy",
             Experiment::Paths => "paths",
             Experiment::History => "history",
+            Experiment::Bidirectional => "bidirectional",
         }
     }
 
@@ -105,6 +110,7 @@ impl Experiment {
             Experiment::Glossy => "1 and 256 samples of a glossy surface",
             Experiment::Paths => "10 and 100 paths for each pixel",
             Experiment::History => "ray casting, Whitted, distribution ray tracing, path tracing",
+            Experiment::Bidirectional => "the techniques of bidirectional path tracing",
         }
     }
 
@@ -121,6 +127,7 @@ impl Experiment {
             Experiment::Glossy => glossy::run(options)?,
             Experiment::Paths => paths::run(options)?,
             Experiment::History => history::run(options)?,
+            Experiment::Bidirectional => bidirectional::run(options)?,
         };
         Ok(Outcome { name: self.name(), title: self.title(), findings, evidence })
     }

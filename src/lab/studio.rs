@@ -13,6 +13,8 @@ use crate::session::{Plan, SceneChoices, SceneFile, Session};
 
 /// A scene with every effect that a pixel integrates over.
 pub const ROOM: &str = include_str!("scenes/room.xml");
+/// A lamp that lights the ceiling, and a lamp above a glass ball.
+pub const LAMPS: &str = include_str!("scenes/lamps.xml");
 /// A mirror, glass and rough metal in a diffuse room.
 pub const BALLS: &str = include_str!("scenes/balls.xml");
 

@@ -60,7 +60,7 @@ impl Techniques {
 }
 
 /// Returns all techniques that sample paths with the given number of edges, the one without light path first.
-pub fn all_with_edges(edges: u32) -> impl Iterator<Item = Technique> {
+pub fn techniques_with_edges(edges: u32) -> impl Iterator<Item = Technique> {
     let lights = if edges == 1 { 0..1 } else { 0..edges + 1 };
     lights.map(move |light| Technique { light, camera: edges + 1 - light })
 }
