@@ -13,6 +13,7 @@ mod one_dimension;
 mod outcome;
 mod paths;
 mod patterns;
+mod radiosity;
 mod random;
 mod studio;
 mod verdict;
@@ -71,11 +72,13 @@ pub enum Experiment {
     History,
     /// The techniques of bidirectional path tracing.
     Bidirectional,
+    /// Finite elements and Monte Carlo.
+    Radiosity,
 }
 
 impl Experiment {
     /// All experiments.
-    pub const ALL: [Experiment; 8] = [
+    pub const ALL: [Experiment; 9] = [
         Experiment::OneDimension,
         Experiment::Domains,
         Experiment::Patterns,
@@ -84,6 +87,7 @@ impl Experiment {
         Experiment::Paths,
         Experiment::History,
         Experiment::Bidirectional,
+        Experiment::Radiosity,
     ];
 
     /// Returns the experiment's name on the command line.
@@ -97,6 +101,7 @@ impl Experiment {
             Experiment::Paths => "paths",
             Experiment::History => "history",
             Experiment::Bidirectional => "bidirectional",
+            Experiment::Radiosity => "radiosity",
         }
     }
 
@@ -111,6 +116,7 @@ impl Experiment {
             Experiment::Paths => "10 and 100 paths for each pixel",
             Experiment::History => "ray casting, Whitted, distribution ray tracing, path tracing",
             Experiment::Bidirectional => "the techniques of bidirectional path tracing",
+            Experiment::Radiosity => "a diffuse cube by finite elements and by path tracing",
         }
     }
 
@@ -128,6 +134,7 @@ impl Experiment {
             Experiment::Paths => paths::run(options)?,
             Experiment::History => history::run(options)?,
             Experiment::Bidirectional => bidirectional::run(options)?,
+            Experiment::Radiosity => radiosity::run(options)?,
         };
         Ok(Outcome { name: self.name(), title: self.title(), findings, evidence })
     }
