@@ -5,13 +5,13 @@ use crate::support::cli::Folder;
 /// The experiments that are fast.
 #[test]
 fn experiments_run_and_the_page_is_written() {
-    check_page(&["one-dimension", "patterns", "light-sampling", "history"], 23);
+    check_page(&["one-dimension", "patterns", "light-sampling", "history", "bidirectional", "radiosity"], 32);
 }
 
 #[test]
 #[ignore = "takes long: make test-all"]
 fn every_experiment_runs() {
-    check_page(&[], 29);
+    check_page(&[], 38);
 }
 
 /// Runs experiments, or all, at their smallest: text with this number of claims, and a page with plots and images.
@@ -21,7 +21,7 @@ fn check_page(experiments: &[&str], claims: usize) {
     assert_eq!(run.code, 0, "{run:?}");
     let page = String::from_utf8(folder.read("page/index.html")).expect("UTF-8");
     let listed = folder.run("lab --list");
-    assert_eq!((listed.code, listed.stdout.lines().count()), (0, 7), "{listed:?}");
+    assert_eq!((listed.code, listed.stdout.lines().count()), (0, 9), "{listed:?}");
     for line in listed.stdout.lines() {
         let (name, title) = line.split_once(' ').expect("a name and a title");
         if !experiments.is_empty() && !experiments.contains(&name) {

@@ -129,6 +129,9 @@ impl<'a> RowSums<'a> {
         let rect = job.camera.film.rect();
         let along = |x: f64, pixel: u32| job.filter.along(x - (f64::from(pixel) + 0.5));
         let columns = within(job, splat.film.x, rect.x, rect.width);
+        if columns.is_empty() {
+            return;
+        }
         across.clear();
         across.extend(columns.clone().map(|x| along(splat.film.x, x)));
         let value = splat.value.to_array().map(f64::from);

@@ -501,7 +501,8 @@ impl Scene {
         Ray { o: offset_origin(at.p, at.error, at.ng, wi), t_max: f32::INFINITY, d: wi, time }
     }
 
-    /// Samples a light ray. Its power is divided by the probability of choosing the emitter, which is returned beside it.
+    /// Samples a light ray. Its power is divided by the probability of choosing the emitter, which is returned beside
+    /// it.
     pub fn sample_light_start(
         &self,
         u_choice: f32,
