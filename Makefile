@@ -43,8 +43,10 @@ test: lint ## what must hold, in minutes
 # estimators must agree.
 test-all: test test-rest agreement ## everything that must hold
 
+# Both binaries without the libraries are compiled at once.
 test-rest: deps
 	cargo test --locked --workspace -- --ignored
+	cargo test --locked $(RUST_ALONE) --lib --test tests --no-run
 	cargo test --locked $(RUST_ALONE) --lib
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps

@@ -151,6 +151,29 @@ fn every_technique_alone_finds_the_light_of_its_length() {
     }
 }
 
+#[test]
+fn techniques_that_do_not_exist_are_refused() {
+    let technique = |text: &str| format!(r#"<string name="technique" value="{text}"/>"#);
+    for (parameters, expected) in [
+        (technique("2"), "such as 2,3"),
+        (technique("a,b"), "such as 2,3"),
+        (technique("1,2,3"), "such as 2,3"),
+        (technique("-1,3"), "such as 2,3"),
+        (technique("2,0"), "a camera path of at least one vertex"),
+        (technique("0,1"), "an emitter that the camera sees (0,2)"),
+        (technique("1,1"), "an emitter that the camera sees (0,2)"),
+        (technique("4294967295,1"), "4294967294 edges, which is more than max_depth"),
+        (technique("4,3"), "6 edges, which is more than max_depth"),
+        (r#"<boolean name="weighted" value="false"/>"#.to_owned(), "needs a technique"),
+    ] {
+        let integrator = format!(
+            r#"<integrator type="bdpt"><integer name="max_depth" value="5"/>{parameters}</integrator>"#
+        );
+        let run = Folder::with(&furnace(&integrator)).run("render s.xml -q --spp 1 -o f.exr");
+        assert!(run.code == 3 && run.stderr.contains(expected), "{parameters}: {run:?}");
+    }
+}
+
 /// The images of all techniques are the parts of the image: they add up to it.
 #[test]
 fn parts_of_techniques_add_up_to_the_image() {

@@ -309,7 +309,7 @@ pub fn sample_adjoint_x16<'a>(
     // The scaling at a boundary applies to radiance, but not to power.
     let scale = in_lanes.select(samples.eta * samples.eta, f32x16::ONE);
     samples.weight = samples.weight.map(|channel| channel * scale);
-    let finite = in_lanes & samples.pdf.simd_lt(f32x16::splat(f32::INFINITY)) & samples.valid;
+    let finite = in_lanes & !samples.pdf.simd_eq(f32x16::splat(f32::INFINITY)) & samples.valid;
     let lanes = finite.to_bitmask() & active;
     if lanes != 0 {
         let pdf = pdf_adjoint_x16(bsdfs, wo, &samples.wi, lanes);

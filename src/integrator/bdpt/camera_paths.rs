@@ -268,7 +268,7 @@ impl CameraPaths<'_> {
         let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
         let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
         let valid = sample.valid.to_bitmask() & block.active;
-        let finite = sample.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & valid;
+        let finite = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
         let reverse = match finite {
             0 => f32x16::ZERO,
             _ => bsdf::lanes::pdf_adjoint_x16(&block.bsdfs, &sample.wi, &block.wo, finite),

@@ -26,7 +26,7 @@ impl CameraPaths<'_> {
         let scattered = eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);
         let mut value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c]);
         let lanes =
-            some(&value) & (sample.valid & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & block.finite;
+            some(&value) & (sample.valid & !sample.pdf.simd_le(f32x16::ZERO)).to_bitmask() & block.finite;
         if lanes == 0 {
             return;
         }

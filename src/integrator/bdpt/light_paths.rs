@@ -196,7 +196,7 @@ fn scatter(
     let u_lobe = load(&numbers.bsdf_lobe, first);
     let sample = sample_adjoint_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
     let valid = sample.valid.to_bitmask() & block.active;
-    let finite = sample.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & valid;
+    let finite = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
     let reverse = match finite {
         0 => f32x16::ZERO,
         _ => eval_x16(&block.bsdfs, &sample.wi, &block.wo, finite).pdf,

@@ -57,7 +57,8 @@ impl Plugin for Bdpt {
 
     fn read(source: &mut dyn Source) -> Result<BdptSettings> {
         source.ignore(&["light_image", "sample_direct"], "all techniques are used");
-        Ok(BdptSettings { limits: PathLimits::read(source)?, techniques: Techniques::read(source)? })
+        let limits = PathLimits::read(source)?;
+        Ok(BdptSettings { limits, techniques: Techniques::read(source, limits)? })
     }
 
     fn with_limits(limits: PathLimits) -> BdptSettings {

@@ -1,7 +1,7 @@
 //! The techniques that contribute: all of them, or a single one, to see which light it finds.
 
 use crate::error::Result;
-use crate::integrator::settings::Source;
+use crate::integrator::settings::{PathLimits, Source};
 
 /// A technique: a path is joined from two subpaths. [Veach 1997, 10.2]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -28,22 +28,35 @@ impl Techniques {
     /// Reads the parameters `technique` and `weighted`.
     ///
     /// # Errors
-    /// If a parameter has another type, or there is no such technique.
-    pub fn read(source: &mut dyn Source) -> Result<Self> {
+    /// If a parameter has another type, or there is no such technique for paths within the limits.
+    pub fn read(source: &mut dyn Source, limits: PathLimits) -> Result<Self> {
         let weighted = source.boolean("weighted", true)?;
-        let Some(text) = source.text("technique")? else { return Ok(Techniques::All) };
-        let numbers = text.split_once(',').map(|(s, t)| (s.trim().parse(), t.trim().parse()));
-        match numbers {
-            Some((Ok(light), Ok(camera))) if camera > 0 && light + camera >= 2 => {
-                let technique = Technique { light, camera };
-                Ok(if weighted { Techniques::Weighted(technique) } else { Techniques::Alone(technique) })
-            }
+        let Some(text) = source.text("technique")? else {
+            return match source.has("weighted") {
+                true => Err(source.error("weighted", "needs a technique, such as 2,3")),
+                false => Ok(Techniques::All),
+            };
+        };
+        let numbers: Vec<u32> = text.split(',').map_while(|number| number.trim().parse().ok()).collect();
+        let technique = match numbers[..] {
+            [light, camera] if text.split(',').count() == 2 => Technique { light, camera },
             _ => {
-                let expected = "expected the numbers of vertices of the light path and of the camera path, such as \
-                                2,3: the camera path has at least one, and both have at least two";
-                Err(source.refusal("technique", expected))
+                let expected =
+                    "expected the numbers of vertices of the light path and of the camera path, such as 2,3";
+                return Err(source.refusal("technique", expected));
             }
+        };
+        let edges = technique.light.saturating_add(technique.camera).saturating_sub(1);
+        if technique.camera == 0 || edges == 0 || (edges == 1 && technique.light > 0) {
+            let expected = "expected a camera path of at least one vertex, and an emitter that the camera sees (0,2) or \
+                            a path with a surface in between";
+            return Err(source.refusal("technique", expected));
         }
+        if !limits.allows(edges) {
+            let message = format!("its paths have {edges} edges, which is more than max_depth");
+            return Err(source.error("technique", &message));
+        }
+        Ok(if weighted { Techniques::Weighted(technique) } else { Techniques::Alone(technique) })
     }
 
     /// Returns the weight of a contribution of the technique with `light` and `camera` vertices, whose weight among all
