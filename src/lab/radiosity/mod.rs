@@ -54,7 +54,7 @@ fn scene(view: usize) -> String {
         let target = std::array::from_fn(|k| from[k] + direction[k]);
         format!("<lookat origin=\"{}\" target=\"{}\" up=\"{}\"/>", text(from), text(target), text(up(face)))
     };
-    for face in 0..6 {
+    for (face, reflectance) in REFLECTANCES.into_iter().enumerate() {
         let (axis, side) = (face / 2, (face % 2) as f64);
         let inward = along(axis, 1.0 - 2.0 * side);
         // The ceiling has two halves.
@@ -76,7 +76,7 @@ fn scene(view: usize) -> String {
                 "<shape type=\"rectangle\"><transform name=\"to_world\"><scale x=\"{half}\" y=\"0.5\"/>{}</transform>\
                  <bsdf type=\"diffuse\"><rgb name=\"reflectance\" value=\"{}\"/></bsdf>{emitter}</shape>",
                 look(centre, inward, face),
-                REFLECTANCES[face]
+                reflectance
             );
         }
     }
