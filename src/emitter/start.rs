@@ -1,7 +1,8 @@
 //! Densities of the starts of light paths, for the weights of bidirectional path tracing.
 //!
 //! The weights of a path's techniques may be any that sum to 1 (Veach 1997, 9.2), if all techniques compute the same.
-//! These densities are those of sampling uniformly in area, although some emitters are sampled better.
+//! These densities are those of sampling uniformly in area and without a guide, although some emitters are sampled
+//! better, and light paths are guided.
 
 use super::Light;
 use crate::math::Vec3;

@@ -48,7 +48,7 @@ impl EmissionGuide {
         EmissionGuide { choice: scene.light_choice.clone(), lights }
     }
 
-    /// Learns which starts of light paths with at most `max_edges` edges bring scattered light to visible surfaces.
+    /// Learns which starts of light paths within the limits bring scattered light to visible surfaces.
     pub fn towards(
         visible: &VisibleSurfaces,
         preparation: &Preparation<'_>,
