@@ -17,7 +17,6 @@ use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
 use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
-use crate::emitter::selection::Choice;
 use crate::emitter::{
     ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, ShadowTarget,
 };
@@ -383,24 +382,10 @@ impl Scene {
         u: Vec2,
         time: f32,
     ) -> Option<EmitterSample> {
-        let (choice, sample) = self.sample_emitter_choice(selection, from, u, time)?;
-        Some(EmitterSample { pdf: sample.pdf * choice.pmf, ..sample })
-    }
-
-    /// Computes [`sample_emitter`](Self::sample_emitter). Returns the choice of the emitter beside the sample, of which
-    /// the density does not include it.
-    #[inline]
-    pub fn sample_emitter_choice(
-        &self,
-        selection: &LightSelection,
-        from: Vec3,
-        u: Vec2,
-        time: f32,
-    ) -> Option<(Choice, EmitterSample)> {
         let choice = selection.sample(from, u.x)?;
         let u = Vec2::new(choice.u, u.y);
         let sample = self.sample_chosen(selection, choice.emitter, from, u, time)?;
-        Some((choice, sample))
+        Some(EmitterSample { pdf: sample.pdf * choice.pmf, ..sample })
     }
 
     /// Samples a direction to an emitter that a selection has chosen.

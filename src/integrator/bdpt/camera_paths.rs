@@ -159,14 +159,8 @@ impl CameraPaths<'_> {
     /// sampling from the point `from`.
     fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
         let (scene, i) = (self.scene, emitter.index());
-        let light = &scene.lights[i];
         let (sampled, started) = (scene.light_selection.pmf(i, from), start_pmf(scene, self.guide, i));
-        Start {
-            cosine: cosine.into(),
-            delta: light.is_delta(),
-            distant: light.is_distant(),
-            ..Start::new(light.start_density(d, cosine), sampled, started)
-        }
+        Start::new(&scene.lights[i], d, cosine, sampled, started)
     }
 
     /// Adds the contributions of all vertices of the wave, queues shadow rays, and adds the continuations to `next`.

@@ -39,12 +39,7 @@ impl CameraPaths<'_> {
         let weights = each_active(lanes, |i| {
             let light = &scene.lights[choice.emitters[i]];
             let started = start_pmf(scene, self.guide, choice.emitters[i]);
-            let start = Start {
-                cosine: emitted[i].into(),
-                delta: light.is_delta(),
-                distant: light.is_distant(),
-                ..Start::new(light.start_density(directions.lane(i), emitted[i]), pmf[i], started)
-            };
+            let start = Start::new(light, directions.lane(i), emitted[i], pmf[i], started);
             let (distance2, cos) = (f64::from(distance2[i]), f64::from(cosines[i]));
             let weight =
                 partials[i].of_emitter_sample(start, distance2, cos, pdf[i].into(), reverse[i].into());

@@ -240,14 +240,8 @@ fn start(scene: &Scene, guide: Option<&EmissionGuide>, keys: &[SampleKey], worke
     let mut subpaths = Vec::with_capacity(keys.len());
     for (i, key) in keys.iter().enumerate() {
         let Some((emitter, light)) = numbers.start(scene, guide, i) else { continue };
-        let source = &scene.lights[emitter.index()];
-        let density = source.start_density(light.ray.d, light.cosine);
-        let start = Start {
-            cosine: light.cosine.into(),
-            delta: source.is_delta(),
-            distant: source.is_distant(),
-            ..Start::new(density, 1.0, start_pmf(scene, guide, emitter.index()))
-        };
+        let (source, started) = (&scene.lights[emitter.index()], start_pmf(scene, guide, emitter.index()));
+        let start = Start::new(source, light.ray.d, light.cosine, 1.0, started);
         let state = State::Started(emitter.index(), start);
         let (ray, power) = (light.ray, light.power);
         subpaths.push(Subpath { key: *key, index: i as u32, ray, power, beta: Rgb::WHITE, state });

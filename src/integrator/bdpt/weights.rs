@@ -12,7 +12,8 @@
 //! finite lobe from the camera, and behind a Dirac delta ([`Merged`]). Emitter samples find light that nothing has
 //! scattered.
 
-use crate::emitter::StartDensity;
+use crate::emitter::Light;
+use crate::math::Vec3;
 
 /// The square of a density, for the power heuristic.
 #[inline]
@@ -88,15 +89,16 @@ pub struct Start {
 }
 
 impl Start {
-    /// Creates a start from the densities of an emitter and the probabilities with which a vertex and a light path
-    /// choose the emitter.
-    pub fn new(density: StartDensity, sampled: f32, started: f32) -> Self {
+    /// Creates the start of a ray that leaves an emitter in the world-space direction `d`, with the cosine `cosine` at
+    /// its surface. A vertex and a light path choose the emitter with the probabilities `sampled` and `started`.
+    pub fn new(light: &Light, d: Vec3, cosine: f32, sampled: f32, started: f32) -> Self {
+        let density = light.start_density(d, cosine);
         Start {
             sampled: density.point * f64::from(sampled),
             ray: density.ray * f64::from(started),
-            cosine: 1.0,
-            delta: false,
-            distant: false,
+            cosine: cosine.into(),
+            delta: light.is_delta(),
+            distant: light.is_distant(),
         }
     }
 }
