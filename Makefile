@@ -10,6 +10,8 @@ SHELL := /bin/bash
 export PATH := $(PATH):$(HOME)/.cargo/bin
 BUFFON := cargo run --release --locked --quiet --
 TERRAIN := scenes/terrain/terrain.ply
+# The last file that its example writes stands for all of them.
+SPEED := scenes/speed/lights-10000.xml
 # Both feature sets: with Embree and OpenImageIO, and in Rust alone.
 RUST_ALONE := -p buffon --no-default-features
 # What is tested with both: traversal, images, and the command line over them.
@@ -87,11 +89,14 @@ lint: deps ## check formatting, and what clippy has to say
 bench: deps ## measure
 	cargo bench --locked --bench '*'
 
-scenes: $(TERRAIN) ## generate the meshes that are too large to keep
+scenes: $(TERRAIN) $(SPEED) ## generate the meshes, textures and scenes that are too large to keep
 
 $(TERRAIN): examples/generate_terrain.rs | deps
 	cargo run --release --locked --example generate_terrain -- $@
 
+$(SPEED): examples/speed_scenes.rs | deps
+	cargo run --release --locked --example speed_scenes
+
 clean: ## remove what was built, rendered and generated
-	rm -rf out $(TERRAIN)
+	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr *.ply lights-*.xml)
 	if command -v cargo >/dev/null; then cargo clean; fi

@@ -1,4 +1,5 @@
-//! Writes the mesh of `scenes/terrain`: a height field of value noise as a binary PLY with vertex normals.
+//! Writes the mesh of `scenes/terrain`: a height field of value noise as a binary PLY with vertex normals and texture
+//! coordinates.
 //!
 //! `cargo run --release --example generate_terrain -- FILE [CELLS]`; CELLS is the number of cells per side, with two
 //! triangles each (default 724: 1,048,352 triangles). The same arguments give the same bytes.
@@ -43,7 +44,8 @@ fn write(path: &str, cells: u32) -> std::io::Result<()> {
     write!(
         out,
         "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         property float nx\nproperty float ny\nproperty float nz\nelement face {}\nproperty list uchar uint vertex_indices\n\
+         property float nx\nproperty float ny\nproperty float nz\nproperty float u\nproperty float v\n\
+         element face {}\nproperty list uchar uint vertex_indices\n\
          end_header\n",
         side * side,
         2 * cells * cells
@@ -54,8 +56,9 @@ fn write(path: &str, cells: u32) -> std::io::Result<()> {
             let (x, z) = (i as f32 * step - EXTENT, j as f32 * step - EXTENT);
             let slope_x = (height(x + step, z) - height(x - step, z)) / (2.0 * step);
             let slope_z = (height(x, z + step) - height(x, z - step)) / (2.0 * step);
+            let [u, v] = [x, z].map(|x| (x / EXTENT + 1.0) / 2.0);
             let length = (slope_x * slope_x + 1.0 + slope_z * slope_z).sqrt();
-            for v in [x, height(x, z), z, -slope_x / length, 1.0 / length, -slope_z / length] {
+            for v in [x, height(x, z), z, -slope_x / length, 1.0 / length, -slope_z / length, u, v] {
                 out.write_all(&v.to_le_bytes())?;
             }
         }

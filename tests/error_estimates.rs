@@ -5,6 +5,7 @@ use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::image::{Value, read};
 use buffon::integrator::Settings;
+use buffon::integrator::settings::PathReuse;
 use buffon::loader::{LoadOptions, load};
 use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
 use buffon::sampling::{Sampler, SamplerKind};
@@ -86,18 +87,24 @@ fn intervals_hold_the_true_error_as_often_as_they_claim() {
 }
 
 /// Adaptive and uniform sampling with different seeds agree: the means of the image and of its quarters are within 4.5
-/// standard errors (exceeded with a probability of 7 in a million for each of 20 comparisons).
+/// standard errors (exceeded with a probability of 7 in a million for each of 40 comparisons). With path reuse, whole
+/// cells get samples.
 #[test]
 fn adaptive_sampling_is_unbiased() {
     const SEEDS: u64 = 48;
     const SIZE: usize = 24;
-    for (name, sampler) in [
-        ("noisy.xml", SamplerKind::Independent),
-        ("fireflies.xml", SamplerKind::Independent),
-        ("noisy.xml", SamplerKind::Sobol),
-        ("fireflies.xml", SamplerKind::Sobol),
+    for (name, sampler, reuse) in [
+        ("noisy.xml", SamplerKind::Independent, PathReuse::Never),
+        ("fireflies.xml", SamplerKind::Independent, PathReuse::Never),
+        ("noisy.xml", SamplerKind::Sobol, PathReuse::Never),
+        ("fireflies.xml", SamplerKind::Sobol, PathReuse::Never),
+        ("noisy.xml", SamplerKind::Independent, PathReuse::Always),
+        ("fireflies.xml", SamplerKind::Independent, PathReuse::Always),
+        ("noisy.xml", SamplerKind::Sobol, PathReuse::Always),
+        ("fireflies.xml", SamplerKind::Sobol, PathReuse::Always),
     ] {
-        let scene = scene(name, SIZE as u32);
+        let mut scene = scene(name, SIZE as u32);
+        scene.1.path_mut().expect("path tracing").reuse = reuse;
         let means = |adaptive: bool| -> Vec<[f64; 5]> {
             let seeds = (0..SEEDS).map(|seed| seed + if adaptive { 1000 } else { 0 });
             seeds
@@ -124,7 +131,10 @@ fn adaptive_sampling_is_unbiased() {
             };
             let ((a, var_a), (b, var_b)) = (moments(&with), moments(&without));
             let z = (a - b) / (var_a + var_b).sqrt();
-            assert!(z.abs() < 4.5, "{name}, {sampler}, part {part}: {a} instead of {b}, z = {z}");
+            assert!(
+                z.abs() < 4.5,
+                "{name}, {sampler}, reuse {reuse:?}, part {part}: {a} instead of {b}, z = {z}"
+            );
         }
     }
 }

@@ -123,8 +123,25 @@ impl ComponentFormat {
 
 impl PixelRect {
     /// Returns the number of pixels in the rectangle.
-    pub fn area(&self) -> u64 {
+    pub fn area(self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// Divides the rectangle, by rows, into cells whose edges are at multiples of `side` in the full image. Cells at
+    /// the border may be smaller. So the cells of a crop are parts of those of the image.
+    pub fn cells(self, side: u32) -> impl Iterator<Item = PixelRect> {
+        let along = move |start: u32, length: u32| {
+            let end = start + length;
+            (start / side..end.div_ceil(side)).map(move |i| (i * side).max(start)..((i + 1) * side).min(end))
+        };
+        along(self.y, self.height).flat_map(move |y| {
+            along(self.x, self.width).map(move |x| PixelRect {
+                x: x.start,
+                y: y.start,
+                width: x.end - x.start,
+                height: y.end - y.start,
+            })
+        })
     }
 }
 
@@ -151,6 +168,22 @@ impl Default for FilmSettings {
             pixel_format: PixelFormat::Rgb,
             component_format: ComponentFormat::Half,
             for_display: false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_cover_the_rectangle_once() {
+        for (x, y, width, height) in [(0, 0, 1, 1), (5, 7, 33, 16), (0, 0, 16_384, 1)] {
+            let rect = PixelRect { x, y, width, height };
+            assert_eq!(rect.cells(16).map(PixelRect::area).sum::<u64>(), rect.area());
+            assert!(rect.cells(16).all(|t| {
+                t.x >= x && t.y >= y && t.x + t.width <= x + width && t.y + t.height <= y + height
+            }));
         }
     }
 }

@@ -2,15 +2,17 @@
 //!
 //! A pilot takes the same number of samples in every pixel. Afterwards, the number of samples of a pixel depends on
 //! the pilot's result in the pixels *around* it, but not on its own. With samplers that scramble every pixel
-//! independently, a pixel's mean is therefore independent of its number of samples and remains unbiased. The only
+//! independently, a pixel's mean is therefore independent of its number of samples and remains unbiased. If pixels
+//! reuse the paths of a cell, the whole cell has one number, which depends on the cells around it. The only other
 //! dependence is through a factor common to all pixels, which makes the total meet the budget. One of N pixels
 //! contributes 1/N to this factor.
 
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::{PixelRect, Tile};
+use crate::integrator::path::groups::CellSide;
 
-/// The greatest number of samples per pixel of a pilot.
-const LONGEST_PILOT: u64 = 16;
+/// The number of samples per pixel of a pilot for an unlimited total.
+const USUAL_PILOT: u64 = 16;
 /// The least number of samples per pixel with which a pilot can estimate the noise.
 const SHORTEST_PILOT: u64 = 4;
 /// The reciprocal of the fraction of samples used by the pilot.
@@ -19,8 +21,9 @@ const PILOT_SHARE: u64 = 4;
 const LEAST_SHARE: u64 = 4;
 /// The greatest number of samples of a pixel relative to the average.
 const MOST_TIMES: u64 = 16;
-/// The half width of the neighbourhood of a pixel.
+/// The half width of the neighbourhood of a pixel in pixels, and of a cell in cells.
 const RADIUS: usize = 4;
+const CELL_RADIUS: usize = 1;
 /// The number of noise levels for each factor of two.
 const PER_OCTAVE: f64 = 64.0;
 /// The number of noise levels, from 2^-32 to 2^32.
@@ -41,23 +44,22 @@ pub struct Allocation {
 
 /// Returns the samples per pixel of the pilot for the given total; `None` if the total is too small for a pilot.
 pub fn pilot(samples: Option<u64>) -> Option<u64> {
-    let pilot =
-        samples.map_or(LONGEST_PILOT, |n| ((n / PILOT_SHARE) & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
+    let pilot = samples.map_or(USUAL_PILOT, |n| ((n / PILOT_SHARE) & !1).max(SHORTEST_PILOT));
     samples.is_none_or(|n| n >= 2 * pilot).then_some(pilot)
 }
 
 impl Allocation {
-    /// Creates the allocation from the sums of a pilot with the given number of samples per pixel.
-    pub fn new(tiles: &[Tile], rect: PixelRect, pilot: u64) -> Self {
-        let (width, height) = (rect.width as usize, rect.height as usize);
-        let mut noise = vec![0.0; width * height];
+    /// Creates the allocation from the sums of a pilot with the given number of samples per pixel. If paths are reused
+    /// in cells, the pixels of a cell have the same number of samples.
+    pub fn new(tiles: &[Tile], rect: PixelRect, pilot: u64, cells: Option<CellSide>) -> Self {
+        let mut noise = Units::new(rect, cells.map_or(1, |side| side as u32));
         for tile in tiles {
-            for i in 0..tile.pixel_count() {
-                let (x, y) = tile.position(i);
-                noise[(y - rect.y) as usize * width + (x - rect.x) as usize] = relative_noise(tile, i);
-            }
+            (0..tile.pixel_count()).for_each(|i| noise.add(tile.position(i), relative_square(tile, i)));
         }
-        let levels: Vec<u16> = around(&noise, width, height).into_iter().map(level).collect();
+        let around = noise.around(if cells.is_some() { CELL_RADIUS } else { RADIUS });
+        let of_units: Vec<u16> = around.into_iter().map(level).collect();
+        let positions = (0..rect.height).flat_map(|y| (0..rect.width).map(move |x| (rect.x + x, rect.y + y)));
+        let levels: Vec<u16> = positions.map(|position| of_units[noise.index(position)]).collect();
         let histogram = histogram(&levels);
         Allocation { rect, pilot, levels, histogram, counts: [vec![pilot; LEVELS], vec![pilot; LEVELS]] }
     }
@@ -141,47 +143,82 @@ fn histogram(levels: &[u16]) -> Vec<u64> {
     histogram
 }
 
-/// Returns the standard error of a pixel relative to its value.
-fn relative_noise(tile: &Tile, i: usize) -> f64 {
-    (0..3)
-        .map(|c| {
-            let [mean, difference] = tile.halves(i, c);
-            difference * difference / (mean * mean + RELATIVE_FLOOR)
-        })
-        .sum::<f64>()
-        .sqrt()
+/// Returns the squared standard error of a pixel relative to its value.
+fn relative_square(tile: &Tile, i: usize) -> f64 {
+    let of_channel = |c| {
+        let [mean, difference] = tile.halves(i, c);
+        difference * difference / (mean * mean + RELATIVE_FLOOR)
+    };
+    (0..3).map(of_channel).sum()
 }
 
-/// Returns for each pixel the mean over the surrounding pixels, without the pixel itself.
-fn around(values: &[f64], width: usize, height: usize) -> Vec<f64> {
-    // Summed-area table.
-    let stride = width + 1;
-    let mut sums = vec![0.0; stride * (height + 1)];
-    for y in 0..height {
-        let mut row = 0.0;
-        for x in 0..width {
-            row += values[y * width + x];
-            sums[(y + 1) * stride + x + 1] = sums[y * stride + x + 1] + row;
-        }
-    }
-    let mut means = Vec::with_capacity(values.len());
-    for y in 0..height {
-        let (top, bottom) = (y.saturating_sub(RADIUS), (y + RADIUS + 1).min(height));
-        for x in 0..width {
-            let (left, right) = (x.saturating_sub(RADIUS), (x + RADIUS + 1).min(width));
-            let sum =
-                sums[bottom * stride + right] - sums[bottom * stride + left] - sums[top * stride + right]
-                    + sums[top * stride + left];
-            let pixels = (right - left) * (bottom - top) - 1;
-            means.push((sum - values[y * width + x]).max(0.0) / pixels.max(1) as f64);
-        }
-    }
-    means
+/// The noise of the pixels of a region of the image, or of its cells of pixels.
+struct Units {
+    /// The side of a unit in pixels.
+    side: u32,
+    /// The first column and row of units.
+    first: [u32; 2],
+    columns: usize,
+    rows: usize,
+    /// For each unit, by rows, the sum of the squared relative errors of its pixels, and the number of pixels.
+    sums: Vec<[f64; 2]>,
 }
 
-/// Returns the level of a relative noise.
-fn level(noise: f64) -> u16 {
-    (noise.log2() * PER_OCTAVE + LEVELS as f64 / 2.0).clamp(0.0, LEVELS as f64 - 1.0) as u16
+impl Units {
+    fn new(rect: PixelRect, side: u32) -> Self {
+        let first = [rect.x / side, rect.y / side];
+        let columns = ((rect.x + rect.width).div_ceil(side) - first[0]) as usize;
+        let rows = ((rect.y + rect.height).div_ceil(side) - first[1]) as usize;
+        Units { side, first, columns, rows, sums: vec![[0.0; 2]; columns * rows] }
+    }
+
+    /// Returns the index of the unit that contains a pixel.
+    fn index(&self, (x, y): (u32, u32)) -> usize {
+        let [column, row] = [x / self.side - self.first[0], y / self.side - self.first[1]];
+        row as usize * self.columns + column as usize
+    }
+
+    fn add(&mut self, position: (u32, u32), square: f64) {
+        let index = self.index(position);
+        let [squares, pixels] = &mut self.sums[index];
+        *squares += square;
+        *pixels += 1.0;
+    }
+
+    /// Returns for each unit the mean square over the pixels of the surrounding units, without the unit itself.
+    fn around(&self, radius: usize) -> Vec<f64> {
+        let Units { columns, rows, sums, .. } = self;
+        let stride = columns + 1;
+        // Summed-area tables.
+        let mut table = vec![[0.0; 2]; stride * (rows + 1)];
+        for y in 0..*rows {
+            let mut row = [0.0; 2];
+            for x in 0..*columns {
+                let above = table[y * stride + x + 1];
+                let here = &mut table[(y + 1) * stride + x + 1];
+                for k in 0..2 {
+                    row[k] += sums[y * columns + x][k];
+                    here[k] = above[k] + row[k];
+                }
+            }
+        }
+        let mean = |(x, y): (usize, usize)| {
+            let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(*rows));
+            let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(*columns));
+            let [squares, pixels] = [0, 1].map(|k| {
+                let at = |y: usize, x: usize| table[y * stride + x][k];
+                at(bottom, right) - at(bottom, left) - at(top, right) + at(top, left)
+                    - sums[y * columns + x][k]
+            });
+            squares.max(0.0) / pixels.max(1.0)
+        };
+        (0..*rows).flat_map(|y| (0..*columns).map(move |x| (x, y))).map(mean).collect()
+    }
+}
+
+/// Returns the level of a squared relative error.
+fn level(square: f64) -> u16 {
+    (0.5 * square.log2() * PER_OCTAVE + LEVELS as f64 / 2.0).clamp(0.0, LEVELS as f64 - 1.0) as u16
 }
 
 /// Returns the largest even number up to `n` whose half has at most three significant bits. Low-discrepancy sequences
@@ -208,7 +245,7 @@ mod tests {
                 (0..8).for_each(|_| tile.add(i, half, &[1.0 + sign * noise(x, y); 3]));
             }
         }
-        Allocation::new(&[tile], RECT, 16)
+        Allocation::new(&[tile], RECT, 16, None)
     }
 
     fn counts(allocation: &Allocation) -> Vec<u64> {
@@ -251,7 +288,7 @@ mod tests {
     fn pilots_are_a_quarter_at_most() {
         assert_eq!(
             [4, 7, 8, 20, 64, 1000].map(|n| pilot(Some(n))),
-            [None, None, Some(4), Some(4), Some(16), Some(16)]
+            [None, None, Some(4), Some(4), Some(16), Some(250)]
         );
         assert_eq!(pilot(None), Some(16));
     }

@@ -8,7 +8,6 @@ use super::tracing::CameraWorker;
 use super::{progressive, splats};
 use crate::error::Result;
 use crate::estimate::replicates::ErrorEstimate;
-use crate::film::PixelRect;
 use crate::integrator::{Counters, Worker};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -130,7 +129,8 @@ impl<'j, 'a> Passes<'j, 'a> {
                 pass = pass.min(pilot - done);
             } else {
                 let rect = self.job.camera.film.rect();
-                self.now.allocation = Some(Allocation::new(&self.now.tiles, rect, pilot));
+                let cells = self.job.integrator.reuse_cells();
+                self.now.allocation = Some(Allocation::new(&self.now.tiles, rect, pilot, cells));
             }
         }
         self.now.pass_end = self.now.next + pass;
@@ -264,40 +264,6 @@ impl<'j, 'a> Passes<'j, 'a> {
             relmse_interval: error.map(|e| e.interval),
             checkpoint_status,
             ..rendered
-        }
-    }
-}
-
-/// Divides a region into tiles. Their edges are at multiples of their size in the full image, so that the tiles of a
-/// crop are parts of those of the image.
-pub(super) fn tiles_of(rect: PixelRect) -> impl Iterator<Item = PixelRect> {
-    let along = |start: u32, length: u32| {
-        let end = start + length;
-        (start / TILE..end.div_ceil(TILE)).map(move |i| (i * TILE).max(start)..((i + 1) * TILE).min(end))
-    };
-    along(rect.y, rect.height).flat_map(move |y| {
-        along(rect.x, rect.width).map(move |x| PixelRect {
-            x: x.start,
-            y: y.start,
-            width: x.end - x.start,
-            height: y.end - y.start,
-        })
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn tiles_cover_the_rectangle_once() {
-        for (x, y, width, height) in [(0, 0, 1, 1), (5, 7, 33, 16), (0, 0, 16_384, 1)] {
-            let rect = PixelRect { x, y, width, height };
-            let area: u64 = tiles_of(rect).map(|t| t.area()).sum();
-            assert_eq!(area, rect.area());
-            assert!(tiles_of(rect).all(|t| {
-                t.x >= x && t.y >= y && t.x + t.width <= x + width && t.y + t.height <= y + height
-            }));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The state of a render from which it can continue.
 
 use super::adaptive::Allocation;
-use super::passes::tiles_of;
+use super::passes::TILE;
 use super::tracing::InvalidSample;
 use crate::error::Result;
 use crate::estimate::replicates::{ErrorEstimate, ErrorSums};
@@ -44,7 +44,7 @@ impl RenderState {
     /// Creates the state before the first sample, which has the given index.
     pub fn new(rect: PixelRect, channels: usize, replicates: usize, first: u64) -> Self {
         RenderState {
-            tiles: tiles_of(rect).map(|rect| Tile::new(rect, channels, replicates)).collect(),
+            tiles: rect.cells(TILE).map(|rect| Tile::new(rect, channels, replicates)).collect(),
             next: first,
             pass_end: first,
             elapsed: Duration::ZERO,

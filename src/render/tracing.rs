@@ -3,7 +3,7 @@
 use super::job::Job;
 use crate::accel::Coherence;
 use crate::color::Rgb;
-use crate::film::{FilterSample, Tile};
+use crate::film::{FilterSample, PixelRect, Tile};
 use crate::integrator::path::groups::PixelGroups;
 use crate::integrator::worker::{draw_1d, draw_2d};
 use crate::integrator::{Group, Radiance, RadianceQuery, Wave, Worker};
@@ -90,11 +90,21 @@ impl CameraWorker {
 
     /// Takes the given samples of every pixel of the tile, unless the render is interrupted between waves.
     pub fn render_tile(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
+        self.render_region(job, tile, tile.rect(), samples);
+    }
+
+    /// Takes the given samples of every pixel of a region of the tile, which contains whole cells or their parts inside
+    /// the tile, unless the render is interrupted between waves.
+    fn render_region(&mut self, job: &Job<'_>, tile: &mut Tile, region: PixelRect, samples: Range<u64>) {
         let (film, seed) = (&job.camera.film, job.settings.seed);
         let cells = job.integrator.reuse_cells();
-        let groups = cells.map(|side| PixelGroups::new(side, seed, [film.width, film.height], tile.rect()));
+        let groups = cells.map(|side| PixelGroups::new(side, seed, [film.width, film.height], region));
         let outside = groups.as_ref().map_or(&[][..], |groups| &groups.outside);
-        let inside = (0..tile.pixel_count()).map(|pixel| (Some(pixel), tile.position(pixel)));
+        let rect = tile.rect();
+        let inside = (region.y..region.y + region.height).flat_map(|y| {
+            (region.x..region.x + region.width)
+                .map(move |x| (Some(((y - rect.y) * rect.width + x - rect.x) as usize), (x, y)))
+        });
         let pixels: Vec<_> = inside.chain(outside.iter().map(|&position| (None, position))).collect();
         let wave = if groups.is_some() { GROUPED_WAVE } else { WAVE };
         let per_wave = (wave / pixels.len()).max(1) as u64;
@@ -114,13 +124,19 @@ impl CameraWorker {
     }
 
     /// Takes the samples that `samples` returns for the position of each pixel in the full image, unless the render
-    /// is interrupted between waves.
+    /// is interrupted between waves. They must be the same for all pixels of a cell in which paths are reused.
     pub fn render_allocated(
         &mut self,
         job: &Job<'_>,
         tile: &mut Tile,
         samples: impl Fn((u32, u32)) -> Range<u64>,
     ) {
+        if let Some(side) = job.integrator.reuse_cells() {
+            for cell in tile.rect().cells(side as u32) {
+                self.render_region(job, tile, cell, samples((cell.x, cell.y)));
+            }
+            return;
+        }
         self.spans.clear();
         let mut free = WAVE as u64;
         for pixel in 0..tile.pixel_count() {

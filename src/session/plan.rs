@@ -116,8 +116,7 @@ impl Session {
     }
 }
 
-/// Sets whether paths are reused. Pixels whose neighbours have other numbers of samples, or whose variances are stated
-/// for z-tests, keep independent errors.
+/// Sets whether paths are reused. Pixels whose variances are stated for z-tests keep independent errors.
 fn choose_reuse(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
     let name = integrator.name();
     let Some(path) = integrator.path_mut() else {
@@ -129,10 +128,10 @@ fn choose_reuse(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) 
         };
     };
     path.reuse = choices.path_reuse.unwrap_or(path.reuse);
-    if choices.adaptive || states_variances(layers) {
+    if states_variances(layers) {
         if path.reuse == PathReuse::Always {
             return Err(Error::usage(
-                "path_reuse always: found --adaptive or a layer of variances, which need pixels with independent \
+                "path_reuse always: found a layer of variances, which needs pixels with independent \
                  errors; use auto",
             ));
         }
