@@ -98,5 +98,5 @@ $(SPEED): examples/speed_scenes.rs | deps
 	cargo run --release --locked --example speed_scenes
 
 clean: ## remove what was built, rendered and generated
-	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr *.ply lights-*.xml)
+	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr lights-*.xml)
 	if command -v cargo >/dev/null; then cargo clean; fi

@@ -4,28 +4,16 @@
 //! `cargo run --release --example generate_terrain -- FILE [CELLS]`; CELLS is the number of cells per side, with two
 //! triangles each (default 724: 1,048,352 triangles). The same arguments give the same bytes.
 
-use buffon::sampling::hash::{combine, to_unit};
+mod support;
+
+use buffon::sampling::hash::combine;
 use std::io::{BufWriter, Write};
 use std::process::ExitCode;
+use support::noise;
 
 /// Half the width of the terrain, in scene units.
 const EXTENT: f32 = 3.0;
 const OCTAVES: u32 = 9;
-
-/// Returns a random value in [0, 1) for a lattice point.
-fn lattice(x: i32, z: i32, octave: u32) -> f32 {
-    to_unit(combine(combine(combine(17, octave), x as u32), z as u32))
-}
-
-/// Returns smooth noise: lattice values interpolated with a quintic.
-fn noise(x: f32, z: f32, octave: u32) -> f32 {
-    let (i, j) = (x.floor(), z.floor());
-    let fade = |t: f32| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
-    let (u, v) = (fade(x - i), fade(z - j));
-    let at = |di: i32, dj: i32| lattice(i as i32 + di, j as i32 + dj, octave);
-    let (a, b) = (at(0, 0) + u * (at(1, 0) - at(0, 0)), at(0, 1) + u * (at(1, 1) - at(0, 1)));
-    a + v * (b - a)
-}
 
 /// Returns the height of the terrain: octaves of noise. Each has half the size and a little less than half the height
 /// of the previous one.
@@ -33,7 +21,7 @@ fn height(x: f32, z: f32) -> f32 {
     let mut sum = 0.0;
     for octave in 0..OCTAVES {
         let frequency = (1u32 << octave) as f32 * 0.8;
-        sum += (noise(x * frequency, z * frequency, octave) - 0.5) * 0.45f32.powi(octave as i32);
+        sum += (noise(x * frequency, z * frequency, combine(17, octave)) - 0.5) * 0.45f32.powi(octave as i32);
     }
     sum
 }

@@ -1,4 +1,5 @@
-//! Writes the smooth meshes of `scenes/interior` and `scenes/caustics`: `cargo run --release --example scene_meshes`.
+//! Writes the smooth meshes of `scenes/interior`, `scenes/caustics` and `scenes/speed`: `cargo run --release --example
+//! scene_meshes`.
 //!
 //! Each mesh is a parametric surface, divided into a grid of triangles, with the normals of the surface at the
 //! vertices. The files are in the repository. This program documents their contents and writes the same bytes.
@@ -11,6 +12,10 @@ fn main() -> std::io::Result<()> {
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     write(&scenes.join("interior/vase.ply"), 48, 40, |u, v| revolve(u, vase_profile(v)))?;
     write(&scenes.join("caustics/ring.ply"), 192, 24, |u, v| revolve(u, ring_profile(v)))?;
+    write(&scenes.join("speed/torus.ply"), 64, 32, |u, v| {
+        let (sin, cos) = (TAU * v).sin_cos();
+        revolve(u, [0.5 + 0.2 * cos, 0.2 * sin])
+    })?;
     write(&scenes.join("caustics/water.ply"), 88, 88, |u, v| {
         let (x, z) = (2.2 * u - 1.1, 1.1 - 2.2 * v);
         [x, water_height(x, z), z]

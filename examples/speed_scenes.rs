@@ -1,16 +1,17 @@
 //! Writes what the scenes of `scenes/speed` need and what is too large to keep: `cargo run --release --example
-//! speed_scenes`. That is the torus, the textures, the sky, and the rooms of 400 and 10,000 lights.
+//! speed_scenes`. That is the textures, the sky, and the rooms of 400 and 10,000 lights.
+
+mod support;
 
 use buffon::image::{Image, WriteOptions, write};
-use buffon::sampling::hash::{combine, to_unit};
 use image::{Rgb, RgbImage};
 use std::f32::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::path::Path;
+use support::{noise, random};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/speed");
-    std::fs::write(folder.join("torus.ply"), torus(96, 48))?;
     // Boards with a grain.
     RgbImage::from_fn(512, 512, |x, y| {
         let board = y / 64;
@@ -54,48 +55,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Returns a random number in [0, 1) for a pair of integers.
-fn random(x: u32, y: u32, seed: u32) -> f32 {
-    to_unit(combine(combine(combine(29, seed), x), y))
-}
-
-/// Returns smooth noise in [0, 1): random values of integer points, interpolated.
-fn noise(x: f32, y: f32, seed: u32) -> f32 {
-    let (i, j) = (x.floor(), y.floor());
-    let fade = |t: f32| t * t * (3.0 - 2.0 * t);
-    let (u, v) = (fade(x - i), fade(y - j));
-    let at = |di: f32, dj: f32| random((i + di) as i32 as u32, (j + dj) as i32 as u32, seed);
-    let (a, b) = (at(0.0, 0.0), at(0.0, 1.0));
-    (a + u * (at(1.0, 0.0) - a)) * (1.0 - v) + (b + u * (at(1.0, 1.0) - b)) * v
-}
-
 /// Returns the sRGB code of a reflectance, approximately.
 fn code(reflectance: f32) -> u8 {
     (255.0 * reflectance.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8
-}
-
-/// Returns a torus with the radii 0.5 and 0.2 about the y axis as a PLY with normals.
-fn torus(around: u32, across: u32) -> Vec<u8> {
-    let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         property float nx\nproperty float ny\nproperty float nz\nelement face {}\n\
-         property list uchar int vertex_indices\nend_header\n",
-        around * across,
-        2 * around * across
-    );
-    for (i, j) in (0..around).flat_map(|i| (0..across).map(move |j| (i, j))) {
-        let ((sin_u, cos_u), (sin_v, cos_v)) =
-            ((TAU * i as f32 / around as f32).sin_cos(), (TAU * j as f32 / across as f32).sin_cos());
-        let (radius, n) = (0.5 + 0.2 * cos_v, [cos_v * cos_u, sin_v, -cos_v * sin_u]);
-        let p = [radius * cos_u, 0.2 * sin_v, -radius * sin_u];
-        let _ = writeln!(text, "{} {} {} {} {} {}", p[0], p[1], p[2], n[0], n[1], n[2]);
-    }
-    let at = |i: u32, j: u32| (i % around) * across + j % across;
-    for (i, j) in (0..around).flat_map(|i| (0..across).map(move |j| (i, j))) {
-        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-        let _ = writeln!(text, "3 {a} {b} {c}\n3 {a} {c} {d}");
-    }
-    text.into_bytes()
 }
 
 /// Returns a scene: a box with some cubes, lit by small spheres of equal power at random positions.

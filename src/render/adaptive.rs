@@ -11,8 +11,10 @@ use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::{PixelRect, Tile};
 use crate::integrator::path::groups::CellSide;
 
-/// The number of samples per pixel of a pilot for an unlimited total.
-const USUAL_PILOT: u64 = 16;
+/// The greatest number of samples per pixel of a pilot; and the number for an unlimited total, because such a render may
+/// end early.
+const LONGEST_PILOT: u64 = 64;
+const UNLIMITED_PILOT: u64 = 16;
 /// The least number of samples per pixel with which a pilot can estimate the noise.
 const SHORTEST_PILOT: u64 = 4;
 /// The reciprocal of the fraction of samples used by the pilot.
@@ -44,7 +46,8 @@ pub struct Allocation {
 
 /// Returns the samples per pixel of the pilot for the given total; `None` if the total is too small for a pilot.
 pub fn pilot(samples: Option<u64>) -> Option<u64> {
-    let pilot = samples.map_or(USUAL_PILOT, |n| ((n / PILOT_SHARE) & !1).max(SHORTEST_PILOT));
+    let pilot =
+        samples.map_or(UNLIMITED_PILOT, |n| ((n / PILOT_SHARE) & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
     samples.is_none_or(|n| n >= 2 * pilot).then_some(pilot)
 }
 
@@ -285,10 +288,36 @@ mod tests {
     }
 
     #[test]
+    fn a_cell_has_one_count_and_no_say_in_it() {
+        let levels = |noise: fn(u32, u32) -> f32, side| {
+            let mut tile = Tile::new(RECT, 3, 2);
+            for i in 0..tile.pixel_count() {
+                let (x, y) = tile.position(i);
+                (0..2).for_each(|half| tile.add(i, half, &[1.0 + half as f32 * noise(x, y); 3]));
+            }
+            Allocation::new(&[tile], RECT, 2, Some(side)).levels
+        };
+        for side in [CellSide::Four, CellSide::Eight] {
+            // Cells are counted from the corner of the image, and the region begins inside of one.
+            let cell =
+                |i: usize| (i as u32 % 40 + 5) / side as u32 + 100 * ((i as u32 / 40 + 3) / side as u32);
+            let quiet = levels(|x, y| 0.1 + 0.01 * (x + y) as f32, side);
+            let loud =
+                levels(|x, y| if (x, y) == (25, 13) { 9.0 } else { 0.1 + 0.01 * (x + y) as f32 }, side);
+            let own = cell(10 * 40 + 20);
+            for i in 0..quiet.len() {
+                assert!((0..i).all(|j| cell(i) != cell(j) || quiet[i] == quiet[j]), "{side:?}, pixel {i}");
+                assert!(cell(i) != own || quiet[i] == loud[i], "{side:?}, pixel {i}");
+            }
+            assert_ne!(quiet, loud);
+        }
+    }
+
+    #[test]
     fn pilots_are_a_quarter_at_most() {
         assert_eq!(
             [4, 7, 8, 20, 64, 1000].map(|n| pilot(Some(n))),
-            [None, None, Some(4), Some(4), Some(16), Some(250)]
+            [None, None, Some(4), Some(4), Some(16), Some(64)]
         );
         assert_eq!(pilot(None), Some(16));
     }
