@@ -11,9 +11,9 @@ use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::{PixelRect, Tile};
 use crate::integrator::path::groups::CellSide;
 
-/// The greatest number of samples per pixel of a pilot; and the number for an unlimited total, because such a render may
-/// end early.
+/// The greatest number of samples per pixel of a pilot.
 const LONGEST_PILOT: u64 = 64;
+/// The number for an unlimited total. It is small, because such a render may end early.
 const UNLIMITED_PILOT: u64 = 16;
 /// The least number of samples per pixel with which a pilot can estimate the noise.
 const SHORTEST_PILOT: u64 = 4;
