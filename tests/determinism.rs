@@ -55,12 +55,17 @@ fn threads_and_repetition_change_no_bit() {
 #[test]
 fn a_crop_has_the_very_pixels_of_the_whole() {
     let folder = Folder::new();
-    let options = "--spp 6 --aov variance,Z";
-    let whole = picture(&folder, "whole", options);
+    for options in ["--spp 6 --aov variance,Z", "--spp 16 --adaptive"] {
+        a_crop_is_a_part(&folder, options);
+    }
+}
+
+fn a_crop_is_a_part(folder: &Folder, options: &str) {
+    let whole = picture(folder, "whole", options);
     for (x, y, width, height) in
         [(0, 0, 40, 30), (7, 5, 20, 19), (16, 16, 16, 14), (39, 29, 1, 1), (3, 0, 1, 30)]
     {
-        let crop = picture(&folder, "crop", &format!("{options} --crop {x},{y},{width},{height}"));
+        let crop = picture(folder, "crop", &format!("{options} --crop {x},{y},{width},{height}"));
         let part = whole.crop(x, y, width, height).expect("the crop is inside");
         assert_eq!((crop.width, crop.height), (width, height));
         assert_eq!(bits(&crop), bits(&part), "{x},{y},{width},{height}");

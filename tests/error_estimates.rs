@@ -4,10 +4,11 @@ use crate::support::cli::Folder;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::image::{Value, read};
-use buffon::integrator::Settings;
 use buffon::integrator::settings::PathReuse;
+use buffon::integrator::{Preparation, Settings};
 use buffon::loader::{LoadOptions, load};
-use buffon::render::{Job, JobSettings, Progress, Rendered, StopRules};
+use buffon::memory::Budget;
+use buffon::render::{Adaptive, Job, JobSettings, Progress, Rates, Rendered, StopRules, thread_pool};
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::Scene;
 use serde_json::Value as Json;
@@ -35,7 +36,27 @@ fn render(
     let job = JobSettings { sampler, seed, threads: 2, stop, layers: Vec::new() };
     let progress = Progress::new();
     let job = Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress);
-    job.with_adaptive(adaptive).run().expect("the threads start")
+    if !adaptive {
+        return job.run().expect("the threads start");
+    }
+    let pool = thread_pool(2).expect("the threads start");
+    let rates = Rates::measure(
+        integrator.as_ref(),
+        &Preparation {
+            scene,
+            camera: &scene.sensors[0],
+            sampler,
+            seed,
+            pool: &pool,
+            interrupt: progress.interrupt_flag(),
+            cache: None,
+            memory: &Budget::default(),
+        },
+        Adaptive::Always,
+        stop.samples,
+    );
+    assert!(rates.is_some());
+    job.with_rates(rates).run_with(pool)
 }
 
 fn samples(n: u64) -> StopRules {

@@ -243,14 +243,15 @@ fn independent_pixels_exclude_reuse() {
         folder.render(&format!("s.xml --spp 16 -q -o a.exr --stats a.json {options}"));
         let stats: serde_json::Value = serde_json::from_slice(&folder.read("a.json")).expect("JSON");
         let reuses = stats["prepared"]["path_reuse"].as_f64().expect("a number");
-        // Only the pilot takes time, and `never` has none.
+        // Only pilots take time.
         let prepared = stats["seconds"]["prepare"].as_f64().expect("a number");
-        if options.contains("--path-reuse never") {
+        if options.contains("never --adaptive=never") {
             assert_eq!(prepared, 0.0, "{options}");
         }
         reuses
     };
     assert_eq!(used("--path-reuse never"), 0.0);
+    assert_eq!(used("--path-reuse never --adaptive=never"), 0.0);
     assert!([4.0, 8.0].contains(&used("--path-reuse always")));
     assert_eq!(used("--aov variance"), 0.0);
     assert!([4.0, 8.0].contains(&used("--path-reuse always --adaptive")));

@@ -11,7 +11,7 @@ use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, PathReuse};
-use crate::render::{CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
+use crate::render::{Adaptive, CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
 use clap::Args;
@@ -43,9 +43,11 @@ pub struct RenderArgs {
     /// Stop when the relMSE of the image is at most this, according to the upper end of its 95 % interval
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
-    /// Take more samples where the error is larger, with --spp as the average; adds no bias
-    #[arg(long)]
-    pub adaptive: bool,
+    /// Whether cells of pixels with a larger error take more samples, with --spp as the average: auto, always, never;
+    /// auto: with path, direct and volpath. It adds no bias [default: auto; without a value: always]
+    #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_value = "auto",
+          default_missing_value = "always", hide_default_value = true)]
+    pub adaptive: Adaptive,
     /// Whether path reuses the paths of neighbouring pixels: auto, always, never; auto: if a pilot finds that it pays
     /// [default: the scene's, or auto]
     #[arg(long, value_name = "WHEN")]

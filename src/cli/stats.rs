@@ -68,7 +68,7 @@ impl Account<'_> {
             "width": rendered.rect.width,
             "height": rendered.rect.height,
             "spp": rendered.samples_per_pixel,
-            "adaptive": plan.adaptive,
+            "adaptive": rendered.adaptive,
             "samples": {
                 "least": rendered.counts.least,
                 "mean": rendered.counts.mean,

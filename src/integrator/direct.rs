@@ -139,6 +139,10 @@ impl Integrator for DirectIntegrator {
         "direct"
     }
 
+    fn adapts(&self) -> bool {
+        true
+    }
+
     fn shows_environment(&self) -> bool {
         !self.settings.hide_emitters
     }

@@ -17,6 +17,7 @@ mod light_path;
 pub mod lighting;
 pub mod path;
 pub mod photon;
+pub mod pilot;
 pub mod preparation;
 pub mod progressive;
 pub mod pssmlt;
@@ -149,6 +150,11 @@ pub trait Integrator: Send + Sync {
     /// paths of all pixels are independent. Waves of camera rays have groups if there are cells.
     fn reuse_cells(&self) -> Option<CellSide> {
         None
+    }
+
+    /// Returns whether noisier cells of the image get more samples if the user does not choose.
+    fn adapts(&self) -> bool {
+        false
     }
 
     /// Rejects scenes that the integrator cannot render correctly, before any work is done.

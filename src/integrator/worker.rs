@@ -12,6 +12,9 @@ use bumpalo::Bump;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
+/// The cost of an occlusion query relative to that of a nearest-hit query.
+const OCCLUSION_COST: f64 = 0.45;
+
 /// The counters of one worker, merged at the end.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Counters {
@@ -28,6 +31,11 @@ pub struct Counters {
 }
 
 impl Counters {
+    /// Returns the cost of the rays in nearest-hit queries, the same on every machine.
+    pub fn cost(&self) -> f64 {
+        self.closest_rays as f64 + OCCLUSION_COST * self.occlusion_rays as f64
+    }
+
     /// Adds the counts of another worker.
     pub fn merge(&mut self, other: &Counters) {
         self.closest_rays += other.closest_rays;

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::{Counters, Settings};
-use crate::render::{JobSettings, Progress, Rendered, StopRules};
+use crate::render::{Adaptive, JobSettings, Progress, Rendered, StopRules};
 use crate::report::{Picture, Viewer, exposure_of, thumbnail};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::session::{Plan, SceneChoices, SceneFile, Session};
@@ -98,7 +98,7 @@ impl Studio {
             integrator: integrator.clone(),
             target: job.stop.samples,
             job,
-            adaptive: false,
+            adaptive: Adaptive::Never,
             cache: None,
             first: 0,
         };

@@ -1,340 +1,348 @@
 //! Adaptive sampling: more samples where the relative error is larger, without bias.
 //!
-//! A pilot takes the same number of samples in every pixel. Afterwards, the number of samples of a pixel depends on
-//! the pilot's result in the pixels *around* it, but not on its own. With samplers that scramble every pixel
-//! independently, a pixel's mean is therefore independent of its number of samples and remains unbiased. If pixels
-//! reuse the paths of a cell, the whole cell has one number, which depends on the cells around it. The only other
-//! dependence is through a factor common to all pixels, which makes the total meet the budget. One of N pixels
-//! contributes 1/N to this factor.
+//! A pilot estimates the noise of the cells of the image, and each cell gets a rate: the samples of its pixels for each
+//! sample that the user asks for. The samples of the pilot are not part of the image, so the rates are independent of
+//! all samples in it, and the means of pixels remain unbiased. The rates depend on nothing but the view and the seed.
+//! A crop, a range of samples, or a continued render therefore takes the same samples as the whole.
 
+use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
-use crate::film::{PixelRect, Tile};
-use crate::integrator::path::groups::CellSide;
+use crate::film::PixelRect;
+use crate::integrator::path::groups::{CellSide, PixelGroups};
+use crate::integrator::pilot::PilotRays;
+use crate::integrator::preparation::Workers;
+use crate::integrator::{Group, Integrator, NO_RAY, Preparation, Radiance, RadianceQuery, Wave, Worker};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::str::FromStr;
 
-/// The greatest number of samples per pixel of a pilot.
-const LONGEST_PILOT: u64 = 64;
-/// The number for an unlimited total. It is small, because such a render may end early.
-const UNLIMITED_PILOT: u64 = 16;
-/// The least number of samples per pixel with which a pilot can estimate the noise.
-const SHORTEST_PILOT: u64 = 4;
-/// The reciprocal of the fraction of samples used by the pilot.
-const PILOT_SHARE: u64 = 4;
-/// The reciprocal of the least number of samples of a pixel relative to the average.
-const LEAST_SHARE: u64 = 4;
-/// The greatest number of samples of a pixel relative to the average.
-const MOST_TIMES: u64 = 16;
-/// The half width of the neighbourhood of a pixel in pixels, and of a cell in cells.
-const RADIUS: usize = 4;
-const CELL_RADIUS: usize = 1;
-/// The number of noise levels for each factor of two.
-const PER_OCTAVE: f64 = 64.0;
-/// The number of noise levels, from 2^-32 to 2^32.
-const LEVELS: usize = 4096;
+/// The side of a cell in pixels: that of the larger cells in which paths are reused.
+const SIDE: u32 = CellSide::Eight as u32;
+/// The number of samples of a pixel of the pilot. One group of pixels of each cell takes part in it.
+const SAMPLES: usize = 8;
+/// The random numbers of the pilot are others than those of the image.
+const STREAM: u64 = 0x6164_6170_7469_7665;
+/// Rates are multiples of a quarter of a power of two. So, if the user asks for a power of two, the numbers of samples
+/// have few significant bits, for which low-discrepancy sequences are well distributed.
+const LEAST: f64 = 0.25;
+const MOST: f64 = 8.0;
+/// Up to this number, all pixels have all samples.
+const EQUAL: u64 = 4;
+/// The half widths, in cells, of the neighbourhoods from which a cell's noise is estimated, from the widest.
+const RADII: [usize; 4] = [4, 2, 1, 0];
+/// A neighbourhood with this effective number of pixels determines a half of the estimate.
+const TRUSTED: f64 = 8.0;
+/// One of this number of cells decides whether rates pay: if the efficiency would be at least this.
+const PART: usize = 8;
+const LEAST_GAIN: f64 = 1.6;
+/// The cost of a sample without its rays, in nearest-hit queries.
+const SAMPLE_COST: f64 = 4.0;
+/// The weight of the mean over the cells in the estimate from a half of a cell.
+const PRIOR: f64 = 0.2;
 
-/// The distribution of samples over the pixels.
+/// Whether noisier cells of the image get more samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Adaptive {
+    /// If the integrator and the sampler can do so, and the integrator's samples cost more than those of a pilot.
+    #[default]
+    Auto,
+    /// Always.
+    Always,
+    /// Never: all pixels have the same number of samples.
+    Never,
+}
+
+impl Adaptive {
+    /// The names on the command line.
+    pub const NAMES: [(&str, Adaptive); 3] =
+        [("auto", Adaptive::Auto), ("always", Adaptive::Always), ("never", Adaptive::Never)];
+}
+
+impl FromStr for Adaptive {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = Adaptive::NAMES.iter().find(|(known, _)| *known == name);
+        found.map(|(_, adaptive)| *adaptive).ok_or_else(|| "expected auto, always or never".into())
+    }
+}
+
+/// The rates of the cells of an image.
 #[derive(Clone, Debug)]
-pub struct Allocation {
-    rect: PixelRect,
-    pilot: u64,
-    /// For each pixel, the logarithm of the relative standard error of the surrounding pixels.
-    levels: Vec<u16>,
-    /// The number of pixels of each level.
-    histogram: Vec<u64>,
-    /// The number of samples of pixels of each level, before and after the current pass.
-    counts: [Vec<u64>; 2],
-}
-
-/// Returns the samples per pixel of the pilot for the given total; `None` if the total is too small for a pilot.
-pub fn pilot(samples: Option<u64>) -> Option<u64> {
-    let pilot =
-        samples.map_or(UNLIMITED_PILOT, |n| ((n / PILOT_SHARE) & !1).clamp(SHORTEST_PILOT, LONGEST_PILOT));
-    samples.is_none_or(|n| n >= 2 * pilot).then_some(pilot)
-}
-
-impl Allocation {
-    /// Creates the allocation from the sums of a pilot with the given number of samples per pixel. If paths are reused
-    /// in cells, the pixels of a cell have the same number of samples.
-    pub fn new(tiles: &[Tile], rect: PixelRect, pilot: u64, cells: Option<CellSide>) -> Self {
-        let mut noise = Units::new(rect, cells.map_or(1, |side| side as u32));
-        for tile in tiles {
-            (0..tile.pixel_count()).for_each(|i| noise.add(tile.position(i), relative_square(tile, i)));
-        }
-        let around = noise.around(if cells.is_some() { CELL_RADIUS } else { RADIUS });
-        let of_units: Vec<u16> = around.into_iter().map(level).collect();
-        let positions = (0..rect.height).flat_map(|y| (0..rect.width).map(move |x| (rect.x + x, rect.y + y)));
-        let levels: Vec<u16> = positions.map(|position| of_units[noise.index(position)]).collect();
-        let histogram = histogram(&levels);
-        Allocation { rect, pilot, levels, histogram, counts: [vec![pilot; LEVELS], vec![pilot; LEVELS]] }
-    }
-
-    /// Distributes the samples of a pass that increases the average to at most `average` samples per pixel.
-    pub fn advance(&mut self, average: u64) {
-        let budget = average.saturating_mul(self.levels.len() as u64);
-        let [_, before] = std::mem::take(&mut self.counts);
-        let count = |level: usize, shift: f64| self.count(level, shift, average).max(before[level]);
-        let cost = |shift: f64| {
-            let used = self.histogram.iter().enumerate().filter(|(_, pixels)| **pixels > 0);
-            used.fold(0u64, |sum, (level, &pixels)| {
-                sum.saturating_add(pixels.saturating_mul(count(level, shift)))
-            })
-        };
-        // Bisection for the logarithm of the common factor; the cost is a non-decreasing function of it.
-        let (mut low, mut high) = (-128.0, 128.0);
-        for _ in 0..64 {
-            let middle = 0.5 * (low + high);
-            if cost(middle) <= budget { low = middle } else { high = middle }
-        }
-        let after = (0..LEVELS).map(|level| count(level, low)).collect();
-        self.counts = [before, after];
-    }
-
-    /// Returns the number of samples of the pixels of a level for a common factor of 2^shift.
-    fn count(&self, level: usize, shift: f64, average: u64) -> u64 {
-        let wanted = ((level as f64 - LEVELS as f64 / 2.0) / PER_OCTAVE + shift).exp2();
-        let least = self.pilot.max(average / LEAST_SHARE);
-        in_steps((wanted as u64).clamp(least, least.max(average.saturating_mul(MOST_TIMES))))
-    }
-
-    /// Returns the samples per pixel of the pilot.
-    pub fn pilot(&self) -> u64 {
-        self.pilot
-    }
-
-    /// Returns the content for a file; see [`from_bytes`](Self::from_bytes).
-    pub fn to_bytes(&self) -> Vec<u8> {
-        let counts = self.counts[1].iter().flat_map(|n| n.to_le_bytes());
-        counts.chain(self.levels.iter().flat_map(|n| n.to_le_bytes())).collect()
-    }
-
-    /// Returns the length of the result of [`to_bytes`](Self::to_bytes) for the given number of pixels.
-    pub fn byte_count(pixels: u64) -> u64 {
-        8 * LEVELS as u64 + 2 * pixels
-    }
-
-    /// Creates the allocation for a region of the image from the result of [`to_bytes`](Self::to_bytes), with the
-    /// given samples per pixel of the pilot; `None` if the bytes are invalid.
-    pub fn from_bytes(bytes: &[u8], rect: PixelRect, pilot: u64) -> Option<Self> {
-        let (counts, levels) = bytes.split_at_checked(8 * LEVELS)?;
-        let (counts, _) = counts.as_chunks::<8>();
-        let (levels, rest) = levels.as_chunks::<2>();
-        let counts: Vec<u64> = counts.iter().map(|n| u64::from_le_bytes(*n)).collect();
-        let levels: Vec<u16> = levels.iter().map(|n| u16::from_le_bytes(*n)).collect();
-        let of_the_part = rest.is_empty() && levels.len() as u64 == rect.area();
-        let known = levels.iter().all(|&level| usize::from(level) < LEVELS);
-        (of_the_part && known).then(|| Allocation {
-            histogram: histogram(&levels),
-            rect,
-            pilot,
-            levels,
-            counts: [counts.clone(), counts],
-        })
-    }
-
-    /// Returns the range of samples that the current pass takes in pixel (x, y) of the full image.
-    #[inline]
-    pub fn samples(&self, (x, y): (u32, u32)) -> std::ops::Range<u64> {
-        let i = (y - self.rect.y) as usize * self.rect.width as usize + (x - self.rect.x) as usize;
-        let level = usize::from(self.levels[i]);
-        self.counts[0][level]..self.counts[1][level]
-    }
-}
-
-/// Returns the number of pixels of each level.
-fn histogram(levels: &[u16]) -> Vec<u64> {
-    let mut histogram = vec![0; LEVELS];
-    levels.iter().for_each(|&level| histogram[usize::from(level)] += 1);
-    histogram
-}
-
-/// Returns the squared standard error of a pixel relative to its value.
-fn relative_square(tile: &Tile, i: usize) -> f64 {
-    let of_channel = |c| {
-        let [mean, difference] = tile.halves(i, c);
-        difference * difference / (mean * mean + RELATIVE_FLOOR)
-    };
-    (0..3).map(of_channel).sum()
-}
-
-/// The noise of the pixels of a region of the image, or of its cells of pixels.
-struct Units {
-    /// The side of a unit in pixels.
-    side: u32,
-    /// The first column and row of units.
-    first: [u32; 2],
+pub struct Rates {
     columns: usize,
-    rows: usize,
-    /// For each unit, by rows, the sum of the squared relative errors of its pixels, and the number of pixels.
-    sums: Vec<[f64; 2]>,
+    rates: Vec<f32>,
 }
 
-impl Units {
-    fn new(rect: PixelRect, side: u32) -> Self {
-        let first = [rect.x / side, rect.y / side];
-        let columns = ((rect.x + rect.width).div_ceil(side) - first[0]) as usize;
-        let rows = ((rect.y + rect.height).div_ceil(side) - first[1]) as usize;
-        Units { side, first, columns, rows, sums: vec![[0.0; 2]; columns * rows] }
-    }
-
-    /// Returns the index of the unit that contains a pixel.
-    fn index(&self, (x, y): (u32, u32)) -> usize {
-        let [column, row] = [x / self.side - self.first[0], y / self.side - self.first[1]];
-        row as usize * self.columns + column as usize
-    }
-
-    fn add(&mut self, position: (u32, u32), square: f64) {
-        let index = self.index(position);
-        let [squares, pixels] = &mut self.sums[index];
-        *squares += square;
-        *pixels += 1.0;
-    }
-
-    /// Returns for each unit the mean square over the pixels of the surrounding units, without the unit itself.
-    fn around(&self, radius: usize) -> Vec<f64> {
-        let Units { columns, rows, sums, .. } = self;
-        let stride = columns + 1;
-        // Summed-area tables.
-        let mut table = vec![[0.0; 2]; stride * (rows + 1)];
-        for y in 0..*rows {
-            let mut row = [0.0; 2];
-            for x in 0..*columns {
-                let above = table[y * stride + x + 1];
-                let here = &mut table[(y + 1) * stride + x + 1];
-                for k in 0..2 {
-                    row[k] += sums[y * columns + x][k];
-                    here[k] = above[k] + row[k];
-                }
-            }
+impl Rates {
+    /// Runs the pilot for a render of at most `samples` samples per pixel, if `adaptive` is not `Never`. Returns the
+    /// rates, unless the samples are too few, or `adaptive` is `Auto` and a part of the cells shows that they would not
+    /// pay.
+    pub fn measure(
+        integrator: &dyn Integrator,
+        preparation: &Preparation<'_>,
+        adaptive: Adaptive,
+        samples: Option<u64>,
+    ) -> Option<Self> {
+        if adaptive == Adaptive::Never || samples.is_some_and(|samples| samples <= EQUAL) {
+            return None;
         }
-        let mean = |(x, y): (usize, usize)| {
-            let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(*rows));
-            let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(*columns));
-            let [squares, pixels] = [0, 1].map(|k| {
-                let at = |y: usize, x: usize| table[y * stride + x][k];
-                at(bottom, right) - at(bottom, left) - at(top, right) + at(top, left)
-                    - sums[y * columns + x][k]
-            });
-            squares.max(0.0) / pixels.max(1.0)
+        let film = &preparation.camera.film;
+        let whole = PixelRect { x: 0, y: 0, width: film.width, height: film.height };
+        let cells: Vec<PixelRect> = whole.cells(SIDE).collect();
+        let columns = film.width.div_ceil(SIDE) as usize;
+        let workers = Workers::new(preparation.pool, preparation.sampler, preparation.interrupt);
+        let measure = |cell: &usize| {
+            workers.with(|worker| (*cell, measure_cell(integrator, preparation, cells[*cell], worker)))
         };
-        (0..*rows).flat_map(|y| (0..*columns).map(move |x| (x, y))).map(mean).collect()
+        let measure_all = |cells: &[usize]| -> Vec<(usize, Noise)> {
+            preparation.pool.install(|| cells.par_iter().map(measure).collect())
+        };
+        let (first, rest): (Vec<usize>, Vec<usize>) =
+            (0..cells.len()).partition(|i| (i % columns + PART / 2 * (i / columns)).is_multiple_of(PART));
+        let mut noise = measure_all(&first);
+        if adaptive == Adaptive::Auto && gain(&noise) < LEAST_GAIN {
+            return None;
+        }
+        noise.extend(measure_all(&rest));
+        noise.sort_by_key(|(cell, _)| *cell);
+        let noise: Vec<Noise> = noise.into_iter().map(|(_, noise)| noise).collect();
+        let pixels: Vec<f64> = cells.iter().map(|cell| cell.area() as f64).collect();
+        let error = |(square, noise): (f64, &Noise)| (square / noise.cost_of_pixel()).sqrt();
+        let errors: Vec<f64> = estimates(&noise, columns).into_iter().zip(&noise).map(error).collect();
+        Some(Rates { columns, rates: rates(&errors, &pixels) })
+    }
+
+    /// Returns the range of samples of the pixel (x, y) of the full image, for a range of the samples that the user
+    /// asks for.
+    #[inline]
+    pub fn samples(&self, (x, y): (u32, u32), asked: &Range<u64>) -> Range<u64> {
+        let rate = f64::from(self.rates[(y / SIDE) as usize * self.columns + (x / SIDE) as usize]);
+        let count = |asked: u64| match asked {
+            0..=EQUAL => asked,
+            // Even numbers keep the halves equal.
+            _ => (2 * (rate * asked as f64 / 2.0) as u64).max(EQUAL),
+        };
+        count(asked.start)..count(asked.end)
     }
 }
 
-/// Returns the level of a squared relative error.
-fn level(square: f64) -> u16 {
-    (0.5 * square.log2() * PER_OCTAVE + LEVELS as f64 / 2.0).clamp(0.0, LEVELS as f64 - 1.0) as u16
+/// Returns the efficiency with rates relative to that without, from the noise of some cells. Rates come from a half of
+/// the pixels of each cell, and the errors to which they lead from the other half.
+fn gain(cells: &[(usize, Noise)]) -> f64 {
+    let mean =
+        |half: usize| cells.iter().map(|(_, cell)| cell.of_halves[half]).sum::<f64>() / cells.len() as f64;
+    let means = [mean(0), mean(1)];
+    let (mut with, mut without) = ([0.0; 2], [0.0; 2]);
+    for half in 0..2 {
+        let error = |(_, cell): &(usize, Noise)| {
+            let square = (cell.of_halves[half] + PRIOR * means[half]) / (1.0 + PRIOR);
+            (square / cell.cost_of_pixel()).sqrt()
+        };
+        let errors: Vec<f64> = cells.iter().map(error).collect();
+        for (rate, (_, cell)) in rates(&errors, &vec![1.0; cells.len()]).into_iter().zip(cells) {
+            let (rate, square, cost) = (f64::from(rate), cell.of_halves[1 - half], cell.cost_of_pixel());
+            with = [with[0] + square / rate, with[1] + cost * rate];
+            without = [without[0] + square, without[1] + cost];
+        }
+    }
+    if with[0] > 0.0 { without[0] * without[1] / (with[0] * with[1]) } else { 1.0 }
 }
 
-/// Returns the largest even number up to `n` whose half has at most three significant bits. Low-discrepancy sequences
-/// are well distributed for such numbers.
-fn in_steps(n: u64) -> u64 {
-    let half = n / 2;
-    let dropped = (u64::BITS - half.leading_zeros()).saturating_sub(3);
-    2 * (half >> dropped << dropped)
+impl Noise {
+    fn cost_of_pixel(&self) -> f64 {
+        self.cost / self.pixels
+    }
+}
+
+/// Sums over the pixels of a cell in the pilot, of which d is the relative error of a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+struct Noise {
+    pixels: f64,
+    /// The sum of d².
+    squares: f64,
+    /// The sums of d² over every other pixel.
+    of_halves: [f64; 2],
+    /// The sum of d⁴.
+    fourths: f64,
+    /// The cost of the samples, in nearest-hit queries.
+    cost: f64,
+}
+
+/// Takes the samples of the pilot in a cell.
+fn measure_cell(
+    integrator: &dyn Integrator,
+    preparation: &Preparation<'_>,
+    cell: PixelRect,
+    worker: &mut Worker,
+) -> Noise {
+    let film = &preparation.camera.film;
+    let reused = integrator.reuse_cells();
+    let side = reused.unwrap_or(CellSide::Eight);
+    let groups = PixelGroups::new(side, preparation.seed, [film.width, film.height], cell);
+    let group = groups.any(preparation.seed ^ STREAM);
+    let members = group.iter().filter(|&&i| i != NO_RAY);
+    let pixels = members.map(|i| (cell.x + i % cell.width, cell.y + i / cell.width));
+    let PilotRays { rays, keys } = PilotRays::new(preparation, pixels, SAMPLES, STREAM);
+    let mut groups: Vec<Group> = Vec::new();
+    if reused.is_some() {
+        let mut group = group;
+        let some = group.iter_mut().filter(|i| **i != NO_RAY);
+        some.enumerate().for_each(|(i, place)| *place = (i * SAMPLES) as u32);
+        let of_sample = |sample: u32| group.map(|i| if i == NO_RAY { NO_RAY } else { i + sample });
+        groups.extend((0..SAMPLES as u32).map(of_sample));
+    }
+    let before = worker.counters;
+    let mut radiance = vec![Radiance::NONE; rays.len()];
+    let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups: &groups };
+    integrator.li(preparation.scene, wave, RadianceQuery::ALL, worker, &mut radiance);
+    let cost = worker.counters.cost() - before.cost() + SAMPLE_COST * rays.len() as f64;
+    let mut noise = Noise { cost, ..Noise::default() };
+    for (i, square) in radiance.as_chunks::<SAMPLES>().0.iter().map(relative_square).enumerate() {
+        noise.pixels += 1.0;
+        noise.squares += square;
+        noise.fourths += square * square;
+        noise.of_halves[i % 2] += square;
+    }
+    noise
+}
+
+/// Returns the squared difference between the halves of a pixel's samples relative to their mean.
+fn relative_square(samples: &[Radiance; SAMPLES]) -> f64 {
+    let (mut sums, mut differences) = ([0.0; 3], [0.0; 3]);
+    for (i, sample) in samples.iter().filter(|sample| sample.value.is_valid()).enumerate() {
+        for (c, value) in sample.value.to_array().into_iter().enumerate() {
+            sums[c] += f64::from(value);
+            differences[c] += if i % 2 == 0 { f64::from(value) } else { -f64::from(value) };
+        }
+    }
+    let relative = |c: usize| {
+        let mean = sums[c] / SAMPLES as f64;
+        (differences[c] / SAMPLES as f64).powi(2) / (mean * mean + RELATIVE_FLOOR)
+    };
+    relative(0) + relative(1) + relative(2)
+}
+
+/// Returns the mean square of the relative error in each cell. That of a neighbourhood counts the more, the larger its
+/// effective number of pixels (Σ d²)² / Σ d⁴ is; the rest of the estimate comes from the next wider one. A cell with a
+/// single firefly is therefore as noisy as its neighbours.
+fn estimates(noise: &[Noise], columns: usize) -> Vec<f64> {
+    let rows = noise.len() / columns;
+    let sum = |x: Range<usize>, y: Range<usize>| {
+        y.flat_map(|y| &noise[y * columns + x.start..y * columns + x.end]).fold(Noise::default(), |a, b| {
+            Noise {
+                pixels: a.pixels + b.pixels,
+                squares: a.squares + b.squares,
+                fourths: a.fourths + b.fourths,
+                of_halves: [0, 1].map(|half| a.of_halves[half] + b.of_halves[half]),
+                cost: a.cost + b.cost,
+            }
+        })
+    };
+    let of_image = sum(0..columns, 0..rows);
+    let estimate = |cell: usize| {
+        let (x, y) = (cell % columns, cell / columns);
+        RADII.iter().fold(of_image.squares / of_image.pixels, |wider, radius| {
+            let around = |i: usize, end: usize| i.saturating_sub(*radius)..(i + radius + 1).min(end);
+            let Noise { pixels, squares, fourths, .. } = sum(around(x, columns), around(y, rows));
+            let effective = if fourths > 0.0 { squares * squares / fourths } else { pixels };
+            let trust = effective / (effective + TRUSTED);
+            trust * squares / pixels + (1.0 - trust) * wider
+        })
+    };
+    (0..noise.len()).map(estimate).collect()
+}
+
+/// Returns the rates of cells with the given errors and numbers of pixels: in proportion to the error, between
+/// [`LEAST`] and [`MOST`], and at most 1 on average over the pixels.
+fn rates(errors: &[f64], pixels: &[f64]) -> Vec<f32> {
+    if errors.iter().all(|error| *error == 0.0) {
+        return vec![1.0; errors.len()];
+    }
+    let total: f64 = pixels.iter().sum();
+    let rate = |error: f64, factor: f64| {
+        let rate = (factor * error).clamp(LEAST, MOST);
+        let octave = rate.log2().floor().exp2();
+        octave * (4.0 * rate / octave).floor() / 4.0
+    };
+    let mean = |factor: f64| {
+        errors.iter().zip(pixels).map(|(error, pixels)| rate(*error, factor) * pixels).sum::<f64>() / total
+    };
+    // Bisection for the logarithm of the factor; the mean is a non-decreasing function of it.
+    let (mut low, mut high) = (-128.0, 128.0);
+    for _ in 0..64 {
+        let middle: f64 = 0.5 * (low + high);
+        if mean(middle.exp2()) <= 1.0 { low = middle } else { high = middle }
+    }
+    errors.iter().map(|error| rate(*error, low.exp2()) as f32).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const RECT: PixelRect = PixelRect { x: 5, y: 3, width: 40, height: 24 };
+    const COLUMNS: usize = 20;
 
-    /// Creates an allocation after a pilot whose halves differ by `noise` on a grey image.
-    fn allocation(noise: impl Fn(u32, u32) -> f32) -> Allocation {
-        let mut tile = Tile::new(RECT, 3, 2);
-        for i in 0..tile.pixel_count() {
-            let (x, y) = tile.position(i);
-            for half in 0..2 {
-                let sign = if half == 0 { 1.0 } else { -1.0 };
-                (0..8).for_each(|_| tile.add(i, half, &[1.0 + sign * noise(x, y); 3]));
+    /// Returns the noise of cells of sixteen equal pixels.
+    fn noise(square: impl Fn(usize, usize) -> f64) -> Vec<Noise> {
+        let cell = |i: usize| {
+            let square = square(i % COLUMNS, i / COLUMNS);
+            Noise {
+                pixels: 16.0,
+                squares: 16.0 * square,
+                fourths: 16.0 * square * square,
+                cost: 1.0,
+                ..Noise::default()
             }
-        }
-        Allocation::new(&[tile], RECT, 16, None)
-    }
-
-    fn counts(allocation: &Allocation) -> Vec<u64> {
-        let pixels = (0..RECT.height).flat_map(|y| (0..RECT.width).map(move |x| (RECT.x + x, RECT.y + y)));
-        pixels.map(|p| allocation.samples(p).end).collect()
-    }
-
-    #[test]
-    fn counts_follow_the_noise_and_meet_the_budget() {
-        let mut allocation = allocation(|x, y| if x < 20 { 0.02 } else { 0.1 } * (1.0 + 0.01 * y as f32));
-        let mut last = vec![16; (RECT.width * RECT.height) as usize];
-        for average in [32, 64, 128, 190, 1000] {
-            allocation.advance(average);
-            let now = counts(&allocation);
-            let mean = now.iter().sum::<u64>() as f64 / now.len() as f64;
-            assert!(mean <= average as f64 && mean > 0.9 * average as f64, "{mean} of {average}");
-            assert!(now.iter().zip(&last).all(|(now, last)| now >= last));
-            assert!(now.iter().all(|n| n % 2 == 0 && *n >= average / 4 / 5 * 4));
-            last = now;
-        }
-        // Far from the border between both regions, five times the noise gives five times the samples.
-        let ratio = last[30] as f64 / last[3] as f64;
-        assert!((3.8..6.0).contains(&ratio), "{ratio}");
-    }
-
-    #[test]
-    fn a_pixel_has_no_say_in_its_own_count() {
-        let quiet = |x: u32, y: u32| 0.05 + 0.001 * ((x * 7 + y * 3) % 5) as f32;
-        let mut first = allocation(quiet);
-        let mut second = allocation(|x, y| if (x, y) == (25, 13) { 50.0 } else { quiet(x, y) });
-        assert_eq!(first.levels[10 * 40 + 20], second.levels[10 * 40 + 20]);
-        assert_ne!(first.levels[10 * 40 + 21], second.levels[10 * 40 + 21]);
-        for allocation in [&mut first, &mut second] {
-            allocation.advance(64);
-        }
-        assert!(second.samples((26, 13)).end > first.samples((26, 13)).end);
-    }
-
-    #[test]
-    fn a_cell_has_one_count_and_no_say_in_it() {
-        let levels = |noise: fn(u32, u32) -> f32, side| {
-            let mut tile = Tile::new(RECT, 3, 2);
-            for i in 0..tile.pixel_count() {
-                let (x, y) = tile.position(i);
-                (0..2).for_each(|half| tile.add(i, half, &[1.0 + half as f32 * noise(x, y); 3]));
-            }
-            Allocation::new(&[tile], RECT, 2, Some(side)).levels
         };
-        for side in [CellSide::Four, CellSide::Eight] {
-            // Cells are counted from the corner of the image, and the region begins inside of one.
-            let cell =
-                |i: usize| (i as u32 % 40 + 5) / side as u32 + 100 * ((i as u32 / 40 + 3) / side as u32);
-            let quiet = levels(|x, y| 0.1 + 0.01 * (x + y) as f32, side);
-            let loud =
-                levels(|x, y| if (x, y) == (25, 13) { 9.0 } else { 0.1 + 0.01 * (x + y) as f32 }, side);
-            let own = cell(10 * 40 + 20);
-            for i in 0..quiet.len() {
-                assert!((0..i).all(|j| cell(i) != cell(j) || quiet[i] == quiet[j]), "{side:?}, pixel {i}");
-                assert!(cell(i) != own || quiet[i] == loud[i], "{side:?}, pixel {i}");
+        (0..COLUMNS * 10).map(cell).collect()
+    }
+
+    #[test]
+    fn rates_follow_the_noise_and_meet_the_budget() {
+        let squares = estimates(&noise(|x, _| if x < 10 { 1e-4 } else { 9e-4 }), COLUMNS);
+        let errors: Vec<f64> = squares.iter().map(|square| square.sqrt()).collect();
+        let rates = rates(&errors, &[64.0; 200]);
+        let mean = rates.iter().map(|rate| f64::from(*rate)).sum::<f64>() / 200.0;
+        assert!((0.9..=1.0).contains(&mean), "{mean}");
+        let ratio = rates[19] / rates[0];
+        assert!((2.0..=3.5).contains(&ratio), "{ratio}");
+        assert!(rates.iter().all(|rate| f64::from(*rate) >= LEAST && f64::from(*rate) <= MOST));
+    }
+
+    #[test]
+    fn one_firefly_does_not_make_a_cell_noisy() {
+        let mut cells = noise(|_, _| 1e-4);
+        let quiet = estimates(&cells, COLUMNS)[105];
+        cells[105].squares += 1.0;
+        cells[105].fourths += 1.0;
+        let firefly = estimates(&cells, COLUMNS)[105];
+        cells[105] = Noise { pixels: 16.0, squares: 1.0, fourths: 1.0 / 16.0, cost: 1.0, ..Noise::default() };
+        let noisy = estimates(&cells, COLUMNS)[105];
+        assert!(firefly < 0.5 * noisy && firefly < 300.0 * quiet, "{quiet} {firefly} {noisy}");
+    }
+
+    #[test]
+    fn ranges_add_up_and_the_first_samples_are_taken_everywhere() {
+        let rates = Rates { columns: 3, rates: vec![0.25, 1.0, 7.0] };
+        for (pixel, counts) in
+            [((3, 7), [4, 4, 16, 64]), ((8, 0), [4, 16, 64, 256]), ((16, 0), [4, 112, 448, 1792])]
+        {
+            let ends = [4, 16, 64, 256].map(|end| rates.samples(pixel, &(0..end)).end);
+            assert_eq!(ends, counts);
+            for parts in [0, 1, 2, 3, 5, 16, 33, 64].windows(2) {
+                let before = rates.samples(pixel, &(0..parts[0]));
+                let range = rates.samples(pixel, &(parts[0]..parts[1]));
+                assert_eq!(before.end, range.start);
+                assert!(range.end >= range.start);
             }
-            assert_ne!(quiet, loud);
+            assert_eq!(rates.samples(pixel, &(0..3)), 0..3);
         }
-    }
-
-    #[test]
-    fn pilots_are_a_quarter_at_most() {
-        assert_eq!(
-            [4, 7, 8, 20, 64, 1000].map(|n| pilot(Some(n))),
-            [None, None, Some(4), Some(4), Some(16), Some(64)]
-        );
-        assert_eq!(pilot(None), Some(16));
-    }
-
-    #[test]
-    fn steps_are_even_with_few_significant_bits() {
-        assert_eq!(
-            [0, 1, 2, 15, 16, 17, 19, 63, 64, 100].map(in_steps),
-            [0, 0, 2, 14, 16, 16, 16, 56, 64, 96]
-        );
-        assert!(in_steps(u64::MAX) > u64::MAX / 2);
     }
 
     #[test]
     fn no_noise_at_all_is_spread_evenly() {
-        let mut allocation = allocation(|_, _| 0.0);
-        allocation.advance(64);
-        assert!(counts(&allocation).iter().all(|n| *n == 64));
+        assert_eq!(rates(&estimates(&noise(|_, _| 0.0), COLUMNS), &[64.0; 200]), [1.0; 200]);
+        assert_eq!(rates(&estimates(&noise(|_, _| 0.3), COLUMNS), &[64.0; 200]), [1.0; 200]);
     }
 }

@@ -1,5 +1,6 @@
 //! The render job: sample counts, time limits, error targets and interruption.
 
+use super::adaptive::Rates;
 use super::passes::Passes;
 use super::progress::Progress;
 use super::state::{CheckpointSink, RenderState};
@@ -41,8 +42,8 @@ pub struct Job<'a> {
     pub settings: JobSettings,
     /// The display of progress and the request to stop.
     pub progress: &'a Progress,
-    /// Whether noisier regions get more samples. Integrators that trace light paths do not support it.
-    pub adaptive: bool,
+    /// The rates of adaptive sampling. Integrators that trace light paths do not support it.
+    pub rates: Option<Rates>,
     /// The index of the first sample.
     pub first: u64,
     /// The state of an earlier render to continue.
@@ -72,6 +73,8 @@ pub struct Rendered {
     pub counts: SampleCounts,
     /// The reason why the render stopped.
     pub stop_reason: StopReason,
+    /// Whether noisier cells of the image had more samples.
+    pub adaptive: bool,
     /// Whether groups of pixels reused their paths, so that their errors are correlated.
     pub reuses_paths: bool,
     /// Estimated relMSE, from the two halves.
@@ -139,6 +142,7 @@ impl Rendered {
             samples_per_pixel: counts.mean.round() as u64,
             counts,
             stop_reason: StopReason::Samples,
+            adaptive: false,
             reuses_paths: false,
             relmse: None,
             relmse_interval: None,
@@ -168,7 +172,7 @@ impl<'a> Job<'a> {
             camera,
             settings,
             progress,
-            adaptive: false,
+            rates: None,
             first: 0,
             resumed: None,
             checkpoints: None,
@@ -216,9 +220,9 @@ impl<'a> Job<'a> {
         self
     }
 
-    /// Returns the job with or without adaptive sampling.
-    pub fn with_adaptive(mut self, adaptive: bool) -> Self {
-        self.adaptive = adaptive;
+    /// Returns the job with the rates of adaptive sampling.
+    pub fn with_rates(mut self, rates: Option<Rates>) -> Self {
+        self.rates = rates;
         self
     }
 

@@ -11,7 +11,7 @@ pub mod state;
 pub mod stop;
 pub mod tracing;
 
-pub use adaptive::Allocation;
+pub use adaptive::{Adaptive, Rates};
 pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
 pub use progress::Progress;
 pub use state::{CheckpointSink, RenderState};

@@ -1,6 +1,5 @@
 //! The execution of a render: a sequence of passes and their accumulated result.
 
-use super::adaptive::{self, Allocation};
 use super::job::{Job, Rendered};
 use super::state::{self, CheckpointSink, RenderState};
 use super::stop::{StopReason, StopRules};
@@ -35,8 +34,6 @@ pub(super) struct Passes<'j, 'a> {
     before: Duration,
     /// The counters before this render continued, and those that belong to no worker.
     counters: Counters,
-    /// The samples per pixel of the pilot of adaptive sampling.
-    pilot: Option<u64>,
     error: Option<ErrorEstimate>,
     estimating: Duration,
     checkpoint_status: Option<CheckpointStatus>,
@@ -79,7 +76,6 @@ impl<'j, 'a> Passes<'j, 'a> {
             before: now.elapsed,
             counters: now.counters,
             now,
-            pilot: if job.adaptive { adaptive::pilot(samples) } else { None },
             error: None,
             estimating: Duration::ZERO,
             checkpoint_status: job.checkpoints.map(|_| CheckpointStatus { last: started, outcome: Ok(()) }),
@@ -120,26 +116,16 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.before + self.started.elapsed()
     }
 
-    /// Determines the end of the next pass and, with adaptive sampling, the distribution of its samples.
+    /// Determines the end of the next pass.
     fn plan_pass(&mut self) {
         let done = self.done();
-        let mut pass = self.stop.next_pass(done, self.elapsed(), self.error);
-        if let Some(pilot) = self.pilot.filter(|_| self.now.allocation.is_none()) {
-            if done < pilot {
-                pass = pass.min(pilot - done);
-            } else {
-                let rect = self.job.camera.film.rect();
-                let cells = self.job.integrator.reuse_cells();
-                self.now.allocation = Some(Allocation::new(&self.now.tiles, rect, pilot, cells));
-            }
-        }
-        self.now.pass_end = self.now.next + pass;
+        self.now.pass_end = self.now.next + self.stop.next_pass(done, self.elapsed(), self.error);
     }
 
     /// Returns the next range of samples: the current pass, or a part of it with limited duration.
     fn part(&self) -> Range<u64> {
         let RenderState { next, pass_end, .. } = self.now;
-        if self.whole.is_none() || self.now.allocation.is_some() || self.done() == 0 {
+        if self.whole.is_none() || self.done() == 0 {
             return next..pass_end;
         }
         let longest =
@@ -150,14 +136,10 @@ impl<'j, 'a> Passes<'j, 'a> {
         next..pass_end.min(next.saturating_add(part))
     }
 
-    /// Takes samples of every pixel; with adaptive sampling, the range applies to the average.
+    /// Takes samples of every pixel; with adaptive sampling, the range applies to a pixel with the rate 1.
     fn take(&mut self, samples: Range<u64>) {
         let Passes { job, pool, now, workers, .. } = self;
-        if let Some(allocation) = &mut now.allocation {
-            allocation.advance(samples.end);
-        }
-        let RenderState { tiles, allocation, .. } = now;
-        let allocation = allocation.as_ref();
+        let RenderState { tiles, .. } = &mut *now;
         if let Some(progressive) = job.integrator.progressive() {
             let prepared = progressive::render(job, progressive, pool, workers, tiles, samples);
             self.counters.merge(&prepared.counters);
@@ -168,9 +150,9 @@ impl<'j, 'a> Passes<'j, 'a> {
             tiles.par_iter_mut().for_each(|tile| {
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
-                match allocation {
+                match &job.rates {
                     None => worker.render_tile(job, tile, samples.clone()),
-                    Some(allocation) => worker.render_allocated(job, tile, |p| allocation.samples(p)),
+                    Some(rates) => worker.render_allocated(job, tile, |p| rates.samples(p, &samples)),
                 }
             });
         });
@@ -249,16 +231,16 @@ impl<'j, 'a> Passes<'j, 'a> {
         }
         self.estimate();
         let (done, error) = (self.done(), self.error);
-        let allocated = self.now.allocation.is_some();
         let checkpoint_status =
             self.checkpoint_status.map_or(Ok(()), |checkpoint_status| checkpoint_status.outcome);
         let rect = self.job.camera.film.rect();
         let mut rendered = Rendered::new(self.now, rect, self.job.settings.layers.clone(), self.job.alpha);
-        if !allocated {
+        if self.job.rates.is_none() {
             rendered.samples_per_pixel = done;
         }
         Rendered {
             stop_reason,
+            adaptive: self.job.rates.is_some(),
             reuses_paths: self.job.integrator.reuse_cells().is_some(),
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),

@@ -1,6 +1,5 @@
 //! The state of a render from which it can continue.
 
-use super::adaptive::Allocation;
 use super::passes::TILE;
 use super::tracing::InvalidSample;
 use crate::error::Result;
@@ -10,7 +9,7 @@ use crate::integrator::Counters;
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// A render that has taken the same samples in every pixel, or those determined by adaptive sampling.
+/// A render that has taken the same samples in every pixel, or those determined by the rates of adaptive sampling.
 #[derive(Clone, Debug)]
 pub struct RenderState {
     /// The sums.
@@ -27,8 +26,6 @@ pub struct RenderState {
     pub invalid: Vec<InvalidSample>,
     /// The number of dropped samples.
     pub invalid_count: u64,
-    /// The distribution of samples after the pilot of adaptive sampling.
-    pub allocation: Option<Allocation>,
 }
 
 /// The receiver of a render's checkpoints.
@@ -51,7 +48,6 @@ impl RenderState {
             counters: Counters::default(),
             invalid: Vec::new(),
             invalid_count: 0,
-            allocation: None,
         }
     }
 }

@@ -10,13 +10,11 @@ use std::path::Path;
 
 /// The bytes of a thread's waves and of its allocator caches.
 const THREAD: u64 = 4 << 20;
-/// The bytes per pixel that adaptive sampling needs temporarily.
-const ADAPTIVE: u64 = 48;
 
 /// The memory of a render in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RenderMemory {
-    /// The sums of samples, and the data of adaptive sampling.
+    /// The sums of samples.
     pub film: u64,
     /// The image with float values.
     pub image: u64,
@@ -43,7 +41,7 @@ impl RenderMemory {
 
     /// Returns the memory of a job.
     /// `films` is the number of copies of the sums.
-    pub fn of(film: &FilmSettings, job: &JobSettings, adaptive: bool, films: u64) -> Self {
+    pub fn of(film: &FilmSettings, job: &JobSettings, films: u64) -> Self {
         let pixels = film.rect().area();
         let count = |sampled: bool| {
             let layers = job.layers.iter().filter(|layer| !sampled || layer.aov.is_sampled());
@@ -52,9 +50,8 @@ impl RenderMemory {
         let sums = 3 + usize::from(film.pixel_format.has_alpha()) + count(true);
         let values = image_channels(film.pixel_format) + count(false) as u64;
         let film = Tile::bytes_per_pixel(sums, job.sampler.replicates() as usize) as u64;
-        let known = if adaptive { pixels.saturating_mul(ADAPTIVE) } else { 0 };
         RenderMemory {
-            film: pixels.saturating_mul(film * films).saturating_add(known),
+            film: pixels.saturating_mul(film * films),
             image: pixels.saturating_mul(4 * values),
             threads: THREAD * job.threads as u64,
         }
@@ -101,7 +98,7 @@ impl Session {
     pub fn render_memory(&self, plan: &Plan) -> RenderMemory {
         // A pass that is interrupted is discarded if light paths contribute to all pixels.
         let films = if plan.integrator.create().traces_light_paths() { 2 } else { 1 };
-        RenderMemory::of(&self.camera().film, &plan.job, plan.adaptive, films)
+        RenderMemory::of(&self.camera().film, &plan.job, films)
     }
 
     /// Reserves the memory of a render.

@@ -22,7 +22,7 @@ use crate::image::Image;
 use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
-use crate::render::{self, CheckpointSink, Job, Progress, RenderState, Rendered};
+use crate::render::{self, Adaptive, CheckpointSink, Job, Progress, Rates, RenderState, Rendered};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile_within};
@@ -221,7 +221,7 @@ impl Session {
         let mut integrator = plan.integrator.create();
         let pool = render::thread_pool(self.threads)?;
         let started = Instant::now();
-        integrator.prepare(&Preparation {
+        let preparation = Preparation {
             scene: &self.scene,
             camera: self.camera(),
             sampler: plan.job.sampler,
@@ -230,13 +230,19 @@ impl Session {
             interrupt: progress.interrupt_flag(),
             cache: plan.cache.clone(),
             memory: &self.memory,
-        })?;
+        };
+        integrator.prepare(&preparation)?;
+        let rates = Rates::measure(integrator.as_ref(), &preparation, plan.adaptive, plan.job.stop.samples);
         // Without a preparation the time is exactly zero, not the few nanoseconds of the call.
-        let prepared = if integrator.prepares() { started.elapsed() } else { Duration::ZERO };
+        let prepared = if integrator.prepares() || plan.adaptive != Adaptive::Never {
+            started.elapsed()
+        } else {
+            Duration::ZERO
+        };
         let mut settings = plan.job.clone();
         settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
         let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)
-            .with_adaptive(plan.adaptive)
+            .with_rates(rates)
             .with_first(plan.first)
             .resumed_from(resumed)
             .with_checkpoints(checkpoints)

@@ -4,8 +4,8 @@ use super::Session;
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, AovSettings, IrrcacheSettings, Layer, PathReuse};
-use crate::integrator::{self, Settings};
-use crate::render::{JobSettings, StopRules};
+use crate::integrator::{self, Integrator, Settings};
+use crate::render::{Adaptive, JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 use std::ops::Range;
 
@@ -24,8 +24,8 @@ pub struct Choices {
     pub seed: u64,
     /// The names of layers in addition to the image.
     pub aov: Vec<String>,
-    /// Whether noisier pixels get more samples.
-    pub adaptive: bool,
+    /// Whether noisier cells of the image get more samples.
+    pub adaptive: Adaptive,
     /// Whether paths are reused; `None` leaves it to the scene.
     pub path_reuse: Option<PathReuse>,
     /// The file that stores the result of the integrator's preparation.
@@ -41,8 +41,8 @@ pub struct Plan {
     pub integrator: Settings,
     /// Sampler, seed, threads, stop rules and layers.
     pub job: JobSettings,
-    /// Whether noisier pixels get more samples.
-    pub adaptive: bool,
+    /// Whether noisier cells of the image get more samples; [`Never`](Adaptive::Never) if that is impossible.
+    pub adaptive: Adaptive,
     /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The index of the first sample of each pixel.
@@ -82,27 +82,15 @@ impl Session {
         choose_reuse(&mut integrator, choices, &layers)?;
         let target = stop.samples;
         let first = match &choices.samples {
-            Some(range) => restrict(range, &mut stop, choices)?,
+            Some(range) => restrict(range, &mut stop)?,
             None => 0,
         };
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
-        if choices.adaptive && !kind.has_independent_pixels() {
-            return Err(Error::usage(format!(
-                "--adaptive: with the sampler {kind}, the samples of neighbouring pixels are correlated, so the image would be biased; use another sampler"
-            )));
-        }
-        if choices.adaptive && created.light_tracer().is_some() {
-            return Err(Error::usage(format!(
-                "--adaptive: {} traces paths from the emitters and cannot choose the pixels that they contribute to",
-                created.name()
-            )));
-        }
-        if choices.adaptive && created.progressive().is_some() {
-            return Err(Error::usage(format!(
-                "--adaptive: {} traces paths for all pixels together and cannot sample some of the pixels",
-                created.name()
-            )));
-        }
+        let adaptive = match (choices.adaptive, obstacle_to_rates(created.as_ref(), kind)) {
+            (Adaptive::Always, Some(why)) => return Err(Error::usage(format!("--adaptive: {why}"))),
+            (Adaptive::Auto, obstacle) if obstacle.is_some() || !created.adapts() => Adaptive::Never,
+            (chosen, _) => chosen,
+        };
         if choices.cache.is_some() && !created.supports_cache_file() {
             return Err(Error::usage(format!(
                 "--cache: {} has no preparation that a file could store",
@@ -110,10 +98,28 @@ impl Session {
             )));
         }
         let cache = choices.cache.clone();
-        let plan = Plan { integrator, job, adaptive: choices.adaptive, cache, first, target };
+        let plan = Plan { integrator, job, adaptive, cache, first, target };
         drop(self.reserve(&plan)?);
         Ok(plan)
     }
+}
+
+/// Returns why cells cannot have different numbers of samples, if they cannot.
+fn obstacle_to_rates(integrator: &dyn Integrator, sampler: SamplerKind) -> Option<String> {
+    let name = integrator.name();
+    if !sampler.has_independent_pixels() {
+        return Some(format!(
+            "with the sampler {sampler}, the samples of neighbouring pixels are correlated, and all must be taken; use another sampler"
+        ));
+    }
+    if integrator.light_tracer().is_some() {
+        return Some(format!(
+            "{name} traces paths from the emitters and cannot choose the pixels that they contribute to"
+        ));
+    }
+    let progressive = integrator.progressive().is_some();
+    progressive
+        .then(|| format!("{name} traces paths for all pixels together and cannot sample some of the pixels"))
 }
 
 /// Sets whether paths are reused. Pixels whose variances are stated for z-tests keep independent errors.
@@ -141,12 +147,9 @@ fn choose_reuse(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) 
 }
 
 /// Limits the stop rules to a range of samples; returns the first sample of the range.
-fn restrict(range: &Range<u64>, stop: &mut StopRules, choices: &Choices) -> Result<u64> {
+fn restrict(range: &Range<u64>, stop: &mut StopRules) -> Result<u64> {
     let Range { start, end } = *range;
     let refuse = |why: String| Err(Error::usage(format!("--sample-range {start}..{end}: {why}")));
-    if choices.adaptive {
-        return refuse("--adaptive needs the first samples of every pixel".into());
-    }
     if stop.error.is_some() || stop.time.is_some() {
         return refuse("a range fixes the number of samples and excludes --time and --target-error".into());
     }

@@ -59,6 +59,12 @@ impl PixelGroups {
         groups
     }
 
+    /// Returns one of the groups, chosen by a hash of their pixels and a number.
+    pub fn any(&self, number: u64) -> Group {
+        let hash = combine(combine(number as u32, (number >> 32) as u32), self.groups[0][0]);
+        self.groups[hash as usize % self.groups.len()]
+    }
+
     /// Sets the groups of a wave in which every pixel has the given number of consecutive samples.
     pub fn of_wave(&self, samples: u32, wave: &mut Vec<Group>) {
         wave.clear();

@@ -145,6 +145,10 @@ impl Integrator for PathIntegrator {
         self.cells
     }
 
+    fn adapts(&self) -> bool {
+        true
+    }
+
     fn prepares(&self) -> bool {
         self.reuse != PathReuse::Never
     }

@@ -10,12 +10,10 @@ use super::groups::{CellSide, PixelGroups};
 use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::film::PixelRect;
+use crate::integrator::pilot::PilotRays;
 use crate::integrator::preparation::{Preparation, Workers};
-use crate::integrator::worker::draw_2d;
 use crate::integrator::{Group, Integrator, Radiance, RadianceQuery, Wave, Worker};
-use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::hash::combine;
-use crate::sampling::{Dimension, SampleKey};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -35,10 +33,8 @@ const ROUNDS: u64 = 3;
 /// The noise of small cells is blocks of 4 × 4 pixels. They are chosen if their effort, relative to that of large
 /// cells, is below this.
 const SMALL_CELLS: f64 = 0.85;
-/// The cost of an occlusion query relative to that of a nearest-hit query.
-const OCCLUSION_COST: f64 = 0.45;
-/// The seed of the pilot's samples is another than that of the image.
-const SEED: u64 = 0x7069_6c6f_7470_6174;
+/// The random numbers of the pilot are others than those of the image.
+const STREAM: u64 = 0x7069_6c6f_7470_6174;
 
 /// The share of the pixels that count as fireflies, if they have the largest errors.
 const FIREFLIES: f64 = 0.01;
@@ -126,20 +122,10 @@ fn try_cell(
     cell: PixelRect,
     worker: &mut Worker,
 ) -> [Trial; MODES.len()] {
-    let Preparation { scene, camera, sampler, seed, .. } = preparation;
+    let Preparation { scene, camera, seed, .. } = preparation;
     let pixels =
-        || (cell.y..cell.y + cell.height).flat_map(|y| (cell.x..cell.x + cell.width).map(move |x| (x, y)));
-    let key = |(x, y), sample| sampler.key(seed ^ SEED, x, y, sample);
-    let keys: Vec<SampleKey> = pixels().flat_map(|p| (0..SAMPLES as u64).map(move |i| key(p, i))).collect();
-    let mut numbers = [(); 2].map(|()| [Vec::new(), Vec::new()]);
-    draw_2d(*sampler, Dimension::PIXEL, &keys, &mut numbers[0]);
-    draw_2d(*sampler, Dimension::LENS, &keys, &mut numbers[1]);
-    let pair = |of: usize, i: usize| Vec2::new(numbers[of][0][i], numbers[of][1][i]);
-    let ray = |(i, (x, y)): (usize, (u32, u32))| {
-        let film = DVec2::new(f64::from(x), f64::from(y)) + pair(0, i).as_dvec2();
-        camera.ray(film, pair(1, i), 0.0)
-    };
-    let rays: Vec<Ray> = pixels().flat_map(|p| [p; SAMPLES]).enumerate().map(ray).collect();
+        (cell.y..cell.y + cell.height).flat_map(|y| (cell.x..cell.x + cell.width).map(move |x| (x, y)));
+    let PilotRays { rays, keys } = PilotRays::new(preparation, pixels, SAMPLES, STREAM);
     let mut groups: Vec<Group> = Vec::new();
     let mut trials = MODES.map(|_| Trial::default());
     let mut radiance = MODES.map(|_| vec![Radiance::NONE; rays.len()]);
@@ -152,9 +138,7 @@ fn try_cell(
         let before = worker.counters;
         let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups: &groups };
         integrator.li(scene, wave, RadianceQuery::ALL, worker, &mut radiance[mode]);
-        let nearest = worker.counters.closest_rays - before.closest_rays;
-        let occlusion = worker.counters.occlusion_rays - before.occlusion_rays;
-        trials[mode].cost = nearest as f64 + OCCLUSION_COST * occlusion as f64;
+        trials[mode].cost = worker.counters.cost() - before.cost();
     }
     // The mean of the cell stands for the true image, because a pixel's own mean is as noisy as its error.
     let values = |mode: usize| radiance[mode].iter().map(|radiance| radiance.value.to_array().map(f64::from));

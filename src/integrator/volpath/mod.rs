@@ -97,6 +97,10 @@ impl Integrator for VolpathIntegrator {
         "volpath"
     }
 
+    fn adapts(&self) -> bool {
+        true
+    }
+
     fn shows_environment(&self) -> bool {
         !self.limits.hide_emitters
     }

@@ -2,7 +2,7 @@
 //!
 //! The file begins with `BUFFONCP`, the version and the length of the header in bytes (u32 each, little-endian like
 //! all numbers). The header is JSON: the identity of the render, the description of its image, and its progress. Then
-//! follow the sums of the tiles, row by row, and the distribution of samples if adaptive sampling has started. The
+//! follow the sums of the tiles, row by row. The
 //! CRC-32 of everything before it ends the file.
 
 use super::{Checkpoint, CheckpointLabel, Identity};
@@ -11,15 +11,15 @@ use crate::estimate::replicates::MAX_REPLICATES;
 use crate::film::{ComponentFormat, PixelFormat, PixelRect, Tile};
 use crate::integrator::Counters;
 use crate::integrator::settings::{Aov, Layer};
+use crate::render::RenderState;
 use crate::render::tracing::InvalidSample;
-use crate::render::{Allocation, RenderState};
 use crate::session::ImageDescription;
 use crate::util::container::Format;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
 
-const FORMAT: Format = Format { magic: *b"BUFFONCP", version: 3, name: "a checkpoint" };
+const FORMAT: Format = Format { magic: *b"BUFFONCP", version: 4, name: "a checkpoint" };
 /// No side of an image is longer.
 const LONGEST_SIDE: u32 = 1 << 20;
 
@@ -35,8 +35,6 @@ struct Header {
     replicates: usize,
     samples: Vec<[u64; 2]>,
     target: Option<u64>,
-    /// The samples per pixel of the pilot of adaptive sampling, if it is complete.
-    pilot: Option<u64>,
     next: u64,
     pass_end: u64,
     elapsed: Duration,
@@ -62,10 +60,7 @@ pub fn save(path: &Path, label: &CheckpointLabel, state: &RenderState) -> Result
         for tile in &state.tiles {
             body.write_all(&tile.to_bytes())?;
         }
-        match &state.allocation {
-            Some(allocation) => body.write_all(&allocation.to_bytes()),
-            None => Ok(()),
-        }
+        Ok(())
     })
 }
 
@@ -81,9 +76,8 @@ fn read(path: &Path) -> Result<Checkpoint, String> {
     let (header, mut body) = FORMAT.open::<Header>(path)?;
     let image_description = header.image_description()?;
     let (channels, pixels) = (image_description.channels(), image_description.rect.area());
-    let allocation_bytes = if header.pilot.is_some() { Allocation::byte_count(pixels) } else { 0 };
     let tile_bytes = pixels.checked_mul(Tile::bytes_per_pixel(channels, header.replicates) as u64);
-    body.expect_length(tile_bytes.and_then(|bytes| bytes.checked_add(allocation_bytes)))?;
+    body.expect_length(tile_bytes)?;
     let damaged = || "is damaged: its sums are invalid".to_string();
     let mut state = RenderState::new(image_description.rect, channels, header.replicates, header.next);
     let mut bytes = Vec::new();
@@ -93,12 +87,6 @@ fn read(path: &Path) -> Result<Checkpoint, String> {
         if !tile.set_bytes(&bytes) {
             return Err(damaged());
         }
-    }
-    if let Some(pilot) = header.pilot {
-        bytes.resize(allocation_bytes as usize, 0);
-        body.read(&mut bytes)?;
-        state.allocation =
-            Some(Allocation::from_bytes(&bytes, image_description.rect, pilot).ok_or_else(damaged)?);
     }
     body.finish()?;
     Ok(header.checkpoint(image_description, state))
@@ -129,7 +117,6 @@ impl Header {
             replicates: state.tiles.first().map_or(0, Tile::replicates),
             samples: samples.iter().map(|range| [range.start, range.end]).collect(),
             target: *target,
-            pilot: state.allocation.as_ref().map(Allocation::pilot),
             next: state.next,
             pass_end: state.pass_end,
             elapsed: state.elapsed,

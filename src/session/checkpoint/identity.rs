@@ -1,5 +1,6 @@
 //! The identity of a render, which determines whether samples can be added.
 
+use crate::render::Adaptive;
 use crate::session::{Plan, SceneHashes, Session};
 use crate::util::digest;
 use serde::{Deserialize, Serialize};
@@ -27,8 +28,8 @@ pub struct Identity {
     pub seed: u64,
     /// The names of the layers.
     pub layers: Vec<String>,
-    /// The samples per pixel that adaptive sampling distributes; 0 without a limit, `None` without adaptive sampling.
-    pub adaptive: Option<u64>,
+    /// Whether noisier cells get more samples.
+    pub adaptive: Adaptive,
 }
 
 impl Identity {
@@ -46,7 +47,7 @@ impl Identity {
             accel: session.scene.accel.name().into(),
             seed: job.seed,
             layers: job.layers.iter().map(|layer| layer.name.clone()).collect(),
-            adaptive: plan.adaptive.then(|| job.stop.samples.unwrap_or(0)),
+            adaptive: plan.adaptive,
         }
     }
 
@@ -75,7 +76,7 @@ impl Identity {
         } else if self.layers != other.layers {
             format!("the layers {}, expected {}", names(&self.layers), names(&other.layers))
         } else if self.adaptive != other.adaptive {
-            "samples with another distribution over the pixels (--adaptive, --spp)".into()
+            "samples with another distribution over the pixels (--adaptive)".into()
         } else {
             return None;
         })

@@ -2,7 +2,7 @@
 
 use super::{Checkpoint, list};
 use crate::error::{Error, Result};
-use crate::render::{Rendered, StopReason};
+use crate::render::{Adaptive, Rendered, StopReason};
 use crate::session::plan::states_variances;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 /// Adds checkpoints of one render, in any order.
 ///
 /// # Errors
-/// If they belong to different renders, two have the same samples, or sampling was adaptive, so that samples depend
-/// on each other.
+/// If they belong to different renders, or two have the same samples.
 pub fn merge(parts: Vec<(PathBuf, Checkpoint)>) -> Result<Checkpoint> {
     let mut parts = parts;
     parts.sort_by_key(|(_, part)| part.label.samples.first().map_or(0, |range| range.start));
@@ -54,9 +53,6 @@ fn refuse(path: &Path, why: &str) -> Error {
 fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpoint) -> Result<()> {
     if let Some(difference) = part.label.identity.difference(&first.label.identity) {
         return Err(refuse(path, &format!("has {difference} as in {}", first_path.display())));
-    }
-    if part.label.identity.adaptive.is_some() {
-        return Err(refuse(path, "belongs to a render with --adaptive, whose parts are not independent"));
     }
     if part.label.image_description.rect != first.label.image_description.rect
         || part.label.image_description.layers != first.label.image_description.layers
@@ -124,9 +120,8 @@ impl Checkpoint {
         Ok(Rendered {
             // A checkpoint does not say whether the pilot chose reuse.
             reuses_paths: ["path", "volpath"].contains(&description.integrator.as_str())
-                && self.state.allocation.is_none()
                 && !states_variances(&description.layers),
-            samples_per_pixel: if self.state.allocation.is_some() {
+            samples_per_pixel: if self.label.identity.adaptive != Adaptive::Never {
                 rendered.samples_per_pixel
             } else {
                 taken

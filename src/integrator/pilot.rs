@@ -1,0 +1,44 @@
+//! Camera rays for pilots: samples that are not part of the image, from which a preparation decides how to render.
+
+use super::Preparation;
+use super::worker::{draw_1d, draw_2d};
+use crate::math::{DVec2, Ray, Vec2};
+use crate::sampling::{Dimension, SampleKey};
+
+/// Camera rays with their keys.
+pub struct PilotRays {
+    /// The rays; those of a pixel are consecutive.
+    pub rays: Vec<Ray>,
+    /// The keys of the samples.
+    pub keys: Vec<SampleKey>,
+}
+
+impl PilotRays {
+    /// Returns `samples` rays through each of the pixels, which are positions in the full image. `stream` makes the
+    /// random numbers others than those of the image and of other pilots.
+    pub fn new(
+        preparation: &Preparation<'_>,
+        pixels: impl Iterator<Item = (u32, u32)> + Clone,
+        samples: usize,
+        stream: u64,
+    ) -> Self {
+        let Preparation { scene, camera, sampler, seed, .. } = preparation;
+        let key = |(x, y), sample| sampler.key(seed ^ stream, x, y, sample);
+        let keys: Vec<SampleKey> =
+            pixels.clone().flat_map(|p| (0..samples as u64).map(move |i| key(p, i))).collect();
+        let mut numbers = [(); 2].map(|()| [Vec::new(), Vec::new()]);
+        draw_2d(*sampler, Dimension::PIXEL, &keys, &mut numbers[0]);
+        draw_2d(*sampler, Dimension::LENS, &keys, &mut numbers[1]);
+        let mut times = vec![0.0; keys.len()];
+        if scene.needs.time {
+            draw_1d(*sampler, Dimension::TIME, &keys, &mut times);
+        }
+        let pair = |of: usize, i: usize| Vec2::new(numbers[of][0][i], numbers[of][1][i]);
+        let ray = |(i, (x, y)): (usize, (u32, u32))| {
+            let film = DVec2::new(f64::from(x), f64::from(y)) + pair(0, i).as_dvec2();
+            camera.ray(film, pair(1, i), times[i])
+        };
+        let each = pixels.flat_map(|pixel| std::iter::repeat_n(pixel, samples));
+        PilotRays { rays: each.enumerate().map(ray).collect(), keys }
+    }
+}
