@@ -130,16 +130,14 @@ impl Rates {
 /// Returns the efficiency with rates relative to that without, from the noise of some cells. Rates come from a half of
 /// the pixels of each cell, and the errors to which they lead from the other half.
 fn gain(cells: &[(usize, Noise)]) -> f64 {
-    let mean =
-        |half: usize| cells.iter().map(|(_, cell)| cell.of_halves[half]).sum::<f64>() / cells.len() as f64;
-    let means = [mean(0), mean(1)];
     let (mut with, mut without) = ([0.0; 2], [0.0; 2]);
-    for half in 0..2 {
-        let error = |(_, cell): &(usize, Noise)| {
-            let square = (cell.of_halves[half] + PRIOR * means[half]) / (1.0 + PRIOR);
-            (square / cell.cost_of_pixel()).sqrt()
+    for half in [0, 1] {
+        let squares = || cells.iter().map(|(_, cell)| cell.of_halves[half]);
+        let mean = squares().sum::<f64>() / cells.len() as f64;
+        let error = |(square, (_, cell)): (f64, &(usize, Noise))| {
+            ((square + PRIOR * mean) / (1.0 + PRIOR) / cell.cost_of_pixel()).sqrt()
         };
-        let errors: Vec<f64> = cells.iter().map(error).collect();
+        let errors: Vec<f64> = squares().zip(cells).map(error).collect();
         for (rate, (_, cell)) in rates(&errors, &vec![1.0; cells.len()]).into_iter().zip(cells) {
             let (rate, square, cost) = (f64::from(rate), cell.of_halves[1 - half], cell.cost_of_pixel());
             with = [with[0] + square / rate, with[1] + cost * rate];
