@@ -33,7 +33,7 @@ const RADII: [usize; 4] = [4, 2, 1, 0];
 /// A neighbourhood with this effective number of pixels determines a half of the estimate.
 const TRUSTED: f64 = 8.0;
 /// One of this number of cells decides whether rates pay: if the efficiency would be at least this.
-const PART: usize = 8;
+const PART: usize = 4;
 const LEAST_GAIN: f64 = 1.6;
 /// The cost of a sample without its rays, in nearest-hit queries.
 const SAMPLE_COST: f64 = 4.0;

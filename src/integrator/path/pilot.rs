@@ -23,7 +23,7 @@ const CELL: u32 = CellSide::Eight as u32;
 /// The number of samples of a pixel, of which the halves of a pixel have every other one. With one sample in each half,
 /// the direct light of emitters would be noisier beside indirect light than in an image, because samples of few
 /// dimensions become exact sooner.
-const SAMPLES: usize = 8;
+const SAMPLES: usize = 16;
 /// The ways in which each cell is traced; `None`: with independent paths.
 const MODES: [Option<CellSide>; 3] = [None, Some(CellSide::Eight), Some(CellSide::Four)];
 /// Another round of cells is traced, up to [`ROUNDS`], if the effort of reuse relative to that of independent paths is
