@@ -55,7 +55,7 @@ fn threads_and_repetition_change_no_bit() {
 #[test]
 fn a_crop_has_the_very_pixels_of_the_whole() {
     let folder = Folder::new();
-    for options in ["--spp 6 --aov variance,Z", "--spp 16 --adaptive"] {
+    for options in ["--spp 6 --aov variance,Z", "--spp 24 --adaptive"] {
         a_crop_is_a_part(&folder, options);
     }
 }

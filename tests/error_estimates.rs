@@ -131,7 +131,7 @@ fn adaptive_sampling_is_unbiased() {
             seeds
                 .map(|seed| {
                     let mut sums = [0.0; 5];
-                    let image = scenes::pixels(&render(&scene, sampler, samples(16), seed, adaptive));
+                    let image = scenes::pixels(&render(&scene, sampler, samples(32), seed, adaptive));
                     for (i, pixel) in image.iter().enumerate() {
                         let quarter = i % SIZE / (SIZE / 2) + 2 * (i / SIZE / (SIZE / 2));
                         let value = pixel.iter().sum::<f64>();

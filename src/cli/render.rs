@@ -44,7 +44,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
     /// Whether cells of pixels with a larger error take more samples, with --spp as the average: auto, always, never;
-    /// auto: with path, direct and volpath. It adds no bias [default: auto; without a value: always]
+    /// auto: with path, direct and volpath and without --time, if a pilot finds that it pays. It adds no bias [default: auto; without a value: always]
     #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_value = "auto",
           default_missing_value = "always", hide_default_value = true)]
     pub adaptive: Adaptive,
@@ -382,6 +382,11 @@ fn warn_of_values(args: &RenderArgs, names: &str, rendered: &Rendered, clamped: 
             args.method.seed,
             first.sample + 1
         ));
+    }
+    if rendered.adaptive && rendered.counts.least == 0 && args.sample_range.is_some() && !args.quiet {
+        super::report!(
+            "buffon: note: some pixels have no sample in this range and are black until it is merged with the others"
+        );
     }
     if clamped > 0 {
         messages.push(format!(

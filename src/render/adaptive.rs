@@ -26,14 +26,17 @@ const STREAM: u64 = 0x6164_6170_7469_7665;
 /// have few significant bits, for which low-discrepancy sequences are well distributed.
 const LEAST: f64 = 0.25;
 const MOST: f64 = 8.0;
-/// Up to this number, all pixels have all samples.
-const EQUAL: u64 = 4;
+/// Up to this number, all pixels have all samples; rates apply to those after it. A cell whose noise the pilot has missed
+/// has at least these.
+const EQUAL: u64 = 16;
 /// The half widths, in cells, of the neighbourhoods from which a cell's noise is estimated, from the widest.
 const RADII: [usize; 4] = [4, 2, 1, 0];
 /// A neighbourhood with this effective number of pixels determines a half of the estimate.
 const TRUSTED: f64 = 8.0;
-/// One of this number of cells decides whether rates pay: if the efficiency would be at least this.
-const PART: usize = 4;
+/// One of at least this number of cells, and at most this number in all, decide whether rates pay: if the efficiency
+/// would be at least [`LEAST_GAIN`].
+const LEAST_PART: usize = 4;
+const MOST_DECIDE: usize = 4096;
 const LEAST_GAIN: f64 = 1.6;
 /// The cost of a sample without its rays, in nearest-hit queries.
 const SAMPLE_COST: f64 = 4.0;
@@ -43,7 +46,7 @@ const PRIOR: f64 = 0.2;
 /// Whether noisier cells of the image get more samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Adaptive {
-    /// If the integrator and the sampler can do so, and the integrator's samples cost more than those of a pilot.
+    /// With integrators of camera paths and samplers without a grid, if a pilot finds that it pays.
     #[default]
     Auto,
     /// Always.
@@ -88,26 +91,29 @@ impl Rates {
             return None;
         }
         let film = &preparation.camera.film;
-        let whole = PixelRect { x: 0, y: 0, width: film.width, height: film.height };
-        let cells: Vec<PixelRect> = whole.cells(SIDE).collect();
         let columns = film.width.div_ceil(SIDE) as usize;
+        let count = columns * film.height.div_ceil(SIDE) as usize;
+        let cell = |i: usize| {
+            let (x, y) = ((i % columns) as u32 * SIDE, (i / columns) as u32 * SIDE);
+            PixelRect { x, y, width: SIDE.min(film.width - x), height: SIDE.min(film.height - y) }
+        };
         let workers = Workers::new(preparation.pool, preparation.sampler, preparation.interrupt);
-        let measure = |cell: &usize| {
-            workers.with(|worker| (*cell, measure_cell(integrator, preparation, cells[*cell], worker)))
+        let measure =
+            |i: usize| workers.with(|worker| (i, measure_cell(integrator, preparation, cell(i), worker)));
+        let part = LEAST_PART.max(count.div_ceil(MOST_DECIDE));
+        let decides = |i: &usize| (i % columns + part / 2 * (i / columns)).is_multiple_of(part);
+        let measure_all = |decide: bool| -> Vec<(usize, Noise)> {
+            let cells: Vec<usize> = (0..count).filter(|i| decides(i) == decide).collect();
+            preparation.pool.install(|| cells.into_par_iter().map(measure).collect())
         };
-        let measure_all = |cells: &[usize]| -> Vec<(usize, Noise)> {
-            preparation.pool.install(|| cells.par_iter().map(measure).collect())
-        };
-        let (first, rest): (Vec<usize>, Vec<usize>) =
-            (0..cells.len()).partition(|i| (i % columns + PART / 2 * (i / columns)).is_multiple_of(PART));
-        let mut noise = measure_all(&first);
+        let mut noise = measure_all(true);
         if adaptive == Adaptive::Auto && gain(&noise) < LEAST_GAIN {
             return None;
         }
-        noise.extend(measure_all(&rest));
+        noise.extend(measure_all(false));
         noise.sort_by_key(|(cell, _)| *cell);
         let noise: Vec<Noise> = noise.into_iter().map(|(_, noise)| noise).collect();
-        let pixels: Vec<f64> = cells.iter().map(|cell| cell.area() as f64).collect();
+        let pixels: Vec<f64> = (0..count).map(|i| cell(i).area() as f64).collect();
         let error = |(square, noise): (f64, &Noise)| (square / noise.cost_of_pixel()).sqrt();
         let errors: Vec<f64> = estimates(&noise, columns).into_iter().zip(&noise).map(error).collect();
         Some(Rates { columns, rates: rates(&errors, &pixels) })
@@ -118,10 +124,10 @@ impl Rates {
     #[inline]
     pub fn samples(&self, (x, y): (u32, u32), asked: &Range<u64>) -> Range<u64> {
         let rate = f64::from(self.rates[(y / SIDE) as usize * self.columns + (x / SIDE) as usize]);
-        let count = |asked: u64| match asked {
-            0..=EQUAL => asked,
+        let count = |asked: u64| match asked.checked_sub(EQUAL) {
+            None => asked,
             // Even numbers keep the halves equal.
-            _ => (2 * (rate * asked as f64 / 2.0) as u64).max(EQUAL),
+            Some(rest) => EQUAL.saturating_add(((rate * rest as f64 / 2.0) as u64).saturating_mul(2)),
         };
         count(asked.start)..count(asked.end)
     }
@@ -324,11 +330,11 @@ mod tests {
     fn ranges_add_up_and_the_first_samples_are_taken_everywhere() {
         let rates = Rates { columns: 3, rates: vec![0.25, 1.0, 7.0] };
         for (pixel, counts) in
-            [((3, 7), [4, 4, 16, 64]), ((8, 0), [4, 16, 64, 256]), ((16, 0), [4, 112, 448, 1792])]
+            [((3, 7), [4, 16, 28, 76]), ((8, 0), [4, 16, 64, 256]), ((16, 0), [4, 16, 352, 1696])]
         {
             let ends = [4, 16, 64, 256].map(|end| rates.samples(pixel, &(0..end)).end);
             assert_eq!(ends, counts);
-            for parts in [0, 1, 2, 3, 5, 16, 33, 64].windows(2) {
+            for parts in [0, 1, 2, 3, 5, 16, 17, 33, 64].windows(2) {
                 let before = rates.samples(pixel, &(0..parts[0]));
                 let range = rates.samples(pixel, &(parts[0]..parts[1]));
                 assert_eq!(before.end, range.start);

@@ -88,8 +88,11 @@ impl Session {
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
         let adaptive = match (choices.adaptive, obstacle_to_rates(created.as_ref(), kind)) {
             (Adaptive::Always, Some(why)) => return Err(Error::usage(format!("--adaptive: {why}"))),
-            (Adaptive::Auto, obstacle) if obstacle.is_some() || !created.adapts() => Adaptive::Never,
-            (chosen, _) => chosen,
+            (Adaptive::Auto, None) if created.adapts() && !kind.is_grid() && stop.time.is_none() => {
+                Adaptive::Auto
+            }
+            (Adaptive::Always, None) => Adaptive::Always,
+            _ => Adaptive::Never,
         };
         if choices.cache.is_some() && !created.supports_cache_file() {
             return Err(Error::usage(format!(

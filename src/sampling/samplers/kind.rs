@@ -55,6 +55,11 @@ impl SamplerKind {
         !matches!(self, SamplerKind::Zsobol | SamplerKind::Fixed)
     }
 
+    /// Returns whether the samples of a pixel fill a grid, which is made for their number.
+    pub fn is_grid(self) -> bool {
+        matches!(self, SamplerKind::Stratified | SamplerKind::Multijitter)
+    }
+
     /// Returns whether the errors of different pixels are so strongly correlated that the error of an average over
     /// pixels is larger than for independent errors.
     pub fn shares_noise(self) -> bool {
@@ -65,7 +70,7 @@ impl SamplerKind {
     /// `samples_per_pixel` means that the number is unknown.
     pub fn advice(self, samples_per_pixel: Option<u64>) -> Option<String> {
         let of_two = matches!(self, SamplerKind::Zsobol);
-        if !of_two && !matches!(self, SamplerKind::Stratified | SamplerKind::Multijitter) {
+        if !of_two && !self.is_grid() {
             return None;
         }
         let Some(samples) = samples_per_pixel else {
