@@ -44,7 +44,8 @@ pub struct RenderArgs {
     #[arg(long, value_name = "RELMSE", value_parser = values::positive)]
     pub target_error: Option<f64>,
     /// Whether cells of pixels with a larger error take more samples, with --spp as the average: auto, always, never;
-    /// auto: with path, direct and volpath and without --time, if a pilot finds that it pays. It adds no bias [default: auto; without a value: always]
+    /// auto: with path, direct and volpath and without --time, if a pilot finds that it pays. It adds no bias
+    /// [default: auto; without a value: always]
     #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_value = "auto",
           default_missing_value = "always", hide_default_value = true)]
     pub adaptive: Adaptive,
