@@ -26,8 +26,8 @@ const STREAM: u64 = 0x6164_6170_7469_7665;
 /// have few significant bits, for which low-discrepancy sequences are well distributed.
 const LEAST: f64 = 0.25;
 const MOST: f64 = 8.0;
-/// Up to this number, all pixels have all samples; rates apply to those after it. A cell whose noise the pilot has missed
-/// has at least these.
+/// Up to this number, all pixels have all samples; rates apply to those after it. A cell whose noise the pilot has
+/// missed has at least these.
 const EQUAL: u64 = 16;
 /// The half widths, in cells, of the neighbourhoods from which a cell's noise is estimated, from the widest.
 const RADII: [usize; 4] = [4, 2, 1, 0];
