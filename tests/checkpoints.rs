@@ -137,6 +137,26 @@ fn a_resumed_render_is_the_uninterrupted_one() {
     }
 }
 
+/// `auto` distributes no samples with `--time`. A render that `--spp` goes on with keeps to that, and one that `--spp`
+/// began keeps its rates with `--time`.
+#[test]
+fn a_resumed_render_keeps_its_distribution_of_samples() {
+    let folder = Folder::of_scene("speed", "boards.xml");
+    let adaptive = |options: &str| {
+        folder.render(&format!("s.xml --size 96x72 -q -o r.exr --checkpoint c --stats s.json {options}"));
+        let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+        stats["adaptive"].as_bool().expect("a truth value")
+    };
+    assert!(!adaptive("--time 0.2s"));
+    assert!(!adaptive("--spp 100000 --time 0.3s --resume"));
+    std::fs::remove_file(folder.path("c")).expect("the file is there");
+    assert!(adaptive("--spp 24"));
+    assert!(adaptive("--spp 40 --time 100s --resume"));
+    folder.render(&format!("s.xml --size 96x72 -q -o whole.exr --spp 40"));
+    let [whole, resumed] = ["whole.exr", "r.exr"].map(|f| buffon::image::read(&folder.path(f)).unwrap());
+    assert_eq!(whole.data, resumed.data);
+}
+
 #[test]
 fn what_cannot_be_resumed_is_refused_and_left_as_it_is() {
     let folder = Folder::new();

@@ -210,6 +210,35 @@ fn adaptive_renders_keep_budget_and_numbers_on_any_threads() {
     }
 }
 
+/// `auto` has rates on glossy boards under lamps, and none on spheres or where they are of no use. A short range tells
+/// of pixels without samples.
+#[test]
+fn auto_has_rates_where_they_pay() {
+    let [boards, spheres] =
+        [("speed", "boards.xml"), ("spheres", "spheres.xml")].map(|(t, n)| Folder::of_scene(t, n));
+    let render = |folder: &Folder, options: &str| {
+        let run =
+            folder.render(&format!("s.xml --size 96x72 --progress none -o r.exr --stats s.json {options}"));
+        let stats: Json = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+        (stats["adaptive"].as_bool().expect("a truth value"), run.stderr)
+    };
+    for (folder, options, adaptive) in [
+        (&boards, "--spp 17", true),
+        (&boards, "--spp 16", false),
+        (&boards, "--spp 17 --adaptive=never", false),
+        (&boards, "--spp 25 --sampler multijitter", false),
+        (&boards, "--spp 17 --integrator whitted", false),
+        (&spheres, "--spp 17", false),
+        (&spheres, "--spp 17 --adaptive", true),
+    ] {
+        assert_eq!(render(folder, options).0, adaptive, "{options}");
+    }
+    for (range, empty) in [("16..20", true), ("16..24", false)] {
+        let (_, printed) = render(&boards, &format!("--spp 32 --sample-range {range}"));
+        assert_eq!(printed.contains("some pixels have no sample in this range"), empty, "{printed}");
+    }
+}
+
 #[test]
 fn adaptive_sampling_works_with_every_rule_and_is_refused_where_it_cannot() {
     let folder = Folder::new();

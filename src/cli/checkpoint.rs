@@ -2,7 +2,7 @@
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
-use crate::render::RenderState;
+use crate::render::{Adaptive, RenderState};
 use crate::session::checkpoint::{CheckpointLabel, Identity, file};
 use crate::session::{Plan, SceneHashes, Session};
 use crate::util;
@@ -18,23 +18,22 @@ pub struct Checkpointing {
 }
 
 impl Checkpointing {
-    /// Checks the options of the command line; with `--resume`, reads the state from the file if it exists.
+    /// Checks the options of the command line; with `--resume`, reads the state from the file if it exists. A resumed
+    /// render distributes its samples over the pixels as before, unless the user chooses otherwise: `--time` may have
+    /// begun it and `--spp` may go on.
     ///
     /// # Errors
     /// If the file exists and cannot be resumed, is of a different render, or cannot be written.
     pub fn open(
         args: &RenderArgs,
         session: &Session,
-        plan: &Plan,
+        plan: &mut Plan,
         origin: Option<SceneHashes>,
     ) -> Result<Option<Self>> {
         let Some((path, origin)) = args.checkpoint.clone().zip(origin) else { return Ok(None) };
         util::check_replaceable(&path)?;
-        let identity = Identity::of(session, plan, origin);
-        let resumed = match (path.exists(), args.resume) {
-            (true, true) => {
-                Some(file::load(&path)?.resume(&path, &identity, plan.first, plan.job.stop.samples)?)
-            }
+        let loaded = match (path.exists(), args.resume) {
+            (true, true) => Some(file::load(&path)?),
             (true, false) => {
                 return Err(Error::usage(format!(
                     "--checkpoint {}: it is there already; --resume goes on from it, or remove it",
@@ -48,13 +47,19 @@ impl Checkpointing {
                 None
             }
         };
+        if let Some(checkpoint) = loaded.as_ref().filter(|_| args.adaptive == Adaptive::Auto) {
+            plan.adaptive = checkpoint.label.identity.adaptive;
+        }
+        let identity = Identity::of(session, plan, origin);
+        let (first, end) = (plan.first, plan.job.stop.samples);
+        let resumed = loaded.map(|checkpoint| checkpoint.resume(&path, &identity, first, end)).transpose()?;
         let label = CheckpointLabel {
             identity,
             image_description: session.image_description(plan),
             samples: Vec::new(),
             target: plan.target,
         };
-        Ok(Some(Checkpointing { path, label, first: plan.first, resumed, quiet: args.quiet }))
+        Ok(Some(Checkpointing { path, label, first, resumed, quiet: args.quiet }))
     }
 
     /// Returns the state to resume from, once.

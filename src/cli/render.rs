@@ -126,7 +126,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         util::check_replaceable(path)?;
     }
     let (session, origin, mut seconds) = open(args)?;
-    let plan = session.plan(&choices(args, origin))?;
+    let mut plan = session.plan(&choices(args, origin))?;
     targets.iter().try_for_each(|target| session.check_output(&plan, target))?;
     let kind = plan.job.sampler.kind();
     if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
@@ -135,7 +135,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     {
         super::report!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
     }
-    let checkpoint = Checkpointing::open(args, &session, &plan, origin)?;
+    let checkpoint = Checkpointing::open(args, &session, &mut plan, origin)?;
     let advice = kind.advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         super::report!("buffon: note: {advice}");

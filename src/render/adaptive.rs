@@ -1,9 +1,10 @@
 //! Adaptive sampling: more samples where the relative error is larger, without bias.
 //!
 //! A pilot estimates the noise of the cells of the image, and each cell gets a rate: the samples of its pixels for each
-//! sample that the user asks for. The samples of the pilot are not part of the image, so the rates are independent of
-//! all samples in it, and the means of pixels remain unbiased. The rates depend on nothing but the view and the seed.
-//! A crop, a range of samples, or a continued render therefore takes the same samples as the whole.
+//! sample that the user asks for, after the first sixteen. The samples of the pilot are not part of the image, so the
+//! rates are independent of all samples in it, and the means of pixels remain unbiased. The rates depend on nothing but
+//! the view and the seed. A crop, a range of samples, or a continued render therefore takes the same samples as the
+//! whole.
 
 use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
@@ -12,6 +13,7 @@ use crate::integrator::path::groups::{CellSide, PixelGroups};
 use crate::integrator::pilot::PilotRays;
 use crate::integrator::preparation::Workers;
 use crate::integrator::{Group, Integrator, NO_RAY, Preparation, Radiance, RadianceQuery, Wave, Worker};
+use crate::util;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::str::FromStr;
@@ -22,8 +24,8 @@ const SIDE: u32 = CellSide::Eight as u32;
 const SAMPLES: usize = 8;
 /// The random numbers of the pilot are others than those of the image.
 const STREAM: u64 = 0x6164_6170_7469_7665;
-/// Rates are multiples of a quarter of a power of two. So, if the user asks for a power of two, the numbers of samples
-/// have few significant bits, for which low-discrepancy sequences are well distributed.
+/// The range of rates. They are multiples of a quarter of a power of two, so that cells which are equally noisy have
+/// exactly the rate 1.
 const LEAST: f64 = 0.25;
 const MOST: f64 = 8.0;
 /// Up to this number, all pixels have all samples; rates apply to those after it. A cell whose noise the pilot has
@@ -65,8 +67,7 @@ impl FromStr for Adaptive {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let found = Adaptive::NAMES.iter().find(|(known, _)| *known == name);
-        found.map(|(_, adaptive)| *adaptive).ok_or_else(|| "expected auto, always or never".into())
+        util::named(&Adaptive::NAMES, name).ok_or_else(|| "expected auto, always or never".into())
     }
 }
 
@@ -234,13 +235,8 @@ fn estimates(noise: &[Noise], columns: usize) -> Vec<f64> {
     let rows = noise.len() / columns;
     let sum = |x: Range<usize>, y: Range<usize>| {
         y.flat_map(|y| &noise[y * columns + x.start..y * columns + x.end]).fold(Noise::default(), |a, b| {
-            Noise {
-                pixels: a.pixels + b.pixels,
-                squares: a.squares + b.squares,
-                fourths: a.fourths + b.fourths,
-                of_halves: [0, 1].map(|half| a.of_halves[half] + b.of_halves[half]),
-                cost: a.cost + b.cost,
-            }
+            let (pixels, squares) = (a.pixels + b.pixels, a.squares + b.squares);
+            Noise { pixels, squares, fourths: a.fourths + b.fourths, ..a }
         })
     };
     let of_image = sum(0..columns, 0..rows);

@@ -139,7 +139,7 @@ impl<'j, 'a> Passes<'j, 'a> {
     /// Takes samples of every pixel; with adaptive sampling, the range applies to a pixel with the rate 1.
     fn take(&mut self, samples: Range<u64>) {
         let Passes { job, pool, now, workers, .. } = self;
-        let RenderState { tiles, .. } = &mut *now;
+        let tiles = &mut now.tiles;
         if let Some(progressive) = job.integrator.progressive() {
             let prepared = progressive::render(job, progressive, pool, workers, tiles, samples);
             self.counters.merge(&prepared.counters);

@@ -112,7 +112,8 @@ fn obstacle_to_rates(integrator: &dyn Integrator, sampler: SamplerKind) -> Optio
     let name = integrator.name();
     if !sampler.has_independent_pixels() {
         return Some(format!(
-            "with the sampler {sampler}, the samples of neighbouring pixels are correlated, and all must be taken; use another sampler"
+            "with the sampler {sampler}, the samples of neighbouring pixels are correlated, and all must be taken; \
+             use another sampler"
         ));
     }
     if integrator.light_tracer().is_some() {

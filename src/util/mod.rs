@@ -10,3 +10,8 @@ pub mod wording;
 pub use digest::digest;
 pub use relative::relative;
 pub use replace::{check_replaceable, replace, replace_with};
+
+/// Returns the value with the given name.
+pub fn named<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
+    names.iter().find(|(known, _)| *known == name).map(|(_, value)| *value)
+}

@@ -21,6 +21,7 @@ use crate::bsdf;
 use crate::error::Result;
 use crate::math::lanes::{LANES, bits, f32x16, load, mask_from_bits};
 use crate::scene::Scene;
+use crate::util;
 use bumpalo::Bump;
 use std::str::FromStr;
 
@@ -46,8 +47,7 @@ impl FromStr for PathReuse {
     type Err = String;
 
     fn from_str(name: &str) -> std::result::Result<Self, String> {
-        let found = PathReuse::NAMES.iter().find(|(known, _)| *known == name);
-        found.map(|(_, reuse)| *reuse).ok_or_else(|| "expected auto, always or never".into())
+        util::named(&PathReuse::NAMES, name).ok_or_else(|| "expected auto, always or never".into())
     }
 }
 

@@ -2,8 +2,7 @@
 //!
 //! The file begins with `BUFFONCP`, the version and the length of the header in bytes (u32 each, little-endian like
 //! all numbers). The header is JSON: the identity of the render, the description of its image, and its progress. Then
-//! follow the sums of the tiles, row by row. The
-//! CRC-32 of everything before it ends the file.
+//! follow the sums of the tiles, row by row. The CRC-32 of everything before it ends the file.
 
 use super::{Checkpoint, CheckpointLabel, Identity};
 use crate::error::{Error, Result};
@@ -15,6 +14,7 @@ use crate::render::RenderState;
 use crate::render::tracing::InvalidSample;
 use crate::session::ImageDescription;
 use crate::util::container::Format;
+use crate::util::named;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Duration;
@@ -57,10 +57,7 @@ struct InvalidSampleRecord {
 /// If the file cannot be written.
 pub fn save(path: &Path, label: &CheckpointLabel, state: &RenderState) -> Result<()> {
     FORMAT.save(path, &Header::of(label, state), |body| {
-        for tile in &state.tiles {
-            body.write_all(&tile.to_bytes())?;
-        }
-        Ok(())
+        state.tiles.iter().try_for_each(|tile| body.write_all(&tile.to_bytes()))
     })
 }
 
@@ -189,8 +186,4 @@ impl Header {
 
 fn name_of<T: PartialEq>(names: &[(&str, T)], value: T) -> String {
     names.iter().find(|(_, v)| *v == value).map_or_else(String::new, |(name, _)| (*name).into())
-}
-
-fn named<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
-    names.iter().find(|(n, _)| *n == name).map(|(_, value)| *value)
 }
