@@ -152,7 +152,7 @@ fn a_resumed_render_keeps_its_distribution_of_samples() {
     std::fs::remove_file(folder.path("c")).expect("the file is there");
     assert!(adaptive("--spp 24"));
     assert!(adaptive("--spp 40 --time 100s --resume"));
-    folder.render(&format!("s.xml --size 96x72 -q -o whole.exr --spp 40"));
+    folder.render("s.xml --size 96x72 -q -o whole.exr --spp 40");
     let [whole, resumed] = ["whole.exr", "r.exr"].map(|f| buffon::image::read(&folder.path(f)).unwrap());
     assert_eq!(whole.data, resumed.data);
 }
