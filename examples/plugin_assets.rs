@@ -62,6 +62,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (0..36).map(|i| 0.3 + 0.7 * f32::from(code(i, 5, 10)) / 255.0),
     )?;
 
+    // Distances from a ring around the axis z.
+    let distance = |i: u32| {
+        let [x, y, z] = [i % 16, i / 16 % 16, i / 256].map(|i| i as f32 / 15.0 - 0.5);
+        ((x * x + y * y).sqrt() - 0.28).hypot(z) - 0.13
+    };
+    volume(&meshes.join("ring.vol"), [16, 16, 16], 1, (0..16 * 16 * 16).map(distance))?;
+
     let ball = Ball::new(8, 12);
     std::fs::write(meshes.join("ball.obj"), ball.obj())?;
     std::fs::write(meshes.join("ball.ply"), ball.ply())?;

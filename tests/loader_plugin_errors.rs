@@ -8,7 +8,7 @@ fn unknown_and_unsupported_plugins() {
         ("<bsdf type='difuse'/>", "<bsdf type=\"difuse\">: unknown bsdf (did you mean \"diffuse\"?)"),
         ("<bsdf type='measured'/>", "<bsdf type=\"measured\">: this bsdf is not supported"),
         ("<shape type='spere'/>", "<shape type=\"spere\">: unknown shape (did you mean \"sphere\"?)"),
-        ("<shape type='sdfgrid'/>", "<shape type=\"sdfgrid\">: this shape is not supported"),
+        ("<shape type='ellipsoids'/>", "<shape type=\"ellipsoids\">: this shape is not supported"),
         ("<emitter type='timed_sunsky'/>", "<emitter type=\"timed_sunsky\">: this emitter is not supported"),
         (
             "<integrator type='pth'/>",

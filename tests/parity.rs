@@ -14,7 +14,9 @@
 use crate::meshes::{Mesh, Random, cube, soup, sphere, terrain};
 use buffon::accel::brute_force::BruteForce;
 use buffon::accel::{Accel, AccelKind, Coherence, CurveSegments, Geometry, Hit, Primitive, build};
-use buffon::math::{DVec3, Ray, Vec3};
+use buffon::math::{DAffine3, DQuat, DVec3, Ray, Vec3};
+use buffon::shape::{SdfGrid, SdfNormals, WorldSdfGrid};
+use std::sync::Arc;
 
 const RAYS_PER_SCENE: usize = 200_000;
 
@@ -57,7 +59,24 @@ fn scenes() -> Vec<Scene> {
         Scene::new("few", vec![soup(30, 0.5, 1.0, &mut random)], surfaces[..8].to_vec()),
         Scene::new("analytic", vec![soup(60, 0.5, 1.0, &mut random)], surfaces),
         curves(&mut random),
+        isosurface(&mut random),
     ]
+}
+
+/// Returns the isosurface of random distances.
+fn isosurface(random: &mut Random) -> Scene {
+    let mut scene = Scene::new("isosurface", vec![soup(20, 0.5, 1.0, random)], vec![]);
+    let distances = (0..6 * 5 * 7).map(|_| random.unit() - 0.5).collect();
+    let grid = SdfGrid::new([6, 5, 7], distances, SdfNormals::Smooth).expect("a grid");
+    let to_world = DAffine3::from_scale_rotation_translation(
+        DVec3::new(2.0, -1.8, 1.9),
+        DQuat::IDENTITY,
+        DVec3::new(-1.0, 0.9, -1.0),
+    );
+    let placed = WorldSdfGrid::new(grid, &to_world).expect("a placed grid");
+    scene.geometry.push(Geometry::Surfaces(placed.cells));
+    scene.meshes.push(None);
+    scene
 }
 
 /// Returns curves with corners and smooth ones.
@@ -67,7 +86,7 @@ fn curves(random: &mut Random) -> Scene {
         let points = (0..60).map(|_| (random.cube(), 0.02 + 0.1 * random.unit())).collect();
         let first_points = (0..59).filter(|i| i % 6 != 5).collect();
         let tangents = if smooth { (0..60).map(|_| random.cube().normalize()).collect() } else { Vec::new() };
-        scene.geometry.push(Geometry::Curves(CurveSegments { points, first_points, tangents }.into()));
+        scene.geometry.push(Geometry::Surfaces(Arc::new(CurveSegments { points, first_points, tangents })));
         scene.meshes.push(None);
     }
     scene

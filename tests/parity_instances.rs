@@ -166,7 +166,7 @@ fn tolerance(scene: &Scene, ray: &Ray, hit: &Hit) -> Tolerance {
             let (t, edge) = analytic_tolerance(&surface, o, d, f64::from(hit.t), delta);
             Tolerance { t: t + rounded, edge }
         }
-        Geometry::Curves(_) => unreachable!("the scenes have no curves"),
+        Geometry::Surfaces(_) => unreachable!("the scenes have none"),
     }
 }
 
@@ -201,7 +201,7 @@ fn analytic_tolerance(surface: &Primitive, o: DVec3, d: DVec3, t: f64, delta: f6
             let whole = p0.as_dvec3().distance(p1.as_dvec3());
             (t_error, silhouette || height.abs() <= slack || (height - whole).abs() <= slack)
         }
-        Primitive::RoundCone(_) => unreachable!("the scenes have no curves"),
+        Primitive::RoundCone(_) | Primitive::SdfCell(_) => unreachable!("the scenes have neither"),
     }
 }
 

@@ -73,6 +73,7 @@ mod scattering_hair;
 mod scattering_principled;
 mod scattering_rough;
 mod scattering_values;
+mod sdf_grids;
 mod self_intersection;
 mod sppm;
 mod support;

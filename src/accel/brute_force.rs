@@ -51,8 +51,8 @@ impl BruteForce {
                 line.t_max = nearest.map_or(line.t_max, |hit| hit.t);
             }
             Geometry::Analytic(_) => {}
-            Geometry::Curves(curves) => {
-                for (primitive, surface) in curves.surfaces() {
+            Geometry::Surfaces(surfaces) => {
+                for (primitive, surface) in surfaces.valid() {
                     let place = |h: &super::PrimitiveHit| hit((h.t, h.u, h.v), primitive);
                     if let Some(found) = surface.intersect_line(line, |h| ask(&place(h))) {
                         line.t_max = found.t;

@@ -177,14 +177,14 @@ impl SceneParts {
                     });
                 }
                 Geometry::Analytic(_) => {}
-                Geometry::Curves(curves) => {
-                    let segments = curves.surfaces().map(|(primitive, surface)| UserSurface {
+                Geometry::Surfaces(surfaces) => {
+                    let surfaces = surfaces.valid().map(|(primitive, surface)| UserSurface {
                         surface,
                         geometry,
                         primitive,
                         reported: primitive,
                     });
-                    add_surfaces(id, segments.collect(), builder)?;
+                    add_surfaces(id, surfaces.collect(), builder)?;
                 }
             }
         }

@@ -62,11 +62,31 @@ pub enum Geometry {
     },
     /// One analytic surface.
     Analytic(Primitive),
-    /// Segments of curves; each is a round cone.
-    Curves(Arc<CurveSegments>),
+    /// Many analytic surfaces, such as the segments of curves. Each is a primitive.
+    Surfaces(Arc<dyn Surfaces>),
 }
 
-/// The segments of curves.
+/// Analytic surfaces of one geometry.
+pub trait Surfaces: std::fmt::Debug + Send + Sync {
+    /// Returns the number of surfaces, valid or invalid.
+    fn count(&self) -> usize;
+
+    /// Returns surface `i`.
+    ///
+    /// # Panics
+    /// If there is no such surface.
+    fn surface(&self, i: usize) -> Primitive;
+}
+
+impl dyn Surfaces {
+    /// Returns the valid surfaces, each with its index.
+    pub fn valid(&self) -> impl Iterator<Item = (u32, Primitive)> + '_ {
+        let all = (0..self.count()).map(|i| (i as u32, self.surface(i)));
+        all.filter(|(_, surface)| surface.is_valid())
+    }
+}
+
+/// The segments of curves; each is a round cone.
 #[derive(Clone, Debug, Default)]
 pub struct CurveSegments {
     /// Positions, and the radius of the sphere around each.
@@ -103,13 +123,15 @@ impl CurveSegments {
             [self.tangents[first], self.tangents[first + 1]]
         }
     }
+}
 
-    /// Returns the surface of a segment.
-    ///
-    /// # Panics
-    /// As for [`ends`](Self::ends).
+impl Surfaces for CurveSegments {
+    fn count(&self) -> usize {
+        self.first_points.len()
+    }
+
     #[inline]
-    pub fn surface(&self, segment: usize) -> Primitive {
+    fn surface(&self, segment: usize) -> Primitive {
         let [(p0, r0), (p1, r1)] = self.ends(segment);
         let first = self.first_points[segment];
         let follows = segment > 0 && self.first_points[segment - 1] + 1 == first;
@@ -120,12 +142,6 @@ impl CurveSegments {
             planes: self.tangents(segment),
             closed: [!follows, !goes_on],
         })
-    }
-
-    /// Returns the valid surfaces, each with the index of its segment.
-    pub fn surfaces(&self) -> impl Iterator<Item = (u32, Primitive)> + '_ {
-        let all = (0..self.first_points.len()).map(|i| (i as u32, self.surface(i)));
-        all.filter(|(_, surface)| surface.is_valid())
     }
 }
 
@@ -140,7 +156,7 @@ impl Geometry {
         match self {
             Geometry::Triangles { indices, .. } => indices.len(),
             Geometry::Analytic(_) => 1,
-            Geometry::Curves(curves) => curves.first_points.len(),
+            Geometry::Surfaces(surfaces) => surfaces.count(),
         }
     }
 
@@ -183,13 +199,13 @@ pub(super) fn check(geometry: &mut Geometry) -> CheckedGeometry {
         Geometry::Triangles { positions, indices } => check_mesh(positions, indices, &mut result),
         Geometry::Analytic(primitive) if primitive.is_valid() => result.bounds = primitive.bounds(),
         Geometry::Analytic(_) => result.dropped = 1,
-        Geometry::Curves(curves) => {
+        Geometry::Surfaces(surfaces) => {
             let mut valid = 0;
-            for (_, surface) in curves.surfaces() {
+            for (_, surface) in surfaces.valid() {
                 result.bounds = result.bounds.union(surface.bounds());
                 valid += 1;
             }
-            result.dropped = curves.first_points.len() - valid;
+            result.dropped = surfaces.count() - valid;
         }
     }
     result

@@ -44,13 +44,13 @@ pub struct List {
 }
 
 impl List {
-    /// Creates the list of a checked assembly that has no instances, no filter, no curves, no very thin triangles and a
-    /// small total cost. Returns `None` for any other assembly.
+    /// Creates the list of a checked assembly that has no instances, no filter, no [`Geometry::Surfaces`], no very thin
+    /// triangles and a small total cost. Returns `None` for any other assembly.
     pub(super) fn new(assembly: &Assembly, checked: &CheckedAssembly) -> Option<Self> {
         let count: usize = assembly.geometry.iter().map(Geometry::len).sum();
         let simple = assembly.groups.is_empty() && assembly.instances.is_empty() && assembly.filter.is_none();
-        let curves = assembly.geometry.iter().any(|g| matches!(g, Geometry::Curves(_)));
-        if !simple || curves || count > 2 * MAX_COST || checked.bounds.is_empty() {
+        let many = assembly.geometry.iter().any(|g| matches!(g, Geometry::Surfaces(_)));
+        if !simple || many || count > 2 * MAX_COST || checked.bounds.is_empty() {
             return None;
         }
         let center = checked.bounds.center();

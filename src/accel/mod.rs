@@ -15,14 +15,16 @@ pub mod instance;
 pub mod list;
 pub mod primitive;
 mod round_cone;
+mod sdf_cell;
 mod triangle;
 
 pub use assembly::{Assembly, GeometryFilter, HitFilter, ray_id};
 pub use cylinder::cylinder_frame;
-pub use geometry::{COORDINATE_LIMIT, CurveSegments, Geometry, VertexBuffer, valid_triangle};
+pub use geometry::{COORDINATE_LIMIT, CurveSegments, Geometry, Surfaces, VertexBuffer, valid_triangle};
 pub use instance::{Instance, MAX_STEPS};
 pub use primitive::{Primitive, PrimitiveHit};
 pub use round_cone::RoundCone;
+pub use sdf_cell::SdfCell;
 
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray, Vec3};

@@ -3,6 +3,7 @@
 use super::cylinder;
 use super::geometry::is_valid;
 use super::round_cone::{self, RoundCone};
+use super::sdf_cell::{self, SdfCell};
 use crate::math::{Bounds, DVec3, Ray, Vec3};
 
 /// An analytic surface in the space of its group (world space if it is in none).
@@ -35,6 +36,8 @@ pub enum Primitive {
     },
     /// A segment of a curve, which rays hit from the outside only.
     RoundCone(RoundCone),
+    /// The part of an isosurface in one cell of a grid.
+    SdfCell(SdfCell),
 }
 
 /// A hit on an analytic surface.
@@ -84,6 +87,7 @@ impl Primitive {
             Primitive::Disk { du, dv, .. } => du.as_dvec3().cross(dv.as_dvec3()).length_squared() > 0.0,
             Primitive::Cylinder { p0, p1, radius } => cylinder::is_valid(p0, p1, radius),
             Primitive::RoundCone(cone) => round_cone::is_valid(cone),
+            Primitive::SdfCell(cell) => sdf_cell::is_valid(cell),
         };
         spans && is_valid(b.min) && is_valid(b.max)
     }
@@ -99,6 +103,7 @@ impl Primitive {
             }
             Primitive::Cylinder { p0, p1, radius } => cylinder::bounds(p0, p1, radius),
             Primitive::RoundCone(cone) => round_cone::bounds(cone),
+            Primitive::SdfCell(cell) => sdf_cell::bounds(cell),
         };
         let (min, max) = (min.as_vec3(), max.as_vec3());
         Bounds { min: min.map(f32::next_down), max: max.map(f32::next_up) }
@@ -110,7 +115,7 @@ impl Primitive {
     /// they are the coordinates of the hit in the basis (du, dv): the point is `center + u·du + v·dv`. For a
     /// cylinder, u in [0, 1) is the angle divided by 2π and v in [0, 1] the relative height, in the frame of
     /// [`cylinder_frame`](super::cylinder_frame). For a round cone, u in [0, 1] is the position on its axis of the
-    /// sphere that the hit belongs to, and v is 1 on a disk at an end, else 0.
+    /// sphere that the hit belongs to, and v is 1 on a disk at an end, else 0. For a cell of a grid, both are 0.
     ///
     /// The computation uses double precision, so the only significant rounding of `t` is that to `f32`. An origin
     /// that was moved off the surface by an error bound therefore lies strictly on one side: a ray that leaves a
@@ -147,6 +152,7 @@ impl Primitive {
             Primitive::Disk { center, du, dv } => intersect_disk(center, du, dv, line).filter(accept),
             Primitive::Cylinder { p0, p1, radius } => cylinder::intersect((p0, p1, radius), line, accept),
             Primitive::RoundCone(cone) => round_cone::intersect(cone, line, accept),
+            Primitive::SdfCell(cell) => sdf_cell::intersect(&cell, line, accept),
         }
     }
 }

@@ -210,5 +210,6 @@ fn shape_kind(shape: &WorldShape) -> &'static str {
         WorldShape::Disk { .. } => "disk",
         WorldShape::Cylinder { .. } => "cylinder",
         WorldShape::Curves(_) => "curves",
+        WorldShape::SdfGrid(_) => "sdfgrid",
     }
 }

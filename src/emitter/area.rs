@@ -145,7 +145,7 @@ impl AreaEmitter {
                 let area = around * axis.as_dvec3().length();
                 (EmitterSurface::Cylinder { p0: *p0, axis, side: *side, inward: *inward }, area)
             }
-            WorldShape::Curves(_) => return None,
+            WorldShape::Curves(_) | WorldShape::SdfGrid(_) => return None,
         };
         let textured = emission.constant().is_none();
         let light = match (&surface, &emission) {

@@ -74,6 +74,7 @@ fn corners(shape: &PlacedShape) -> impl Iterator<Item = DVec3> + use<> {
         }
         Shape::Rectangle | Shape::Disk => (DVec3::new(-1.0, -1.0, 0.0), DVec3::new(1.0, 1.0, 0.0)),
         Shape::Cube => (DVec3::NEG_ONE, DVec3::ONE),
+        Shape::SdfGrid(_) => (DVec3::ZERO, DVec3::ONE),
         Shape::Sphere { center, radius } => around(*center, *radius),
         Shape::Cylinder { p0, p1, radius } => {
             let (a, b) = (around(*p0, *radius), around(*p1, *radius));

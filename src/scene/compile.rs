@@ -175,10 +175,14 @@ impl SceneCompiler {
         }
         let world = WorldShape::new(shape, to_world, flip_normals).map_err(locate)?;
         let emission = emission.map(|input| self.emission(input)).transpose().map_err(locate)?;
-        if let WorldShape::Curves(_) = world
-            && (emission.is_some() || !boundary.is_none())
-        {
-            let message = "curves cannot emit light or contain a medium";
+        let refused = match world {
+            WorldShape::Curves(_) if emission.is_some() || !boundary.is_none() => {
+                Some("curves cannot emit light or contain a medium")
+            }
+            WorldShape::SdfGrid(_) if emission.is_some() => Some("an sdfgrid cannot emit light"),
+            _ => None,
+        };
+        if let Some(message) = refused {
             return Err(locate(Error::scene(message)));
         }
         let mut emitter = None;

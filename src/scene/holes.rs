@@ -24,7 +24,7 @@ impl HitFilter for OpacityFilter {
         if opacity <= 0.0 || opacity >= 1.0 {
             return opacity > 0.0;
         }
-        let side = u32::from(enters(shape, p, ray.d));
+        let side = u32::from(enters(shape, hit, p, ray.d));
         let words = [hit.geometry, hit.primitive, hit.instance, side];
         let hash = words.into_iter().fold(id, |h, word| mix(h ^ mix(word.wrapping_add(0x9e37_79b9))));
         // Very small opacities need more than 32 random bits.
@@ -34,7 +34,7 @@ impl HitFilter for OpacityFilter {
 }
 
 /// Distinguishes the two hits of a ray with a curved surface.
-fn enters(shape: &WorldShape, p: Vec3, d: Vec3) -> bool {
+fn enters(shape: &WorldShape, hit: &Hit, p: Vec3, d: Vec3) -> bool {
     match shape {
         WorldShape::Sphere { center, .. } => d.dot(p - *center) < 0.0,
         WorldShape::Cylinder { p0, p1, .. } => {
@@ -42,6 +42,7 @@ fn enters(shape: &WorldShape, p: Vec3, d: Vec3) -> bool {
             let q = p - *p0;
             d.dot(q - axis * q.dot(axis)) < 0.0
         }
+        WorldShape::SdfGrid(grid) => d.dot(grid.normal(hit, p)) < 0.0,
         WorldShape::Mesh(_)
         | WorldShape::Rectangle { .. }
         | WorldShape::Disk { .. }

@@ -5,7 +5,7 @@ use crate::ids::{MaterialId, ShapeId};
 use crate::math::ray::{plane_error, plane_error_x16};
 use crate::math::robust::gamma;
 use crate::math::{Frame, FrameX16, LANES, Vec3, Vec3x16, f32x16};
-use crate::shape::{TriangleMesh, WorldCurves};
+use crate::shape::{TriangleMesh, WorldCurves, WorldSdfGrid};
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug)]
@@ -177,5 +177,11 @@ pub(super) fn cylinder_point(ends: [Vec3; 2], side: [Vec3; 2], inward: bool, p: 
 /// Moves a point at or near `p` onto the curve.
 pub(super) fn curve_point(curves: &WorldCurves, hit: &Hit, p: Vec3) -> AnalyticPoint {
     let (p, [ng, ns], reach) = curves.surface(hit, p);
+    AnalyticPoint { p, error: plane_error(reach * gamma(16), ng), ng, ns }
+}
+
+/// Moves a point at or near `p` onto the isosurface.
+pub(super) fn sdf_point(grid: &WorldSdfGrid, hit: &Hit, p: Vec3) -> AnalyticPoint {
+    let (p, [ng, ns], reach) = grid.surface(hit, p);
     AnalyticPoint { p, error: plane_error(reach * gamma(16), ng), ng, ns }
 }

@@ -160,6 +160,7 @@ impl Scene {
                 interaction::cylinder_point([*p0, *p1], *side, *inward, at())
             }
             WorldShape::Curves(curves) => interaction::curve_point(curves, hit, at()),
+            WorldShape::SdfGrid(grid) => interaction::sdf_point(grid, hit, at()),
             WorldShape::Mesh(_) | WorldShape::Rectangle { .. } => unreachable!("a mesh is not analytic"),
         }
     }

@@ -4,11 +4,13 @@ pub mod curves;
 pub mod mesh;
 pub mod parametrization;
 pub mod placement;
+pub mod sdf_grid;
 pub mod world;
 
 pub use curves::{CurvePoint, Curves, WorldCurves};
 pub use mesh::Mesh;
 pub use placement::Placement;
+pub use sdf_grid::{SdfGrid, SdfNormals, WorldSdfGrid};
 pub use world::{TriangleMesh, WorldShape};
 
 use crate::math::Vec3;
@@ -42,4 +44,6 @@ pub enum Shape {
     Disk,
     /// Curves; rays hit them from the outside only. uv = (angle / 2π, position along all segments).
     Curves(Curves),
+    /// The isosurface of signed distances in the cube [0, 1]³; uv = (0, 0).
+    SdfGrid(SdfGrid),
 }

@@ -46,6 +46,7 @@ impl WorldShape {
                 [(side[1] * cos - side[0] * sin) * TAU, *p1 - *p0]
             }
             WorldShape::Curves(curves) => curves.partials(hit, p),
+            WorldShape::SdfGrid(_) => [Vec3::ZERO; 2],
         }
     }
 
@@ -71,6 +72,7 @@ impl WorldShape {
                 Vec2::new(turn(q.dot(side[0]), q.dot(side[1])), height.clamp(0.0, 1.0))
             }
             WorldShape::Curves(curves) => curves.uv(hit, p),
+            WorldShape::SdfGrid(_) => Vec2::ZERO,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Shapes in world space, after transforms have been applied.
 
-use super::{Mesh, Shape, WorldCurves};
+use super::{Mesh, Shape, WorldCurves, WorldSdfGrid};
 use crate::accel::{Geometry, Primitive, VertexBuffer};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat3, DVec3, Frame, Mat3, Vec2, Vec3};
@@ -91,6 +91,8 @@ pub enum WorldShape {
     },
     /// Curves.
     Curves(Arc<WorldCurves>),
+    /// The isosurface of a grid of signed distances.
+    SdfGrid(Arc<WorldSdfGrid>),
 }
 
 impl WorldShape {
@@ -112,6 +114,12 @@ impl WorldShape {
                 ));
             }
             Shape::Curves(curves) => WorldShape::Curves(Arc::new(WorldCurves::new(curves, to_world))),
+            Shape::SdfGrid(_) if flip => {
+                return Err(Error::scene(
+                    "the normals of an sdfgrid point to greater distances, so they cannot be flipped",
+                ));
+            }
+            Shape::SdfGrid(grid) => WorldShape::SdfGrid(Arc::new(WorldSdfGrid::new(grid, to_world)?)),
             Shape::Disk => {
                 let normal = transform_normal(&to_world.matrix3, Vec3::Z);
                 WorldShape::Disk {
@@ -139,7 +147,8 @@ impl WorldShape {
             WorldShape::Cylinder { p0, p1, side, .. } => {
                 Geometry::Analytic(Primitive::Cylinder { p0: *p0, p1: *p1, radius: side[0].length() })
             }
-            WorldShape::Curves(curves) => Geometry::Curves(Arc::clone(&curves.segments)),
+            WorldShape::Curves(curves) => Geometry::Surfaces(Arc::clone(&curves.segments) as _),
+            WorldShape::SdfGrid(grid) => Geometry::Surfaces(Arc::clone(&grid.cells) as _),
         }
     }
 
@@ -156,6 +165,7 @@ impl WorldShape {
         match self {
             WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.memory_bytes(),
             WorldShape::Curves(curves) => curves.memory_bytes(),
+            WorldShape::SdfGrid(grid) => grid.memory_bytes(),
             _ => 0,
         }
     }

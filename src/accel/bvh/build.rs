@@ -99,7 +99,7 @@ pub fn surfaces(geometry: &[Geometry]) -> Vec<PlacedSurface> {
             Geometry::Analytic(surface) => {
                 surfaces.extend(Some((0, *surface)).filter(|(_, s)| s.is_valid()).map(place));
             }
-            Geometry::Curves(curves) => surfaces.extend(curves.surfaces().map(place)),
+            Geometry::Surfaces(many) => surfaces.extend(many.valid().map(place)),
         }
     }
     surfaces
@@ -131,7 +131,7 @@ fn collect(
                     }
                 }
             }
-            Geometry::Analytic(_) | Geometry::Curves(_) => {
+            Geometry::Analytic(_) | Geometry::Surfaces(_) => {
                 let first = surfaces.partition_point(|s| s.geometry < g);
                 for (i, placed) in
                     (first as u32..).zip(&surfaces[first..]).take_while(|(_, s)| s.geometry == g)

@@ -87,7 +87,7 @@ impl BoundedSurface {
                 };
                 (du.length_squared() + dv.length_squared(), exclusion)
             }
-            Primitive::Cylinder { .. } | Primitive::RoundCone(_) => {
+            Primitive::Cylinder { .. } | Primitive::RoundCone(_) | Primitive::SdfCell(_) => {
                 ((bounds.max - center).length_squared(), Exclusion::Nothing)
             }
         };

@@ -6,11 +6,12 @@ use crate::loader::curves::{self, CurveFormat};
 use crate::loader::mesh::{self, Format};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
+use crate::loader::volume;
 use crate::math::{DAffine3, DVec3};
 use crate::scene::description::{PlacedGroup, PlacedShape};
-use crate::shape::{Mesh, Shape};
+use crate::shape::{Mesh, SdfNormals, Shape};
 
-const SUPPORTED: [&str; 14] = [
+const SUPPORTED: [&str; 15] = [
     "bsplinecurve",
     "cube",
     "cylinder",
@@ -22,11 +23,12 @@ const SUPPORTED: [&str; 14] = [
     "obj",
     "ply",
     "rectangle",
+    "sdfgrid",
     "serialized",
     "shapegroup",
     "sphere",
 ];
-const MITSUBA: [&str; 4] = ["blender", "ellipsoids", "ellipsoidsmesh", "sdfgrid"];
+const MITSUBA: [&str; 3] = ["blender", "ellipsoids", "ellipsoidsmesh"];
 /// The greatest relative difference of the axes of a sphere's transformation. It is greater than the difference in a
 /// matrix that is printed with six digits.
 const SPHERE_TOLERANCE: f64 = 1e-4;
@@ -118,6 +120,7 @@ impl Builder<'_> {
             "disk" => Shape::Disk,
             "sphere" => sphere(&props, &to_world)?,
             "cylinder" => cylinder(&props)?,
+            "sdfgrid" => self.sdf_grid(&props)?,
             "linearcurve" => self.curves(&props, CurveFormat::Linear)?,
             "bsplinecurve" => self.curves(&props, CurveFormat::BSpline)?,
             "hair" => {
@@ -173,6 +176,15 @@ impl Builder<'_> {
         let found = self.find_file(props, "filename")?;
         let curves = found.map(|path| curves::load(&path, format, self.memory)).transpose()?;
         Ok(Shape::Curves(curves.unwrap_or_default()))
+    }
+
+    /// Reads a grid of signed distances from a file; returns an empty mesh if the file is missing.
+    fn sdf_grid(&mut self, props: &Props) -> Result<Shape> {
+        let normals = [("smooth", SdfNormals::Smooth), ("analytic", SdfNormals::Analytic)];
+        let normals = props.choice("normals", &normals, SdfNormals::default())?;
+        let found = self.find_file(props, "filename")?;
+        let grid = found.map(|path| volume::load_distances(&path, normals, self.memory)).transpose()?;
+        Ok(grid.map_or_else(|| Shape::Mesh(Mesh::default()), Shape::SdfGrid))
     }
 }
 
