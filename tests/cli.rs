@@ -127,6 +127,25 @@ fn a_scene_alone_is_rendered_and_several_outputs_are_written() {
     );
 }
 
+#[test]
+fn an_image_goes_to_standard_output() {
+    let folder = Folder::new();
+    let command = |options: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_buffon"));
+        command.current_dir(folder.path("")).args(["render", "s.xml", "--spp", "2"]).args(options.split(' '));
+        command.output().expect("a process")
+    };
+    let (piped, filed) = (command("-o - --stats s.json -q"), command("-o a.exr -q"));
+    assert!(piped.status.success() && filed.status.success() && piped.stderr.is_empty());
+    let (piped, filed) = (piped.stdout, std::fs::read(folder.path("a.exr")).expect("a file"));
+    assert_eq!((&piped[..4], piped.len()), (&b"\x76\x2f\x31\x01"[..], filed.len()));
+    let told = command("-o -").stderr;
+    assert!(String::from_utf8_lossy(&told).contains("standard output"), "{told:?}");
+    let refused = command("-o - --stats -");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("only one of them can be standard output"));
+}
+
 /// Exposure and tone curve change 8-bit images, in `render` as in `convert`. A layer becomes the picture.
 #[test]
 fn images_are_converted_with_exposure_tone_curve_and_layer() {

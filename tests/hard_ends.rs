@@ -218,10 +218,15 @@ fn every_camera_makes_rays_of_the_ends_of_film_and_lens() {
     let base = scenes::camera(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, 40.0, 16);
     let lens = Some(ThinLens { aperture_radius: 0.1, focus_distance: 3.0 });
     let parallel = SensorSettings { projection: Projection::Orthographic, ..base.clone() };
-    for settings in [base.clone(), SensorSettings { lens, ..base.clone() }, parallel] {
+    let spherical = SensorSettings { projection: Projection::Spherical, ..base.clone() };
+    for settings in [base.clone(), SensorSettings { lens, ..base.clone() }, parallel, spherical] {
         let camera = Camera::new(&settings).expect("a camera");
-        let corners = [0.0, 1e-30, 8.0, 16f32.next_down(), 16.0, -2.0, 18.0];
-        for p in corners.into_iter().flat_map(|x| corners.map(|y| Vec2::new(x, y))) {
+        let mut corners = vec![0.0, 1e-30, 8.0, 16f32.next_down(), 16.0, -2.0, 18.0];
+        // The left border of all directions is the right one, and each corner is a pole.
+        if settings.projection == Projection::Spherical {
+            corners = vec![0.1, 8.0, 15.9];
+        }
+        for p in corners.iter().flat_map(|x| corners.iter().map(|y| Vec2::new(*x, *y))) {
             for u in squares() {
                 for time in [0.0, 0.5, LAST] {
                     let ray = camera.ray(p.as_dvec2(), u, time);

@@ -14,7 +14,7 @@ fn unknown_and_unsupported_plugins() {
             "<integrator type='pth'/>",
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",
         ),
-        ("<sensor type='distant'/>", "<sensor type=\"distant\">: this sensor is not supported"),
+        ("<sensor type='batch'/>", "<sensor type=\"batch\">: this sensor is not supported"),
         ("<texture type='volume'/>", "<texture type=\"volume\">: expected a volume inside it"),
         ("<texture type='bitmp'/>", "<texture type=\"bitmp\">: unknown texture (did you mean \"bitmap\"?)"),
     ];

@@ -49,6 +49,7 @@ mod media;
 mod memory;
 mod mesh_robustness;
 mod meshes;
+mod meters;
 mod mistakes;
 #[cfg(unix)]
 mod nothing_lost;

@@ -117,10 +117,11 @@ fn with_subcommand(mut arguments: Vec<OsString>) -> Vec<OsString> {
     arguments
 }
 
-/// Writes text to standard output. A closed pipe is not an error.
-fn print(text: &str) -> Result<u8, Error> {
+/// Writes text or the bytes of a file to standard output. A closed pipe is not an error.
+fn print(bytes: &(impl AsRef<[u8]> + ?Sized)) -> Result<u8, Error> {
     use std::io::Write;
-    match std::io::stdout().write_all(text.as_bytes()) {
+    let mut out = std::io::stdout();
+    match out.write_all(bytes.as_ref()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Error::output(format!("cannot write to standard output: {e}")))
         }

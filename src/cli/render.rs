@@ -20,6 +20,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::{Duration, Instant};
+use tempfile::TempPath;
 
 /// Render a scene.
 ///
@@ -30,8 +31,8 @@ use std::time::{Duration, Instant};
 pub struct RenderArgs {
     /// The scene file
     pub scene: PathBuf,
-    /// The image to write; several -o write it in several formats [default: the scene's name with .exr, in the current
-    /// directory]
+    /// The image to write ("-" is an EXR on standard output); several -o write it in several formats [default: the
+    /// scene's name with .exr, in the current directory]
     #[arg(short, long, visible_alias = "outfile", value_name = "FILE")]
     pub output: Vec<PathBuf>,
     /// Stop at N samples per pixel [default: the scene's number, if no other rule is given]
@@ -119,7 +120,13 @@ pub struct RenderArgs {
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
-    let targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
+    let mut targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
+    let name = |target: &PathBuf| match target == Path::new("-") {
+        true => "standard output".to_owned(),
+        false => target.display().to_string(),
+    };
+    let names = targets.iter().map(name).collect::<Vec<_>>().join(", ");
+    let piped = piped(args, &mut targets)?;
     refuse(args, &targets)?;
     targets.iter().try_for_each(|target| image::check_output(target))?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
@@ -141,7 +148,6 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         super::report!("buffon: note: {advice}");
     }
     let progress = Arc::new(Progress::new());
-    let names = targets.iter().map(|target| target.display().to_string()).collect::<Vec<_>>().join(", ");
     let signal = listen(&progress, Some(early_exit(args, &names)))?;
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
     let code = match signal.load(Ordering::Relaxed) {
@@ -162,6 +168,11 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     for target in &targets {
         let report = image::write(target, &image, &options)?;
         clamped_half = clamped_half.max(report.clamped_half);
+    }
+    if let Some(file) = piped {
+        super::print(
+            &std::fs::read(&file).map_err(|e| Error::output(format!("cannot read back the image: {e}")))?,
+        )?;
     }
     seconds.write = written.elapsed().as_secs_f64();
     seconds.prepare = rendered.prepared.as_secs_f64();
@@ -212,6 +223,19 @@ fn default_output(args: &RenderArgs) -> PathBuf {
         Some(range) => name.with_extension(format!("{}-{}.exr", range.start, range.end)),
         None => name.with_extension("exr"),
     }
+}
+
+/// Replaces standard output among the targets by a temporary file, and returns it.
+fn piped(args: &RenderArgs, targets: &mut [PathBuf]) -> Result<Option<TempPath>> {
+    let Some(target) = targets.iter_mut().find(|target| *target == Path::new("-")) else { return Ok(None) };
+    if args.stats.as_deref() == Some(Path::new("-")) {
+        return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));
+    }
+    let file = tempfile::Builder::new().prefix("buffon-").suffix(".exr").tempfile();
+    let file =
+        file.map_err(|e| Error::output(format!("cannot create a temporary file: {e}")))?.into_temp_path();
+    *target = file.to_path_buf();
+    Ok(Some(file))
 }
 
 /// Refuses options that have no effect or contradict each other.

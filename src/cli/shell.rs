@@ -33,7 +33,7 @@ pub struct ManArgs {
 pub fn completions(args: &CompletionsArgs) -> Result<u8> {
     let mut text = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "buffon", &mut text);
-    print(&String::from_utf8_lossy(&text))
+    print(&text)
 }
 
 /// Prints a page or writes all pages.
@@ -51,7 +51,7 @@ pub fn man(args: &ManArgs) -> Result<u8> {
             let name = args.subcommand.as_deref().unwrap_or_default();
             Error::usage(format!("expected a subcommand of buffon, found \"{name}\""))
         })?;
-        return print(&String::from_utf8_lossy(&rendered(page)?));
+        return print(&rendered(page)?);
     };
     std::fs::create_dir_all(folder)
         .map_err(|e| Error::output(format!("the folder cannot be made: {e}")).in_file(folder))?;

@@ -189,10 +189,13 @@ fn pixel_values(
 /// Returns the camera's matrices for the image's metadata: `worldToCamera` and `worldToNDC`.
 ///
 /// The first transforms world space to camera space (x left, y up, z along the view). The second transforms world
-/// space to x and y in [0, 1], from the image's top left to its bottom right corner.
+/// space to x and y in [0, 1], from the image's top left to its bottom right corner; it is zero if there is no image
+/// plane.
 pub fn camera_matrices(camera: &Camera) -> [[f32; 16]; 2] {
     let world_to_camera = DMat4::from(camera.world_to_camera());
-    let [right, down, corner] = camera.image_plane();
+    let Some([right, down, corner]) = camera.image_plane() else {
+        return [world_to_camera.as_mat4().to_cols_array(), [0.0; 16]];
+    };
     // A direction in camera space is a multiple of corner + x·right + y·down; the inverse gives (x, y, 1)·z.
     let plane = crate::math::DMat3::from_cols(right, down, corner).inverse();
     let project = DMat4::from_cols(

@@ -260,7 +260,8 @@ impl SceneCompiler {
         let bounds = built.accel.bounds();
         let DistantEmitters { environment, sun } = self.add_emitters(emitters, bounds)?;
         let light_choice = choice_among(&self.lights)?;
-        let sensors: Vec<Camera> = sensors.iter().map(Camera::new).collect::<Result<_>>()?;
+        let sensors: Vec<Camera> =
+            sensors.iter().map(|sensor| Camera::for_scene(sensor, bounds)).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
         let motion = instances.iter().any(Instance::is_moving);
         let needs = Needs {

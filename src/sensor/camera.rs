@@ -3,9 +3,10 @@
 use super::{FovAxis, Projection, SensorSettings, ThinLens};
 use crate::error::{Error, Result};
 use crate::film::FilmSettings;
-use crate::math::{DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3};
+use crate::math::{Bounds, DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3};
 use crate::sampling::warp;
 use std::borrow::Cow;
+use std::f64::consts::{PI, TAU};
 
 /// A camera prepared for generating rays.
 #[derive(Clone, Debug)]
@@ -22,10 +23,23 @@ pub struct Camera {
     corner: DVec2,
     /// The change of that position per pixel to the right and downwards.
     pixel: DVec2,
-    parallel: bool,
+    lines: Lines,
     lens: Option<ThinLens>,
     near: f64,
     far: f64,
+}
+
+/// The lines along which a camera sees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lines {
+    /// Through the origin and a point of the image plane.
+    Central,
+    /// Along the viewing axis, through a point of the image plane.
+    Parallel,
+    /// From the origin in all directions.
+    Spherical,
+    /// Along the viewing axis, through a disk of this radius around the origin.
+    Axial { radius: f64 },
 }
 
 /// The position and axes of a camera at one time.
@@ -85,11 +99,15 @@ impl Camera {
         }
         let film = settings.film;
         let (width, height) = (f64::from(film.width), f64::from(film.height));
-        let (half, offset, parallel) = match settings.projection {
+        let mut offset = [0.0; 2];
+        let (half, lines) = match settings.projection {
             Projection::Perspective { fov, fov_axis, principal_point_offset } => {
-                (half_extents(fov, fov_axis, width, height), principal_point_offset, false)
+                offset = principal_point_offset;
+                (half_extents(fov, fov_axis, width, height), Lines::Central)
             }
-            Projection::Orthographic => ([1.0, height / width], [0.0; 2], true),
+            Projection::Orthographic => ([1.0, height / width], Lines::Parallel),
+            Projection::Spherical => ([0.0; 2], Lines::Spherical),
+            Projection::Axis | Projection::Distant { .. } => ([0.0; 2], Lines::Axial { radius: 0.0 }),
         };
         // x points to the left, y upwards.
         let corner = DVec2::new(half[0] * (1.0 - 2.0 * offset[0]), half[1] * (1.0 - 2.0 * offset[1]));
@@ -102,11 +120,36 @@ impl Camera {
             fixed: at_rest.map(|to_world| CameraPose::new(to_world, corner, pixel)),
             corner,
             pixel,
-            parallel,
+            lines,
             lens: settings.lens,
             near: settings.near_clip,
             far: settings.far_clip,
         })
+    }
+
+    /// Creates a camera for a scene of the given bounds, outside of which a distant sensor is.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new).
+    pub fn for_scene(settings: &SensorSettings, bounds: Bounds) -> Result<Self> {
+        let Projection::Distant { target } = settings.projection else { return Camera::new(settings) };
+        let (radius, center) = match bounds.is_empty() {
+            true => (1.0, DVec3::ZERO),
+            // The sphere around the bounds, a little larger than rounding errors.
+            false => (f64::from(bounds.radius()) * 1.0001, bounds.center().as_dvec3()),
+        };
+        let mut frame = settings.to_world.at(settings.shutter[0]);
+        let axis = frame.matrix3.z_axis.normalize();
+        frame.translation = match target {
+            Some(target) => {
+                let target = DVec3::from(target);
+                target - axis * (radius + target.distance(center))
+            }
+            None => center - axis * radius,
+        };
+        let mut camera = Camera::new(&SensorSettings { to_world: frame.into(), ..settings.clone() })?;
+        camera.lines = Lines::Axial { radius: if target.is_some() { 0.0 } else { radius } };
+        Ok(camera)
     }
 
     /// Returns the transform from camera space to world space at a time in [0, 1] over the shutter interval.
@@ -132,7 +175,18 @@ impl Camera {
 
     /// Returns whether rays depend on a position on the aperture.
     pub fn has_lens(&self) -> bool {
-        self.lens.is_some()
+        self.lens.is_some() || matches!(self.lines, Lines::Axial { radius } if radius > 0.0)
+    }
+
+    /// Returns whether all pixels see along the same lines. No light path can be connected to such a camera, and its
+    /// pixels have no extent on surfaces.
+    pub fn is_meter(&self) -> bool {
+        matches!(self.lines, Lines::Axial { .. })
+    }
+
+    /// Returns whether the image shows all directions, so that opposite borders of it meet.
+    pub fn is_spherical(&self) -> bool {
+        self.lines == Lines::Spherical
     }
 
     /// Returns whether the camera moves during the shutter interval.
@@ -141,17 +195,29 @@ impl Camera {
     }
 
     /// Returns the ray through the film position `p`, in pixels from the top left corner of the full image, at a time
-    /// in [0, 1] over the shutter interval. `u` selects the position on the aperture. The ray starts on the near
-    /// clipping plane and ends on the far one.
+    /// in [0, 1] over the shutter interval. `u` selects the position on the aperture. The ray of a perspective or
+    /// orthographic camera starts on the near clipping plane and ends on the far one.
     #[inline]
     pub fn ray(&self, p: DVec2, u: Vec2, time: f32) -> Ray {
         let pose = self.pose(time);
-        if self.parallel {
+        if self.lines == Lines::Parallel {
             let to_world = pose.to_world;
             let q = self.corner + self.pixel * p;
             let o = to_world.transform_point3(q.extend(self.near));
             let d = to_world.matrix3.z_axis.normalize();
             return Ray { o: o.as_vec3(), t_max: (self.far - self.near) as f32, d: d.as_vec3(), time };
+        }
+        if let Lines::Spherical | Lines::Axial { .. } = self.lines {
+            let (mut o, mut d) = (pose.to_world.translation, pose.axes.z_axis);
+            if let Lines::Axial { radius } = self.lines {
+                let start = warp::square_to_disk(u).as_dvec2() * radius;
+                o += pose.axes.x_axis * start.x + pose.axes.y_axis * start.y;
+            } else {
+                let (sin_phi, cos_phi) = (p.x / f64::from(self.film.width) * TAU).sin_cos();
+                let (sin, cos) = (p.y / f64::from(self.film.height) * PI).sin_cos();
+                d = pose.axes * DVec3::new(sin_phi * sin, cos, -cos_phi * sin);
+            }
+            return Ray { o: o.as_vec3(), t_max: f32::INFINITY, d: d.as_vec3(), time };
         }
         let mut direction = pose.corner + pose.dx * p.x + pose.dy * p.y;
         let mut origin = pose.to_world.translation;
@@ -169,17 +235,23 @@ impl Camera {
     }
 
     /// Returns the importance of the world-space point `p` at a time; `None` if the point is outside the clipping
-    /// planes, or more than `margin` pixels outside the full image. `u` selects the position on the aperture.
+    /// planes, or more than `margin` pixels outside the full image, or if the camera is a meter. `u` selects the
+    /// position on the aperture.
     ///
     /// A pixel's value is the mean radiance over its area, so the film's importance is constant over the area of the
     /// image plane: `We = 1 / (A·cos⁴θ)` per unit of aperture area. [pbrt 16.1.1]
     pub fn importance(&self, p: Vec3, u: Vec2, time: f32, margin: f64) -> Option<Importance> {
         let CameraPose { to_world, axes: m, .. } = *self.pose(time);
+        match self.lines {
+            Lines::Spherical => return self.spherical_importance(to_world.translation, m, p),
+            Lines::Axial { .. } => return None,
+            Lines::Central | Lines::Parallel => {}
+        }
         let pixels = f64::from(self.film.width) * f64::from(self.film.height);
         // The area of the full image at distance 1, in camera space.
         let area = (self.pixel.x * self.pixel.y).abs() * pixels;
         let p = p.as_dvec3();
-        let (film, aperture, to_near, weight) = if self.parallel {
+        let (film, aperture, to_near, weight) = if self.lines == Lines::Parallel {
             let local = to_world.inverse().transform_point3(p);
             let axis = to_world.matrix3.z_axis.normalize();
             let depth = (p - to_world.transform_point3(local.truncate().extend(0.0))).dot(axis);
@@ -226,6 +298,23 @@ impl Camera {
         })
     }
 
+    /// Returns the importance of the point `p` for a spherical camera at `origin`. The full image is 2π wide and π
+    /// high, and dφ dθ = dω / sin θ.
+    fn spherical_importance(&self, origin: DVec3, axes: DMat3, p: Vec3) -> Option<Importance> {
+        let to = origin - p.as_dvec3();
+        let distance = to.length();
+        let d = axes.transpose() * (-to / distance);
+        let phi = d.x.atan2(-d.z).rem_euclid(TAU);
+        let film = DVec2::new(phi / TAU, d.y.clamp(-1.0, 1.0).acos() / PI);
+        let weight = 1.0 / (TAU * PI * d.x.hypot(d.z) * distance * distance);
+        weight.is_finite().then(|| Importance {
+            film: film * DVec2::new(self.film.width.into(), self.film.height.into()),
+            wi: (to / distance).as_vec3(),
+            target: origin.as_vec3(),
+            weight: weight as f32,
+        })
+    }
+
     /// Returns the density per unit area, perpendicular to the unit direction `d`, with which camera rays in that
     /// direction reach the world-space point `p`, if there is one ray for each pixel of the full image. It is
     /// [`Importance::weight`] for the point of the aperture from which the ray starts.
@@ -234,7 +323,12 @@ impl Camera {
         let pixels = f64::from(self.film.width) * f64::from(self.film.height);
         let area = (self.pixel.x * self.pixel.y).abs() * pixels;
         let m = to_world.matrix3;
-        if self.parallel {
+        if self.lines == Lines::Spherical {
+            let cos = d.as_dvec3().dot(axes.y_axis);
+            let distance2 = p.as_dvec3().distance_squared(to_world.translation);
+            return 1.0 / (TAU * PI * (1.0 - cos * cos).max(0.0).sqrt() * distance2);
+        }
+        if self.lines == Lines::Parallel {
             return 1.0 / (area * m.x_axis.cross(m.y_axis).dot(m.z_axis.normalize()).abs());
         }
         let depth = (p.as_dvec3() - to_world.translation).dot(axes.z_axis);
@@ -242,14 +336,16 @@ impl Camera {
     }
 
     /// Returns three vectors in camera space at distance 1 along the viewing axis: the full width and height of the
-    /// image plane, and its top left corner.
-    pub fn image_plane(&self) -> [DVec3; 3] {
+    /// image plane, and its top left corner. `None` if there is no image plane.
+    pub fn image_plane(&self) -> Option<[DVec3; 3]> {
         let (width, height) = (f64::from(self.film.width), f64::from(self.film.height));
-        [
-            DVec3::new(self.pixel.x * width, 0.0, 0.0),
-            DVec3::new(0.0, self.pixel.y * height, 0.0),
-            self.corner.extend(1.0),
-        ]
+        matches!(self.lines, Lines::Central | Lines::Parallel).then(|| {
+            [
+                DVec3::new(self.pixel.x * width, 0.0, 0.0),
+                DVec3::new(0.0, self.pixel.y * height, 0.0),
+                self.corner.extend(1.0),
+            ]
+        })
     }
 
     /// Returns the transform from world space to camera space in the middle of the shutter interval, for the image's

@@ -37,6 +37,17 @@ pub enum Projection {
     },
     /// Parallel lines; the image is two units wide in camera space.
     Orthographic,
+    /// All directions from the sensor's origin. Columns have one longitude and rows one angle to +y; +z is in the middle
+    /// of the image.
+    Spherical,
+    /// The viewing axis alone: each pixel has the radiance at the sensor's origin.
+    Axis,
+    /// Lines along the viewing axis that start outside of the scene: each pixel has the mean radiance.
+    Distant {
+        /// The point through which all lines go. Without it, they are distributed over the cross section of the
+        /// scene's bounding sphere.
+        target: Option<[f64; 3]>,
+    },
 }
 
 /// A thin lens at the sensor's origin.
@@ -57,7 +68,8 @@ pub struct SensorSettings {
     pub to_world: Motion,
     /// The projection.
     pub projection: Projection,
-    /// The lens; `None` for a pinhole. Only perspective sensors may have one.
+    /// The lens; `None` for a pinhole. Only perspective sensors may have one. Near and far clipping are for perspective
+    /// and orthographic sensors.
     pub lens: Option<ThinLens>,
     /// Distance of the near clipping plane along the viewing axis, positive.
     pub near_clip: f64,
@@ -78,6 +90,9 @@ impl SensorSettings {
     pub fn kind(&self) -> &'static str {
         match (&self.projection, &self.lens) {
             (Projection::Orthographic, _) => "orthographic",
+            (Projection::Spherical, _) => "spherical",
+            (Projection::Axis, _) => "radiancemeter",
+            (Projection::Distant { .. }, _) => "distant",
             (Projection::Perspective { .. }, None) => "perspective",
             (Projection::Perspective { .. }, Some(_)) => "thinlens",
         }

@@ -70,7 +70,7 @@ impl ImageDescription {
             metadata.set("buffon:relmse_high", Value::Float(high as f32));
         }
         output::noise_metadata(rendered, &mut metadata);
-        for (name, matrix) in MATRICES.into_iter().zip(self.camera) {
+        for (name, matrix) in MATRICES.into_iter().zip(self.camera).filter(|(_, m)| *m != [0.0; 16]) {
             metadata.set(name, Value::Matrix(matrix));
         }
         output::to_image(rendered, self.pixel_format, metadata)

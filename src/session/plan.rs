@@ -7,6 +7,7 @@ use crate::integrator::settings::{Aov, AovSettings, IrrcacheSettings, Layer, Pat
 use crate::integrator::{self, Integrator, Settings};
 use crate::render::{Adaptive, JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
+use crate::sensor::Camera;
 use std::ops::Range;
 
 /// The user's choices for a render. A setting that is not chosen is that of the scene file, or else the default.
@@ -58,6 +59,10 @@ pub(super) fn states_variances(layers: &[Layer]) -> bool {
 
 /// The samples per pixel if neither the scene nor the user sets them.
 const DEFAULT_SPP: u64 = 64;
+/// The integrators that connect light paths to the camera.
+const TO_CAMERA: [&str; 4] = ["ptracer", "bdpt", "vcm", "pssmlt"];
+/// The integrators that need only rays of a camera: neither light paths to it nor the extent of its pixels.
+const RAYS_ONLY: [&str; 8] = ["path", "volpath", "direct", "whitted", "distribution", "ao", "depth", "aov"];
 
 impl Session {
     /// Returns the settings of a render.
@@ -76,6 +81,9 @@ impl Session {
         let kind = choices.sampler.or(self.defaults.sampler.filter(usable)).unwrap_or_default();
         let created = integrator.create();
         created.check(&self.scene)?;
+        if let Some(why) = obstacle_to_camera(created.name(), self.camera()) {
+            return Err(Error::scene(why));
+        }
         let replicates = integrator::replicates(created.as_ref(), kind);
         let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
         let layers = choose_layers(&choices.aov, &integrator, replicates > 2)?;
@@ -105,6 +113,23 @@ impl Session {
         drop(self.reserve(&plan)?);
         Ok(plan)
     }
+}
+
+/// Returns why an integrator cannot render the image of a camera, if it cannot.
+fn obstacle_to_camera(integrator: &str, camera: &Camera) -> Option<String> {
+    if camera.is_meter() && !RAYS_ONLY.contains(&integrator) {
+        let list = RAYS_ONLY.join(", ");
+        return Some(format!(
+            "{integrator} cannot render a sensor whose pixels all see the same: expected one of {list}"
+        ));
+    }
+    let wide = camera.film.filter.radius() > 0.5;
+    (camera.is_spherical() && wide && TO_CAMERA.contains(&integrator)).then(|| {
+        format!(
+            "{integrator} needs the filter box for a spherical sensor: light paths that reach one border of the image \
+             do not count at the opposite one"
+        )
+    })
 }
 
 /// Returns why cells cannot have different numbers of samples, if they cannot.

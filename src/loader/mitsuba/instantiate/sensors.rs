@@ -4,11 +4,12 @@ use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
-use crate::math::Motion;
+use crate::math::{DAffine3, DMat3, DVec3, Motion};
 use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 
-const SUPPORTED: [&str; 3] = ["orthographic", "perspective", "thinlens"];
-const MITSUBA: [&str; 5] = ["batch", "distant", "irradiancemeter", "measured", "radiancemeter"];
+const SUPPORTED: [&str; 6] =
+    ["distant", "orthographic", "perspective", "radiancemeter", "spherical", "thinlens"];
+const MITSUBA: [&str; 3] = ["batch", "irradiancemeter", "measured"];
 /// The focal length, in mm, of a camera without a focal length or a field of view.
 const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
 /// The diagonal, in mm, of the 36 mm x 24 mm frame of 35 mm film, which focal lengths refer to.
@@ -27,9 +28,18 @@ impl Builder<'_> {
         if !SUPPORTED.contains(&plugin) {
             return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
         }
-        let to_world = props.motion()?;
+        let to_world =
+            if matches!(plugin, "distant" | "radiancemeter") { axis(&props)? } else { props.motion()? };
         let projection = match plugin {
             "orthographic" => Projection::Orthographic,
+            "radiancemeter" => Projection::Axis,
+            "spherical" => Projection::Spherical,
+            "distant" => {
+                if let Some(shape) = props.child("shape")? {
+                    return Err(super::unsupported(&self.graph.objects[shape]));
+                }
+                Projection::Distant { target: props.point("target")?.map(|p| p.to_array()) }
+            }
             _ => {
                 check_rigid(&props, &to_world)?;
                 let (fov, fov_axis) = field_of_view(&props)?;
@@ -55,6 +65,12 @@ impl Builder<'_> {
         }
         self.ignore(&props, &["srf"], "images are RGB");
         let film = self.film(&props)?;
+        if matches!(projection, Projection::Axis | Projection::Distant { .. })
+            && (film.width, film.height) != (1, 1)
+        {
+            let found = format!("found {} x {}", film.width, film.height);
+            return Err(props.object.error(format!("expected a film of 1 x 1 pixel, {found}")));
+        }
         if let Some(sampler) = props.child("sampler")? {
             let read = self.sampler(sampler, first);
             self.or_stand_in(read, "replaced by the default", |_| ())?;
@@ -74,6 +90,28 @@ impl Builder<'_> {
         self.loaded.description.sensors.push(settings);
         Ok(())
     }
+}
+
+/// Returns the transform of a sensor that sees along an axis: `to_world`, or one from the point `origin` in the
+/// direction `direction`.
+fn axis(props: &Props) -> Result<Motion> {
+    let (origin, direction) = (props.point("origin")?, props.point("direction")?);
+    let Some(direction) = direction else {
+        return match origin {
+            Some(_) => Err(props.object.error("expected an origin and a direction, or to_world")),
+            None => props.motion(),
+        };
+    };
+    if props.has("to_world") {
+        return Err(props.error("direction", "expected either a direction or to_world, found both"));
+    }
+    let z = direction.normalize_or_zero();
+    if z == DVec3::ZERO {
+        return Err(props.refusal("direction", "expected a direction"));
+    }
+    let x = z.any_orthonormal_vector();
+    let axes = DMat3::from_cols(x, z.cross(x), z);
+    Ok(DAffine3::from_mat3_translation(axes, origin.unwrap_or_default()).into())
 }
 
 /// Returns an error if `to_world` has a scale: lengths along the viewing axis would differ from those of the world.

@@ -1,0 +1,141 @@
+//! Sensors without an image plane: all directions, one ray, and parallel rays from outside the scene.
+
+use crate::support::cli::Folder;
+use buffon::image::{Image, read};
+
+/// Returns a scene with a sensor of a type, with `inside` and a film of the given size.
+fn scene(sensor: &str, inside: &str, [width, height]: [u32; 2], rest: &str) -> String {
+    format!(
+        r#"<scene version="3.0.0">
+  <integrator type="path"/>
+  <sensor type="{sensor}">{inside}
+    <film type="hdrfilm"><integer name="width" value="{width}"/><integer name="height" value="{height}"/>
+      <string name="pixel_format" value="rgb"/><string name="component_format" value="float32"/><rfilter type="box"/></film>
+  </sensor>
+  {rest}
+</scene>"#
+    )
+}
+
+fn picture(scene: &str, options: &str) -> Image {
+    let folder = Folder::with(scene);
+    folder.render(&format!("s.xml -q -o p.exr {options}"));
+    read(&folder.path("p.exr")).expect("an image")
+}
+
+/// A lamp in the direction of each axis, each with another radiance.
+fn lamps() -> String {
+    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+        .iter()
+        .enumerate()
+        .map(|(i, d)| {
+            let [x, y, z] = d.map(|d| 3 * d);
+            format!(
+                r#"<shape type="sphere"><point name="center" value="{x},{y},{z}"/><float name="radius" value="1"/>
+                <emitter type="area"><rgb name="radiance" value="{}"/></emitter></shape>"#,
+                i + 1
+            )
+        })
+        .collect()
+}
+
+/// The middle of the image is +z, +x is to the left of it, and +y is at the top.
+#[test]
+fn a_spherical_sensor_sees_all_directions() {
+    let image = picture(&scene("spherical", "", [36, 18], &lamps()), "--spp 16");
+    let at = |x: usize, y: usize| image.data[(y * 36 + x) * 3];
+    let middles = [at(9, 9), at(27, 9), at(17, 0), at(17, 17), at(18, 9), at(0, 9), at(35, 9)];
+    assert_eq!(middles, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 6.0]);
+    // Each lamp has the solid angle 2π (1 − cos α), with sin α = 1/3.
+    let sum: f64 = (0..18)
+        .map(|y| {
+            let theta = (f64::from(y) + 0.5) / 18.0 * std::f64::consts::PI;
+            (0..36).map(|x| f64::from(at(x, y as usize))).sum::<f64>() * theta.sin()
+        })
+        .sum();
+    let pixel = std::f64::consts::TAU / 36.0 * std::f64::consts::PI / 18.0;
+    let expected = 21.0 * std::f64::consts::TAU * (1.0 - (8f64 / 9.0).sqrt());
+    assert!((sum * pixel / expected - 1.0).abs() < 0.02, "{} {expected}", sum * pixel);
+}
+
+/// Light paths that are connected to a spherical sensor give the image of camera paths.
+#[test]
+fn integrators_agree_for_a_spherical_sensor() {
+    let room = r#"<shape type="cube"><boolean name="flip_normals" value="true"/><transform name="to_world">
+        <scale x="2" y="1.2" z="1.5"/></transform><bsdf type="diffuse"/></shape>
+        <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/>
+        <translate x="0.5" y="1.1"/></transform><emitter type="area"/></shape>
+        <shape type="sphere"><point name="center" value="1,-0.8,0.5"/><float name="radius" value="0.4"/></shape>"#;
+    let turned = r#"<transform name="to_world"><rotate x="1" y="2" angle="30"/><translate x="-0.5" y="0.2"/></transform>"#;
+    let folder = Folder::with(&scene("spherical", turned, [24, 16], room));
+    for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
+        let options = format!("--spp 512 --aov variance --seed {i} --integrator {integrator}");
+        folder.render(&format!("s.xml -q -o {integrator}.exr {options}"));
+    }
+    for other in ["ptracer", "bdpt"] {
+        let run = folder.run(&format!("diff path.exr {other}.exr --z"));
+        assert_eq!(run.code, 0, "{other}: {}{}", run.stdout, run.stderr);
+    }
+}
+
+/// A `radiancemeter` has the radiance of one ray. A `distant` sensor has that of a point, or the mean over the cross
+/// section of the scene's bounding sphere.
+#[test]
+fn meters_have_the_radiance_of_their_rays() {
+    let one = [1, 1];
+    let sphere = r#"<shape type="sphere"><point name="center" value="1,2,3"/><float name="radius" value="0.5"/>
+        <emitter type="area"><rgb name="radiance" value="2"/></emitter></shape>"#;
+    let down = r#"<vector name="direction" value="0,-1,0"/>"#;
+    let value = |sensor: &str, inside: String, spp: u32| {
+        picture(&scene(sensor, &inside, one, sphere), &format!("--spp {spp}")).data[0]
+    };
+    let point = |name: &str, p: &str| format!(r#"{down}<point name="{name}" value="{p}"/>"#);
+    assert_eq!(value("radiancemeter", point("origin", "1.3,9,3"), 4), 2.0);
+    assert_eq!(value("radiancemeter", point("origin", "1.6,9,3"), 4), 0.0);
+    assert_eq!(value("radiancemeter", point("origin", "1.3,1,3"), 4), 0.0);
+    assert_eq!(value("distant", point("target", "1.3,0,3"), 4), 2.0);
+    assert_eq!(value("distant", point("target", "1.6,0,3"), 4), 0.0);
+    // The bounding sphere is that of the box around the sphere: √3 times as wide.
+    let mean = value("distant", down.into(), 4096);
+    assert!((mean - 2.0 / 3.0).abs() < 2e-3, "{mean}");
+}
+
+#[test]
+fn mistakes_are_told_in_sentences() {
+    let floor = r#"<shape type="rectangle"/><emitter type="constant"/>"#;
+    let both = r#"<vector name="direction" value="0,0,1"/><transform name="to_world"><translate x="1"/></transform>"#;
+    for (sensor, inside, size, options, sentence) in [
+        ("distant", "", [2, 1], "", "expected a film of 1 x 1 pixel, found 2 x 1"),
+        ("radiancemeter", both, [1, 1], "", "expected either a direction or to_world, found both"),
+        ("radiancemeter", r#"<vector name="direction" value="0,0,0"/>"#, [1, 1], "", "expected a direction"),
+        (
+            "radiancemeter",
+            r#"<point name="origin" value="0,0,1"/>"#,
+            [1, 1],
+            "",
+            "expected an origin and a direction",
+        ),
+        ("distant", r#"<shape type="sphere"/>"#, [1, 1], "", "<shape type=\"sphere\">"),
+        (
+            "distant",
+            "",
+            [1, 1],
+            "--integrator bdpt",
+            "bdpt cannot render a sensor whose pixels all see the same",
+        ),
+        (
+            "spherical",
+            "",
+            [4, 2],
+            "--integrator ptracer",
+            "ptracer needs the filter box for a spherical sensor",
+        ),
+    ] {
+        let scene = scene(sensor, inside, size, floor);
+        let scene =
+            if sensor == "spherical" { scene.replace("type=\"box\"", "type=\"tent\"") } else { scene };
+        let run = Folder::with(&scene).run(&format!("render s.xml -q -o x.exr {options}"));
+        assert_eq!(run.code, 3, "{run:?}");
+        assert!(run.stderr.contains(sentence), "{}", run.stderr);
+    }
+}
