@@ -37,8 +37,8 @@ pub enum Projection {
     },
     /// Parallel lines; the image is two units wide in camera space.
     Orthographic,
-    /// All directions from the sensor's origin. Columns have one longitude and rows one angle to +y; +z is in the middle
-    /// of the image.
+    /// All directions from the sensor's origin. A column has one longitude and a row one angle to +y; +z is in the
+    /// middle of the image.
     Spherical,
     /// The viewing axis alone: each pixel has the radiance at the sensor's origin.
     Axis,
