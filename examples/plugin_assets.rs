@@ -69,6 +69,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     volume(&meshes.join("ring.vol"), [16, 16, 16], 1, (0..16 * 16 * 16).map(distance))?;
 
+    measured(&meshes.join("paint.bsdf"), &[0.0], 0.3)?;
+    measured(&meshes.join("brushed.bsdf"), &[-PI, -0.75 * PI, -0.5 * PI], 0.9)?;
+
     let ball = Ball::new(8, 12);
     std::fs::write(meshes.join("ball.obj"), ball.obj())?;
     std::fs::write(meshes.join("ball.ply"), ball.ply())?;
@@ -110,6 +113,57 @@ fn volume(
     let floats = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0].into_iter().chain(values).map(f32::to_le_bytes);
     let words: Vec<[u8; 4]> = header.into_iter().chain(floats).collect();
     std::fs::write(path, [b"VOL\x03", words.as_flattened()].concat())
+}
+
+/// Writes a measured material for viewers with the azimuths `phi`. `stretch` is how much its microfacets depend on the
+/// azimuth.
+fn measured(path: &Path, phi: &[f32], stretch: f32) -> std::io::Result<()> {
+    const SIDE: usize = 8;
+    const THETA: [f32; 4] = [0.0, 0.5, 1.0, 1.5];
+    let slice = |value: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
+        let at = |i: usize| i as f32 / (SIDE - 1) as f32;
+        (0..SIDE * SIDE).map(|i| value(at(i % SIDE), at(i / SIDE))).collect()
+    };
+    let viewers: Vec<(f32, f32)> = phi.iter().flat_map(|p| THETA.map(|t| (*p, t))).collect();
+    // The normals for a viewer turn with it if the material is isotropic.
+    let turn = |v: f32| if phi.len() > 1 { 2.0 * TAU * v } else { 0.0 };
+    let ndf = |u: f32, v: f32| 2.5 * (-4.0 * u * u * (1.0 + stretch * turn(v).cos())).exp() + 0.05;
+    let of_all = |value: &dyn Fn(f32, f32, f32) -> f32| -> Vec<f32> {
+        viewers.iter().flat_map(|(_, t)| slice(&|u, v| value(*t, u, v))).collect()
+    };
+    let vndf = of_all(&|t, u, v| ndf(u, v) * u.powi(3) * (1.0 + 0.5 * t * (TAU * v).cos()) + 1e-4);
+    let channel = |c: f32| move |t: f32, u: f32| 0.2 + 0.15 * (2.0 * u + c).cos() + 0.2 * (t / 1.5).powi(5);
+    let luminance = of_all(&|t, u, _| channel(0.7)(t, u));
+    let channels =
+        viewers.iter().flat_map(|(_, t)| [0.0, 0.7, 1.4].map(|c| slice(&|u, _| channel(c)(*t, u)))).flatten();
+    let of_viewers = |more: &[usize]| [&[phi.len(), THETA.len()], more].concat();
+    let floats = |values: Vec<f32>| values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>();
+    let description = b"made by examples/plugin_assets.rs".to_vec();
+    let fields: [(&str, u8, Vec<usize>, Vec<u8>); 9] = [
+        ("description", 1, vec![description.len()], description),
+        ("phi_i", 10, vec![phi.len()], floats(phi.to_vec())),
+        ("theta_i", 10, vec![THETA.len()], floats(THETA.to_vec())),
+        ("ndf", 10, vec![SIDE, SIDE], floats(slice(&ndf))),
+        ("sigma", 10, vec![SIDE, SIDE], floats(slice(&|u, _| 1.0 - 0.7 * u * u))),
+        ("vndf", 10, of_viewers(&[SIDE, SIDE]), floats(vndf)),
+        ("luminance", 10, of_viewers(&[SIDE, SIDE]), floats(luminance)),
+        ("rgb", 10, of_viewers(&[3, SIDE, SIDE]), floats(channels.collect())),
+        ("jacobian", 1, vec![1], vec![1]),
+    ];
+    let mut bytes = b"tensor_file\0\x01\x00".to_vec();
+    bytes.extend((fields.len() as u32).to_le_bytes());
+    let mut offset = bytes.len() + fields.iter().map(|f| 13 + f.0.len() + 8 * f.2.len()).sum::<usize>();
+    for (name, kind, shape, data) in &fields {
+        bytes.extend((name.len() as u16).to_le_bytes());
+        bytes.extend(name.as_bytes());
+        bytes.extend((shape.len() as u16).to_le_bytes());
+        bytes.push(*kind);
+        bytes.extend((offset as u64).to_le_bytes());
+        shape.iter().for_each(|n| bytes.extend((*n as u64).to_le_bytes()));
+        offset += data.len();
+    }
+    fields.iter().for_each(|f| bytes.extend(&f.3));
+    std::fs::write(path, bytes)
 }
 
 /// A dented sphere of quadrilaterals with normals, texture coordinates and colours.

@@ -6,7 +6,7 @@ use crate::loader_errors::error;
 fn unknown_and_unsupported_plugins() {
     let cases = [
         ("<bsdf type='difuse'/>", "<bsdf type=\"difuse\">: unknown bsdf (did you mean \"diffuse\"?)"),
-        ("<bsdf type='measured'/>", "<bsdf type=\"measured\">: this bsdf is not supported"),
+        ("<bsdf type='openpbr'/>", "<bsdf type=\"openpbr\">: this bsdf is not supported"),
         ("<shape type='spere'/>", "<shape type=\"spere\">: unknown shape (did you mean \"sphere\"?)"),
         ("<shape type='ellipsoids'/>", "<shape type=\"ellipsoids\">: this shape is not supported"),
         ("<emitter type='timed_sunsky'/>", "<emitter type=\"timed_sunsky\">: this emitter is not supported"),

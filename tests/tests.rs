@@ -71,6 +71,7 @@ mod scattering_adjoint;
 mod scattering_empirical;
 mod scattering_extremes;
 mod scattering_hair;
+mod scattering_measured;
 mod scattering_principled;
 mod scattering_rough;
 mod scattering_values;

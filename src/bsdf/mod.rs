@@ -19,6 +19,7 @@ pub mod lanes;
 #[cfg(test)]
 mod lanes_tests;
 pub mod mask;
+pub mod measured;
 pub mod microfacet;
 pub mod plastic;
 pub mod polarized_plastic;
@@ -46,6 +47,7 @@ pub use empirical::{DiffuseAnd, Phong, Ward};
 pub use hair::Hair;
 pub use lanes::{BsdfEvalX16, BsdfSampleX16, BsdfX16};
 pub use mask::Mask;
+pub use measured::Measured;
 pub use plastic::Plastic;
 pub use polarized_plastic::PolarizedPlastic;
 pub use principled::Principled;
@@ -141,6 +143,8 @@ pub enum Bsdf<'a> {
     PolarizedPlastic(PolarizedPlastic),
     /// Scattering by a hair.
     Hair(Hair),
+    /// Reflection from measured tables.
+    Measured(&'a Measured),
     /// A linear combination of two BSDFs.
     Blend(Blend<'a>),
     /// A BSDF under a smooth dielectric coating.
@@ -204,7 +208,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => Bsdf::PrincipledThin(b),
             Bsdf::PolarizedPlastic(b) => Bsdf::PolarizedPlastic(b),
             Bsdf::Hair(b) => Bsdf::Hair(b),
-            Bsdf::RoughPlastic(_) | Bsdf::Blend(_) | Bsdf::Coating(_) => return None,
+            Bsdf::RoughPlastic(_) | Bsdf::Measured(_) | Bsdf::Blend(_) | Bsdf::Coating(_) => return None,
             Bsdf::Mask(_) | Bsdf::Tilted(_) | Bsdf::TwoSided(_) => {
                 return None;
             }
@@ -222,7 +226,7 @@ impl Bsdf<'_> {
                 Lobes::FINITE
             }
             Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => Lobes::FINITE,
-            Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => Lobes::FINITE,
+            Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) | Bsdf::Measured(_) => Lobes::FINITE,
             Bsdf::Plastic(_) => Lobes { finite: true, deltas: 1 },
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
             Bsdf::RoughDielectric(_) => Lobes::FINITE,
@@ -254,6 +258,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.anisotropy != 0.0,
             Bsdf::PolarizedPlastic(b) => b.microfacets.is_anisotropic(),
             Bsdf::Hair(_) => true,
+            Bsdf::Measured(b) => b.is_anisotropic(),
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.is_anisotropic()),
             Bsdf::Coating(b) => b.inner.is_anisotropic(),
             Bsdf::Mask(b) => b.inner.is_anisotropic(),
@@ -268,7 +273,7 @@ impl Bsdf<'_> {
             Bsdf::Null | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
             Bsdf::DiffuseTransmitter(_) | Bsdf::Hair(_) => true,
             Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
-            Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => false,
+            Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) | Bsdf::Measured(_) => false,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::PolarizedPlastic(_) | Bsdf::Coating(_) => false,
             Bsdf::Principled(b) => b.transmits(),
             Bsdf::PrincipledThin(b) => b.transmits(),
@@ -287,7 +292,7 @@ impl Bsdf<'_> {
             Bsdf::Conductor(_) | Bsdf::RoughConductor(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => false,
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => false,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => false,
-            Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => false,
+            Bsdf::Principled(_) | Bsdf::PrincipledThin(_) | Bsdf::Measured(_) => false,
             Bsdf::Blend(b) => b.bsdfs.iter().any(|b| b.depends_on_viewer()),
             Bsdf::Coating(b) => b.inner.depends_on_viewer(),
             Bsdf::Mask(b) => b.inner.depends_on_viewer(),
@@ -299,7 +304,7 @@ impl Bsdf<'_> {
     pub fn chooses_lobe(&self) -> bool {
         match self {
             Bsdf::Null | Bsdf::Diffuse(_) | Bsdf::Conductor(_) | Bsdf::RoughConductor(_) => false,
-            Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) => false,
+            Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Measured(_) => false,
             Bsdf::Phong(_) | Bsdf::Ward(_) | Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => true,
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) | Bsdf::RoughDielectric(_) => true,
             Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => true,
@@ -326,6 +331,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.eval(wo, wi),
             Bsdf::PolarizedPlastic(b) => b.eval(wo, wi),
             Bsdf::Hair(b) => b.eval(wo, wi),
+            Bsdf::Measured(b) => b.eval(wo, wi),
             Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => BsdfEval::ZERO,
             Bsdf::Blend(b) => b.eval(wo, wi),
             Bsdf::Coating(b) => b.eval(wo, wi),
@@ -356,6 +362,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.sample(wo, u_lobe, u),
             Bsdf::PolarizedPlastic(b) => b.sample(wo, u_lobe, u),
             Bsdf::Hair(b) => b.sample(wo, u_lobe, u),
+            Bsdf::Measured(b) => b.sample(wo, u),
             Bsdf::Null => Some(mask::unscattered(wo)),
             Bsdf::Blend(b) => b.sample(wo, u_lobe, u),
             Bsdf::Coating(b) => b.sample(wo, u_lobe, u),
@@ -386,6 +393,7 @@ impl Bsdf<'_> {
             Bsdf::PrincipledThin(b) => b.albedo(),
             Bsdf::PolarizedPlastic(b) => b.albedo(),
             Bsdf::Hair(b) => b.albedo(),
+            Bsdf::Measured(b) => b.albedo(),
             Bsdf::Null => Rgb::WHITE,
             Bsdf::Blend(b) => b.albedo(),
             Bsdf::Coating(b) => b.albedo(),

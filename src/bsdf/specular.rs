@@ -61,7 +61,7 @@ impl Bsdf<'_> {
             }),
             Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) | Bsdf::RoughDielectric(_) | Bsdf::Plastic(_) => {}
             Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => {}
-            Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) => {}
+            Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) | Bsdf::Measured(_) => {}
             Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => {}
         }
     }

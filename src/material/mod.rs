@@ -15,6 +15,7 @@ mod diffuse;
 mod diffuse_transmitter;
 mod hair;
 mod mask;
+mod measured;
 mod mixture;
 mod normal_map;
 mod null;
@@ -45,6 +46,7 @@ pub use diffuse::Diffuse;
 pub use diffuse_transmitter::DiffuseTransmitter;
 pub use hair::Hair;
 pub use mask::Mask;
+pub use measured::Measured;
 pub use mixture::Mixture;
 pub use normal_map::NormalMap;
 pub use null::Null;
@@ -309,4 +311,6 @@ plugins! {
     Hair(Hair),
     /// Diffuse reflection below a boundary that also reflects.
     PolarizedPlastic(PolarizedPlastic),
+    /// Reflection from the tables of a file.
+    Measured(Measured),
 }

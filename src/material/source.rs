@@ -1,12 +1,14 @@
 //! The interface through which a plugin reads its parameters from an object of a scene file.
 
 use super::{Input, Material};
+use crate::bsdf::Measured;
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
 use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
 pub use crate::util::parameters::{Parameters, Read};
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 /// An object of a scene file that describes a material.
 pub trait Source: Parameters {
@@ -27,6 +29,12 @@ pub trait Source: Parameters {
     /// # Errors
     /// If the parameter cannot be read.
     fn number(&mut self, name: &'static str, default: f32, range: RangeInclusive<f32>) -> Result<Input<f32>>;
+
+    /// Reads the file of a measured material.
+    ///
+    /// # Errors
+    /// If the parameter is missing, or the file cannot be read.
+    fn measurement(&mut self, name: &'static str) -> Result<Arc<Measured>>;
 
     /// Returns the only texture inside the object, with any name.
     ///

@@ -51,6 +51,7 @@ fn gathers(bsdf: &Bsdf<'_>) -> bool {
     match bsdf {
         Bsdf::Null | Bsdf::Conductor(_) | Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => false,
         Bsdf::RoughConductor(_) | Bsdf::RoughDielectric(_) | Bsdf::Hair(_) => false,
+        Bsdf::Measured(_) => false,
         Bsdf::Diffuse(_) | Bsdf::Plastic(_) | Bsdf::RoughPlastic(_) => true,
         Bsdf::Principled(_) | Bsdf::PrincipledThin(_) | Bsdf::PolarizedPlastic(_) => true,
         Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => true,

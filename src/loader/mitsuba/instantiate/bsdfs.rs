@@ -1,19 +1,22 @@
 //! BSDFs: the plugins of [`material`](crate::material) read their parameters from objects of the file.
 
 use super::{Builder, ObjectSource, unknown_plugin};
+use crate::bsdf::Measured;
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
 use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
+use crate::loader::measurement;
 use crate::loader::mitsuba::graph::{ObjectId, Value};
 use crate::loader::mitsuba::props::Props;
 use crate::material::source::{NumberOrName, Source};
 use crate::material::{Diffuse, Input, Interface, Material, ThinDielectric};
 use crate::texture::{Product, Texture};
+use crate::util::wording::quoted;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-const MITSUBA: [&str; 6] = ["hair", "measured", "measured_polarized", "neuralbsdf", "openpbr", "pplastic"];
+const MITSUBA: [&str; 3] = ["measured_polarized", "neuralbsdf", "openpbr"];
 /// Filters that change the polarisation of light, each with the part of unpolarised light that passes.
 const POLARISATION_FILTERS: [(&str, f32); 3] = [("circular", 0.5), ("polarizer", 0.5), ("retarder", 1.0)];
 
@@ -98,6 +101,16 @@ impl Source for ObjectSource<'_, '_> {
 
     fn number(&mut self, name: &'static str, default: f32, range: RangeInclusive<f32>) -> Result<Input<f32>> {
         self.builder.number_input(self.props, name, default, range)
+    }
+
+    fn measurement(&mut self, name: &'static str) -> Result<Arc<Measured>> {
+        let Some(text) = self.props.text(name)? else {
+            return Err(self.props.object.error(format!("the property {name} is missing")));
+        };
+        match self.builder.folders.find(self.props.object.spot.file(), text) {
+            Some(path) => Ok(Arc::new(measurement::load(&path, self.builder.memory)?)),
+            None => Err(self.props.error(name, &format!("there is no file {}", quoted(text)))),
+        }
     }
 
     fn texture(&mut self) -> Result<TextureId> {
