@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest agreement test-page fuzz memcheck lint bench scenes clean
+.PHONY: help deps demo test test-all test-rest agreement test-page fuzz memcheck lint bench bench-check scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -87,7 +87,13 @@ lint: deps ## check formatting, and what clippy has to say
 	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
 
 bench: deps ## measure
+	@.ci/deps valgrind
 	cargo bench --locked --bench '*'
+
+# Instructions are the same on every machine; times are not.
+bench-check: deps ## count instructions of hot paths, and compare them with those that are known
+	@.ci/deps valgrind
+	cargo bench --locked --bench instructions
 
 scenes: $(TERRAIN) $(SPEED) ## generate the meshes, textures and scenes that are too large to keep
 
