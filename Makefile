@@ -90,7 +90,7 @@ bench: deps ## measure
 	@.ci/deps valgrind
 	cargo bench --locked --bench '*'
 
-# Instructions are the same on every machine; times are not.
+# Instructions are nearly the same on every machine; times are not.
 bench-check: deps ## count instructions of hot paths, and compare them with those that are known
 	@.ci/deps valgrind
 	cargo bench --locked --bench instructions

@@ -2,7 +2,8 @@
 //!
 //! Timings of a change of a few percent are lost in the noise of a machine. Instructions are not: valgrind counts those
 //! of a render with one thread, twice, with N and with 2N samples per pixel. The difference is that of N samples, so
-//! loading, building and pilots do not count. Valgrind's CPU has AVX2 and no AVX-512, whatever the machine's.
+//! loading, building and pilots do not count. Valgrind's CPU has AVX2 and no AVX-512, whatever the machine's. Counts of
+//! two runs differ by up to 1.5 %, because waiting threads count, too.
 //!
 //! The counts are compared with those of `benches/instructions.toml`. A row that needs 3 % more fails. After a change
 //! that is worth it, and for another compiler, `cargo bench --bench instructions -- --update` writes the file.
@@ -81,7 +82,8 @@ fn run() -> Result<bool, String> {
     }
     if update {
         let lines = counts.iter().map(|(name, count)| format!("\"{name}\" = {count}\n"));
-        let text = format!("# Instructions for a sample: see instructions.rs.\n{}", lines.collect::<String>());
+        let text =
+            format!("# Instructions for a sample: see instructions.rs.\n{}", lines.collect::<String>());
         std::fs::write(root.join(BASELINES), text).map_err(|e| format!("{BASELINES}: {e}"))?;
         println!("written to {BASELINES}");
     }
