@@ -141,6 +141,8 @@ fn an_image_goes_to_standard_output() {
     assert_eq!((&piped[..4], piped.len()), (&b"\x76\x2f\x31\x01"[..], filed.len()));
     let told = command("-o -").stderr;
     assert!(String::from_utf8_lossy(&told).contains("standard output"), "{told:?}");
+    let twice = command("-o - -o -");
+    assert!(String::from_utf8_lossy(&twice.stderr).contains("standard output.exr: this file is named twice"));
     let refused = command("-o - --stats -");
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("only one of them can be standard output"));

@@ -252,7 +252,7 @@ fn mistakes_of_volumes_are_told_in_sentences() {
         ),
         (
             file([-2, 1, 1], 1, &[]),
-            "expected 0 x 1 x 1 cells of 1 float32 values after the header, found 0 bytes",
+            "expected -2 x 1 x 1 cells of 1 float32 values after the header, found 0 bytes",
         ),
         (file([1, 1, 1], 2, &[1.0; 2]), "expected one or three values for each cell, found 2"),
         (file([1, 1, 1], 1, &[-1.0]), "expected finite values of at least 0, found -1"),

@@ -251,7 +251,7 @@ fn acceleration_structures_and_photon_maps_are_refused() {
     says(
         &text,
         "building the BVH of 977202 primitives would take ",
-        "use fewer triangles, or give a larger --memory-limit",
+        "use fewer of them, or give a larger --memory-limit",
     );
     #[cfg(feature = "embree")]
     {

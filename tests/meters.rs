@@ -104,8 +104,11 @@ fn meters_have_the_radiance_of_their_rays() {
 fn mistakes_are_told_in_sentences() {
     let floor = r#"<shape type="rectangle"/><emitter type="constant"/>"#;
     let both = r#"<vector name="direction" value="0,0,1"/><transform name="to_world"><translate x="1"/></transform>"#;
+    let moving = r#"<animation name="to_world"><transform time="0"/><transform time="1"><rotate x="1" angle="9"/></transform></animation>"#;
+    let sheared = r#"<transform name="to_world"><rotate x="1" angle="45"/><scale y="1.5"/></transform>"#;
     for (sensor, inside, size, options, sentence) in [
-        ("distant", "", [2, 1], "", "expected a film of 1 x 1 pixel, found 2 x 1"),
+        ("distant", moving, [1, 1], "", "it cannot move"),
+        ("spherical", sheared, [4, 2], "", "a camera cannot be scaled"),
         ("radiancemeter", both, [1, 1], "", "expected either a direction or to_world, found both"),
         ("radiancemeter", r#"<vector name="direction" value="0,0,0"/>"#, [1, 1], "", "expected a direction"),
         (

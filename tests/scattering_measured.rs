@@ -181,6 +181,9 @@ fn mistakes_are_told_in_sentences() {
     let whole = arrays().file(|_| true);
     let mut unordered = arrays();
     unordered.0[1].2[1] = -1.0;
+    // The first array is the field jacobian; its type follows its name.
+    let mut untyped = whole.clone();
+    untyped[18 + 2 + 8 + 2] = 2;
     let mut few = arrays();
     few.0[0] = ("phi_i", vec![3], vec![0.0, 1.0, 2.0]);
     for (bytes, sentence) in [
@@ -200,8 +203,14 @@ fn mistakes_are_told_in_sentences() {
             arrays().constant("luminance", 0.0).file(|_| true),
             "expected densities with a positive sum for each viewer",
         ),
-        (unordered.file(|_| true), "expected angles in increasing order"),
+        (unordered.file(|_| true), "expected finite angles in increasing order"),
         (few.file(|_| true), "expected tables for 12 viewers"),
+        (untyped, "expected the field jacobian to be an array of one uint8"),
+        (
+            arrays().constant("theta_i", f32::INFINITY).file(|_| true),
+            "expected finite angles in increasing order",
+        ),
+        (arrays().constant("sigma", 0.0).file(|_| true), "expected some projected area of the microfacets"),
     ] {
         let folder = Folder::with(SCENE);
         folder.write("m.bsdf", &bytes);

@@ -67,7 +67,7 @@ impl Bvh {
         }
         let building = memory.reserve(count as u64 * build::BYTES_PER_PRIMITIVE).map_err(|refusal| {
             let what = format!("building the BVH of {}", counted(count as u64, "primitive", "primitives"));
-            Error::scene(refusal.sentence(&what, "use fewer triangles"))
+            Error::scene(refusal.sentence(&what, "use fewer of them"))
         })?;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)

@@ -50,6 +50,15 @@ impl EmbreeAccel {
                 format!("expected fewer than 2^32 shapes and instances, found {shapes} and {instances}");
             return Err(Error::scene(message));
         }
+        // The surfaces live as long as Embree's scenes, which call back to intersect them.
+        let surfaces =
+            geometry.iter().map(|g| if let Geometry::Surfaces(many) = g { many.count() } else { 0 });
+        let bytes = surfaces.sum::<usize>() as u64 * size_of::<UserSurface>() as u64;
+        let planned = memory.reserve(bytes).map_err(|refusal| {
+            let message = refusal.sentence("the surfaces", "use fewer segments of curves or cells of grids");
+            Error::scene(message)
+        })?;
+        planned.keep(bytes);
         let device = Device::within(DeviceOptions { threads, ..DeviceOptions::default() }, memory.clone())?;
         let surfaces_id = geometry.len() as u32;
         let parts = SceneParts { geometry, filter: filter.map(Arc::new), first_instance: surfaces_id + 1 };
@@ -178,13 +187,14 @@ impl SceneParts {
                 }
                 Geometry::Analytic(_) => {}
                 Geometry::Surfaces(surfaces) => {
-                    let surfaces = surfaces.valid().map(|(primitive, surface)| UserSurface {
+                    let mut valid = Vec::with_capacity(surfaces.count());
+                    valid.extend(surfaces.valid().map(|(primitive, surface)| UserSurface {
                         surface,
                         geometry,
                         primitive,
                         reported: primitive,
-                    });
-                    add_surfaces(id, surfaces.collect(), builder)?;
+                    }));
+                    add_surfaces(id, valid, builder)?;
                 }
             }
         }

@@ -267,8 +267,8 @@ impl Viewers {
         let sign = |v: f32| if v.is_sign_negative() { 1.0 } else { -1.0 };
         match self.symmetry {
             4 => Vec3::new(sign(wo.x), sign(wo.y), 1.0),
-            2 | 3 => Vec3::new(sign(wo.y), sign(wo.y), 1.0),
-            _ => Vec3::ONE,
+            0 | 1 => Vec3::ONE,
+            _ => Vec3::new(sign(wo.y), sign(wo.y), 1.0),
         }
     }
 }
@@ -308,12 +308,20 @@ impl Measured {
     /// Creates a material from the tables of a file.
     ///
     /// # Errors
-    /// If the tables do not match, or a density has no positive sum.
+    /// If the tables do not match, an angle is not finite, the projected area is 0, or a density has no positive sum.
     pub fn new(tables: Tables) -> Result<Self> {
         let Tables { phi, theta, ndf, sigma, vndf, luminance, channels, jacobian } = tables;
-        let increases = |angles: &[f32]| angles.windows(2).all(|w| w[0] < w[1]) && !angles.is_empty();
+        let increases = |angles: &[f32]| {
+            let finite = angles.iter().all(|angle| angle.is_finite());
+            finite && angles.windows(2).all(|w| w[0] < w[1]) && !angles.is_empty()
+        };
         if !increases(&phi) || !increases(&theta) {
-            return Err(Error::scene("expected angles in increasing order"));
+            return Err(Error::scene("expected finite angles in increasing order"));
+        }
+        if sigma.values.iter().all(|v| *v == 0.0) {
+            return Err(Error::scene(
+                "expected some projected area of the microfacets, found 0 for all viewers",
+            ));
         }
         let viewers = phi.len() * theta.len();
         let slices = |table: &Table| table.values.len() / table.slice_len();

@@ -20,7 +20,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::{Duration, Instant};
-use tempfile::TempPath;
 
 /// Render a scene.
 ///
@@ -120,21 +119,17 @@ pub struct RenderArgs {
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
-    let mut targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
-    let name = |target: &PathBuf| match target == Path::new("-") {
-        true => "standard output".to_owned(),
-        false => target.display().to_string(),
-    };
-    let names = targets.iter().map(name).collect::<Vec<_>>().join(", ");
-    let piped = piped(args, &mut targets)?;
-    refuse(args, &targets)?;
-    targets.iter().try_for_each(|target| image::check_output(target))?;
+    let targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
+    let named: Vec<PathBuf> = targets.iter().map(|target| named(target).to_owned()).collect();
+    refuse(args, &named)?;
+    let mut files = targets.iter().filter(|target| !is_piped(target));
+    files.try_for_each(|target| image::check_output(target))?;
     if let Some(path) = args.stats.as_deref().filter(|p| *p != Path::new("-")) {
         util::check_replaceable(path)?;
     }
     let (session, origin, mut seconds) = open(args)?;
     let mut plan = session.plan(&choices(args, origin))?;
-    targets.iter().try_for_each(|target| session.check_output(&plan, target))?;
+    named.iter().try_for_each(|target| session.check_output(&plan, target))?;
     let kind = plan.job.sampler.kind();
     if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
         && args.method.sampler().is_none()
@@ -147,6 +142,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         super::report!("buffon: note: {advice}");
     }
+    let names = named.iter().map(|target| target.display().to_string()).collect::<Vec<_>>().join(", ");
     let progress = Arc::new(Progress::new());
     let signal = listen(&progress, Some(early_exit(args, &names)))?;
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
@@ -166,13 +162,11 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     let options = WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() };
     let mut clamped_half = 0;
     for target in &targets {
-        let report = image::write(target, &image, &options)?;
+        let report = match is_piped(target) {
+            true => write_piped(&image, &options)?,
+            false => image::write(target, &image, &options)?,
+        };
         clamped_half = clamped_half.max(report.clamped_half);
-    }
-    if let Some(file) = piped {
-        super::print(
-            &std::fs::read(&file).map_err(|e| Error::output(format!("cannot read back the image: {e}")))?,
-        )?;
     }
     seconds.write = written.elapsed().as_secs_f64();
     seconds.prepare = rendered.prepared.as_secs_f64();
@@ -225,17 +219,26 @@ fn default_output(args: &RenderArgs) -> PathBuf {
     }
 }
 
-/// Replaces standard output among the targets by a temporary file, and returns it.
-fn piped(args: &RenderArgs, targets: &mut [PathBuf]) -> Result<Option<TempPath>> {
-    let Some(target) = targets.iter_mut().find(|target| *target == Path::new("-")) else { return Ok(None) };
-    if args.stats.as_deref() == Some(Path::new("-")) {
-        return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));
-    }
+fn is_piped(target: &Path) -> bool {
+    target == Path::new("-")
+}
+
+/// Returns the name of a target in messages. Standard output gets an EXR.
+fn named(target: &Path) -> &Path {
+    if is_piped(target) { Path::new("standard output.exr") } else { target }
+}
+
+/// Writes an EXR to standard output. Libraries write to files only.
+fn write_piped(image: &image::Image, options: &WriteOptions) -> Result<image::WriteReport> {
     let file = tempfile::Builder::new().prefix("buffon-").suffix(".exr").tempfile();
-    let file =
-        file.map_err(|e| Error::output(format!("cannot create a temporary file: {e}")))?.into_temp_path();
-    *target = file.to_path_buf();
-    Ok(Some(file))
+    let failed = |e: std::io::Error| {
+        let folder = std::env::temp_dir();
+        Error::output(format!("no temporary file can be used in {}: {}", folder.display(), e.kind()))
+    };
+    let file = file.map_err(failed)?.into_temp_path();
+    let report = image::write(&file, image, options)?;
+    super::print(&std::fs::read(&file).map_err(failed)?)?;
+    Ok(report)
 }
 
 /// Refuses options that have no effect or contradict each other.
@@ -244,6 +247,9 @@ fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
         return Err(Error::usage(
             "--display-server: Buffon has no live display; --progress shows where the render stands",
         ));
+    }
+    if args.output.iter().any(|target| is_piped(target)) && args.stats.as_deref().is_some_and(is_piped) {
+        return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));
     }
     args.display.check(targets.iter().map(PathBuf::as_path))?;
     let is_exr = |target: &&PathBuf| target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));

@@ -111,6 +111,9 @@ fn parse(bytes: &[u8]) -> Result<Measured, String> {
         );
     }
     let jacobian = field("jacobian")?;
+    let (UINT8, [1], [jacobian, ..]) = (jacobian.kind, &jacobian.shape[..], jacobian.bytes) else {
+        return Err("expected the field jacobian to be an array of one uint8".into());
+    };
     let tables = Tables {
         phi: field("phi_i")?.floats("phi_i", 1)?,
         theta: field("theta_i")?.floats("theta_i", 1)?,
@@ -119,7 +122,7 @@ fn parse(bytes: &[u8]) -> Result<Measured, String> {
         vndf: field("vndf")?.table("vndf", 4)?,
         luminance: field("luminance")?.table("luminance", 4)?,
         channels: field("rgb")?.table("rgb", 5)?,
-        jacobian: jacobian.kind == UINT8 && jacobian.bytes.first().is_some_and(|b| *b != 0),
+        jacobian: *jacobian != 0,
     };
     Measured::new(tables).map_err(|e| e.message)
 }

@@ -66,7 +66,11 @@ fn read(path: &Path, memory: &Budget) -> Result<File> {
     let expected = count.and_then(|count| count.checked_mul(4)).filter(|bytes| *bytes > 0);
     if expected != Some(body.len()) {
         return Err(wrong(format!(
-            "expected {x} x {y} x {z} cells of {channels} float32 values after the header, found {} bytes",
+            "expected {} x {} x {} cells of {} float32 values after the header, found {} bytes",
+            integer(1),
+            integer(2),
+            integer(3),
+            integer(4),
             body.len()
         )));
     }

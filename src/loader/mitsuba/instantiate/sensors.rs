@@ -28,8 +28,15 @@ impl Builder<'_> {
         if !SUPPORTED.contains(&plugin) {
             return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
         }
-        let to_world =
-            if matches!(plugin, "distant" | "radiancemeter") { axis(&props)? } else { props.motion()? };
+        let to_world = match plugin {
+            // It is placed once, around the scene.
+            "distant" if !props.has("direction") => Motion::from(props.to_world()?),
+            "distant" | "radiancemeter" => axis(&props)?,
+            _ => props.motion()?,
+        };
+        if plugin != "orthographic" {
+            check_rigid(&props, &to_world)?;
+        }
         let projection = match plugin {
             "orthographic" => Projection::Orthographic,
             "radiancemeter" => Projection::Axis,
@@ -41,7 +48,6 @@ impl Builder<'_> {
                 Projection::Distant { target: props.point("target")?.map(|p| p.to_array()) }
             }
             _ => {
-                check_rigid(&props, &to_world)?;
                 let (fov, fov_axis) = field_of_view(&props)?;
                 let names = ["principal_point_offset_x", "principal_point_offset_y"];
                 let offset = [props.float(names[0])?, props.float(names[1])?];
@@ -65,12 +71,6 @@ impl Builder<'_> {
         }
         self.ignore(&props, &["srf"], "images are RGB");
         let film = self.film(&props)?;
-        if matches!(projection, Projection::Axis | Projection::Distant { .. })
-            && (film.width, film.height) != (1, 1)
-        {
-            let found = format!("found {} x {}", film.width, film.height);
-            return Err(props.object.error(format!("expected a film of 1 x 1 pixel, {found}")));
-        }
         if let Some(sampler) = props.child("sampler")? {
             let read = self.sampler(sampler, first);
             self.or_stand_in(read, "replaced by the default", |_| ())?;
@@ -114,12 +114,12 @@ fn axis(props: &Props) -> Result<Motion> {
     Ok(DAffine3::from_mat3_translation(axes, origin.unwrap_or_default()).into())
 }
 
-/// Returns an error if `to_world` has a scale: lengths along the viewing axis would differ from those of the world.
+/// Returns an error if `to_world` has a scale or a shear: lengths and angles would differ from those of the world.
 fn check_rigid(props: &Props, to_world: &Motion) -> Result<()> {
     for transform in to_world.keys() {
         let m = transform.matrix3;
-        let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|axis| axis.length());
-        if lengths.iter().any(|l| (l - 1.0).abs() > SCALE_TOLERANCE) {
+        let off = (m.transpose() * m - DMat3::IDENTITY).to_cols_array();
+        if off.iter().any(|v| v.abs() > 2.0 * SCALE_TOLERANCE) {
             return Err(props.error("to_world", "a camera cannot be scaled"));
         }
     }
