@@ -90,7 +90,8 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 impl Error {
     /// Creates an error with only a message.
     pub fn new(kind: Kind, message: impl Into<String>) -> Self {
-        Error { kind, place: None, thing: String::new(), message: message.into(), others: Vec::new() }
+        let message = without_code(message.into());
+        Error { kind, place: None, thing: String::new(), message, others: Vec::new() }
     }
 
     /// Creates an internal error.
@@ -135,6 +136,15 @@ impl Error {
         self.others = others;
         self
     }
+}
+
+/// Returns a message without the code that Rust appends to a message of the system, which becomes lower case.
+fn without_code(message: String) -> String {
+    let Some((words, code)) = message.split_once(" (os error ") else { return message };
+    let (before, words) = words.rsplit_once(": ").map_or(("", words), |(before, words)| (before, words));
+    let (colon, after) =
+        (if before.is_empty() { "" } else { ": " }, code.split_once(')').map_or("", |(_, after)| after));
+    format!("{before}{colon}{}{after}", words.to_lowercase())
 }
 
 impl fmt::Display for Error {

@@ -175,7 +175,7 @@ fn what_means_nothing_is_refused_with_a_sentence() {
         (
             "s.xml --integrators path,pth",
             2,
-            "buffon: --integrators: there is no integrator \"pth\"; there are ",
+            "buffon: --integrators: there is no integrator \"pth\" (did you mean \"path\"?); there are ",
         ),
         (
             "s.xml --budgets 1s,",

@@ -23,7 +23,7 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         (
             "render s.xml --integrator pth",
             2,
-            "buffon: --integrator: there is no integrator \"pth\"; there are path, volpath, direct, \
+            "buffon: --integrator: there is no integrator \"pth\" (did you mean \"path\"?); there are path, volpath, direct, \
              ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt, vcm and pssmlt",
         ),
         (
@@ -119,6 +119,16 @@ fn a_scene_alone_is_rendered_and_several_outputs_are_written() {
     assert_eq!((png.width, png.height), (40, 30));
     let same = folder.run("render s.xml --spp 2 -o a.exr -o b.png -o a.exr");
     assert_eq!((same.code, same.stderr.as_str()), (2, "buffon: -o a.exr: this file is named twice\n"));
+    let other = folder.run("s.xlm");
+    assert!(
+        other.code == 3 && other.stderr.contains("expected a scene (.xml, .gltf, .glb) or a mesh"),
+        "{other:?}"
+    );
+    let negative = folder.run("s.xml --spp -4");
+    assert!(
+        negative.code == 2 && negative.stderr.contains("invalid value '-4' for '--spp <N>'"),
+        "{negative:?}"
+    );
     let missing = folder.run("missing.xml");
     assert_eq!(
         (missing.code, missing.stderr.contains("missing.xml: cannot be read")),

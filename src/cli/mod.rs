@@ -33,7 +33,6 @@ pub mod stats;
 pub mod values;
 
 use crate::error::{Error, Kind};
-use crate::loader::EXTENSIONS;
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
 use std::path::Path;
@@ -105,13 +104,9 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Inserts `render` if the first argument is a scene instead of a subcommand.
+/// Inserts `render` if the first argument is a file instead of a subcommand, none of which has an extension.
 fn with_subcommand(mut arguments: Vec<OsString>) -> Vec<OsString> {
-    let is_scene = arguments.get(1).is_some_and(|first| {
-        let extension = Path::new(first).extension().and_then(|e| e.to_str()).unwrap_or_default();
-        EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
-    });
-    if is_scene {
+    if arguments.get(1).is_some_and(|first| Path::new(first).extension().is_some()) {
         arguments.insert(1, "render".into());
     }
     arguments

@@ -137,16 +137,7 @@ fn read_bytes(path: &Path, memory: &Budget) -> Result<(Vec<u8>, Reservation)> {
 }
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Error {
-    Error::scene(format!("cannot be read: {}", system_message(error))).in_file(path)
-}
-
-/// Returns the system's message for an error, without the code that Rust appends.
-fn system_message(error: &std::io::Error) -> String {
-    let text = error.to_string();
-    match text.split_once(" (os error") {
-        Some((words, _)) => words.to_lowercase(),
-        None => text,
-    }
+    Error::scene(format!("cannot be read: {error}")).in_file(path)
 }
 
 /// Reads a text file.

@@ -8,6 +8,7 @@ use crate::integrator::{self, Integrator, Settings};
 use crate::render::{Adaptive, JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::sensor::Camera;
+use crate::util::wording::did_you_mean;
 use std::ops::Range;
 
 /// The user's choices for a render. A setting that is not chosen is that of the scene file, or else the default.
@@ -203,8 +204,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) => Settings::by_name(name, of_scene.limits()).ok_or_else(|| {
             let (last, others) = Settings::NAMES.split_last().expect("there are integrators");
             let list = others.join(", ");
+            let near = did_you_mean(name, Settings::NAMES.iter().copied());
             Error::usage(format!(
-                "--integrator: there is no integrator \"{name}\"; there are {list} and {last}"
+                "--integrator: there is no integrator \"{name}\"{near}; there are {list} and {last}"
             ))
         })?,
     })
@@ -229,7 +231,11 @@ fn choose_layers(names: &[String], settings: &Settings, shared: bool) -> Result<
     }
     for (i, name) in names.iter().enumerate() {
         let aov = Aov::by_name(name).ok_or_else(|| {
-            Error::usage(format!("--aov: there is no layer \"{name}\"; there are {}", Aov::NAMES.join(", ")))
+            let near = did_you_mean(name, Aov::NAMES.iter().copied());
+            Error::usage(format!(
+                "--aov: there is no layer \"{name}\"{near}; there are {}",
+                Aov::NAMES.join(", ")
+            ))
         })?;
         let cached = match settings {
             Settings::Aov(AovSettings { image: Some(image), .. }) => image.as_ref(),
