@@ -200,6 +200,7 @@ fn bench_scene(
                 let choices = Choices {
                     integrator: integrator.clone(),
                     sampler,
+                    replace_independent: true,
                     seed: options.seed,
                     ..Choices::default()
                 };

@@ -40,7 +40,7 @@ pub struct BenchArgs {
     pub integrators: Vec<String>,
     /// Samplers.
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
-        "Samplers, separated by commas, of {} [default: the scene's]",
+        "Samplers, separated by commas, of {} [default: the scene's, and sobol instead of independent]",
         samplers()
     ))]
     pub samplers: Vec<SamplerKind>,
