@@ -141,7 +141,7 @@ impl Error {
 /// Returns a message without the code that Rust appends to a message of the system, which becomes lower case.
 fn without_code(message: String) -> String {
     let Some((words, code)) = message.split_once(" (os error ") else { return message };
-    let (before, words) = words.rsplit_once(": ").map_or(("", words), |(before, words)| (before, words));
+    let (before, words) = words.rsplit_once(": ").unwrap_or(("", words));
     let (colon, after) =
         (if before.is_empty() { "" } else { ": " }, code.split_once(')').map_or("", |(_, after)| after));
     format!("{before}{colon}{}{after}", words.to_lowercase())

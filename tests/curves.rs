@@ -71,14 +71,7 @@ fn integrators_agree_on_curves() {
     for shape in ["linearcurve", "bsplinecurve"] {
         let bsdf = r#"<bsdf type="diffuse"><rgb name="reflectance" value="0.6,0.3,0.1"/></bsdf>"#;
         let folder = folder(&scene(shape, bsdf, "3.0.0"), &points(Some(0.12)));
-        for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
-            let options = format!("--spp 512 --aov variance --seed {i} --integrator {integrator}");
-            folder.render(&format!("s.xml -q -o {integrator}.exr {options}"));
-        }
-        for other in ["ptracer", "bdpt"] {
-            let run = folder.run(&format!("diff path.exr {other}.exr --z"));
-            assert_eq!(run.code, 0, "{shape}, {other}: {}{}", run.stdout, run.stderr);
-        }
+        folder.light_paths_agree(512);
     }
 }
 

@@ -66,16 +66,10 @@ fn integrators_agree_for_a_spherical_sensor() {
         <shape type="rectangle"><transform name="to_world"><scale value="0.4"/><rotate x="1" angle="90"/>
         <translate x="0.5" y="1.1"/></transform><emitter type="area"/></shape>
         <shape type="sphere"><point name="center" value="1,-0.8,0.5"/><float name="radius" value="0.4"/></shape>"#;
-    let turned = r#"<transform name="to_world"><rotate x="1" y="2" angle="30"/><translate x="-0.5" y="0.2"/></transform>"#;
+    let turned = r#"<transform name="to_world"><rotate x="1" y="2" angle="30"/>
+        <translate x="-0.5" y="0.2"/></transform>"#;
     let folder = Folder::with(&scene("spherical", turned, [24, 16], room));
-    for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
-        let options = format!("--spp 512 --aov variance --seed {i} --integrator {integrator}");
-        folder.render(&format!("s.xml -q -o {integrator}.exr {options}"));
-    }
-    for other in ["ptracer", "bdpt"] {
-        let run = folder.run(&format!("diff path.exr {other}.exr --z"));
-        assert_eq!(run.code, 0, "{other}: {}{}", run.stdout, run.stderr);
-    }
+    folder.light_paths_agree(512);
 }
 
 /// A `radiancemeter` has the radiance of one ray. A `distant` sensor has that of a point, or the mean over the cross
@@ -104,7 +98,8 @@ fn meters_have_the_radiance_of_their_rays() {
 fn mistakes_are_told_in_sentences() {
     let floor = r#"<shape type="rectangle"/><emitter type="constant"/>"#;
     let both = r#"<vector name="direction" value="0,0,1"/><transform name="to_world"><translate x="1"/></transform>"#;
-    let moving = r#"<animation name="to_world"><transform time="0"/><transform time="1"><rotate x="1" angle="9"/></transform></animation>"#;
+    let moving = r#"<animation name="to_world"><transform time="0"/>
+        <transform time="1"><rotate x="1" angle="9"/></transform></animation>"#;
     let sheared = r#"<transform name="to_world"><rotate x="1" angle="45"/><scale y="1.5"/></transform>"#;
     for (sensor, inside, size, options, sentence) in [
         ("distant", moving, [1, 1], "", "it cannot move"),

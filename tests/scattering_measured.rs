@@ -163,14 +163,7 @@ const SCENE: &str = r#"<scene version="3.0.0">
 fn integrators_agree_on_measured_materials() {
     let folder = Folder::with(SCENE);
     folder.write("m.bsdf", &Arrays::new(&azimuths()[1]).file(|_| true));
-    for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
-        let options = format!("--spp 512 --aov variance --seed {i} --integrator {integrator}");
-        folder.render(&format!("s.xml -q -o {integrator}.exr {options}"));
-    }
-    for other in ["ptracer", "bdpt"] {
-        let run = folder.run(&format!("diff path.exr {other}.exr --z"));
-        assert_eq!(run.code, 0, "{other}: {}{}", run.stdout, run.stderr);
-    }
+    folder.light_paths_agree(512);
 }
 
 #[test]

@@ -37,7 +37,7 @@ impl SdfCell {
     }
 }
 
-/// Returns the box, before rounding.
+/// Returns the box with its overlap, before rounding.
 pub(super) fn bounds(SdfCell { corner, size, .. }: SdfCell) -> (DVec3, DVec3) {
     let (a, b) = (corner.as_dvec3(), corner.as_dvec3() + size.as_dvec3());
     let overlap = (a.abs().max(b.abs())) * OVERLAP;
@@ -59,7 +59,7 @@ pub(super) fn intersect(
 ) -> Option<PrimitiveHit> {
     let (low, high) = bounds(*cell);
     let [a, b] = [low, high].map(|corner| (corner - line.o) / line.d);
-    // A ray in the plane of a face has 0 / 0 there, which `min` and `max` leave out.
+    // A ray in the plane of a face has 0 / 0 there and may miss. That face is in the overlap, where a neighbour is hit.
     let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z));
     let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z));
     let beside = (line.d.cmpeq(DVec3::ZERO) & (line.o.cmplt(low) | line.o.cmpgt(high))).any();

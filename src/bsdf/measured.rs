@@ -55,7 +55,7 @@ pub struct Tables {
 struct Viewers {
     phi: Vec<f32>,
     theta: Vec<f32>,
-    /// How many equal parts of the circle the azimuths are one of, by symmetry.
+    /// The full circle divided by the range of the azimuths. The material is the same in each such part of the circle.
     symmetry: u32,
 }
 

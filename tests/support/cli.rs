@@ -123,6 +123,18 @@ impl Folder {
         }
     }
 
+    /// Renders the scene with camera paths, light paths and both, and asserts that their images agree.
+    pub fn light_paths_agree(&self, samples: u32) {
+        for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
+            let options = format!("--spp {samples} --aov variance --seed {i} --integrator {integrator}");
+            self.render(&format!("s.xml -q -o {integrator}.exr {options}"));
+        }
+        for other in ["ptracer", "bdpt"] {
+            let run = self.run(&format!("diff path.exr {other}.exr --z"));
+            assert_eq!(run.code, 0, "{other}: {}{}", run.stdout, run.stderr);
+        }
+    }
+
     /// Runs `buffon render` with the arguments, and asserts that it succeeds and prints nothing on standard output.
     pub fn render(&self, arguments: &str) -> Run {
         let run = self.run(&format!("render {arguments}"));
