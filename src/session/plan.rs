@@ -60,8 +60,6 @@ pub(super) fn states_variances(layers: &[Layer]) -> bool {
 
 /// The samples per pixel if neither the scene nor the user sets them.
 const DEFAULT_SPP: u64 = 64;
-/// The integrators that connect light paths to the camera.
-const TO_CAMERA: [&str; 4] = ["ptracer", "bdpt", "vcm", "pssmlt"];
 /// The integrators that need only rays of a camera: neither light paths to it nor the extent of its pixels.
 const RAYS_ONLY: [&str; 8] = ["path", "volpath", "direct", "whitted", "distribution", "ao", "depth", "aov"];
 
@@ -82,7 +80,7 @@ impl Session {
         let kind = choices.sampler.or(self.defaults.sampler.filter(usable)).unwrap_or_default();
         let created = integrator.create();
         created.check(&self.scene)?;
-        if let Some(why) = obstacle_to_camera(created.name(), self.camera()) {
+        if let Some(why) = obstacle_to_camera(created.as_ref(), self.camera()) {
             return Err(Error::scene(why));
         }
         let replicates = integrator::replicates(created.as_ref(), kind);
@@ -117,17 +115,18 @@ impl Session {
 }
 
 /// Returns why an integrator cannot render the image of a camera, if it cannot.
-fn obstacle_to_camera(integrator: &str, camera: &Camera) -> Option<String> {
-    if camera.is_meter() && !RAYS_ONLY.contains(&integrator) {
+fn obstacle_to_camera(integrator: &dyn Integrator, camera: &Camera) -> Option<String> {
+    let name = integrator.name();
+    if camera.is_meter() && !RAYS_ONLY.contains(&name) {
         let list = RAYS_ONLY.join(", ");
         return Some(format!(
-            "{integrator} cannot render a sensor whose pixels all see the same: expected one of {list}"
+            "{name} cannot render a sensor whose pixels all see the same: expected one of {list}"
         ));
     }
     let wide = camera.film.filter.radius() > 0.5;
-    (camera.is_spherical() && wide && TO_CAMERA.contains(&integrator)).then(|| {
+    (camera.is_spherical() && wide && integrator.traces_light_paths()).then(|| {
         format!(
-            "{integrator} needs the filter box for a spherical sensor: light paths that reach one border of the image \
+            "{name} needs the filter box for a spherical sensor: light paths that reach one border of the image \
              do not count at the opposite one"
         )
     })
