@@ -94,6 +94,71 @@ fn meters_have_the_radiance_of_their_rays() {
     assert!((mean - 2.0 / 3.0).abs() < 2e-3, "{mean}");
 }
 
+/// Returns a scene of a shape with an `irradiancemeter` inside it.
+fn metered(shape: &str, inside: &str, [width, height]: [u32; 2], rest: &str) -> String {
+    let scene = scene("irradiancemeter", "", [width, height], "");
+    let sensor = &scene[scene.find("<sensor").expect("a sensor")..scene.find("</scene>").expect("an end")];
+    format!(
+        r#"<scene version="3.0.0"><integrator type="path"/><shape type="{shape}">{inside}{sensor}</shape>{rest}</scene>"#
+    )
+}
+
+/// The irradiance of a small surface by a sphere of the radius r at the distance d is π·L·(r/d)²·cos θ. That of any
+/// convex surface under uniform light is π·L.
+#[test]
+fn an_irradiancemeter_has_the_irradiance_of_its_surface() {
+    let small = r#"<transform name="to_world"><scale value="0.001"/><rotate x="1" angle="-30"/></transform>"#;
+    let lamp = r#"<shape type="sphere"><point name="center" value="0.4,1,2"/><float name="radius" value="0.6"/>
+        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"#;
+    let (sin, cos) = 30f64.to_radians().sin_cos();
+    let expected = 5.0 * std::f64::consts::PI * 0.36 * (sin + 2.0 * cos) / 5.16f64.powf(1.5);
+    for shape in ["rectangle", "disk"] {
+        let seen = f64::from(picture(&metered(shape, small, [1, 1], lamp), "--spp 16384").data[0]);
+        assert!((seen / expected - 1.0).abs() < 5e-3, "{shape} {seen} {expected}");
+    }
+    let sky = r#"<emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>"#;
+    let stretched = r#"<transform name="to_world"><scale x="3" y="0.2"/></transform>"#;
+    for (shape, inside) in
+        [("rectangle", stretched), ("disk", stretched), ("sphere", ""), ("cube", stretched)]
+    {
+        let image = picture(&metered(shape, inside, [3, 2], sky), "--spp 64");
+        let expected = 0.5 * std::f32::consts::PI;
+        // The points of a mesh have different weights.
+        let tolerance = if shape == "cube" { 0.3 } else { 1e-5 };
+        assert!(
+            image.data.iter().all(|v| (v / expected - 1.0).abs() < tolerance),
+            "{shape} {:?}",
+            image.data
+        );
+    }
+    // Half of a rectangle is below a roof, and pixels are parts of it.
+    let roof = r#"<shape type="rectangle"><transform name="to_world"><scale x="0.5"/>
+        <translate x="-0.5" z="0.0001"/></transform></shape>"#;
+    let image = picture(&metered("rectangle", "", [2, 1], &format!("{roof}{sky}")), "--spp 1024");
+    let [dark, light] = [image.data[0], image.data[3]].map(|v| v / (0.5 * std::f32::consts::PI));
+    assert!(dark < 0.01 && (light - 1.0).abs() < 0.01, "{dark} {light}");
+}
+
+/// The triangles of a mesh count by their areas.
+#[test]
+fn an_irradiancemeter_weights_triangles_by_area() {
+    let folder = Folder::with(&metered(
+        "obj",
+        r#"<string name="filename" value="m.obj"/><boolean name="face_normals" value="true"/>"#,
+        [1, 1],
+        r#"<emitter type="constant"><rgb name="radiance" value="1"/></emitter>
+        <shape type="rectangle"><transform name="to_world"><translate x="1" y="1" z="0.0001"/></transform></shape>"#,
+    ));
+    // A triangle of the area 1/2 under the roof, and one of the area 2 beside it.
+    folder.write(
+        "m.obj",
+        b"v 0.1 0.1 0\nv 1.1 0.1 0\nv 0.1 1.1 0\nv -2 -2 0\nv 0 -2 0\nv -2 0 0\nf 1 2 3\nf 4 5 6\n",
+    );
+    folder.render("s.xml -q -o p.exr --spp 16384");
+    let seen = read(&folder.path("p.exr")).expect("an image").data[0] / std::f32::consts::PI;
+    assert!((seen - 0.8).abs() < 8e-3, "{seen}");
+}
+
 #[test]
 fn mistakes_are_told_in_sentences() {
     let floor = r#"<shape type="rectangle"/><emitter type="constant"/>"#;
@@ -135,5 +200,31 @@ fn mistakes_are_told_in_sentences() {
         let run = Folder::with(&scene).run(&format!("render s.xml -q -o x.exr {options}"));
         assert_eq!(run.code, 3, "{run:?}");
         assert!(run.stderr.contains(sentence), "{}", run.stderr);
+    }
+}
+
+#[test]
+fn an_irradiancemeter_needs_a_surface() {
+    let (box_of, size) = (|sensor: &str| format!(r#"<shape type="rectangle">{sensor}</shape>"#), [1, 1]);
+    let alone = scene("irradiancemeter", "", size, "");
+    let camera = box_of(r#"<sensor type="perspective"/>"#);
+    let moving = r#"<animation name="to_world"><transform time="0"/>
+        <transform time="1"><translate x="1"/></transform></animation>"#;
+    let line = r#"<string name="filename" value="line.obj"/>"#;
+    let grouped = metered("rectangle", "", size, "").replace("<shape", "<shape type=\"shapegroup\"><shape");
+    let grouped = grouped.replace("</shape>", "</shape></shape>");
+    for (scene, options, sentence) in [
+        (alone, "", "expected the irradiancemeter inside the shape whose irradiance it measures"),
+        (format!("<scene version=\"3.0.0\">{camera}</scene>"), "", "no other sensor can be inside a shape"),
+        (metered("rectangle", moving, size, ""), "", "a shape that moves cannot have a sensor"),
+        (metered("obj", line, size, ""), "", "an irradiancemeter needs a rectangle, disk, sphere"),
+        (grouped, "", "a shape inside a group cannot have a sensor"),
+        (metered("rectangle", "", size, ""), "--integrator bdpt", "bdpt cannot render a sensor whose pixels"),
+    ] {
+        let folder = Folder::with(&scene);
+        folder.write("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
+        let run = folder.run(&format!("render s.xml -q -o x.exr {options}"));
+        assert_eq!(run.code, 3, "{scene} {run:?}");
+        assert!(run.stderr.contains(sentence), "{scene} {}", run.stderr);
     }
 }

@@ -29,6 +29,7 @@ mod hard_ends;
 mod hard_lights;
 mod hard_meshes;
 mod hard_sampling;
+mod height_fields;
 mod heterogeneous;
 mod holes;
 mod image_io;

@@ -8,6 +8,7 @@ mod curves;
 mod files;
 mod framing;
 mod gltf;
+mod height_field;
 mod measurement;
 mod mesh;
 mod mitsuba;

@@ -56,6 +56,8 @@ pub struct CameraWorker {
     times: Vec<f32>,
     /// The weights of filter samples, for filters that have them.
     weights: Vec<f32>,
+    /// The factors of the radiance of each ray, for cameras that have them.
+    factors: Vec<f32>,
     groups: Vec<Group>,
     radiance: Vec<Radiance>,
     values: Vec<f32>,
@@ -80,6 +82,7 @@ impl CameraWorker {
             lens: [Vec::new(), Vec::new()],
             times: Vec::new(),
             weights: Vec::new(),
+            factors: Vec::new(),
             groups: Vec::new(),
             radiance: Vec::new(),
             values: Vec::new(),
@@ -171,6 +174,7 @@ impl CameraWorker {
         if job.progress.is_interrupted() {
             return;
         }
+        self.radiance.iter_mut().zip(&self.factors).for_each(|(radiance, factor)| radiance.value *= *factor);
         self.worker.counters.paths += self.rays.len() as u64;
         if job.has_sampled_layers() {
             self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
@@ -206,6 +210,7 @@ impl CameraWorker {
         }
         self.rays.clear();
         self.weights.clear();
+        self.factors.clear();
         let pair = |pair: &[Vec<f32>; 2], i: usize| Vec2::new(pair[0][i], pair[1][i]);
         for span in &self.spans {
             let (x, y) = span.position;
@@ -219,7 +224,14 @@ impl CameraWorker {
                     None if job.scene.needs.time => self.times[i],
                     None => 0.0,
                 };
-                self.rays.push(job.camera.ray(centre + offset.as_dvec2(), u, time));
+                let p = centre + offset.as_dvec2();
+                if job.camera.has_weights() {
+                    let (ray, factor) = job.camera.weighted_ray(p, u, time);
+                    self.rays.push(ray);
+                    self.factors.push(factor);
+                } else {
+                    self.rays.push(job.camera.ray(p, u, time));
+                }
                 if job.filter.has_weights() {
                     self.weights.push(weight);
                 }

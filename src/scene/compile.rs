@@ -4,6 +4,7 @@
 use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::OpacityFilter;
 use super::media::MediaCompiler;
+use super::meter::surface_of;
 use super::{Materials, Needs, Scene, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::{Bsdf, Lobes};
@@ -20,7 +21,7 @@ use crate::math::{Bounds, DAffine3, Motion, Vec3};
 use crate::medium::Medium;
 use crate::memory::Budget;
 use crate::sampling::Distribution1D;
-use crate::sensor::{Camera, SensorSettings};
+use crate::sensor::{Camera, Projection, SensorSettings};
 use crate::shape::{Shape, WorldShape};
 use crate::texture::Texture;
 use std::sync::Arc;
@@ -260,8 +261,11 @@ impl SceneCompiler {
         let bounds = built.accel.bounds();
         let DistantEmitters { environment, sun } = self.add_emitters(emitters, bounds)?;
         let light_choice = choice_among(&self.lights)?;
-        let sensors: Vec<Camera> =
-            sensors.iter().map(|sensor| Camera::for_scene(sensor, bounds)).collect::<Result<_>>()?;
+        let camera = |sensor: &SensorSettings| match sensor.projection {
+            Projection::Surface { shape } => Camera::on_surface(sensor, surface_of(&self.shapes[shape])?),
+            _ => Camera::for_scene(sensor, bounds),
+        };
+        let sensors: Vec<Camera> = sensors.iter().map(camera).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
         let motion = instances.iter().any(Instance::is_moving);
         let needs = Needs {

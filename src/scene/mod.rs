@@ -5,6 +5,7 @@ pub mod description;
 mod holes;
 pub mod interaction;
 pub mod media;
+mod meter;
 pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile, compile_within};

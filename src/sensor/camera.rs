@@ -7,6 +7,15 @@ use crate::math::{Bounds, DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3
 use crate::sampling::warp;
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
+use std::fmt;
+use std::sync::Arc;
+
+/// A surface whose irradiance a sensor measures.
+pub trait SensorSurface: Send + Sync + fmt::Debug {
+    /// Returns a ray that leaves the surface at a point that `u_point` selects, in a direction that `u_direction`
+    /// selects, and its weight: the mean of weight × radiance is the irradiance of the surface, W·m⁻².
+    fn ray(&self, u_point: Vec2, u_direction: Vec2) -> (Ray, f32);
+}
 
 /// A camera prepared for generating rays.
 #[derive(Clone, Debug)]
@@ -24,6 +33,8 @@ pub struct Camera {
     /// The change of that position per pixel to the right and downwards.
     pixel: DVec2,
     lines: Lines,
+    /// The surface of a sensor that measures irradiance.
+    surface: Option<Arc<dyn SensorSurface>>,
     lens: Option<ThinLens>,
     near: f64,
     far: f64,
@@ -40,6 +51,8 @@ enum Lines {
     Spherical,
     /// Along the viewing axis, through a disk of this radius around the origin.
     Axial { radius: f64 },
+    /// From the points of a surface in all directions of the hemisphere.
+    Surface,
 }
 
 /// The position and axes of a camera at one time.
@@ -108,6 +121,7 @@ impl Camera {
             Projection::Orthographic => ([1.0, height / width], Lines::Parallel),
             Projection::Spherical => ([0.0; 2], Lines::Spherical),
             Projection::Axis | Projection::Distant { .. } => ([0.0; 2], Lines::Axial { radius: 0.0 }),
+            Projection::Surface { .. } => ([0.0; 2], Lines::Surface),
         };
         // x points to the left, y upwards.
         let corner = DVec2::new(half[0] * (1.0 - 2.0 * offset[0]), half[1] * (1.0 - 2.0 * offset[1]));
@@ -121,6 +135,7 @@ impl Camera {
             corner,
             pixel,
             lines,
+            surface: None,
             lens: settings.lens,
             near: settings.near_clip,
             far: settings.far_clip,
@@ -152,6 +167,14 @@ impl Camera {
         Ok(camera)
     }
 
+    /// Creates a sensor that measures the irradiance of a surface.
+    ///
+    /// # Errors
+    /// As for [`new`](Self::new).
+    pub fn on_surface(settings: &SensorSettings, surface: Arc<dyn SensorSurface>) -> Result<Self> {
+        Ok(Camera { surface: Some(surface), ..Camera::new(settings)? })
+    }
+
     /// Returns the transform from camera space to world space at a time in [0, 1] over the shutter interval.
     #[inline]
     pub fn to_world(&self, time: f32) -> DAffine3 {
@@ -175,13 +198,31 @@ impl Camera {
 
     /// Returns whether rays depend on a position on the aperture.
     pub fn has_lens(&self) -> bool {
-        self.lens.is_some() || matches!(self.lines, Lines::Axial { radius } if radius > 0.0)
+        match self.lines {
+            Lines::Axial { radius } => radius > 0.0,
+            Lines::Surface => true,
+            Lines::Central | Lines::Parallel | Lines::Spherical => self.lens.is_some(),
+        }
     }
 
-    /// Returns whether all pixels see along the same lines. No light path can be connected to such a camera, and its
-    /// pixels have no extent on surfaces.
+    /// Returns whether a pixel is not the image of some directions from a point. No light path can be connected to
+    /// such a camera, and its pixels have no extent on surfaces.
     pub fn is_meter(&self) -> bool {
-        matches!(self.lines, Lines::Axial { .. })
+        matches!(self.lines, Lines::Axial { .. } | Lines::Surface)
+    }
+
+    /// Returns whether rays have weights.
+    pub fn has_weights(&self) -> bool {
+        self.surface.is_some()
+    }
+
+    /// Returns the ray of [`ray`](Self::ray) and its weight, by which its radiance is multiplied.
+    pub fn weighted_ray(&self, p: DVec2, u: Vec2, time: f32) -> (Ray, f32) {
+        let Some(surface) = &self.surface else { return (self.ray(p, u, time), 1.0) };
+        let size = DVec2::new(self.film.width.into(), self.film.height.into());
+        // Rounding must not reach 1.
+        let (ray, weight) = surface.ray((p / size).as_vec2().min(Vec2::splat(1.0 - f32::EPSILON / 2.0)), u);
+        (Ray { time, ..ray }, weight)
     }
 
     /// Returns whether the image shows all directions, so that opposite borders of it meet.
@@ -199,6 +240,9 @@ impl Camera {
     /// orthographic camera starts on the near clipping plane and ends on the far one.
     #[inline]
     pub fn ray(&self, p: DVec2, u: Vec2, time: f32) -> Ray {
+        if self.surface.is_some() {
+            return self.weighted_ray(p, u, time).0;
+        }
         let pose = self.pose(time);
         if self.lines == Lines::Parallel {
             let to_world = pose.to_world;
@@ -244,7 +288,7 @@ impl Camera {
         let CameraPose { to_world, axes: m, .. } = *self.pose(time);
         match self.lines {
             Lines::Spherical => return self.spherical_importance(to_world.translation, m, p),
-            Lines::Axial { .. } => return None,
+            Lines::Axial { .. } | Lines::Surface => return None,
             Lines::Central | Lines::Parallel => {}
         }
         let pixels = f64::from(self.film.width) * f64::from(self.film.height);

@@ -2,7 +2,7 @@
 
 pub mod camera;
 
-pub use camera::{Camera, Importance};
+pub use camera::{Camera, Importance, SensorSurface};
 
 use crate::film::FilmSettings;
 use crate::ids::MediumId;
@@ -47,6 +47,12 @@ pub enum Projection {
         /// The point through which all lines go. Without it, they are distributed over the cross section of the
         /// scene's bounding sphere.
         target: Option<[f64; 3]>,
+    },
+    /// The points of a shape's surface: each pixel has the mean irradiance, W·m⁻², of its part of the
+    /// parametrization of the surface.
+    Surface {
+        /// The shape, as an index into the shapes of the scene's description.
+        shape: usize,
     },
 }
 
@@ -93,6 +99,7 @@ impl SensorSettings {
             (Projection::Spherical, _) => "spherical",
             (Projection::Axis, _) => "radiancemeter",
             (Projection::Distant { .. }, _) => "distant",
+            (Projection::Surface { .. }, _) => "irradiancemeter",
             (Projection::Perspective { .. }, None) => "perspective",
             (Projection::Perspective { .. }, Some(_)) => "thinlens",
         }

@@ -50,6 +50,7 @@ pub fn instantiate(resolved: Resolved, options: &LoadOptions, memory: &Budget) -
         textures: HashMap::new(),
         images: HashMap::new(),
         groups: HashMap::new(),
+        meters: Vec::new(),
         finished: HashSet::new(),
         default_materials: [None; 2],
         missing: Vec::new(),
@@ -80,6 +81,8 @@ struct Builder<'g> {
     /// The images of each file, with and without decoding of its values (`raw`).
     images: HashMap<(PathBuf, bool), Arc<TextureImage>>,
     groups: HashMap<ObjectId, usize>,
+    /// The sensors inside the shapes of the current list, with the index of the shape in it.
+    meters: Vec<(ObjectId, usize)>,
     finished: HashSet<ObjectId>,
     /// The materials of shapes that name none: of those that do not emit, and of those that do.
     default_materials: [Option<MaterialId>; 2],
@@ -104,8 +107,8 @@ impl<'g> Builder<'g> {
             self.note("the scene has media, which are not rendered: every medium is vacuum");
         }
         let sensors = self.once(&props, "sensor");
-        for (i, sensor) in sensors.into_iter().enumerate() {
-            let added = self.sensor(sensor, i == 0);
+        for sensor in sensors {
+            let added = self.sensor(sensor, None);
             self.or_stand_in(added, "left out", |_| ())?;
         }
         for bsdf in self.once(&props, "bsdf") {

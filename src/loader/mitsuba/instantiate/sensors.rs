@@ -2,14 +2,15 @@
 
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
+use crate::film::Filter;
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::math::{DAffine3, DMat3, DVec3, Motion};
 use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 
-const SUPPORTED: [&str; 6] =
-    ["distant", "orthographic", "perspective", "radiancemeter", "spherical", "thinlens"];
-const MITSUBA: [&str; 3] = ["batch", "irradiancemeter", "measured"];
+const SUPPORTED: [&str; 7] =
+    ["distant", "irradiancemeter", "orthographic", "perspective", "radiancemeter", "spherical", "thinlens"];
+const MITSUBA: [&str; 2] = ["batch", "measured"];
 /// The focal length, in mm, of a camera without a focal length or a field of view.
 const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
 /// The diagonal, in mm, of the 36 mm x 24 mm frame of 35 mm film, which focal lengths refer to.
@@ -18,26 +19,34 @@ const FRAME_DIAGONAL: f64 = 43.266_615_305_567_87;
 const SCALE_TOLERANCE: f64 = 1e-2;
 
 impl Builder<'_> {
-    /// Adds a sensor. The first sensor's sampler is the scene's.
+    /// Adds a sensor, which may be that of a shape. The first sensor's sampler is the scene's.
     ///
     /// # Errors
     /// As for [`instantiate`](super::instantiate).
-    pub fn sensor(&mut self, object: ObjectId, first: bool) -> Result<()> {
+    pub fn sensor(&mut self, object: ObjectId, shape: Option<usize>) -> Result<()> {
         let props = Props::new(self.graph, object);
         let plugin = props.object.plugin.as_str();
         if !SUPPORTED.contains(&plugin) {
             return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
         }
+        if (plugin == "irradiancemeter") != shape.is_some() {
+            return Err(props.object.error(match shape {
+                Some(_) => "expected an irradiancemeter: no other sensor can be inside a shape",
+                None => "expected the irradiancemeter inside the shape whose irradiance it measures",
+            }));
+        }
         let to_world = match plugin {
             // It is placed once, around the scene.
             "distant" if !props.has("direction") => Motion::from(props.to_world()?),
             "distant" | "radiancemeter" => axis(&props)?,
+            "irradiancemeter" => Motion::default(),
             _ => props.motion()?,
         };
         if plugin != "orthographic" {
             check_rigid(&props, &to_world)?;
         }
         let projection = match plugin {
+            "irradiancemeter" => Projection::Surface { shape: shape.unwrap_or_default() },
             "orthographic" => Projection::Orthographic,
             "radiancemeter" => Projection::Axis,
             "spherical" => Projection::Spherical,
@@ -70,9 +79,13 @@ impl Builder<'_> {
             return Err(props.refusal("shutter_close", "expected the shutter to close after it opens"));
         }
         self.ignore(&props, &["srf"], "images are RGB");
-        let film = self.film(&props)?;
+        let mut film = self.film(&props)?;
+        if shape.is_some() {
+            // Each sample counts for the part of the surface in which it is.
+            film.filter = Filter::Box { radius: 0.5 };
+        }
         if let Some(sampler) = props.child("sampler")? {
-            let read = self.sampler(sampler, first);
+            let read = self.sampler(sampler, self.loaded.description.sensors.is_empty());
             self.or_stand_in(read, "replaced by the default", |_| ())?;
         }
         let settings = SensorSettings {

@@ -3,6 +3,7 @@
 use super::{Builder, unknown_plugin};
 use crate::error::Result;
 use crate::loader::curves::{self, CurveFormat};
+use crate::loader::height_field;
 use crate::loader::mesh::{self, Format};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
@@ -11,12 +12,13 @@ use crate::math::{DAffine3, DVec3};
 use crate::scene::description::{PlacedGroup, PlacedShape};
 use crate::shape::{Mesh, SdfNormals, Shape};
 
-const SUPPORTED: [&str; 15] = [
+const SUPPORTED: [&str; 16] = [
     "bsplinecurve",
     "cube",
     "cylinder",
     "disk",
     "hair",
+    "heightfield",
     "instance",
     "linearcurve",
     "merge",
@@ -44,8 +46,14 @@ impl Builder<'_> {
             "shapegroup" => self.group(object).map(drop),
             _ => {
                 let mut shapes = Vec::new();
+                self.meters.clear();
                 self.placed_shapes(object, &mut shapes)?;
+                let first = self.loaded.description.shapes.len();
                 self.loaded.description.shapes.extend(shapes);
+                for (sensor, at) in std::mem::take(&mut self.meters) {
+                    let added = self.sensor(sensor, Some(first + at));
+                    self.or_stand_in(added, "left out", |_| ())?;
+                }
                 Ok(())
             }
         }
@@ -58,6 +66,7 @@ impl Builder<'_> {
         }
         let props = Props::new(self.graph, object);
         let mut shapes = Vec::new();
+        self.meters.clear();
         for child in self.once(&props, "shape") {
             let inner = &self.graph.objects[child];
             if matches!(inner.plugin.as_str(), "instance" | "shapegroup") {
@@ -67,6 +76,9 @@ impl Builder<'_> {
         }
         if shapes.is_empty() {
             return Err(props.object.error("expected shapes inside it"));
+        }
+        if let Some(&(sensor, _)) = self.meters.first() {
+            return Err(self.graph.objects[sensor].error("a shape inside a group cannot have a sensor"));
         }
         self.finish(props);
         let groups = &mut self.loaded.description.groups;
@@ -121,6 +133,7 @@ impl Builder<'_> {
             "sphere" => sphere(&props, &to_world)?,
             "cylinder" => cylinder(&props)?,
             "sdfgrid" => self.sdf_grid(&props)?,
+            "heightfield" => self.height_field(&props)?,
             "linearcurve" => self.curves(&props, CurveFormat::Linear)?,
             "bsplinecurve" => self.curves(&props, CurveFormat::BSpline)?,
             "hair" => {
@@ -139,10 +152,14 @@ impl Builder<'_> {
             None => self.default_material(emission.is_some()),
         };
         let boundary = self.boundary(&props)?;
-        for class in ["sensor", "texture"] {
-            if let Some(inside) = props.child(class)? {
-                return Err(super::unsupported(&self.graph.objects[inside]));
+        if let Some(texture) = props.child("texture")?.filter(|_| props.object.plugin != "heightfield") {
+            return Err(super::unsupported(&self.graph.objects[texture]));
+        }
+        if let Some(sensor) = props.child("sensor")? {
+            if motion.fixed().is_none() {
+                return Err(self.graph.objects[sensor].error("a shape that moves cannot have a sensor"));
             }
+            self.meters.push((sensor, out.len()));
         }
         self.ignore(&props, &["silhouette_sampling_weight"], "nothing here differentiates images");
         let flip_normals = props.boolean("flip_normals", false)?;
@@ -176,6 +193,36 @@ impl Builder<'_> {
         let found = self.find_file(props, "filename")?;
         let curves = found.map(|path| curves::load(&path, format, self.memory)).transpose()?;
         Ok(Shape::Curves(curves.unwrap_or_default()))
+    }
+
+    /// Reads the image of a height field, which is its own or that of a texture inside it; returns an empty mesh if the
+    /// file is missing.
+    fn height_field(&mut self, props: &Props) -> Result<Shape> {
+        let smooth = props.boolean("shading_normals", true)?;
+        let scale = props.float("scale")?.unwrap_or(1.0) as f32;
+        self.ignore(props, &["width", "height"], "the heights are the pixels of an image");
+        self.note("heightfield: each cell is rendered as two triangles");
+        let bitmap = props.child("texture")?.map(|texture| Props::new(self.graph, texture));
+        let (source, raw) = match &bitmap {
+            Some(texture) if props.has("filename") => {
+                return Err(texture.object.error("expected either a filename or a texture, found both"));
+            }
+            Some(texture) if texture.object.plugin != "bitmap" => {
+                return Err(texture.object.unsupported("expected a bitmap: its pixels are the heights"));
+            }
+            Some(texture) => (texture, texture.boolean("raw", false)?),
+            None => (props, false),
+        };
+        let Some(path) = self.find_file(source, "filename")? else { return Ok(Shape::Mesh(Mesh::default())) };
+        let image = self.image(&path, raw).map_err(|error| match error.place {
+            Some(_) => error,
+            None => source.error("filename", &error.message),
+        })?;
+        let mesh = height_field::mesh(&path, &image, scale, smooth, self.memory)?;
+        if let Some(texture) = bitmap {
+            self.finish(texture);
+        }
+        Ok(Shape::Mesh(mesh))
     }
 
     /// Reads a grid of signed distances from a file; returns an empty mesh if the file is missing.
