@@ -9,6 +9,7 @@ mod checkpoints;
 mod cli;
 mod closed_form;
 mod closed_form_specular;
+mod cryptomatte;
 mod curves;
 mod daylight;
 mod determinism;

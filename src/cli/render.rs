@@ -90,6 +90,9 @@ pub struct RenderArgs {
         Aov::NAMES.join(", ")
     ))]
     pub aov: Vec<String>,
+    /// Add Cryptomatte layers of objects and materials to an EXR (crypto_object, crypto_material)
+    #[arg(long)]
+    pub cryptomatte: bool,
     /// Exposure and tone curve.
     #[command(flatten)]
     pub display: DisplayArgs,
@@ -156,7 +159,12 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         return rendered.checkpoint_status.map(|()| code);
     }
     let written = Instant::now();
-    let image = session.image(&plan, &rendered);
+    let mut image = session.image(&plan, &rendered);
+    if args.cryptomatte && rendered.stop_reason == StopReason::Interrupted {
+        super::report!("buffon: note: interrupted: {names} has no Cryptomatte layers");
+    } else if args.cryptomatte {
+        session.add_cryptomatte(&plan, &mut image)?;
+    }
     let samples = session.camera().film.component_format.into();
     let DisplayArgs { exposure, tonemap } = args.display;
     let options = WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() };
@@ -253,8 +261,10 @@ fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
     }
     args.display.check(targets.iter().map(PathBuf::as_path))?;
     let is_exr = |target: &&PathBuf| target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-    if let Some(other) = targets.iter().find(|target| !args.aov.is_empty() && !is_exr(target)) {
-        return Err(Error::usage(format!("--aov: layers need an EXR, which {} is not", other.display())));
+    let layers = [("--aov", !args.aov.is_empty()), ("--cryptomatte", args.cryptomatte)];
+    let layered = layers.into_iter().find_map(|(option, is_used)| is_used.then_some(option));
+    if let (Some(option), Some(other)) = (layered, targets.iter().find(|target| !is_exr(target))) {
+        return Err(Error::usage(format!("{option}: layers need an EXR, which {} is not", other.display())));
     }
     let repeated = |(i, target): &(usize, &PathBuf)| targets[..*i].contains(target);
     if let Some((_, target)) = targets.iter().enumerate().find(repeated) {

@@ -29,6 +29,8 @@ pub enum Aov {
     PrimitiveIndex,
     /// Index of the shape within the scene.
     ShapeIndex,
+    /// Index of the material within the scene.
+    MaterialIndex,
     /// Variance of the pixel's mean, estimated from the replicates: two (one degree of freedom), or eight if pixels
     /// share noise.
     Variance,
@@ -176,7 +178,7 @@ impl Aov {
             Aov::GeometricNormal | Aov::ShadingNormal | Aov::Position => &["X", "Y", "Z"],
             Aov::Uv => &["U", "V"],
             Aov::Depth => &["T"],
-            Aov::PrimitiveIndex | Aov::ShapeIndex => &["I"],
+            Aov::PrimitiveIndex | Aov::ShapeIndex | Aov::MaterialIndex => &["I"],
             Aov::Samples => &["N"],
             Aov::RecordRadius => &["R"],
         }
@@ -193,6 +195,7 @@ impl Aov {
             "uv" => Aov::Uv,
             "prim_index" => Aov::PrimitiveIndex,
             "shape_index" => Aov::ShapeIndex,
+            "material_index" => Aov::MaterialIndex,
             "variance" => Aov::Variance,
             "standard_error" => Aov::StandardError,
             "block_variance" => Aov::BlockVariance,
@@ -209,7 +212,7 @@ impl Aov {
     }
 
     /// The names accepted by [`by_name`](Self::by_name), one for each layer.
-    pub const NAMES: [&'static str; 13] = [
+    pub const NAMES: [&'static str; 14] = [
         "albedo",
         "N",
         "geo_normal",
@@ -218,6 +221,7 @@ impl Aov {
         "uv",
         "prim_index",
         "shape_index",
+        "material_index",
         "variance",
         "standard_error",
         "block_variance",
@@ -256,6 +260,7 @@ impl Aov {
             Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),
             Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
             Aov::ShapeIndex => out[0] = hit.geometry as f32,
+            Aov::MaterialIndex => out[0] = scene.shapes[hit.geometry as usize].material.index() as f32,
             Aov::Variance | Aov::StandardError | Aov::BlockVariance => {}
             Aov::Samples | Aov::RecordRadius => {}
         }

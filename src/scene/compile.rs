@@ -5,7 +5,7 @@ use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::OpacityFilter;
 use super::media::MediaCompiler;
 use super::meter::surface_of;
-use super::{Materials, Needs, Scene, SceneShape};
+use super::{Materials, Needs, Scene, SceneNames, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::{Bsdf, Lobes};
 use crate::color::Rgb;
@@ -71,6 +71,7 @@ pub fn compile_within(
     memory: &Budget,
 ) -> Result<(Scene, CompileReport)> {
     let mut builder = SceneCompiler {
+        names: SceneNames::default(),
         materials: Arc::new(Materials::new(description.materials, description.textures)?),
         shutter: description.sensors.get(options.sensor).map_or([0.0; 2], |sensor| sensor.shutter),
         shapes: Vec::new(),
@@ -80,6 +81,7 @@ pub fn compile_within(
         media: MediaCompiler::default(),
         report: CompileReport::default(),
     };
+    builder.names.set_materials(&description.material_names, builder.materials.len());
     for placed in description.shapes {
         builder.shape(placed)?;
     }
@@ -95,6 +97,7 @@ pub fn compile_within(
 
 /// A scene under construction.
 struct SceneCompiler {
+    names: SceneNames,
     materials: Arc<Materials>,
     /// The times at which the shutter opens and closes.
     shutter: [f64; 2],
@@ -125,6 +128,7 @@ impl SceneCompiler {
         let id = self.add_shape(placed, &DAffine3::IDENTITY, Some(&instance))?;
         self.assembly.groups.push(vec![id.0]);
         self.assembly.instances.push(instance);
+        self.names.instances.push(String::new());
         Ok(())
     }
 
@@ -152,6 +156,7 @@ impl SceneCompiler {
         check_finite(&steps).map_err(locate)?;
         let group = (self.first_group + placed.group) as u32;
         self.assembly.instances.push(Instance::new(group, &steps));
+        self.names.instances.push(placed.name);
         Ok(())
     }
 
@@ -213,6 +218,7 @@ impl SceneCompiler {
         }
         self.assembly.geometry.push(if absent { Geometry::nothing() } else { world.geometry() });
         self.shapes.push(SceneShape { world, material, emitter });
+        self.names.add_shape(&name);
         Ok(id)
     }
 
@@ -281,6 +287,7 @@ impl SceneCompiler {
             shapes: self.shapes,
             instances,
             materials: self.materials,
+            names: self.names,
             light_selection: LightSelection::new(&self.lights),
             compensated_selection: LightSelection::compensated(&self.lights),
             light_lanes: LightLanes::new(&self.lights),

@@ -60,6 +60,9 @@ pub struct Description {
     pub instances: Vec<PlacedGroup>,
     /// The materials; shapes refer to them by index.
     pub materials: Vec<Material>,
+    /// The names of materials that have one.
+    #[serde(skip)]
+    pub material_names: Vec<(MaterialId, String)>,
     /// The textures; materials and emitters refer to them by index.
     pub textures: Vec<Arc<Texture>>,
     /// The participating media; shapes and sensors refer to them by index.
@@ -75,6 +78,13 @@ impl Description {
     pub fn add_material(&mut self, material: impl Into<Material>) -> MaterialId {
         self.materials.push(material.into());
         MaterialId::from(self.materials.len() - 1)
+    }
+
+    /// Names a material, unless the name is empty.
+    pub fn name_material(&mut self, id: MaterialId, name: &str) {
+        if !name.is_empty() {
+            self.material_names.push((id, name.to_owned()));
+        }
     }
 
     /// Adds a texture unless it exists already, and returns its id.

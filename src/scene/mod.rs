@@ -6,12 +6,14 @@ mod holes;
 pub mod interaction;
 pub mod media;
 mod meter;
+pub mod names;
 pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile, compile_within};
 pub use description::Description;
 pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
 pub use media::SceneMedia;
+pub use names::SceneNames;
 pub use needs::Needs;
 
 use crate::accel::{Accel, Hit, Instance, NO_INSTANCE};
@@ -55,6 +57,8 @@ pub struct Scene {
     pub instances: Vec<Instance>,
     /// The materials.
     pub materials: Arc<Materials>,
+    /// The names of shapes, instances and materials.
+    pub names: SceneNames,
     /// The emitters.
     pub lights: Vec<Light>,
     /// The emitters, prepared for sampling sixteen at a time.

@@ -5,6 +5,7 @@
 //! an integrator, a sampler and stop rules.
 
 pub mod checkpoint;
+mod cryptomatte;
 mod image_description;
 mod memory;
 mod plan;
@@ -18,7 +19,8 @@ pub use scene_hashes::SceneHashes;
 use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
-use crate::image::Image;
+use crate::image::{Image, Value};
+use crate::integrator::settings::Aov;
 use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
@@ -250,9 +252,21 @@ impl Session {
         Ok(Rendered { prepared, statistics: integrator.statistics(), ..rendered })
     }
 
-    /// Returns the image of a render, with layers and metadata.
+    /// Returns the image of a render, with layers and metadata. If a layer shows indices of shapes or materials, their
+    /// names are in the metadata, as a list in JSON.
     pub fn image(&self, plan: &Plan, rendered: &Rendered) -> Image {
-        self.image_description(plan).image(rendered)
+        let mut image = self.image_description(plan).image(rendered);
+        let names = &self.scene.names;
+        for (aov, name, list) in [
+            (Aov::ShapeIndex, "buffon:shapes", &names.shapes),
+            (Aov::MaterialIndex, "buffon:materials", &names.materials),
+        ] {
+            if plan.job.layers.iter().any(|layer| layer.aov == aov) {
+                let list = serde_json::to_string(list).unwrap_or_default();
+                image.metadata.set(name, Value::Text(list));
+            }
+        }
+        image
     }
 }
 

@@ -22,8 +22,17 @@ impl SceneHashes {
 /// Returns the hash of a scene without its sensors. Positions in the scene file do not count, and media only if there
 /// are any.
 fn scene(description: &Description) -> u64 {
-    let Description { shapes, groups, instances, materials, textures, media, emitters, sensors: _ } =
-        description;
+    let Description {
+        shapes,
+        groups,
+        instances,
+        materials,
+        material_names: _,
+        textures,
+        media,
+        emitters,
+        sensors: _,
+    } = description;
     let surfaces = (shapes, groups, instances, materials, textures, emitters);
     if media.is_empty() { digest(&surfaces) } else { digest(&(surfaces, media)) }
 }

@@ -122,7 +122,11 @@ impl Builder<'_> {
             return Ok(*surface);
         }
         let surface = match self.library.get(&named.name).cloned() {
-            Some(entry) => self.make(&entry)?,
+            Some(entry) => {
+                let surface = self.make(&entry)?;
+                self.loaded.description.name_material(surface.material, &named.name);
+                surface
+            }
             None => {
                 let name = crate::util::wording::quoted(&named.name);
                 self.warn_at(named.line, format!("its MTL files have no material {name}: it is grey"));

@@ -67,7 +67,9 @@ impl Builder<'_> {
         if material.double_sided() && emission.is_some() {
             self.note("light comes from the front of double-sided materials only");
         }
+        let name = material.name().unwrap_or_default();
         let material = self.mask(material, vertex, id)?;
+        self.loaded.description.name_material(material, name);
         let surface = Surface { material, emission, uv_set };
         self.surfaces.insert(key, surface);
         Ok(surface)

@@ -32,6 +32,7 @@ impl Builder<'_> {
         let added = self.add_material(object);
         let id =
             self.or_stand_in(added, "rendered as grey diffuse", |builder| builder.default_material(false))?;
+        self.loaded.description.name_material(id, &self.graph.objects[object].id);
         self.materials.insert(object, id);
         Ok(id)
     }
