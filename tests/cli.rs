@@ -30,13 +30,13 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "render s.xml --aov nope",
             2,
             "buffon: --aov: there is no layer \"nope\"; there are albedo, N, geo_normal, P, Z, uv, prim_index, \
-             shape_index, variance, standard_error, block_variance, samples, record_radius",
+             shape_index, material_index, variance, standard_error, block_variance, samples, record_radius",
         ),
         (
             "render s.xml --integrator aov",
             2,
             "buffon: --integrator aov: expected layers in --aov: albedo, N, geo_normal, P, Z, uv, prim_index, \
-             shape_index, variance, standard_error, block_variance, samples, record_radius",
+             shape_index, material_index, variance, standard_error, block_variance, samples, record_radius",
         ),
         ("render s.xml --aov Z,Z", 2, "buffon: --aov: found the layer \"Z\" twice"),
         ("render s.xml --aov Z -o s.png", 2, "buffon: --aov: layers need an EXR, which s.png is not"),
