@@ -341,3 +341,16 @@ fn textures_of_older_versions_are_read() {
     assert_eq!(color(0.0, 0.2), color(0.0, 0.1));
     assert_ne!(color(0.0, 0.3), color(0.0, 0.1));
 }
+
+/// A colour is projected as an even square, as in Mitsuba.
+#[test]
+fn a_projector_takes_a_colour() {
+    let text = scene("<emitter type='projector'><rgb name='irradiance' value='3, 2, 1'/></emitter>");
+    let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).unwrap();
+    let Emitter::Projector { irradiance, half_extents, .. } = &loaded.description.emitters[0] else {
+        panic!()
+    };
+    let texture = &loaded.description.textures[irradiance.index()];
+    assert_eq!(texture.eval(&TexturePoint::at(Vec2::splat(0.3))), Rgb::new(3.0, 2.0, 1.0));
+    assert_eq!(half_extents[0], half_extents[1]);
+}

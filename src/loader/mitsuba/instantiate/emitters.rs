@@ -12,6 +12,7 @@ use crate::material::Input;
 use crate::math::DVec3;
 use crate::memory::Refusal;
 use crate::sensor::camera::half_extents;
+use crate::texture::Texture;
 use std::sync::Arc;
 
 const SUPPORTED: [&str; 10] =
@@ -127,9 +128,9 @@ impl Builder<'_> {
     }
 
     fn projector(&mut self, props: &Props) -> Result<()> {
-        let Input::Texture(irradiance) = self.color_input(props, "irradiance", Quantity::Emission, 1.0)?
-        else {
-            return Err(props.error("irradiance", "expected a texture"));
+        let irradiance = match self.color_input(props, "irradiance", Quantity::Emission, 1.0)? {
+            Input::Texture(id) => id,
+            Input::Constant(value) => self.loaded.description.add_texture(Arc::new(Texture::Constant(value))),
         };
         let scale = props.float("scale")?.unwrap_or(1.0) as f32;
         if !(scale >= 0.0 && scale.is_finite()) {
