@@ -314,3 +314,39 @@ fn merging_finds_caustics_in_a_mirror() {
         assert!((mean / exact - 1.0).abs() < 0.02, "{name}: {mean}, expected {exact}");
     }
 }
+
+/// The layers of the techniques add up to the image, and are what the parameter `technique` gives.
+#[test]
+fn layers_of_techniques_add_up_to_the_image() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
+    let text = text.replace("name=\"max_depth\" value=\"6\"", "name=\"max_depth\" value=\"3\"");
+    folder.write("s.xml", text.as_bytes());
+    folder.render(
+        "s.xml -q --sampler scene --integrator bdpt --size 16x12 --spp 8 --aov strategies -o all.exr",
+    );
+    let image = buffon::image::read(&folder.path("all.exr")).expect("an image");
+    // One technique for emitters that the camera sees, three for direct light, four for one bounce.
+    assert_eq!(image.channels.len(), 3 + 6 * (1 + 3 + 4), "{:?}", image.channels);
+    let of = |suffix: &str| -> Vec<usize> {
+        (0..image.channels.len()).filter(|i| image.channels[*i].ends_with(suffix)).collect()
+    };
+    for c in ["R", "G", "B"] {
+        let (parts, whole) = (of(&format!(".weighted.{c}")), image.channel(c).expect("a channel"));
+        assert_eq!(parts.len(), 8);
+        for pixel in image.data.chunks_exact(image.channels.len()) {
+            let sum: f32 = parts.iter().map(|i| pixel[*i]).sum();
+            assert!((sum - pixel[whole]).abs() <= 1e-5 * (1.0 + sum), "{c} {sum} {}", pixel[whole]);
+        }
+    }
+    let alone = of("s1_t3.alone.G")[0];
+    assert!(image.data.chunks_exact(image.channels.len()).any(|pixel| pixel[alone] > 0.0));
+    for (more, sentence) in [
+        ("--integrator path", "path has no such techniques; use bdpt"),
+        ("--integrator bdpt --sample-range 0..2", "its layers are rendered in one piece"),
+    ] {
+        let run = folder.run(&format!("render s.xml -q --spp 8 --aov strategies {more} -o no.exr"));
+        assert_eq!(run.code, 2, "{run:?}");
+        assert!(run.stderr.contains(sentence), "{}", run.stderr);
+    }
+}

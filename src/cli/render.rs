@@ -86,7 +86,8 @@ pub struct RenderArgs {
     pub crop: Option<PixelRect>,
     /// Layers.
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
-        "Layers to add to an EXR, separated by commas: {}",
+        "Layers to add to an EXR, separated by commas: {}. With bdpt, strategies adds two layers for each technique: \
+         s2_t3.weighted, its part of the image, and s2_t3.alone; each is rendered by itself",
         Aov::NAMES.join(", ")
     ))]
     pub aov: Vec<String>,
@@ -116,6 +117,9 @@ pub struct RenderArgs {
     pub display_server: Option<String>,
 }
 
+/// The name of a layer in `--aov` for each technique of `bdpt`.
+const STRATEGIES: &str = "strategies";
+
 /// Renders a scene.
 ///
 /// # Errors
@@ -132,6 +136,10 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     let (session, origin, mut seconds) = open(args)?;
     let mut plan = session.plan(&choices(args, origin))?;
+    let strategies = args.aov.iter().any(|name| name == STRATEGIES);
+    if strategies {
+        session.check_techniques(&plan)?;
+    }
     named.iter().try_for_each(|target| session.check_output(&plan, target))?;
     let kind = plan.job.sampler.kind();
     if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
@@ -160,6 +168,9 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     let written = Instant::now();
     let mut image = session.image(&plan, &rendered);
+    if strategies && !session.add_techniques(&plan, rendered.samples_per_pixel, &progress, &mut image)? {
+        super::report!("buffon: note: interrupted: {names} has no layers of techniques");
+    }
     if args.cryptomatte && rendered.stop_reason == StopReason::Interrupted {
         super::report!("buffon: note: interrupted: {names} has no Cryptomatte layers");
     } else if args.cryptomatte {
@@ -259,6 +270,13 @@ fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
     if args.output.iter().any(|target| is_piped(target)) && args.stats.as_deref().is_some_and(is_piped) {
         return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));
     }
+    if args.aov.iter().any(|name| name == STRATEGIES)
+        && (args.sample_range.is_some() || args.checkpoint.is_some())
+    {
+        return Err(Error::usage(
+            "--aov strategies: its layers are rendered in one piece, without --checkpoint and --sample-range",
+        ));
+    }
     args.display.check(targets.iter().map(PathBuf::as_path))?;
     let is_exr = |target: &&PathBuf| target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
     let layers = [("--aov", !args.aov.is_empty()), ("--cryptomatte", args.cryptomatte)];
@@ -310,7 +328,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         replace_independent: args.method.replaces_independent(true),
         stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
         seed: args.method.seed,
-        aov: args.aov.clone(),
+        aov: args.aov.iter().filter(|name| *name != STRATEGIES).cloned().collect(),
         adaptive: args.adaptive,
         path_reuse: args.path_reuse,
         cache: args.cache.as_ref().zip(origin).map(cache),

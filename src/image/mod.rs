@@ -86,6 +86,22 @@ impl Image {
         &mut self.data[(y * self.width + x) * n..][..n]
     }
 
+    /// Adds channels. `values` has one value of each new channel for each pixel, interleaved.
+    ///
+    /// # Panics
+    /// If the number of values is wrong.
+    pub fn append(&mut self, channels: Vec<String>, values: &[f32]) {
+        let (before, added) = (self.channels.len(), channels.len());
+        assert_eq!(values.len(), self.width * self.height * added, "one value for each pixel and channel");
+        let mut data = Vec::with_capacity(self.data.len() + values.len());
+        for (pixel, new) in self.data.chunks_exact(before).zip(values.chunks_exact(added)) {
+            data.extend_from_slice(pixel);
+            data.extend_from_slice(new);
+        }
+        self.data = data;
+        self.channels.extend(channels);
+    }
+
     /// Returns the index of a channel in a pixel.
     pub fn channel(&self, name: &str) -> Option<usize> {
         self.channels.iter().position(|c| c == name)

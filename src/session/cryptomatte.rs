@@ -62,15 +62,9 @@ impl Session {
             rows.map(|row| self.matte_row(plan, PixelRect { y: rect.y + row, height: 1, ..rect }, &ids));
         let rows: Vec<Vec<f32>> = thread_pool(self.threads)?.install(|| rows.collect());
 
-        let before = image.channels.len();
-        let mattes = rows.iter().flat_map(|row| row.chunks_exact(CHANNELS));
-        let pixels = image.data.chunks_exact(before).zip(mattes);
-        image.data = pixels.flat_map(|(pixel, mattes)| pixel.iter().chain(mattes)).copied().collect();
-        for layer in LAYERS {
-            for i in 0..RANKS / 2 {
-                image.channels.extend(["R", "G", "B", "A"].map(|c| format!("{layer}{i:02}.{c}")));
-            }
-        }
+        let channel = |layer: &str, i: usize| ["R", "G", "B", "A"].map(|c| format!("{layer}{i:02}.{c}"));
+        let channels = LAYERS.iter().flat_map(|layer| (0..RANKS / 2).flat_map(|i| channel(layer, i)));
+        image.append(channels.collect(), &rows.concat());
         let objects = names.shapes.iter().chain(names.instances.iter().filter(|name| !name.is_empty()));
         set_metadata(image, LAYERS[0], objects.map(String::as_str));
         set_metadata(image, LAYERS[1], materials);

@@ -10,6 +10,7 @@ mod image_description;
 mod memory;
 mod plan;
 mod scene_hashes;
+mod techniques;
 
 pub use image_description::ImageDescription;
 pub use memory::RenderMemory;
