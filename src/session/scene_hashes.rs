@@ -101,13 +101,14 @@ mod tests {
         }
         let left_out: Vec<_> = all.difference(&hashed).collect();
         // A place has a file, a line, a column and a text. Matrices are arrays in the encoding. The bounds of a medium
-        // have a local and a world-space box.
+        // have a local and a world-space box. Names of materials are not in the pixels.
         let expected = [
             "bounds",
             "column",
             "file",
             "line",
             "local",
+            "material_names",
             "matrix2",
             "matrix3",
             "place",
