@@ -339,7 +339,7 @@ fn the_account_has_every_key() {
     assert!(stats["version"].as_str().is_some_and(|v| v.starts_with("0.1.0 (")), "{stats}");
     // The parts of the time make up the whole.
     let seconds = |key: &str| stats["seconds"][key].as_f64().unwrap_or(0.0);
-    let parts: f64 = ["load", "build", "prepare", "render", "write"].into_iter().map(seconds).sum();
+    let parts: f64 = ["load", "build", "prepare", "render", "layers", "write"].into_iter().map(seconds).sum();
     assert!(parts <= seconds("total") && seconds("total") < parts + 1.0, "{stats}");
 }
 

@@ -106,6 +106,16 @@ fn layers_of_indices_come_with_names() {
     assert_eq!(materials[value("material_index.I", 11)], "paper");
 }
 
+/// What does not fit into memory is refused before the render.
+#[test]
+fn layers_are_in_the_memory_plan() {
+    let big = SCENE.replace("value=\"16\"", "value=\"2000\"");
+    let run =
+        Folder::with(&big).run("render s.xml -q --cryptomatte --spp 100000 -o p.exr --memory-limit 800M");
+    assert_eq!(run.code, 4, "{run:?}");
+    assert!(run.stderr.contains("the Cryptomatte layers would take"), "{}", run.stderr);
+}
+
 #[test]
 fn layers_need_an_exr() {
     let run = Folder::with(SCENE).run("render s.xml -q --cryptomatte -o p.png");

@@ -62,6 +62,18 @@ fn a_ramp_is_a_plane() {
     }
 }
 
+/// A texture that is also that of a material has no unused parameters.
+#[test]
+fn a_shared_texture_gives_no_warning() {
+    let shared = format!(
+        r#"<texture type="bitmap" id="t">{FILE}<string name="wrapMode" value="clamp"/></texture>
+        <bsdf type="diffuse"><ref id="t" name="reflectance"/></bsdf>"#
+    );
+    let folder = Folder::with(&scene(&shared));
+    folder.write("h.pfm", &heights(3, 3, |u, _| u));
+    folder.render("s.xml -q --strict --spp 1 -o p.exr");
+}
+
 /// With shading normals, a paraboloid has its own normals at the points of the grid.
 #[test]
 fn smooth_normals_are_those_of_the_surface() {

@@ -179,13 +179,7 @@ fn mistakes_are_told_in_sentences() {
             "expected an origin and a direction",
         ),
         ("distant", r#"<shape type="sphere"/>"#, [1, 1], "", "<shape type=\"sphere\">"),
-        (
-            "distant",
-            "",
-            [1, 1],
-            "--integrator bdpt",
-            "bdpt cannot render a sensor whose pixels all see the same",
-        ),
+        ("distant", "", [1, 1], "--integrator bdpt", "bdpt cannot render a meter, which has no image plane"),
         (
             "spherical",
             "",
@@ -210,6 +204,8 @@ fn an_irradiancemeter_needs_a_surface() {
     let camera = box_of(r#"<sensor type="perspective"/>"#);
     let moving = r#"<animation name="to_world"><transform time="0"/>
         <transform time="1"><translate x="1"/></transform></animation>"#;
+    let hairs = r#"<string name="filename" value="h.txt"/>"#;
+    let merged = metered("merge", r#"<shape type="rectangle"/>"#, size, "");
     let line = r#"<string name="filename" value="line.obj"/>"#;
     let grouped = metered("rectangle", "", size, "").replace("<shape", "<shape type=\"shapegroup\"><shape");
     let grouped = grouped.replace("</shape>", "</shape></shape>");
@@ -218,10 +214,13 @@ fn an_irradiancemeter_needs_a_surface() {
         (format!("<scene version=\"3.0.0\">{camera}</scene>"), "", "no other sensor can be inside a shape"),
         (metered("rectangle", moving, size, ""), "", "a shape that moves cannot have a sensor"),
         (metered("obj", line, size, ""), "", "an irradiancemeter needs a rectangle, disk, sphere"),
+        (metered("linearcurve", hairs, size, ""), "", "only a rectangle, disk, sphere, cylinder or mesh can"),
+        (merged, "", "expected it inside a shape, found it inside <shape type=\"merge\">"),
         (grouped, "", "a shape inside a group cannot have a sensor"),
-        (metered("rectangle", "", size, ""), "--integrator bdpt", "bdpt cannot render a sensor whose pixels"),
+        (metered("rectangle", "", size, ""), "--integrator bdpt", "bdpt cannot render a meter"),
     ] {
         let folder = Folder::with(&scene);
+        folder.write("h.txt", b"0 0 0 0.1\n0 0 1 0.1\n");
         folder.write("line.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n");
         let run = folder.run(&format!("render s.xml -q -o x.exr {options}"));
         assert_eq!(run.code, 3, "{scene} {run:?}");

@@ -140,6 +140,9 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     if strategies {
         session.check_techniques(&plan)?;
     }
+    if args.cryptomatte {
+        session.check_cryptomatte(&plan)?;
+    }
     named.iter().try_for_each(|target| session.check_output(&plan, target))?;
     let kind = plan.job.sampler.kind();
     if session.defaults.sampler.is_some_and(|scenes| scenes != kind)
@@ -166,16 +169,16 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         super::report!("buffon: interrupted before the first sample: {names} is left as it was");
         return rendered.checkpoint_status.map(|()| code);
     }
-    let written = Instant::now();
+    let sampled = Instant::now();
     let mut image = session.image(&plan, &rendered);
-    if strategies && !session.add_techniques(&plan, rendered.samples_per_pixel, &progress, &mut image)? {
-        super::report!("buffon: note: interrupted: {names} has no layers of techniques");
+    let complete = (!strategies
+        || session.add_techniques(&plan, rendered.samples_per_pixel, &progress, &mut image)?)
+        && (!args.cryptomatte || session.add_cryptomatte(&plan, &progress, &mut image)?);
+    if !complete && !args.quiet {
+        super::report!("buffon: note: interrupted: {names} lacks the layers that are rendered last");
     }
-    if args.cryptomatte && rendered.stop_reason == StopReason::Interrupted {
-        super::report!("buffon: note: interrupted: {names} has no Cryptomatte layers");
-    } else if args.cryptomatte {
-        session.add_cryptomatte(&plan, &mut image)?;
-    }
+    seconds.layers = sampled.elapsed().as_secs_f64();
+    let written = Instant::now();
     let samples = session.camera().film.component_format.into();
     let DisplayArgs { exposure, tonemap } = args.display;
     let options = WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() };
@@ -197,10 +200,10 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     if !args.quiet {
         super::report!("{}", summary(&names, &rendered));
         if args.verbose {
-            let Seconds { load, build, prepare, render, write, total } = seconds;
+            let Seconds { load, build, prepare, render, layers, write, total } = seconds;
             super::report!(
                 "buffon: note: loading {load:.2} s, building {build:.2} s, preparing {prepare:.2} s, \
-                 sampling {render:.2} s, writing {write:.2} s, total {total:.2} s"
+                 sampling {render:.2} s, extra layers {layers:.2} s, writing {write:.2} s, total {total:.2} s"
             );
         }
         photon_notes(&rendered.statistics).iter().for_each(|note| super::report!("buffon: note: {note}"));

@@ -19,6 +19,8 @@ pub struct Seconds {
     pub prepare: f64,
     /// Sampling alone.
     pub render: f64,
+    /// Rendering the layers of `--cryptomatte` and of techniques.
+    pub layers: f64,
     /// Writing the image.
     pub write: f64,
     /// The whole run.
@@ -80,6 +82,7 @@ impl Account<'_> {
                 "build": seconds.build,
                 "prepare": seconds.prepare,
                 "render": seconds.render,
+                "layers": seconds.layers,
                 "write": seconds.write,
                 "total": seconds.total,
             },

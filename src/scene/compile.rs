@@ -267,11 +267,16 @@ impl SceneCompiler {
         let bounds = built.accel.bounds();
         let DistantEmitters { environment, sun } = self.add_emitters(emitters, bounds)?;
         let light_choice = choice_among(&self.lights)?;
-        let camera = |sensor: &SensorSettings| match sensor.projection {
-            Projection::Surface { shape } => Camera::on_surface(sensor, surface_of(&self.shapes[shape])?),
+        let camera = |(i, sensor): (usize, &SensorSettings)| match sensor.projection {
+            // The others are not used.
+            Projection::Surface { shape } if i == options.sensor => {
+                let surface = surface_of(&self.shapes[shape]);
+                let name = &self.names.shapes[shape];
+                Camera::on_surface(sensor, surface.map_err(|e| e.about(format!("shape \"{name}\"")))?)
+            }
             _ => Camera::for_scene(sensor, bounds),
         };
-        let sensors: Vec<Camera> = sensors.iter().map(camera).collect::<Result<_>>()?;
+        let sensors: Vec<Camera> = sensors.iter().enumerate().map(camera).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
         let motion = instances.iter().any(Instance::is_moving);
         let needs = Needs {

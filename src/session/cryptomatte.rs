@@ -3,18 +3,18 @@
 
 use super::{Plan, Session};
 use crate::accel::{Coherence, Hit};
-use crate::error::{Error, Kind, Result};
+use crate::error::Result;
 use crate::film::{Filter, FilterSampler, PixelRect};
 use crate::image::{Image, Value};
 use crate::integrator::worker::{draw_1d, draw_2d};
 use crate::math::{DVec2, Ray, Vec2};
-use crate::render::thread_pool;
+use crate::render::{Progress, thread_pool};
 use crate::sampling::{Dimension, SampleKey};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use std::collections::BTreeMap;
 
 /// The camera rays of a pixel, from which coverages are counted.
-const SAMPLES: usize = 64;
+const SAMPLES: usize = 32;
 /// The number of objects, and of materials, that a pixel can have. Those with the least coverage are left out.
 const RANKS: usize = 6;
 /// The names of the layers.
@@ -34,20 +34,26 @@ fn id(name: &str) -> u32 {
 }
 
 impl Session {
+    /// Checks that there is memory for the Cryptomatte layers beside a render.
+    ///
+    /// # Errors
+    /// If there is not, as an error of the output.
+    pub fn check_cryptomatte(&self, plan: &Plan) -> Result<()> {
+        let render = self.render_memory(plan).total();
+        self.reserve_layers(plan, render, CHANNELS, "the Cryptomatte layers").map(drop)
+    }
+
     /// Adds the Cryptomatte layers of objects and of materials to an image of a plan. An object is an instance that
-    /// has a name, or a shape. Coverages are fractions of 64 camera rays, distributed like those of the image, or
+    /// has a name, or a shape. Coverages are fractions of 32 camera rays, distributed like those of the image, or
     /// over the area of the pixel if the reconstruction filter has negative lobes. They do not depend on the samples
     /// of the image.
     ///
+    /// Returns false, with the image unchanged, if the render is interrupted.
+    ///
     /// # Errors
-    /// If there is not enough memory, or threads cannot be started.
-    pub fn add_cryptomatte(&self, plan: &Plan, image: &mut Image) -> Result<()> {
-        let pixels = image.width * image.height;
-        let bytes = size_of::<f32>() * pixels * (image.channels.len() + 2 * CHANNELS);
-        let _reserved = self.memory.reserve(bytes as u64).map_err(|refusal| {
-            let message = refusal.sentence("the Cryptomatte layers", "ask for fewer pixels");
-            Error::new(Kind::Output, message)
-        })?;
+    /// As for [`check_cryptomatte`](Self::check_cryptomatte), and if threads cannot be started.
+    pub fn add_cryptomatte(&self, plan: &Plan, progress: &Progress, image: &mut Image) -> Result<bool> {
+        let _reserved = self.reserve_layers(plan, 0, CHANNELS, "the Cryptomatte layers")?;
         let names = &self.scene.names;
         let materials =
             self.scene.shapes.iter().map(|shape| names.materials[shape.material.index()].as_str());
@@ -57,18 +63,20 @@ impl Session {
             materials: materials.clone().map(id).collect(),
         };
         let rect = self.camera().film.rect();
-        let rows = (0..rect.height).into_par_iter();
-        let rows =
-            rows.map(|row| self.matte_row(plan, PixelRect { y: rect.y + row, height: 1, ..rect }, &ids));
-        let rows: Vec<Vec<f32>> = thread_pool(self.threads)?.install(|| rows.collect());
-
+        let row = |y: u32| {
+            let row = PixelRect { y, height: 1, ..rect };
+            (!progress.is_interrupted()).then(|| self.matte_row(plan, row, &ids))
+        };
+        let rows = (rect.y..rect.y + rect.height).into_par_iter().map(row);
+        let rows: Option<Vec<Vec<f32>>> = thread_pool(self.threads)?.install(|| rows.collect());
+        let Some(rows) = rows else { return Ok(false) };
         let channel = |layer: &str, i: usize| ["R", "G", "B", "A"].map(|c| format!("{layer}{i:02}.{c}"));
         let channels = LAYERS.iter().flat_map(|layer| (0..RANKS / 2).flat_map(|i| channel(layer, i)));
         image.append(channels.collect(), &rows.concat());
         let objects = names.shapes.iter().chain(names.instances.iter().filter(|name| !name.is_empty()));
         set_metadata(image, LAYERS[0], objects.map(String::as_str));
         set_metadata(image, LAYERS[1], materials);
-        Ok(())
+        Ok(true)
     }
 
     /// Returns the values of a row of pixels, [`CHANNELS`] for each.
@@ -175,11 +183,11 @@ mod tests {
 
     #[test]
     fn ranks_are_by_coverage() {
-        let hits = [3u32, 5, 5, 7].into_iter().chain(std::iter::repeat_n(9, 60));
+        let hits = [3u32, 5, 5, 7].into_iter().chain(std::iter::repeat_n(9, 28));
         let values = ranked(hits);
         let bits = [0, 2, 4, 6].map(|i| values[i].to_bits());
         assert_eq!(bits, [9, 5, 3, 7]);
-        assert_eq!([values[1], values[3], values[5], values[7]], [60.0, 2.0, 1.0, 1.0].map(|v| v / 64.0));
+        assert_eq!([values[1], values[3], values[5], values[7]], [28.0, 2.0, 1.0, 1.0].map(|v| v / 32.0));
         assert_eq!(values[8..], [0.0; 4]);
     }
 }

@@ -107,6 +107,25 @@ impl Session {
         reserve(&self.path, &self.camera().film, self.sized_by_user, needed, &self.memory)
     }
 
+    /// Reserves the memory of layers that are added to the image of a plan, beside `others` bytes.
+    ///
+    /// # Errors
+    /// If there is not enough, with the kind [`Output`](Kind::Output).
+    pub(super) fn reserve_layers(
+        &self,
+        plan: &Plan,
+        others: u64,
+        channels: usize,
+        what: &str,
+    ) -> Result<Reservation> {
+        let pixels = self.camera().film.rect().area();
+        // The new values, and the image with and without them.
+        let bytes = 2 * size_of::<f32>() as u64 * pixels * channels as u64 + self.render_memory(plan).image;
+        self.memory
+            .reserve(bytes.saturating_add(others))
+            .map_err(|refusal| Error::new(Kind::Output, refusal.sentence(what, "ask for fewer pixels")))
+    }
+
     /// Checks that there is memory for writing the image to a file while the render's sums are still in memory.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! The layers that show what each technique of bidirectional path tracing finds. [Veach 1997, Figure 10.3]
 
 use super::{Plan, Session};
-use crate::error::{Error, Kind, Result};
+use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::integrator::Settings;
 use crate::integrator::settings::{BdptSettings, Technique, Techniques, techniques_with_edges};
@@ -14,7 +14,8 @@ impl Session {
     /// Returns the settings of a plan whose techniques can be rendered one by one.
     ///
     /// # Errors
-    /// If the integrator is not `bdpt` with all techniques, or its paths may have more than eight edges.
+    /// If the integrator is not `bdpt` with all techniques, its paths may have more than eight edges, or there is not
+    /// enough memory.
     pub fn check_techniques<'p>(&self, plan: &'p Plan) -> Result<&'p BdptSettings> {
         let refuse = |message: String| Err(Error::usage(format!("--aov strategies: {message}")));
         match &plan.integrator {
@@ -24,7 +25,12 @@ impl Session {
             Settings::Bdpt(settings) if settings.limits.allows(MAX_EDGES + 1) => refuse(format!(
                 "there is a layer for each technique, so max_depth must be at most {MAX_EDGES}"
             )),
-            Settings::Bdpt(settings) => Ok(settings),
+            Settings::Bdpt(settings) => {
+                let channels = 6 * techniques_within(settings).count();
+                let render = 2 * self.render_memory(plan).total();
+                drop(self.reserve_layers(plan, render, channels, "the layers of techniques")?);
+                Ok(settings)
+            }
             other => refuse(format!("{} has no such techniques; use bdpt", other.name())),
         }
     }
@@ -44,15 +50,9 @@ impl Session {
         image: &mut Image,
     ) -> Result<bool> {
         let settings = *self.check_techniques(plan)?;
-        let edges = (1..=MAX_EDGES).filter(|edges| settings.limits.allows(*edges));
-        let all: Vec<Technique> = edges.flat_map(techniques_with_edges).collect();
+        let all: Vec<Technique> = techniques_within(&settings).collect();
         let (pixels, width) = (image.width * image.height, 6 * all.len());
-        let bytes = size_of::<f32>() * pixels * (image.channels.len() + 2 * width);
-        let _reserved = self.memory.reserve(bytes as u64).map_err(|refusal| {
-            let message =
-                refusal.sentence("the layers of techniques", "ask for fewer pixels or a lower max_depth");
-            Error::new(Kind::Output, message)
-        })?;
+        let _reserved = self.reserve_layers(plan, 0, width, "the layers of techniques")?;
         let mut values = vec![0.0; pixels * width];
         let mut names = Vec::with_capacity(width);
         for Technique { light, camera } in all {
@@ -78,4 +78,10 @@ impl Session {
         image.append(names, &values);
         Ok(true)
     }
+}
+
+/// Returns the techniques that sample the paths of an integrator.
+fn techniques_within(settings: &BdptSettings) -> impl Iterator<Item = Technique> {
+    let limits = settings.limits;
+    (1..=MAX_EDGES).filter(move |edges| limits.allows(*edges)).flat_map(techniques_with_edges)
 }

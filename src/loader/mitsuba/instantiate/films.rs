@@ -6,7 +6,7 @@ use crate::film::{ComponentFormat, FilmSettings, Filter, PixelFormat, PixelRect}
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 
-const SUPPORTED: [&str; 3] = ["hdrfilm", "ldrfilm", "tiledhdrfilm"];
+const SUPPORTED: [&str; 4] = ["hdrfilm", "ldrfilm", "mfilm", "tiledhdrfilm"];
 const MITSUBA: [&str; 1] = ["specfilm"];
 const SUPPORTED_FILTERS: [&str; 6] = ["box", "catmullrom", "gaussian", "lanczos", "mitchell", "tent"];
 /// The longest side of an image, in pixels.
@@ -27,6 +27,11 @@ impl Builder<'_> {
         let for_display = match props.object.plugin.as_str() {
             "hdrfilm" | "tiledhdrfilm" => false,
             "ldrfilm" => true,
+            "mfilm" => {
+                self.note("mfilm: the output file decides the format of the image");
+                self.ignore(&props, &["file_format", "digits", "variable"], "it describes a text file");
+                false
+            }
             _ => {
                 let unknown = Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA));
                 self.or_stand_in(unknown, "read as hdrfilm", |_| false)?
@@ -60,7 +65,9 @@ impl Builder<'_> {
             false => &[("openexr", ()), ("exr", ()), ("rgbe", ()), ("pfm", ())],
             true => &[("png", ()), ("jpeg", ())],
         };
-        props.choice("file_format", formats, ())?;
+        if props.object.plugin != "mfilm" {
+            props.choice("file_format", formats, ())?;
+        }
         if for_display {
             let why = "the picture is written with the transfer curve of sRGB, as it is";
             self.ignore(&props, &["gamma", "exposure", "tonemap_method", "key", "burn"], why);

@@ -36,6 +36,17 @@ const MITSUBA: [&str; 3] = ["blender", "ellipsoids", "ellipsoidsmesh"];
 const SPHERE_TOLERANCE: f64 = 1e-4;
 
 impl Builder<'_> {
+    /// Returns an error if there is a sensor inside something that is not a single shape.
+    fn refuse_sensor(&self, props: &Props) -> Result<()> {
+        match props.child("sensor")? {
+            Some(sensor) => {
+                let message = format!("expected it inside a shape, found it inside {}", props.object.thing());
+                Err(self.graph.objects[sensor].error(message))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Adds a shape, an instance of a group, or the shapes of a `merge`.
     ///
     /// # Errors
@@ -66,6 +77,7 @@ impl Builder<'_> {
         }
         let props = Props::new(self.graph, object);
         let mut shapes = Vec::new();
+        self.refuse_sensor(&props)?;
         self.meters.clear();
         for child in self.once(&props, "shape") {
             let inner = &self.graph.objects[child];
@@ -90,6 +102,7 @@ impl Builder<'_> {
     /// Adds an instance of a group.
     fn instance(&mut self, object: ObjectId) -> Result<()> {
         let props = Props::new(self.graph, object);
+        self.refuse_sensor(&props)?;
         let inside = props.child("shape")?;
         let inside = inside.ok_or_else(|| props.object.error("expected a shapegroup inside it"))?;
         if self.graph.objects[inside].plugin != "shapegroup" {
@@ -107,6 +120,7 @@ impl Builder<'_> {
     fn placed_shapes(&mut self, object: ObjectId, out: &mut Vec<PlacedShape>) -> Result<()> {
         let props = Props::new(self.graph, object);
         if props.object.plugin == "merge" {
+            self.refuse_sensor(&props)?;
             for child in self.once(&props, "shape") {
                 let inner = &self.graph.objects[child];
                 if matches!(inner.plugin.as_str(), "instance" | "shapegroup") {
@@ -156,6 +170,10 @@ impl Builder<'_> {
             return Err(super::unsupported(&self.graph.objects[texture]));
         }
         if let Some(sensor) = props.child("sensor")? {
+            if matches!(shape, Shape::Curves(_) | Shape::SdfGrid(_)) {
+                let message = "only a rectangle, disk, sphere, cylinder or mesh can have a sensor";
+                return Err(self.graph.objects[sensor].error(message));
+            }
             if motion.fixed().is_none() {
                 return Err(self.graph.objects[sensor].error("a shape that moves cannot have a sensor"));
             }
@@ -219,9 +237,6 @@ impl Builder<'_> {
             None => source.error("filename", &error.message),
         })?;
         let mesh = height_field::mesh(&path, &image, scale, smooth, self.memory)?;
-        if let Some(texture) = bitmap {
-            self.finish(texture);
-        }
         Ok(Shape::Mesh(mesh))
     }
 
