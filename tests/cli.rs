@@ -205,12 +205,12 @@ fn options_that_cannot_be_read_are_usage_errors() {
         ("bogus", "unrecognized subcommand 'bogus'"),
         (
             "render s.xml --sampler halten",
-            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\"; there are auto, scene, independent, \
+            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\" (did you mean \"halton\"?); there are auto, scene, independent, \
              stratified, multijitter, halton, sobol, zsobol or fixed",
         ),
         ("render s.xml --accel bvh", &accel_sentence),
         ("render s.xml -D foo", "invalid value 'foo' for '-D <NAME=VALUE>': expected name=value"),
-        ("render s.xml --spp 0", "invalid value '0' for '--spp <N>': 0 is not in 1..18446744073709551615"),
+        ("render s.xml --spp 0", "invalid value '0' for '--spp <N>': expected a whole number of at least 1"),
         (
             "render s.xml --size 0x4",
             "invalid value '0x4' for '--size <WxH>': expected WIDTHxHEIGHT in pixels, each from 1 to 65535",

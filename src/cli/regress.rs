@@ -54,14 +54,14 @@ pub struct RegressArgs {
     pub update: Option<Which>,
     /// Samples per pixel of references [default: 16 times those of a test, and up to 64 times until their noise is
     /// small enough for --gain]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..), requires = "update")]
+    #[arg(long, value_name = "N", value_parser = values::samples::<2>, requires = "update")]
     pub update_spp: Option<u64>,
     /// The time limit for sampling each reference (90s, 1.5m, 2h). When it is reached, the reference is written with
     /// its number of samples. A reference that will take more than 10 s is announced
     #[arg(long, value_name = "TIME", value_parser = values::duration, requires = "update")]
     pub time: Option<Duration>,
     /// Samples per pixel of tests [default: the scene's, and up to 16 times as many until --gain is reached]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
+    #[arg(long, value_name = "N", value_parser = values::samples::<2>)]
     pub spp: Option<u64>,
     /// The relative change of brightness to detect with a probability of 0.95; the detectable change is printed for
     /// each scene

@@ -35,7 +35,7 @@ pub struct RenderArgs {
     #[arg(short, long, visible_alias = "outfile", value_name = "FILE")]
     pub output: Vec<PathBuf>,
     /// Stop at N samples per pixel [default: the scene's number, if no other rule is given]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = values::samples::<1>)]
     pub spp: Option<u64>,
     /// Stop sampling after this time (90s, 1.5m, 2h)
     #[arg(long, value_name = "TIME", value_parser = values::duration)]

@@ -9,6 +9,7 @@ use crate::loader::{LoadOptions, Tolerance};
 use crate::memory::Limit;
 use crate::sampling::SamplerKind;
 use crate::session::default_threads;
+use crate::util::wording::did_you_mean;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -92,7 +93,11 @@ impl FromStr for SamplerArg {
             "scene" => SamplerArg::Scene,
             _ => match SamplerKind::ALL.into_iter().find(|kind| kind.name() == name) {
                 Some(kind) => SamplerArg::Kind(kind),
-                None => return Err(format!("unknown sampler \"{name}\"; there are {}", sampler_names())),
+                None => {
+                    let kinds = SamplerKind::ALL.into_iter().map(SamplerKind::name);
+                    let near = did_you_mean(name, kinds.chain(["auto", "scene"]));
+                    return Err(format!("unknown sampler \"{name}\"{near}; there are {}", sampler_names()));
+                }
             },
         })
     }

@@ -19,6 +19,14 @@ pub fn duration(text: &str) -> Result<Duration, String> {
     }
 }
 
+/// Parses a number of samples.
+pub fn samples<const LEAST: u64>(text: &str) -> Result<u64, String> {
+    match text.parse() {
+        Ok(n) if n >= LEAST => Ok(n),
+        _ => Err(format!("expected a whole number of at least {LEAST}")),
+    }
+}
+
 /// Parses an exposure in stops.
 pub fn exposure(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {

@@ -96,7 +96,7 @@ impl<'g> Builder<'g> {
         let props = Props::new(graph, 0);
         if let Some(integrator) = props.child("integrator")? {
             self.loaded.integrator = self.scene_integrator(integrator, replacement)?;
-        } else {
+        } else if replacement.is_none() {
             self.note("the scene names no integrator: path is used");
         }
         self.renders_media = match replacement {
