@@ -205,8 +205,8 @@ fn options_that_cannot_be_read_are_usage_errors() {
         ("bogus", "unrecognized subcommand 'bogus'"),
         (
             "render s.xml --sampler halten",
-            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\" (did you mean \"halton\"?); there are auto, scene, independent, \
-             stratified, multijitter, halton, sobol, zsobol or fixed",
+            "invalid value 'halten' for '--sampler <NAME>': unknown sampler \"halten\" (did you mean \"halton\"?); \
+             there are auto, scene, independent, stratified, multijitter, halton, sobol, zsobol or fixed",
         ),
         ("render s.xml --accel bvh", &accel_sentence),
         ("render s.xml -D foo", "invalid value 'foo' for '-D <NAME=VALUE>': expected name=value"),

@@ -7,14 +7,16 @@ use std::collections::BTreeMap;
 const SCENE: &str = r#"<scene version="3.0.0">
   <sensor type="orthographic">
     <transform name="to_world"><lookat origin="0,0,5" target="0,0,0" up="0,1,0"/></transform>
-    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/><rfilter type="box"/></film>
+    <film type="hdrfilm"><integer name="width" value="16"/><integer name="height" value="16"/>
+      <rfilter type="box"/></film>
   </sensor>
   <bsdf type="diffuse" id="chalk"/>
   <shape type="rectangle" id="left"><transform name="to_world"><scale x="0.5"/><translate x="-0.46875"/></transform>
     <ref id="chalk"/></shape>
   <shape type="shapegroup" id="group"><shape type="sphere" id="ball"><float name="radius" value="0.25"/>
     <bsdf type="twosided" id="paper"><bsdf type="diffuse"/></bsdf></shape></shape>
-  <shape type="instance" id="planet"><ref id="group"/><transform name="to_world"><translate x="0.5"/></transform></shape>
+  <shape type="instance" id="planet"><ref id="group"/>
+    <transform name="to_world"><translate x="0.5"/></transform></shape>
   <shape type="rectangle"><transform name="to_world"><scale value="2"/><translate z="-2"/></transform></shape>
   <emitter type="constant"/>
 </scene>"#;

@@ -99,7 +99,8 @@ fn metered(shape: &str, inside: &str, [width, height]: [u32; 2], rest: &str) -> 
     let scene = scene("irradiancemeter", "", [width, height], "");
     let sensor = &scene[scene.find("<sensor").expect("a sensor")..scene.find("</scene>").expect("an end")];
     format!(
-        r#"<scene version="3.0.0"><integrator type="path"/><shape type="{shape}">{inside}{sensor}</shape>{rest}</scene>"#
+        r#"<scene version="3.0.0"><integrator type="path"/>
+        <shape type="{shape}">{inside}{sensor}</shape>{rest}</scene>"#
     )
 }
 
@@ -179,7 +180,13 @@ fn mistakes_are_told_in_sentences() {
             "expected an origin and a direction",
         ),
         ("distant", r#"<shape type="sphere"/>"#, [1, 1], "", "<shape type=\"sphere\">"),
-        ("distant", "", [1, 1], "--integrator bdpt", "bdpt cannot render a meter, which has no image plane"),
+        (
+            "distant",
+            "",
+            [1, 1],
+            "--integrator bdpt",
+            "bdpt cannot render a radiancemeter, irradiancemeter or distant sensor",
+        ),
         (
             "spherical",
             "",
@@ -217,7 +224,7 @@ fn an_irradiancemeter_needs_a_surface() {
         (metered("linearcurve", hairs, size, ""), "", "only a rectangle, disk, sphere, cylinder or mesh can"),
         (merged, "", "expected it inside a shape, found it inside <shape type=\"merge\">"),
         (grouped, "", "a shape inside a group cannot have a sensor"),
-        (metered("rectangle", "", size, ""), "--integrator bdpt", "bdpt cannot render a meter"),
+        (metered("rectangle", "", size, ""), "--integrator bdpt", "bdpt cannot render a radiancemeter"),
     ] {
         let folder = Folder::with(&scene);
         folder.write("h.txt", b"0 0 0 0.1\n0 0 1 0.1\n");

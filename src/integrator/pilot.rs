@@ -3,7 +3,9 @@
 use super::Preparation;
 use super::worker::{draw_1d, draw_2d};
 use crate::math::{DVec2, Ray, Vec2};
-use crate::sampling::{Dimension, SampleKey};
+use crate::sampling::{Dimension, SampleKey, Sampler};
+use crate::scene::Scene;
+use crate::sensor::Camera;
 
 /// Camera rays with their keys.
 pub struct PilotRays {
@@ -22,20 +24,34 @@ impl PilotRays {
         samples: usize,
         stream: u64,
     ) -> Self {
-        let Preparation { scene, camera, sampler, seed, .. } = preparation;
-        let key = |(x, y), sample| sampler.key(seed ^ stream, x, y, sample);
+        let Preparation { scene, camera, sampler, seed, .. } = *preparation;
+        PilotRays::through(scene, camera, sampler, seed ^ stream, pixels, samples, |u| u.as_dvec2())
+    }
+
+    /// Returns `samples` rays through each of the pixels. `place` maps two random numbers to a position relative to the
+    /// top left corner of the pixel.
+    pub fn through(
+        scene: &Scene,
+        camera: &Camera,
+        sampler: Sampler,
+        seed: u64,
+        pixels: impl Iterator<Item = (u32, u32)> + Clone,
+        samples: usize,
+        place: impl Fn(Vec2) -> DVec2,
+    ) -> Self {
+        let key = |(x, y), sample| sampler.key(seed, x, y, sample);
         let keys: Vec<SampleKey> =
             pixels.clone().flat_map(|p| (0..samples as u64).map(move |i| key(p, i))).collect();
         let mut numbers = [(); 2].map(|()| [Vec::new(), Vec::new()]);
-        draw_2d(*sampler, Dimension::PIXEL, &keys, &mut numbers[0]);
-        draw_2d(*sampler, Dimension::LENS, &keys, &mut numbers[1]);
+        draw_2d(sampler, Dimension::PIXEL, &keys, &mut numbers[0]);
+        draw_2d(sampler, Dimension::LENS, &keys, &mut numbers[1]);
         let mut times = vec![0.0; keys.len()];
         if scene.needs.time {
-            draw_1d(*sampler, Dimension::TIME, &keys, &mut times);
+            draw_1d(sampler, Dimension::TIME, &keys, &mut times);
         }
         let pair = |of: usize, i: usize| Vec2::new(numbers[of][0][i], numbers[of][1][i]);
         let ray = |(i, (x, y)): (usize, (u32, u32))| {
-            let film = DVec2::new(f64::from(x), f64::from(y)) + pair(0, i).as_dvec2();
+            let film = DVec2::new(f64::from(x), f64::from(y)) + place(pair(0, i));
             camera.ray(film, pair(1, i), times[i])
         };
         let each = pixels.flat_map(|pixel| std::iter::repeat_n(pixel, samples));

@@ -6,10 +6,9 @@ use crate::accel::{Coherence, Hit};
 use crate::error::Result;
 use crate::film::{Filter, FilterSampler, PixelRect};
 use crate::image::{Image, Value};
-use crate::integrator::worker::{draw_1d, draw_2d};
-use crate::math::{DVec2, Ray, Vec2};
+use crate::integrator::pilot::PilotRays;
+use crate::math::Vec2;
 use crate::render::{Progress, thread_pool};
-use crate::sampling::{Dimension, SampleKey};
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use std::collections::BTreeMap;
 
@@ -37,7 +36,7 @@ impl Session {
     /// Checks that there is memory for the Cryptomatte layers beside a render.
     ///
     /// # Errors
-    /// If there is not, as an error of the output.
+    /// If there is not, as an error of writing output.
     pub fn check_cryptomatte(&self, plan: &Plan) -> Result<()> {
         let render = self.render_memory(plan).total();
         self.reserve_layers(plan, render, CHANNELS, "the Cryptomatte layers").map(drop)
@@ -86,28 +85,18 @@ impl Session {
             filter if filter.has_weights() => FilterSampler::new(Filter::Box { radius: 0.5 }),
             filter => filter,
         };
+        let place = |u: Vec2| filter.sample(u).offset.as_dvec2() + 0.5;
+        let pixels = (row.x..row.x + row.width).map(|x| (x, row.y));
+        let PilotRays { rays, .. } =
+            PilotRays::through(&self.scene, camera, sampler, seed, pixels, SAMPLES, place);
+        let mut hits = vec![None; rays.len()];
+        self.scene.accel.intersect_wave(&rays, &mut hits, Coherence::Coherent);
+        let object = |hit: &Hit| {
+            let instance = ids.instances.get(hit.instance as usize).copied().flatten();
+            instance.unwrap_or(ids.shapes[hit.geometry as usize])
+        };
         let mut values = Vec::with_capacity(row.width as usize * CHANNELS);
-        let [mut positions, mut lens] = [(); 2].map(|()| [Vec::new(), Vec::new()]);
-        let (mut times, mut hits) = (Vec::new(), Vec::new());
-        let pair = |numbers: &[Vec<f32>; 2], i: usize| Vec2::new(numbers[0][i], numbers[1][i]);
-        for x in row.x..row.x + row.width {
-            let keys: Vec<SampleKey> = (0..SAMPLES as u64).map(|s| sampler.key(seed, x, row.y, s)).collect();
-            draw_2d(sampler, Dimension::PIXEL, &keys, &mut positions);
-            draw_2d(sampler, Dimension::LENS, &keys, &mut lens);
-            draw_1d(sampler, Dimension::TIME, &keys, &mut times);
-            let centre = DVec2::new(f64::from(x) + 0.5, f64::from(row.y) + 0.5);
-            let ray = |i: usize| {
-                let offset = filter.sample(pair(&positions, i)).offset;
-                camera.ray(centre + offset.as_dvec2(), pair(&lens, i), times[i])
-            };
-            let rays: Vec<Ray> = (0..SAMPLES).map(ray).collect();
-            hits.clear();
-            hits.resize(SAMPLES, None);
-            self.scene.accel.intersect_wave(&rays, &mut hits, Coherence::Coherent);
-            let object = |hit: &Hit| {
-                let instance = ids.instances.get(hit.instance as usize).copied().flatten();
-                instance.unwrap_or(ids.shapes[hit.geometry as usize])
-            };
+        for hits in hits.chunks_exact(SAMPLES) {
             values.extend(ranked(hits.iter().flatten().map(object)));
             values.extend(ranked(hits.iter().flatten().map(|hit| ids.materials[hit.geometry as usize])));
         }

@@ -120,7 +120,7 @@ fn obstacle_to_camera(integrator: &dyn Integrator, camera: &Camera) -> Option<St
     if camera.is_meter() && !RAYS_ONLY.contains(&name) {
         let list = RAYS_ONLY.join(", ");
         return Some(format!(
-            "{name} cannot render a meter, which has no image plane: expected one of {list}"
+            "{name} cannot render a radiancemeter, irradiancemeter or distant sensor: expected one of {list}"
         ));
     }
     let wide = camera.film.filter.radius() > 0.5;

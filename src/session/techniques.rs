@@ -55,8 +55,8 @@ impl Session {
         let _reserved = self.reserve_layers(plan, 0, width, "the layers of techniques")?;
         let mut values = vec![0.0; pixels * width];
         let mut names = Vec::with_capacity(width);
-        for Technique { light, camera } in all {
-            let technique = Technique { light, camera };
+        for technique in all {
+            let Technique { light, camera } = technique;
             for (kind, techniques) in
                 [("weighted", Techniques::Weighted(technique)), ("alone", Techniques::Alone(technique))]
             {

@@ -45,12 +45,12 @@ impl Builder<'_> {
         if plugin != "orthographic" {
             check_rigid(&props, &to_world)?;
         }
-        let projection = match plugin {
-            "irradiancemeter" => Projection::Surface { shape: shape.unwrap_or_default() },
-            "orthographic" => Projection::Orthographic,
-            "radiancemeter" => Projection::Axis,
-            "spherical" => Projection::Spherical,
-            "distant" => {
+        let projection = match (plugin, shape) {
+            (_, Some(shape)) => Projection::Surface { shape },
+            ("orthographic", _) => Projection::Orthographic,
+            ("radiancemeter", _) => Projection::Axis,
+            ("spherical", _) => Projection::Spherical,
+            ("distant", _) => {
                 if let Some(shape) = props.child("shape")? {
                     return Err(super::unsupported(&self.graph.objects[shape]));
                 }
