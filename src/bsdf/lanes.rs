@@ -195,27 +195,24 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
 }
 
 /// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
-#[inline]
 pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
-    eval_or(bsdfs, wo, wi, active, |i| bsdfs[i].eval(wo.lane(i), wi.lane(i)))
+    eval_or(bsdfs, wo, wi, active, &|i| bsdfs[i].eval(wo.lane(i), wi.lane(i)))
 }
 
 /// Computes [`Bsdf::pdf_adjoint`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
-#[inline]
 pub fn pdf_adjoint_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> f32x16 {
     // The density does not depend on what light is, for the BSDFs that have a kernel.
     let one = |i: usize| BsdfEval { f: Rgb::BLACK, pdf: bsdfs[i].pdf_adjoint(wo.lane(i), wi.lane(i)) };
-    eval_or(bsdfs, wo, wi, active, one).pdf
+    eval_or(bsdfs, wo, wi, active, &one).pdf
 }
 
 /// Evaluates the BSDFs with a kernel, and calls `one` for each other lane.
-#[inline(always)]
 fn eval_or<'a>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     wi: &Vec3x16,
     active: u32,
-    one: impl Fn(usize) -> BsdfEval,
+    one: &dyn Fn(usize) -> BsdfEval,
 ) -> BsdfEvalX16 {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let mut eval = BsdfEvalX16::diffuse(reflectance, wo, wi);
@@ -276,7 +273,6 @@ impl<'a> BsdfX16<'a> {
 }
 
 /// Computes [`Bsdf::sample`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
-#[inline]
 pub fn sample_x16<'a>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
@@ -287,12 +283,11 @@ pub fn sample_x16<'a>(
     let one = |i: usize| {
         bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], Vec2::new(u[0].as_array()[i], u[1].as_array()[i]))
     };
-    let (samples, _) = sample_or(bsdfs, wo, u_lobe, u, active, one);
+    let (samples, _) = sample_or(bsdfs, wo, u_lobe, u, active, &one);
     samples
 }
 
 /// Computes [`Bsdf::sample_adjoint`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
-#[inline]
 pub fn sample_adjoint_x16<'a>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
@@ -304,7 +299,7 @@ pub fn sample_adjoint_x16<'a>(
         let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
         bsdfs[i].sample_adjoint(wo.lane(i), u_lobe.as_array()[i], u)
     };
-    let (mut samples, in_lanes) = sample_or(bsdfs, wo, u_lobe, u, active, one);
+    let (mut samples, in_lanes) = sample_or(bsdfs, wo, u_lobe, u, active, &one);
     let in_lanes = mask_from_bits(in_lanes);
     // The scaling at a boundary applies to radiance, but not to power.
     let scale = in_lanes.select(samples.eta * samples.eta, f32x16::ONE);
@@ -326,14 +321,13 @@ pub fn sample_adjoint_x16<'a>(
 
 /// Samples the BSDFs with a kernel, and calls `one` for each other lane. Returns a mask of the lanes with a kernel
 /// beside the samples.
-#[inline(always)]
 fn sample_or<'a>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     u_lobe: f32x16,
     u: [f32x16; 2],
     active: u32,
-    one: impl Fn(usize) -> Option<BsdfSample>,
+    one: &dyn Fn(usize) -> Option<BsdfSample>,
 ) -> (BsdfSampleX16, u32) {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let wi = warp::square_to_cosine_hemisphere_x16(u);

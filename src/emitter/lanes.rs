@@ -345,7 +345,6 @@ impl LightLanes {
     /// Samples a direction to emitter `emitters[i]` as seen from lane `i` of `from`, for the lanes in the mask
     /// `active`. If `compensated` is true, the samples omit the environment's light that BSDF samples find well. `one`
     /// samples the emitter of a lane that has no kernel.
-    #[inline]
     pub fn sample(
         &self,
         emitters: &[usize; LANES],
