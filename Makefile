@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest agreement test-page fuzz memcheck lint bench bench-check scenes clean
+.PHONY: help deps demo test test-all test-rest agreement claims test-page fuzz memcheck lint bench bench-check scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -45,17 +45,20 @@ test: lint ## what must hold, in minutes
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
 	cargo test --locked --workspace
 
-# The tests marked `ignore`, the tests of what depends on the libraries without these, and random scenes on which all
-# estimators must agree.
-test-all: test test-rest agreement ## everything that must hold
+# The tests marked `ignore`, the tests of what depends on the libraries without these, random scenes on which all
+# estimators must agree, and the experiments with many seeds.
+test-all: test test-rest agreement claims ## everything that must hold
 
 # Both binaries without the libraries are compiled at once.
 test-rest: deps
-	cargo test --locked --workspace -- --ignored
+	cargo test --locked --workspace -- --ignored --skip refuted_with_any_seed
 	cargo test --locked $(RUST_ALONE) --lib --test tests --no-run
 	cargo test --locked $(RUST_ALONE) --lib
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
+
+claims: deps ## run the experiments of `buffon lab` with many seeds: no true claim may be refuted
+	cargo test --locked -p buffon --test tests -- --ignored refuted_with_any_seed
 
 agreement: deps ## compare all estimators on 300 random scenes
 	cargo run --release --locked --quiet --example agreement -- 300
