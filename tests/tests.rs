@@ -1,5 +1,6 @@
 //! The integration tests in one binary.
 
+mod auto;
 mod bare_meshes;
 mod bench;
 mod bidirectional;

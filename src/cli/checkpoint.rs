@@ -2,9 +2,10 @@
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
+use crate::integrator::settings::AUTO;
 use crate::render::{Adaptive, RenderState};
 use crate::session::checkpoint::{CheckpointLabel, Identity, file};
-use crate::session::{Plan, SceneHashes, Session};
+use crate::session::{Choices, Plan, SceneHashes, Session};
 use crate::util;
 use std::path::PathBuf;
 
@@ -60,6 +61,18 @@ impl Checkpointing {
             target: plan.target,
         };
         Ok(Some(Checkpointing { path, label, first, resumed, quiet: args.quiet }))
+    }
+
+    /// Lets a resumed render with the integrator `auto` keep the one that was chosen when it began.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn keep_integrator(args: &RenderArgs, choices: &mut Choices) -> Result<()> {
+        let begun = args.checkpoint.as_ref().filter(|path| args.resume && path.exists());
+        if let Some(path) = begun.filter(|_| choices.integrator.as_deref() == Some(AUTO)) {
+            choices.integrator = Some(file::load(path)?.label.identity.integrator);
+        }
+        Ok(())
     }
 
     /// Returns the state to resume from, once.

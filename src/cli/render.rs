@@ -135,7 +135,12 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
         util::check_replaceable(path)?;
     }
     let (session, origin, mut seconds) = open(args)?;
-    let mut plan = session.plan(&choices(args, origin))?;
+    let mut choices = choices(args, origin);
+    Checkpointing::keep_integrator(args, &mut choices)?;
+    let mut plan = session.plan(&choices)?;
+    if let Some(decision) = plan.decision.as_ref().filter(|_| !args.quiet) {
+        super::report!("buffon: note: auto: {decision}");
+    }
     let strategies = args.aov.iter().any(|name| name == STRATEGIES);
     if strategies {
         session.check_techniques(&plan)?;

@@ -5,6 +5,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result};
 use crate::image::{self, Tonemap};
 use crate::integrator::Settings;
+use crate::integrator::settings::AUTO;
 use crate::loader::{LoadOptions, Tolerance};
 use crate::memory::Limit;
 use crate::sampling::SamplerKind;
@@ -189,9 +190,9 @@ pub fn accel_help() -> String {
     )
 }
 
-/// Returns the names of the integrators: "path, direct or aov".
+/// Returns the names of the integrators: "auto, path or aov".
 pub fn integrators() -> String {
-    one_of(Settings::NAMES)
+    one_of(std::iter::once(&AUTO).chain(Settings::NAMES))
 }
 
 /// Returns the names of the samplers.

@@ -62,6 +62,7 @@ impl Account<'_> {
             "version": env!("BUFFON_VERSION"),
             "scene": session.path.display().to_string(),
             "integrator": plan.integrator.name(),
+            "auto": plan.decision,
             "sampler": plan.job.sampler.kind().name(),
             "accel": scene.accel.name(),
             "image_library": crate::image::backend(),

@@ -26,6 +26,8 @@ pub use super::sppm::SppmSettings;
 pub use super::vcm::VcmSettings;
 pub use super::whitted::WhittedSettings;
 
+/// The name that stands for the integrator that pilots find to be the best.
+pub const AUTO: &str = "auto";
 /// The greatest number of samples of one kind at a surface point.
 pub const MAX_SAMPLES: u32 = 65_536;
 /// The greatest number of light paths in a pass, and of photons in a map.

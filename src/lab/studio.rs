@@ -95,6 +95,7 @@ impl Studio {
             layers: Vec::new(),
         };
         let plan = Plan {
+            decision: None,
             integrator: integrator.clone(),
             target: job.stop.samples,
             job,

@@ -2,7 +2,7 @@
 
 use super::{FovAxis, Projection, SensorSettings, ThinLens};
 use crate::error::{Error, Result};
-use crate::film::FilmSettings;
+use crate::film::{FilmSettings, PixelRect};
 use crate::math::{Bounds, DAffine3, DMat3, DVec2, DVec3, Motion, Ray, Vec2, Vec3};
 use crate::sampling::warp;
 use std::borrow::Cow;
@@ -173,6 +173,34 @@ impl Camera {
     /// As for [`new`](Self::new).
     pub fn on_surface(settings: &SensorSettings, surface: Arc<dyn SensorSurface>) -> Result<Self> {
         Ok(Camera { surface: Some(surface), ..Camera::new(settings)? })
+    }
+
+    /// Returns the camera with another number of pixels for the same view and crop.
+    ///
+    /// # Panics
+    /// If a number is 0.
+    #[must_use]
+    pub fn with_size(&self, width: u32, height: u32) -> Self {
+        assert!(width > 0 && height > 0, "{width}x{height}");
+        let along = |start: u32, length: u32, old: u32, new: u32| {
+            let scaled = |x: u32| (u64::from(x) * u64::from(new) / u64::from(old)) as u32;
+            let start = scaled(start).min(new - 1);
+            (start, scaled(length).clamp(1, new - start))
+        };
+        let film = &self.film;
+        let crop = film.crop.map(|crop| {
+            let (x, across) = along(crop.x, crop.width, film.width, width);
+            let (y, down) = along(crop.y, crop.height, film.height, height);
+            PixelRect { x, y, width: across, height: down }
+        });
+        let scale = |old: u32, new: u32| f64::from(old) / f64::from(new);
+        let pixel = self.pixel * DVec2::new(scale(film.width, width), scale(film.height, height));
+        Camera {
+            film: FilmSettings { width, height, crop, ..*film },
+            fixed: self.fixed.map(|pose| CameraPose::new(pose.to_world, self.corner, pixel)),
+            pixel,
+            ..self.clone()
+        }
     }
 
     /// Returns the transform from camera space to world space at a time in [0, 1] over the shutter interval.

@@ -4,6 +4,7 @@
 //! choices. It is compiled to a [`Session`] for an accelerator. A session renders any number of [`Plan`]s, each with
 //! an integrator, a sampler and stop rules.
 
+mod auto;
 pub mod checkpoint;
 mod cryptomatte;
 mod image_description;
@@ -12,6 +13,7 @@ mod plan;
 mod scene_hashes;
 mod techniques;
 
+pub use auto::Decision;
 pub use image_description::ImageDescription;
 pub use memory::RenderMemory;
 pub use plan::{Choices, Plan};
@@ -220,13 +222,25 @@ impl Session {
         resumed: Option<RenderState>,
         checkpoints: Option<CheckpointSink<'_>>,
     ) -> Result<Rendered> {
+        self.render_through(self.camera(), plan, progress, resumed, checkpoints)
+    }
+
+    /// Computes [`render_on`](Self::render_on) with another camera, whose image is no larger.
+    fn render_through(
+        &self,
+        camera: &Camera,
+        plan: &Plan,
+        progress: &Progress,
+        resumed: Option<RenderState>,
+        checkpoints: Option<CheckpointSink<'_>>,
+    ) -> Result<Rendered> {
         let _reserved = self.reserve(plan)?;
         let mut integrator = plan.integrator.create();
         let pool = render::thread_pool(self.threads)?;
         let started = Instant::now();
         let preparation = Preparation {
             scene: &self.scene,
-            camera: self.camera(),
+            camera,
             sampler: plan.job.sampler,
             seed: plan.job.seed,
             pool: &pool,
@@ -242,9 +256,10 @@ impl Session {
         } else {
             Duration::ZERO
         };
+        let prepared = prepared + plan.decision.as_ref().map_or(Duration::ZERO, |decision| decision.elapsed);
         let mut settings = plan.job.clone();
         settings.stop.time = settings.stop.time.map(|limit| limit.saturating_sub(prepared));
-        let rendered = Job::new(&self.scene, integrator.as_ref(), self.camera(), settings, progress)
+        let rendered = Job::new(&self.scene, integrator.as_ref(), camera, settings, progress)
             .with_rates(rates)
             .with_first(plan.first)
             .resumed_from(resumed)
@@ -257,6 +272,9 @@ impl Session {
     /// names are in the metadata, as a list in JSON.
     pub fn image(&self, plan: &Plan, rendered: &Rendered) -> Image {
         let mut image = self.image_description(plan).image(rendered);
+        if let Some(decision) = &plan.decision {
+            image.metadata.set("buffon:auto", Value::Text(decision.to_string()));
+        }
         let names = &self.scene.names;
         for (aov, name, list) in [
             (Aov::ShapeIndex, "buffon:shapes", &names.shapes),

@@ -1,9 +1,9 @@
 //! The settings of a render, from the user's choices and the scene file.
 
-use super::Session;
+use super::{Decision, Session};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{Aov, AovSettings, IrrcacheSettings, Layer, PathReuse};
+use crate::integrator::settings::{AUTO, Aov, AovSettings, IrrcacheSettings, Layer, PathReuse};
 use crate::integrator::{self, Integrator, Settings};
 use crate::render::{Adaptive, JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -14,7 +14,7 @@ use std::ops::Range;
 /// The user's choices for a render. A setting that is not chosen is that of the scene file, or else the default.
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
-    /// The name of the integrator.
+    /// The name of the integrator, or `auto`.
     pub integrator: Option<String>,
     /// The sampler.
     pub sampler: Option<SamplerKind>,
@@ -41,6 +41,8 @@ pub struct Choices {
 pub struct Plan {
     /// The integrator.
     pub integrator: Settings,
+    /// How the integrator was chosen, if the user chose `auto`.
+    pub decision: Option<Decision>,
     /// Sampler, seed, threads, stop rules and layers.
     pub job: JobSettings,
     /// Whether noisier cells of the image get more samples; [`Never`](Adaptive::Never) if that is impossible.
@@ -70,8 +72,12 @@ impl Session {
     /// If the integrator or a layer does not exist, a layer occurs twice, the integrator does not support adaptive
     /// sampling, or the image exceeds the memory limit.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
-        let mut integrator =
-            choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
+        let decision = match choices.integrator.as_deref() {
+            Some(AUTO) => Some(self.decide(choices)?),
+            _ => None,
+        };
+        let name = decision.as_ref().map(|decision| decision.integrator).or(choices.integrator.as_deref());
+        let mut integrator = choose_integrator(name, self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
         if stop == StopRules::default() {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
@@ -108,7 +114,7 @@ impl Session {
             )));
         }
         let cache = choices.cache.clone();
-        let plan = Plan { integrator, job, adaptive, cache, first, target };
+        let plan = Plan { integrator, decision, job, adaptive, cache, first, target };
         drop(self.reserve(&plan)?);
         Ok(plan)
     }

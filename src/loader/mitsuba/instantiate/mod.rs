@@ -20,6 +20,7 @@ use crate::emitter::Emitter;
 use crate::error::{Error, Kind, Result};
 use crate::ids::{MaterialId, MediumId, TextureId};
 use crate::image::TextureImage;
+use crate::integrator::settings::AUTO;
 use crate::integrator::{Plugin, VolpathIntegrator};
 use crate::loader::files::Folders;
 use crate::loader::{LoadOptions, Loaded, Tolerance, framing, tolerated};
@@ -100,7 +101,7 @@ impl<'g> Builder<'g> {
             self.note("the scene names no integrator: path is used");
         }
         self.renders_media = match replacement {
-            Some(name) if name != "aov" => name == VolpathIntegrator::NAME,
+            Some(name) if !["aov", AUTO].contains(&name) => name == VolpathIntegrator::NAME,
             _ => self.loaded.integrator.renders_media(),
         };
         if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
