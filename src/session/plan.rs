@@ -209,9 +209,9 @@ fn choose_integrator(name: Option<&str>, of_scene: Settings) -> Result<Settings>
         Some(name) => Settings::by_name(name, of_scene.limits()).ok_or_else(|| {
             let (last, others) = Settings::NAMES.split_last().expect("there are integrators");
             let list = others.join(", ");
-            let near = did_you_mean(name, Settings::NAMES.iter().copied());
+            let near = did_you_mean(name, std::iter::once(AUTO).chain(Settings::NAMES.iter().copied()));
             Error::usage(format!(
-                "--integrator: there is no integrator \"{name}\"{near}; there are {list} and {last}"
+                "--integrator: there is no integrator \"{name}\"{near}; there are {AUTO}, {list} and {last}"
             ))
         })?,
     })
