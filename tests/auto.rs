@@ -53,9 +53,15 @@ fn resumed_and_merged_renders_keep_the_choice() {
     }
     assert_eq!(folder.run("merge a b -o merged.pfm -q").code, 0);
     assert!(folder.read("merged.pfm") == whole);
-    // A resumed render may take more samples, for which the pilots would be others.
-    folder.render(&format!("{options} --spp 8 --checkpoint c -o c.pfm --sampler independent"));
-    folder.render(&format!("{options} --spp 400 --checkpoint c --resume -o c.pfm --sampler independent"));
+    // A resumed render has no pilots: it keeps even what they would not choose.
+    folder.render(
+        "s.xml --integrator path --size 48x36 -q --spp 8 --checkpoint c -o c.pfm --sampler independent",
+    );
+    folder.render(&format!(
+        "{options} --spp 16 --checkpoint c --resume -o c.pfm --sampler independent --stats s.json"
+    ));
+    let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+    assert_eq!(stats["integrator"], "path");
 }
 
 #[test]

@@ -193,8 +193,8 @@ impl Camera {
             let (y, down) = along(crop.y, crop.height, film.height, height);
             PixelRect { x, y, width: across, height: down }
         });
-        let scale = |old: u32, new: u32| f64::from(old) / f64::from(new);
-        let pixel = self.pixel * DVec2::new(scale(film.width, width), scale(film.height, height));
+        let size = |width: u32, height: u32| DVec2::new(width.into(), height.into());
+        let pixel = self.pixel * size(film.width, film.height) / size(width, height);
         Camera {
             film: FilmSettings { width, height, crop, ..*film },
             fixed: self.fixed.map(|pose| CameraPose::new(pose.to_world, self.corner, pixel)),
@@ -481,6 +481,12 @@ mod tests {
             assert!((ray.o - Vec3::from(o)).length() < 2e-5, "{fov_axis:?} {ray:?}");
             assert!((ray.d - Vec3::from(d)).length() < 2e-6, "{fov_axis:?} {ray:?}");
             assert!((ray.t_max - t_max).abs() < 2e-5, "{fov_axis:?} {ray:?}");
+            // The same point of an image of 12x16 pixels.
+            let small = camera.with_size(12, 16).ray(DVec2::new(3.0, 11.0), Vec2::ZERO, 0.0);
+            assert!(
+                (small.o - ray.o).length() < 1e-6 && (small.d - ray.d).length() < 1e-6,
+                "{small:?} {ray:?}"
+            );
         }
     }
 
