@@ -24,7 +24,8 @@ fn refusals_have_an_exit_code_and_a_sentence() {
             "render s.xml --integrator pth",
             2,
             "buffon: --integrator: there is no integrator \"pth\" (did you mean \"path\"?); there are auto, path, \
-             volpath, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt, vcm and pssmlt",
+             volpath, direct, ptracer, photonmapper, sppm, whitted, distribution, irrcache, ao, depth, aov, bdpt, \
+             vcm and pssmlt",
         ),
         (
             "render s.xml --aov nope",
