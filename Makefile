@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest agreement claims test-page fuzz memcheck lint bench bench-check scenes clean
+.PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page fuzz memcheck lint bench bench-check scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -47,14 +47,15 @@ test: lint ## what must hold, in minutes
 
 # The tests marked `ignore`, the tests of what depends on the libraries without these, random scenes on which all
 # estimators must agree, and the experiments with many seeds.
-test-all: test test-rest agreement claims ## everything that must hold
+test-all: test test-rest rust-alone agreement claims ## everything that must hold
 
-# Both binaries without the libraries are compiled at once.
 test-rest: deps
 	cargo test --locked --workspace -- --ignored --skip refuted_with_any_seed
-	cargo test --locked $(RUST_ALONE) --lib --test tests --no-run
-	cargo test --locked $(RUST_ALONE) --lib
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
+
+# Their code is nearly the code that `make test` has seen.
+rust-alone: deps ## run the unit tests and build the documentation of Buffon without the libraries
+	cargo test --locked $(RUST_ALONE) --lib
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
 
 claims: deps ## run the experiments of `buffon lab` with many seeds: no true claim may be refuted
