@@ -31,6 +31,8 @@ pub struct PathEnd {
     power: Rgb,
     /// The number of edges from the emitter.
     edges: u32,
+    /// Whether light may pass the surface.
+    transmits: bool,
     earlier: Earlier,
 }
 
@@ -44,7 +46,7 @@ impl Positioned for PathEnd {
 impl PathEnd {
     /// Returns the end of a light path at a vertex, if its values are finite.
     fn of(scene: &Scene, stored: &StoredVertex<'_>) -> Option<Self> {
-        let LightVertex { at, wo, wo_ng, .. } = &stored.vertex;
+        let LightVertex { at, wo, wo_ng, bsdf, .. } = &stored.vertex;
         // Paths from both ends hit a surface with holes with the same probability, which must count once.
         let power = stored.power * ((wo.z / wo_ng).abs() / scene.hit_probability(at));
         let valid = at.p.is_finite() && power.is_valid();
@@ -54,6 +56,7 @@ impl PathEnd {
             ng: at.ng,
             power,
             edges: stored.edges,
+            transmits: bsdf.transmits(),
             earlier: stored.partial.earlier,
         })
     }
@@ -169,12 +172,15 @@ impl Merging {
 
     /// Returns the weighted radiance that the finite lobes of a vertex of a camera path scatter towards the camera,
     /// from the light paths that end nearby: the sum of `f·Φ·K`, with the kernel `K = 2/(πr²)·(1 − d²/r²)`. `wanted`
-    /// selects them by their number of edges.
+    /// selects them by their number of edges. Paths through a surface do not end on another one behind it: the surfaces
+    /// of both ends transmit light, or neither does.
     pub fn radiance(&self, vertex: &LightVertex<'_>, partial: &Partial, wanted: impl Fn(u32) -> bool) -> Rgb {
         let squared_radius = self.grid.radius().powi(2);
+        let transmits = vertex.bsdf.transmits();
         let mut sum = Rgb::BLACK;
         self.grid.within(vertex.at.p, |light, squared| {
-            if !wanted(light.edges) || light.ng.dot(vertex.at.ng).abs() <= MIN_COSINE {
+            let around_a_corner = || light.ng.dot(vertex.at.ng).abs() <= MIN_COSINE;
+            if !wanted(light.edges) || light.transmits != transmits || around_a_corner() {
                 return;
             }
             let wi = vertex.at.frame.to_local(light.wi);

@@ -24,16 +24,18 @@ pub struct GridPhoton {
     /// The power relative to the shading frame, W, of a path traced alone.
     pub power: Rgb,
     normal: u16,
-    /// The number of edges from the emitter, and the flag [`CAUSTIC`].
+    /// The number of edges from the emitter, and the flags [`CAUSTIC`] and [`TRANSMITS`].
     edges: u16,
 }
 
 /// The flag of caustic light.
 const CAUSTIC: u16 = 1 << 15;
+/// The flag of a surface that light may pass.
+const TRANSMITS: u16 = 1 << 14;
 
 impl GridPhoton {
     /// The greatest number of edges that is represented.
-    pub const MOST_EDGES: u32 = CAUSTIC as u32 - 1;
+    pub const MOST_EDGES: u32 = TRANSMITS as u32 - 1;
 
     /// Converts a deposit.
     pub fn new(deposit: &Deposit) -> Self {
@@ -43,7 +45,9 @@ impl GridPhoton {
             wi: deposit.wi,
             power: deposit.shading_power(),
             normal: encode_octahedral(deposit.ng),
-            edges: if deposit.caustic { edges | CAUSTIC } else { edges },
+            edges: edges
+                | if deposit.caustic { CAUSTIC } else { 0 }
+                | if deposit.transmits { TRANSMITS } else { 0 },
         }
     }
 
@@ -56,13 +60,19 @@ impl GridPhoton {
     /// Returns the number of edges from the emitter.
     #[inline]
     pub fn edges(&self) -> u32 {
-        u32::from(self.edges & !CAUSTIC)
+        u32::from(self.edges & (TRANSMITS - 1))
     }
 
     /// Returns whether only Dirac deltas scattered the light.
     #[inline]
     pub fn is_caustic(&self) -> bool {
         self.edges & CAUSTIC != 0
+    }
+
+    /// Returns whether light may pass the surface of the photon.
+    #[inline]
+    pub fn transmits(&self) -> bool {
+        self.edges & TRANSMITS != 0
     }
 }
 
@@ -210,6 +220,7 @@ mod tests {
             cosine_ratio: 0.5,
             edges: 70_000,
             caustic: p.x > 0.0,
+            transmits: p.y > 0.0,
             path: 0,
         };
         GridPhoton::new(&deposit)

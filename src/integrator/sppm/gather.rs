@@ -36,14 +36,17 @@ impl<'a> PhotonGather<'a> {
 
     /// Returns the radiance that the finite lobes of lane `i` scatter towards the ray's origin: the sum over photons
     /// of `f·Φ·K`, with the kernel `K = 2/(πr²)·(1 − d²/r²)` (Epanechnikov's in two dimensions), which minimises the
-    /// mean squared error. [Silverman 1986, 4.2]
+    /// mean squared error. [Silverman 1986, 4.2] Light that passes a surface is counted again by the one behind it, so
+    /// photons of surfaces that light may pass count for these alone, and those of other surfaces for others.
     pub fn radiance(&self, block: &ShadingBlock<'_>, i: usize, filter: PhotonFilter) -> Rgb {
         let at = block.at.lane(i);
         let (bsdf, wo): (&Bsdf<'_>, _) = (block.bsdfs[i], block.wo.lane(i));
+        let transmits = bsdf.transmits();
         let mut sum = Rgb::BLACK;
         self.grid.within(at.p, |photon: &GridPhoton, squared| {
             let matches = (filter.indirect || photon.is_caustic())
                 && photon.edges() <= filter.max_edges
+                && photon.transmits() == transmits
                 && photon.normal().dot(at.ng).abs() > MIN_COSINE;
             if matches {
                 let f = bsdf.eval(wo, at.frame.to_local(photon.wi)).f;
