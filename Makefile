@@ -4,7 +4,8 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page fuzz memcheck lint bench bench-check scenes clean
+.PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page fuzz memcheck lint
+.PHONY: bench bench-check scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -53,7 +54,7 @@ test-rest: deps
 	cargo test --locked --workspace -- --ignored --skip refuted_with_any_seed
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 
-# Their code is nearly the code that `make test` has seen.
+# `make test` runs nearly the same code, so continuous integration does without these.
 rust-alone: deps ## run the unit tests and build the documentation of Buffon without the libraries
 	cargo test --locked $(RUST_ALONE) --lib
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps

@@ -138,8 +138,9 @@ fn every_technique_alone_finds_the_light_of_its_length() {
             let mean = |weighted: bool| {
                 let scene = furnace(&format!(
                     r#"<integrator type="bdpt"><string name="technique" value="{light},{camera}"/>
-                    <integer name="max_depth" value="{edges}"/>
-                    <boolean name="weighted" value="{weighted}"/></integrator>"#
+                    <integer name="max_depth" value="{}"/>
+                    <boolean name="weighted" value="{weighted}"/></integrator>"#,
+                    edges + 1
                 ));
                 mean_of(&Folder::with(&scene), samples)
             };

@@ -196,6 +196,47 @@ fn check_transmission(bsdfs: &[&str]) {
     }
 }
 
+/// Light that passes through a surface arrives at the next one just behind it. It counts once on each of them, although
+/// they are parallel and nearer to each other than the photons.
+#[test]
+fn photons_of_a_sheet_are_not_those_of_the_surface_behind_it() {
+    let sensor = r#"<sensor type="perspective">
+    <float name="fov" value="40"/>
+    <transform name="to_world"><lookat origin="0,3,4" target="0,0,0" up="0,1,0"/></transform>"#;
+    let rough = r#"<bsdf type="roughdielectric"><float name="alpha" value="0.3"/></bsdf>"#;
+    let translucent = r#"<bsdf type="principledthin"><float name="diff_trans" value="1.2"/></bsdf>"#;
+    let sheet = ("rectangle", r#"<rotate x="1" angle="-90"/><scale value="2.5"/><translate y="0.02"/>"#);
+    let pane = ("cube", r#"<scale x="2.5" y="0.01" z="2.5"/><translate y="0.5"/>"#);
+    let block = ("cube", r#"<scale x="2.5" y="0.3" z="2.5"/><translate y="0.31"/>"#);
+    for (material, (shape, place)) in [
+        (r#"<bsdf type="mask"><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>"#, sheet),
+        (translucent, sheet),
+        (translucent, pane),
+        (rough, pane),
+        (rough, block),
+    ] {
+        let things = format!(
+            r#"{FLOOR}
+  <shape type="rectangle">
+    <transform name="to_world"><rotate x="1" angle="90"/><scale value="3"/><translate y="4"/></transform>
+    <emitter type="area"><rgb name="radiance" value="1"/></emitter>
+  </shape>
+  <shape type="{shape}">
+    <transform name="to_world">{place}</transform>
+    {material}
+  </shape>"#
+        );
+        // With a limit, photonmapper traces longer paths through glass than the others do.
+        let unlimited =
+            scene(sensor, &things).replace(r#""max_depth" value="5""#, r#""max_depth" value="-1""#);
+        let folder = Folder::with(&unlimited);
+        for integrator in ["sppm", "vcm", "photonmapper"] {
+            let photons = format!("--integrator {integrator} --spp 64 --sampler sobol");
+            nearly_agree(&folder, &photons, "--integrator path --spp 256 --sampler sobol", 0.05);
+        }
+    }
+}
+
 /// A perturbed normal is turned to the viewer. On a light path the viewer is not in the direction of the light.
 #[test]
 fn light_paths_see_bent_normals_as_viewers_do() {

@@ -31,6 +31,8 @@ pub struct SceneMaterial {
     pub tangents: bool,
     /// Whether light may pass through the surface without scattering.
     pub holes: bool,
+    /// Whether light may pass through the surface, at some of its points at least.
+    pub transmits: bool,
     /// The sampling of directions. Holes are not lobes here: see [`lobes_of`](Self::lobes_of).
     sampling: Sampling,
 }
@@ -123,6 +125,7 @@ impl Materials {
                 two_sided,
                 tangents: is(outer, Material::has_tangents),
                 holes: is(outer, Material::has_holes),
+                transmits: is(outer, Material::transmits),
                 sampling: Sampling::default(),
             });
         }

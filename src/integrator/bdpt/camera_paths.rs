@@ -206,7 +206,7 @@ impl CameraPaths<'_> {
                         |edges| self.limits.allows(depth + 1 + edges) && self.query.wants(depth + 1 + edges);
                     let vertex = LightVertex::new(&block, i);
                     out[paths[i].slot as usize].value +=
-                        paths[i].beta * merging.radiance(&vertex, &partials[i], wanted);
+                        paths[i].beta * merging.radiance(self.scene, &vertex, &partials[i], wanted);
                 }
             }
             if block.finite != 0 {

@@ -7,7 +7,7 @@ use super::technique::Techniques;
 use super::weights::{Earlier, Merged, Partial};
 use crate::color::Rgb;
 use crate::integrator::light_path::LightVertex;
-use crate::integrator::photon::{EmissionGuide, PathSequence, PhotonGrid, Positioned, grid::MIN_COSINE};
+use crate::integrator::photon::{EmissionGuide, PathSequence, PhotonGrid, PhotonSurface, Positioned};
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::{Counters, Preparation, RadianceQuery, Splat};
@@ -26,13 +26,11 @@ pub struct PathEnd {
     p: Vec3,
     /// The unit direction towards the incident light.
     wi: Vec3,
-    ng: Vec3,
+    surface: PhotonSurface,
     /// The power relative to the shading frame, W, of a path traced alone.
     power: Rgb,
     /// The number of edges from the emitter.
     edges: u32,
-    /// Whether light may pass the surface.
-    transmits: bool,
     earlier: Earlier,
 }
 
@@ -46,17 +44,16 @@ impl Positioned for PathEnd {
 impl PathEnd {
     /// Returns the end of a light path at a vertex, if its values are finite.
     fn of(scene: &Scene, stored: &StoredVertex<'_>) -> Option<Self> {
-        let LightVertex { at, wo, wo_ng, bsdf, .. } = &stored.vertex;
+        let LightVertex { at, wo, wo_ng, .. } = &stored.vertex;
         // Paths from both ends hit a surface with holes with the same probability, which must count once.
         let power = stored.power * ((wo.z / wo_ng).abs() / scene.hit_probability(at));
         let valid = at.p.is_finite() && power.is_valid();
         valid.then(|| PathEnd {
             p: at.p,
             wi: at.frame.to_world(*wo),
-            ng: at.ng,
+            surface: PhotonSurface { ng: at.ng, transmits: scene.transmits(at) },
             power,
             edges: stored.edges,
-            transmits: bsdf.transmits(),
             earlier: stored.partial.earlier,
         })
     }
@@ -172,15 +169,19 @@ impl Merging {
 
     /// Returns the weighted radiance that the finite lobes of a vertex of a camera path scatter towards the camera,
     /// from the light paths that end nearby: the sum of `f·Φ·K`, with the kernel `K = 2/(πr²)·(1 − d²/r²)`. `wanted`
-    /// selects them by their number of edges. Paths through a surface do not end on another one behind it: the surfaces
-    /// of both ends transmit light, or neither does.
-    pub fn radiance(&self, vertex: &LightVertex<'_>, partial: &Partial, wanted: impl Fn(u32) -> bool) -> Rgb {
+    /// selects them by their number of edges.
+    pub fn radiance(
+        &self,
+        scene: &Scene,
+        vertex: &LightVertex<'_>,
+        partial: &Partial,
+        wanted: impl Fn(u32) -> bool,
+    ) -> Rgb {
         let squared_radius = self.grid.radius().powi(2);
-        let transmits = vertex.bsdf.transmits();
+        let surface = PhotonSurface { ng: vertex.at.ng, transmits: scene.transmits(&vertex.at) };
         let mut sum = Rgb::BLACK;
         self.grid.within(vertex.at.p, |light, squared| {
-            let around_a_corner = || light.ng.dot(vertex.at.ng).abs() <= MIN_COSINE;
-            if !wanted(light.edges) || light.transmits != transmits || around_a_corner() {
+            if !wanted(light.edges) || !light.surface.matches(surface) {
                 return;
             }
             let wi = vertex.at.frame.to_local(light.wi);

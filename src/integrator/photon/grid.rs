@@ -12,7 +12,30 @@ use rayon::prelude::*;
 use super::tracing::Deposit;
 
 /// The least cosine between the normals of photon and point. Below it, the photon is assumed to be around a corner.
-pub const MIN_COSINE: f32 = 0.7;
+const MIN_COSINE: f32 = 0.7;
+
+/// The surface at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotonSurface {
+    /// The geometric normal of the front side, of unit length.
+    pub ng: Vec3,
+    /// Whether light may pass through the surface.
+    pub transmits: bool,
+}
+
+impl PhotonSurface {
+    /// Returns whether two near points may be on the same surface.
+    ///
+    /// Light that passes through a surface arrives again at the next one behind it, and must count once for each. So a
+    /// surface that transmits is never the same as one that does not, and the two faces of a pane differ, because their
+    /// fronts face opposite ways. Opaque surfaces may be meshes in which the fronts of triangles differ, so the sign of
+    /// their normals does not matter.
+    #[inline]
+    pub fn matches(self, other: PhotonSurface) -> bool {
+        let cosine = self.ng.dot(other.ng);
+        self.transmits == other.transmits && MIN_COSINE < if self.transmits { cosine } else { cosine.abs() }
+    }
+}
 
 /// A photon in a grid: 40 bytes, with everything except the normal in full precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,7 +53,7 @@ pub struct GridPhoton {
 
 /// The flag of caustic light.
 const CAUSTIC: u16 = 1 << 15;
-/// The flag of a surface that light may pass.
+/// The flag of a surface that transmits.
 const TRANSMITS: u16 = 1 << 14;
 
 impl GridPhoton {
@@ -51,10 +74,10 @@ impl GridPhoton {
         }
     }
 
-    /// Returns the geometric normal, with an error of about half a degree.
+    /// Returns the surface, with an error of the normal of about half a degree.
     #[inline]
-    pub fn normal(&self) -> Vec3 {
-        decode_octahedral(self.normal)
+    pub fn surface(&self) -> PhotonSurface {
+        PhotonSurface { ng: decode_octahedral(self.normal), transmits: self.edges & TRANSMITS != 0 }
     }
 
     /// Returns the number of edges from the emitter.
@@ -67,12 +90,6 @@ impl GridPhoton {
     #[inline]
     pub fn is_caustic(&self) -> bool {
         self.edges & CAUSTIC != 0
-    }
-
-    /// Returns whether light may pass the surface of the photon.
-    #[inline]
-    pub fn transmits(&self) -> bool {
-        self.edges & TRANSMITS != 0
     }
 }
 
@@ -266,6 +283,17 @@ mod tests {
     }
 
     #[test]
+    fn surfaces_that_transmit_are_told_apart() {
+        let surface = |x: f32, z: f32, transmits| PhotonSurface { ng: Vec3::new(x, 0.0, z), transmits };
+        for transmits in [false, true] {
+            let up = surface(0.0, 1.0, transmits);
+            assert!(up.matches(up) && up.matches(surface(0.6, 0.8, transmits)));
+            assert!(!up.matches(surface(0.8, 0.6, transmits)) && !up.matches(surface(0.0, 1.0, !transmits)));
+            assert_eq!(up.matches(surface(0.0, -1.0, transmits)), !transmits);
+        }
+    }
+
+    #[test]
     fn none_and_one_photon() {
         let count = |grid: &PhotonGrid| {
             let mut n = 0;
@@ -279,6 +307,9 @@ mod tests {
         assert_eq!(count(&PhotonGrid::new(&[one], 0.5)), 0);
         assert!(one.is_caustic() && !photon(Vec3::ZERO).is_caustic());
         assert_eq!((one.edges(), one.power), (GridPhoton::MOST_EDGES, Rgb::splat(0.5)));
+        let [opaque, transmitting] = [Vec3::ZERO, Vec3::Y].map(|p| photon(p).surface());
+        assert_eq!((opaque.transmits, transmitting.transmits), (false, true));
+        assert!(opaque.ng.distance(Vec3::Z) < 0.02);
         assert_eq!(size_of::<GridPhoton>(), 40);
     }
 }

@@ -21,7 +21,7 @@ pub mod visible_surfaces;
 
 pub use cast::{LightPathTracer, PathLimit, PathSequence, TracedPaths};
 pub use density::{DensityEstimator, Irradiance, LookupPoint, Sides};
-pub use grid::{GridPhoton, PhotonGrid, Positioned};
+pub use grid::{GridPhoton, PhotonGrid, PhotonSurface, Positioned};
 pub use guide::EmissionGuide;
 pub use irradiance::IrradianceMap;
 pub use kernel::Kernel;

@@ -34,7 +34,7 @@ pub struct Deposit {
     pub edges: u32,
     /// Whether the path was scattered by Dirac deltas only, at least once: caustic light.
     pub caustic: bool,
-    /// Whether light may pass the surface.
+    /// Whether light may pass through the surface.
     pub transmits: bool,
     /// The index of the path's key among those traced together.
     pub path: u32,
@@ -210,7 +210,7 @@ impl PhotonBounce<'_> {
             cosine_ratio: (vertex.wo.z / vertex.wo_ng).abs(),
             edges: self.edges,
             caustic: specular_only && self.edges > 1,
-            transmits: vertex.bsdf.transmits(),
+            transmits: self.scene.transmits(&vertex.at),
             path: path as u32,
         })
     }

@@ -232,7 +232,7 @@ impl Integrator for Sppm {
         out: &mut [Radiance],
     ) {
         let pass = self.pass();
-        let gather = PhotonGather::new(&pass.grid, pass.emitted);
+        let gather = PhotonGather::new(scene, &pass.grid, pass.emitted);
         CameraPaths { scene, settings: &self.settings, query, gather: &gather }.trace(wave, worker, out);
     }
 }
