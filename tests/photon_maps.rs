@@ -42,7 +42,7 @@ fn map(scene: &Scene, count: u64, threads: usize) -> PhotonMap {
     let paths = PhotonPaths { max_edges: None, rr_depth: 5, direct: true, indirect: true };
     let sequence = PathSequence { seed: 1, stream: 0, number: 0, first: 0 };
     let cast = tracer.cast(&paths, sequence, PathLimit { paths: u64::MAX, kept: Some(count) }, |d, _| {
-        Photon::new(d.p, d.shading_power(), d.wi, d.ng)
+        Photon::new(d.p, d.shading_power(), d.wi, d.surface.ng)
     });
     pool.install(|| PhotonMap::new(cast.kept, cast.emitted))
 }

@@ -292,11 +292,6 @@ impl Scene {
         self.materials.opacity(at.material, &point)
     }
 
-    /// Returns whether light may pass through the surface of a point. It is a property of the whole surface.
-    pub fn transmits(&self, at: &SurfaceInteraction) -> bool {
-        self.materials.get(at.material).transmits
-    }
-
     /// Returns the texture coordinates of a surface point.
     pub fn uv(&self, at: &SurfaceInteraction) -> Vec2 {
         let p = self.local_point(&at.hit, at.time, at.p);

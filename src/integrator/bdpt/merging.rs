@@ -51,7 +51,7 @@ impl PathEnd {
         valid.then(|| PathEnd {
             p: at.p,
             wi: at.frame.to_world(*wo),
-            surface: PhotonSurface { ng: at.ng, transmits: scene.transmits(at) },
+            surface: PhotonSurface::at(scene, at),
             power,
             edges: stored.edges,
             earlier: stored.partial.earlier,
@@ -178,7 +178,7 @@ impl Merging {
         wanted: impl Fn(u32) -> bool,
     ) -> Rgb {
         let squared_radius = self.grid.radius().powi(2);
-        let surface = PhotonSurface { ng: vertex.at.ng, transmits: scene.transmits(&vertex.at) };
+        let surface = PhotonSurface::at(scene, &vertex.at);
         let mut sum = Rgb::BLACK;
         self.grid.within(vertex.at.p, |light, squared| {
             if !wanted(light.edges) || !light.surface.matches(surface) {

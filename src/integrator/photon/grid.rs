@@ -7,6 +7,7 @@ use crate::color::Rgb;
 use crate::math::Vec3;
 use crate::math::octahedral::{decode_octahedral, encode_octahedral};
 use crate::sampling::hash::combine;
+use crate::scene::{Scene, SurfaceInteraction};
 use rayon::prelude::*;
 
 use super::tracing::Deposit;
@@ -19,11 +20,17 @@ const MIN_COSINE: f32 = 0.7;
 pub struct PhotonSurface {
     /// The geometric normal of the front side, of unit length.
     pub ng: Vec3,
-    /// Whether light may pass through the surface.
+    /// Whether light may pass through it, at some of its points at least.
     pub transmits: bool,
 }
 
 impl PhotonSurface {
+    /// Returns the surface at a point.
+    #[inline]
+    pub fn at(scene: &Scene, point: &SurfaceInteraction) -> Self {
+        PhotonSurface { ng: point.ng, transmits: scene.materials.get(point.material).transmits }
+    }
+
     /// Returns whether two near points may be on the same surface.
     ///
     /// Light that passes through a surface arrives again at the next one behind it, and must count once for each. So a
@@ -67,10 +74,10 @@ impl GridPhoton {
             p: deposit.p,
             wi: deposit.wi,
             power: deposit.shading_power(),
-            normal: encode_octahedral(deposit.ng),
+            normal: encode_octahedral(deposit.surface.ng),
             edges: edges
                 | if deposit.caustic { CAUSTIC } else { 0 }
-                | if deposit.transmits { TRANSMITS } else { 0 },
+                | if deposit.surface.transmits { TRANSMITS } else { 0 },
         }
     }
 
@@ -232,12 +239,11 @@ mod tests {
         let deposit = Deposit {
             p,
             wi: Vec3::Z,
-            ng: Vec3::Z,
+            surface: PhotonSurface { ng: Vec3::Z, transmits: p.y > 0.0 },
             power: Rgb::WHITE,
             cosine_ratio: 0.5,
             edges: 70_000,
             caustic: p.x > 0.0,
-            transmits: p.y > 0.0,
             path: 0,
         };
         GridPhoton::new(&deposit)

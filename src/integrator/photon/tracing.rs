@@ -1,6 +1,6 @@
 //! Photon tracing: light paths from every emitter and their deposits on surfaces. [Jensen 2001]
 
-use super::EmissionGuide;
+use super::{EmissionGuide, PhotonSurface};
 use crate::accel::Coherence;
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
@@ -22,8 +22,8 @@ pub struct Deposit {
     pub p: Vec3,
     /// The unit direction towards the incident light.
     pub wi: Vec3,
-    /// Geometric normal of unit length.
-    pub ng: Vec3,
+    /// The surface.
+    pub surface: PhotonSurface,
     /// The power of the path, W, if traced alone. It is to be divided by the number of emitted paths.
     pub power: Rgb,
     /// The cosine of `wi` with the shading normal divided by that with the geometric normal. A density of power is
@@ -34,8 +34,6 @@ pub struct Deposit {
     pub edges: u32,
     /// Whether the path was scattered by Dirac deltas only, at least once: caustic light.
     pub caustic: bool,
-    /// Whether light may pass through the surface.
-    pub transmits: bool,
     /// The index of the path's key among those traced together.
     pub path: u32,
 }
@@ -203,14 +201,13 @@ impl PhotonBounce<'_> {
         (!power.is_black()).then(|| Deposit {
             p: vertex.at.p,
             wi: -block.rays.d.lane(i),
-            ng: vertex.at.ng,
+            surface: PhotonSurface::at(self.scene, &vertex.at),
             // Only this fraction of the photons hits a surface with holes. Rays that look up the density hit the
             // surface with the same probability, so the density must represent the whole irradiance.
             power: power * self.scene.hit_probability(&vertex.at).recip(),
             cosine_ratio: (vertex.wo.z / vertex.wo_ng).abs(),
             edges: self.edges,
             caustic: specular_only && self.edges > 1,
-            transmits: self.scene.transmits(&vertex.at),
             path: path as u32,
         })
     }

@@ -43,7 +43,7 @@ impl<'a> PhotonGather<'a> {
     pub fn radiance(&self, block: &ShadingBlock<'_>, i: usize, filter: PhotonFilter) -> Rgb {
         let at = block.at.lane(i);
         let (bsdf, wo): (&Bsdf<'_>, _) = (block.bsdfs[i], block.wo.lane(i));
-        let surface = PhotonSurface { ng: at.ng, transmits: self.scene.transmits(&at) };
+        let surface = PhotonSurface::at(self.scene, &at);
         let mut sum = Rgb::BLACK;
         self.grid.within(at.p, |photon: &GridPhoton, squared| {
             let matches = (filter.indirect || photon.is_caustic())

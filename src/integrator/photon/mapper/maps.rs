@@ -260,7 +260,7 @@ fn cast(
             let kept = share_of_half(u64::from(count), replicates);
             let until = PathLimit { paths: u64::MAX, kept: Some(kept) };
             let cast = tracer.cast(&paths, sequence, until, |deposit, _| {
-                Photon::new(deposit.p, deposit.shading_power(), deposit.wi, deposit.ng)
+                Photon::new(deposit.p, deposit.shading_power(), deposit.wi, deposit.surface.ng)
             });
             counters.merge(&cast.counters);
             let map = pool.install(|| PhotonMap::new(cast.kept, cast.emitted));
