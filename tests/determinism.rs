@@ -153,7 +153,8 @@ fn sorted_waves_have_the_pixels_of_unsorted_ones() {
             (film.width, film.height, film.crop) = (48, 48, None);
             let mut scene = scenes::compiled(loaded.description, AccelKind::default());
             assert!(!scene.shading_buckets.is_empty());
-            let settings = Settings::Path(PathSettings { limits: PathLimits::default(), reuse });
+            let settings =
+                Settings::Path(PathSettings { reuse, ..PathSettings::independent(PathLimits::default()) });
             let image = |scene: &Scene| {
                 let rendered = scenes::render(scene, &settings, SamplerKind::Sobol, 8, 1);
                 scenes::pixels(&rendered).into_iter().map(|rgb| rgb.map(f64::to_bits)).collect::<Vec<_>>()

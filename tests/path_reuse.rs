@@ -19,15 +19,15 @@ use std::path::Path;
 const BLOCK: usize = 4;
 
 fn path(reuse: PathReuse, limits: PathLimits) -> Settings {
-    Settings::Path(PathSettings { limits, reuse })
+    Settings::Path(PathSettings { reuse, ..PathSettings::independent(limits) })
 }
 
-fn limited(max_depth: u32) -> PathLimits {
+pub fn limited(max_depth: u32) -> PathLimits {
     PathLimits { max_depth: Some(max_depth), ..PathLimits::default() }
 }
 
 /// Returns a scene of the repository with a small square image.
-fn own(name: &str, size: u32) -> Scene {
+pub fn own(name: &str, size: u32) -> Scene {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name);
     let mut loaded = loader::load(&file, &Default::default()).expect("the scene loads");
     let film = &mut loaded.description.sensors[0].film;
@@ -36,7 +36,7 @@ fn own(name: &str, size: u32) -> Scene {
 }
 
 /// Returns a scene from XML, in a folder of its own.
-fn from_xml(body: &str, size: u32) -> Scene {
+pub fn from_xml(body: &str, size: u32) -> Scene {
     let sensor = "<sensor type='perspective'><float name='fov' value='45'/><transform name='to_world'>\
         <lookat origin='0.4, 1.2, 3.2' target='0, 0.3, 0' up='0, 1, 0'/></transform></sensor>";
     let folder = Folder::with(&format!("<scene version='3.0.0'>{sensor}{body}</scene>"));
@@ -47,7 +47,7 @@ fn from_xml(body: &str, size: u32) -> Scene {
 }
 
 /// The sums over blocks of pixels and channels: mean and variance of the mean over several seeds.
-fn blocks(
+pub fn blocks(
     scene: &Scene,
     settings: &Settings,
     size: usize,
@@ -75,9 +75,15 @@ fn blocks(
 /// Asserts that images with and without reuse have the same expectation: every block, at a significance of 0.001 for
 /// all blocks of a scene, and the mean over the image within 4 standard errors.
 fn expect_same(name: &str, scene: &Scene, limits: PathLimits, size: usize, spp: u64) {
+    let both = [PathReuse::Always, PathReuse::Never].map(|reuse| path(reuse, limits));
+    expect_same_of(name, scene, &both, size, spp);
+}
+
+/// Asserts the same for two ways to render a scene.
+pub fn expect_same_of(name: &str, scene: &Scene, both: &[Settings; 2], size: usize, spp: u64) {
     const SEEDS: u64 = 48;
-    let reused = blocks(scene, &path(PathReuse::Always, limits), size, 0..SEEDS, spp);
-    let independent = blocks(scene, &path(PathReuse::Never, limits), size, SEEDS..2 * SEEDS, spp);
+    let reused = blocks(scene, &both[0], size, 0..SEEDS, spp);
+    let independent = blocks(scene, &both[1], size, SEEDS..2 * SEEDS, spp);
     let (mut difference, mut variance) = (0.0, 0.0);
     let mut largest = 0.0f64;
     for ([a, v], [b, w]) in reused.iter().zip(&independent) {

@@ -162,29 +162,37 @@ pub enum Bsdf<'a> {
 pub struct Lobes {
     /// Whether there are lobes of finite density.
     pub finite: bool,
+    /// Whether one of them is wide, over the hemisphere.
+    pub diffuse: bool,
     /// The greatest number of Dirac deltas.
     pub deltas: u32,
 }
 
 impl Lobes {
-    /// Lobes of finite density only.
-    pub const FINITE: Lobes = Lobes { finite: true, deltas: 0 };
+    /// Glossy lobes only.
+    pub const GLOSSY: Lobes = Lobes { finite: true, diffuse: false, deltas: 0 };
+    /// Lobes of finite density of which one is diffuse.
+    pub const DIFFUSE: Lobes = Lobes { finite: true, diffuse: true, deltas: 0 };
 
     /// The given number of Dirac deltas and no other lobes.
     pub const fn deltas(deltas: u32) -> Lobes {
-        Lobes { finite: false, deltas }
+        Lobes { finite: false, diffuse: false, deltas }
     }
 
     /// Returns the lobes of a sum of two BSDFs.
     #[must_use]
     pub fn and(self, other: Lobes) -> Lobes {
-        Lobes { finite: self.finite || other.finite, deltas: self.deltas.saturating_add(other.deltas) }
+        Lobes { deltas: self.deltas.saturating_add(other.deltas), ..self.or(other) }
     }
 
     /// Returns the lobes of either one of two BSDFs.
     #[must_use]
     pub fn or(self, other: Lobes) -> Lobes {
-        Lobes { finite: self.finite || other.finite, deltas: self.deltas.max(other.deltas) }
+        Lobes {
+            finite: self.finite || other.finite,
+            diffuse: self.diffuse || other.diffuse,
+            deltas: self.deltas.max(other.deltas),
+        }
     }
 }
 
@@ -221,15 +229,15 @@ impl Bsdf<'_> {
         match self {
             Bsdf::Null | Bsdf::Conductor(_) => Lobes::deltas(1),
             Bsdf::Dielectric(_) | Bsdf::ThinDielectric(_) => Lobes::deltas(2),
-            Bsdf::Diffuse(_) | Bsdf::RoughConductor(_) => Lobes::FINITE,
-            Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) | Bsdf::Phong(_) | Bsdf::Ward(_) => {
-                Lobes::FINITE
+            Bsdf::Diffuse(_) | Bsdf::DiffuseTransmitter(_) | Bsdf::RoughDiffuse(_) => Lobes::DIFFUSE,
+            Bsdf::Phong(_) | Bsdf::Ward(_) | Bsdf::RoughPlastic(_) | Bsdf::PolarizedPlastic(_) => {
+                Lobes::DIFFUSE
             }
-            Bsdf::RoughPlastic(_) | Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => Lobes::FINITE,
-            Bsdf::PolarizedPlastic(_) | Bsdf::Hair(_) | Bsdf::Measured(_) => Lobes::FINITE,
-            Bsdf::Plastic(_) => Lobes { finite: true, deltas: 1 },
+            Bsdf::Principled(_) | Bsdf::PrincipledThin(_) => Lobes::DIFFUSE,
+            Bsdf::RoughConductor(_) | Bsdf::Hair(_) | Bsdf::Measured(_) => Lobes::GLOSSY,
+            Bsdf::Plastic(_) => Lobes { deltas: 1, ..Lobes::DIFFUSE },
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
-            Bsdf::RoughDielectric(_) => Lobes::FINITE,
+            Bsdf::RoughDielectric(_) => Lobes::GLOSSY,
             Bsdf::Blend(b) => b.bsdfs[0].lobes().and(b.bsdfs[1].lobes()),
             Bsdf::Coating(b) => b.inner.lobes().and(Lobes::deltas(1)),
             // Light through holes is a Dirac delta.

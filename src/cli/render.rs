@@ -53,6 +53,9 @@ pub struct RenderArgs {
     /// [default: the scene's, or auto]
     #[arg(long, value_name = "WHEN")]
     pub path_reuse: Option<PathReuse>,
+    /// Let path sample directions from which photons come: it pays for caustics. It adds no bias
+    #[arg(long)]
+    pub path_guiding: bool,
     /// Definitions, folders, memory and threads.
     #[command(flatten)]
     pub resources: SceneArgs,
@@ -339,6 +342,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         aov: args.aov.iter().filter(|name| *name != STRATEGIES).cloned().collect(),
         adaptive: args.adaptive,
         path_reuse: args.path_reuse,
+        path_guiding: args.path_guiding,
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
     }

@@ -2,6 +2,7 @@
 
 use super::Radiance;
 use super::block::ShadingBlock;
+use super::guiding::GuidedBlock;
 use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
@@ -82,6 +83,7 @@ pub fn reflect_emitters(
     block: &ShadingBlock<'_>,
     sample: &EmitterSampleX16,
     counts: TechniqueCounts,
+    guided: Option<&GuidedBlock<'_>>,
     lanes: u32,
 ) -> ShadowRays {
     let ShadingBlock { at, .. } = block;
@@ -90,7 +92,8 @@ pub fn reflect_emitters(
     let [r, g, b] = scattered.f;
     let some = r.simd_gt(f32x16::ZERO) | g.simd_gt(f32x16::ZERO) | b.simd_gt(f32x16::ZERO);
     let lanes = (sample.valid & some & sample.pdf.simd_gt(f32x16::ZERO)).to_bitmask() & lanes;
-    let weight = weighted_power_heuristic_x16(counts.emitter, sample.pdf, counts.bsdf, scattered.pdf);
+    let pdf = guided.map_or(scattered.pdf, |guided| guided.pdf(block, &wi, scattered.pdf, lanes));
+    let weight = weighted_power_heuristic_x16(counts.emitter, sample.pdf, counts.bsdf, pdf);
     let weight = sample.delta.select(f32x16::ONE, weight);
     let factor = wi.z.abs() * weight / (sample.pdf * f32x16::splat(counts.emitter));
     let value = std::array::from_fn(|c| scattered.f[c] * sample.radiance[c] * factor);
@@ -107,7 +110,7 @@ pub fn sample_emitters(
     counts: TechniqueCounts,
 ) -> ShadowRays {
     let sample = draw_emitters(scene, block, u_point, counts);
-    reflect_emitters(scene, block, &sample, counts, block.finite)
+    reflect_emitters(scene, block, &sample, counts, None, block.finite)
 }
 
 /// Returns the weighted radiance of the emitters hit by the rays of the block, which are those of `paths` (see

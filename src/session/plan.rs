@@ -30,6 +30,8 @@ pub struct Choices {
     pub adaptive: Adaptive,
     /// Whether paths are reused; `None` leaves it to the scene.
     pub path_reuse: Option<PathReuse>,
+    /// Whether paths are guided, whatever the scene says.
+    pub path_guiding: bool,
     /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The range of samples of each pixel to take, out of those determined by the stop rules; all if `None`.
@@ -92,7 +94,7 @@ impl Session {
         let replicates = integrator::replicates(created.as_ref(), kind);
         let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
         let layers = choose_layers(&choices.aov, &integrator, replicates > 2)?;
-        choose_reuse(&mut integrator, choices, &layers)?;
+        choose_paths(&mut integrator, choices, &layers)?;
         let target = stop.samples;
         let first = match &choices.samples {
             Some(range) => restrict(range, &mut stop)?,
@@ -157,17 +159,20 @@ fn obstacle_to_rates(integrator: &dyn Integrator, sampler: SamplerKind) -> Optio
         .then(|| format!("{name} traces paths for all pixels together and cannot sample some of the pixels"))
 }
 
-/// Sets whether paths are reused. Pixels whose variances are stated for z-tests keep independent errors.
-fn choose_reuse(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
+/// Sets whether paths are reused and guided. Pixels whose variances are stated for z-tests keep independent errors.
+fn choose_paths(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
     let name = integrator.name();
     let Some(path) = integrator.path_mut() else {
-        return match choices.path_reuse {
-            None => Ok(()),
-            Some(_) => {
-                Err(Error::usage(format!("--path-reuse: {name} has no paths that are reused; use path")))
-            }
+        let refuse = |option, done| {
+            Err(Error::usage(format!("{option}: {name} has no paths that are {done}; use path")))
+        };
+        return match choices {
+            Choices { path_reuse: Some(_), .. } => refuse("--path-reuse", "reused"),
+            Choices { path_guiding: true, .. } => refuse("--path-guiding", "guided"),
+            _ => Ok(()),
         };
     };
+    path.guided |= choices.path_guiding;
     path.reuse = choices.path_reuse.unwrap_or(path.reuse);
     if states_variances(layers) {
         if path.reuse == PathReuse::Always {

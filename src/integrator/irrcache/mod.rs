@@ -28,9 +28,7 @@ mod shading;
 pub mod weight;
 
 use super::preparation::reject_motion;
-use super::settings::{
-    Aov, PathLimits, PathReuse, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source,
-};
+use super::settings::{Aov, PathLimits, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source};
 use super::{
     Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker,
 };
@@ -118,7 +116,7 @@ impl IrradianceCache {
         let (path, gathered) = match settings.child.as_ref() {
             Settings::Path(path) => {
                 let gathered = from_surface(&path.limits, 2);
-                (path.limits, Settings::Path(PathSettings { limits: gathered, reuse: PathReuse::Never }))
+                (path.limits, Settings::Path(PathSettings::independent(gathered)))
             }
             Settings::Photonmapper(mapper) => {
                 let limits = PathLimits { hide_emitters: false, ..mapper.limits };

@@ -11,6 +11,7 @@ mod reuse;
 use self::groups::CellSide;
 use self::reuse::Reuse;
 use super::block::ShadingBlock;
+use super::guiding::{GuidedBlock, GuidingField};
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
 use super::settings::{PathLimits, Plugin, Read, Source};
@@ -58,12 +59,14 @@ pub struct PathSettings {
     pub limits: PathLimits,
     /// Whether paths are reused.
     pub reuse: PathReuse,
+    /// Whether paths are guided by photons.
+    pub guided: bool,
 }
 
 impl PathSettings {
-    /// Returns the settings for independent paths with the given limits.
+    /// Returns the settings for independent unguided paths with the given limits.
     pub fn independent(limits: PathLimits) -> Self {
-        PathSettings { limits, reuse: PathReuse::Never }
+        PathSettings { limits, reuse: PathReuse::Never, guided: false }
     }
 }
 
@@ -77,13 +80,18 @@ impl From<PathLimits> for PathSettings {
 pub struct PathIntegrator {
     settings: PathLimits,
     reuse: PathReuse,
+    guided: bool,
     /// The cells in which paths are reused, as decided by the settings or the pilot.
     cells: Option<CellSide>,
+    /// The densities that guide paths.
+    field: Option<GuidingField>,
 }
 
 /// The state shared by all paths of a bounce.
 struct PathBounce<'a> {
     scene: &'a Scene,
+    /// The densities that guide paths.
+    field: Option<&'a GuidingField>,
     /// Whether emitters are sampled at this bounce.
     next_event: bool,
     /// Whether emission found by the rays of this bounce is added.
@@ -96,11 +104,13 @@ struct PathBounce<'a> {
 
 impl PathIntegrator {
     /// Creates the integrator.
-    pub fn new(PathSettings { limits, reuse }: PathSettings) -> Self {
+    pub fn new(PathSettings { limits, reuse, guided }: PathSettings) -> Self {
         PathIntegrator {
             settings: limits,
             reuse,
+            guided,
             cells: (reuse == PathReuse::Always).then_some(CellSide::Eight),
+            field: None,
         }
     }
 
@@ -116,7 +126,9 @@ impl Plugin for PathIntegrator {
 
     fn read(source: &mut dyn Source) -> Result<PathSettings> {
         let limits = PathLimits::read(source)?;
-        Ok(PathSettings { limits, reuse: source.choice("path_reuse", &PathReuse::NAMES, PathReuse::Auto)? })
+        let reuse = source.choice("path_reuse", &PathReuse::NAMES, PathReuse::Auto)?;
+        let guided = source.boolean("path_guiding", false)?;
+        Ok(PathSettings { limits, reuse, guided })
     }
 
     fn with_limits(limits: PathLimits) -> PathSettings {
@@ -150,10 +162,11 @@ impl Integrator for PathIntegrator {
     }
 
     fn prepares(&self) -> bool {
-        self.reuse != PathReuse::Never
+        self.reuse != PathReuse::Never || self.guided
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        self.field = self.guided.then(|| GuidingField::learn(preparation, self.settings)).flatten();
         self.cells = match self.reuse {
             PathReuse::Never => None,
             PathReuse::Always | PathReuse::Auto if preparation.scene.needs.time => None,
@@ -164,7 +177,11 @@ impl Integrator for PathIntegrator {
     }
 
     fn statistics(&self) -> Vec<Statistic> {
-        vec![Statistic { name: "path_reuse", value: self.cells.map_or(0.0, |side| f64::from(side as u8)) }]
+        let cells = self.field.as_ref().map_or(0, GuidingField::len);
+        vec![
+            Statistic { name: "path_reuse", value: self.cells.map_or(0.0, |side| f64::from(side as u8)) },
+            Statistic { name: "guided_cells", value: cells as f64 },
+        ]
     }
 
     fn li(
@@ -198,7 +215,7 @@ impl Integrator for PathIntegrator {
 impl PathIntegrator {
     /// Traces the paths of a wave. With reuse, the second half of `out` is for tails.
     fn trace<'a>(
-        &self,
+        &'a self,
         scene: &'a Scene,
         wave: Wave<'_>,
         query: RadianceQuery,
@@ -219,6 +236,7 @@ impl PathIntegrator {
             }
             let bounce = PathBounce {
                 scene,
+                field: self.field.as_ref(),
                 next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
@@ -311,10 +329,11 @@ impl<'a> PathBounce<'a> {
                 let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
                 self.add_emitted(&block, paths, specular_only, out, block.active);
                 if scatter {
+                    let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
                     if self.next_event && block.finite != 0 {
-                        self.light(&block, paths, numbers, shadows);
+                        self.light(&block, paths, numbers, shadows, guided.as_ref());
                     }
-                    let (next, survivors) = self.scatter(&block, paths, numbers, [0; 2]);
+                    let (next, survivors) = self.scatter(&block, paths, numbers, guided.as_ref(), [0; 2]);
                     if !specular_only.is_empty() {
                         for i in bits(survivors) {
                             let only = &mut specular_only[paths.slots[first + i] as usize];
@@ -326,18 +345,21 @@ impl<'a> PathBounce<'a> {
                 continue;
             };
             let block = ShadingBlock::new(self.scene, kept, &paths.rays, hits, first);
-            let single = reuse.single(&block, paths);
+            let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
+            // The directions at shared points and towards them have the density of the BSDF alone.
+            let single = reuse.single(&block, paths) & !guided.as_ref().map_or(0, |guided| guided.lanes);
             let shared = reuse.shareable(&block, paths, single);
             self.add_emitted(&block, paths, specular_only, out, !shared);
             if self.next_event && block.finite != 0 {
-                self.light_with_reuse(&block, paths, numbers, shadows, reuse, shared);
+                self.light_with_reuse(&block, paths, numbers, shadows, reuse, guided.as_ref(), shared);
             } else {
                 reuse.add_points(&block, paths, None, shared);
             }
             let vertices = if self.roulette.is_none() { single & !shared & block.finite } else { 0 };
             reuse.add_vertices(&block, paths, vertices);
             // The directions of these paths have a density for the group, even if their own pixels do not need them.
-            let (next, survivors) = self.scatter(&block, paths, numbers, [shared, shared | vertices]);
+            let (next, survivors) =
+                self.scatter(&block, paths, numbers, guided.as_ref(), [shared, shared | vertices]);
             let finite = next.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask();
             for i in bits(survivors & shared & finite) {
                 let path = alive + (survivors & ((1 << i) - 1)).count_ones() as usize;
@@ -378,14 +400,21 @@ impl<'a> PathBounce<'a> {
         numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
         reuse: &mut Reuse<'a>,
+        guided: Option<&GuidedBlock<'_>>,
         shared: u32,
     ) {
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
         let sample = lighting::draw_emitters(self.scene, block, u_point, TechniqueCounts::ONE_EACH);
         let alone = block.finite & !shared;
         if alone != 0 {
-            let sampled =
-                lighting::reflect_emitters(self.scene, block, &sample, TechniqueCounts::ONE_EACH, alone);
+            let sampled = lighting::reflect_emitters(
+                self.scene,
+                block,
+                &sample,
+                TechniqueCounts::ONE_EACH,
+                guided,
+                alone,
+            );
             let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
             shadows.push(&sampled.rays, &paths.slots[block.first..], &value, sampled.lanes);
         }
@@ -401,9 +430,12 @@ impl<'a> PathBounce<'a> {
         paths: &PathWave,
         numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
+        guided: Option<&GuidedBlock<'_>>,
     ) {
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-        let sampled = lighting::sample_emitters(self.scene, block, u_point, TechniqueCounts::ONE_EACH);
+        let counts = TechniqueCounts::ONE_EACH;
+        let sample = lighting::draw_emitters(self.scene, block, u_point, counts);
+        let sampled = lighting::reflect_emitters(self.scene, block, &sample, counts, guided, block.finite);
         let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
         shadows.push(&sampled.rays, &paths.slots[block.first..], &value, sampled.lanes);
     }
@@ -416,11 +448,15 @@ impl<'a> PathBounce<'a> {
         block: &ShadingBlock<'_>,
         paths: &PathWave,
         numbers: &RandomNumbers,
+        guided: Option<&GuidedBlock<'_>>,
         [spared, kept]: [u32; 2],
     ) -> (Continuation, u32) {
         let u_lobe = load(&numbers.bsdf_lobe, block.first);
         let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], block.first));
-        let sample = bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
+        let sample = match guided {
+            Some(guided) => guided.sample(block, u_lobe, u),
+            None => bsdf::lanes::sample_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active),
+        };
         let mut beta: [f32x16; 3] =
             std::array::from_fn(|c| load(&paths.beta[c], block.first) * sample.weight[c]);
         let eta = load(&paths.eta, block.first) * sample.eta;
