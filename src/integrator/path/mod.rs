@@ -351,7 +351,7 @@ impl<'a> PathBounce<'a> {
             let shared = reuse.shareable(&block, paths, single);
             self.add_emitted(&block, paths, specular_only, out, !shared);
             if self.next_event && block.finite != 0 {
-                self.light_with_reuse(&block, paths, numbers, shadows, reuse, guided.as_ref(), shared);
+                self.light_with_reuse(&block, paths, numbers, shadows, guided.as_ref(), (reuse, shared));
             } else {
                 reuse.add_points(&block, paths, None, shared);
             }
@@ -399,9 +399,8 @@ impl<'a> PathBounce<'a> {
         paths: &PathWave,
         numbers: &RandomNumbers,
         shadows: &mut ShadowQueue,
-        reuse: &mut Reuse<'a>,
         guided: Option<&GuidedBlock<'_>>,
-        shared: u32,
+        (reuse, shared): (&mut Reuse<'a>, u32),
     ) {
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
         let sample = lighting::draw_emitters(self.scene, block, u_point, TechniqueCounts::ONE_EACH);
