@@ -202,6 +202,7 @@
 //! - `[Jakob 2014]` An improved visible normal sampling routine for the Beckmann distribution. ETH Zürich.
 //! - `[Jarosz et al. 2012]` Theory, analysis and applications of 2D global illumination. TOG 31(5).
 //! - `[Jarzynski and Olano 2020]` Hash functions for GPU rendering. JCGT 9(3).
+//! - `[Jensen 1995]` Importance driven path tracing using the photon map. Eurographics Workshop on Rendering.
 //! - `[Jensen 1996]` Global illumination using photon maps. Eurographics Workshop on Rendering.
 //! - `[Jensen 2001]` Realistic image synthesis using photon mapping. A K Peters.
 //! - `[Jensen et al. 2001]` Jensen, Marschner, Levoy, Hanrahan: A practical model for subsurface light transport.
@@ -226,6 +227,8 @@
 //! - `[Mitchell 1991]` Spectrally optimal sampling for distribution ray tracing. SIGGRAPH.
 //! - `[Mitchell and Netravali 1988]` Reconstruction filters in computer graphics. SIGGRAPH.
 //! - `[Moshier 1992]` Cephes mathematical library, single precision.
+//! - `[Müller 2017]` Müller, Gross, Novák: Practical path guiding for efficient light-transport simulation. Computer
+//!   Graphics Forum 36(4).
 //! - `[Neumaier 1974]` Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen. ZAMM 54.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.

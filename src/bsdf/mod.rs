@@ -162,7 +162,7 @@ pub enum Bsdf<'a> {
 pub struct Lobes {
     /// Whether there are lobes of finite density.
     pub finite: bool,
-    /// Whether one of them is wide, over the hemisphere.
+    /// Whether one of them can be wide, over the hemisphere: true for principled BSDFs even if they are metallic.
     pub diffuse: bool,
     /// The greatest number of Dirac deltas.
     pub deltas: u32,
