@@ -51,6 +51,7 @@ test: lint ## what must hold, in minutes
 test-all: test test-rest rust-alone agreement claims ## everything that must hold
 
 test-rest: deps
+	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
 	cargo test --locked --workspace -- --ignored --skip refuted_with_any_seed
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 
@@ -90,10 +91,10 @@ memcheck: deps ## run the tests of the C and C++ interfaces under valgrind
 	cargo test --locked -p buffon --lib -- --test-threads=1 embree:: image::; \
 	cargo test --locked -p buffon --test tests -- --test-threads=1 embree_ffi:: image_io:: texture_files::
 
+# `make test-rest` has clippy look at what is compiled without the libraries.
 lint: deps ## check formatting, and what clippy has to say
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings
-	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
 
 bench: deps ## measure
 	@.ci/deps valgrind

@@ -53,7 +53,7 @@ fn main() {
             .collect();
         let bounds = Bounds { min: Vec3::NEG_ONE, max: Vec3::ONE };
         let started = Instant::now();
-        let cache = Interpolation::new(&records, bounds, 1.0);
+        let cache = Interpolation::new(&records, bounds);
         let built = started.elapsed().as_secs_f64();
         let random: Vec<_> = (0..QUERIES).map(|i| on_walls(i, 2, 1.0)).collect();
         // Points of one tile on a part of one wall, row by row.

@@ -43,10 +43,13 @@ const LAMP: &str = r#"<shape type="rectangle">
     <emitter type="area"><rgb name="radiance" value="4"/></emitter>
   </shape>"#;
 
-/// Renders an image with its variances.
+/// Renders an image with its variances, once for each folder and options.
 fn picture(folder: &Folder, options: &str) -> Image {
-    folder.render(&format!("s.xml -q -o p.exr --aov variance {options}"));
-    read(&folder.path("p.exr")).expect("an image")
+    let name = format!("{}.exr", options.replace(|c: char| !c.is_ascii_alphanumeric() && c != '.', "_"));
+    if !folder.path(&name).exists() {
+        folder.render(&format!("s.xml -q -o {name} --aov variance {options}"));
+    }
+    read(&folder.path(&name)).expect("an image")
 }
 
 fn mean(image: &Image) -> f64 {

@@ -1,5 +1,6 @@
 //! The irradiance cache: closed forms, agreement with path tracing, files, threads.
 
+use crate::path_reuse::from_xml;
 use crate::support::cli::Folder;
 use crate::support::scenes::{add, camera, compiled, constant, diffuse, mean, pixels, render, sphere};
 use buffon::accel::AccelKind;
@@ -155,6 +156,31 @@ fn nothing_leaks_through_a_wall_without_thickness() {
     let rendered = render(&scene, &irrcache(1.0), SamplerKind::Sobol, 16, 1);
     let lit = pixels(&rendered).iter().filter(|p| p.iter().any(|c| *c > 0.0)).count();
     assert_eq!(lit, 0, "pixels of the dark side are lit");
+}
+
+/// Records on a floor beside a sheet are dark. They must not reach below the sheet, where the floor is seen and lit only
+/// through it.
+#[test]
+fn records_beside_a_sheet_do_not_reach_below_it() {
+    for (gap, size) in [(0.02, 160), (1.0, 160)] {
+        let scene = from_xml(
+            &format!(
+                "<shape type='rectangle'><transform name='to_world'><scale value='6'/><rotate x='1' angle='-90'/>
+                    </transform><bsdf type='diffuse'/></shape>
+                <shape type='rectangle'><transform name='to_world'><rotate x='1' angle='-90'/>
+                    <translate y='{gap}'/></transform>
+                    <bsdf type='difftrans'><rgb name='transmittance' value='0.6'/></bsdf></shape>
+                <shape type='rectangle'><transform name='to_world'><rotate x='1' angle='90'/><translate y='4'/>
+                    </transform><emitter type='area'><rgb name='radiance' value='10'/></emitter></shape>"
+            ),
+            size,
+        );
+        let [(wanted, error), (found, noise)] = [(path(), 32), (irrcache(1.0), 16)]
+            .map(|(settings, spp)| mean(&render(&scene, &settings, SamplerKind::Sobol, spp, 1)));
+        let allowed = 0.05 * wanted[0] + 4.0 * error[0].hypot(noise[0]);
+        println!("gap {gap}: {} instead of {}", found[0], wanted[0]);
+        assert!((found[0] - wanted[0]).abs() < allowed, "gap {gap}: {} instead of {}", found[0], wanted[0]);
+    }
 }
 
 const SCENE: &str = r#"<scene version="3.0.0">

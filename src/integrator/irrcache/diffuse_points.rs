@@ -55,15 +55,8 @@ pub struct RayCone {
 /// The greatest number of specular or glossy bounces before a diffuse surface.
 const MAX_DEPTH: u32 = 16;
 
-/// Appends the points that the rays hit, in order. With `deep`, rays continue at surfaces that are not purely
-/// diffuse.
-pub fn find(
-    scene: &Scene,
-    mut cones: Vec<RayCone>,
-    deep: bool,
-    worker: &mut Worker,
-    found: &mut Vec<DiffusePoint>,
-) {
+/// Appends the points that the rays hit, in order. Rays continue at surfaces that are not purely diffuse.
+pub fn find(scene: &Scene, mut cones: Vec<RayCone>, worker: &mut Worker, found: &mut Vec<DiffusePoint>) {
     for depth in 0..MAX_DEPTH {
         let rays: Vec<Ray> = cones.iter().map(|cone| cone.ray).collect();
         let coherence = if depth == 0 { Coherence::Coherent } else { Coherence::Incoherent };
@@ -73,11 +66,9 @@ pub fn find(
         cones.retain(|_| hit.next() == Some(true));
         hits.retain(Option::is_some);
         let rays: Vec<Ray> = cones.iter().map(|cone| cone.ray).collect();
-        if deep {
-            let keys: Vec<SampleKey> = cones.iter().map(|cone| cone.key).collect();
-            draw_1d(*sampler, Dimension::bsdf_lobe(depth), &keys, &mut numbers.bsdf_lobe);
-            draw_2d(*sampler, Dimension::bsdf_direction(depth), &keys, &mut numbers.bsdf_direction);
-        }
+        let keys: Vec<SampleKey> = cones.iter().map(|cone| cone.key).collect();
+        draw_1d(*sampler, Dimension::bsdf_lobe(depth), &keys, &mut numbers.bsdf_lobe);
+        draw_2d(*sampler, Dimension::bsdf_direction(depth), &keys, &mut numbers.bsdf_direction);
         let mut next = Vec::new();
         for first in (0..rays.len()).step_by(crate::math::LANES) {
             arena.reset();
@@ -104,7 +95,7 @@ pub fn find(
                         growth: cone.growth,
                     });
                 }
-                let Some(rest) = rest.filter(|_| deep) else { continue };
+                let Some(rest) = rest else { continue };
                 let u = [0, 1].map(|k| numbers.bsdf_direction[k][first + i]);
                 if let Some(sample) = rest.sample(wo, numbers.bsdf_lobe[first + i], Vec2::from_array(u)) {
                     let ray = scene.spawn_ray(&at, at.frame.to_world(sample.wi), at.time);

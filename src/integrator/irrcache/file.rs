@@ -250,7 +250,7 @@ mod tests {
                 Ok(contents) => {
                     let bounds = Bounds { min: Vec3::ZERO, max: Vec3::splat(2.0) };
                     for records in contents.caches() {
-                        let cache = Interpolation::new(records, bounds, 1.0);
+                        let cache = Interpolation::new(records, bounds);
                         for p in records.iter().map(|record| record.p).chain([Vec3::ONE, Vec3::splat(-9.0)]) {
                             // Extrapolation of a distant record may give an invalid colour; a render drops and counts
                             // it.

@@ -70,6 +70,15 @@ impl Gathering<'_> {
         points.iter().zip(cells).map(record).collect()
     }
 
+    /// Returns the bounds of a record's radius, where a pixel has the given size.
+    pub fn radii(&self, pixel: f32) -> [f32; 2] {
+        let pixels = if self.level == RecordLevel::Coarse { COARSE_PIXELS } else { PIXELS };
+        match self.settings.clamp_screen {
+            true => pixels.map(|size| size * pixel),
+            false => [0.0, (self.scene.bounds.max - self.scene.bounds.min).length()],
+        }
+    }
+
     fn record(
         &self,
         strata: Strata,
@@ -83,11 +92,7 @@ impl Gathering<'_> {
         let frame = Frame::from_normal(point.n);
         let hemisphere = Hemisphere { strata, frame, directions, radiance: &radiance, distance: &distance };
         let pixel = point.pixel;
-        let pixels = if self.level == RecordLevel::Coarse { COARSE_PIXELS } else { PIXELS };
-        let [min, max] = match self.settings.clamp_screen {
-            true => pixels.map(|size| size * pixel),
-            false => [0.0, (self.scene.bounds.max - self.scene.bounds.min).length()],
-        };
+        let [min, max] = self.radii(pixel);
         let per_quality = 1.0 / self.settings.quality;
         let spacing =
             Spacing { tolerance: TOLERANCE * per_quality, distance: DISTANCE * per_quality, pixel, min, max };

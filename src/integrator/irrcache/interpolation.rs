@@ -75,9 +75,9 @@ fn mean(light: Vec4, weights: f32) -> Rgb {
 }
 
 impl Interpolation {
-    /// Creates the lookup structure; the radii of the records are multiplied by `scale`.
-    pub fn new(records: &[Record], bounds: Bounds, scale: f32) -> Self {
-        let tree = Octree::of(records, bounds, scale);
+    /// Creates the lookup structure.
+    pub fn new(records: &[Record], bounds: Bounds) -> Self {
+        let tree = Octree::of(records, bounds);
         let mut blocks = Vec::new();
         let mut leaves = Vec::with_capacity(tree.leaves().len());
         for list in tree.leaves() {
@@ -85,7 +85,7 @@ impl Interpolation {
             for chunk in list.chunks(LANES) {
                 let mut indices = [0; LANES];
                 indices[..chunk.len()].copy_from_slice(chunk);
-                let points = RecordsX16::new(chunk.iter().map(|&i| &records[i as usize]), scale);
+                let points = RecordsX16::new(chunk.iter().map(|&i| &records[i as usize]));
                 blocks.push(RecordBlock { points, records: indices });
             }
             leaves.push([first, blocks.len() as u32]);

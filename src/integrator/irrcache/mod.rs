@@ -42,6 +42,7 @@ use crate::util::digest;
 use crate::util::wording::quoted;
 use file::CacheContents;
 use interpolation::Interpolation;
+use octree::Octree;
 use overture::RecordLevel;
 use rayon::prelude::*;
 use record::Record;
@@ -187,6 +188,27 @@ impl IrradianceCache {
         }
     }
 
+    /// Returns the records with radii that are divided by the quality adjustment. With clamping, the radii of
+    /// neighbours still differ by at most their distance: otherwise far records, which are often darker, would
+    /// have much weight among small ones.
+    fn widened(&self, records: &[Record], bounds: Bounds) -> Vec<Record> {
+        let widen = |r: &Record| Record { radius: r.radius / self.settings.quality_adjustment, ..*r };
+        let mut widened: Vec<Record> = records.iter().map(widen).collect();
+        if self.settings.clamp_neighbor {
+            let tree = Octree::of(&widened, bounds);
+            for (record, own) in records.iter().zip(widened.clone()) {
+                for &i in tree.near(record.p) {
+                    let other = &mut widened[i as usize];
+                    if other.n.dot(record.n) > 0.0 {
+                        let most = own.radius + (other.p - record.p).length();
+                        other.radius = other.radius.min(most.max(records[i as usize].radius));
+                    }
+                }
+            }
+        }
+        widened
+    }
+
     /// Adds the records that the view needs. The coarse ones come first, because the hemispheres of the fine ones use
     /// them.
     fn extend(&self, contents: &mut CacheContents, preparation: &Preparation<'_>) {
@@ -208,7 +230,7 @@ impl IrradianceCache {
         };
         contents.coarse =
             all(&settings, self.child.as_ref(), RecordLevel::Coarse, std::mem::take(&mut contents.coarse));
-        let caches = contents.coarse.iter().map(|records| Interpolation::new(records, bounds, 1.0)).collect();
+        let caches = contents.coarse.iter().map(|records| Interpolation::new(records, bounds)).collect();
         let path = from_surface(&self.fine.path, 1);
         let caustics = self.fine.caustics.clone();
         let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
@@ -303,8 +325,7 @@ impl Integrator for IrradianceCache {
         self.records = contents.fine;
         self.records.resize(preparation.sampler.replicates() as usize, Vec::new());
         let bounds = preparation.scene.bounds;
-        let scale = 1.0 / self.settings.quality_adjustment;
-        let cache = |records: &Vec<Record>| Interpolation::new(records, bounds, scale);
+        let cache = |records: &Vec<Record>| Interpolation::new(&self.widened(records, bounds), bounds);
         self.fine.caches = self.records.iter().map(cache).collect();
         let count = self.records.iter().map(Vec::len).sum::<usize>();
         let bytes = self.fine.caches.iter().map(Interpolation::memory_bytes).sum::<usize>();
@@ -373,5 +394,5 @@ fn from_surface(path: &PathLimits, surfaces: u32) -> PathLimits {
 
 fn empty() -> Vec<Interpolation> {
     let nowhere = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
-    vec![Interpolation::new(&[], nowhere, 1.0)]
+    vec![Interpolation::new(&[], nowhere)]
 }

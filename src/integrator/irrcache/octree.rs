@@ -21,8 +21,6 @@ pub struct Octree {
     /// For each node, the index of the first of its eight children, or [`LEAF`] plus the index of the leaf.
     nodes: Vec<u32>,
     leaves: Vec<Vec<u32>>,
-    /// The factor on all radii.
-    scale: f32,
 }
 
 /// A cube of the tree.
@@ -47,8 +45,8 @@ impl Cube {
     }
 
     /// Returns whether the volume of positive weight of a record may overlap the cube.
-    fn touches(self, record: &Record, scale: f32) -> bool {
-        let radius = record.radius * scale;
+    fn touches(self, record: &Record) -> bool {
+        let radius = record.radius;
         let to = record.p - self.center;
         let outside = (to.abs() - Vec3::splat(self.half)).max(Vec3::ZERO);
         // The half extent of the cube along the normal.
@@ -58,15 +56,15 @@ impl Cube {
 }
 
 impl Octree {
-    /// Creates an empty tree over the bounds; radii are multiplied by `scale`.
-    pub fn new(bounds: Bounds, scale: f32) -> Self {
+    /// Creates an empty tree over the bounds.
+    pub fn new(bounds: Bounds) -> Self {
         let half = (0.5 * (bounds.max - bounds.min).max_element()).max(f32::MIN_POSITIVE);
-        Octree { center: bounds.center(), half, nodes: vec![LEAF], leaves: vec![Vec::new()], scale }
+        Octree { center: bounds.center(), half, nodes: vec![LEAF], leaves: vec![Vec::new()] }
     }
 
     /// Creates the tree of all records.
-    pub fn of(records: &[Record], bounds: Bounds, scale: f32) -> Self {
-        let mut tree = Octree::new(bounds, scale);
+    pub fn of(records: &[Record], bounds: Bounds) -> Self {
+        let mut tree = Octree::new(bounds);
         (0..records.len()).for_each(|i| tree.insert(i as u32, records));
         tree
     }
@@ -77,7 +75,7 @@ impl Octree {
     }
 
     fn insert_into(&mut self, node: usize, cube: Cube, depth: u32, i: u32, records: &[Record]) {
-        if !cube.touches(&records[i as usize], self.scale) && depth > 0 {
+        if !cube.touches(&records[i as usize]) && depth > 0 {
             return;
         }
         if self.nodes[node] & LEAF == 0 {
@@ -92,7 +90,7 @@ impl Octree {
         let list = &self.leaves[leaf];
         // Splitting is useful only if some record is smaller than the cube.
         let least = list.iter().map(|&i| records[i as usize].radius).fold(f32::INFINITY, f32::min);
-        if list.len() <= FULL || depth >= MAX_DEPTH || least * self.scale > 2.0 * cube.half {
+        if list.len() <= FULL || depth >= MAX_DEPTH || least > 2.0 * cube.half {
             return;
         }
         let list = std::mem::take(&mut self.leaves[leaf]);
@@ -101,7 +99,7 @@ impl Octree {
         for k in 0..8 {
             let child = cube.child(k);
             let of_child: Vec<u32> =
-                list.iter().copied().filter(|&i| child.touches(&records[i as usize], self.scale)).collect();
+                list.iter().copied().filter(|&i| child.touches(&records[i as usize])).collect();
             // The first child reuses the index of the split leaf.
             let index = if k == 0 { leaf } else { self.leaves.len() };
             if k > 0 {
@@ -165,14 +163,15 @@ mod tests {
             })
             .collect();
         let bounds = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
-        for scale in [1.0, 2.0] {
-            let tree = Octree::of(&records, bounds, scale);
+        for factor in [1.0, 2.0] {
+            records.iter_mut().for_each(|r| r.radius *= factor);
+            let tree = Octree::of(&records, bounds);
             let corners = (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32));
             let mut found = 0;
             for p in (0..2000).map(|i| random(i, 7)).chain(corners).chain(records.iter().map(|r| r.p)) {
                 let listed = tree.near(p);
                 for (i, record) in records.iter().enumerate() {
-                    if weight(record, scale, p, record.n) > 0.0 {
+                    if weight(record, p, record.n) > 0.0 {
                         assert!(listed.contains(&(i as u32)), "record {i} is not listed at {p}");
                         found += 1;
                     }
@@ -186,7 +185,7 @@ mod tests {
     #[test]
     fn records_at_one_point_do_not_divide_for_ever() {
         let records = vec![Record { p: Vec3::ONE, n: Vec3::Z, radius: 1e-9, ..Record::default() }; 100];
-        let tree = Octree::of(&records, Bounds { min: Vec3::ZERO, max: Vec3::ONE }, 1.0);
+        let tree = Octree::of(&records, Bounds { min: Vec3::ZERO, max: Vec3::ONE });
         assert_eq!(tree.near(Vec3::ONE).len(), 100);
         assert!(tree.memory_bytes() < 1 << 16);
     }

@@ -5,10 +5,12 @@ use super::gathering::Gathering;
 use super::octree::Octree;
 use super::record::Record;
 use super::weight::weight;
+use crate::accel::{Coherence, Hit};
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::IrrcacheSettings;
-use crate::integrator::{Integrator, Preparation};
-use crate::math::{DVec2, Frame, Vec2};
+use crate::integrator::worker::intersect;
+use crate::integrator::{Integrator, Preparation, Worker};
+use crate::math::{DVec2, Frame, Ray, Vec2};
 use crate::sampling::hash::{combine, pcg3d, to_unit};
 use crate::sampling::{SampleKey, warp};
 use rayon::prelude::*;
@@ -55,7 +57,7 @@ pub fn run(
         preparation,
         gathering,
         workers,
-        tree: Octree::of(&known, scene.bounds, 1.0),
+        tree: Octree::of(&known, scene.bounds),
         records: known,
         clamp: settings.clamp_neighbor,
     };
@@ -80,6 +82,13 @@ struct Overture<'a> {
     records: Vec<Record>,
     tree: Octree,
     clamp: bool,
+}
+
+/// A record whose radius has to be reduced.
+#[derive(Clone, Copy)]
+struct Narrowing {
+    record: u32,
+    radius: f32,
 }
 
 /// A point on the film, with the key of its random numbers.
@@ -117,8 +126,9 @@ impl Overture<'_> {
     /// Looks up a batch in the cache, computes the missing records and merges them in order.
     fn process_batch(&mut self, batch: &[FilmPoint]) {
         let this = &*self;
-        let missing: Vec<Vec<DiffusePoint>> =
+        let looked_up: Vec<(Vec<DiffusePoint>, Vec<Narrowing>)> =
             batch.par_chunks(CHUNK).map(|points| this.missing(points)).collect();
+        let (missing, narrowings): (Vec<_>, Vec<_>) = looked_up.into_iter().unzip();
         let missing: Vec<DiffusePoint> = missing.into_iter().flatten().collect();
         // Waves are kept small enough that every thread gets work.
         let shared = missing.len().div_ceil(2 * rayon::current_num_threads());
@@ -131,11 +141,15 @@ impl Overture<'_> {
                 this.workers.with(|worker| this.gathering.records(points, first + i * per_wave, worker))
             })
             .collect();
+        for Narrowing { record, radius } in narrowings.into_iter().flatten() {
+            let record = &mut self.records[record as usize];
+            record.radius = record.radius.min(radius);
+        }
         computed.into_iter().flatten().for_each(|record| self.merge(record));
     }
 
-    /// Returns the surface points seen from the film points that no record covers.
-    fn missing(&self, points: &[FilmPoint]) -> Vec<DiffusePoint> {
+    /// Returns the surface points seen from the film points that no record covers, and the records that reach too far.
+    fn missing(&self, points: &[FilmPoint]) -> (Vec<DiffusePoint>, Vec<Narrowing>) {
         let Preparation { scene, camera, .. } = self.preparation;
         let cones = points.iter().map(|point| {
             let time = if scene.needs.time { to_unit(combine(point.key.scramble, 0x7469_6d65)) } else { 0.0 };
@@ -145,34 +159,58 @@ impl Overture<'_> {
             RayCone { ray, key: point.key, size, growth }
         });
         let mut found = Vec::new();
-        let deep = (scene.needs.deltas > 0) || scene.needs.lobe_choice || scene.needs.varying_materials;
-        self.workers.with(|worker| diffuse_points::find(scene, cones.collect(), deep, worker, &mut found));
+        self.workers.with(|worker| diffuse_points::find(scene, cones.collect(), worker, &mut found));
         if self.gathering.level == RecordLevel::Coarse {
-            found = self.visible_from(found, deep);
+            found = self.visible_from(found);
         }
-        found.retain(|point| !self.is_covered(point));
-        found
+        let room = if self.clamp { self.room(&found) } else { vec![f32::INFINITY; found.len()] };
+        let mut narrowings = Vec::new();
+        let missing = found.into_iter().zip(room);
+        let missing = missing.filter(|(point, room)| !self.is_covered(point, *room, &mut narrowings));
+        (missing.map(|(point, _)| point).collect(), narrowings)
+    }
+
+    /// Returns the distance to what one ray from each point hits, in a cosine-distributed random direction; it is at
+    /// least the smallest radius.
+    fn room(&self, points: &[DiffusePoint]) -> Vec<f32> {
+        let rays: Vec<Ray> = points.iter().enumerate().map(|(i, point)| random_ray(point, i).0).collect();
+        self.workers.with(|worker| {
+            let Worker { hits, counters, .. } = worker;
+            intersect(self.preparation.scene, &rays, Coherence::Incoherent, hits, counters);
+            let distance = |hit: &Option<Hit>| hit.map_or(f32::INFINITY, |hit| hit.t);
+            let least = points.iter().map(|point| self.gathering.radii(point.pixel)[0]);
+            hits.iter().zip(least).map(|(hit, least)| distance(hit).max(least)).collect()
+        })
     }
 
     /// Returns one point seen from each of the given points, in a cosine-distributed random direction.
-    fn visible_from(&self, points: Vec<DiffusePoint>, deep: bool) -> Vec<DiffusePoint> {
+    fn visible_from(&self, points: Vec<DiffusePoint>) -> Vec<DiffusePoint> {
         let cones = points.iter().enumerate().map(|(i, point)| {
-            let [a, b, scramble] =
-                pcg3d(point.p.x.to_bits() ^ point.p.y.to_bits(), point.p.z.to_bits(), i as u32);
-            let d = warp::square_to_cosine_hemisphere(Vec2::new(to_unit(a), to_unit(b)));
-            let ray = point.ray(&Frame::from_normal(point.n), d);
+            let (ray, scramble) = random_ray(point, i);
             let key = SampleKey { scramble, index: 0, replicate: self.gathering.replicate };
             RayCone { ray, key, size: point.pixel, growth: point.growth }
         });
         let mut found = Vec::new();
         let scene = self.preparation.scene;
-        self.workers.with(|worker| diffuse_points::find(scene, cones.collect(), deep, worker, &mut found));
+        self.workers.with(|worker| diffuse_points::find(scene, cones.collect(), worker, &mut found));
         found
     }
 
-    fn is_covered(&self, point: &DiffusePoint) -> bool {
-        let weight = |i: &u32| weight(&self.records[*i as usize], 1.0, point.p, point.n);
-        self.tree.near(point.p).iter().any(|i| weight(i) > 0.0)
+    /// Returns whether a record reaches the point. Records that have missed a surface at the distance `room` from the
+    /// point count with the radius that [`merge`](Self::merge) would leave them beside a record with that radius.
+    fn is_covered(&self, point: &DiffusePoint, room: f32, narrowings: &mut Vec<Narrowing>) -> bool {
+        let mut covered = false;
+        for &i in self.tree.near(point.p) {
+            let record = &self.records[i as usize];
+            if weight(record, point.p, point.n) > 0.0 {
+                let radius = record.radius.min(room + (record.p - point.p).length());
+                covered |= weight(&Record { radius, ..*record }, point.p, point.n) > 0.0;
+                if radius < record.radius {
+                    narrowings.push(Narrowing { record: i, radius });
+                }
+            }
+        }
+        covered
     }
 
     /// Adds a record. With clamping, the radii of two neighbours differ by at most their distance, because a surface
@@ -192,4 +230,12 @@ impl Overture<'_> {
         self.records.push(record);
         self.tree.insert(self.records.len() as u32 - 1, &self.records);
     }
+}
+
+/// Returns the ray from the `i`-th point of a list in a cosine-distributed random direction, and one more random
+/// number.
+fn random_ray(point: &DiffusePoint, i: usize) -> (Ray, u32) {
+    let [a, b, more] = pcg3d(point.p.x.to_bits() ^ point.p.y.to_bits(), point.p.z.to_bits(), i as u32);
+    let d = warp::square_to_cosine_hemisphere(Vec2::new(to_unit(a), to_unit(b)));
+    (point.ray(&Frame::from_normal(point.n), d), more)
 }

@@ -16,13 +16,11 @@ pub const THICKNESS: f32 = 1.0 / 3.0;
 /// 1 / (1 − cos α), where α = 20° is the angle between normals at which the weight becomes zero.
 const PER_ANGLE: f32 = 16.581_72;
 
-/// Returns the weight, in [0, 1], of a record at the point `p` of a surface with the normal `n`; the radius is
-/// multiplied by `scale`.
-pub fn weight(record: &Record, scale: f32, p: Vec3, n: Vec3) -> f32 {
+/// Returns the weight, in [0, 1], of a record at the point `p` of a surface with the normal `n`.
+pub fn weight(record: &Record, p: Vec3, n: Vec3) -> f32 {
     let to = p - record.p;
     let along = to.dot(record.n);
-    let radius = record.radius * scale;
-    let distance = (to.length_squared() + ALONG_NORMAL * along * along) / (radius * radius);
+    let distance = (to.length_squared() + ALONG_NORMAL * along * along) / (record.radius * record.radius);
     let turn = (1.0 - n.dot(record.n)) * PER_ANGLE;
     (1.0 - distance.max(turn).max(0.0).sqrt()).max(0.0)
 }
@@ -36,8 +34,8 @@ pub struct RecordsX16 {
 }
 
 impl RecordsX16 {
-    /// Stores up to sixteen records; the radii are multiplied by `scale`.
-    pub fn new<'a>(records: impl IntoIterator<Item = &'a Record>, scale: f32) -> Self {
+    /// Stores up to sixteen records.
+    pub fn new<'a>(records: impl IntoIterator<Item = &'a Record>) -> Self {
         let mut points = RecordsX16 {
             p: Vec3x16::default(),
             n: Vec3x16::default(),
@@ -46,7 +44,7 @@ impl RecordsX16 {
         for (i, record) in records.into_iter().take(LANES).enumerate() {
             points.p.set_lane(i, record.p);
             points.n.set_lane(i, record.n);
-            points.per_radius.as_mut_array()[i] = 1.0 / (record.radius * scale);
+            points.per_radius.as_mut_array()[i] = 1.0 / record.radius;
         }
         points
     }
@@ -76,28 +74,27 @@ mod tests {
     #[test]
     fn the_weight_falls_to_zero_at_the_radius_and_at_the_angle() {
         let record = record();
-        let at = |offset: Vec3, n: Vec3, scale: f32| weight(&record, scale, record.p + offset, n);
-        assert_eq!(at(Vec3::ZERO, Vec3::Z, 1.0), 1.0);
-        assert!((at(Vec3::X * 0.25, Vec3::Z, 1.0) - 0.5).abs() < 1e-6);
-        assert!((at(Vec3::X * 0.25, Vec3::Z, 2.0) - 0.75).abs() < 1e-6);
-        assert_eq!(at(Vec3::X * 0.51, Vec3::Z, 1.0), 0.0);
-        assert_eq!(at(Vec3::Z * (0.5 * THICKNESS + 1e-3), Vec3::Z, 1.0), 0.0);
-        assert_eq!(at(Vec3::ZERO, -Vec3::Z, 1.0), 0.0);
+        let at = |offset: Vec3, n: Vec3| weight(&record, record.p + offset, n);
+        assert_eq!(at(Vec3::ZERO, Vec3::Z), 1.0);
+        assert!((at(Vec3::X * 0.25, Vec3::Z) - 0.5).abs() < 1e-6);
+        assert_eq!(at(Vec3::X * 0.51, Vec3::Z), 0.0);
+        assert_eq!(at(Vec3::Z * (0.5 * THICKNESS + 1e-3), Vec3::Z), 0.0);
+        assert_eq!(at(Vec3::ZERO, -Vec3::Z), 0.0);
         let (sin, cos) = 19.9f32.to_radians().sin_cos();
-        assert!(at(Vec3::ZERO, Vec3::new(sin, 0.0, cos), 1.0) > 0.0);
+        assert!(at(Vec3::ZERO, Vec3::new(sin, 0.0, cos)) > 0.0);
         let (sin, cos) = 20.1f32.to_radians().sin_cos();
-        assert_eq!(at(Vec3::ZERO, Vec3::new(sin, 0.0, cos), 1.0), 0.0);
+        assert_eq!(at(Vec3::ZERO, Vec3::new(sin, 0.0, cos)), 0.0);
     }
 
     #[test]
     fn sixteen_weights_are_those_of_the_records() {
         let records: Vec<Record> =
             (0..5).map(|i| Record { radius: 0.2 + 0.1 * i as f32, ..record() }).collect();
-        let points = RecordsX16::new(&records, 1.5);
+        let points = RecordsX16::new(&records);
         let (p, n) = (Vec3::new(1.2, 2.1, 3.05), Vec3::new(0.1, 0.0, 0.995));
         let weights = points.weights(Vec3x16::splat(p), Vec3x16::splat(n)).to_array();
         for (i, w) in weights.into_iter().enumerate() {
-            let expected = records.get(i).map_or(0.0, |record| weight(record, 1.5, p, n));
+            let expected = records.get(i).map_or(0.0, |record| weight(record, p, n));
             assert!((w - expected).abs() < 1e-6, "lane {i}: {w} instead of {expected}");
         }
     }
