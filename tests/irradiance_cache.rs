@@ -158,8 +158,8 @@ fn nothing_leaks_through_a_wall_without_thickness() {
     assert_eq!(lit, 0, "pixels of the dark side are lit");
 }
 
-/// Records on a floor beside a sheet are dark. They must not reach below the sheet, where the floor is seen and lit only
-/// through it.
+/// Records on a floor beside a sheet are dark. They must not reach below the sheet, where the floor is seen and lit
+/// only through it.
 #[test]
 fn records_beside_a_sheet_do_not_reach_below_it() {
     for (gap, size) in [(0.02, 160), (1.0, 160)] {
