@@ -402,10 +402,10 @@ fn what_a_file_lacks_is_added_and_said() {
     model.add("animations", json!({ "channels": [], "samplers": [] }));
     let loaded = model.loaded();
     assert_eq!(loaded.description.emitters, [Emitter::Constant { radiance: Rgb::WHITE }]);
+    assert_eq!(loaded.approximations, ["animations are not played: everything stands as the nodes say"]);
     assert_eq!(
         loaded.notes,
         [
-            "animations are not played: everything stands as the nodes say",
             "the file has no light: everything is in an even white light",
             "the file has no camera: everything is seen from the front and above (y is up, z to the viewer)",
         ]

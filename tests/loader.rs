@@ -350,7 +350,7 @@ fn old_scenes_are_upgraded() {
         <sensor type="perspective">
             <float name="nearClip" value="1"/><float name="fov" value="45"/><string name="fovAxis" value="smaller"/>
             <transform name="toWorld"><lookAt origin="0,0,5" target="0,0,0" up="0,1,0"/></transform>
-            <sampler type="ldsampler"><integer name="sampleCount" value="16"/></sampler>
+            <sampler type="hammersley"><integer name="sampleCount" value="16"/></sampler>
         </sensor>
         <bsdf type="dielectric" id="glass"><string name="intIOR" value="water"/><float name="extIOR" value="1"/></bsdf>
         <bsdf type="diffuse" id="d"><rgb name="diffuseReflectance" value=".1"/></bsdf>
@@ -364,7 +364,7 @@ fn old_scenes_are_upgraded() {
         notes,
         [
             "scene.xml: upgraded from version 0.6.0: camelCase names became snake_case",
-            "the sampler ldsampler is mapped to sobol"
+            "the sampler hammersley is mapped to sobol"
         ]
     );
     assert_eq!(

@@ -165,7 +165,7 @@ fn at_night_there_is_a_warning_and_no_light() {
 #[test]
 fn what_does_not_apply_is_noted() {
     let loaded = loaded("<emitter type='sunsky'><boolean name='complex_sun' value='true'/></emitter>");
-    assert_eq!(loaded.notes[1..], ["<emitter type=\"sunsky\">: the disc of the sun is uniform"]);
+    assert_eq!(loaded.approximations, ["<emitter type=\"sunsky\">: the disc of the sun is uniform"]);
     let text =
         scene(&format!("{SENSOR}<emitter type='sky'><integer name='resolution' value='64'/></emitter>"));
     let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).expect("a scene");

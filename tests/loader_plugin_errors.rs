@@ -15,6 +15,9 @@ fn unknown_and_unsupported_plugins() {
             "<integrator type=\"pth\">: unknown integrator (did you mean \"path\"?)",
         ),
         ("<sensor type='batch'/>", "<sensor type=\"batch\">: this sensor is not supported"),
+        ("<sensor type='fluencemeter'/>", "<sensor type=\"fluencemeter\">: this sensor is not supported"),
+        ("<emitter type='collimated'/>", "<emitter type=\"collimated\">: this emitter is not supported"),
+        ("<bsdf type='hk'/>", "<bsdf type=\"hk\">: this bsdf is not supported"),
         ("<texture type='volume'/>", "<texture type=\"volume\">: expected a volume inside it"),
         ("<texture type='bitmp'/>", "<texture type=\"bitmp\">: unknown texture (did you mean \"bitmap\"?)"),
     ];

@@ -15,7 +15,7 @@ use buffon::math::{Vec2, Vec3};
 use buffon::sampling::SamplerKind;
 use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::Shape;
-use buffon::texture::TexturePoint;
+use buffon::texture::{Texture, TexturePoint};
 
 #[test]
 fn every_value_of_film_and_sensor_is_read() {
@@ -163,7 +163,7 @@ fn media_are_vacuum_with_a_note() {
     );
     let loaded = loaded(&text);
     let note = "the scene has media, which are not rendered: every medium is vacuum";
-    assert_eq!(loaded.notes.iter().filter(|text| *text == note).count(), 1);
+    assert_eq!(loaded.approximations, [note]);
     assert!(loaded.warnings.iter().all(|w| !w.message.contains("medium")), "{:?}", loaded.warnings);
 }
 
@@ -198,7 +198,7 @@ fn what_old_exporters_write_is_read() {
     std::fs::write(files.path().join("a.png"), image).unwrap();
     let loaded = files.load(&LoadOptions::default()).unwrap();
     let note = "bitmap: filter_type trilinear is rendered as bilinear: there are no mipmaps";
-    assert!(loaded.notes.iter().any(|text| text == note), "{:?}", loaded.notes);
+    assert_eq!(loaded.approximations, [note]);
 }
 
 /// Materials of version 0.6, which Mitsuba 3 does not have.
@@ -239,8 +239,19 @@ fn materials_of_older_versions_are_read() {
     };
     assert_eq!((coating.thickness, coating.sigma_a), (2.0, Rgb::BLACK.into()));
     assert!((coating.interface.eta() - 1.5042).abs() < 1e-3, "{}", coating.interface.eta());
-    let error = materials("<bsdf type='coating'><bsdf type='null'/></bsdf>").expect_err("it is refused");
-    assert!(error.to_string().contains("a material that transmits light cannot be coated"), "{error}");
+    let Material::RoughCoating(rough) = one("<bsdf type='roughcoating'><bsdf type='conductor'/></bsdf>")
+    else {
+        panic!()
+    };
+    assert_eq!(
+        (rough.distribution, rough.alpha, rough.coating.thickness),
+        (Distribution::Beckmann, 0.1, 1.0)
+    );
+    for name in ["coating", "roughcoating"] {
+        let text = format!("<bsdf type='{name}'><bsdf type='null'/></bsdf>");
+        let error = materials(&text).expect_err("it is refused");
+        assert!(error.to_string().contains("a material that transmits light cannot be coated"), "{error}");
+    }
     let mixture = |weights: &str| {
         let inner = "<bsdf type='diffuse'/><bsdf type='conductor'/><bsdf type='null'/>";
         materials(&format!("<bsdf type='mixturebsdf'>{weights}{inner}</bsdf>"))
@@ -273,7 +284,7 @@ fn filters_of_polarisation_dim_light() {
         let mut description = loaded.description;
         let Some(Material::ThinDielectric(sheet)) = description.materials.pop() else { panic!() };
         assert_eq!(sheet.interface.int_ior, sheet.interface.ext_ior);
-        (sheet.specular_transmittance, description.textures, loaded.notes)
+        (sheet.specular_transmittance, description.textures, loaded.approximations)
     };
     let tint = "<rgb name='transmittance' value='.8, .4, .2'/>";
     for (text, expected) in [
@@ -353,4 +364,26 @@ fn a_projector_takes_a_colour() {
     let texture = &loaded.description.textures[irradiance.index()];
     assert_eq!(texture.eval(&TexturePoint::at(Vec2::splat(0.3))), Rgb::new(3.0, 2.0, 1.0));
     assert_eq!(half_extents[0], half_extents[1]);
+}
+
+/// Textures of version 0.6: lines on a background, and the colours of the vertices.
+#[test]
+fn textures_of_older_versions_are_read() {
+    let textures = |texture: &str| {
+        let text = format!(
+            "<scene version='0.6.0'><sensor type='perspective'/><bsdf type='diffuse'>{texture}</bsdf></scene>"
+        );
+        let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default()).expect("it loads");
+        loaded.description.textures
+    };
+    let grid = "<texture type='gridtexture' name='reflectance'><float name='lineWidth' value='0.1'/>
+        <float name='uscale' value='2'/><rgb name='color0' value='.1,.2,.3'/></texture>";
+    let textures_of_grid = textures(grid);
+    let at = |u, v| textures_of_grid[0].eval(&TexturePoint::at(Vec2::new(u, v)));
+    assert_eq!((at(0.25, 0.5), at(0.54, 0.5)), (Rgb::new(0.1, 0.2, 0.3), Rgb::splat(0.4)));
+    let Texture::MeshAttribute(colors) = &*textures("<texture type='vertexcolors' name='reflectance'/>")[0]
+    else {
+        panic!()
+    };
+    assert_eq!((colors.name.as_str(), colors.scale), ("vertex_color", 1.0));
 }

@@ -216,3 +216,16 @@ fn warnings_and_notes() {
         run.stderr
     );
 }
+
+/// What is not rendered as the file asks for is a note, is in the metadata, and is an error under `--strict`.
+#[test]
+fn approximations_are_noted_recorded_and_refused_under_strict() {
+    let folder = Folder::with(&scene("<shape type='rectangle'><bsdf type='polarizer'/></shape>"));
+    let note = "polarizer: light is not polarised, so the filter dims it evenly";
+    let run = folder.run("render s.xml -o out.exr --spp 1");
+    assert!(run.code == 0 && run.stderr.contains(&format!("note: {note}")), "{run:?}");
+    let run = folder.run("info out.exr");
+    assert!(run.stdout.contains("buffon:approximations") && run.stdout.contains(note), "{run:?}");
+    let run = folder.run("render s.xml -o strict.exr --spp 1 --strict");
+    assert!(run.code == 5 && run.stderr.contains(note), "{run:?}");
+}

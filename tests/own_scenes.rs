@@ -34,7 +34,7 @@ fn every_scene_renders_under_strict() {
         }
         let text = std::fs::read_to_string(&scene).expect("a scene is text");
         for sensor in 0..text.matches("<sensor ").count().max(1) {
-            Command::new(env!("CARGO_BIN_EXE_buffon"))
+            let assert = Command::new(env!("CARGO_BIN_EXE_buffon"))
                 .args(["render", "--strict", "--size", "24x16", "--spp", "4", "--threads", "2", "-s"])
                 .arg(sensor.to_string())
                 .arg("-o")
@@ -42,6 +42,8 @@ fn every_scene_renders_under_strict() {
                 .arg(&scene)
                 .assert()
                 .success();
+            let stderr = String::from_utf8_lossy(&assert.get_output().stderr);
+            assert!(!stderr.contains("is mapped to"), "{}: {stderr}", scene.display());
         }
     }
 }

@@ -29,14 +29,14 @@ fn check_references(selected: impl Fn(usize) -> bool) {
         significance: 0.01,
         choices: Choices { seed: 2, ..Choices::default() },
         samples: Some(64),
-        strict: true,
         output: Some(Path::new(env!("CARGO_TARGET_TMPDIR")).join("plugins")),
         ..Options::default()
     };
     let (_, scenes): (Vec<_>, Vec<_>) =
         found.scenes.into_iter().enumerate().filter(|(number, _)| selected(*number)).unzip();
     let report = run(&scenes, &options, &Progress::new(), |_| {}).expect("the run begins");
-    let faults = report.rows.iter().filter(|row| row.status != Status::Pass);
-    let faults: Vec<String> = faults.map(|row| format!("{}: {}", row.name, row.message)).collect();
+    let faults = report.rows.iter().filter(|row| row.status != Status::Pass || !row.warnings.is_empty());
+    let faults: Vec<String> =
+        faults.map(|row| format!("{}: {} {:?}", row.name, row.message, row.warnings)).collect();
     assert!(faults.is_empty(), "{} of {} scenes:\n{}", faults.len(), report.rows.len(), faults.join("\n"));
 }

@@ -4,8 +4,12 @@ use crate::support::bsdfs::{
     Chart, check_bsdf, check_facets, check_reciprocity, directions, directions_of_both_sides,
     scattered_energy,
 };
+use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
-use buffon::bsdf::{Bsdf, Lobe, Plastic, RoughDielectric, RoughPlastic, RoughTransmittance, ThinDielectric};
+use buffon::bsdf::{
+    Bsdf, Coating, Lobe, Plastic, RoughBoundary, RoughConductor, RoughDielectric, RoughPlastic,
+    RoughTransmittance, ThinDielectric,
+};
 use buffon::color::Rgb;
 use buffon::math::{Vec2, Vec3};
 use proptest::prelude::*;
@@ -254,6 +258,54 @@ fn rough_plastic_samples_follow_their_density() {
                 let name = format!("rough plastic {distribution:?} {alpha} visible {visible}");
                 for &wo in &directions {
                     check_facets(&name, tests, &bsdf, [f64::from(alpha); 2], wo, Chart::Mirrored);
+                }
+            }
+        }
+    }
+}
+
+/// A rough coating over a rough metal: samples follow their density, no light is gained, and a coating that is nearly
+/// smooth reflects nearly as much as a smooth one.
+#[test]
+fn rough_coating_samples_follow_their_density() {
+    let directions = directions();
+    let metal = Bsdf::RoughConductor(RoughConductor {
+        microfacets: Microfacets {
+            distribution: Distribution::Ggx,
+            alpha_x: 0.3,
+            alpha_y: 0.3,
+            sample_visible: true,
+        },
+        fresnel: ConductorFresnel { eta: Rgb::new(0.2, 0.9, 1.1), k: Rgb::new(3.9, 2.4, 2.2) },
+        specular_reflectance: Rgb::WHITE,
+    });
+    let depth = Rgb::new(0.0, 0.1, 0.5);
+    let coating = |rough| {
+        Bsdf::Coating(Coating { eta: 1.5, depth, specular_reflectance: Rgb::WHITE, rough, inner: &metal })
+    };
+    let alphas = [1e-3, 0.1, 1.0];
+    let tests = alphas.len() * 2 * directions.len();
+    for distribution in DISTRIBUTIONS {
+        for alpha in alphas {
+            let transmittance = RoughTransmittance::new(distribution, alpha, 1.5);
+            let microfacets =
+                Microfacets { distribution, alpha_x: alpha, alpha_y: alpha, sample_visible: true };
+            let bsdf = coating(Some(RoughBoundary { microfacets, transmittance: &transmittance }));
+            assert!(!bsdf.is_specular() && bsdf.chooses_lobe());
+            let name = format!("rough coating {distribution:?} {alpha}");
+            for &wo in &directions {
+                check_facets(&name, tests, &bsdf, [f64::from(alpha); 2], wo, Chart::Mirrored);
+                let energy = scattered_energy(&bsdf, wo);
+                assert!(energy.max_component() <= 1.0 + 1e-3, "{name} {wo}: {energy:?}");
+                for wi in &directions {
+                    check_reciprocity(&bsdf, wo, *wi, 1.0);
+                }
+                if alpha == 1e-3 {
+                    let smooth = scattered_energy(&coating(None), wo);
+                    for c in 0..3 {
+                        let (rough, smooth) = (energy[c], smooth[c]);
+                        assert!((rough - smooth).abs() < 0.01, "{name} {wo}: {rough} {smooth}");
+                    }
                 }
             }
         }

@@ -180,7 +180,7 @@ fn bench_scene(
     let name = path.display();
     let file = load(path, options)?;
     file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
-    file.notes.iter().for_each(|note| tell(&format!("note: {note}")));
+    file.approximations.iter().chain(&file.notes).for_each(|note| tell(&format!("note: {note}")));
     let key = cache::key(&file);
     let mut sessions: Vec<_> = options
         .accels

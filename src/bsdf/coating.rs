@@ -1,6 +1,8 @@
-//! A BSDF under a smooth dielectric coating.
+//! A BSDF under a dielectric coating.
 
-use super::{Bsdf, BsdfEval, BsdfSample, Lobe, SpecularLobe, fresnel};
+use super::facet::Facet;
+use super::microfacet::Microfacets;
+use super::{Bsdf, BsdfEval, BsdfSample, Lobe, Lobes, RoughTransmittance, SpecularLobe, fresnel};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
 use crate::sampling::hash::probability_below;
@@ -8,10 +10,11 @@ use crate::sampling::hash::probability_below;
 /// The largest random number below 1.
 const LAST: f32 = 1f32.next_down();
 
-/// Specular reflection by a coating, and a BSDF below it that light reaches by refraction. The back side is black.
+/// Reflection by a coating, and a BSDF below it that light reaches by refraction. The back side is black.
 ///
 /// Light that the coating reflects back inside is lost: `f = (1 − Fo)(1 − Fi)/η² · f'(ωo', ωi') · a`, where the primes
-/// mark the directions inside the coating and `a` is the transmittance of its medium along both of them.
+/// mark the directions inside the coating and `a` is the transmittance of its medium along both of them. If the
+/// boundary is rough, `1 − F` is its transmittance, and light is refracted as by a smooth one.
 /// [Weidlich & Wilkie 2007]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coating<'a> {
@@ -21,8 +24,19 @@ pub struct Coating<'a> {
     pub depth: Rgb,
     /// A factor on the reflection by the coating.
     pub specular_reflectance: Rgb,
+    /// The facets of the boundary; `None` if it is smooth.
+    pub rough: Option<RoughBoundary<'a>>,
     /// The BSDF below. It does not transmit light.
     pub inner: &'a Bsdf<'a>,
+}
+
+/// A rough boundary.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoughBoundary<'a> {
+    /// The isotropic microfacet distribution.
+    pub microfacets: Microfacets,
+    /// The transmittance, for the same distribution and the index of the coating.
+    pub transmittance: &'a RoughTransmittance,
 }
 
 /// A direction outside the coating, refracted.
@@ -30,25 +44,51 @@ pub struct Coating<'a> {
 struct Refracted {
     /// The unit direction inside.
     w: Vec3,
-    /// The Fresnel reflectance of the coating.
+    /// The reflectance of the coating.
     reflectance: f32,
 }
 
 impl Coating<'_> {
+    /// Returns the reflectance of the coating for light at the cosine `cos` outside; `smooth` is that of a smooth one.
+    fn reflectance(&self, cos: f32, smooth: f32) -> f32 {
+        self.rough.map_or(smooth, |rough| 1.0 - rough.transmittance.external(cos))
+    }
+
     /// Refracts a direction above the surface; `None` if all of its light is reflected.
     fn refract(&self, w: Vec3) -> Option<Refracted> {
         let refraction = fresnel::dielectric(w.z, self.eta);
+        let reflectance = self.reflectance(w.z, refraction.reflectance);
         let w = Vec3::new(w.x / self.eta, w.y / self.eta, refraction.cos_t);
-        (refraction.cos_t > 0.0).then_some(Refracted { w, reflectance: refraction.reflectance })
+        (refraction.cos_t > 0.0).then_some(Refracted { w, reflectance })
     }
 
-    /// Returns the direction outside of a direction inside the coating, and the Fresnel reflectance; `None` if all of
-    /// its light is reflected.
+    /// Returns the direction outside of a direction inside the coating, and the reflectance; `None` if all of its
+    /// light is reflected.
     fn leave(&self, w: Vec3) -> Option<(Vec3, Refracted)> {
         let refraction = fresnel::dielectric(w.z, 1.0 / self.eta);
         let out = Vec3::new(w.x * self.eta, w.y * self.eta, refraction.cos_t);
+        let reflectance = self.reflectance(out.z, refraction.reflectance);
         let leaves = w.z > 0.0 && refraction.cos_t > 0.0;
-        leaves.then_some((out, Refracted { w, reflectance: refraction.reflectance }))
+        leaves.then_some((out, Refracted { w, reflectance }))
+    }
+
+    /// Returns the lobes that may scatter light.
+    pub(super) fn lobes(&self) -> Lobes {
+        self.inner.lobes().and(if self.rough.is_some() { Lobes::GLOSSY } else { Lobes::deltas(1) })
+    }
+
+    /// Evaluates the reflection by the facets of the coating.
+    fn eval_facets(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        let facets = self.rough.zip(Facet::mirroring(wo, wi));
+        let Some((RoughBoundary { microfacets, .. }, Facet { m, cos_o, dm_dwi, .. })) = facets else {
+            return BsdfEval::ZERO;
+        };
+        let r = fresnel::dielectric(cos_o, self.eta).reflectance;
+        let g = microfacets.g1(wo, m) * microfacets.g1(wi, m);
+        BsdfEval {
+            f: self.specular_reflectance * (r * microfacets.d(m) * g / (4.0 * wo.z * wi.z)),
+            pdf: microfacets.pdf(wo, m) * dm_dwi,
+        }
     }
 
     /// Returns the fraction of the light that is not lost on both ways through the coating.
@@ -75,17 +115,21 @@ impl Coating<'_> {
         let Some([o, i]) = self.refract_both(wo, wi) else { return BsdfEval::ZERO };
         let inner = self.inner.eval(o.w, i.w);
         let scale = 1.0 / (self.eta * self.eta);
+        let facets = self.eval_facets(wo, wi);
+        let probability = self.specular_probability(o.reflectance);
+        let below = inner.pdf * self.compression(wi.z, i.w.z);
         BsdfEval {
-            f: inner.f * self.transmittance(o, i) * scale,
-            pdf: inner.pdf * self.compression(wi.z, i.w.z) * (1.0 - self.specular_probability(o.reflectance)),
+            f: inner.f * self.transmittance(o, i) * scale + facets.f,
+            pdf: below * (1.0 - probability) + facets.pdf * probability,
         }
     }
 
     /// Returns the density of [`sample_adjoint`](Self::sample_adjoint).
     pub(super) fn pdf_adjoint(&self, wo: Vec3, wi: Vec3) -> f32 {
         let Some([o, i]) = self.refract_both(wo, wi) else { return 0.0 };
-        let pdf = self.inner.pdf_adjoint(o.w, i.w) * self.compression(wi.z, i.w.z);
-        pdf * (1.0 - self.specular_probability(o.reflectance))
+        let below = self.inner.pdf_adjoint(o.w, i.w) * self.compression(wi.z, i.w.z);
+        let probability = self.specular_probability(o.reflectance);
+        below * (1.0 - probability) + self.eval_facets(wo, wi).pdf * probability
     }
 
     fn refract_both(&self, wo: Vec3, wi: Vec3) -> Option<[Refracted; 2]> {
@@ -95,27 +139,42 @@ impl Coating<'_> {
         Some([self.refract(wo)?, self.refract(wi)?])
     }
 
-    /// Samples the reflection by the coating, or the BSDF below.
+    /// Samples the reflection by the coating, or the BSDF below. If the coating is rough, a finite lobe is weighted by
+    /// both densities.
     pub fn sample(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        self.sample_by(wo, u_lobe, |wo, u_lobe| self.inner.sample(wo, u_lobe, u))
+        let sample = self.sample_by(wo, u_lobe, u, |wo, u_lobe| self.inner.sample(wo, u_lobe, u))?;
+        if self.rough.is_none() || sample.lobe == Lobe::Specular {
+            return Some(sample);
+        }
+        let BsdfEval { f, pdf } = self.eval(wo, sample.wi);
+        (pdf > 0.0).then(|| BsdfSample { weight: f * (sample.wi.z / pdf), pdf, ..sample })
     }
 
-    /// Samples the direction towards the viewer (see [`Bsdf::sample_adjoint`]).
+    /// Samples the direction towards the viewer (see [`Bsdf::sample_adjoint`]). If the coating is rough, weight and
+    /// density include Dirac deltas only.
     pub(super) fn sample_adjoint(&self, wo: Vec3, u_lobe: f32, u: Vec2) -> Option<BsdfSample> {
-        self.sample_by(wo, u_lobe, |wo, u_lobe| self.inner.sample_adjoint(wo, u_lobe, u))
+        self.sample_by(wo, u_lobe, u, |wo, u_lobe| self.inner.sample_adjoint(wo, u_lobe, u))
     }
 
+    /// Samples the coating or the BSDF below, and weights the sample by the density of that one alone.
     fn sample_by(
         &self,
         wo: Vec3,
         u_lobe: f32,
+        u: Vec2,
         inner: impl Fn(Vec3, f32) -> Option<BsdfSample>,
     ) -> Option<BsdfSample> {
         if wo.z <= 0.0 {
             return None;
         }
-        let r = fresnel::dielectric(wo.z, self.eta).reflectance;
+        let r = self.reflectance(wo.z, fresnel::dielectric(wo.z, self.eta).reflectance);
         let probability = self.specular_probability(r);
+        if let Some(RoughBoundary { microfacets, .. }) = self.rough.filter(|_| u_lobe < probability) {
+            let (wi, _) = Facet::mirror(wo, microfacets.sample(wo, u))?;
+            let BsdfEval { f, pdf } = self.eval_facets(wo, wi);
+            let sample = BsdfSample { wi, weight: f * (wi.z / pdf), pdf, lobe: Lobe::Glossy, eta: 1.0 };
+            return (pdf > 0.0).then_some(sample);
+        }
         if u_lobe < probability {
             return Some(BsdfSample {
                 wi: Vec3::new(-wo.x, -wo.y, wo.z),
@@ -145,7 +204,7 @@ impl Coating<'_> {
         }
         let r = fresnel::dielectric(wo.z, self.eta).reflectance;
         let weight = self.specular_reflectance * r;
-        if !weight.is_black() {
+        if self.rough.is_none() && !weight.is_black() {
             found(SpecularLobe { wi: Vec3::new(-wo.x, -wo.y, wo.z), weight, eta: 1.0 });
         }
         let Some(o) = self.refract(wo) else { return };

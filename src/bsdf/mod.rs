@@ -38,7 +38,7 @@ pub mod tilted;
 pub mod two_sided;
 
 pub use blend::Blend;
-pub use coating::Coating;
+pub use coating::{Coating, RoughBoundary};
 pub use conductor::Conductor;
 pub use dielectric::Dielectric;
 pub use diffuse::Diffuse;
@@ -239,7 +239,7 @@ impl Bsdf<'_> {
             Bsdf::RoughDielectric(b) if b.is_passing() => Lobes::deltas(1),
             Bsdf::RoughDielectric(_) => Lobes::GLOSSY,
             Bsdf::Blend(b) => b.bsdfs[0].lobes().and(b.bsdfs[1].lobes()),
-            Bsdf::Coating(b) => b.inner.lobes().and(Lobes::deltas(1)),
+            Bsdf::Coating(b) => b.lobes(),
             // Light through holes is a Dirac delta.
             Bsdf::Mask(b) => b.inner.lobes().and(Lobes::deltas(1)),
             Bsdf::Tilted(b) => b.inner.lobes(),

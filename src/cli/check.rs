@@ -38,6 +38,8 @@ struct Checked {
     loads: bool,
     problems: Vec<Problem>,
     warnings: Vec<Problem>,
+    /// What is not rendered as the file asks for; an error of `render --strict`.
+    approximations: Vec<String>,
     notes: Vec<String>,
 }
 
@@ -127,35 +129,35 @@ fn check(scene: &Path, args: &CheckArgs) -> Checked {
     let options = args.resources.load_options(args.integrator.as_deref());
     let skips = options.tolerance == Tolerance::Unsupported;
     let options = LoadOptions { tolerance: Tolerance::Everything, ..options };
-    let (errors, warnings, notes) = match loader::load(scene, &options) {
-        Ok(Loaded { tolerated, warnings, notes, .. }) => (tolerated, warnings, notes),
+    let loaded = loader::load(scene, &options).unwrap_or_else(|error| {
         // What was found before a problem without a stand-in is not known.
-        Err(error) => (vec![error], Vec::new(), Vec::new()),
-    };
-    let mut problems: Vec<Problem> = errors.into_iter().flat_map(Problem::all).collect();
+        Loaded { tolerated: vec![error], ..Loaded::default() }
+    });
+    let Loaded { tolerated, warnings, approximations, notes, .. } = loaded;
+    let mut problems: Vec<Problem> = tolerated.into_iter().flat_map(Problem::all).collect();
     problems.sort_by(|a, b| (&a.file, a.line, a.column).cmp(&(&b.file, b.line, b.column)));
     let warnings = warnings.into_iter().flat_map(Problem::all).collect();
     let loads = problems.iter().all(|problem| skips && problem.skippable);
-    Checked { scene: scene.to_owned(), loads, problems, warnings, notes }
+    Checked { scene: scene.to_owned(), loads, problems, warnings, approximations, notes }
 }
 
 fn describe(all: &[Checked], loading: usize) -> String {
     let mut text = String::new();
-    for Checked { scene, loads, problems, warnings, notes } in all {
+    for Checked { scene, loads, problems, warnings, approximations, notes } in all {
         for problem in problems {
             let _ = writeln!(text, "{}", problem.text);
         }
         for warning in warnings {
             let _ = writeln!(text, "warning: {}", warning.text);
         }
-        for note in notes {
+        for note in approximations.iter().chain(notes) {
             let _ = writeln!(text, "note: {note}");
         }
         let verdict = if *loads { "loads" } else { "does not load" };
         let found = [
             counted(problems.len() as u64, "problem", "problems"),
             counted(warnings.len() as u64, "warning", "warnings"),
-            counted(notes.len() as u64, "note", "notes"),
+            counted((approximations.len() + notes.len()) as u64, "note", "notes"),
         ];
         let _ = writeln!(text, "{}: {verdict} ({})", scene.display(), found.join(", "));
     }

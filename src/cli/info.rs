@@ -153,7 +153,7 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
     for warning in warnings.iter().chain(&report.warnings) {
         line("warning", warning.to_string());
     }
-    for note in &notes {
+    for note in session.approximations.iter().chain(&notes) {
         line("note", note.clone());
     }
     Ok(text)

@@ -45,7 +45,7 @@ use std::process::ExitCode;
 #[command(name = "buffon", version = VERSION, propagate_version = true, max_term_width = 100)]
 #[command(
     after_help = "Exit codes: 0 done, 1 internal error, 2 usage, 3 scene or asset, 4 reading or writing \
-    output, 5 invalid samples or warnings under --strict, 85 stopped by a signal with a \
+    output, 5 invalid samples, warnings or approximations under --strict, 85 stopped by a signal with a \
     checkpoint written, 128 + n stopped by signal n (what there is was written)."
 )]
 pub struct Cli {

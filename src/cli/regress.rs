@@ -100,7 +100,7 @@ pub struct RegressArgs {
     /// Definitions, folders, memory and threads.
     #[command(flatten)]
     pub resources: SceneArgs,
-    /// Treat warnings as errors
+    /// Treat warnings, and notes about what is not rendered as the file asks for, as errors
     #[arg(long)]
     pub strict: bool,
     /// Print only failures and the summary

@@ -112,7 +112,7 @@ pub struct RenderArgs {
     /// Print the time of each step, too
     #[arg(short, long)]
     pub verbose: bool,
-    /// Treat warnings and dropped samples as errors
+    /// Treat warnings, dropped samples, and notes about what is not rendered as the file asks for as errors
     #[arg(long)]
     pub strict: bool,
     /// pbrt's live display; Buffon has none
@@ -312,9 +312,9 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     };
     let mut file = SceneFile::load(&args.scene, &choices)?;
     let load = file.load_seconds;
-    warn(args, std::mem::take(&mut file.warnings))?;
+    warn(args, file.take_warnings(args.strict))?;
     if !args.quiet {
-        file.notes.iter().for_each(|note| super::report!("buffon: note: {note}"));
+        file.approximations.iter().chain(&file.notes).for_each(|note| super::report!("buffon: note: {note}"));
     }
     let kept_beyond = args.cache.is_some() || args.checkpoint.is_some();
     let origin = kept_beyond.then(|| file.origin());

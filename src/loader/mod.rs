@@ -76,10 +76,12 @@ pub struct Loaded {
     /// The samples per pixel that the file specifies.
     pub samples_per_pixel: Option<u32>,
     /// The errors that were tolerated, each with its consequence, in the order in which they were found. Those of
-    /// [`Tolerance::Unsupported`] are in `notes` instead.
+    /// [`Tolerance::Unsupported`] are in `approximations` instead.
     pub tolerated: Vec<Error>,
     /// Warnings about what was ignored, mapped or upgraded; errors under `--strict`.
     pub warnings: Vec<Error>,
+    /// What is not rendered as the file asks for: ignored, or replaced by what is similar. Errors under `--strict`.
+    pub approximations: Vec<String>,
     /// Notes for the user that require no change (a sampler that was mapped).
     pub notes: Vec<String>,
     /// The planned memory: so far the meshes and textures.

@@ -1,7 +1,7 @@
 //! `coating`: a material under a smooth dielectric coating.
 
 use super::{Context, Input, Interface, Material, Materials, Plugin, Prepared, Sampling, Scattering, Source};
-use crate::bsdf::{self, Bsdf, Lobes};
+use crate::bsdf::{self, Bsdf, Lobes, RoughBoundary};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
 use crate::error::Result;
@@ -19,6 +19,25 @@ pub struct Coating {
     pub sigma_a: Input<Rgb>,
     /// The material below.
     pub inner: MaterialId,
+}
+
+impl Coating {
+    /// Returns the BSDF at a point, with the facets of the boundary if it is rough.
+    pub(super) fn coated<'a>(
+        &'a self,
+        rough: Option<RoughBoundary<'a>>,
+        context: &Context<'a>,
+    ) -> Scattering<'a> {
+        let inputs = context.inputs();
+        let coating = bsdf::Coating {
+            eta: self.interface.eta(),
+            depth: inputs.color(&self.sigma_a) * self.thickness,
+            specular_reflectance: inputs.color(&self.interface.specular_reflectance),
+            rough,
+            inner: context.arena.alloc(context.inner(self.inner).bsdf),
+        };
+        Scattering { bsdf: Bsdf::Coating(coating), opacity: 1.0 }
+    }
 }
 
 impl Plugin for Coating {
@@ -52,14 +71,7 @@ impl Plugin for Coating {
     }
 
     fn scattering<'a>(&'a self, _: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
-        let inputs = context.inputs();
-        let coating = bsdf::Coating {
-            eta: self.interface.eta(),
-            depth: inputs.color(&self.sigma_a) * self.thickness,
-            specular_reflectance: inputs.color(&self.interface.specular_reflectance),
-            inner: context.arena.alloc(context.inner(self.inner).bsdf),
-        };
-        Scattering { bsdf: Bsdf::Coating(coating), opacity: 1.0 }
+        self.coated(None, context)
     }
 }
 

@@ -25,6 +25,7 @@ mod plastic;
 mod polarized_plastic;
 mod principled;
 mod principled_thin;
+mod rough_coating;
 mod rough_conductor;
 mod rough_dielectric;
 mod rough_diffuse;
@@ -56,6 +57,7 @@ pub use plastic::Plastic;
 pub use polarized_plastic::PolarizedPlastic;
 pub use principled::Principled;
 pub use principled_thin::PrincipledThin;
+pub use rough_coating::RoughCoating;
 pub use rough_conductor::RoughConductor;
 pub use rough_dielectric::RoughDielectric;
 pub use rough_diffuse::RoughDiffuse;
@@ -313,4 +315,6 @@ plugins! {
     PolarizedPlastic(PolarizedPlastic),
     /// Reflection from the tables of a file.
     Measured(Measured),
+    /// A material under a rough dielectric coating.
+    RoughCoating(RoughCoating),
 }

@@ -72,7 +72,7 @@ pub struct Options {
     pub significance: f64,
     /// The largest accepted relMSE for a reference without variances.
     pub fail: f64,
-    /// Whether warnings are errors.
+    /// Whether warnings and approximations are errors.
     pub strict: bool,
     /// The references to write.
     pub update: Option<Update>,

@@ -157,7 +157,7 @@ impl<'a> Runner<'a> {
         }
         let choices = SceneChoices { load, ..SceneChoices::default() };
         let mut file = SceneFile::load(&scene.path, &choices)?;
-        self.warn(&mut file.warnings, warnings)?;
+        self.warn(&mut file.take_warnings(self.options.strict), warnings)?;
         let film = &mut file.description.sensors[file.sensor].film;
         film.pixel_format = if film.pixel_format.has_alpha() { PixelFormat::Rgba } else { PixelFormat::Rgb };
         Ok(file)

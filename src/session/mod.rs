@@ -61,6 +61,8 @@ pub struct SceneFile {
     pub defaults: Defaults,
     /// Elements that were ignored, replaced or upgraded.
     pub warnings: Vec<Error>,
+    /// What is not rendered as the file asks for.
+    pub approximations: Vec<String>,
     /// Information for the user that requires no change.
     pub notes: Vec<String>,
     /// The time of loading, in seconds.
@@ -85,18 +87,18 @@ pub struct Defaults {
 impl SceneFile {
     /// Returns the content of a scene file, with its first sensor.
     pub fn of(path: &Path, loaded: Loaded) -> Self {
-        let Loaded { description, integrator, sampler, samples_per_pixel, warnings, notes, memory, .. } =
-            loaded;
-        let samples_per_pixel = samples_per_pixel.map(u64::from);
+        let Loaded { integrator, sampler, .. } = loaded;
+        let samples_per_pixel = loaded.samples_per_pixel.map(u64::from);
         SceneFile {
             path: path.to_owned(),
-            description,
+            description: loaded.description,
             sensor: 0,
             defaults: Defaults { integrator, sampler, samples_per_pixel },
-            warnings,
-            notes,
+            warnings: loaded.warnings,
+            approximations: loaded.approximations,
+            notes: loaded.notes,
             load_seconds: 0.0,
-            memory,
+            memory: loaded.memory,
             sized_by_user: false,
         }
     }
@@ -132,6 +134,15 @@ impl SceneFile {
         Ok(file)
     }
 
+    /// Removes the warnings and returns them. If `strict`, the approximations are among them.
+    pub fn take_warnings(&mut self, strict: bool) -> Vec<Error> {
+        let mut warnings = std::mem::take(&mut self.warnings);
+        if strict {
+            warnings.extend(self.approximations.iter().map(|text| Error::scene(text).in_file(&self.path)));
+        }
+        warnings
+    }
+
     /// What renders of it belong to.
     pub fn origin(&self) -> SceneHashes {
         SceneHashes::of(&self.description, self.sensor)
@@ -149,8 +160,19 @@ impl SceneFile {
             let dropped = counted(report.dropped_primitives as u64, "primitive", "primitives");
             warnings.push(Error::scene(format!("{dropped} left out: not finite, or out of range")));
         }
-        let SceneFile { path, sensor, defaults, memory, sized_by_user, .. } = self;
-        Ok(Session { path, scene, report, sensor, defaults, threads, warnings, memory, sized_by_user })
+        let SceneFile { path, sensor, defaults, approximations, memory, sized_by_user, .. } = self;
+        Ok(Session {
+            path,
+            scene,
+            report,
+            sensor,
+            defaults,
+            threads,
+            warnings,
+            approximations,
+            memory,
+            sized_by_user,
+        })
     }
 }
 
@@ -190,6 +212,8 @@ pub struct Session {
     pub threads: usize,
     /// Problems that the user should fix.
     pub warnings: Vec<Error>,
+    /// What is not rendered as the file asks for.
+    pub approximations: Vec<String>,
     /// The memory budget.
     pub memory: Budget,
     /// Whether the user chose the size of the image.
@@ -274,6 +298,9 @@ impl Session {
         let mut image = self.image_description(plan).image(rendered);
         if let Some(decision) = &plan.decision {
             image.metadata.set("buffon:auto", Value::Text(decision.to_string()));
+        }
+        if !self.approximations.is_empty() {
+            image.metadata.set("buffon:approximations", Value::Text(self.approximations.join("\n")));
         }
         let names = &self.scene.names;
         for (aov, name, list) in [

@@ -1,18 +1,19 @@
 //! Textures: functions on surfaces that provide colours and scalars to materials and emitters.
 //!
-//! They match the plugins `bitmap`, `checkerboard` and `mesh_attribute` of Mitsuba 3.9.1. The textures of
+//! They match the plugins `bitmap`, `checkerboard` and `mesh_attribute` of Mitsuba 3.9.1, and `gridtexture` of Mitsuba
+//! 0.6. The textures of
 //! [`adjusted`] modify them as other scene formats require.
 
 pub mod adjusted;
 pub mod attribute;
 pub mod bitmap;
-pub mod checkerboard;
+pub mod pattern;
 mod uv_distribution;
 
 pub use adjusted::{Adjusted, Product};
 pub use attribute::{Attribute, MeshAttribute};
 pub use bitmap::{Bitmap, FilterType, WrapMode};
-pub use checkerboard::Checkerboard;
+pub use pattern::{Pattern, Shapes};
 
 use crate::color::Rgb;
 use crate::math::Vec2;
@@ -46,8 +47,8 @@ pub enum Texture {
     Constant(Rgb),
     /// An image.
     Bitmap(Bitmap),
-    /// Squares of two textures.
-    Checkerboard(Checkerboard),
+    /// Squares or lines of two textures.
+    Pattern(Pattern),
     /// An attribute of the mesh.
     MeshAttribute(MeshAttribute),
     /// Another texture times a factor plus an offset.
@@ -63,7 +64,7 @@ impl Texture {
         match self {
             Texture::Constant(value) => *value,
             Texture::Bitmap(bitmap) => bitmap.eval(point),
-            Texture::Checkerboard(board) => board.eval(point),
+            Texture::Pattern(pattern) => pattern.eval(point),
             Texture::MeshAttribute(attribute) => attribute.eval(point),
             Texture::Adjusted(adjusted) => adjusted.eval(point),
             Texture::Product(product) => product.eval(point),
@@ -78,7 +79,7 @@ impl Texture {
             Texture::Constant(Rgb { r, g, b }) if r == g && g == b => *r,
             Texture::Constant(value) => value.mean(),
             Texture::Bitmap(bitmap) => bitmap.eval_scalar(point),
-            Texture::Checkerboard(board) => board.eval_scalar(point),
+            Texture::Pattern(pattern) => pattern.eval_scalar(point),
             Texture::MeshAttribute(attribute) => attribute.eval_scalar(point),
             Texture::Adjusted(adjusted) => adjusted.eval_scalar(point),
             Texture::Product(product) => product.eval_scalar(point),
@@ -91,19 +92,19 @@ impl Texture {
         match self {
             Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ZERO,
             Texture::Bitmap(bitmap) => bitmap.gradient(point),
-            Texture::Checkerboard(board) => board.gradient(point),
+            Texture::Pattern(pattern) => pattern.gradient(point),
             Texture::Adjusted(adjusted) => adjusted.gradient(point),
             Texture::Product(product) => product.gradient(point),
         }
     }
 
-    /// Returns the mean over the texture: that of an image's texels, or of both textures of a checkerboard. For mesh
+    /// Returns the mean over the texture: that of an image's texels, or of both textures of a pattern. For mesh
     /// attributes, whose values are unknown here, it is half of the scale.
     pub fn mean(&self) -> Rgb {
         match self {
             Texture::Constant(value) => *value,
             Texture::Bitmap(bitmap) => bitmap.mean(),
-            Texture::Checkerboard(board) => board.mean(),
+            Texture::Pattern(pattern) => pattern.mean(),
             Texture::MeshAttribute(attribute) => Rgb::splat(0.5 * attribute.scale),
             Texture::Adjusted(adjusted) => adjusted.mean(),
             Texture::Product(product) => product.mean(),
@@ -120,7 +121,7 @@ impl Texture {
         match self {
             Texture::Constant(_) | Texture::MeshAttribute(_) => 0,
             Texture::Bitmap(bitmap) => bitmap.memory_bytes(),
-            Texture::Checkerboard(board) => board.memory_bytes(),
+            Texture::Pattern(pattern) => pattern.memory_bytes(),
             Texture::Adjusted(adjusted) => adjusted.texture.memory_bytes(),
             Texture::Product(product) => product.0.iter().map(|t| t.memory_bytes()).sum(),
         }
@@ -130,7 +131,7 @@ impl Texture {
     fn needs_mesh(&self) -> bool {
         match self {
             Texture::Constant(_) | Texture::Bitmap(_) => false,
-            Texture::Checkerboard(board) => board.needs_mesh(),
+            Texture::Pattern(pattern) => pattern.needs_mesh(),
             Texture::MeshAttribute(_) => true,
             Texture::Adjusted(adjusted) => adjusted.texture.needs_mesh(),
             Texture::Product(product) => product.0.iter().any(|t| t.needs_mesh()),
@@ -151,7 +152,7 @@ impl Texture {
         match self {
             Texture::Constant(_) | Texture::MeshAttribute(_) => Vec2::ONE,
             Texture::Bitmap(bitmap) => bitmap.detail(),
-            Texture::Checkerboard(board) => board.detail(),
+            Texture::Pattern(pattern) => pattern.detail(),
             Texture::Adjusted(adjusted) => adjusted.texture.detail(),
             Texture::Product(product) => product.0[0].detail().max(product.0[1].detail()),
         }

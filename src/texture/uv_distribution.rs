@@ -68,7 +68,7 @@ mod tests {
     use super::*;
     use crate::image::TextureImage;
     use crate::math::Affine2;
-    use crate::texture::{Bitmap, Checkerboard, FilterType, MeshAttribute, WrapMode};
+    use crate::texture::{Bitmap, FilterType, MeshAttribute, Pattern, Shapes, WrapMode};
     use std::sync::Arc;
 
     fn bitmap(size: [usize; 2], values: Vec<f32>, filter: FilterType, to_uv: Affine2) -> Texture {
@@ -85,8 +85,9 @@ mod tests {
         assert!(Texture::Constant(Rgb::WHITE).uv_distribution().is_none());
         let attribute = Texture::MeshAttribute(MeshAttribute { name: "vertex_a".into(), scale: 1.0 });
         assert!(attribute.uv_distribution().is_none());
-        let board = Checkerboard::new(attribute, Texture::Constant(Rgb::WHITE), Affine2::IDENTITY);
-        assert!(Texture::Checkerboard(board).uv_distribution().is_none());
+        let textures = [attribute, Texture::Constant(Rgb::WHITE)];
+        let board = Pattern::new(Shapes::Squares, textures, Affine2::IDENTITY);
+        assert!(Texture::Pattern(board).uv_distribution().is_none());
     }
 
     #[test]
@@ -111,16 +112,16 @@ mod tests {
     #[test]
     fn estimates_are_unbiased_whatever_the_transform() {
         let turned = Affine2::from_cols_array(&[1.7, 0.6, -0.9, 2.3, 0.2, 0.4]);
-        let board = Texture::Checkerboard(Checkerboard::new(
-            bitmap([5, 4], ramp(20), FilterType::Bilinear, Affine2::IDENTITY),
-            Texture::Constant(Rgb::BLACK),
-            turned,
-        ));
+        let of_bitmap = |shapes| {
+            let image = bitmap([5, 4], ramp(20), FilterType::Bilinear, Affine2::IDENTITY);
+            Texture::Pattern(Pattern::new(shapes, [image, Texture::Constant(Rgb::BLACK)], turned))
+        };
         for texture in [
             bitmap([5, 4], ramp(20), FilterType::Bilinear, turned),
             bitmap([700, 2], ramp(1400), FilterType::Nearest, Affine2::IDENTITY),
             bitmap([5, 4], ramp(20), FilterType::Nearest, Affine2::from_scale(Vec2::splat(400.0))),
-            board,
+            of_bitmap(Shapes::Squares),
+            of_bitmap(Shapes::Lines(0.1)),
         ] {
             let d = texture.uv_distribution().unwrap();
             let (mut estimate, mut integral) = (0.0, 0.0);

@@ -6,8 +6,8 @@ use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
 use buffon::bsdf::{
     Blend, Bsdf, BsdfSample, Coating, Conductor, Dielectric, Diffuse, DiffuseAnd, DiffuseTransmitter, Lobe,
-    Mask, Phong, Plastic, PolarizedPlastic, Principled, PrincipledThin, RoughConductor, RoughDielectric,
-    RoughDiffuse, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
+    Mask, Phong, Plastic, PolarizedPlastic, Principled, PrincipledThin, RoughBoundary, RoughConductor,
+    RoughDielectric, RoughDiffuse, RoughPlastic, RoughTransmittance, ThinDielectric, Tilted, TwoSided, Ward,
 };
 use buffon::color::Rgb;
 use buffon::math::{DVec3, Frame, Vec2, Vec3};
@@ -315,6 +315,15 @@ pub fn plain_models(transmittance: &[RoughTransmittance; 2]) -> Vec<Bsdf<'_>> {
     [simple_models(), rough_models(transmittance)].concat()
 }
 
+/// Returns the boundary of a rough coating.
+pub fn rough_boundary() -> RoughBoundary<'static> {
+    const ALPHA: f32 = 0.2;
+    static TRANSMITTANCE: LazyLock<RoughTransmittance> =
+        LazyLock::new(|| RoughTransmittance::new(Distribution::Beckmann, ALPHA, 1.5));
+    let microfacets = facets(Distribution::Beckmann, [ALPHA; 2], true);
+    RoughBoundary { microfacets, transmittance: &TRANSMITTANCE }
+}
+
 /// Returns these models, and each of them in every wrapper.
 pub fn wrapped<'a>(plain: &'a [Bsdf<'a>]) -> Vec<Bsdf<'a>> {
     let frame = Frame::from_normal(Vec3::new(0.3, -0.2, 1.0).normalize());
@@ -326,7 +335,9 @@ pub fn wrapped<'a>(plain: &'a [Bsdf<'a>]) -> Vec<Bsdf<'a>> {
         if !inner.transmits() {
             let depth = Rgb::new(0.0, 0.1, 0.5);
             let specular_reflectance = Rgb::new(0.9, 1.0, 0.8);
-            all.push(Bsdf::Coating(Coating { eta: 1.5, depth, specular_reflectance, inner }));
+            for rough in [None, Some(rough_boundary())] {
+                all.push(Bsdf::Coating(Coating { eta: 1.5, depth, specular_reflectance, rough, inner }));
+            }
         }
         all.push(Bsdf::Blend(Blend { weight: 0.25, bsdfs: [inner, &DIFFUSE] }));
     }

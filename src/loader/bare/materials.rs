@@ -90,7 +90,7 @@ impl Builder<'_> {
         }
         ignored.sort_unstable();
         let (file, name) = (entry.file.display(), &m.name);
-        self.loaded.notes.push(format!("{file}: newmtl {name}: ignored: {}", ignored.join(", ")));
+        self.loaded.approximations.push(format!("{file}: newmtl {name}: ignored: {}", ignored.join(", ")));
     }
 
     /// Returns the diffuse reflectance. A black `Kd` beside a texture counts as white, because some programs write it.
@@ -149,7 +149,7 @@ impl Builder<'_> {
         let Some(scale) = image.bump else {
             let note = "a grey map_Bump without -bm is ignored: -bm is its height in units of the scene";
             let (file, name) = (entry.file.display(), &m.name);
-            self.loaded.notes.push(format!("{file}: newmtl {name}: {note}"));
+            self.loaded.approximations.push(format!("{file}: newmtl {name}: {note}"));
             return Ok(inner);
         };
         let height = self.loaded.description.add_texture(texture);

@@ -22,7 +22,9 @@ impl Builder<'_> {
             return;
         };
         if light.range().is_some() {
-            self.note("the range of lights is ignored: light falls off with the square of the distance");
+            self.approximate(
+                "the range of lights is ignored: light falls off with the square of the distance",
+            );
         }
         let emitter = match light.kind() {
             Kind::Directional => {

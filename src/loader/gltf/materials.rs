@@ -65,7 +65,7 @@ impl Builder<'_> {
             id = self.loaded.description.add_material(TwoSided::same(id));
         }
         if material.double_sided() && emission.is_some() {
-            self.note("light comes from the front of double-sided materials only");
+            self.approximate("light comes from the front of double-sided materials only");
         }
         let name = material.name().unwrap_or_default();
         let material = self.mask(material, vertex, id)?;
@@ -125,7 +125,7 @@ impl Builder<'_> {
             }
         }
         if factor > 0.0 {
-            self.note(
+            self.approximate(
                 "light that is transmitted is refracted, as by solid bodies: walls are not taken as thin",
             );
         }

@@ -103,12 +103,19 @@ impl Builder<'_> {
         }
     }
 
+    /// Adds a note about what is not rendered as the file asks for, unless it exists already.
+    fn approximate(&mut self, text: &str) {
+        if !self.loaded.approximations.iter().any(|note| note == text) {
+            self.loaded.approximations.push(text.to_owned());
+        }
+    }
+
     fn scene(&mut self, document: &Document) -> Result<()> {
         let scene = document.default_scene().or_else(|| document.scenes().next());
         let Some(scene) = scene else { return Err(self.file.error("", "the file has no scene")) };
         let nodes = self.nodes(scene.nodes().collect(), document.nodes().len())?;
         if document.animations().len() > 0 {
-            self.note("animations are not played: everything stands as the nodes say");
+            self.approximate("animations are not played: everything stands as the nodes say");
         }
         for placed in &nodes {
             if let Some(mesh) = placed.node.mesh() {

@@ -30,8 +30,8 @@ pub fn load(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Loade
         // One note for each kind.
         for error in std::mem::take(&mut loaded.tolerated) {
             let note = format!("{}: {}", error.thing, error.message);
-            if !loaded.notes.contains(&note) {
-                loaded.notes.push(note);
+            if !loaded.approximations.contains(&note) {
+                loaded.approximations.push(note);
             }
         }
     }

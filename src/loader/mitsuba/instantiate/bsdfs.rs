@@ -16,7 +16,7 @@ use crate::util::wording::quoted;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
-const MITSUBA: [&str; 3] = ["measured_polarized", "neuralbsdf", "openpbr"];
+const MITSUBA: [&str; 5] = ["hk", "irawan", "measured_polarized", "neuralbsdf", "openpbr"];
 /// Filters that change the polarisation of light, each with the part of unpolarised light that passes.
 const POLARISATION_FILTERS: [(&str, f32); 3] = [("circular", 0.5), ("polarizer", 0.5), ("retarder", 1.0)];
 
@@ -42,7 +42,7 @@ impl Builder<'_> {
         if let Some((name, share)) =
             POLARISATION_FILTERS.iter().find(|(name, _)| *name == props.object.plugin)
         {
-            self.note(format!("{name}: light is not polarised, so the filter dims it evenly"));
+            self.approximate(format!("{name}: light is not polarised, so the filter dims it evenly"));
             let material = self.polarisation_filter(&props, *share)?;
             self.finish(props);
             return Ok(self.loaded.description.add_material(material));

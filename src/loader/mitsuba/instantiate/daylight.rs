@@ -46,7 +46,7 @@ impl Builder<'_> {
                 return Err(props.refusal("stretch", "expected 1, because the sky cannot be stretched"));
             }
         } else if props.boolean("complex_sun", false)? {
-            self.note(format!("{}: the disc of the sun is uniform", props.object.thing()));
+            self.approximate(format!("{}: the disc of the sun is uniform", props.object.thing()));
         }
         let rotation = environment_map::rotation(&props.to_world()?);
         let rotation = rotation.map_err(|error| props.error("to_world", &error.message))?;

@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 const SUPPORTED: [&str; 10] =
     ["area", "constant", "directional", "envmap", "point", "projector", "sky", "spot", "sun", "sunsky"];
-const MITSUBA: [&str; 3] = ["directionalarea", "timed_sunsky", "volumelight"];
+const MITSUBA: [&str; 4] = ["collimated", "directionalarea", "timed_sunsky", "volumelight"];
 
 impl Builder<'_> {
     /// Adds an emitter of the scene.

@@ -105,7 +105,7 @@ impl<'g> Builder<'g> {
             _ => self.loaded.integrator.renders_media(),
         };
         if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
-            self.note("the scene has media, which are not rendered: every medium is vacuum");
+            self.approximate("the scene has media, which are not rendered: every medium is vacuum");
         }
         let sensors = self.once(&props, "sensor");
         for sensor in sensors {
@@ -184,6 +184,14 @@ impl<'g> Builder<'g> {
         let text = text.into();
         if !self.loaded.notes.contains(&text) {
             self.loaded.notes.push(text);
+        }
+    }
+
+    /// Adds a note about what is not rendered as the file asks for, unless it exists already.
+    fn approximate(&mut self, text: impl Into<String>) {
+        let text = text.into();
+        if !self.loaded.approximations.contains(&text) {
+            self.loaded.approximations.push(text);
         }
     }
 

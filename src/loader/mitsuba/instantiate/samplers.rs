@@ -6,10 +6,12 @@ use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::sampling::SamplerKind;
 
+/// Mitsuba's sampler of low discrepancy, which is that of Buffon's default.
+const LOW_DISCREPANCY: &str = "ldsampler";
 /// Mitsuba's samplers that Buffon does not have, each with the closest that it has.
 const MAPPED: [(&str, SamplerKind); 3] = [
     ("hammersley", SamplerKind::Sobol),
-    ("ldsampler", SamplerKind::Sobol),
+    (LOW_DISCREPANCY, SamplerKind::Sobol),
     ("orthogonal", SamplerKind::Multijitter),
 ];
 
@@ -25,7 +27,9 @@ impl Builder<'_> {
         let kind = match (name.parse(), mapped) {
             (Ok(kind), _) => kind,
             (Err(_), Some((_, ours))) => {
-                self.note(format!("the sampler {name} is mapped to {ours}"));
+                if name != LOW_DISCREPANCY {
+                    self.note(format!("the sampler {name} is mapped to {ours}"));
+                }
                 *ours
             }
             _ => {

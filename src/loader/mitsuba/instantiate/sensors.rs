@@ -10,7 +10,7 @@ use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 
 const SUPPORTED: [&str; 7] =
     ["distant", "irradiancemeter", "orthographic", "perspective", "radiancemeter", "spherical", "thinlens"];
-const MITSUBA: [&str; 2] = ["batch", "measured"];
+const MITSUBA: [&str; 5] = ["batch", "fluencemeter", "measured", "perspective_rdist", "telecentric"];
 /// The focal length, in mm, of a camera without a focal length or a field of view.
 const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
 /// The diagonal, in mm, of the 36 mm x 24 mm frame of 35 mm film, which focal lengths refer to.

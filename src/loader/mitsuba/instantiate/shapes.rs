@@ -219,7 +219,7 @@ impl Builder<'_> {
         let smooth = props.boolean("shading_normals", true)?;
         let scale = props.float("scale")?.unwrap_or(1.0) as f32;
         self.ignore(props, &["width", "height"], "the heights are the pixels of an image");
-        self.note("heightfield: each cell is rendered as two triangles");
+        self.approximate("heightfield: each cell is rendered as two triangles");
         let bitmap = props.child("texture")?.map(|texture| Props::new(self.graph, texture));
         let (source, raw) = match &bitmap {
             Some(texture) if props.has("filename") => {

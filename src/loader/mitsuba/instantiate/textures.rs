@@ -10,11 +10,22 @@ use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 use crate::material::Input;
 use crate::math::{Affine2, Vec2};
-use crate::texture::{Bitmap, Checkerboard, FilterType, MeshAttribute, Product, Texture, WrapMode};
+use crate::texture::{Bitmap, FilterType, MeshAttribute, Pattern, Product, Shapes, Texture, WrapMode};
 use std::path::Path;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 6] = ["bitmap", "checkerboard", "mesh_attribute", "rawconstant", "scale", "volume"];
+const SUPPORTED: [&str; 8] = [
+    "bitmap",
+    "checkerboard",
+    "gridtexture",
+    "mesh_attribute",
+    "rawconstant",
+    "scale",
+    "vertexcolors",
+    "volume",
+];
+/// The attribute that holds the colours of the vertices of a mesh.
+const VERTEX_COLORS: &str = "vertex_color";
 
 impl Builder<'_> {
     /// Returns the texture of an object. Each is instantiated once. The stand-in is grey.
@@ -36,12 +47,15 @@ impl Builder<'_> {
         let props = Props::new(self.graph, object);
         let texture = match props.object.plugin.as_str() {
             "bitmap" => self.bitmap(&props)?,
-            "checkerboard" => {
-                let color0 = self.texture_of(&props, "color0", 0.4)?;
-                let color1 = self.texture_of(&props, "color1", 0.2)?;
-                Texture::Checkerboard(Checkerboard::new(color0, color1, to_uv(&props)?))
+            "checkerboard" => self.pattern(&props, Shapes::Squares, [0.4, 0.2])?,
+            "gridtexture" => {
+                let half_width = props.positive("line_width", 0.01)?;
+                self.pattern(&props, Shapes::Lines(half_width), [0.2, 0.4])?
             }
             "mesh_attribute" => mesh_attribute(&props)?,
+            "vertexcolors" => {
+                Texture::MeshAttribute(MeshAttribute { name: VERTEX_COLORS.into(), scale: 1.0 })
+            }
             "rawconstant" => Texture::Constant(self.required_colour(&props, Quantity::Unbounded)?),
             "scale" => self.scaled(&props)?,
             "volume" => {
@@ -56,6 +70,13 @@ impl Builder<'_> {
         };
         self.finish(props);
         Ok(texture)
+    }
+
+    /// Returns a pattern of two textures with the given defaults.
+    fn pattern(&mut self, props: &Props, shapes: Shapes, defaults: [f32; 2]) -> Result<Texture> {
+        let textures =
+            [self.texture_of(props, "color0", defaults[0])?, self.texture_of(props, "color1", defaults[1])?];
+        Ok(Texture::Pattern(Pattern::new(shapes, textures, to_uv(props)?)))
     }
 
     /// Returns the colour `value`, which must be there.
@@ -89,7 +110,7 @@ impl Builder<'_> {
         let filters = [("bilinear", FilterType::Bilinear), ("nearest", FilterType::Nearest)];
         let filter = match props.text("filter_type")? {
             Some(mipmap @ ("trilinear" | "ewa")) => {
-                self.note(format!(
+                self.approximate(format!(
                     "bitmap: filter_type {mipmap} is rendered as bilinear: there are no mipmaps"
                 ));
                 FilterType::Bilinear
