@@ -499,6 +499,17 @@ fn info_tells_about_scenes_and_images() {
     let time = time.unwrap_or_else(|| panic!("{}", scene.stdout)).trim();
     assert!(time.starts_with("about ") && time.contains(" s for 8 samples per pixel with "), "{time}");
     assert!(!folder.run("info s.xml --no-pilot").stdout.contains("\ntime"));
+    // What is unknown or wrong is listed, and the rest is described.
+    folder.write(
+        "strange.xml",
+        b"<scene version='3.0.0'><sensor type='telescope'/><shape type='sphere'/><shape type='teapot'/>
+          <shape type='cube'><bsdf type='roughconductor'><float name='alpha' value='-1'/></bsdf></shape></scene>",
+    );
+    let strange = folder.run("info strange.xml");
+    assert_eq!(strange.code, 0, "{strange:?}");
+    for text in ["shapes       1 mesh, 1 sphere", "unknown shape", "unknown sensor", "name=\"alpha\""] {
+        assert!(strange.stdout.contains(text), "{text} in\n{}", strange.stdout);
+    }
     folder.render("s.xml -q");
     let image = folder.run("info s.exr");
     assert!(image.stdout.starts_with("40x30 pixels, 3 channels\n"), "{}", image.stdout);

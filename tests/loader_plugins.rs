@@ -368,7 +368,7 @@ fn a_projector_takes_a_colour() {
 
 /// Textures of version 0.6: lines on a background, and the colours of the vertices.
 #[test]
-fn textures_of_older_versions_are_read() {
+fn patterns_and_colours_of_older_versions_are_read() {
     let textures = |texture: &str| {
         let text = format!(
             "<scene version='0.6.0'><sensor type='perspective'/><bsdf type='diffuse'>{texture}</bsdf></scene>"

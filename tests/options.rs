@@ -73,9 +73,11 @@ fn files_are_found_in_search_paths() {
     let folder = Folder::with(&SCENE.replace("</scene>", mesh));
     std::fs::create_dir(folder.path("parts")).expect("a folder");
     folder.write("parts/square.obj", b"v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n");
-    for arguments in ["info s.xml", "render s.xml -q --spp 1"] {
-        assert_eq!(folder.run(arguments).code, 3, "{arguments}");
-        assert_eq!(folder.run(&format!("{arguments} --search-path none;parts")).code, 0, "{arguments}");
+    for (arguments, code) in [("info s.xml", 0), ("render s.xml -q --spp 1", 3)] {
+        let run = folder.run(arguments);
+        assert!(run.code == code && (run.stdout + &run.stderr).contains("square.obj"), "{arguments}");
+        let run = folder.run(&format!("{arguments} --search-path none;parts"));
+        assert!(run.code == 0 && !(run.stdout + &run.stderr).contains("square.obj"), "{arguments}");
     }
 }
 

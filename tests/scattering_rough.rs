@@ -280,9 +280,7 @@ fn rough_coating_samples_follow_their_density() {
         specular_reflectance: Rgb::WHITE,
     });
     let depth = Rgb::new(0.0, 0.1, 0.5);
-    let coating = |rough| {
-        Bsdf::Coating(Coating { eta: 1.5, depth, specular_reflectance: Rgb::WHITE, rough, inner: &metal })
-    };
+    let smooth = Coating { eta: 1.5, depth, specular_reflectance: Rgb::WHITE, rough: None, inner: &metal };
     let alphas = [1e-3, 0.1, 1.0];
     let tests = alphas.len() * 2 * directions.len();
     for distribution in DISTRIBUTIONS {
@@ -290,7 +288,8 @@ fn rough_coating_samples_follow_their_density() {
             let transmittance = RoughTransmittance::new(distribution, alpha, 1.5);
             let microfacets =
                 Microfacets { distribution, alpha_x: alpha, alpha_y: alpha, sample_visible: true };
-            let bsdf = coating(Some(RoughBoundary { microfacets, transmittance: &transmittance }));
+            let rough = Some(RoughBoundary { microfacets, transmittance: &transmittance });
+            let bsdf = Bsdf::Coating(Coating { rough, ..smooth });
             assert!(!bsdf.is_specular() && bsdf.chooses_lobe());
             let name = format!("rough coating {distribution:?} {alpha}");
             for &wo in &directions {
@@ -301,7 +300,7 @@ fn rough_coating_samples_follow_their_density() {
                     check_reciprocity(&bsdf, wo, *wi, 1.0);
                 }
                 if alpha == 1e-3 {
-                    let smooth = scattered_energy(&coating(None), wo);
+                    let smooth = scattered_energy(&Bsdf::Coating(smooth), wo);
                     for c in 0..3 {
                         let (rough, smooth) = (energy[c], smooth[c]);
                         assert!((rough - smooth).abs() < 0.01, "{name} {wo}: {rough} {smooth}");

@@ -8,10 +8,11 @@ use crate::error::{Result, counted};
 use crate::film::FilmSettings;
 use crate::image;
 use crate::integrator::photon;
-use crate::loader;
+use crate::loader::{self, LoadOptions, Tolerance};
 use crate::memory::{Amount, Budget};
 use crate::render::Progress;
 use crate::scene::Scene;
+use crate::sensor::SensorSettings;
 use crate::session::checkpoint::{self, Checkpoint, CheckpointLabel};
 use crate::session::{Choices, RenderMemory, SceneFile, Session};
 use crate::shape::WorldShape;
@@ -23,6 +24,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 /// Describe the content, needs and cost of a scene, or the content of an image.
+///
+/// What a scene has and Buffon does not is listed as a problem; the rest is described without it.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
     /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a
@@ -98,65 +101,70 @@ fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
     lines.iter().map(|(name, value)| format!("{name:<12} {value}\n")).collect()
 }
 
+/// Describes a scene: all that loads, and the problems of the rest.
 fn describe_scene(args: &InfoArgs) -> Result<String> {
-    let loaded = loader::load(&args.file, &args.resources.load_options(None))?;
+    let options = LoadOptions { tolerance: Tolerance::Everything, ..args.resources.load_options(None) };
+    let mut loaded = loader::load(&args.file, &options)?;
+    let mut problems = take(&mut loaded.tolerated);
     let settings = loaded.description.sensors.clone();
     let mut file = SceneFile::of(&args.file, loaded);
-    let (warnings, notes) = (take(&mut file.warnings), take(&mut file.notes));
+    let mut warnings = take(&mut file.warnings);
+    let notes = [take(&mut file.approximations), take(&mut file.notes)].concat();
     if let Some(sensor) = file.description.sensors.first_mut() {
         let film = &mut sensor.film;
         let scale = f64::from(film.width.max(film.height)) / f64::from(PILOT_SIZE);
         let smaller = |n: u32| (f64::from(n) / scale.max(1.0)).ceil() as u32;
         (film.width, film.height, film.crop) = (smaller(film.width), smaller(film.height), None);
     }
-    let session = file.compile(args.accel.unwrap_or_default(), args.resources.threads())?;
-    let Session { scene, report, defaults, .. } = &session;
-    let mut text = String::new();
-    let mut line = |name: &str, value: String| {
-        let _ = writeln!(text, "{name:<12} {value}");
-    };
-    line("integrator", defaults.integrator.name().into());
-    for sensor in &settings {
-        let film = &sensor.film;
-        let rect = film.rect();
-        line(
-            "sensor",
-            format!(
-                "{}, {}x{}, {} to render",
-                sensor.kind(),
-                film.width,
-                film.height,
-                counted(rect.area(), "pixel", "pixels")
-            ),
-        );
+    let mut lines = vec![("integrator", file.defaults.integrator.name().to_owned())];
+    lines.extend(settings.iter().map(|sensor| ("sensor", describe_sensor(sensor))));
+    match file.compile(args.accel.unwrap_or_default(), args.resources.threads()) {
+        Ok(mut session) => {
+            warnings.append(&mut session.warnings);
+            lines.extend(describe_compiled(&session, &settings, args.no_pilot));
+        }
+        Err(error) => problems.push(error),
     }
-    line("shapes", count(scene.shapes.iter().map(|s| shape_kind(&s.world))));
-    line("triangles", scene.triangle_count().to_string());
-    line("materials", count(scene.materials.iter().map(|m| m.kind())));
-    line("emitters", count(scene.lights.iter().map(|l| l.kind())));
-    line("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max));
-    line("needs", scene.needs.to_string());
-    line("memory", memory(scene, &session.memory));
-    for sensor in &settings {
-        line("to render", to_render(&RenderMemory::least(&sensor.film), &session.memory));
+    lines.extend(problems.iter().map(|problem| ("problem", problem.to_string())));
+    lines.extend(warnings.iter().map(|warning| ("warning", warning.to_string())));
+    lines.extend(notes.into_iter().map(|note| ("note", note)));
+    Ok(lines.iter().map(|(name, value)| format!("{name:<12} {value}\n")).collect())
+}
+
+fn describe_sensor(sensor: &SensorSettings) -> String {
+    let film = &sensor.film;
+    let pixels = counted(film.rect().area(), "pixel", "pixels");
+    format!("{}, {}x{}, {pixels} to render", sensor.kind(), film.width, film.height)
+}
+
+/// Describes what a scene is when it is rendered, and what that needs with its sensors.
+fn describe_compiled(
+    session: &Session,
+    sensors: &[SensorSettings],
+    no_pilot: bool,
+) -> Vec<(&'static str, String)> {
+    let Session { scene, report, defaults, .. } = session;
+    let mut lines = vec![
+        ("shapes", count(scene.shapes.iter().map(|s| shape_kind(&s.world)))),
+        ("triangles", scene.triangle_count().to_string()),
+        ("materials", count(scene.materials.iter().map(|m| m.kind()))),
+        ("emitters", count(scene.lights.iter().map(|l| l.kind()))),
+        ("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max)),
+        ("needs", scene.needs.to_string()),
+        ("memory", memory(scene, &session.memory)),
+    ];
+    for sensor in sensors {
+        lines.push(("to render", to_render(&RenderMemory::least(&sensor.film), &session.memory)));
     }
-    line("build", format!("{:.3} s ({})", report.build_seconds, scene.accel.name()));
+    lines.push(("build", format!("{:.3} s ({})", report.build_seconds, scene.accel.name())));
     if let Some(spp) = defaults.samples_per_pixel {
-        line("samples", format!("{spp} per pixel"));
+        lines.push(("samples", format!("{spp} per pixel")));
     }
-    if let Some(sensor) = settings.first().filter(|_| !args.no_pilot) {
-        line("time", time(&session, &sensor.film).unwrap_or_else(|e| format!("unknown: {}", e.message)));
+    if let Some(sensor) = sensors.first().filter(|_| !no_pilot) {
+        let time = time(session, &sensor.film).unwrap_or_else(|e| format!("unknown: {}", e.message));
+        lines.push(("time", time));
     }
-    if report.dropped_primitives > 0 {
-        line("dropped", format!("{} invalid primitives", report.dropped_primitives));
-    }
-    for warning in warnings.iter().chain(&report.warnings) {
-        line("warning", warning.to_string());
-    }
-    for note in session.approximations.iter().chain(&notes) {
-        line("note", note.clone());
-    }
-    Ok(text)
+    lines
 }
 
 /// Estimates the time of a render with the settings of the file, from a pilot with a smaller image.
