@@ -1,10 +1,10 @@
 //! Renders that are killed, interrupted, or run out of disk: what was there is whole, and what is lost is found again.
 
-use crate::support::cli::{Folder, Running, SCENE, program, wait_for_file};
+use crate::support::cli::{Folder, SCENE, program, wait_for_file};
 use buffon::sampling::hash::combine;
 use std::ops::Range;
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus};
 use std::time::{Duration, Instant};
 
 /// How long a render lasts that nobody stops.
@@ -21,17 +21,10 @@ fn random(test: u32, trial: u32) -> f64 {
 
 /// Runs `buffon render` and sends a signal after some time.
 fn killed(folder: &Folder, arguments: &str, signal: i32, after: Duration) -> ExitStatus {
-    let child = render(folder, arguments);
+    let child = folder.start_render(arguments);
     std::thread::sleep(after);
     child.signal(signal);
     child.wait()
-}
-
-/// Starts `buffon render`.
-fn render(folder: &Folder, arguments: &str) -> Running {
-    let mut command = Command::new(program());
-    command.args(["render", "s.xml", "-q"]).args(arguments.split_whitespace());
-    Running::start(command.current_dir(folder.path("")).stderr(Stdio::null()))
 }
 
 #[test]
@@ -94,7 +87,7 @@ fn renders_that_are_killed_again_and_again_end_as_if_they_had_not_been() {
         // It comes to its end: more checkpoints are written before each kill.
         for trial in 0.. {
             let signal = [libc::SIGKILL, libc::SIGINT][trial as usize % 2];
-            let mut child = render(&folder, &resume);
+            let mut child = folder.start_render(&resume);
             if (0..=trial).all(|_| child.wait_for_change(&folder.path("c"))) {
                 child.signal(signal);
             }
@@ -117,7 +110,7 @@ fn a_signal_with_a_checkpoint_has_an_exit_code_of_its_own() {
     let folder = Folder::new();
     for signal in [libc::SIGINT, libc::SIGTERM] {
         let _ = std::fs::remove_file(folder.path("c"));
-        let child = render(&folder, "--spp 1000000000 --checkpoint c --checkpoint-every 0.02s --resume");
+        let child = folder.start_render("--spp 1000000000 --checkpoint c --checkpoint-every 0.02s --resume");
         wait_for_file(&folder.path("c"));
         child.signal(signal);
         assert_eq!(child.wait().code(), Some(85), "{signal}");

@@ -3,14 +3,12 @@
 use super::{BenchRow, Combination, Report, SceneReport, handicaps, tables};
 use crate::error::Result;
 use crate::report::{
-    Axis, Bar, Bars, Html, Line, Page, Picture, Plot, Point, Series, Viewer, error_thumbnail, exposure_of,
-    gallery, number, thumbnail,
+    Axis, Bar, Bars, Html, Line, MOST_PIXELS, Page, Picture, Plot, Point, Series, Viewer, error_thumbnail,
+    exposure_of, gallery, number, thumbnail,
 };
 use crate::util::relative;
 use std::path::Path;
 
-/// The greatest number of pixels of all images in the viewers of a page. It limits the memory of the browser.
-const MOST_PIXELS: usize = 24_000_000;
 /// Width of the small images in pixels.
 const THUMBNAIL: usize = 240;
 

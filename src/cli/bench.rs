@@ -1,8 +1,7 @@
 //! `buffon bench`: error against time.
 
-use super::render::listen;
 use super::shared::{SceneArgs, ViewArgs, accels, integrators, samplers};
-use super::values;
+use super::{signals, values};
 use crate::accel::AccelKind;
 use crate::bench::{self, Budget, Options};
 use crate::error::{Error, Result};
@@ -14,7 +13,6 @@ use crate::util;
 use clap::Args;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// Measure error against time.
@@ -90,7 +88,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
     files.iter().try_for_each(|file| util::check_replaceable(file))?;
     image::set_threads(options.threads);
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress, None)?;
+    signals::interrupt(&progress, None)?;
     let tell = |line: &str| {
         if !args.quiet {
             super::report!("buffon: {line}");
@@ -105,10 +103,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
         util::replace(json, format!("{:#}\n", bench::json(&report)).as_bytes())?;
         tell(&format!("wrote {}", page.display()));
     }
-    match signal.load(Ordering::Relaxed) {
-        0 => Ok(0),
-        signal => Ok(u8::try_from(128 + signal).unwrap_or(1)),
-    }
+    Ok(signals::exit_code().unwrap_or(0))
 }
 
 fn options(args: &BenchArgs) -> Result<Options> {

@@ -2,9 +2,9 @@
 
 use super::shared::DisplayArgs;
 use crate::error::{Error, Result};
-use crate::image::{self, WriteOptions};
+use crate::image::{self, Image, WriteOptions};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Write an image in another format.
 ///
@@ -31,15 +31,22 @@ pub struct ConvertArgs {
 pub fn run(args: &ConvertArgs) -> Result<u8> {
     image::check_output(&args.output)?;
     args.display.check([args.output.as_path()])?;
-    let mut image = image::read(&args.input)?;
-    if let Some(layer) = &args.layer {
-        image = image.layer(layer).ok_or_else(|| {
-            let message = format!("--layer {layer}: there are {}", image.layers().join(", "));
-            Error::usage(message).in_file(&args.input)
-        })?;
-    }
+    let image = read_layer(&args.input, args.layer.as_deref())?;
     let DisplayArgs { exposure, tonemap } = args.display;
     let options = WriteOptions { exposure, tonemap, ..WriteOptions::default() };
     image::write(&args.output, &image, &options)?;
     Ok(0)
+}
+
+/// Reads an image, or one of its layers.
+///
+/// # Errors
+/// If the image cannot be read or has no such layer.
+pub(super) fn read_layer(path: &Path, layer: Option<&str>) -> Result<Image> {
+    let image = image::read(path)?;
+    let Some(layer) = layer else { return Ok(image) };
+    image.layer(layer).ok_or_else(|| {
+        let message = format!("--layer {layer}: there are {}", image.layers().join(", "));
+        Error::usage(message).in_file(path)
+    })
 }

@@ -15,9 +15,11 @@ use report;
 pub mod bench;
 pub mod check;
 pub mod checkpoint;
+pub mod compare;
 pub mod convert;
 pub mod cpu;
 pub mod diff;
+mod frames;
 pub mod info;
 pub mod info_image;
 pub mod lab;
@@ -29,6 +31,7 @@ mod regress_cases;
 pub mod render;
 pub mod shared;
 pub mod shell;
+mod signals;
 pub mod stats;
 pub mod values;
 
@@ -61,6 +64,7 @@ enum Command {
     Render(Box<render::RenderArgs>),
     Merge(merge::MergeArgs),
     Diff(diff::DiffArgs),
+    Compare(compare::CompareArgs),
     Convert(convert::ConvertArgs),
     Bench(Box<bench::BenchArgs>),
     Regress(Box<regress::RegressArgs>),
@@ -86,6 +90,7 @@ pub fn main() -> ExitCode {
         Command::Render(args) => render::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Regress(args) => regress::run(&args),

@@ -1,9 +1,8 @@
 //! `buffon regress`: tests the scenes of a folder against their references.
 
 use super::regress_cases::{CaseLines, Tables};
-use super::render::listen;
 use super::shared::{MethodArgs, SceneArgs};
-use super::values;
+use super::{signals, values};
 use crate::error::{Error, Result, counted};
 use crate::image;
 use crate::regress::{self, Found, Options, RegressRow, Report, Status, Update, discover, junit, write_page};
@@ -13,7 +12,6 @@ use crate::util;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// The exit code when a scene fails, has no reference or cannot be rendered.
@@ -154,7 +152,7 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
     let options = options(args);
     image::set_threads(options.threads);
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress, None)?;
+    signals::interrupt(&progress, None)?;
     announce(args, &found)?;
     let width = found.scenes.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
     let mut printed = Ok(0);
@@ -182,10 +180,8 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
             &report,
         )?;
     }
-    match signal.load(Ordering::Relaxed) {
-        0 => Ok(if report.is_good() { 0 } else { FAILED }),
-        signal => Ok(u8::try_from(128 + signal).unwrap_or(FAILED)),
-    }
+    let done = if report.is_good() { 0 } else { FAILED };
+    Ok(signals::exit_code().unwrap_or(done))
 }
 
 /// Returns the options of the run from the command line.

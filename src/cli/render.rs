@@ -1,9 +1,11 @@
 //! `buffon render`: renders a scene to an image.
 
 use super::checkpoint::Checkpointing;
+use super::frames;
 use super::photon_notes::photon_notes;
 use super::progress::{ProgressKind, Watcher};
 use super::shared::{DisplayArgs, MethodArgs, SceneArgs, ViewArgs};
+use super::signals::{self, EarlyExit};
 use super::stats::{Account, Seconds};
 use super::values;
 use crate::error::{Error, Kind, Result, counted};
@@ -18,7 +20,6 @@ use clap::Args;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::{Duration, Instant};
 
 /// Render a scene.
@@ -81,6 +82,15 @@ pub struct RenderArgs {
     /// merge` computes from all ranges an image identical to that of the whole render
     #[arg(long, value_name = "A..B", value_parser = values::range)]
     pub sample_range: Option<Range<u64>>,
+    /// Render the frames A to B - 1, or to B with A..=B, of an animation: the number of a frame is the value of the
+    /// scene's <default name="frame">, and replaces {frame} in the names of files, with leading zeros {frame:04}
+    /// [default output: SCENE.{frame:04}.exr]
+    #[arg(long, value_name = "A..B", value_parser = values::frames)]
+    pub frames: Option<Range<u64>>,
+    /// Render nothing if all output files exist, and write nothing if the render is interrupted: so the same command
+    /// goes on with the images or frames that are missing
+    #[arg(long)]
+    pub skip_existing: bool,
     /// Sensor and size.
     #[command(flatten)]
     pub view: ViewArgs,
@@ -123,13 +133,34 @@ pub struct RenderArgs {
 /// The name of a layer in `--aov` for each technique of `bdpt`.
 const STRATEGIES: &str = "strategies";
 
-/// Renders a scene.
+/// Renders a scene, or each of its frames until one fails or a signal is caught.
 ///
 /// # Errors
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
+    let Some(frames) = args.frames.clone() else { return render(args) };
+    for frame in frames::of(args, frames, &default_output(args))? {
+        let code = render(&frame)?;
+        if code != 0 {
+            return Ok(code);
+        }
+        if let Some(code) = signals::exit_code() {
+            return Ok(code);
+        }
+    }
+    Ok(0)
+}
+
+fn render(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
     let targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
+    if args.skip_existing && targets.iter().all(|target| target.exists()) {
+        if !args.quiet {
+            let names: Vec<_> = targets.iter().map(|target| target.display().to_string()).collect();
+            super::report!("buffon: note: {} exists: nothing is rendered", names.join(", "));
+        }
+        return Ok(0);
+    }
     let named: Vec<PathBuf> = targets.iter().map(|target| named(target).to_owned()).collect();
     refuse(args, &named)?;
     let mut files = targets.iter().filter(|target| !is_piped(target));
@@ -166,15 +197,17 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     }
     let names = named.iter().map(|target| target.display().to_string()).collect::<Vec<_>>().join(", ");
     let progress = Arc::new(Progress::new());
-    let signal = listen(&progress, Some(early_exit(args, &names)))?;
+    signals::interrupt(&progress, Some(early_exit(args, &names)))?;
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
-    let code = match signal.load(Ordering::Relaxed) {
-        0 => 0,
-        _ if args.checkpoint.is_some() && rendered.checkpoint_status.is_ok() => INTERRUPTED_WITH_CHECKPOINT,
-        signal => u8::try_from(128 + signal).unwrap_or(1),
+    let code = match signals::exit_code() {
+        Some(_) if args.checkpoint.is_some() && rendered.checkpoint_status.is_ok() => {
+            INTERRUPTED_WITH_CHECKPOINT
+        }
+        code => code.unwrap_or(0),
     };
-    if rendered.stop_reason == StopReason::Interrupted && rendered.counts.most == 0 {
-        super::report!("buffon: interrupted before the first sample: {names} is left as it was");
+    if rendered.stop_reason == StopReason::Interrupted && (rendered.counts.most == 0 || args.skip_existing) {
+        let when = if rendered.counts.most == 0 { " before the first sample" } else { "" };
+        super::report!("buffon: interrupted{when}: {names} is left as it was");
         return rendered.checkpoint_status.map(|()| code);
     }
     let sampled = Instant::now();
@@ -219,9 +252,6 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     warn_of_values(args, &names, &rendered, clamped_half)?;
     rendered.checkpoint_status.map(|()| code)
 }
-
-/// A function that reports a signal before the first sample and returns the exit code for it.
-pub(super) type EarlyExit = Box<dyn Fn(i32) -> i32 + Send>;
 
 /// Returns the function that ends a render before its first sample.
 fn early_exit(args: &RenderArgs, names: &str) -> EarlyExit {
@@ -312,7 +342,11 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     };
     let mut file = SceneFile::load(&args.scene, &choices)?;
     let load = file.load_seconds;
-    warn(args, file.take_warnings(args.strict))?;
+    let warnings = file.take_warnings(args.strict);
+    if args.frames.is_some() {
+        frames::check(&warnings)?;
+    }
+    warn(args, warnings)?;
     if !args.quiet {
         file.approximations.iter().chain(&file.notes).for_each(|note| super::report!("buffon: note: {note}"));
     }
@@ -361,28 +395,6 @@ fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
         warnings.iter().for_each(|w| super::report!("buffon: warning: {w}"));
     }
     Ok(())
-}
-
-/// Turns the first SIGINT or SIGTERM into an interruption of the render, and the second into an exit. A signal before
-/// the first sample exits with the code that `early` returns, because nothing is lost then.
-pub(super) fn listen(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Result<Arc<AtomicI32>> {
-    let caught = Arc::new(AtomicI32::new(0));
-    let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM])
-        .map_err(|e| Error::internal(format!("cannot listen for signals: {e}")))?;
-    let (progress, result) = (progress.clone(), caught.clone());
-    std::thread::spawn(move || {
-        for signal in signals.forever() {
-            if caught.swap(signal, Ordering::Relaxed) != 0 {
-                signal_hook::low_level::exit(128 + signal);
-            }
-            if let Some(early) = early.as_ref().filter(|_| !progress.has_begun()) {
-                // The preparation cannot be interrupted quickly, for example while a photon map is built.
-                signal_hook::low_level::exit(early(signal));
-            }
-            progress.interrupt();
-        }
-    });
-    Ok(result)
 }
 
 fn sample(

@@ -87,6 +87,20 @@ pub fn range(text: &str) -> Result<Range<u64>, String> {
     })
 }
 
+/// Parses the numbers of frames: `A..B` without B, or `A..=B` with it.
+pub fn frames(text: &str) -> Result<Range<u64>, String> {
+    let parsed = text.split_once("..").and_then(|(a, b)| {
+        let end = match b.strip_prefix('=') {
+            Some(last) => last.trim().parse::<u64>().ok()?.checked_add(1)?,
+            None => b.trim().parse().ok()?,
+        };
+        Some(a.trim().parse().ok()?..end)
+    });
+    parsed.filter(|range: &Range<u64>| !range.is_empty()).ok_or_else(|| {
+        "expected A..B or A..=B, whole numbers: 1..5 and 1..=4 are the frames 1, 2, 3 and 4".into()
+    })
+}
+
 /// Parses a positive number.
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -127,6 +141,14 @@ mod tests {
         assert_eq!(range("64..128"), Ok(64..128));
         for bad in ["", "..", "5", "4..4", "5..4", "-1..4", "0..=4", "1...4"] {
             assert!(range(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn frames_may_include_the_last() {
+        assert_eq!((frames("1..5"), frames("1..=4"), frames("0..=0")), (Ok(1..5), Ok(1..5), Ok(0..1)));
+        for bad in ["", "4", "4..4", "4..=3", "-1..4", "1...4", "0..=18446744073709551615"] {
+            assert!(frames(bad).is_err(), "{bad}");
         }
     }
 

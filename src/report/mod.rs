@@ -28,4 +28,4 @@ pub use pixels::{HEAT_DECADES, HEAT_MAX, error_thumbnail, thumbnail};
 pub use plot::{Axis, Line, Plot, Point, Series};
 pub use scale::{Scale, number};
 pub use table::{Align, Table};
-pub use viewer::{Viewer, exposure_of};
+pub use viewer::{MOST_PIXELS, Viewer, exposure_of};

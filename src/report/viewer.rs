@@ -26,6 +26,8 @@ pub struct Viewer<'a> {
     pub exposure: f32,
 }
 
+/// The greatest number of pixels of all images in the viewers of a page. It limits the memory of the browser.
+pub const MOST_PIXELS: usize = 24_000_000;
 /// The width of the thumbnails, in pixels.
 const THUMBNAIL: usize = 200;
 /// The number of colours in the legend of the heat map.

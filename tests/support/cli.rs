@@ -2,7 +2,7 @@
 
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -121,6 +121,13 @@ impl Folder {
             stdout: text(output.stdout),
             stderr: text(output.stderr),
         }
+    }
+
+    /// Starts `buffon render` with the scene.
+    pub fn start_render(&self, arguments: &str) -> Running {
+        let mut command = Command::new(program());
+        command.args(["render", "s.xml", "-q"]).args(arguments.split_whitespace());
+        Running::start(command.current_dir(self.0.path()).stderr(Stdio::null()))
     }
 
     /// Renders the scene with camera paths, light paths and both, and asserts that their images agree.

@@ -105,7 +105,7 @@ impl<'g> Builder<'g> {
             _ => self.loaded.integrator.renders_media(),
         };
         if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
-            self.approximate("the scene has media, which are not rendered: every medium is vacuum");
+            self.note("the scene has media, which are not rendered: every medium is vacuum");
         }
         let sensors = self.once(&props, "sensor");
         for sensor in sensors {
