@@ -120,6 +120,15 @@ fn a_scene_alone_is_rendered_and_several_outputs_are_written() {
     assert_eq!((png.width, png.height), (40, 30));
     let same = folder.run("render s.xml --spp 2 -o a.exr -o b.png -o a.exr");
     assert_eq!((same.code, same.stderr.as_str()), (2, "buffon: -o a.exr: this file is named twice\n"));
+    for (arguments, text) in [
+        ("-o a.exr -o ./a.exr", "-o ./a.exr: this file is named twice"),
+        ("--stats s.xml", "--stats s.xml: it is the scene"),
+        ("-o a.exr --stats a.exr", "--stats a.exr: it is also the file of -o"),
+        ("-o a.exr --checkpoint ./a.exr", "--checkpoint ./a.exr: it is also the file of -o"),
+    ] {
+        let run = folder.run(&format!("render s.xml --spp 1 {arguments}"));
+        assert!(run.code == 2 && run.stderr.contains(text), "{arguments}: {run:?}");
+    }
     let other = folder.run("s.xlm");
     assert!(
         other.code == 3 && other.stderr.contains("expected a scene (.xml, .gltf, .glb) or a mesh"),
@@ -153,7 +162,7 @@ fn an_image_goes_to_standard_output() {
     let told = command("-o -").stderr;
     assert!(String::from_utf8_lossy(&told).contains("standard output"), "{told:?}");
     let twice = command("-o - -o -");
-    assert!(String::from_utf8_lossy(&twice.stderr).contains("standard output.exr: this file is named twice"));
+    assert!(String::from_utf8_lossy(&twice.stderr).contains("-o -: standard output is named twice"));
     let refused = command("-o - --stats -");
     assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("only one of them can be standard output"));
@@ -533,7 +542,7 @@ fn shells_and_manuals_are_served() {
     assert_eq!(folder.run("man --dir pages/man1").code, 0);
     let page = String::from_utf8(folder.read("pages/man1/buffon.1")).expect("UTF-8");
     let references: Vec<&str> = page.lines().filter_map(|line| line.strip_suffix("(1)")).collect();
-    assert_eq!(references.len(), 11, "{page}");
+    assert_eq!(references.len(), 12, "{page}");
     for name in references {
         let name = name.replace('\\', "");
         let text = String::from_utf8(folder.read(&format!("pages/man1/{name}.1"))).expect("UTF-8");

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 /// A scene with a light whose radiance is the number of the frame.
 fn animation() -> Folder {
-    let text = SCENE.replace("value=\"0.2\"", "value=\"$frame\"");
+    let text = SCENE.replace("\"radiance\" value=\"0.2\"", "\"radiance\" value=\"$frame\"");
     Folder::with(&text.replace("<integrator", "<default name=\"frame\" value=\"0\"/><integrator"))
 }
 

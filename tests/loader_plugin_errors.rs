@@ -53,11 +53,11 @@ fn materials_out_of_range() {
         ),
         (
             "'roughconductor'>\n<float name='alpha' value='-0.1'/>",
-            "<float name=\"alpha\">: expected a number greater than 0, found -0.1",
+            "<float name=\"alpha\">: expected a number of at least 0, found -0.1",
         ),
         (
-            "'roughconductor'>\n<string name='distribution' value='phong'/>",
-            "<string name=\"distribution\">: expected one of beckmann, ggx, found \"phong\"",
+            "'roughconductor'>\n<string name='distribution' value='blinn'/>",
+            "<string name=\"distribution\">: expected one of beckmann, ggx, found \"blinn\"",
         ),
         (
             "'conductor'>\n<string name='material' value='au'/>",

@@ -305,13 +305,18 @@ fn filters_of_polarisation_dim_light() {
 /// A texture may be a constant volume or a raw constant. Volumes of which the values differ are refused.
 #[test]
 fn textures_may_be_constant_volumes() {
-    let reflectance = |texture: &str| {
+    let reflectance = |texture: &str| -> Result<Rgb, String> {
         let text = format!(
             "<scene version='3.0.0'><sensor type='perspective'/><shape type='sphere'><bsdf type='diffuse'>{texture}
             </bsdf></shape></scene>"
         );
         let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default());
-        loaded.map(|loaded| loaded.description.textures[0].mean()).map_err(|e| e.to_string())
+        let description = loaded.map_err(|e| e.to_string())?.description;
+        let Material::Diffuse(diffuse) = &description.materials[0] else { panic!() };
+        Ok(match diffuse.reflectance.texture() {
+            Some(texture) => description.textures[texture.index()].mean(),
+            None => diffuse.reflectance.constant().expect("a colour"),
+        })
     };
     let volume =
         |inside: &str| reflectance(&format!("<texture type='volume' name='reflectance'>{inside}</texture>"));
@@ -386,4 +391,108 @@ fn patterns_and_colours_of_older_versions_are_read() {
         panic!()
     };
     assert_eq!((colors.name.as_str(), colors.scale), ("vertex_color", 1.0));
+}
+
+/// Colours of old scenes, data of measured conductors, and values at the ends of their ranges.
+#[test]
+fn forms_that_exporters_write_are_read() {
+    let read = |version: &str, text: &str| {
+        let text = format!(
+            "<!DOCTYPE scene>\n<scene version='{version}'><sensor type='thinlens'><float name='aperture_radius' value='0.1'/>
+             </sensor><emitter type='area' id='lamp'/><shape type='sphere'><bsdf type='twosided'>{text}</bsdf></shape>
+             <shape type='rectangle'><ref id='lamp'/></shape></scene>"
+        );
+        let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default());
+        let loaded = loaded.unwrap_or_else(|e| panic!("{text}: {e}"));
+        assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+        (loaded.description.materials[0].clone(), loaded.approximations)
+    };
+    let diffuse = |version: &str, text: &str| {
+        let (Material::Diffuse(diffuse), _) = read(version, &format!("<bsdf type='diffuse'>{text}</bsdf>"))
+        else {
+            panic!("{text}")
+        };
+        diffuse.reflectance
+    };
+    let half = diffuse("0.6.0", "<srgb name='reflectance' value='#808080'/>").constant().expect("a colour");
+    let decimal = diffuse("0.6.0", "<srgb name='reflectance' value='0.50196, 0.50196, 0.50196'/>");
+    assert!(
+        (half.r - 0.215_86).abs() < 1e-4 && (decimal.constant().expect("a colour").g - half.g).abs() < 1e-4
+    );
+    let raw =
+        "<texture type='rawconstant' name='reflectance'><vector name='value' value='.3,.1,.2'/></texture>";
+    assert_eq!(diffuse("3.0.0", raw), Rgb::new(0.3, 0.1, 0.2).into());
+    let metal = |version: &str, text: &str| {
+        let (Material::Conductor(conductor), _) =
+            read(version, &format!("<bsdf type='conductor'>{text}</bsdf>"))
+        else {
+            panic!("{text}")
+        };
+        conductor.metal.eta.constant().expect("an index")
+    };
+    assert_eq!(metal("3.0.0", "<rgb name='eta' value='.3, -.0485, .4'/>"), Rgb::new(0.3, -0.0485, 0.4));
+    let measured = metal("3.0.0", "<spectrum name='eta' value='400:.3, 500:-.0485, 600:.4, 700:1.2'/>");
+    assert!(measured.is_valid(), "{measured:?}");
+    // The default of Mitsuba 0.6 is copper, and its indices are relative to the outside.
+    let copper = metal("0.6.0", "");
+    assert!(copper.r < copper.g && metal("3.0.0", "") == Rgb::BLACK, "{copper:?}");
+    let wet = metal("0.6.0", "<string name='material' value='Cu'/><float name='extEta' value='2'/>");
+    assert!((wet * 2.0 - copper).map(f32::abs).max_component() < 1e-6, "{wet:?}");
+    for (text, approximated) in [
+        ("<bsdf type='roughconductor'><float name='alpha' value='0'/></bsdf>", false),
+        ("<bsdf type='roughconductor'><string name='distribution' value='phong'/></bsdf>", true),
+        ("<bsdf type='roughplastic'><float name='alpha' value='0'/></bsdf>", false),
+        ("<bsdf type='roughplastic'><texture name='alpha' type='checkerboard'/></bsdf>", true),
+        ("<bsdf type='coating'><float name='thickness' value='0'/><bsdf type='diffuse'/></bsdf>", false),
+        ("<bsdf type='normalmap'><texture type='checkerboard'/><bsdf type='diffuse'/></bsdf>", false),
+        (
+            "<bsdf type='normalmap'><rgb name='normalmap' value='.5,.5,1'/><bsdf type='diffuse'/></bsdf>",
+            false,
+        ),
+        ("<bsdf type='phong'><float name='specularSamplingWeight' value='1'/></bsdf>", false),
+    ] {
+        let (_, approximations) = read("0.6.0", text);
+        assert_eq!(!approximations.is_empty(), approximated, "{text}: {approximations:?}");
+    }
+}
+
+#[test]
+fn black_bodies_of_older_versions_emit_as_the_spectrum_does() {
+    let radiance = |text: &str| {
+        let text = format!("<shape type='sphere'><emitter type='area'>{text}</emitter></shape>");
+        loaded(&text).description.shapes[0].emission.expect("it emits").constant().expect("a colour")
+    };
+    let element = radiance("<blackbody name='radiance' temperature='5000K' scale='2'/>");
+    let spectrum = radiance(
+        "<spectrum type='blackbody' name='radiance'><float name='temperature' value='5000'/></spectrum>",
+    );
+    assert!(
+        (element - spectrum * 2.0).map(f32::abs).max_component() < 1e-3 * element.r,
+        "{element:?} {spectrum:?}"
+    );
+    let tinted = "<spectrum type='d65' name='radiance'><float name='scale' value='2'/>
+        <rgb name='color' value='.5,.2,.1'/></spectrum>";
+    assert_eq!(radiance(tinted), Rgb::new(1.0, 0.4, 0.2));
+}
+
+/// What the user replaces or does not use may be unknown.
+#[test]
+fn the_command_line_decides_before_plugins_are_read() {
+    let text = scene(
+        "<sensor type='telescope'/><sensor type='perspective'><sampler type='dice'/></sensor><shape type='sphere'/>",
+    );
+    let files = Files::new(&[("scene.xml", &text)]);
+    let load = |sensor, replaces_sampler| {
+        files.load(&LoadOptions { sensor, replaces_sampler, ..LoadOptions::default() })
+    };
+    let loaded = load(Some(1), true).expect("it loads");
+    assert_eq!(loaded.description.sensors.len(), 2);
+    for note in
+        ["sensor 0 is not used: unknown sensor", "the sampler of the scene is not used: unknown sampler"]
+    {
+        assert!(loaded.notes.iter().any(|text| text == note), "{:?}", loaded.notes);
+    }
+    for (sensor, replaces_sampler) in [(Some(1), false), (Some(0), true), (None, true)] {
+        assert!(load(sensor, replaces_sampler).is_err());
+    }
 }

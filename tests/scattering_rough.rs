@@ -1,14 +1,14 @@
 //! Sampling and densities, energy and reciprocity of dielectric boundaries and plastic.
 
 use crate::support::bsdfs::{
-    Chart, check_bsdf, check_facets, check_reciprocity, directions, directions_of_both_sides,
+    Chart, DIFFUSE, check_bsdf, check_facets, check_reciprocity, directions, directions_of_both_sides,
     scattered_energy,
 };
 use buffon::bsdf::fresnel::ConductorFresnel;
 use buffon::bsdf::microfacet::{Distribution, Microfacets};
 use buffon::bsdf::{
     Bsdf, Coating, Lobe, Plastic, RoughBoundary, RoughConductor, RoughDielectric, RoughPlastic,
-    RoughTransmittance, ThinDielectric,
+    RoughTransmittance, ThinDielectric, TwoSided,
 };
 use buffon::color::Rgb;
 use buffon::math::{Vec2, Vec3};
@@ -306,6 +306,32 @@ fn rough_coating_samples_follow_their_density() {
                         assert!((rough - smooth).abs() < 0.01, "{name} {wo}: {rough} {smooth}");
                     }
                 }
+            }
+        }
+    }
+}
+
+/// Both sides are coated. From the denser side, all light that cannot enter the coating is reflected.
+#[test]
+fn coatings_have_two_sides_and_reflect_beyond_the_critical_angle() {
+    let inner = Bsdf::TwoSided(TwoSided { sides: [&DIFFUSE, &DIFFUSE] });
+    let transmittance = RoughTransmittance::new(Distribution::Ggx, 0.01, 0.75);
+    let microfacets =
+        Microfacets { distribution: Distribution::Ggx, alpha_x: 0.01, alpha_y: 0.01, sample_visible: true };
+    let boundary = RoughBoundary { microfacets, transmittance: &transmittance };
+    for rough in [None, Some(boundary)] {
+        let coating =
+            Coating { eta: 0.75, depth: Rgb::BLACK, specular_reflectance: Rgb::WHITE, rough, inner: &inner };
+        let bsdf = Bsdf::Coating(coating);
+        for wo in directions() {
+            let below = Vec3::new(wo.x, wo.y, -wo.z);
+            let [front, back] = [wo, below].map(|wo| scattered_energy(&bsdf, wo).r);
+            assert!((front - back).abs() < 2e-3, "{wo}: {front} {back}");
+            // The critical angle is 49°.
+            assert!(front < 1.0 + 2e-3 && (wo.z > 0.4 || front > 0.95), "{wo}: {front}");
+            for wi in directions() {
+                let mirrored = bsdf.eval(below, Vec3::new(wi.x, wi.y, -wi.z));
+                assert_eq!(bsdf.eval(wo, wi), mirrored, "{wo} {wi}");
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use super::facet::Facet;
 use super::microfacet::Microfacets;
+use super::two_sided::mirrored;
 use super::{Bsdf, BsdfEval, BsdfSample, Lobe, Lobes, RoughTransmittance, SpecularLobe, fresnel};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
@@ -10,7 +11,7 @@ use crate::sampling::hash::probability_below;
 /// The largest random number below 1.
 const LAST: f32 = 1f32.next_down();
 
-/// Reflection by a coating, and a BSDF below it that light reaches by refraction. The back side is black.
+/// Reflection by a coating, and a BSDF below it that light reaches by refraction. Both sides are coated.
 ///
 /// Light that the coating reflects back inside is lost: `f = (1 − Fo)(1 − Fi)/η² · f'(ωo', ωi') · a`, where the primes
 /// mark the directions inside the coating and `a` is the transmittance of its medium along both of them. If the
@@ -54,22 +55,26 @@ impl Coating<'_> {
         self.rough.map_or(smooth, |rough| 1.0 - rough.transmittance.external(cos))
     }
 
-    /// Refracts a direction above the surface; `None` if all of its light is reflected.
+    /// Refracts a direction outside; `None` if all of its light is reflected.
     fn refract(&self, w: Vec3) -> Option<Refracted> {
-        let refraction = fresnel::dielectric(w.z, self.eta);
-        let reflectance = self.reflectance(w.z, refraction.reflectance);
-        let w = Vec3::new(w.x / self.eta, w.y / self.eta, refraction.cos_t);
+        let refraction = fresnel::dielectric(w.z.abs(), self.eta);
+        let reflectance = self.reflectance(w.z.abs(), refraction.reflectance);
+        let w = Vec3::new(w.x / self.eta, w.y / self.eta, refraction.cos_t.copysign(w.z));
         (refraction.cos_t > 0.0).then_some(Refracted { w, reflectance })
     }
 
     /// Returns the direction outside of a direction inside the coating, and the reflectance; `None` if all of its
     /// light is reflected.
     fn leave(&self, w: Vec3) -> Option<(Vec3, Refracted)> {
-        let refraction = fresnel::dielectric(w.z, 1.0 / self.eta);
-        let out = Vec3::new(w.x * self.eta, w.y * self.eta, refraction.cos_t);
-        let reflectance = self.reflectance(out.z, refraction.reflectance);
-        let leaves = w.z > 0.0 && refraction.cos_t > 0.0;
-        leaves.then_some((out, Refracted { w, reflectance }))
+        let refraction = fresnel::dielectric(w.z.abs(), 1.0 / self.eta);
+        let out = Vec3::new(w.x * self.eta, w.y * self.eta, refraction.cos_t.copysign(w.z));
+        let reflectance = self.reflectance(refraction.cos_t, refraction.reflectance);
+        (refraction.cos_t > 0.0).then_some((out, Refracted { w, reflectance }))
+    }
+
+    /// Returns the reflectance of the coating for light from a direction outside.
+    fn reflectance_of(&self, w: Vec3) -> f32 {
+        self.reflectance(w.z.abs(), fresnel::dielectric(w.z.abs(), self.eta).reflectance)
     }
 
     /// Returns the lobes that may scatter light.
@@ -79,6 +84,7 @@ impl Coating<'_> {
 
     /// Evaluates the reflection by the facets of the coating.
     fn eval_facets(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
+        let [wo, wi] = [wo, wi].map(|w| if wo.z < 0.0 { mirrored(w) } else { w });
         let facets = self.rough.zip(Facet::mirroring(wo, wi));
         let Some((RoughBoundary { microfacets, .. }, Facet { m, cos_o, dm_dwi, .. })) = facets else {
             return BsdfEval::ZERO;
@@ -93,7 +99,7 @@ impl Coating<'_> {
 
     /// Returns the fraction of the light that is not lost on both ways through the coating.
     fn transmittance(&self, a: Refracted, b: Refracted) -> Rgb {
-        let length = 1.0 / a.w.z + 1.0 / b.w.z;
+        let length = 1.0 / a.w.z.abs() + 1.0 / b.w.z.abs();
         let passing = (1.0 - a.reflectance) * (1.0 - b.reflectance);
         self.depth.map(|depth| (-depth * length).exp() * passing)
     }
@@ -112,31 +118,31 @@ impl Coating<'_> {
 
     /// Evaluates the finite lobes.
     pub fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfEval {
-        let Some([o, i]) = self.refract_both(wo, wi) else { return BsdfEval::ZERO };
-        let inner = self.inner.eval(o.w, i.w);
-        let scale = 1.0 / (self.eta * self.eta);
-        let facets = self.eval_facets(wo, wi);
-        let probability = self.specular_probability(o.reflectance);
-        let below = inner.pdf * self.compression(wi.z, i.w.z);
-        BsdfEval {
-            f: inner.f * self.transmittance(o, i) * scale + facets.f,
-            pdf: below * (1.0 - probability) + facets.pdf * probability,
-        }
+        self.eval_by(wo, wi, |o, i| self.inner.eval(o, i))
     }
 
     /// Returns the density of [`sample_adjoint`](Self::sample_adjoint).
     pub(super) fn pdf_adjoint(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let Some([o, i]) = self.refract_both(wo, wi) else { return 0.0 };
-        let below = self.inner.pdf_adjoint(o.w, i.w) * self.compression(wi.z, i.w.z);
-        let probability = self.specular_probability(o.reflectance);
-        below * (1.0 - probability) + self.eval_facets(wo, wi).pdf * probability
+        let inner = |o, i| BsdfEval { f: Rgb::BLACK, pdf: self.inner.pdf_adjoint(o, i) };
+        self.eval_by(wo, wi, inner).pdf
     }
 
-    fn refract_both(&self, wo: Vec3, wi: Vec3) -> Option<[Refracted; 2]> {
-        if wo.z <= 0.0 || wi.z <= 0.0 {
-            return None;
+    fn eval_by(&self, wo: Vec3, wi: Vec3, inner: impl Fn(Vec3, Vec3) -> BsdfEval) -> BsdfEval {
+        if wo.z * wi.z <= 0.0 {
+            return BsdfEval::ZERO;
         }
-        Some([self.refract(wo)?, self.refract(wi)?])
+        let probability = self.specular_probability(self.reflectance_of(wo));
+        let facets = self.eval_facets(wo, wi);
+        let facets = BsdfEval { f: facets.f, pdf: facets.pdf * probability };
+        // Beyond the critical angle, light reaches only the facets.
+        let Some((o, i)) = self.refract(wo).zip(self.refract(wi)) else { return facets };
+        let inner = inner(o.w, i.w);
+        let scale = 1.0 / (self.eta * self.eta);
+        let below = inner.pdf * self.compression(wi.z, i.w.z);
+        BsdfEval {
+            f: inner.f * self.transmittance(o, i) * scale + facets.f,
+            pdf: below * (1.0 - probability) + facets.pdf,
+        }
     }
 
     /// Samples the reflection by the coating, or the BSDF below. If the coating is rough, a finite lobe is weighted by
@@ -147,7 +153,7 @@ impl Coating<'_> {
             return Some(sample);
         }
         let BsdfEval { f, pdf } = self.eval(wo, sample.wi);
-        (pdf > 0.0).then(|| BsdfSample { weight: f * (sample.wi.z / pdf), pdf, ..sample })
+        (pdf > 0.0).then(|| BsdfSample { weight: f * (sample.wi.z.abs() / pdf), pdf, ..sample })
     }
 
     /// Samples the direction towards the viewer (see [`Bsdf::sample_adjoint`]). If the coating is rough, weight and
@@ -164,15 +170,18 @@ impl Coating<'_> {
         u: Vec2,
         inner: impl Fn(Vec3, f32) -> Option<BsdfSample>,
     ) -> Option<BsdfSample> {
-        if wo.z <= 0.0 {
+        if wo.z == 0.0 {
             return None;
         }
-        let r = self.reflectance(wo.z, fresnel::dielectric(wo.z, self.eta).reflectance);
+        let r = self.reflectance_of(wo);
         let probability = self.specular_probability(r);
         if let Some(RoughBoundary { microfacets, .. }) = self.rough.filter(|_| u_lobe < probability) {
-            let (wi, _) = Facet::mirror(wo, microfacets.sample(wo, u))?;
-            let BsdfEval { f, pdf } = self.eval_facets(wo, wi);
-            let sample = BsdfSample { wi, weight: f * (wi.z / pdf), pdf, lobe: Lobe::Glossy, eta: 1.0 };
+            let upper = Vec3::new(wo.x, wo.y, wo.z.abs());
+            let (wi, _) = Facet::mirror(upper, microfacets.sample(upper, u))?;
+            let BsdfEval { f, pdf } = self.eval_facets(upper, wi);
+            let weight = f * (wi.z / pdf);
+            let wi = Vec3::new(wi.x, wi.y, wi.z.copysign(wo.z));
+            let sample = BsdfSample { wi, weight, pdf, lobe: Lobe::Glossy, eta: 1.0 };
             return (pdf > 0.0).then_some(sample);
         }
         if u_lobe < probability {
@@ -199,10 +208,10 @@ impl Coating<'_> {
 
     /// Calls `found` for every Dirac delta (see [`Bsdf::specular_lobes`]).
     pub(super) fn specular_lobes(&self, wo: Vec3, found: &mut dyn FnMut(SpecularLobe)) {
-        if wo.z <= 0.0 {
+        if wo.z == 0.0 {
             return;
         }
-        let r = fresnel::dielectric(wo.z, self.eta).reflectance;
+        let r = fresnel::dielectric(wo.z.abs(), self.eta).reflectance;
         let weight = self.specular_reflectance * r;
         if self.rough.is_none() && !weight.is_black() {
             found(SpecularLobe { wi: Vec3::new(-wo.x, -wo.y, wo.z), weight, eta: 1.0 });

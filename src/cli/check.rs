@@ -4,6 +4,7 @@ use super::print;
 use super::shared::SceneArgs;
 use crate::error::{Error, Kind, Result, counted};
 use crate::loader::{self, LoadOptions, Loaded, Tolerance};
+use crate::session::NOTHING_TO_SEE;
 use clap::Args;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -133,7 +134,10 @@ fn check(scene: &Path, args: &CheckArgs) -> Checked {
         // What was found before a problem without a stand-in is not known.
         Loaded { tolerated: vec![error], ..Loaded::default() }
     });
-    let Loaded { tolerated, warnings, approximations, notes, .. } = loaded;
+    let Loaded { mut tolerated, warnings, approximations, notes, .. } = loaded;
+    if loaded.description.sensors.is_empty() && tolerated.is_empty() {
+        tolerated.push(Error::scene(NOTHING_TO_SEE).in_file(scene));
+    }
     let mut problems: Vec<Problem> = tolerated.into_iter().flat_map(Problem::all).collect();
     problems.sort_by(|a, b| (&a.file, a.line, a.column).cmp(&(&b.file, b.line, b.column)));
     let warnings = warnings.into_iter().flat_map(Problem::all).collect();

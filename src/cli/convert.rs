@@ -46,7 +46,8 @@ pub(super) fn read_layer(path: &Path, layer: Option<&str>) -> Result<Image> {
     let image = image::read(path)?;
     let Some(layer) = layer else { return Ok(image) };
     image.layer(layer).ok_or_else(|| {
-        let message = format!("--layer {layer}: there are {}", image.layers().join(", "));
-        Error::usage(message).in_file(path)
+        let layers = image.layers();
+        let what = if layers.is_empty() { "no layers".to_owned() } else { layers.join(", ") };
+        Error::usage(format!("--layer {layer}: there are {what}")).in_file(path)
     })
 }

@@ -11,7 +11,8 @@ use crate::compare::{
     heat, z_test,
 };
 use crate::error::{Error, Result};
-use crate::image::{Image, WriteOptions, read, write};
+use crate::image::{Image, WriteOptions, check_output, read, write};
+use crate::util::is_same_file;
 
 /// The exit code for images that are equal within the threshold.
 const SAME: u8 = 0;
@@ -150,6 +151,17 @@ pub struct Outcome {
 pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
     if args.fail.is_some_and(f64::is_nan) {
         return Err(Error::usage("expected a number, found NaN").about("--fail"));
+    }
+    if args.fail.is_some_and(|fail| fail < 0.0) && args.metric != Metric::Psnr {
+        return Err(Error::usage("expected a number of at least 0").about("--fail"));
+    }
+    if let Some(output) = &args.output {
+        check_output(output)?;
+    }
+    if let Some(output) = &args.output
+        && [&args.a, &args.b].into_iter().any(|image| is_same_file(image, output))
+    {
+        return Err(Error::usage(format!("-o {}: it is one of the images", output.display())));
     }
     let (a, b) = (read(&args.a)?, read(&args.b)?);
     let variance = args.variance.as_deref().map(read).transpose()?;

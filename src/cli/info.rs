@@ -149,10 +149,12 @@ fn describe_compiled(
         ("triangles", scene.triangle_count().to_string()),
         ("materials", count(scene.materials.iter().map(|m| m.kind()))),
         ("emitters", count(scene.lights.iter().map(|l| l.kind()))),
-        ("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max)),
         ("needs", scene.needs.to_string()),
         ("memory", memory(scene, &session.memory)),
     ];
+    if scene.bounds.min.is_finite() {
+        lines.push(("bounds", format!("{} to {}", scene.bounds.min, scene.bounds.max)));
+    }
     for sensor in sensors {
         lines.push(("to render", to_render(&RenderMemory::least(&sensor.film), &session.memory)));
     }

@@ -109,9 +109,15 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Inserts `render` if the first argument is a file instead of a subcommand, none of which has an extension.
+/// Inserts `render` if the first argument is a file or an option of it instead of a subcommand, none of which has an
+/// extension.
 fn with_subcommand(mut arguments: Vec<OsString>) -> Vec<OsString> {
-    if arguments.get(1).is_some_and(|first| Path::new(first).extension().is_some()) {
+    const OWN: [&str; 4] = ["-h", "--help", "-V", "--version"];
+    let renders = |first: &OsString| {
+        let text = first.to_string_lossy();
+        Path::new(first).extension().is_some() || text.starts_with('-') && !OWN.contains(&&*text)
+    };
+    if arguments.get(1).is_some_and(renders) {
         arguments.insert(1, "render".into());
     }
     arguments

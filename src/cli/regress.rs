@@ -149,6 +149,11 @@ pub fn run(args: &RegressArgs) -> Result<u8> {
             .map_err(|e| Error::output(format!("the folder cannot be made: {e}")).in_file(folder))?;
     }
     let found = discover(&args.folder, args.filter.as_deref())?;
+    if let Some(path) = &args.junit
+        && found.scenes.iter().any(|scene| util::is_same_file(&scene.path, path))
+    {
+        return Err(Error::usage(format!("--junit {}: it is one of the scenes", path.display())));
+    }
     let options = options(args);
     image::set_threads(options.threads);
     let progress = Arc::new(Progress::new());

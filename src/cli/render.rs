@@ -13,6 +13,7 @@ use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, PathReuse};
+use crate::loader::LoadOptions;
 use crate::render::{Adaptive, CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
@@ -325,17 +326,37 @@ fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
     if let (Some(option), Some(other)) = (layered, targets.iter().find(|target| !is_exr(target))) {
         return Err(Error::usage(format!("{option}: layers need an EXR, which {} is not", other.display())));
     }
-    let repeated = |(i, target): &(usize, &PathBuf)| targets[..*i].contains(target);
-    if let Some((_, target)) = targets.iter().enumerate().find(repeated) {
-        return Err(Error::usage(format!("-o {}: this file is named twice", target.display())));
+    let options = [("--stats", &args.stats), ("--checkpoint", &args.checkpoint), ("--cache", &args.cache)];
+    let options = options.into_iter().filter_map(|(option, file)| Some((option, file.as_deref()?)));
+    let outputs = args.output.iter().map(|file| ("-o", file.as_path()));
+    let written: Vec<_> = outputs.chain(options).filter(|(_, file)| !is_piped(file)).collect();
+    if args.output.iter().filter(|target| is_piped(target)).count() > 1 {
+        return Err(Error::usage("-o -: standard output is named twice"));
+    }
+    for (i, (option, file)) in written.iter().enumerate() {
+        let named = format!("{option} {}", file.display());
+        if util::is_same_file(file, &args.scene) {
+            return Err(Error::usage(format!("{named}: it is the scene")));
+        }
+        if let Some((other, _)) = written[..i].iter().find(|(_, earlier)| util::is_same_file(earlier, file)) {
+            return Err(Error::usage(match other == option {
+                true => format!("{named}: this file is named twice"),
+                false => format!("{named}: it is also the file of {other}"),
+            }));
+        }
     }
     Ok(())
 }
 
 /// Loads and compiles the scene, and prints its warnings and notes.
 fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
+    let load = args.resources.load_options(args.method.integrator.as_deref());
     let choices = SceneChoices {
-        load: args.resources.load_options(args.method.integrator.as_deref()),
+        load: LoadOptions {
+            replaces_sampler: args.method.sampler().is_some(),
+            sensor: Some(args.view.sensor),
+            ..load
+        },
         sensor: args.view.sensor,
         size: args.view.size,
         crop: args.crop,

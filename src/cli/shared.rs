@@ -47,6 +47,8 @@ impl SceneArgs {
             search_paths: self.search_path.clone(),
             memory: self.memory_limit.unwrap_or_default(),
             integrator: integrator.map(str::to_owned),
+            replaces_sampler: false,
+            sensor: None,
             tolerance: if self.skip_unknown { Tolerance::Unsupported } else { Tolerance::Nothing },
         }
     }

@@ -7,8 +7,10 @@ use super::{Rgb, cie};
 pub enum Quantity {
     /// A fraction in [0, 1] of reflected or transmitted light, under the illuminant D65.
     Reflectance,
-    /// A property without an upper bound such as an index of refraction, under the illuminant D65.
+    /// A property without an upper bound such as an absorption coefficient, under the illuminant D65.
     Unbounded,
+    /// An index of refraction, under the illuminant D65. That of measured conductors may be slightly negative.
+    Index,
     /// Emitted light.
     Emission,
 }
@@ -45,16 +47,14 @@ impl Spectrum {
     /// Creates a sampled spectrum.
     ///
     /// # Errors
-    /// If there are fewer than two samples, the wavelengths do not increase, a number is not finite, or a value is
-    /// negative; the error is a sentence.
+    /// If there are fewer than two samples, the wavelengths do not increase, or a number is not finite; the error is a
+    /// sentence.
     pub fn from_samples(samples: Vec<(f64, f64)>) -> Result<Self, String> {
         if samples.len() < 2 {
             return Err(format!("expected at least two wavelength:value pairs, found {}", samples.len()));
         }
-        if let Some(&(nm, v)) =
-            samples.iter().find(|s| !(s.0.is_finite() && s.0 > 0.0 && s.1.is_finite() && s.1 >= 0.0))
-        {
-            return Err(format!("expected positive wavelengths and values of at least 0, found {nm}:{v}"));
+        if let Some(&(nm, v)) = samples.iter().find(|s| !(s.0.is_finite() && s.0 > 0.0 && s.1.is_finite())) {
+            return Err(format!("expected positive wavelengths and finite values, found {nm}:{v}"));
         }
         match samples.windows(2).find(|pair| pair[0].0 >= pair[1].0) {
             Some(pair) => {
@@ -77,10 +77,35 @@ impl Spectrum {
         };
         let channel = |row: [f64; 3]| (row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2]) as f32;
         let raw = Rgb::from(XYZ_TO_RGB.map(channel));
-        let limit = if quantity == Quantity::Reflectance { 1.0 } else { f32::MAX };
-        let rgb = raw.map(|v| v.clamp(0.0, limit));
+        let [low, high] = match quantity {
+            Quantity::Reflectance => [0.0, 1.0],
+            Quantity::Unbounded | Quantity::Emission => [0.0, f32::MAX],
+            Quantity::Index => [f32::MIN, f32::MAX],
+        };
+        let rgb = raw.map(|v| v.clamp(low, high));
         Reduced { rgb, out_of_gamut: (rgb != raw).then_some(raw) }
     }
+}
+
+/// The shortest and longest visible wavelengths, nm.
+pub const VISIBLE: [f64; 2] = [360.0, 830.0];
+/// The number of wavelengths at which the spectrum of a black body is tabulated.
+const BLACKBODY_STEPS: usize = 471;
+
+/// Returns samples of the radiance of a black body between two wavelengths in nm, in W·m⁻²·sr⁻¹·nm⁻¹, at a temperature
+/// in K.
+pub fn black_body(temperature: f64, [low, high]: [f64; 2]) -> Vec<(f64, f64)> {
+    let nm = |i: usize| low + (high - low) * i as f64 / (BLACKBODY_STEPS - 1) as f64;
+    (0..BLACKBODY_STEPS).map(|i| (nm(i), planck(nm(i), temperature))).collect()
+}
+
+/// Returns the radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at a wavelength in nm and a temperature in K. [Planck 1901]
+fn planck(nm: f64, temperature: f64) -> f64 {
+    const H: f64 = 6.626_070_15e-34;
+    const C: f64 = 299_792_458.0;
+    const K: f64 = 1.380_649e-23;
+    let lambda = nm * 1e-9;
+    1e-9 * 2.0 * H * C * C / lambda.powi(5) / (H * C / (lambda * K * temperature)).exp_m1()
 }
 
 /// Returns XYZ of a sampled spectrum, with D65 if `lit`, on the scale in which a spectrum of ones has the luminance

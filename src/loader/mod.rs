@@ -32,6 +32,10 @@ pub struct LoadOptions {
     pub memory: Limit,
     /// `--integrator`: the integrator that replaces the one in the file, which may then be unsupported.
     pub integrator: Option<String>,
+    /// Whether `--sampler` replaces the sampler in the file, which may then be unsupported.
+    pub replaces_sampler: bool,
+    /// `--sensor`: the only sensor that must be supported.
+    pub sensor: Option<usize>,
     /// The errors for which a stand-in is used.
     pub tolerance: Tolerance,
 }

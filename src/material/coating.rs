@@ -6,7 +6,6 @@ use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
 use crate::error::Result;
 use crate::ids::{MaterialId, TextureId};
-use crate::util::parameters::Read;
 
 /// A material under a smooth dielectric coating.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -50,7 +49,7 @@ impl Plugin for Coating {
         }
         Ok(Coating {
             interface: Interface::read(source, "bk7")?,
-            thickness: source.positive("thickness", 1.0)?,
+            thickness: read_thickness(source)?,
             sigma_a: source.color("sigma_a", Quantity::Unbounded, 0.0)?,
             inner,
         })
@@ -72,6 +71,14 @@ impl Plugin for Coating {
 
     fn scattering<'a>(&'a self, _: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
         self.coated(None, context)
+    }
+}
+
+fn read_thickness(source: &mut dyn Source) -> Result<f32> {
+    let thickness = source.float("thickness")?.unwrap_or(1.0) as f32;
+    match (0.0..f32::INFINITY).contains(&thickness) {
+        true => Ok(thickness),
+        false => Err(source.refusal("thickness", "expected a number of at least 0")),
     }
 }
 

@@ -159,6 +159,15 @@ impl Materials {
         entry.plain.then(|| entry.material.bsdf(&entry.prepared, &self.inputs(point)))
     }
 
+    /// Calls `found` for the name of each mesh attribute that a material, or one that it is made of, reads.
+    pub fn attributes(&self, id: MaterialId, found: &mut dyn FnMut(&str)) {
+        let material = &self.get(id).material;
+        for texture in material.textures() {
+            self.textures()[texture.index()].attributes(&mut |attribute| found(&attribute.name));
+        }
+        material.inner().iter().for_each(|inner| self.attributes(*inner, found));
+    }
+
     /// Returns a material.
     #[inline]
     pub fn get(&self, id: MaterialId) -> &SceneMaterial {

@@ -23,8 +23,13 @@ impl Plugin for NormalMap {
 
     fn read(source: &mut dyn Source) -> Result<Self> {
         let inner = source.only_inner()?;
-        let Input::Texture(normals) = source.color("normalmap", Quantity::Unbounded, 0.5)? else {
-            return Err(source.error("normalmap", "expected a texture"));
+        // In Mitsuba 0.6, the texture has any name.
+        let normals = match source.has("normalmap") {
+            false => source.texture()?,
+            true => match source.color("normalmap", Quantity::Unbounded, 0.5)? {
+                Input::Texture(normals) => normals,
+                Input::Constant(value) => source.constant_texture(value),
+            },
         };
         Ok(NormalMap { normals, bending: Bending::read(source)?, inner })
     }

@@ -54,10 +54,29 @@ impl Roughness {
 }
 
 fn alpha(source: &mut dyn Source, name: &'static str) -> Result<Input<f32>> {
-    source.number(name, 0.1, f32::MIN_POSITIVE..=f32::MAX)
+    source.number(name, 0.1, 0.0..=f32::MAX)
+}
+
+/// Reads the roughness of a surface on which it is the same everywhere: at least 10⁻⁴. That of a texture is its mean.
+pub(super) fn read_alpha(source: &mut dyn Source) -> Result<f32> {
+    let alpha = match alpha(source, "alpha")? {
+        Input::Constant(alpha) => alpha,
+        Input::Texture(id) => {
+            source.approximate("alpha: a texture is rendered as its mean");
+            source.texture_mean(id)
+        }
+    };
+    Ok(alpha.max(LEAST_ALPHA))
 }
 
 pub(super) fn read_distribution(source: &mut dyn Source) -> Result<Distribution> {
+    // The roughness of the distributions of Phong and of Ashikhmin and Shirley in Mitsuba 0.6 is that of Beckmann's.
+    const SIMILAR: [&str; 2] = ["phong", "as"];
+    let name = source.text("distribution")?.unwrap_or_default().to_ascii_lowercase();
+    if SIMILAR.contains(&name.as_str()) {
+        source.approximate(&format!("the distribution {name} of microfacets is rendered as beckmann"));
+        return Ok(Distribution::Beckmann);
+    }
     let words = [("beckmann", Distribution::Beckmann), ("ggx", Distribution::Ggx)];
     source.choice("distribution", &words, Distribution::Beckmann)
 }
@@ -123,23 +142,32 @@ impl Metal {
     pub(super) fn read(source: &mut dyn Source) -> Result<Self> {
         let specular_reflectance = source.reflectance("specular_reflectance", 1.0)?;
         let name = source.text("material")?;
-        let eta = source.color("eta", Quantity::Unbounded, 0.0)?;
-        let k = source.color("k", Quantity::Unbounded, 1.0)?;
+        let [eta, k] = [source.color("eta", Quantity::Index, 0.0)?, source.color("k", Quantity::Index, 1.0)?];
         let given = ["eta", "k"].into_iter().find(|name| source.has(name));
-        match (name, given) {
+        let [mut eta, mut k] = match (name, given) {
             (Some(_), Some(other)) => {
-                Err(source.error(other, "expected either material or eta and k, found both"))
+                return Err(source.error(other, "expected either material or eta and k, found both"));
             }
-            (None, Some(_)) => Ok(Metal { eta, k, specular_reflectance }),
+            (None, Some(_)) => [eta, k],
             (name, None) => {
                 let name = name.as_deref().unwrap_or(DEFAULT_CONDUCTOR);
                 let ComplexIor { eta, k } = conductors::conductor(name).ok_or_else(|| {
                     let near = did_you_mean(name, conductors::conductor_names());
                     source.refusal("material", &format!("expected the name of a conductor{near}"))
                 })?;
-                Ok(Metal { eta: eta.into(), k: k.into(), specular_reflectance })
+                [eta.into(), k.into()]
+            }
+        };
+        // In Mitsuba 0.6, the indices are those of the metal alone.
+        if source.has("ext_eta") {
+            let outside = read_ior(source, "ext_eta", "air")?;
+            for input in [&mut eta, &mut k] {
+                if let Input::Constant(value) = input {
+                    *value = *value * (1.0 / outside);
+                }
             }
         }
+        Ok(Metal { eta, k, specular_reflectance })
     }
 
     pub(super) fn textures(&self) -> impl Iterator<Item = TextureId> {

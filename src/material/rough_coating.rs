@@ -1,7 +1,6 @@
 //! `roughcoating`: a material under a rough dielectric coating.
 
-use super::parts::{LEAST_ALPHA, read_distribution};
-use super::source::Read;
+use super::parts::{read_alpha, read_distribution};
 use super::{Coating, Context, Distribution, Materials, Plugin, Prepared, Sampling, Scattering, Source};
 use crate::bsdf::microfacet::Microfacets;
 use crate::bsdf::{Lobes, RoughBoundary, RoughTransmittance};
@@ -28,7 +27,7 @@ impl Plugin for RoughCoating {
         Ok(RoughCoating {
             coating: Coating::read(source)?,
             distribution: read_distribution(source)?,
-            alpha: source.positive("alpha", 0.1)?,
+            alpha: read_alpha(source)?,
             sample_visible: source.boolean("sample_visible", true)?,
         })
     }
@@ -42,7 +41,7 @@ impl Plugin for RoughCoating {
     }
 
     fn prepare(&self) -> Prepared {
-        let (alpha, eta) = (self.alpha.max(LEAST_ALPHA), self.coating.interface.eta());
+        let (alpha, eta) = (self.alpha, self.coating.interface.eta());
         let rough = RoughTransmittance::shared(self.distribution, alpha, eta);
         Prepared { rough: Some(rough), ..Prepared::default() }
     }
@@ -53,11 +52,10 @@ impl Plugin for RoughCoating {
     }
 
     fn scattering<'a>(&'a self, prepared: &'a Prepared, context: &Context<'a>) -> Scattering<'a> {
-        let alpha = self.alpha.max(LEAST_ALPHA);
         let microfacets = Microfacets {
             distribution: self.distribution,
-            alpha_x: alpha,
-            alpha_y: alpha,
+            alpha_x: self.alpha,
+            alpha_y: self.alpha,
             sample_visible: self.sample_visible,
         };
         let rough = prepared.rough.as_deref();

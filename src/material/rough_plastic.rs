@@ -1,7 +1,6 @@
 //! `roughplastic`: a diffuse base under a rough dielectric coat.
 
-use super::parts::{LEAST_ALPHA, read_distribution};
-use super::source::Read;
+use super::parts::{read_alpha, read_distribution};
 use super::{Coated, Distribution, Input, Inputs, Interface, Plugin, Prepared, Source};
 use crate::bsdf::microfacet::Microfacets;
 use crate::bsdf::{self, Bsdf, RoughTransmittance};
@@ -31,7 +30,7 @@ impl Plugin for RoughPlastic {
             interface: Interface::read(source, "polypropylene")?,
             base: Coated::read(source)?,
             distribution: read_distribution(source)?,
-            alpha: source.positive("alpha", 0.1)?,
+            alpha: read_alpha(source)?,
             sample_visible: source.boolean("sample_visible", true)?,
         })
     }
@@ -42,19 +41,17 @@ impl Plugin for RoughPlastic {
     }
 
     fn prepare(&self) -> Prepared {
-        let alpha = self.alpha.max(LEAST_ALPHA);
-        let rough = RoughTransmittance::shared(self.distribution, alpha, self.interface.eta());
+        let rough = RoughTransmittance::shared(self.distribution, self.alpha, self.interface.eta());
         Prepared { rough: Some(rough), ..Prepared::default() }
     }
 
     fn bsdf<'a>(&'a self, prepared: &'a Prepared, inputs: &Inputs<'_>) -> Bsdf<'a> {
         let Some(transmittance) = &prepared.rough else { return Bsdf::Null };
-        let alpha = self.alpha.max(LEAST_ALPHA);
         Bsdf::RoughPlastic(bsdf::RoughPlastic {
             microfacets: Microfacets {
                 distribution: self.distribution,
-                alpha_x: alpha,
-                alpha_y: alpha,
+                alpha_x: self.alpha,
+                alpha_y: self.alpha,
                 sample_visible: self.sample_visible,
             },
             diffuse_reflectance: inputs.color(&self.base.diffuse_reflectance),

@@ -48,6 +48,15 @@ pub trait Source: Parameters {
     /// If there are more or fewer.
     fn inner(&mut self, least: usize, most: usize) -> Result<Vec<MaterialId>>;
 
+    /// Returns the mean of a texture that has been read before, as a number.
+    fn texture_mean(&self, texture: TextureId) -> f32;
+
+    /// Adds a texture with the same value everywhere.
+    fn constant_texture(&mut self, value: Rgb) -> TextureId;
+
+    /// Tells the user what is not rendered as the file asks for.
+    fn approximate(&mut self, text: &str);
+
     /// Returns the materials that have been read before.
     fn materials(&self) -> &[Material];
 }

@@ -24,6 +24,7 @@ use crate::sampling::Distribution1D;
 use crate::sensor::{Camera, Projection, SensorSettings};
 use crate::shape::{Shape, WorldShape};
 use crate::texture::Texture;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -190,6 +191,18 @@ impl SceneCompiler {
         };
         if let Some(message) = refused {
             return Err(locate(Error::scene(message)));
+        }
+        let attributes = if let WorldShape::Mesh(mesh) = &world { &mesh.attributes[..] } else { &[] };
+        let mut missing = BTreeSet::new();
+        self.materials.attributes(material, &mut |attribute| {
+            if attributes.iter().all(|a| a.name != attribute) {
+                missing.insert(attribute.to_owned());
+            }
+        });
+        for attribute in missing {
+            let message =
+                format!("the shape has no attribute {attribute}, which its material reads: it is black");
+            self.report.warnings.push(locate(Error::scene(message)));
         }
         let mut emitter = None;
         if let Some(emission) = emission.filter(|e| !e.mean().is_black()) {

@@ -91,6 +91,27 @@ pub struct SensorSettings {
     pub medium: Option<MediumId>,
 }
 
+impl Default for SensorSettings {
+    /// A pinhole at the origin.
+    fn default() -> Self {
+        SensorSettings {
+            name: String::new(),
+            to_world: Motion::default(),
+            projection: Projection::Perspective {
+                fov: std::f64::consts::FRAC_PI_4,
+                fov_axis: FovAxis::X,
+                principal_point_offset: [0.0; 2],
+            },
+            lens: None,
+            near_clip: 1e-2,
+            far_clip: 1e4,
+            shutter: [0.0; 2],
+            film: FilmSettings::default(),
+            medium: None,
+        }
+    }
+}
+
 impl SensorSettings {
     /// Returns the name of the sensor's type in the scene language.
     pub fn kind(&self) -> &'static str {

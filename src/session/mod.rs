@@ -48,6 +48,9 @@ pub struct SceneChoices {
     pub crop: Option<PixelRect>,
 }
 
+/// What is wrong with a scene that has no sensor and cannot be given one.
+pub const NOTHING_TO_SEE: &str = "the scene has neither a sensor nor a shape to look at";
+
 /// A scene file with the user's choices, before compilation.
 #[derive(Clone, Debug)]
 pub struct SceneFile {
@@ -114,7 +117,7 @@ impl SceneFile {
         file.load_seconds = started.elapsed().as_secs_f64();
         let sensors = file.description.sensors.len();
         if sensors == 0 {
-            return Err(Error::scene("the scene has neither a sensor nor a shape to look at").in_file(path));
+            return Err(Error::scene(NOTHING_TO_SEE).in_file(path));
         }
         let Some(sensor) = file.description.sensors.get_mut(choices.sensor) else {
             return Err(Error::usage(format!(

@@ -127,15 +127,22 @@ impl Texture {
         }
     }
 
+    /// Calls `found` for each mesh attribute that the texture, or one that it contains, reads.
+    pub fn attributes<'a>(&'a self, found: &mut dyn FnMut(&'a MeshAttribute)) {
+        match self {
+            Texture::Constant(_) | Texture::Bitmap(_) => {}
+            Texture::Pattern(pattern) => pattern.textures().iter().for_each(|t| t.attributes(found)),
+            Texture::MeshAttribute(attribute) => found(attribute),
+            Texture::Adjusted(adjusted) => adjusted.texture.attributes(found),
+            Texture::Product(product) => product.0.iter().for_each(|t| t.attributes(found)),
+        }
+    }
+
     /// Returns whether the texture, or one that it contains, reads a mesh attribute.
     fn needs_mesh(&self) -> bool {
-        match self {
-            Texture::Constant(_) | Texture::Bitmap(_) => false,
-            Texture::Pattern(pattern) => pattern.needs_mesh(),
-            Texture::MeshAttribute(_) => true,
-            Texture::Adjusted(adjusted) => adjusted.texture.needs_mesh(),
-            Texture::Product(product) => product.0.iter().any(|t| t.needs_mesh()),
-        }
+        let mut needs = false;
+        self.attributes(&mut |_| needs = true);
+        needs
     }
 
     /// Returns the width and height in texels; 1 and 1 if there are no texels.

@@ -77,9 +77,9 @@ impl Pattern {
         self.textures.iter().map(Texture::memory_bytes).sum()
     }
 
-    /// Returns whether one of the textures reads a mesh attribute.
-    pub(super) fn needs_mesh(&self) -> bool {
-        self.textures.iter().any(Texture::needs_mesh)
+    /// Returns the two textures.
+    pub(super) fn textures(&self) -> &[Texture; 2] {
+        &self.textures
     }
 
     /// Returns the greatest number of squares, lines or texels along the sides of the unit square.

@@ -9,7 +9,7 @@ pub mod wording;
 
 pub use digest::digest;
 pub use relative::relative;
-pub use replace::{check_replaceable, replace, replace_with};
+pub use replace::{check_replaceable, is_same_file, replace, replace_with};
 
 /// Returns the value with the given name.
 pub fn named<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 
 /// Writes a file to a temporary name in the same folder, `name.XXXXXX.part.ext`, and renames it when it is complete.
 /// An existing file is therefore replaced only by a complete one, and is unchanged if writing fails. A symbolic link
-/// is followed.
+/// is followed. What is not a regular file, such as a pipe or `/dev/null`, is written to.
 ///
 /// # Errors
 /// If the folder is missing, full or not writable, or if there is a folder with the file's name.
@@ -22,6 +22,14 @@ pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
 /// As [`replace`].
 pub fn replace_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
     let fail = |message: String| failure(path, &message);
+    if is_special(path) {
+        let fill = || {
+            let mut file = BufWriter::new(File::options().write(true).open(path)?);
+            write(&mut file)?;
+            file.flush()
+        };
+        return fill().map_err(|e: io::Error| fail(e.to_string()));
+    }
     let (target, mut part) = begin(path)?;
     part.fill(write).map_err(|e| fail(e.to_string()))?;
     part.path.persist(&target).map_err(|e| fail(e.error.to_string()))
@@ -32,7 +40,22 @@ pub fn replace_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Resul
 /// # Errors
 /// As [`replace`].
 pub fn check_replaceable(path: &Path) -> Result<()> {
-    begin(path).map(drop)
+    if is_special(path) { Ok(()) } else { begin(path).map(drop) }
+}
+
+/// Returns whether two paths name the same file, which need not exist.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    let whole = |path: &Path| {
+        let folder = path.parent().filter(|parent| *parent != Path::new("")).unwrap_or(Path::new("."));
+        let place = || Some(std::fs::canonicalize(folder).ok()?.join(path.file_name()?));
+        std::fs::canonicalize(path).ok().or_else(place).unwrap_or_else(|| path.to_owned())
+    };
+    whole(a) == whole(b)
+}
+
+/// Returns whether there is something that is neither a file nor a folder.
+fn is_special(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir())
 }
 
 fn failure(path: &Path, message: &str) -> Error {
@@ -170,6 +193,34 @@ mod tests {
         assert!(others.iter().all(|name| dir.path().join(name).exists()));
         drop(living);
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), others.len());
+    }
+
+    #[test]
+    fn pipes_are_written_to_and_not_replaced() {
+        use std::os::unix::fs::FileTypeExt;
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        let reader = std::thread::spawn({
+            let path = path.clone();
+            move || fs::read_to_string(path).unwrap()
+        });
+        check_replaceable(&path).unwrap();
+        replace(&path, b"text").unwrap();
+        assert_eq!(reader.join().unwrap(), "text");
+        assert!(fs::metadata(&path).unwrap().file_type().is_fifo());
+    }
+
+    #[test]
+    fn the_same_file_is_recognised_by_other_paths() {
+        let dir = tempfile::tempdir().unwrap();
+        let (file, other) = (dir.path().join("a"), dir.path().join("b"));
+        fs::write(&file, "").unwrap();
+        std::os::unix::fs::symlink(&file, &other).unwrap();
+        assert!(is_same_file(&file, &dir.path().join("./a")) && is_same_file(&file, &other));
+        assert!(is_same_file(&dir.path().join("new"), &dir.path().join("./new")));
+        assert!(!is_same_file(&file, &dir.path().join("new")));
+        assert!(is_same_file(Path::new("new"), Path::new("./new")));
     }
 
     /// Runs this test in a process whose files are limited to 8 KiB.

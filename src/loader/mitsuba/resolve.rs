@@ -4,6 +4,7 @@ use super::graph::{CLASSES, Graph, Object, ObjectId, Property, Value};
 use super::parameters::Parameters;
 use super::xml::{self, Attribute, Element};
 use super::{transform, upgrade, values};
+use crate::color::spectrum::{Spectrum, VISIBLE, black_body};
 use crate::error::{Error, Kind, Result};
 use crate::loader::files::Folders;
 use crate::loader::{LoadOptions, Tolerance, framing, tolerated};
@@ -23,8 +24,20 @@ const MAX_FILES: usize = 10_000;
 const MAX_ELEMENTS: usize = 50_000_000;
 
 /// Elements that are a property, and elements that are neither a property nor an object.
-const PROPERTY_TAGS: [&str; 10] =
-    ["integer", "float", "string", "boolean", "rgb", "spectrum", "point", "vector", "transform", "animation"];
+const PROPERTY_TAGS: [&str; 12] = [
+    "integer",
+    "float",
+    "string",
+    "boolean",
+    "rgb",
+    "srgb",
+    "spectrum",
+    "blackbody",
+    "point",
+    "vector",
+    "transform",
+    "animation",
+];
 const OTHER_TAGS: [&str; 5] = ["ref", "default", "include", "path", "alias"];
 
 /// A resolved scene file.
@@ -209,6 +222,9 @@ impl Resolver<'_> {
             return Err(element.error(format!("nested deeper than {} levels", xml::MAX_DEPTH)));
         }
         self.children(element, Context { parent: index, old })?;
+        if old {
+            upgrade::defaults(&mut self.out.graph.objects[index]);
+        }
         self.nesting -= 1;
         Ok(())
     }
@@ -314,6 +330,7 @@ impl Resolver<'_> {
             "transform" | "animation" => check_attributes(&element, &["name"], &[])?,
             "point" | "vector" => check_attributes(&element, &["name"], &["x", "y", "z", "value"])?,
             "spectrum" => check_attributes(&element, &["name"], &["value", "filename"])?,
+            "blackbody" => check_attributes(&element, &["name", "temperature"], &["scale"])?,
             _ => check_attributes(&element, &["name", "value"], &[])?,
         }
         let text = element.attribute("value").unwrap_or_default();
@@ -323,6 +340,8 @@ impl Resolver<'_> {
             "string" => Ok(Value::Text(text.to_owned())),
             "boolean" => values::boolean(text).map(Value::Boolean),
             "rgb" => values::rgb(text).map(Value::Rgb),
+            "srgb" => values::srgb(text).map(Value::Rgb),
+            "blackbody" => blackbody(&element),
             // Before version 2, a spectrum of three values was linear sRGB.
             "spectrum" if context.old && values::floats(text).is_ok_and(|v| v.len() == 3) => {
                 values::rgb(text).map(Value::Rgb)
@@ -413,6 +432,18 @@ fn spectrum(element: &Element) -> Result<Value, String> {
         (None, Some(file)) => Ok(Value::SpectrumFile(file.to_owned())),
         _ => Err("expected either value or filename".to_owned()),
     }
+}
+
+/// Reads the spectrum of a black body: `temperature` in K, and a factor `scale`.
+fn blackbody(element: &Element) -> Result<Value, String> {
+    let text = element.attribute("temperature").unwrap_or_default().trim();
+    let temperature = values::float(text.trim_end_matches(['K', 'k']))?;
+    let scale = element.attribute("scale").map_or(Ok(1.0), values::float)?;
+    if temperature <= 0.0 {
+        return Err(format!("expected a temperature above 0, found {text}"));
+    }
+    let samples = black_body(temperature, VISIBLE).into_iter().map(|(nm, radiance)| (nm, scale * radiance));
+    Ok(Value::Spectrum(Spectrum::from_samples(samples.collect())?))
 }
 
 /// Returns an error if an element contains elements.

@@ -1,11 +1,28 @@
 //! Changes of the scene language at version 2: camelCase names became snake_case, and a few names were replaced.
 
+use super::graph::{Object, Property, Value};
+
 /// Returns a property's name in the current scene language: `toWorld` becomes `to_world`, `intIOR` becomes `int_ior`.
 pub fn property(plugin: &str, name: &str) -> String {
     let snake = snake_case(name);
     match (plugin, snake.as_str()) {
         ("diffuse" | "roughdiffuse", "diffuse_reflectance") => "reflectance".to_owned(),
         _ => snake,
+    }
+}
+
+/// Adds the properties of an object that have another default in the current scene language.
+pub fn defaults(object: &mut Object) {
+    const CONDUCTORS: [&str; 2] = ["conductor", "roughconductor"];
+    let has = |name: &str| {
+        object.properties.iter().any(|property| property.name == name)
+            || object.children.iter().any(|child| child.name.as_deref() == Some(name))
+    };
+    if CONDUCTORS.contains(&object.plugin.as_str()) && !["material", "eta", "k"].iter().any(|name| has(name))
+    {
+        let (name, spot) = ("material".to_owned(), object.spot.clone());
+        let value = Value::Text("Cu".to_owned());
+        object.properties.push(Property { name, tag: "string".to_owned(), value, spot });
     }
 }
 

@@ -60,12 +60,19 @@ pub fn rgb(text: &str) -> Result<[f64; 3], String> {
     Ok(colour.to_array().map(f64::from))
 }
 
+/// Parses a colour in sRGB: three values from 0 to 1, one for all three, or `#rrggbb`.
+pub fn srgb(text: &str) -> Result<[f64; 3], String> {
+    if text.trim().starts_with('#') {
+        return rgb(text);
+    }
+    Ok(triple(text)?.map(|v| f64::from(srgb::srgb_to_linear(v as f32))))
+}
+
 /// Parses a spectrum: one value for all wavelengths, or `wavelength:value` pairs in nm.
 pub fn spectrum(text: &str) -> Result<Spectrum, String> {
     if !text.contains(':') {
         return match floats(text)?[..] {
-            [v] if v >= 0.0 => Ok(Spectrum::Constant(v)),
-            [v] => Err(format!("expected a value of at least 0, found {v}")),
+            [v] => Ok(Spectrum::Constant(v)),
             ref other => {
                 Err(format!("expected one value or wavelength:value pairs, found {} values", other.len()))
             }

@@ -1,6 +1,7 @@
 //! XML elements with their positions in the file.
 
 use crate::error::{Error, Place, Result};
+use roxmltree::{Document, ParsingOptions};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -119,11 +120,14 @@ impl Element {
 /// Parses a file's text. Text between elements is ignored with a warning.
 ///
 /// # Errors
-/// If the XML is malformed, at its place; if there is a document type declaration (so no entities can be defined); if
-/// elements are nested deeper than [`MAX_DEPTH`].
+/// If the XML is malformed, at its place; if it defines entities; if elements are nested deeper than [`MAX_DEPTH`].
 pub fn parse(path: &Path, text: String, warnings: &mut Vec<Error>) -> Result<Element> {
     let source = Arc::new(Source::new(path, text));
-    let document = roxmltree::Document::parse(&source.text).map_err(|e| parse_error(&source, &e))?;
+    // A declaration without entities says nothing.
+    let options =
+        ParsingOptions { allow_dtd: !source.text.contains("<!ENTITY"), ..ParsingOptions::default() };
+    let document = Document::parse_with_options(&source.text, options);
+    let document = document.map_err(|e| parse_error(&source, &e))?;
     convert(document.root_element(), &source, 1, warnings)
 }
 
@@ -132,9 +136,7 @@ fn parse_error(source: &Arc<Source>, error: &roxmltree::Error) -> Error {
     if matches!(error, roxmltree::Error::DtdDetected) {
         let offset = source.text.find("<!DOCTYPE").unwrap_or(0);
         let spot = Spot { source: source.clone(), offset };
-        return Error::scene("document type declarations and their entities are refused")
-            .about("<!DOCTYPE>")
-            .at(spot.place());
+        return Error::scene("entities are refused").about("<!DOCTYPE>").at(spot.place());
     }
     let pos = error.pos();
     let text = error.to_string();
@@ -223,7 +225,7 @@ mod tests {
         let bomb = "<!DOCTYPE a [<!ENTITY x \"xxxx\"><!ENTITY y \"&x;&x;\">]>\n<scene a=\"&y;\"/>";
         assert_eq!(
             parse_text(bomb).unwrap_err().to_string().lines().next().unwrap(),
-            "s.xml:1:1: <!DOCTYPE>: document type declarations and their entities are refused"
+            "s.xml:1:1: <!DOCTYPE>: entities are refused"
         );
         let deep = "<a>".repeat(50_000) + &"</a>".repeat(50_000);
         assert_eq!(

@@ -143,6 +143,19 @@ impl Source for ObjectSource<'_, '_> {
         children.into_iter().map(|child| self.builder.material(child.object)).collect()
     }
 
+    fn texture_mean(&self, texture: TextureId) -> f32 {
+        self.builder.loaded.description.textures[texture.index()].mean().mean()
+    }
+
+    fn constant_texture(&mut self, value: Rgb) -> TextureId {
+        self.builder.loaded.description.add_texture(Arc::new(Texture::Constant(value)))
+    }
+
+    fn approximate(&mut self, text: &str) {
+        let thing = self.props.object.thing();
+        self.builder.approximate(format!("{thing}: {text}"));
+    }
+
     fn materials(&self) -> &[Material] {
         &self.builder.loaded.description.materials
     }

@@ -2,7 +2,7 @@
 
 use super::Builder;
 use crate::color::Rgb;
-use crate::color::spectrum::{Quantity, Spectrum};
+use crate::color::spectrum::{Quantity, Spectrum, VISIBLE, black_body};
 use crate::error::Result;
 use crate::loader::mitsuba::graph::{ObjectId, Property, Value};
 use crate::loader::mitsuba::props::Props;
@@ -10,6 +10,9 @@ use crate::loader::mitsuba::values;
 use crate::material::Input;
 use crate::util::wording::quoted;
 use std::ops::RangeInclusive;
+
+/// A texture with the same value everywhere, which is not converted.
+pub const RAW: &str = "rawconstant";
 
 impl Builder<'_> {
     /// Returns a colour property, or the default.
@@ -39,6 +42,8 @@ impl Builder<'_> {
             Value::Float(v) => Rgb::splat(*v as f32),
             Value::Integer(v) => Rgb::splat(*v as f32),
             Value::Rgb(v) => v.map(|c| c as f32).into(),
+            // As in the plugin `rawconstant`.
+            Value::Vector(v) if props.object.plugin == RAW => v.to_array().map(|c| c as f32).into(),
             Value::Spectrum(spectrum) => self.reduce(property, spectrum, quantity),
             Value::SpectrumFile(file) => {
                 let Some(spectrum) = self.spectrum_file(property, file)? else {
@@ -48,13 +53,10 @@ impl Builder<'_> {
             }
             _ => return Err(property.error(format!("expected a colour, found a {}", property.tag))),
         };
-        let expected = match quantity {
-            Quantity::Reflectance if rgb.is_valid() && rgb.max_component() <= 1.0 => return Ok(rgb),
-            Quantity::Unbounded | Quantity::Emission if rgb.is_valid() => return Ok(rgb),
-            Quantity::Reflectance => "expected values from 0 to 1",
-            Quantity::Unbounded | Quantity::Emission => "expected values of at least 0",
-        };
-        Err(property.error(format!("{expected}, found {}, {}, {}", rgb.r, rgb.g, rgb.b)))
+        match out_of_range(rgb, quantity) {
+            None => Ok(rgb),
+            Some(message) => Err(property.error(message)),
+        }
     }
 
     /// Returns a colour property that may be a texture, or the default.
@@ -107,6 +109,7 @@ impl Builder<'_> {
         }
         let expected = match (*range.start(), *range.end()) {
             (f32::MIN_POSITIVE, f32::MAX) => "expected a number greater than 0".to_owned(),
+            (0.0, f32::MAX) => "expected a number of at least 0".to_owned(),
             (low, high) => format!("expected a number from {low} to {high}"),
         };
         Err(match spectrum {
@@ -119,7 +122,11 @@ impl Builder<'_> {
     fn spectrum_plugin(&mut self, object: ObjectId, quantity: Quantity) -> Result<Option<Rgb>> {
         let props = Props::new(self.graph, object);
         let rgb = match props.object.plugin.as_str() {
-            "d65" => Rgb::splat(props.float("scale")?.unwrap_or(1.0) as f32),
+            "d65" => {
+                let color = self.colour(&props, "color", quantity, 1.0)?;
+                color * props.float("scale")?.unwrap_or(1.0) as f32
+            }
+            RAW => self.required_colour(&props, quantity)?,
             "uniform" => Rgb::splat(props.float("value")?.unwrap_or(1.0) as f32),
             "srgb" | "rgb" => {
                 let name = if props.has("value") { "value" } else { "color" };
@@ -135,14 +142,7 @@ impl Builder<'_> {
             }
             _ => return Ok(None),
         };
-        let expected = match quantity {
-            Quantity::Reflectance if rgb.is_valid() && rgb.max_component() <= 1.0 => None,
-            Quantity::Unbounded | Quantity::Emission if rgb.is_valid() => None,
-            Quantity::Reflectance => Some("values from 0 to 1"),
-            Quantity::Unbounded | Quantity::Emission => Some("values of at least 0"),
-        };
-        if let Some(expected) = expected {
-            let message = format!("expected {expected}, found {}, {}, {}", rgb.r, rgb.g, rgb.b);
+        if let Some(message) = out_of_range(rgb, quantity) {
             return Err(props.object.error(message));
         }
         self.finish(props);
@@ -183,14 +183,22 @@ fn mean(color: Rgb) -> f32 {
     (color.r + color.g + color.b) / 3.0
 }
 
+/// Returns the message about a colour that a quantity cannot have.
+fn out_of_range(rgb: Rgb, quantity: Quantity) -> Option<String> {
+    let expected = match quantity {
+        Quantity::Reflectance if rgb.is_valid() && rgb.max_component() <= 1.0 => return None,
+        Quantity::Unbounded | Quantity::Emission if rgb.is_valid() => return None,
+        Quantity::Index if rgb.to_array().iter().all(|v| v.is_finite()) => return None,
+        Quantity::Reflectance => "values from 0 to 1",
+        Quantity::Unbounded | Quantity::Emission => "values of at least 0",
+        Quantity::Index => "finite values",
+    };
+    Some(format!("expected {expected}, found {}, {}, {}", rgb.r, rgb.g, rgb.b))
+}
+
 fn out_of_gamut(raw: Rgb) -> String {
     format!("the spectrum's colour {:.3}, {:.3}, {:.3} is out of range and clamped", raw.r, raw.g, raw.b)
 }
-
-/// The shortest and longest visible wavelengths, nm.
-const VISIBLE: [f64; 2] = [360.0, 830.0];
-/// The number of wavelengths at which the spectrum of a black body is tabulated.
-const BLACKBODY_STEPS: usize = 471;
 
 /// Returns the samples of a `regular`, `irregular` or `blackbody` spectrum.
 fn spectrum_samples(props: &Props) -> Result<Spectrum> {
@@ -223,9 +231,7 @@ fn spectrum_samples(props: &Props) -> Result<Spectrum> {
         _ => {
             let temperature = f64::from(props.positive("temperature", 5000.0)?);
             let [low, high] = range(props)?;
-            let (low, high) = (low.max(VISIBLE[0]), high.min(VISIBLE[1]));
-            let nm = |i: usize| low + (high - low) * i as f64 / (BLACKBODY_STEPS - 1) as f64;
-            (0..BLACKBODY_STEPS).map(|i| (nm(i), planck(nm(i), temperature))).collect()
+            black_body(temperature, [low.max(VISIBLE[0]), high.min(VISIBLE[1])])
         }
     };
     Spectrum::from_samples(samples).map_err(|message| props.object.error(message))
@@ -241,13 +247,4 @@ fn range(props: &Props) -> Result<[f64; 2]> {
             .object
             .error("expected wavelength_min to be less than wavelength_max, and both positive")),
     }
-}
-
-/// Returns the radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at a wavelength in nm and a temperature in K. [Planck 1901]
-fn planck(nm: f64, temperature: f64) -> f64 {
-    const H: f64 = 6.626_070_15e-34;
-    const C: f64 = 299_792_458.0;
-    const K: f64 = 1.380_649e-23;
-    let lambda = nm * 1e-9;
-    1e-9 * 2.0 * H * C * C / lambda.powi(5) / (H * C / (lambda * K * temperature)).exp_m1()
 }

@@ -62,6 +62,8 @@ impl Builder<'_> {
                 self.add_emitter(Emitter::Directional { direction, irradiance });
             }
             "projector" => self.projector(&props)?,
+            // It is that of the shapes that refer to it.
+            "area" if !props.object.id.is_empty() => return Ok(()),
             "area" => return Err(props.object.error("an area emitter belongs inside a shape")),
             _ => return Err(unknown_plugin(props.object, &SUPPORTED, &MITSUBA)),
         }

@@ -69,8 +69,13 @@ impl Builder<'_> {
             props.choice("file_format", formats, ())?;
         }
         if for_display {
-            let why = "the picture is written with the transfer curve of sRGB, as it is";
-            self.ignore(&props, &["gamma", "exposure", "tonemap_method", "key", "burn"], why);
+            for name in ["gamma", "exposure", "tonemap_method", "key", "burn"] {
+                if props.find(name).is_some() {
+                    self.approximate(format!(
+                        "ldrfilm: {name} is ignored: the picture is written with the transfer curve of sRGB, as it is"
+                    ));
+                }
+            }
         }
         props.find("banner");
         self.ignore(&props, &["sample_border"], "a sample belongs to one pixel, so borders need none");

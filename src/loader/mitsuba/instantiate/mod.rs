@@ -25,6 +25,7 @@ use crate::integrator::{Plugin, VolpathIntegrator};
 use crate::loader::files::Folders;
 use crate::loader::{LoadOptions, Loaded, Tolerance, framing, tolerated};
 use crate::memory::Budget;
+use crate::sensor::SensorSettings;
 use crate::util::wording;
 use source::ObjectSource;
 use std::collections::{HashMap, HashSet};
@@ -44,6 +45,8 @@ pub fn instantiate(resolved: Resolved, options: &LoadOptions, memory: &Budget) -
         folders: &folders,
         memory,
         tolerance: options.tolerance,
+        replaces_sampler: options.replaces_sampler,
+        sensor: options.sensor,
         loaded,
         materials: HashMap::new(),
         media: HashMap::new(),
@@ -73,6 +76,9 @@ struct Builder<'g> {
     folders: &'g Folders,
     memory: &'g Budget,
     tolerance: Tolerance,
+    replaces_sampler: bool,
+    /// The only sensor that is used, if it is known.
+    sensor: Option<usize>,
     loaded: Loaded,
     materials: HashMap<ObjectId, MaterialId>,
     media: HashMap<ObjectId, MediumId>,
@@ -107,9 +113,15 @@ impl<'g> Builder<'g> {
         if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
             self.note("the scene has media, which are not rendered: every medium is vacuum");
         }
-        let sensors = self.once(&props, "sensor");
-        for sensor in sensors {
-            let added = self.sensor(sensor, None);
+        for (i, sensor) in self.once(&props, "sensor").into_iter().enumerate() {
+            let added = match self.sensor(sensor, None) {
+                Err(error) if self.sensor.is_some_and(|used| used != i) => {
+                    self.note(format!("sensor {i} is not used: {}", error.message));
+                    self.loaded.description.sensors.push(SensorSettings::default());
+                    continue;
+                }
+                added => added,
+            };
             self.or_stand_in(added, "left out", |_| ())?;
         }
         for bsdf in self.once(&props, "bsdf") {
@@ -174,6 +186,9 @@ impl<'g> Builder<'g> {
 
     /// Collects the warnings about the unused properties of an object, once for an object that is used twice.
     fn finish(&mut self, props: Props) {
+        if props.object.old {
+            self.ignore(&props, &WITHOUT_EFFECT, "it hardly changes the image");
+        }
         if self.finished.insert(props.id) {
             self.loaded.warnings.extend(props.finish());
         }
@@ -234,6 +249,19 @@ fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Erro
     let near = wording::did_you_mean(&object.plugin, supported.iter().chain(mitsuba).copied());
     Error { kind: Kind::Unsupported, ..object.error(format!("unknown {}{near}", object.class)) }
 }
+
+/// Properties of objects of Mitsuba 0.6 that change the image little or not at all, in snake_case.
+const WITHOUT_EFFECT: [&str; 9] = [
+    "attach_log",
+    "cache",
+    "high_quality_edges",
+    "kd_intersection_cost",
+    "kd_traversal_cost",
+    "max_anisotropy",
+    "sampling_weight",
+    "specular_sampling_weight",
+    "strict_normals",
+];
 
 /// Creates the error for a plugin that Mitsuba has and Buffon does not.
 fn unsupported(object: &Object) -> Error {

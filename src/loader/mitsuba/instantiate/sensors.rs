@@ -11,6 +11,8 @@ use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 const SUPPORTED: [&str; 7] =
     ["distant", "irradiancemeter", "orthographic", "perspective", "radiancemeter", "spherical", "thinlens"];
 const MITSUBA: [&str; 5] = ["batch", "fluencemeter", "measured", "perspective_rdist", "telecentric"];
+/// The distance beyond which a camera sees nothing, and in which a thin lens is in focus.
+const FAR_CLIP: f32 = 1e4;
 /// The focal length, in mm, of a camera without a focal length or a field of view.
 const DEFAULT_FOCAL_LENGTH: f64 = 50.0;
 /// The diagonal, in mm, of the 36 mm x 24 mm frame of 35 mm film, which focal lengths refer to.
@@ -69,7 +71,7 @@ impl Builder<'_> {
             self.ignore(&props, &["focus_distance"], "everything is in focus");
         }
         let near_clip = f64::from(props.positive("near_clip", 1e-2)?);
-        let far_clip = f64::from(props.positive("far_clip", 1e4)?);
+        let far_clip = f64::from(props.positive("far_clip", FAR_CLIP)?);
         if near_clip >= far_clip {
             let name = if props.find("near_clip").is_some() { "near_clip" } else { "far_clip" };
             return Err(props.refusal(name, "expected near_clip to be less than far_clip"));
@@ -85,7 +87,13 @@ impl Builder<'_> {
             film.filter = Filter::Box { radius: 0.5 };
         }
         if let Some(sampler) = props.child("sampler")? {
-            let read = self.sampler(sampler, self.loaded.description.sensors.is_empty());
+            let read = match self.sampler(sampler, self.loaded.description.sensors.is_empty()) {
+                Err(error) if self.replaces_sampler => {
+                    self.note(format!("the sampler of the scene is not used: {}", error.message));
+                    Ok(())
+                }
+                read => read,
+            };
             self.or_stand_in(read, "replaced by the default", |_| ())?;
         }
         let settings = SensorSettings {
@@ -150,10 +158,7 @@ fn thin_lens(props: &Props) -> Result<Option<ThinLens>> {
     if aperture_radius == 0.0 {
         return Ok(None);
     }
-    if !props.has("focus_distance") {
-        return Err(props.object.error("the property focus_distance is missing"));
-    }
-    let focus_distance = f64::from(props.positive("focus_distance", 1.0)?);
+    let focus_distance = f64::from(props.positive("focus_distance", props.positive("far_clip", FAR_CLIP)?)?);
     Ok(Some(ThinLens { aperture_radius, focus_distance }))
 }
 

@@ -1,5 +1,6 @@
 //! Textures.
 
+use super::colours::RAW;
 use super::{Builder, unknown_plugin};
 use crate::color::Rgb;
 use crate::color::spectrum::Quantity;
@@ -14,16 +15,8 @@ use crate::texture::{Bitmap, FilterType, MeshAttribute, Pattern, Product, Shapes
 use std::path::Path;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 8] = [
-    "bitmap",
-    "checkerboard",
-    "gridtexture",
-    "mesh_attribute",
-    "rawconstant",
-    "scale",
-    "vertexcolors",
-    "volume",
-];
+const SUPPORTED: [&str; 8] =
+    ["bitmap", "checkerboard", "gridtexture", "mesh_attribute", RAW, "scale", "vertexcolors", "volume"];
 /// The attribute that holds the colours of the vertices of a mesh.
 const VERTEX_COLORS: &str = "vertex_color";
 
@@ -56,7 +49,7 @@ impl Builder<'_> {
             "vertexcolors" => {
                 Texture::MeshAttribute(MeshAttribute { name: VERTEX_COLORS.into(), scale: 1.0 })
             }
-            "rawconstant" => Texture::Constant(self.required_colour(&props, Quantity::Unbounded)?),
+            RAW => Texture::Constant(self.required_colour(&props, Quantity::Unbounded)?),
             "scale" => self.scaled(&props)?,
             "volume" => {
                 let Some(volume) = props.child("volume")? else {
@@ -118,8 +111,19 @@ impl Builder<'_> {
             _ => props.choice("filter_type", &filters, FilterType::Bilinear)?,
         };
         let wraps = [("repeat", WrapMode::Repeat), ("mirror", WrapMode::Mirror), ("clamp", WrapMode::Clamp)];
-        let wrap = props.choice("wrap_mode", &wraps, WrapMode::Repeat)?;
-        let raw = props.boolean("raw", false)?;
+        let wrap = match props.has("wrap_mode_u") {
+            true => props.choice("wrap_mode_u", &wraps, WrapMode::Repeat)?,
+            false => props.choice("wrap_mode", &wraps, WrapMode::Repeat)?,
+        };
+        if props.choice("wrap_mode_v", &wraps, wrap)? != wrap {
+            self.approximate("bitmap: wrap_mode_v is rendered as wrap_mode_u");
+        }
+        // In Mitsuba 0.6, a gamma of 1 is that of linear values, and -1 that of the file.
+        let gamma = props.float("gamma")?.unwrap_or(-1.0);
+        if gamma != 1.0 && gamma != -1.0 {
+            self.approximate(format!("bitmap: gamma {gamma} is rendered as the transfer curve of sRGB"));
+        }
+        let raw = props.boolean("raw", gamma == 1.0)?;
         let to_uv = to_uv(props)?;
         self.ignore(props, &["format"], "images keep the precision of their files");
         self.ignore(props, &["accel"], "there is one way to look textures up");
