@@ -118,3 +118,25 @@ fn a_folder_is_checked_and_printed_as_json() {
     let run = folder.run("check --corpus nowhere");
     assert!(run.code == 3 && run.stderr.contains("nowhere: cannot be read"), "{run:?}");
 }
+
+/// An unknown id hides no other problem.
+#[test]
+fn dangling_references_are_listed_with_all_others() {
+    let folder = Folder::with(
+        "<scene version='3.0.0'>\n<sensor type='perspective'/>\n<shape type='sphere'><ref id='nobody'/></shape>\n\
+         <shape type='teapot'/>\n<shape type='cube'><float name='radios' value='1'/></shape>\n</scene>",
+    );
+    let run = folder.run("check s.xml");
+    let lines = without_excerpts(&run.stdout);
+    assert_eq!(run.code, 3, "{run:?}");
+    for text in ["<ref id=\"nobody\">: no object has the id \"nobody\": left out", "unknown shape", "radios"]
+    {
+        assert!(lines.iter().any(|line| line.contains(text)), "{text} in {lines:?}");
+    }
+    let run = folder.run("info s.xml");
+    assert!(run.code == 0 && run.stdout.contains("shapes       1 mesh, 1 sphere"), "{run:?}");
+    // A scene of which nothing can be seen does not load.
+    folder.write("empty.xml", b"<scene version='3.0.0'/>");
+    let run = folder.run("check empty.xml");
+    assert!(run.code == 3 && run.stdout.contains("neither a sensor nor a shape to look at"), "{run:?}");
+}

@@ -142,7 +142,8 @@ impl Metal {
     pub(super) fn read(source: &mut dyn Source) -> Result<Self> {
         let specular_reflectance = source.reflectance("specular_reflectance", 1.0)?;
         let name = source.text("material")?;
-        let [eta, k] = [source.color("eta", Quantity::Index, 0.0)?, source.color("k", Quantity::Index, 1.0)?];
+        let [eta, k] =
+            [source.color("eta", Quantity::Index, 0.0)?, source.color("k", Quantity::Unbounded, 1.0)?];
         let given = ["eta", "k"].into_iter().find(|name| source.has(name));
         let [mut eta, mut k] = match (name, given) {
             (Some(_), Some(other)) => {

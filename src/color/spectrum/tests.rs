@@ -100,6 +100,6 @@ fn bad_samples_are_refused() {
     );
     assert_eq!(
         refused(&[(400.0, f64::NAN), (500.0, 0.3)]),
-        "expected positive wavelengths and values of at least 0, found 400:NaN"
+        "expected positive wavelengths and finite values, found 400:NaN"
     );
 }

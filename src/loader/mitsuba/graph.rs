@@ -187,12 +187,13 @@ impl Graph {
         self.aliases.push(Alias { id: id.to_owned(), second: second.to_owned(), spot });
     }
 
-    /// Finds the targets of all references.
+    /// Finds the targets of all references. If unknown ids are tolerated, their references are removed, and the errors
+    /// are returned.
     ///
     /// # Errors
     /// If there are unknown ids (the first ten in one error, each with the nearest known one), an alias whose id exists
     /// already, a cycle of references, or objects nested more than 100 levels deep.
-    pub fn link(&mut self) -> Result<()> {
+    pub fn link(&mut self, tolerates_unknown: bool) -> Result<Vec<Error>> {
         for Alias { id, second, spot } in std::mem::take(&mut self.aliases) {
             let Some(&target) = self.ids.get(&id) else { return Err(self.unknown("alias", &id, &spot)) };
             if self.ids.insert(second.clone(), target).is_some() {
@@ -201,21 +202,28 @@ impl Graph {
             }
         }
         let mut unknown = Vec::new();
+        let mut dangling = Vec::new();
         for Reference { from, slot, id } in std::mem::take(&mut self.references) {
             match self.ids.get(&id) {
                 Some(&target) => self.objects[from].children[slot].object = target,
                 None => {
                     unknown.push(self.unknown("ref", &id, &self.objects[from].children[slot].spot));
-                    if unknown.len() == MAX_UNKNOWN {
+                    dangling.push((from, slot));
+                    if unknown.len() == MAX_UNKNOWN && !tolerates_unknown {
                         break;
                     }
                 }
             }
         }
-        match unknown.is_empty() {
-            true => self.check_chains(),
-            false => Err(unknown.remove(0).with_others(unknown)),
+        if !unknown.is_empty() && !tolerates_unknown {
+            return Err(unknown.remove(0).with_others(unknown));
         }
+        dangling.sort_unstable();
+        for (from, slot) in dangling.into_iter().rev() {
+            self.objects[from].children.remove(slot);
+        }
+        self.check_chains()?;
+        Ok(unknown)
     }
 
     /// Creates the error for an id that no object has.

@@ -77,7 +77,8 @@ pub fn resolve(path: &Path, options: &LoadOptions, memory: &Budget) -> Result<Re
         },
     };
     resolver.file(path, None, None)?;
-    resolver.out.graph.link()?;
+    let unknown = resolver.out.graph.link(options.tolerance == Tolerance::Everything)?;
+    resolver.out.tolerated.extend(unknown.into_iter().map(|error| tolerated(error, "left out")));
     resolver.out.warnings.extend(resolver.parameters.unused());
     Ok(resolver.out)
 }

@@ -77,6 +77,12 @@ impl Builder<'_> {
                 }
             }
         }
+        if props.object.old {
+            if !for_display {
+                self.ignore(&props, &["gamma"], "the values of the image are linear");
+            }
+            self.ignore(&props, &["filename"], "the command line names the image");
+        }
         props.find("banner");
         self.ignore(&props, &["sample_border"], "a sample belongs to one pixel, so borders need none");
         self.ignore(&props, &["compensate"], "sums are always compensated");

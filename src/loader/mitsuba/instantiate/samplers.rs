@@ -40,6 +40,7 @@ impl Builder<'_> {
         };
         let count = props.integer("sample_count", 1..=i64::from(u32::MAX))?;
         self.ignore(&props, &["seed"], "the command line's --seed decides");
+        self.ignore(&props, &["dimension"], "there are as many dimensions as paths need");
         self.ignore(&props, &["jitter", "strength"], "samples are always jittered");
         self.finish(props);
         if first {
