@@ -84,7 +84,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "A..B", value_parser = values::range)]
     pub sample_range: Option<Range<u64>>,
     /// Render the frames A to B - 1, or to B with A..=B, of an animation: the number of a frame is the value of the
-    /// scene's <default name="frame">, and replaces {frame} in the names of files, with leading zeros {frame:04}
+    /// scene's parameter `frame`, and replaces {frame} in the names of files, with leading zeros {frame:04}
     /// [default output: SCENE.{frame:04}.exr]
     #[arg(long, value_name = "A..B", value_parser = values::frames)]
     pub frames: Option<Range<u64>>,

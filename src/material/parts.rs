@@ -164,7 +164,7 @@ impl Metal {
             let outside = read_ior(source, "ext_eta", "air")?;
             for input in [&mut eta, &mut k] {
                 if let Input::Constant(value) = input {
-                    *value = *value * (1.0 / outside);
+                    *value *= 1.0 / outside;
                 }
             }
         }
