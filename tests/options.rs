@@ -76,6 +76,11 @@ fn files_are_found_in_search_paths() {
     for (arguments, code) in [("info s.xml", 0), ("render s.xml -q --spp 1", 3)] {
         let run = folder.run(arguments);
         assert!(run.code == code && (run.stdout + &run.stderr).contains("square.obj"), "{arguments}");
+        let run = folder.run("render s.xml -q --spp 1 --search-path parts --stats parts/square.obj");
+        assert!(
+            run.code == 2 && run.stderr.contains("parts/square.obj: it is a file of the scene"),
+            "{run:?}"
+        );
         let run = folder.run(&format!("{arguments} --search-path none;parts"));
         assert!(run.code == 0 && !(run.stdout + &run.stderr).contains("square.obj"), "{arguments}");
     }

@@ -48,7 +48,7 @@ pub fn run(args: &CompareArgs) -> Result<u8> {
     super::print(&format!("{}\n{}\n", errors.text(), args.output.display()))
 }
 
-/// Returns the viewer of the first image, and of the second one beside it.
+/// Returns the viewer, which shows the second image beside the first.
 fn viewer(images: &[(String, Image)]) -> Result<Viewer<'_>> {
     let pixels: usize = images.iter().map(|(_, image)| image.width * image.height).sum();
     if pixels > MOST_PIXELS {

@@ -24,6 +24,7 @@ pub mod info;
 pub mod info_image;
 pub mod lab;
 pub mod merge;
+mod outputs;
 mod photon_notes;
 pub mod progress;
 pub mod regress;

@@ -2,6 +2,7 @@
 
 use super::checkpoint::Checkpointing;
 use super::frames;
+use super::outputs::{default_output, is_piped, named, refuse, write_piped, written};
 use super::photon_notes::photon_notes;
 use super::progress::{ProgressKind, Watcher};
 use super::shared::{DisplayArgs, MethodArgs, SceneArgs, ViewArgs};
@@ -132,14 +133,20 @@ pub struct RenderArgs {
 }
 
 /// The name of a layer in `--aov` for each technique of `bdpt`.
-const STRATEGIES: &str = "strategies";
+pub(super) const STRATEGIES: &str = "strategies";
 
 /// Renders a scene, or each of its frames until one fails or a signal is caught.
 ///
 /// # Errors
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
-    let Some(frames) = args.frames.clone() else { return render(args) };
+    let Some(frames) = args.frames.clone() else {
+        let mut args = args.clone();
+        if args.output.is_empty() {
+            args.output = vec![default_output(&args)];
+        }
+        return render(&args);
+    };
     for frame in frames::of(args, frames, &default_output(args))? {
         let code = render(&frame)?;
         if code != 0 {
@@ -152,9 +159,10 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     Ok(0)
 }
 
+/// Renders the scene, or one of its frames, to `args.output`.
 fn render(args: &RenderArgs) -> Result<u8> {
     let started = Instant::now();
-    let targets = if args.output.is_empty() { vec![default_output(args)] } else { args.output.clone() };
+    let targets = &args.output;
     if args.skip_existing && targets.iter().all(|target| target.exists()) {
         if !args.quiet {
             let names: Vec<_> = targets.iter().map(|target| target.display().to_string()).collect();
@@ -225,7 +233,7 @@ fn render(args: &RenderArgs) -> Result<u8> {
     let DisplayArgs { exposure, tonemap } = args.display;
     let options = WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() };
     let mut clamped_half = 0;
-    for target in &targets {
+    for target in targets {
         let report = match is_piped(target) {
             true => write_piped(&image, &options)?,
             false => image::write(target, &image, &options)?,
@@ -270,84 +278,6 @@ fn early_exit(args: &RenderArgs, names: &str) -> EarlyExit {
 /// The exit code of a render that a signal has stopped and that can be resumed.
 const INTERRUPTED_WITH_CHECKPOINT: u8 = 85;
 
-/// Returns the scene's name in the current directory, with the range of samples if there is one, so that ranges do not
-/// overwrite each other's images.
-fn default_output(args: &RenderArgs) -> PathBuf {
-    let name = Path::new(args.scene.file_name().unwrap_or(args.scene.as_os_str()));
-    match &args.sample_range {
-        Some(range) => name.with_extension(format!("{}-{}.exr", range.start, range.end)),
-        None => name.with_extension("exr"),
-    }
-}
-
-fn is_piped(target: &Path) -> bool {
-    target == Path::new("-")
-}
-
-/// Returns the name of a target in messages. Standard output gets an EXR.
-fn named(target: &Path) -> &Path {
-    if is_piped(target) { Path::new("standard output.exr") } else { target }
-}
-
-/// Writes an EXR to standard output. Libraries write to files only.
-fn write_piped(image: &image::Image, options: &WriteOptions) -> Result<image::WriteReport> {
-    let file = tempfile::Builder::new().prefix("buffon-").suffix(".exr").tempfile();
-    let failed = |e: std::io::Error| {
-        let folder = std::env::temp_dir();
-        Error::output(format!("no temporary file can be used in {}: {}", folder.display(), e.kind()))
-    };
-    let file = file.map_err(failed)?.into_temp_path();
-    let report = image::write(&file, image, options)?;
-    super::print(&std::fs::read(&file).map_err(failed)?)?;
-    Ok(report)
-}
-
-/// Refuses options that have no effect or contradict each other.
-fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
-    if args.display_server.is_some() {
-        return Err(Error::usage(
-            "--display-server: Buffon has no live display; --progress shows where the render stands",
-        ));
-    }
-    if args.output.iter().any(|target| is_piped(target)) && args.stats.as_deref().is_some_and(is_piped) {
-        return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));
-    }
-    if args.aov.iter().any(|name| name == STRATEGIES)
-        && (args.sample_range.is_some() || args.checkpoint.is_some())
-    {
-        return Err(Error::usage(
-            "--aov strategies: its layers are rendered in one piece, without --checkpoint and --sample-range",
-        ));
-    }
-    args.display.check(targets.iter().map(PathBuf::as_path))?;
-    let is_exr = |target: &&PathBuf| target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-    let layers = [("--aov", !args.aov.is_empty()), ("--cryptomatte", args.cryptomatte)];
-    let layered = layers.into_iter().find_map(|(option, is_used)| is_used.then_some(option));
-    if let (Some(option), Some(other)) = (layered, targets.iter().find(|target| !is_exr(target))) {
-        return Err(Error::usage(format!("{option}: layers need an EXR, which {} is not", other.display())));
-    }
-    let options = [("--stats", &args.stats), ("--checkpoint", &args.checkpoint), ("--cache", &args.cache)];
-    let options = options.into_iter().filter_map(|(option, file)| Some((option, file.as_deref()?)));
-    let outputs = args.output.iter().map(|file| ("-o", file.as_path()));
-    let written: Vec<_> = outputs.chain(options).filter(|(_, file)| !is_piped(file)).collect();
-    if args.output.iter().filter(|target| is_piped(target)).count() > 1 {
-        return Err(Error::usage("-o -: standard output is named twice"));
-    }
-    for (i, (option, file)) in written.iter().enumerate() {
-        let named = format!("{option} {}", file.display());
-        if util::is_same_file(file, &args.scene) {
-            return Err(Error::usage(format!("{named}: it is the scene")));
-        }
-        if let Some((other, _)) = written[..i].iter().find(|(_, earlier)| util::is_same_file(earlier, file)) {
-            return Err(Error::usage(match other == option {
-                true => format!("{named}: this file is named twice"),
-                false => format!("{named}: it is also the file of {other}"),
-            }));
-        }
-    }
-    Ok(())
-}
-
 /// Loads and compiles the scene, and prints its warnings and notes.
 fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let load = args.resources.load_options(args.method.integrator.as_deref());
@@ -363,6 +293,11 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     };
     let mut file = SceneFile::load(&args.scene, &choices)?;
     let load = file.load_seconds;
+    for (option, output) in written(args) {
+        if file.files.iter().any(|part| util::is_same_file(part, output)) {
+            return Err(Error::usage(format!("{option} {}: it is a file of the scene", output.display())));
+        }
+    }
     let warnings = file.take_warnings(args.strict);
     if args.frames.is_some() {
         frames::check(&warnings)?;

@@ -88,6 +88,8 @@ pub struct Loaded {
     pub approximations: Vec<String>,
     /// Notes for the user that require no change (a sampler that was mapped).
     pub notes: Vec<String>,
+    /// The files that the scene consists of, besides the one that was loaded.
+    pub files: Vec<PathBuf>,
     /// The planned memory: so far the meshes and textures.
     pub memory: Budget,
 }

@@ -68,6 +68,8 @@ pub struct SceneFile {
     pub approximations: Vec<String>,
     /// Information for the user that requires no change.
     pub notes: Vec<String>,
+    /// The files that the scene consists of, besides `path`.
+    pub files: Vec<PathBuf>,
     /// The time of loading, in seconds.
     pub load_seconds: f64,
     /// The memory budget.
@@ -100,6 +102,7 @@ impl SceneFile {
             warnings: loaded.warnings,
             approximations: loaded.approximations,
             notes: loaded.notes,
+            files: loaded.files,
             load_seconds: 0.0,
             memory: loaded.memory,
             sized_by_user: false,

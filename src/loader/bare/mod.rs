@@ -67,7 +67,7 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
             boundary: MediumBoundary::default(),
         });
     }
-    let mut loaded = builder.loaded;
+    let mut loaded = Loaded { files: builder.folders.found(), ..builder.loaded };
     let is_dark = loaded.description.shapes.iter().all(|shape| shape.emission.is_none());
     if is_dark {
         loaded.description.emitters.push(framing::white_environment());

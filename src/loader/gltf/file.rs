@@ -32,7 +32,8 @@ const CHUNK_BIN: u32 = 0x004e_4942;
 /// A file whose indices are all in range.
 pub struct File {
     path: PathBuf,
-    folders: Folders,
+    /// The folders in which its other files are searched for.
+    pub folders: Folders,
     /// The contents of its JSON.
     pub document: Document,
     buffers: Vec<Vec<u8>>,

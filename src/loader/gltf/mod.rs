@@ -59,7 +59,7 @@ pub fn load(path: &Path, search_paths: &[PathBuf], memory: &Budget) -> Result<Lo
         return Err(first.with_others(file.missing));
     }
     complete(&mut loaded, &file)?;
-    Ok(loaded)
+    Ok(Loaded { files: file.folders.found(), ..loaded })
 }
 
 /// A texture, a plane of its image, and the bits of the transformation of texture coordinates.

@@ -67,7 +67,7 @@ pub fn instantiate(resolved: Resolved, options: &LoadOptions, memory: &Budget) -
         let first = builder.missing.remove(0);
         return Err(first.with_others(builder.missing));
     }
-    Ok(builder.loaded)
+    Ok(Loaded { files: folders.found(), ..builder.loaded })
 }
 
 /// A scene under construction.
