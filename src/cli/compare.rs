@@ -58,7 +58,7 @@ fn viewer(images: &[(String, Image)]) -> Result<Viewer<'_>> {
         )));
     }
     Ok(Viewer {
-        title: "side by side".into(),
+        title: format!("errors are relative to {}", images[0].0),
         images: images.iter().map(|(name, image)| (name.clone(), image)).collect(),
         reference: Some(0),
         left: 1,
