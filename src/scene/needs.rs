@@ -55,8 +55,27 @@ impl Needs {
 }
 
 impl fmt::Display for Needs {
+    /// Writes the features in plain words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let used: Vec<_> = self.list().into_iter().filter_map(|(name, used)| used.then_some(name)).collect();
+        let words = self.list().into_iter().zip(WORDS);
+        let used: Vec<_> = words.filter_map(|((_, used), words)| used.then_some(words)).collect();
         f.write_str(&if used.is_empty() { "nothing".to_string() } else { used.join(", ") })
     }
 }
+
+/// The features in plain words, in the order of [`Needs::list`].
+const WORDS: [&str; 13] = [
+    "lights that are sampled",
+    "lights that paths can hit",
+    "an environment",
+    "diffuse or glossy surfaces",
+    "surfaces that only mirror or refract",
+    "mirrors or smooth glass",
+    "materials of several parts",
+    "anisotropic or bumpy surfaces",
+    "textures or blends",
+    "a shutter",
+    "moving surfaces",
+    "holes",
+    "instances",
+];
