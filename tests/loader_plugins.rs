@@ -398,8 +398,9 @@ fn patterns_and_colours_of_older_versions_are_read() {
 fn forms_that_exporters_write_are_read() {
     let read = |version: &str, text: &str| {
         let text = format!(
-            "<!DOCTYPE scene>\n<scene version='{version}'><sensor type='thinlens'><float name='aperture_radius' value='0.1'/>
-             </sensor><emitter type='area' id='lamp'/><shape type='sphere'><bsdf type='twosided'>{text}</bsdf></shape>
+            "<!DOCTYPE scene>\n<scene version='{version}'>
+             <sensor type='thinlens'><float name='aperture_radius' value='0.1'/></sensor>
+             <emitter type='area' id='lamp'/><shape type='sphere'><bsdf type='twosided'>{text}</bsdf></shape>
              <shape type='rectangle'><ref id='lamp'/></shape></scene>"
         );
         let loaded = Files::new(&[("scene.xml", &text)]).load(&LoadOptions::default());
@@ -454,6 +455,22 @@ fn forms_that_exporters_write_are_read() {
         let (_, approximations) = read("0.6.0", text);
         assert_eq!(!approximations.is_empty(), approximated, "{text}: {approximations:?}");
     }
+}
+
+/// What changes the noise alone is a note, and what changes the image is an approximation.
+#[test]
+fn options_of_older_integrators_and_emitters_are_noted() {
+    let text = "<scene version='0.6.0'><integrator type='path'><boolean name='strictNormals' value='true'/></integrator>
+        <sensor type='perspective'/><emitter type='point'><float name='samplingWeight' value='2'/></emitter></scene>";
+    let loaded = Files::new(&[("scene.xml", text)]).load(&LoadOptions::default()).expect("it loads");
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    assert!(
+        loaded.notes.iter().any(|note| note.contains("sampling_weight is ignored")),
+        "{:?}",
+        loaded.notes
+    );
+    let [strict] = &loaded.approximations[..] else { panic!("{:?}", loaded.approximations) };
+    assert!(strict.starts_with("strict_normals is ignored"), "{strict}");
 }
 
 #[test]

@@ -84,6 +84,11 @@ impl Builder<'_> {
             self.loaded.warnings.extend(misspelled);
             return Ok(settings);
         }
+        if props.object.old && props.boolean("strict_normals", false)? {
+            self.approximate(
+                "strict_normals is ignored: light may pass where shading and geometric normals disagree",
+            );
+        }
         self.ignore(&props, &["samples_per_pass", "block_size", "timeout"], "the render job decides");
         self.finish(props);
         Ok(settings)

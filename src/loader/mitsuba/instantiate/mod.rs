@@ -187,7 +187,7 @@ impl<'g> Builder<'g> {
     /// Collects the warnings about the unused properties of an object, once for an object that is used twice.
     fn finish(&mut self, props: Props) {
         if props.object.old {
-            self.ignore(&props, &WITHOUT_EFFECT, "it hardly changes the image");
+            self.ignore(&props, &WITHOUT_EFFECT, "it does not change the image");
         }
         if self.finished.insert(props.id) {
             self.loaded.warnings.extend(props.finish());
@@ -250,8 +250,8 @@ fn unknown_plugin(object: &Object, supported: &[&str], mitsuba: &[&str]) -> Erro
     Error { kind: Kind::Unsupported, ..object.error(format!("unknown {}{near}", object.class)) }
 }
 
-/// Properties of objects of Mitsuba 0.6 that change the image little or not at all, in snake_case.
-const WITHOUT_EFFECT: [&str; 9] = [
+/// Properties of objects of Mitsuba 0.6 that change the noise or the speed, and not the image, in snake_case.
+const WITHOUT_EFFECT: [&str; 8] = [
     "attach_log",
     "cache",
     "high_quality_edges",
@@ -260,7 +260,6 @@ const WITHOUT_EFFECT: [&str; 9] = [
     "max_anisotropy",
     "sampling_weight",
     "specular_sampling_weight",
-    "strict_normals",
 ];
 
 /// Creates the error for a plugin that Mitsuba has and Buffon does not.
