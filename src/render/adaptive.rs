@@ -1,7 +1,7 @@
 //! Adaptive sampling: more samples where the relative error is larger, without bias.
 //!
 //! A pilot estimates the noise of the cells of the image, and each cell gets a rate: the samples of its pixels for each
-//! sample that the user asks for, after the first sixteen. The samples of the pilot are not part of the image, so the
+//! sample that the user asks for, after the first eight. The samples of the pilot are not part of the image, so the
 //! rates are independent of all samples in it, and the means of pixels remain unbiased. The rates depend on nothing but
 //! the view and the seed. A crop, a range of samples, or a continued render therefore takes the same samples as the
 //! whole.
@@ -30,7 +30,7 @@ const LEAST: f64 = 0.25;
 const MOST: f64 = 8.0;
 /// Up to this number, all pixels have all samples; rates apply to those after it. A cell whose noise the pilot has
 /// missed has at least these.
-const EQUAL: u64 = 16;
+const EQUAL: u64 = 8;
 /// The half widths, in cells, of the neighbourhoods from which a cell's noise is estimated, from the widest.
 const RADII: [usize; 4] = [4, 2, 1, 0];
 /// A neighbourhood with this effective number of pixels determines a half of the estimate.
@@ -326,7 +326,7 @@ mod tests {
     fn ranges_add_up_and_the_first_samples_are_taken_everywhere() {
         let rates = Rates { columns: 3, rates: vec![0.25, 1.0, 7.0] };
         for (pixel, counts) in
-            [((3, 7), [4, 16, 28, 76]), ((8, 0), [4, 16, 64, 256]), ((16, 0), [4, 16, 352, 1696])]
+            [((3, 7), [4, 10, 22, 70]), ((8, 0), [4, 16, 64, 256]), ((16, 0), [4, 64, 400, 1744])]
         {
             let ends = [4, 16, 64, 256].map(|end| rates.samples(pixel, &(0..end)).end);
             assert_eq!(ends, counts);
