@@ -13,7 +13,7 @@
 use buffon::accel::AccelKind;
 use buffon::error::Error;
 use buffon::estimate::metrics::RELATIVE_FLOOR;
-use buffon::integrator::settings::PathReuse;
+use buffon::integrator::settings::WhenPays;
 use buffon::render::{Adaptive, Progress, Rendered, StopRules};
 use buffon::sampling::SamplerKind;
 use buffon::session::{Choices, SceneChoices, SceneFile, Session, default_threads};
@@ -31,7 +31,7 @@ struct Options {
     seeds: u64,
     size: u32,
     adaptive: Adaptive,
-    path_reuse: Option<PathReuse>,
+    path_reuse: Option<WhenPays>,
     integrators: Vec<String>,
     samplers: Vec<SamplerKind>,
     samples: Vec<u64>,

@@ -6,7 +6,7 @@ use buffon::accel::AccelKind;
 use buffon::compare::{compare, z_test};
 use buffon::film::{PixelRect, Tile};
 use buffon::image::{Image, read};
-use buffon::integrator::settings::{PathLimits, PathReuse, PathSettings};
+use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
 use buffon::integrator::{self, Settings, Worker};
 use buffon::loader::{LoadOptions, load};
 use buffon::render::tracing::CameraWorker;
@@ -145,7 +145,7 @@ fn every_traversal_gives_the_same_picture() {
 /// Sorting a wave by what its rays hit changes the order of the work, but no path.
 #[test]
 fn sorted_waves_have_the_pixels_of_unsorted_ones() {
-    for reuse in [PathReuse::Never, PathReuse::Always] {
+    for reuse in [WhenPays::Never, WhenPays::Always] {
         for file in ["interior/interior.xml", "spheres/spheres.xml"] {
             let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(file);
             let mut loaded = load(&file, &LoadOptions::default()).expect("the scene loads");

@@ -4,7 +4,7 @@ use crate::support::cli::Folder;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::image::{Value, read};
-use buffon::integrator::settings::PathReuse;
+use buffon::integrator::settings::WhenPays;
 use buffon::integrator::{Preparation, Settings};
 use buffon::loader::{LoadOptions, load};
 use buffon::memory::Budget;
@@ -115,14 +115,14 @@ fn adaptive_sampling_is_unbiased() {
     const SEEDS: u64 = 48;
     const SIZE: usize = 24;
     for (name, sampler, reuse) in [
-        ("noisy.xml", SamplerKind::Independent, PathReuse::Never),
-        ("fireflies.xml", SamplerKind::Independent, PathReuse::Never),
-        ("noisy.xml", SamplerKind::Sobol, PathReuse::Never),
-        ("fireflies.xml", SamplerKind::Sobol, PathReuse::Never),
-        ("noisy.xml", SamplerKind::Independent, PathReuse::Always),
-        ("fireflies.xml", SamplerKind::Independent, PathReuse::Always),
-        ("noisy.xml", SamplerKind::Sobol, PathReuse::Always),
-        ("fireflies.xml", SamplerKind::Sobol, PathReuse::Always),
+        ("noisy.xml", SamplerKind::Independent, WhenPays::Never),
+        ("fireflies.xml", SamplerKind::Independent, WhenPays::Never),
+        ("noisy.xml", SamplerKind::Sobol, WhenPays::Never),
+        ("fireflies.xml", SamplerKind::Sobol, WhenPays::Never),
+        ("noisy.xml", SamplerKind::Independent, WhenPays::Always),
+        ("fireflies.xml", SamplerKind::Independent, WhenPays::Always),
+        ("noisy.xml", SamplerKind::Sobol, WhenPays::Always),
+        ("fireflies.xml", SamplerKind::Sobol, WhenPays::Always),
     ] {
         let mut scene = scene(name, SIZE as u32);
         scene.1.path_mut().expect("path tracing").reuse = reuse;
@@ -223,8 +223,8 @@ fn auto_has_rates_where_they_pay() {
         (stats["adaptive"].as_bool().expect("a truth value"), run.stderr)
     };
     for (folder, options, adaptive) in [
-        (&boards, "--spp 17", true),
-        (&boards, "--spp 16", false),
+        (&boards, "--spp 9", true),
+        (&boards, "--spp 8", false),
         (&boards, "--spp 17 --adaptive=never", false),
         (&boards, "--spp 25 --sampler multijitter", false),
         (&boards, "--spp 17 --integrator whitted", false),

@@ -3,7 +3,7 @@
 use crate::path_reuse::{blocks, expect_same_of, from_xml, limited};
 use crate::support::cli::Folder;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{PathLimits, PathReuse, PathSettings};
+use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
 
 /// A small lamp behind a ball of glass and a plastic one, on a diffuse floor: the light through the ball is a caustic.
 const CAUSTIC: &str = "<shape type='rectangle'>\
@@ -16,8 +16,8 @@ const CAUSTIC: &str = "<shape type='rectangle'>\
     <shape type='sphere'><point name='center' x='0.3' y='2.4' z='0'/><float name='radius' value='0.25'/>\
     <emitter type='area'><rgb name='radiance' value='20'/></emitter></shape>";
 
-fn path(guided: bool, reuse: PathReuse, limits: PathLimits) -> Settings {
-    Settings::Path(PathSettings { limits, reuse, guided })
+fn path(guided: bool, reuse: WhenPays, limits: PathLimits) -> Settings {
+    Settings::Path(PathSettings { limits, reuse, guided, caustics: WhenPays::Never })
 }
 
 /// With reuse, because guided points and shared points are then side by side.
@@ -26,7 +26,7 @@ fn guiding_is_unbiased() {
     let scene = from_xml(CAUSTIC, 16);
     // Light paths find the caustic with little noise.
     let bdpt = Settings::by_name("bdpt", limited(6)).expect("it exists");
-    expect_same_of("caustic", &scene, &[path(true, PathReuse::Always, limited(6)), bdpt], 16, 32);
+    expect_same_of("caustic", &scene, &[path(true, WhenPays::Always, limited(6)), bdpt], 16, 32);
 }
 
 /// With a smaller lamp of the same power, the sum of the variances of blocks is at most a third.
@@ -34,7 +34,7 @@ fn guiding_is_unbiased() {
 fn guiding_reduces_the_noise_of_caustics() {
     let scene = from_xml(&CAUSTIC.replace("'0.25'", "'0.05'").replace("'20'", "'500'"), 16);
     let [guided, unguided] = [true, false].map(|guided| {
-        let blocks = blocks(&scene, &path(guided, PathReuse::Never, limited(6)), 16, 0..8, 64);
+        let blocks = blocks(&scene, &path(guided, WhenPays::Never, limited(6)), 16, 0..8, 64);
         blocks.iter().map(|[_, variance]| variance).sum::<f64>()
     });
     assert!(guided < unguided / 3.0, "{guided} {unguided}");

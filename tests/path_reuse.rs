@@ -6,7 +6,7 @@ use crate::support::statistics::{normal_tail, sidak};
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::integrator::Settings;
-use buffon::integrator::settings::{PathLimits, PathReuse, PathSettings};
+use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
 use buffon::loader;
 use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DVec3};
@@ -18,7 +18,7 @@ use std::path::Path;
 /// The side of the blocks whose means are compared, in pixels.
 const BLOCK: usize = 4;
 
-fn path(reuse: PathReuse, limits: PathLimits) -> Settings {
+fn path(reuse: WhenPays, limits: PathLimits) -> Settings {
     Settings::Path(PathSettings { reuse, ..PathSettings::independent(limits) })
 }
 
@@ -75,7 +75,7 @@ pub fn blocks(
 /// Asserts that images with and without reuse have the same expectation: every block, at a significance of 0.001 for
 /// all blocks of a scene, and the mean over the image within 4 standard errors.
 fn expect_same(name: &str, scene: &Scene, limits: PathLimits, size: usize, spp: u64) {
-    let both = [PathReuse::Always, PathReuse::Never].map(|reuse| path(reuse, limits));
+    let both = [WhenPays::Always, WhenPays::Never].map(|reuse| path(reuse, limits));
     expect_same_of(name, scene, &both, size, spp);
 }
 
@@ -178,7 +178,7 @@ fn furnaces_are_exact_with_reuse() {
         let scene = compiled(scene, AccelKind::default());
         for edges in [1, 2, 3, 4, 8] {
             let rendered =
-                render(&scene, &path(PathReuse::Always, limited(edges)), SamplerKind::Sobol, 256, 1);
+                render(&scene, &path(WhenPays::Always, limited(edges)), SamplerKind::Sobol, 256, 1);
             let exact = 1.0 - 0.5f64.powi(edges as i32);
             let pixels = pixels(&rendered);
             let mean = pixels.iter().map(|p| p[0]).sum::<f64>() / pixels.len() as f64;
@@ -196,7 +196,7 @@ fn a_convex_body_reflects_the_environment_with_reuse() {
     scene.emitters.push(constant(2.0));
     scene.sensors.push(camera(DVec3::new(2.0, 3.0, 4.0), DVec3::ZERO, 15.0, 16));
     let scene = compiled(scene, AccelKind::default());
-    let rendered = render(&scene, &path(PathReuse::Always, limited(8)), SamplerKind::Sobol, 64, 3);
+    let rendered = render(&scene, &path(WhenPays::Always, limited(8)), SamplerKind::Sobol, 64, 3);
     // Pixels of several faces are in one group, so single pixels have noise.
     let pixels = pixels(&rendered);
     assert!(pixels.iter().all(|pixel| (pixel[0] / 1.2 - 1.0).abs() < 0.2), "{pixels:?}");
@@ -215,7 +215,7 @@ fn reuse_reduces_the_noise_of_indirect_light() {
             (0..4).map(|seed| render(&scene, &path(reuse, limits), SamplerKind::Sobol, 16, seed)).collect();
         images.iter().map(|image| image.relmse.expect("two halves")).sum::<f64>() / 4.0
     };
-    let (reused, independent) = (error(PathReuse::Always), error(PathReuse::Never));
+    let (reused, independent) = (error(WhenPays::Always), error(WhenPays::Never));
     assert!(reused < 0.5 * independent, "{reused} {independent}");
 }
 
@@ -223,7 +223,7 @@ fn reuse_reduces_the_noise_of_indirect_light() {
 #[test]
 fn crops_have_the_pixels_of_the_whole_image() {
     let mut scene = own("cornell-box/cornell-box.xml", 40);
-    let settings = path(PathReuse::Always, PathLimits::default());
+    let settings = path(WhenPays::Always, PathLimits::default());
     let whole = pixels(&render(&scene, &settings, SamplerKind::Sobol, 4, 1));
     let rect = buffon::film::PixelRect { x: 11, y: 5, width: 23, height: 18 };
     scene.sensors[0].film.crop = Some(rect);
@@ -251,13 +251,13 @@ fn independent_pixels_exclude_reuse() {
         let reuses = stats["prepared"]["path_reuse"].as_f64().expect("a number");
         // Only pilots take time.
         let prepared = stats["seconds"]["prepare"].as_f64().expect("a number");
-        if options.contains("never --adaptive=never") {
+        if options.contains("--path-caustics never") {
             assert_eq!(prepared, 0.0, "{options}");
         }
         reuses
     };
     assert_eq!(used("--path-reuse never"), 0.0);
-    assert_eq!(used("--path-reuse never --adaptive=never"), 0.0);
+    assert_eq!(used("--path-reuse never --adaptive=never --path-caustics never"), 0.0);
     assert!([4.0, 8.0].contains(&used("--path-reuse always")));
     assert_eq!(used("--aov variance"), 0.0);
     assert!([4.0, 8.0].contains(&used("--path-reuse always --adaptive")));

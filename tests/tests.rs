@@ -62,6 +62,7 @@ mod options;
 mod own_scenes;
 mod parity;
 mod parity_instances;
+mod path_caustics;
 mod path_guiding;
 mod path_reuse;
 mod photon_maps;

@@ -13,7 +13,7 @@ use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{Aov, PathReuse};
+use crate::integrator::settings::{Aov, WhenPays};
 use crate::loader::LoadOptions;
 use crate::render::{Adaptive, CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
@@ -55,8 +55,12 @@ pub struct RenderArgs {
     /// Whether path reuses the paths of neighbouring pixels: auto, always, never; auto: if a pilot finds that it pays
     /// [default: the scene's, or auto]
     #[arg(long, value_name = "WHEN")]
-    pub path_reuse: Option<PathReuse>,
-    /// Let path sample directions from which photons come: it pays for caustics. It adds no bias
+    pub path_reuse: Option<WhenPays>,
+    /// Whether light paths find caustics for path, beside its camera paths: auto, always, never; auto: if a pilot finds
+    /// that it pays. It adds no bias [default: the scene's, or auto]
+    #[arg(long, value_name = "WHEN")]
+    pub path_caustics: Option<WhenPays>,
+    /// Let path sample directions from which photons come, which can pay for caustics. It adds no bias
     #[arg(long)]
     pub path_guiding: bool,
     /// Definitions, folders, memory and threads.
@@ -333,6 +337,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         adaptive: args.adaptive,
         path_reuse: args.path_reuse,
         path_guiding: args.path_guiding,
+        path_caustics: args.path_caustics,
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
     }

@@ -20,7 +20,7 @@ pub use super::depth::DepthSettings;
 pub use super::direct::DirectSettings;
 pub use super::distribution::DistributionSettings;
 pub use super::irrcache::IrrcacheSettings;
-pub use super::path::{PathReuse, PathSettings};
+pub use super::path::{PathSettings, WhenPays};
 pub use super::photon::mapper::{PhotonDebug, PhotonmapperSettings};
 pub use super::sppm::SppmSettings;
 pub use super::vcm::VcmSettings;

@@ -94,6 +94,8 @@ pub struct Worker {
     pub numbers: RandomNumbers,
     /// For each entry of the output, whether the path has had specular lobes only. Empty if unused.
     pub specular_only: Vec<bool>,
+    /// The ratios of densities of the caustics of a wave of paths.
+    pub caustic_ratios: Vec<f32>,
     /// For each entry of the output, whether the path only searches for emitters. Empty if unused.
     pub probing: Vec<bool>,
     /// The keys of the light paths that belong to the current wave of camera rays, for integrators that trace both.
@@ -330,6 +332,7 @@ impl Worker {
             sort_buffers: SortBuffers::default(),
             numbers: RandomNumbers::default(),
             specular_only: Vec::new(),
+            caustic_ratios: Vec::new(),
             probing: Vec::new(),
             light_keys: Vec::new(),
             arena: Bump::new(),

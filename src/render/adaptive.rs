@@ -88,7 +88,9 @@ impl Rates {
         adaptive: Adaptive,
         samples: Option<u64>,
     ) -> Option<Self> {
-        if adaptive == Adaptive::Never || samples.is_some_and(|samples| samples <= EQUAL) {
+        // Light paths contribute to all pixels alike.
+        let alike = integrator.light_tracer().is_some();
+        if adaptive == Adaptive::Never || alike || samples.is_some_and(|samples| samples <= EQUAL) {
             return None;
         }
         let film = &preparation.camera.film;

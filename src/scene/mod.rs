@@ -84,6 +84,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// Returns whether the surface of a hit may scatter by Dirac deltas.
+    pub fn has_deltas(&self, hit: &Hit) -> bool {
+        let shape = &self.shapes[hit.geometry as usize];
+        self.materials.get(shape.material).lobes_of(shape.emitter.is_some()).deltas > 0
+    }
+
     /// Computes the surface interaction of a hit of `ray`. The frame of a two-sided material is flipped to the ray's
     /// side.
     pub fn interaction(&self, ray: &Ray, hit: &Hit) -> SurfaceInteraction {

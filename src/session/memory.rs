@@ -4,6 +4,7 @@ use super::{Plan, Session};
 use crate::error::{Error, Kind, Result};
 use crate::film::{FilmSettings, PixelFormat, Tile};
 use crate::image;
+use crate::integrator::Integrator;
 use crate::memory::{Budget, Reservation};
 use crate::render::JobSettings;
 use std::path::Path;
@@ -105,6 +106,17 @@ impl Session {
     pub(super) fn reserve(&self, plan: &Plan) -> Result<Reservation> {
         let needed = self.render_memory(plan);
         reserve(&self.path, &self.camera().film, self.sized_by_user, needed, &self.memory)
+    }
+
+    /// Reserves the copy of the sums that is needed with light paths, if the preparation of the integrator has decided
+    /// to trace them.
+    pub(super) fn reserve_copy(&self, plan: &Plan, prepared: &dyn Integrator) -> Result<Option<Reservation>> {
+        if !prepared.traces_light_paths() || plan.integrator.create().traces_light_paths() {
+            return Ok(None);
+        }
+        let RenderMemory { film, .. } = self.render_memory(plan);
+        let needed = RenderMemory { film, ..RenderMemory::default() };
+        reserve(&self.path, &self.camera().film, self.sized_by_user, needed, &self.memory).map(Some)
     }
 
     /// Reserves the memory of layers that are added to the image of a plan, beside `others` bytes.

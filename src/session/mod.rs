@@ -279,6 +279,7 @@ impl Session {
             memory: &self.memory,
         };
         integrator.prepare(&preparation)?;
+        let _copy = self.reserve_copy(plan, integrator.as_ref())?;
         let rates = Rates::measure(integrator.as_ref(), &preparation, plan.adaptive, plan.job.stop.samples);
         // Without a preparation the time is exactly zero, not the few nanoseconds of the call.
         let prepared = if integrator.prepares() || plan.adaptive != Adaptive::Never {

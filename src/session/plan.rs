@@ -3,7 +3,7 @@
 use super::{Decision, Session};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{AUTO, Aov, AovSettings, IrrcacheSettings, Layer, PathReuse};
+use crate::integrator::settings::{AUTO, Aov, AovSettings, IrrcacheSettings, Layer, PathSettings, WhenPays};
 use crate::integrator::{self, Integrator, Settings};
 use crate::render::{Adaptive, JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -29,9 +29,11 @@ pub struct Choices {
     /// Whether noisier cells of the image get more samples.
     pub adaptive: Adaptive,
     /// Whether paths are reused; `None` leaves it to the scene.
-    pub path_reuse: Option<PathReuse>,
+    pub path_reuse: Option<WhenPays>,
     /// Whether paths are guided, whatever the scene says.
     pub path_guiding: bool,
+    /// Whether light paths find caustics for `path`; the scene decides if it is `None`.
+    pub path_caustics: Option<WhenPays>,
     /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The range of samples of each pixel to take, out of those determined by the stop rules; all if `None`.
@@ -86,15 +88,15 @@ impl Session {
         }
         let usable = |kind: &SamplerKind| !choices.replace_independent || *kind != SamplerKind::Independent;
         let kind = choices.sampler.or(self.defaults.sampler.filter(usable)).unwrap_or_default();
+        let replicates = integrator::replicates(integrator.create().as_ref(), kind);
+        let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
+        let layers = choose_layers(&choices.aov, &integrator, replicates > 2)?;
+        self.choose_paths(&mut integrator, choices, &layers)?;
         let created = integrator.create();
         created.check(&self.scene)?;
         if let Some(why) = obstacle_to_camera(created.as_ref(), self.camera()) {
             return Err(Error::scene(why));
         }
-        let replicates = integrator::replicates(created.as_ref(), kind);
-        let sampler = Sampler::with_replicates(kind, stop.samples, replicates);
-        let layers = choose_layers(&choices.aov, &integrator, replicates > 2)?;
-        choose_paths(&mut integrator, choices, &layers)?;
         let target = stop.samples;
         let first = match &choices.samples {
             Some(range) => restrict(range, &mut stop)?,
@@ -120,6 +122,71 @@ impl Session {
         drop(self.reserve(&plan)?);
         Ok(plan)
     }
+
+    /// Sets whether paths are reused and guided, and whether light paths find caustics. Pixels whose variances are
+    /// stated for z-tests keep independent errors.
+    fn choose_paths(&self, integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
+        let name = integrator.name();
+        let Some(path) = integrator.path_mut() else {
+            let refuse = |option, done| {
+                Err(Error::usage(format!("{option}: {name} has no paths that are {done}; use path")))
+            };
+            return match choices {
+                Choices { path_reuse: Some(_), .. } => refuse("--path-reuse", "reused"),
+                Choices { path_guiding: true, .. } => refuse("--path-guiding", "guided"),
+                Choices { path_caustics: Some(_), .. } => refuse("--path-caustics", "added for caustics"),
+                _ => Ok(()),
+            };
+        };
+        path.guided |= choices.path_guiding;
+        path.reuse = choices.path_reuse.unwrap_or(path.reuse);
+        path.caustics = choices.path_caustics.unwrap_or(path.caustics);
+        if states_variances(layers) {
+            if path.reuse == WhenPays::Always {
+                return Err(Error::usage(
+                    "path_reuse always: found a layer of variances, which needs pixels with independent \
+                     errors; use auto",
+                ));
+            }
+            path.reuse = WhenPays::Never;
+        }
+        let adapts = choices.adaptive == Adaptive::Always;
+        if let Some(why) = obstacle_to_light_paths(path, adapts, layers, self.camera()) {
+            if path.caustics == WhenPays::Always {
+                return Err(Error::usage(format!("path_caustics always: {why}; use auto")));
+            }
+            path.caustics = WhenPays::Never;
+        }
+        if self.scene.needs.deltas == 0 {
+            path.caustics = WhenPays::Never;
+        }
+        Ok(())
+    }
+}
+
+/// Returns why light paths cannot find caustics beside paths from a camera, if they cannot.
+fn obstacle_to_light_paths(
+    path: &PathSettings,
+    adapts: bool,
+    layers: &[Layer],
+    camera: &Camera,
+) -> Option<&'static str> {
+    if path.guided {
+        Some("paths that are guided cannot be weighted against light paths")
+    } else if adapts {
+        Some("light paths cannot choose the pixels that need more samples")
+    } else if states_variances(layers) {
+        Some("found a layer of variances, which needs pixels with independent errors")
+    } else if camera.is_meter() {
+        Some("light paths cannot be connected to a radiancemeter, irradiancemeter or distant sensor")
+    } else {
+        spherical_with_wide_filter(camera).then_some("a spherical sensor needs the filter box")
+    }
+}
+
+/// Returns whether light paths that reach one border of the image would have to count at the opposite one.
+fn spherical_with_wide_filter(camera: &Camera) -> bool {
+    camera.is_spherical() && camera.film.filter.radius() > 0.5
 }
 
 /// Returns why an integrator cannot render the image of a camera, if it cannot.
@@ -131,8 +198,7 @@ fn obstacle_to_camera(integrator: &dyn Integrator, camera: &Camera) -> Option<St
             "{name} cannot render a radiancemeter, irradiancemeter or distant sensor: expected one of {list}"
         ));
     }
-    let wide = camera.film.filter.radius() > 0.5;
-    (camera.is_spherical() && wide && integrator.traces_light_paths()).then(|| {
+    (spherical_with_wide_filter(camera) && integrator.traces_light_paths()).then(|| {
         format!(
             "{name} needs the filter box for a spherical sensor: light paths that reach one border of the image \
              do not count at the opposite one"
@@ -157,33 +223,6 @@ fn obstacle_to_rates(integrator: &dyn Integrator, sampler: SamplerKind) -> Optio
     let progressive = integrator.progressive().is_some();
     progressive
         .then(|| format!("{name} traces paths for all pixels together and cannot sample some of the pixels"))
-}
-
-/// Sets whether paths are reused and guided. Pixels whose variances are stated for z-tests keep independent errors.
-fn choose_paths(integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
-    let name = integrator.name();
-    let Some(path) = integrator.path_mut() else {
-        let refuse = |option, done| {
-            Err(Error::usage(format!("{option}: {name} has no paths that are {done}; use path")))
-        };
-        return match choices {
-            Choices { path_reuse: Some(_), .. } => refuse("--path-reuse", "reused"),
-            Choices { path_guiding: true, .. } => refuse("--path-guiding", "guided"),
-            _ => Ok(()),
-        };
-    };
-    path.guided |= choices.path_guiding;
-    path.reuse = choices.path_reuse.unwrap_or(path.reuse);
-    if states_variances(layers) {
-        if path.reuse == PathReuse::Always {
-            return Err(Error::usage(
-                "path_reuse always: found a layer of variances, which needs pixels with independent \
-                 errors; use auto",
-            ));
-        }
-        path.reuse = PathReuse::Never;
-    }
-    Ok(())
 }
 
 /// Limits the stop rules to a range of samples; returns the first sample of the range.

@@ -7,7 +7,7 @@ use buffon::film::tile::variance_of_mean;
 use buffon::film::{ComponentFormat, FilmSettings, Filter, PixelFormat};
 use buffon::ids::MaterialId;
 use buffon::image::Image;
-use buffon::integrator::settings::PathReuse;
+use buffon::integrator::settings::WhenPays;
 use buffon::integrator::{self, Preparation, Settings};
 use buffon::material::{Diffuse, Material};
 use buffon::math::{DAffine3, DMat3, DVec3, Vec3};
@@ -88,12 +88,16 @@ pub fn compiled(description: Description, accel: AccelKind) -> Scene {
     compile(description, CompileOptions { accel, threads: 2, sensor: 0 }).expect("the test scene compiles").0
 }
 
-/// Renders the scene's first sensor. Paths are reused only if the settings say `always`, because the errors of means
-/// assume pixels with independent errors.
+/// Renders the scene's first sensor. Paths are reused and light paths find caustics only if the settings say `always`,
+/// because the errors of means assume pixels with independent errors.
 pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64, seed: u64) -> Rendered {
     let mut settings = settings.clone();
-    if let Some(path) = settings.path_mut().filter(|path| path.reuse == PathReuse::Auto) {
-        path.reuse = PathReuse::Never;
+    if let Some(path) = settings.path_mut() {
+        for option in [&mut path.reuse, &mut path.caustics] {
+            if *option == WhenPays::Auto {
+                *option = WhenPays::Never;
+            }
+        }
     }
     let mut integrator = settings.create();
     let progress = Progress::new();

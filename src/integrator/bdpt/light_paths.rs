@@ -2,7 +2,7 @@
 
 use super::technique::Techniques;
 use super::weights::{Merged, Partial, Start};
-use crate::accel::Coherence;
+use crate::accel::{Coherence, Hit};
 use crate::bsdf::lanes::{eval_x16, sample_adjoint_x16};
 use crate::color::Rgb;
 use crate::integrator::block::ShadingBlock;
@@ -73,6 +73,9 @@ pub struct LightPathSettings<'a> {
     /// The least number of edges with which a path reaches the camera from a vertex.
     pub beyond: u32,
     pub merged: Merged,
+    /// Whether only caustics are traced, that a camera path can find too: emitters are no Dirac deltas, and a path ends
+    /// at its first vertex with a finite lobe, which is kept unless it is the first of all.
+    pub caustics: bool,
 }
 
 impl LightPathSettings<'_> {
@@ -92,13 +95,14 @@ impl<'a> LightPaths<'a> {
         worker: &mut Worker,
     ) -> Self {
         let mut paths = LightPaths { vertices: Vec::new(), last: vec![None; keys.len()] };
-        let mut subpaths =
-            if settings.allows(1) { start(scene, settings.guide, keys, worker) } else { Vec::new() };
+        let mut subpaths = if settings.allows(1) { start(scene, settings, keys, worker) } else { Vec::new() };
         let mut next = Vec::new();
         let mut edges = 1;
         while !subpaths.is_empty() && !worker.interrupt.is_raised() {
             let rays: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
             intersect(scene, &rays, Coherence::Incoherent, &mut worker.hits, &mut worker.counters);
+            let ends = |hit: &Hit| settings.caustics && edges == 1 && !scene.has_deltas(hit);
+            worker.hits.iter_mut().for_each(|hit| *hit = hit.filter(|hit| !ends(hit)));
             let mut hits = worker.hits.iter();
             subpaths.retain(|_| hits.next().is_some_and(Option::is_some));
             worker.hits.retain(Option::is_some);
@@ -145,9 +149,10 @@ impl<'a> LightPaths<'a> {
             let paths = &subpaths[first..hits.len().min(first + LANES)];
             let partials = arrive(scene, settings.merged, &block, paths);
             if go_on {
-                scatter(scene, &block, paths, &partials, roulette, numbers, next);
+                scatter(scene, &block, paths, &partials, roulette, numbers, settings.caustics, next);
             }
-            for i in bits(block.finite) {
+            let kept = if settings.caustics && edges == 1 { 0 } else { block.finite };
+            for i in bits(kept) {
                 let (path, vertex) = (&paths[i], LightVertex::new(&block, i));
                 let last = &mut self.last[path.index as usize];
                 let previous = last.replace(self.vertices.len() as u32);
@@ -182,6 +187,7 @@ fn arrive(scene: &Scene, merged: Merged, block: &ShadingBlock<'_>, paths: &[Subp
 }
 
 /// Samples the continuations of the paths of a block, and adds them to `next`.
+#[expect(clippy::too_many_arguments, reason = "the state of a wave")]
 fn scatter(
     scene: &Scene,
     block: &ShadingBlock<'_>,
@@ -189,14 +195,21 @@ fn scatter(
     partials: &[Partial],
     roulette: Option<Roulette>,
     numbers: &RandomNumbers,
+    deltas_only: bool,
     next: &mut Vec<Subpath>,
 ) {
     let (at, first) = (&block.at, block.first);
     let u = [0, 1].map(|k| load(&numbers.bsdf_direction[k], first));
     let u_lobe = load(&numbers.bsdf_lobe, first);
     let sample = sample_adjoint_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
-    let valid = sample.valid.to_bitmask() & block.active;
-    let finite = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
+    let mut valid = sample.valid.to_bitmask() & block.active;
+    let mut finite = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
+    if deltas_only {
+        (valid, finite) = (valid & !finite, 0);
+        if valid == 0 {
+            return;
+        }
+    }
     let reverse = match finite {
         0 => f32x16::ZERO,
         _ => eval_x16(&block.bsdfs, &sample.wi, &block.wo, finite).pdf,
@@ -234,7 +247,13 @@ pub fn start_pmf(scene: &Scene, guide: Option<&EmissionGuide>, emitter: usize) -
 }
 
 /// Starts the light paths of all keys. A key whose emitter emits nothing starts none.
-fn start(scene: &Scene, guide: Option<&EmissionGuide>, keys: &[SampleKey], worker: &Worker) -> Vec<Subpath> {
+fn start(
+    scene: &Scene,
+    settings: LightPathSettings<'_>,
+    keys: &[SampleKey],
+    worker: &Worker,
+) -> Vec<Subpath> {
+    let LightPathSettings { guide, caustics, .. } = settings;
     let mut numbers = EmissionNumbers::default();
     numbers.draw(scene, keys, worker);
     let mut subpaths = Vec::with_capacity(keys.len());
@@ -242,6 +261,9 @@ fn start(scene: &Scene, guide: Option<&EmissionGuide>, keys: &[SampleKey], worke
         let Some((emitter, light)) = numbers.start(scene, guide, i) else { continue };
         let (source, started) = (&scene.lights[emitter.index()], start_pmf(scene, guide, emitter.index()));
         let start = Start::new(source, light.ray.d, light.cosine, 1.0, started);
+        if caustics && start.delta {
+            continue;
+        }
         let state = State::Started(emitter.index(), start);
         let (ray, power) = (light.ray, light.power);
         subpaths.push(Subpath { key: *key, index: i as u32, ray, power, beta: Rgb::WHITE, state });

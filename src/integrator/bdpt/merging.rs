@@ -104,8 +104,17 @@ impl LightPass<'_> {
         let workers = Workers::new(pool, sampler, interrupt).at_time(self.time);
         let (limits, query, margin, merged) = (self.limits, RadianceQuery::ALL, self.margin, self.merged());
         let techniques = Techniques::All;
-        let lens =
-            LensConnections { scene, camera, guide: self.guide, techniques, limits, query, margin, merged };
+        let lens = LensConnections {
+            scene,
+            camera,
+            guide: self.guide,
+            techniques,
+            limits,
+            query,
+            margin,
+            merged,
+            caustics: None,
+        };
         let batch = |batch: u64| {
             let range = batch * BATCH..((batch + 1) * BATCH).min(self.paths);
             let keys: Vec<SampleKey> = range.map(|i| self.sequence.key(i)).collect();

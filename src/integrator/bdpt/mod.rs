@@ -121,6 +121,7 @@ impl Integrator for Bdpt {
             techniques: self.settings.techniques,
             beyond: 2,
             merged: Merged::default(),
+            caustics: false,
         };
         trace_both(scene, camera, light, None, wave, query, worker, out);
     }
@@ -139,14 +140,10 @@ impl LightTracer for Bdpt {
         let BdptSettings { limits, techniques } = self.settings;
         let (query, merged) = (RadianceQuery::ALL, Merged::default());
         let guide = self.guide.as_ref();
-        let lens = LensConnections { scene, camera, guide, limits, techniques, query, margin, merged };
-        let mut arena = std::mem::take(&mut worker.kept_arena);
-        arena.reset();
-        let paths = lens.light_paths(&arena, keys, worker);
-        let points = lens.queue(&paths, keys, worker);
-        drop(paths);
-        worker.kept_arena = arena;
-        lens.trace(&points, worker, |_, splat| out.push(splat));
+        let caustics = None;
+        let lens =
+            LensConnections { scene, camera, guide, limits, techniques, query, margin, merged, caustics };
+        lens.splat(keys, worker, |splat, _| out.push(splat));
     }
 }
 
@@ -183,6 +180,8 @@ struct LensPoint {
     film: DVec2,
     /// The index of the light path.
     path: u32,
+    /// The weight of the technique, which is a factor of the contribution.
+    weight: f64,
 }
 
 /// Connections of light paths to the camera.
@@ -200,9 +199,23 @@ pub(super) struct LensConnections<'a> {
     /// The extent of the reconstruction filter beyond the image, in pixels.
     pub margin: f64,
     pub merged: Merged,
+    /// If only caustics are traced: the density of light paths relative to one for each camera path.
+    pub caustics: Option<f64>,
 }
 
 impl<'a> LensConnections<'a> {
+    /// Traces a light path for each key, and calls `add` with each of its contributions to the film and the weight
+    /// that the contribution has.
+    pub fn splat(&self, keys: &[SampleKey], worker: &mut Worker, mut add: impl FnMut(Splat, f64)) {
+        let mut arena = std::mem::take(&mut worker.kept_arena);
+        arena.reset();
+        let paths = self.light_paths(&arena, keys, worker);
+        let points = self.queue(&paths, keys, worker);
+        drop(paths);
+        worker.kept_arena = arena;
+        self.trace(&points, worker, |point, splat| add(splat, point.weight));
+    }
+
     /// Traces a light path for each key.
     fn light_paths<'s>(&self, arena: &'s Bump, keys: &[SampleKey], worker: &mut Worker) -> LightPaths<'s>
     where
@@ -214,6 +227,7 @@ impl<'a> LensConnections<'a> {
             techniques: self.techniques,
             beyond: 1,
             merged: self.merged,
+            caustics: self.caustics.is_some(),
         };
         LightPaths::trace(self.scene, arena, settings, keys, worker)
     }
@@ -232,17 +246,17 @@ impl<'a> LensConnections<'a> {
                 continue;
             }
             let u = lens.get(i).copied().unwrap_or_default();
-            if let Some((ray, film, value)) = self.connect(stored, u) {
+            if let Some((ray, point, value)) = self.connect(stored, u) {
                 worker.shadows.push_one(ray, points.len() as u32, value);
-                points.push(LensPoint { film, path: stored.path });
+                points.push(point);
             }
         }
         points
     }
 
-    /// Traces the queued rays, and calls `add` with the index of the light path for each that is unoccluded.
-    fn trace(&self, points: &[LensPoint], worker: &mut Worker, mut add: impl FnMut(u32, Splat)) {
-        let splat = |slot: usize, value| add(points[slot].path, Splat { film: points[slot].film, value });
+    /// Traces the queued rays, and calls `add` for each point that is unoccluded.
+    fn trace(&self, points: &[LensPoint], worker: &mut Worker, mut add: impl FnMut(&LensPoint, Splat)) {
+        let splat = |slot: usize, value| add(&points[slot], Splat { film: points[slot].film, value });
         match self.hides_emitters() {
             false => worker.trace_shadows(self.scene, Coherence::Incoherent, splat),
             true => worker.trace_shadows_past_emitters(self.scene, splat),
@@ -257,7 +271,7 @@ impl<'a> LensConnections<'a> {
         wave: Wave<'_>,
         worker: &mut Worker,
         out: &mut [Radiance],
-        add: impl FnMut(u32, Splat),
+        mut add: impl FnMut(u32, Splat),
     ) {
         let LensConnections { scene, camera, guide, limits, techniques, query, .. } = *self;
         out.fill(Radiance::NONE);
@@ -265,7 +279,7 @@ impl<'a> LensConnections<'a> {
         arena.reset();
         let light = self.light_paths(&arena, wave.keys, worker);
         let points = self.queue(&light, wave.keys, worker);
-        self.trace(&points, worker, add);
+        self.trace(&points, worker, |point, splat| add(point.path, splat));
         let light_path = (0..wave.keys.len() as u32).collect();
         let paths =
             CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, merging: None };
@@ -274,19 +288,20 @@ impl<'a> LensConnections<'a> {
         worker.kept_arena = arena;
     }
 
-    /// Returns the ray from a vertex to the camera, its position on the film and the contribution.
-    fn connect(&self, stored: &StoredVertex<'_>, u_lens: Vec2) -> Option<(Ray, DVec2, Rgb)> {
+    /// Returns the ray from a vertex to the camera, the connection and its contribution.
+    fn connect(&self, stored: &StoredVertex<'_>, u_lens: Vec2) -> Option<(Ray, LensPoint, Rgb)> {
         let at = &stored.vertex.at;
         let seen = self.camera.importance(at.p, u_lens, at.time, self.margin)?;
         let (scattered, reverse) = stored.vertex.eval_with_density(seen.wi);
         if scattered.is_black() {
             return None;
         }
-        let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs());
+        let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs()) / self.caustics.unwrap_or(1.0);
         let weight = stored.partial.of_camera_connection(density, reverse.into(), self.merged);
         let weight = self.techniques.weight(stored.edges + 1, 1, weight);
         let value = stored.power * scattered * (seen.weight * weight as f32);
-        Some((self.scene.shadow_ray_to(at, seen.target, seen.wi), seen.film, value))
+        let point = LensPoint { film: seen.film, path: stored.path, weight };
+        Some((self.scene.shadow_ray_to(at, seen.target, seen.wi), point, value))
     }
 }
 

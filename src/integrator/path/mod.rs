@@ -4,10 +4,12 @@
 //! traces all shadow rays. In shading, each path adds at most one shadow ray with its pending contribution and at
 //! most one next ray, and terminated paths are removed.
 
+pub mod caustics;
 pub mod groups;
 mod pilot;
 mod reuse;
 
+use self::caustics::{CausticTracer, CausticWave};
 use self::groups::CellSide;
 use self::reuse::Reuse;
 use super::block::ShadingBlock;
@@ -16,7 +18,9 @@ use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
 use super::settings::{PathLimits, Plugin, Read, Source};
 use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, ShadowQueue, intersect};
-use super::{Integrator, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission};
+use super::{
+    Integrator, LightTracer, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission,
+};
 use crate::accel::Coherence;
 use crate::bsdf;
 use crate::error::Result;
@@ -26,29 +30,29 @@ use crate::util;
 use bumpalo::Bump;
 use std::str::FromStr;
 
-/// Whether the paths of neighbouring pixels are reused for each other.
+/// Whether something that costs time is done to reduce noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub enum PathReuse {
+pub enum WhenPays {
     /// If a pilot finds that it reduces error × cost.
     #[default]
     Auto,
-    /// Always, unless surfaces or the camera move: a point is found at one time only.
+    /// Always, where it is possible.
     Always,
-    /// Never: the errors of all pixels are independent.
+    /// Never.
     Never,
 }
 
-impl PathReuse {
+impl WhenPays {
     /// The names in the scene language and on the command line.
-    pub const NAMES: [(&str, PathReuse); 3] =
-        [("auto", PathReuse::Auto), ("always", PathReuse::Always), ("never", PathReuse::Never)];
+    pub const NAMES: [(&str, WhenPays); 3] =
+        [("auto", WhenPays::Auto), ("always", WhenPays::Always), ("never", WhenPays::Never)];
 }
 
-impl FromStr for PathReuse {
+impl FromStr for WhenPays {
     type Err = String;
 
     fn from_str(name: &str) -> std::result::Result<Self, String> {
-        util::named(&PathReuse::NAMES, name).ok_or_else(|| "expected auto, always or never".into())
+        util::named(&WhenPays::NAMES, name).ok_or_else(|| "expected auto, always or never".into())
     }
 }
 
@@ -57,16 +61,19 @@ impl FromStr for PathReuse {
 pub struct PathSettings {
     /// The paths.
     pub limits: PathLimits,
-    /// Whether paths are reused.
-    pub reuse: PathReuse,
+    /// Whether the paths of neighbouring pixels are reused for each other. They are not if surfaces or the camera move,
+    /// because a point is found at one time only.
+    pub reuse: WhenPays,
     /// Whether paths are guided by photons.
     pub guided: bool,
+    /// Whether light paths find caustics; not if camera paths are guided.
+    pub caustics: WhenPays,
 }
 
 impl PathSettings {
-    /// Returns the settings for independent unguided paths with the given limits.
+    /// Returns the settings for independent unguided paths from the camera alone, with the given limits.
     pub fn independent(limits: PathLimits) -> Self {
-        PathSettings { limits, reuse: PathReuse::Never, guided: false }
+        PathSettings { limits, reuse: WhenPays::Never, guided: false, caustics: WhenPays::Never }
     }
 }
 
@@ -79,12 +86,15 @@ impl From<PathLimits> for PathSettings {
 /// Unidirectional path tracing with next-event estimation, combined by the power heuristic.
 pub struct PathIntegrator {
     settings: PathLimits,
-    reuse: PathReuse,
+    reuse: WhenPays,
     guided: bool,
+    light_paths: WhenPays,
     /// The cells in which paths are reused, as decided by the settings or the pilot.
     cells: Option<CellSide>,
     /// The densities that guide paths.
     field: Option<GuidingField>,
+    /// The light paths that find caustics.
+    caustics: Option<CausticTracer>,
 }
 
 /// The state shared by all paths of a bounce.
@@ -104,13 +114,15 @@ struct PathBounce<'a> {
 
 impl PathIntegrator {
     /// Creates the integrator.
-    pub fn new(PathSettings { limits, reuse, guided }: PathSettings) -> Self {
+    pub fn new(PathSettings { limits, reuse, guided, caustics }: PathSettings) -> Self {
         PathIntegrator {
             settings: limits,
             reuse,
             guided,
-            cells: (reuse == PathReuse::Always).then_some(CellSide::Eight),
+            light_paths: if guided { WhenPays::Never } else { caustics },
+            cells: (reuse == WhenPays::Always).then_some(CellSide::Eight),
             field: None,
+            caustics: None,
         }
     }
 
@@ -126,9 +138,10 @@ impl Plugin for PathIntegrator {
 
     fn read(source: &mut dyn Source) -> Result<PathSettings> {
         let limits = PathLimits::read(source)?;
-        let reuse = source.choice("path_reuse", &PathReuse::NAMES, PathReuse::Auto)?;
+        let reuse = source.choice("path_reuse", &WhenPays::NAMES, WhenPays::Auto)?;
         let guided = source.boolean("path_guiding", false)?;
-        Ok(PathSettings { limits, reuse, guided })
+        let caustics = source.choice("path_caustics", &WhenPays::NAMES, WhenPays::Auto)?;
+        Ok(PathSettings { limits, reuse, guided, caustics })
     }
 
     fn with_limits(limits: PathLimits) -> PathSettings {
@@ -162,18 +175,33 @@ impl Integrator for PathIntegrator {
     }
 
     fn prepares(&self) -> bool {
-        self.reuse != PathReuse::Never || self.guided
+        self.reuse != WhenPays::Never || self.guided || self.light_paths != WhenPays::Never
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         self.field = self.guided.then(|| GuidingField::learn(preparation, self.settings)).flatten();
-        self.cells = match self.reuse {
-            PathReuse::Never => None,
-            PathReuse::Always | PathReuse::Auto if preparation.scene.needs.time => None,
-            PathReuse::Always => Some(pilot::run(self, preparation).cells()),
-            PathReuse::Auto => pilot::run(self, preparation).cells_that_pay(),
-        };
+        self.caustics = (self.light_paths != WhenPays::Never)
+            .then(|| CausticTracer::learn(preparation, self.settings))
+            .flatten();
+        let reuse = if preparation.scene.needs.time { WhenPays::Never } else { self.reuse };
+        let pilot =
+            (reuse != WhenPays::Never || self.caustics.is_some()).then(|| pilot::run(self, preparation));
+        self.cells = pilot.as_ref().and_then(|pilot| match reuse {
+            WhenPays::Never => None,
+            WhenPays::Always => Some(pilot.cells()),
+            WhenPays::Auto => pilot.cells_that_pay(),
+        });
+        if let (Some(caustics), Some(pilot)) = (&mut self.caustics, &pilot) {
+            let pay = caustics.choose_share(preparation, pilot.of_paths(self.cells));
+            if !pay && self.light_paths == WhenPays::Auto {
+                self.caustics = None;
+            }
+        }
         Ok(())
+    }
+
+    fn light_tracer(&self) -> Option<&dyn LightTracer> {
+        self.caustics.as_ref().map(|caustics| caustics as &dyn LightTracer)
     }
 
     fn statistics(&self) -> Vec<Statistic> {
@@ -181,6 +209,10 @@ impl Integrator for PathIntegrator {
         vec![
             Statistic { name: "path_reuse", value: self.cells.map_or(0.0, |side| f64::from(side as u8)) },
             Statistic { name: "guided_cells", value: cells as f64 },
+            Statistic {
+                name: "caustic_light_paths",
+                value: self.caustics.as_ref().map_or(0.0, CausticTracer::share),
+            },
         ]
     }
 
@@ -224,6 +256,9 @@ impl PathIntegrator {
         mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
     ) {
         worker.paths.begin(wave.rays, wave.keys);
+        let buffer = std::mem::take(&mut worker.caustic_ratios);
+        let mut caustics =
+            self.caustics.as_ref().map(|tracer| CausticWave::new(tracer, wave.rays, out.len(), buffer));
         worker.specular_only.clear();
         worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
         let samples_emitters = TechniqueCounts::ONE_EACH.samples_emitters(scene);
@@ -243,6 +278,9 @@ impl PathIntegrator {
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
             let Worker { paths, hits, numbers, specular_only, sampler, sort_buffers, .. } = &mut *worker;
+            if let Some(caustics) = caustics.as_ref().filter(|_| bounce.add_emission) {
+                caustics.add_missed(scene, paths, hits, out);
+            }
             if let Some((reuse, _)) = &mut reuse
                 && scene.needs.environment
             {
@@ -250,7 +288,10 @@ impl PathIntegrator {
             }
             let is_shared = |slot| reuse.as_ref().is_some_and(|(reuse, _)| reuse.is_shared(slot));
             lighting::drop_missed(scene, paths, hits, out, TechniqueCounts::ONE_EACH, |paths, i| {
-                bounce.adds(specular_only, paths.slots[i]) && !is_shared(paths.slots[i])
+                let slot = paths.slots[i];
+                bounce.adds(specular_only, slot)
+                    && !is_shared(slot)
+                    && !caustics.as_ref().is_some_and(|caustics| caustics.are_in(slot))
             });
             if !scene.shading_buckets.is_empty() {
                 paths.sort(hits, &scene.shading_buckets, sort_buffers);
@@ -267,17 +308,18 @@ impl PathIntegrator {
             }
             match &mut reuse {
                 Some((reuse, arena)) => {
-                    bounce.shade(scatter, worker, out, Some((reuse, arena)));
+                    bounce.shade(scatter, worker, out, &mut caustics, Some((reuse, arena)));
                     let Worker { paths, counters, .. } = &mut *worker;
                     reuse.connect(scene, paths, counters, out);
                 }
-                None => bounce.shade(scatter, worker, out, None),
+                None => bounce.shade(scatter, worker, out, &mut caustics, None),
             }
             if bounce.next_event {
                 worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             }
             depth += 1;
         }
+        worker.caustic_ratios = caustics.map(CausticWave::into_buffer).unwrap_or_default();
     }
 }
 
@@ -317,6 +359,7 @@ impl<'a> PathBounce<'a> {
         scatter: bool,
         worker: &mut Worker,
         out: &mut [Radiance],
+        caustics: &mut Option<CausticWave<'_>>,
         mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
     ) {
         let Worker { hits, shadows, paths, numbers, arena, specular_only, .. } = worker;
@@ -327,7 +370,7 @@ impl<'a> PathBounce<'a> {
                 reuse.as_mut().filter(|(reuse, _)| scatter && reuse.has_single(first, paths))
             else {
                 let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
-                self.add_emitted(&block, paths, specular_only, out, block.active);
+                self.add_emitted(&block, paths, specular_only, caustics.as_ref(), out, block.active);
                 if scatter {
                     let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
                     if self.next_event && block.finite != 0 {
@@ -340,6 +383,9 @@ impl<'a> PathBounce<'a> {
                             *only &= next.pdf.as_array()[i].is_infinite();
                         }
                     }
+                    if let Some(caustics) = caustics {
+                        caustics.scatter(&block, paths, &next, survivors);
+                    }
                     alive = paths.compact(first, alive, &next, survivors);
                 }
                 continue;
@@ -349,7 +395,7 @@ impl<'a> PathBounce<'a> {
             // The directions at shared points and towards them have the density of the BSDF alone.
             let single = reuse.single(&block, paths) & !guided.as_ref().map_or(0, |guided| guided.lanes);
             let shared = reuse.shareable(&block, paths, single);
-            self.add_emitted(&block, paths, specular_only, out, !shared);
+            self.add_emitted(&block, paths, specular_only, caustics.as_ref(), out, !shared);
             if self.next_event && block.finite != 0 {
                 self.light_with_reuse(&block, paths, numbers, shadows, guided.as_ref(), (reuse, shared));
             } else {
@@ -366,6 +412,9 @@ impl<'a> PathBounce<'a> {
                 let wi = block.at.frame.to_local(next.rays.d).lane(i);
                 reuse.set_tail(paths.slots[first + i], wi, path);
             }
+            if let Some(caustics) = caustics {
+                caustics.scatter(&block, paths, &next, survivors);
+            }
             alive = paths.compact(first, alive, &next, survivors);
         }
         paths.truncate(alive);
@@ -378,9 +427,13 @@ impl<'a> PathBounce<'a> {
         block: &ShadingBlock<'_>,
         paths: &PathWave,
         specular_only: &[bool],
+        caustics: Option<&CausticWave<'_>>,
         out: &mut [Radiance],
-        lanes: u32,
+        mut lanes: u32,
     ) {
+        if let Some(caustics) = caustics.filter(|_| self.add_emission) {
+            lanes &= !caustics.add_emitted(self.scene, block, paths, out, lanes);
+        }
         if self.may_add() && block.at.emitting & block.active & lanes != 0 {
             for (i, le) in lighting::emitted(self.scene, block, paths, TechniqueCounts::ONE_EACH) {
                 let slot = paths.slots[block.first + i];

@@ -6,6 +6,7 @@
 //! numbers of rays, so the choice is the same on every machine.
 
 use super::PathIntegrator;
+use super::caustics::CameraPathPilot;
 use super::groups::{CellSide, PixelGroups};
 use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
@@ -45,21 +46,32 @@ struct Trial {
     /// The squared relative error of each pixel, times a constant.
     squares: Vec<f64>,
     cost: f64,
+    /// The sum of all samples and channels.
+    sum: f64,
 }
 
-/// The cost at which each of the [`MODES`] is expected to reach a given error, in arbitrary units.
-pub struct Efforts([f64; MODES.len()]);
+/// The result of the pilot.
+pub struct Efforts {
+    /// The cost at which each of the [`MODES`] is expected to reach a given error, in arbitrary units.
+    efforts: [f64; MODES.len()],
+    of_paths: [CameraPathPilot; MODES.len()],
+}
 
 impl Efforts {
+    /// Returns what is known of the paths that are reused in the given cells.
+    pub(super) fn of_paths(&self, cells: Option<CellSide>) -> CameraPathPilot {
+        self.of_paths[MODES.iter().position(|mode| *mode == cells).expect("one of the modes")]
+    }
+
     /// Returns the better cells for reuse.
     pub fn cells(&self) -> CellSide {
-        let [_, large, small] = self.0;
+        let [_, large, small] = self.efforts;
         if small < SMALL_CELLS * large { CellSide::Four } else { CellSide::Eight }
     }
 
     /// Returns the effort of reuse in the better cells relative to that of independent paths.
     fn relative(&self) -> f64 {
-        let [independent, large, small] = self.0;
+        let [independent, large, small] = self.efforts;
         (if self.cells() == CellSide::Four { small } else { large }) / independent
     }
 
@@ -91,10 +103,22 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
                 .with(|worker| try_cell(integrator, preparation, PixelRect { x, y, width, height }, worker))
         };
         trials.extend(preparation.pool.install(|| (0..count).into_par_iter().map(trial).collect::<Vec<_>>()));
-        let efforts = Efforts(std::array::from_fn(|mode| {
-            let cost: f64 = trials.iter().map(|trial| trial[mode].cost).sum();
-            error(trials.iter().map(|trial| &trial[mode].squares[..])) * cost
-        }));
+        let [all, kept] = [0, 1].map(|i| {
+            std::array::from_fn::<f64, { MODES.len() }, _>(|mode| {
+                errors(trials.iter().map(|trial| &trial[mode].squares[..]))[i]
+            })
+        });
+        let pixels = trials.iter().map(|trial| trial[0].squares.len()).sum::<usize>() as f64;
+        let sum = |of: &dyn Fn(&Trial) -> f64, mode: usize| {
+            trials.iter().map(|trial| of(&trial[mode])).sum::<f64>() / (pixels * SAMPLES as f64)
+        };
+        let of_paths = std::array::from_fn(|mode| CameraPathPilot {
+            error: kept[mode] / (pixels * 3.0 * SAMPLES as f64),
+            cost: sum(&|trial| trial.cost, mode),
+            mean: sum(&|trial| trial.sum, mode) / 3.0,
+        });
+        let efforts = std::array::from_fn(|mode| (all[mode] * kept[mode]).sqrt() * of_paths[mode].cost);
+        let efforts = Efforts { efforts, of_paths };
         round += 1;
         // In a small image, another round would trace the same cells.
         if round == ROUNDS || cells <= CELLS || !UNCLEAR.contains(&efforts.relative()) {
@@ -103,16 +127,16 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
     }
 }
 
-/// Returns an error from the squared errors of the pixels of cells: the geometric mean of two, because an image may be
-/// judged with its fireflies or without them. One is of all pixels; it is the sum of fourth roots of the cells' sums,
-/// to the fourth power, because a few fireflies would dominate a sum of squares. The other is the sum of squares
+/// Returns two errors from the squared errors of the pixels of cells. Their geometric mean counts, because an image may
+/// be judged with its fireflies or without them. One is of all pixels; it is the sum of fourth roots of the cells'
+/// sums, to the fourth power, because a few fireflies would dominate a sum of squares. The other is the sum of squares
 /// without the [`FIREFLIES`].
-fn error<'a>(cells: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+fn errors<'a>(cells: impl Iterator<Item = &'a [f64]> + Clone) -> [f64; 2] {
     let all = cells.clone().map(|squares| squares.iter().sum::<f64>().powf(0.25)).sum::<f64>().powi(4);
     let mut squares: Vec<f64> = cells.flatten().copied().collect();
     squares.sort_by(f64::total_cmp);
     let kept = squares.len() - (FIREFLIES * squares.len() as f64) as usize;
-    (all * squares[..kept].iter().sum::<f64>()).sqrt()
+    [all, squares[..kept].iter().sum::<f64>()]
 }
 
 /// Traces the [`SAMPLES`] of each pixel of a cell in each of the [`MODES`].
@@ -145,6 +169,7 @@ fn try_cell(
     let mean = [0, 1, 2].map(|c| values(1).map(|value| value[c]).sum::<f64>() / rays.len() as f64);
     for (mode, trial) in trials.iter_mut().enumerate() {
         let values: Vec<[f64; 3]> = values(mode).collect();
+        trial.sum = values.iter().flatten().sum();
         trial.squares.extend(values.chunks(SAMPLES).map(|samples| {
             let square = |c: usize| {
                 let difference = samples.as_chunks::<2>().0.iter().map(|[a, b]| a[c] - b[c]).sum::<f64>();

@@ -36,6 +36,8 @@ pub struct EmissionGuide {
     /// The choice of the emitter: first for unguided paths, then for guided ones.
     choice: Distribution1D,
     lights: Vec<EmissionDensities>,
+    /// See [`gain`](Self::gain).
+    gain: f64,
 }
 
 /// The densities over positions on an emitter and over directions; uniform if `None`.
@@ -45,7 +47,7 @@ impl EmissionGuide {
     /// Returns the guide that starts paths in proportion to the emitters' power.
     pub fn uniform(scene: &Scene) -> Self {
         let lights = scene.lights.iter().map(|_| [None, None]).collect();
-        EmissionGuide { choice: scene.light_choice.clone(), lights }
+        EmissionGuide { choice: scene.light_choice.clone(), lights, gain: 1.0 }
     }
 
     /// Learns which starts of light paths within the limits bring scattered light to visible surfaces.
@@ -57,14 +59,16 @@ impl EmissionGuide {
         let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
         let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
         let paths = PhotonPaths::scattered(limits);
-        Self::learn(&tracer, &paths, seed, |deposit: &Deposit| visible.contains(deposit.p))
+        Self::learn(&tracer, &paths, seed, |_| true, |deposit: &Deposit| visible.contains(deposit.p))
     }
 
-    /// Learns which starts contribute power to accepted deposits. Returns `None` if no deposit was accepted.
+    /// Learns which starts from the emitters selected by `emitter` contribute power to the deposits selected by
+    /// `wanted`. Returns `None` if there are none.
     pub fn learn(
         tracer: &LightPathTracer<'_>,
         paths: &PhotonPaths,
         seed: u64,
+        emitter: impl Fn(usize) -> bool,
         wanted: impl Fn(&Deposit) -> bool + Sync,
     ) -> Option<Self> {
         let scene = tracer.scene;
@@ -81,18 +85,46 @@ impl EmissionGuide {
         let mut found: Vec<PilotResults> = scene.lights.iter().map(|_| PilotResults::default()).collect();
         let worker = Worker::new(tracer.sampler);
         let mut numbers = EmissionNumbers::default();
+        let mut useful = Vec::new();
         for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
             let first = (chunk * CHUNK) as u64;
             let keys: Vec<SampleKey> = (0..brought.len() as u64).map(|i| sequence.key(first + i)).collect();
             numbers.draw(scene, &keys, &worker);
             for (i, brought) in brought.iter().enumerate() {
-                if let Some(choice) = scene.light_choice.sample(numbers.choice[i]) {
+                let choice = scene.light_choice.sample(numbers.choice[i]);
+                if let Some(choice) = choice.filter(|choice| emitter(choice.index)) {
                     // The contribution of the path, for the case that its emitter is the only one.
-                    found[choice.index].add(numbers.pairs(i), f64::from(brought * choice.pmf));
+                    let pairs = numbers.pairs(i);
+                    found[choice.index].add(pairs, f64::from(brought * choice.pmf));
+                    if *brought > 0.0 {
+                        useful.push((choice.index, pairs, f64::from(*brought)));
+                    }
                 }
             }
         }
-        Self::of(scene, &found)
+        let mut guide = Self::of(scene, &found)?;
+        let total: f64 = useful.iter().map(|(_, _, brought)| brought).sum();
+        let ratio = |(light, pairs, brought): &(usize, [Vec2; 2], f64)| brought * guide.ratio(*light, *pairs);
+        guide.gain = useful.iter().map(ratio).sum::<f64>() / total;
+        Some(guide)
+    }
+
+    /// Returns the density of a start of a light path from an emitter, relative to that of a path with uniform random
+    /// numbers from the same emitter.
+    fn ratio(&self, light: usize, pairs: [Vec2; 2]) -> f64 {
+        let learned: f32 = pairs
+            .iter()
+            .zip(&self.lights[light])
+            .map(|(u, density)| density.as_ref().map_or(1.0, |density| density.pdf(*u)))
+            .product();
+        let (unguided, guided) = (self.choice.pmf(light), self.choice.pmf(self.lights.len() + light));
+        f64::from((unguided + guided * learned) / (unguided + guided))
+    }
+
+    /// Returns the mean of the density of starts relative to that without the densities of positions and directions,
+    /// over the paths of the pilot that were wanted, weighted by what they brought.
+    pub fn gain(&self) -> f64 {
+        self.gain
     }
 
     fn of(scene: &Scene, found: &[PilotResults]) -> Option<Self> {
@@ -104,7 +136,7 @@ impl EmissionGuide {
         let unguided = (0..lights.len()).map(|i| UNGUIDED * f64::from(scene.light_choice.pmf(i)));
         let guided = brought.iter().map(|brought| (1.0 - UNGUIDED) * brought / total);
         let choice = Distribution1D::new(&unguided.chain(guided).collect::<Vec<_>>());
-        Some(EmissionGuide { choice, lights })
+        Some(EmissionGuide { choice, lights, gain: 1.0 })
     }
 
     /// Returns the probability of choosing an emitter.

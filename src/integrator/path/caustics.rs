@@ -1,0 +1,335 @@
+//! Caustics that light paths find: light that mirrors and smooth glass send to a surface which the camera sees.
+//!
+//! A camera path finds such light by chance: it leaves the surface x by a finite lobe, is scattered by Dirac deltas
+//! only, and hits an emitter. No emitter sample can do so. A light path finds it more often: it starts at the emitter,
+//! meets the same deltas, and x is connected to the camera. Both are combined by the power heuristic with exponent 2.
+//! [Veach 1997, Eq. 9.13] All other light is left to camera paths. So a light path ends at its first vertex with a
+//! finite lobe, and most end at once.
+//!
+//! The weights need the ratio of the densities of both techniques. Camera paths compute it from vertex to vertex: at x
+//! it is the density of light paths that are connected to the camera relative to that of camera paths, without the
+//! density of the emitter, and each delta contributes the ratio of the cosines at its two edges.
+//!
+//! Light paths do not pay in every scene. A pilot decides how many there are, or none. Emitters that no camera path can
+//! hit are left out, so the expected image does not depend on that.
+
+use crate::accel::Hit;
+use crate::estimate::metrics::RELATIVE_FLOOR;
+use crate::ids::EmitterId;
+use crate::integrator::bdpt::weights::{Merged, Start};
+use crate::integrator::bdpt::{LensConnections, technique::Techniques};
+use crate::integrator::block::ShadingBlock;
+use crate::integrator::photon::{Deposit, EmissionGuide, LightPathTracer, PathSequence, PhotonPaths};
+use crate::integrator::preparation::Workers;
+use crate::integrator::ptracer::{LightTracer, Splat};
+use crate::integrator::settings::PathLimits;
+use crate::integrator::worker::{Continuation, PathWave};
+use crate::integrator::{Preparation, Radiance, RadianceQuery, Worker};
+use crate::math::lanes::bits;
+use crate::math::{Ray, Vec2, Vec3};
+use crate::sampling::SampleKey;
+use crate::scene::Scene;
+use crate::sensor::Camera;
+use rayon::prelude::*;
+
+/// The ratio of a path that has only the camera so far.
+const BEGUN: f32 = f32::NEG_INFINITY;
+/// The ratio of a path that is no caustic, whatever follows.
+const NO_CAUSTIC: f32 = 0.0;
+/// The numbers of light paths for each camera path among which the pilot chooses.
+const SHARES: [f64; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
+/// The number that the pilot of camera paths assumes.
+const USUAL: f64 = 0.25;
+/// Light paths must reduce error × cost to this share at least.
+const PAYS: f64 = 0.9;
+/// The light paths of the pilot, those of a batch, and their stream of random numbers.
+const PILOT: u64 = 1 << 15;
+const BATCH: u64 = 2048;
+const STREAM: u32 = 7;
+/// The number of blocks of the image along each axis, whose mean caustics the pilot estimates.
+const BLOCKS: usize = 32;
+/// The cost of a light path and of a camera path without their rays, in nearest-hit queries.
+/// The scale of the ratios of densities in the pilot, so that weights are not rounded to 1.
+const SCALE: f64 = 1e-4;
+const LIGHT_PATH_COST: f64 = 3.0;
+const CAMERA_PATH_COST: f64 = 1.0;
+
+/// What a pilot knows about camera paths.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CameraPathPilot {
+    /// The relative mean squared error of one sample of a pixel.
+    pub error: f64,
+    /// The cost of the rays of a sample.
+    pub cost: f64,
+    /// The mean over the pixels and channels.
+    pub mean: f64,
+}
+
+/// The light paths that find caustics.
+pub struct CausticTracer {
+    camera: Camera,
+    guide: EmissionGuide,
+    limits: PathLimits,
+    /// The number of light paths for each camera path.
+    share: f64,
+}
+
+/// A contribution to the film in the pilot, as if there were one light path for each camera path.
+struct Caustic {
+    splat: Splat,
+    /// The density of light paths relative to that of camera paths.
+    ratio: f64,
+}
+
+impl CausticTracer {
+    /// Learns where caustic light starts. Returns `None` if none was found inside the view of the camera.
+    pub fn learn(preparation: &Preparation<'_>, limits: PathLimits) -> Option<Self> {
+        let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
+        if scene.needs.deltas == 0 || !scene.needs.hit_emitters && !scene.needs.environment {
+            return None;
+        }
+        let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
+        let paths = PhotonPaths { indirect: false, ..PhotonPaths::scattered(limits) };
+        let middle = Vec2::splat(0.5);
+        let seen = |deposit: &Deposit| {
+            deposit.caustic && camera.importance(deposit.p, middle, middle.x, 0.0).is_some()
+        };
+        let guide = EmissionGuide::learn(&tracer, &paths, seed, |i| !scene.lights[i].is_delta(), seen)?;
+        Some(CausticTracer { camera: camera.clone(), guide, limits, share: USUAL })
+    }
+
+    /// Returns the number of light paths for each camera path.
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
+    /// Chooses the number of light paths by a pilot; returns whether they pay.
+    pub(super) fn choose_share(
+        &mut self,
+        preparation: &Preparation<'_>,
+        camera_paths: CameraPathPilot,
+    ) -> bool {
+        let (caustics, cost_of_light) = self.pilot(preparation);
+        let errors = self.errors(&caustics, camera_paths.mean);
+        let effort = |share: f64, error: f64| {
+            let cost = CAMERA_PATH_COST + camera_paths.cost + share * (LIGHT_PATH_COST + cost_of_light);
+            (camera_paths.error + error) * cost
+        };
+        let without = effort(0.0, errors(0.0));
+        let efforts = SHARES.map(|share| (share, effort(share, errors(share))));
+        let (share, least) = efforts.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("some");
+        self.share = share;
+        least < PAYS * without
+    }
+
+    /// Traces some light paths. Returns their contributions, and the mean cost of their rays.
+    fn pilot(&self, preparation: &Preparation<'_>) -> (Vec<Caustic>, f64) {
+        let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
+        let workers = Workers::new(pool, sampler, interrupt);
+        let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
+        let trace = |batch: u64| {
+            workers.with(|worker| {
+                let keys: Vec<SampleKey> = (0..BATCH).map(|i| sequence.key(batch * BATCH + i)).collect();
+                let before = worker.counters.cost();
+                let mut caustics = Vec::new();
+                let connections = self.connections(scene, camera, 0.0, SCALE * self.guide.gain());
+                connections.splat(&keys, worker, |splat, weight| {
+                    let value = splat.value / weight as f32;
+                    let ratio = (weight / (1.0 - weight)).sqrt() / SCALE;
+                    caustics.push(Caustic { splat: Splat { value, ..splat }, ratio });
+                });
+                (caustics, worker.counters.cost() - before)
+            })
+        };
+        let batches: Vec<(Vec<Caustic>, f64)> =
+            pool.install(|| (0..PILOT / BATCH).into_par_iter().map(trace).collect());
+        let cost = batches.iter().map(|(_, cost)| cost).sum::<f64>() / PILOT as f64;
+        (batches.into_iter().flat_map(|(caustics, _)| caustics).collect(), cost)
+    }
+
+    /// Returns the relative mean squared error of the caustics in one sample of a pixel, as a function of the number of
+    /// light paths for each camera path. `mean` is that of the other light.
+    fn errors<'a>(&self, caustics: &'a [Caustic], mean: f64) -> impl Fn(f64) -> f64 + use<'a> {
+        let size = [self.camera.film.width, self.camera.film.height].map(f64::from);
+        let block = move |splat: &Splat| {
+            let along = |x: f64, length: f64| ((x / length * BLOCKS as f64) as usize).min(BLOCKS - 1);
+            along(splat.film.y, size[1]) * BLOCKS + along(splat.film.x, size[0])
+        };
+        let grey = |splat: &Splat| f64::from(splat.value.r + splat.value.g + splat.value.b) / 3.0;
+        let mut means = vec![mean; BLOCKS * BLOCKS];
+        for Caustic { splat, .. } in caustics {
+            means[block(splat)] += grey(splat) * (BLOCKS * BLOCKS) as f64 / PILOT as f64;
+        }
+        // The squared contribution of each light path, relative to its block, and its ratio.
+        let squares: Vec<[f64; 2]> = caustics
+            .iter()
+            .map(|Caustic { splat, ratio }| {
+                let mean = means[block(splat)];
+                [grey(splat).powi(2) / (mean * mean + RELATIVE_FLOOR) / PILOT as f64, *ratio]
+            })
+            .filter(|[square, ratio]| square.is_finite() && ratio.is_finite())
+            .collect();
+        move |share| {
+            let error = |[square, ratio]: &[f64; 2]| {
+                // The squared weights, divided by the densities relative to a light path for each camera path.
+                let square_of_ratio = (share * ratio).powi(2);
+                let of_light = if share > 0.0 { square_of_ratio * square_of_ratio / share } else { 0.0 };
+                square * (of_light + ratio) / (1.0 + square_of_ratio).powi(2)
+            };
+            squares.iter().map(error).sum()
+        }
+    }
+
+    /// Returns the connections to a camera. `relative` is the density of light paths relative to one for each camera
+    /// path.
+    fn connections<'a>(
+        &'a self,
+        scene: &'a Scene,
+        camera: &'a Camera,
+        margin: f64,
+        relative: f64,
+    ) -> LensConnections<'a> {
+        LensConnections {
+            scene,
+            camera,
+            guide: Some(&self.guide),
+            limits: self.limits,
+            techniques: Techniques::All,
+            query: RadianceQuery::ALL,
+            margin,
+            merged: Merged::default(),
+            caustics: Some(relative),
+        }
+    }
+
+    /// The density of light paths relative to camera paths, for the weights: their number, and the mean effect of the
+    /// guide. Any factor leaves the image unbiased.
+    fn relative(&self) -> f64 {
+        self.share * self.guide.gain()
+    }
+
+    /// Returns the weight of a camera path that hits an emitter in the direction `d`, with the cosine `cosine` at its
+    /// surface.
+    fn weight(&self, scene: &Scene, emitter: EmitterId, d: Vec3, cosine: f32, ratio: f32) -> f32 {
+        let i = emitter.index();
+        let start = Start::new(&scene.lights[i], -d, cosine, 0.0, self.guide.pmf(i));
+        let ratio = start.ray * f64::from(ratio) / f64::from(cosine);
+        (1.0 / (1.0 + ratio * ratio)) as f32
+    }
+}
+
+impl LightTracer for CausticTracer {
+    fn trace(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        margin: f64,
+        keys: &[SampleKey],
+        worker: &mut Worker,
+        out: &mut Vec<Splat>,
+    ) {
+        // Neighbours in the sequence are well distributed, so the first ones are traced.
+        let traced = ((keys.len() as f64 * self.share).ceil() as usize).min(keys.len());
+        let factor = keys.len() as f32 / traced as f32;
+        let connections = self.connections(scene, camera, margin, self.relative());
+        connections.splat(&keys[..traced], worker, |splat, _| {
+            out.push(Splat { value: splat.value * factor, ..splat });
+        });
+    }
+}
+
+/// The caustics among the camera paths of a wave.
+pub(super) struct CausticWave<'a> {
+    tracer: &'a CausticTracer,
+    /// The camera rays.
+    rays: &'a [Ray],
+    /// For each entry of the output, the density of light paths relative to that of camera paths, without the density
+    /// of the emitter: positive for a path that was scattered by a finite lobe and then by Dirac deltas only, at least
+    /// one. It is negative, and without the density of the camera ray, if the delta is still to come.
+    ratios: Vec<f32>,
+}
+
+impl<'a> CausticWave<'a> {
+    /// Creates the state before the first bounce. Entries of the output behind those of the rays have no caustics.
+    pub fn new(tracer: &'a CausticTracer, rays: &'a [Ray], entries: usize, mut buffer: Vec<f32>) -> Self {
+        buffer.clear();
+        buffer.resize(rays.len(), BEGUN);
+        buffer.resize(entries, NO_CAUSTIC);
+        CausticWave { tracer, rays, ratios: buffer }
+    }
+
+    /// Returns the buffer, for another wave.
+    pub fn into_buffer(self) -> Vec<f32> {
+        self.ratios
+    }
+
+    /// Returns whether light that the path with the given entry of the output meets now is a caustic.
+    #[inline]
+    pub fn are_in(&self, slot: u32) -> bool {
+        self.ratios[slot as usize] > 0.0
+    }
+
+    /// Updates the ratios of the paths of a block that continue.
+    pub fn scatter(
+        &mut self,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        next: &Continuation,
+        survivors: u32,
+    ) {
+        let cosines = next.rays.d.dot(block.at.ng).abs() / block.rays.d.dot(block.at.ng).abs();
+        let pdf = next.pdf.as_array();
+        for i in bits(survivors) {
+            let path = block.first + i;
+            let slot = paths.slots[path] as usize;
+            let (ratio, cosines) = (self.ratios[slot], cosines.as_array()[i]);
+            self.ratios[slot] = match pdf[i].is_finite() {
+                true if ratio == BEGUN => -cosines / pdf[i],
+                false if ratio < 0.0 && ratio != BEGUN => {
+                    let ray = &self.rays[slot];
+                    let of_camera = self.tracer.camera.density(paths.from[path], ray.d, ray.time);
+                    (-f64::from(ratio * cosines) * self.tracer.relative() / of_camera) as f32
+                }
+                false if ratio > 0.0 => ratio * cosines,
+                _ => NO_CAUSTIC,
+            };
+        }
+    }
+
+    /// Adds the caustic light from infinity for the paths that hit nothing.
+    pub fn add_missed(&self, scene: &Scene, paths: &PathWave, hits: &[Option<Hit>], out: &mut [Radiance]) {
+        for i in (0..hits.len()).filter(|&i| hits[i].is_none() && self.are_in(paths.slots[i])) {
+            let (slot, d) = (paths.slots[i] as usize, paths.rays[i].d);
+            for emitter in scene.distant_emitters() {
+                let weight = self.tracer.weight(scene, emitter, d, 1.0, self.ratios[slot]);
+                out[slot].value += paths.beta(i) * scene.distant_radiance(emitter, d) * weight;
+            }
+        }
+    }
+
+    /// Adds the caustic light of the emitters that the paths of a block hit, for the lanes of a mask. Returns the lanes
+    /// of caustics.
+    pub fn add_emitted(
+        &self,
+        scene: &Scene,
+        block: &ShadingBlock<'_>,
+        paths: &PathWave,
+        out: &mut [Radiance],
+        lanes: u32,
+    ) -> u32 {
+        let mut caustics = 0;
+        for i in bits(block.at.emitting & block.active & lanes) {
+            let path = block.first + i;
+            let slot = paths.slots[path];
+            if self.are_in(slot) {
+                caustics |= 1 << i;
+                let (at, d) = (block.at.lane(i), block.rays.d.lane(i));
+                let Some(emitter) = scene.emitter_at(&at) else { continue };
+                let ratio = self.ratios[slot as usize];
+                let weight = self.tracer.weight(scene, emitter, d, d.dot(at.ng).abs(), ratio);
+                out[slot as usize].value += paths.beta(path) * scene.emitted(emitter, &at) * weight;
+            }
+        }
+        caustics
+    }
+}
