@@ -68,6 +68,7 @@ mod path_reuse;
 mod photon_maps;
 mod photons;
 mod plugins;
+mod previews;
 mod ray_trees;
 mod regress;
 mod regress_cases;

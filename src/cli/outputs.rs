@@ -64,6 +64,9 @@ pub fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
     if args.output.iter().any(|target| is_piped(target)) && args.stats.as_deref().is_some_and(is_piped) {
         return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));
     }
+    if args.write_every.is_some() && args.output.iter().all(|target| is_piped(target)) {
+        return Err(Error::usage("--write-every: standard output is written once; name a file with -o"));
+    }
     if args.aov.iter().any(|name| name == STRATEGIES)
         && (args.sample_range.is_some() || args.checkpoint.is_some())
     {

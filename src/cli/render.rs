@@ -15,7 +15,9 @@ use crate::image::{self, WriteOptions};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, WhenPays};
 use crate::loader::LoadOptions;
-use crate::render::{Adaptive, CheckpointSink, Progress, RenderState, Rendered, StopReason, StopRules};
+use crate::render::{
+    Adaptive, CheckpointSink, PreviewSink, Progress, RenderState, Rendered, Sinks, StopReason, StopRules,
+};
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
 use clap::Args;
@@ -80,6 +82,9 @@ pub struct RenderArgs {
     /// The interval between checkpoints, which bounds the loss of rendering time
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = values::duration, requires = "checkpoint")]
     pub checkpoint_every: Duration,
+    /// Write the image so far regularly, each time after this interval; SIGUSR1 asks for it at any time
+    #[arg(long, value_name = "TIME", value_parser = values::duration, conflicts_with = "skip_existing")]
+    pub write_every: Option<Duration>,
     /// Continue from the checkpoint if it exists: --spp and --time count from the beginning, and the image is identical
     /// to that of an uninterrupted render
     #[arg(long, requires = "checkpoint")]
@@ -144,6 +149,7 @@ pub(super) const STRATEGIES: &str = "strategies";
 /// # Errors
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
+    signals::survive_requests()?;
     let Some(frames) = args.frames.clone() else {
         let mut args = args.clone();
         if args.output.is_empty() {
@@ -233,9 +239,7 @@ fn render(args: &RenderArgs) -> Result<u8> {
     }
     seconds.layers = sampled.elapsed().as_secs_f64();
     let written = Instant::now();
-    let samples = session.camera().film.component_format.into();
-    let DisplayArgs { exposure, tonemap } = args.display;
-    let options = WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() };
+    let options = write_options(args, &session);
     let mut clamped_half = 0;
     for target in targets {
         let report = match is_piped(target) {
@@ -368,17 +372,38 @@ fn sample(
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
     let pixels = session.camera().film.rect().area();
     let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
+    let show = |rendered: &Rendered| write_preview(args, session, plan, rendered);
+    let previews = (!args.skip_existing).then_some(PreviewSink { every: args.write_every, show: &show });
     let rendered = match checkpoint {
-        None => session.render(plan, progress),
+        None => session.render_on(plan, progress, None, Sinks { checkpoints: None, previews }),
         Some(mut checkpoint) => {
             let resumed = checkpoint.take_state();
             let keep = |state: &RenderState| checkpoint.save(state);
-            let checkpoints = CheckpointSink { every: args.checkpoint_every, keep: &keep };
-            session.render_on(plan, progress, resumed, Some(checkpoints))
+            let checkpoints = Some(CheckpointSink { every: args.checkpoint_every, keep: &keep });
+            session.render_on(plan, progress, resumed, Sinks { checkpoints, previews })
         }
     };
     watcher.finish();
     rendered
+}
+
+fn write_options(args: &RenderArgs, session: &Session) -> WriteOptions {
+    let samples = session.camera().film.component_format.into();
+    let DisplayArgs { exposure, tonemap } = args.display;
+    WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() }
+}
+
+/// Writes the image so far to the output files, without the layers that are rendered last. If that fails, a warning is
+/// printed and the render goes on.
+fn write_preview(args: &RenderArgs, session: &Session, plan: &Plan, rendered: &Rendered) {
+    let (image, options) = (session.image(plan, rendered), write_options(args, session));
+    for target in args.output.iter().filter(|target| !is_piped(target)) {
+        if let Err(error) = image::write(target, &image, &options)
+            && !args.quiet
+        {
+            super::report!("buffon: warning: {error}");
+        }
+    }
 }
 
 fn summary(names: &str, rendered: &Rendered) -> String {

@@ -1,4 +1,5 @@
-//! SIGINT and SIGTERM: the first one interrupts the render, the second one ends the program.
+//! SIGINT and SIGTERM: the first one interrupts the render, the second one ends the program. SIGUSR1 asks for the image
+//! so far.
 
 use crate::error::{Error, Result};
 use crate::render::Progress;
@@ -44,11 +45,27 @@ pub fn interrupt(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Result<(
     Ok(())
 }
 
+/// Keeps a request for the image so far from ending the program while there is no render that could answer it.
+///
+/// # Errors
+/// If the program cannot listen for signals.
+pub fn survive_requests() -> Result<()> {
+    signal_hook::flag::register(libc::SIGUSR1, Arc::default())
+        .map(|_| ())
+        .map_err(|e| Error::internal(format!("cannot listen for signals: {e}")))
+}
+
 fn listen() -> Result<()> {
-    let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM])
+    let mut signals = signal_hook::iterator::Signals::new([libc::SIGINT, libc::SIGTERM, libc::SIGUSR1])
         .map_err(|e| Error::internal(format!("cannot listen for signals: {e}")))?;
     std::thread::spawn(move || {
         for signal in signals.forever() {
+            if signal == libc::SIGUSR1 {
+                if let Some(target) = &*TARGET.lock().unwrap_or_else(PoisonError::into_inner) {
+                    target.progress.request_preview();
+                }
+                continue;
+            }
             if CAUGHT.swap(signal, Ordering::Relaxed) != 0 {
                 signal_hook::low_level::exit(128 + signal);
             }

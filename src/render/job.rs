@@ -3,7 +3,7 @@
 use super::adaptive::Rates;
 use super::passes::Passes;
 use super::progress::Progress;
-use super::state::{CheckpointSink, RenderState};
+use super::state::{RenderState, Sinks};
 use super::stop::{StopReason, StopRules};
 use super::tracing::InvalidSample;
 use crate::error::{Error, Result};
@@ -48,8 +48,8 @@ pub struct Job<'a> {
     pub first: u64,
     /// The state of an earlier render to continue.
     pub resumed: Option<RenderState>,
-    /// The receiver of checkpoints, if any.
-    pub checkpoints: Option<CheckpointSink<'a>>,
+    /// The receivers of states.
+    pub sinks: Sinks<'a>,
     /// Whether alpha is summed.
     pub(super) alpha: bool,
     /// Whether a ray that hits nothing counts as opaque, because it sees the environment.
@@ -175,7 +175,7 @@ impl<'a> Job<'a> {
             rates: None,
             first: 0,
             resumed: None,
-            checkpoints: None,
+            sinks: Sinks::default(),
             alpha: camera.film.pixel_format.has_alpha(),
             opaque_environment: scene.needs.environment && integrator.shows_environment(),
             filter: FilterSampler::new(camera.film.filter),
@@ -199,7 +199,7 @@ impl<'a> Job<'a> {
     /// Returns whether an incomplete pass must be discarded. Missing light paths would affect all pixels, and a
     /// checkpoint must allow the render to continue with exactly the same samples.
     pub(super) fn needs_whole_passes(&self) -> bool {
-        self.checkpoints.is_some() || self.integrator.traces_light_paths()
+        self.sinks.checkpoints.is_some() || self.integrator.traces_light_paths()
     }
 
     /// Returns the job with another first sample.
@@ -214,9 +214,9 @@ impl<'a> Job<'a> {
         self
     }
 
-    /// Returns the job with a receiver of checkpoints.
-    pub fn with_checkpoints(mut self, checkpoints: Option<CheckpointSink<'a>>) -> Self {
-        self.checkpoints = checkpoints;
+    /// Returns the job with receivers of its states.
+    pub fn with_sinks(mut self, sinks: Sinks<'a>) -> Self {
+        self.sinks = sinks;
         self
     }
 

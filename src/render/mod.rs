@@ -14,5 +14,5 @@ pub mod tracing;
 pub use adaptive::{Adaptive, Rates};
 pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
 pub use progress::Progress;
-pub use state::{CheckpointSink, RenderState};
+pub use state::{CheckpointSink, PreviewSink, RenderState, Sinks};
 pub use stop::{StopReason, StopRules};

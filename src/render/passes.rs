@@ -1,7 +1,7 @@
 //! The execution of a render: a sequence of passes and their accumulated result.
 
 use super::job::{Job, Rendered};
-use super::state::{self, CheckpointSink, RenderState};
+use super::state::{self, CheckpointSink, PreviewSink, RenderState, Sinks};
 use super::stop::{StopReason, StopRules};
 use super::tracing::CameraWorker;
 use super::{progressive, splats};
@@ -17,7 +17,8 @@ use std::time::{Duration, Instant};
 pub(super) const TILE: u32 = 16;
 /// The fraction of the time for error estimates that are only displayed.
 const ESTIMATES_SHARE: f64 = 0.01;
-/// The longest part of a pass, for renders that discard incomplete parts on interruption.
+/// The longest part of a pass, so that states are complete often: an interruption may discard an incomplete part, and
+/// a preview has to wait for its end.
 const LONGEST_PART: Duration = Duration::from_secs(5);
 
 /// A render in progress.
@@ -37,6 +38,7 @@ pub(super) struct Passes<'j, 'a> {
     error: Option<ErrorEstimate>,
     estimating: Duration,
     checkpoint_status: Option<CheckpointStatus>,
+    last_preview: Instant,
 }
 
 /// The status of checkpoints.
@@ -78,7 +80,11 @@ impl<'j, 'a> Passes<'j, 'a> {
             now,
             error: None,
             estimating: Duration::ZERO,
-            checkpoint_status: job.checkpoints.map(|_| CheckpointStatus { last: started, outcome: Ok(()) }),
+            last_preview: started,
+            checkpoint_status: job
+                .sinks
+                .checkpoints
+                .map(|_| CheckpointStatus { last: started, outcome: Ok(()) }),
         }
     }
 
@@ -125,15 +131,21 @@ impl<'j, 'a> Passes<'j, 'a> {
     /// Returns the next range of samples: the current pass, or a part of it with limited duration.
     fn part(&self) -> Range<u64> {
         let RenderState { next, pass_end, .. } = self.now;
-        if self.whole.is_none() || self.done() == 0 {
+        if self.done() == 0 {
             return next..pass_end;
         }
-        let longest =
-            self.job.checkpoints.map_or(LONGEST_PART, |checkpoints| checkpoints.every.min(LONGEST_PART));
+        let longest = self.intervals().fold(LONGEST_PART, Duration::min);
         let per_sample = self.elapsed().as_secs_f64().max(1e-9) / self.done() as f64;
         // An even number keeps the halves equal.
         let part = ((longest.as_secs_f64() / per_sample) as u64 & !1).max(2);
         next..pass_end.min(next.saturating_add(part))
+    }
+
+    /// Returns the times after which checkpoints and previews are due.
+    fn intervals(&self) -> impl Iterator<Item = Duration> {
+        let Sinks { checkpoints, previews } = self.job.sinks;
+        let previews = previews.and_then(|previews| previews.every);
+        checkpoints.map(|checkpoints| checkpoints.every).into_iter().chain(previews)
     }
 
     /// Takes samples of every pixel; with adaptive sampling, the range applies to a pixel with the rate 1.
@@ -179,11 +191,27 @@ impl<'j, 'a> Passes<'j, 'a> {
             self.whole = Some(self.now.clone());
         }
         if let (Some(CheckpointSink { every, .. }), Some(checkpoint_status)) =
-            (self.job.checkpoints, &self.checkpoint_status)
+            (self.job.sinks.checkpoints, &self.checkpoint_status)
             && checkpoint_status.last.elapsed() >= every
         {
             self.keep();
         }
+        self.preview();
+    }
+
+    /// Shows the image so far, if that is due or was requested.
+    fn preview(&mut self) {
+        let Some(PreviewSink { every, show }) = self.job.sinks.previews else { return };
+        let requested = self.job.progress.take_preview_request();
+        if !requested && every.is_none_or(|every| self.last_preview.elapsed() < every) {
+            return;
+        }
+        self.collect();
+        self.estimate();
+        let rendered = self.rendered(StopReason::Interrupted);
+        show(&rendered);
+        self.now.tiles = rendered.tiles;
+        self.last_preview = Instant::now();
     }
 
     fn report(&self) {
@@ -206,7 +234,7 @@ impl<'j, 'a> Passes<'j, 'a> {
     /// Saves a checkpoint of the last complete part of a pass.
     fn keep(&mut self) {
         if let (Some(checkpoints), Some(checkpoint_status), Some(state)) =
-            (self.job.checkpoints, &mut self.checkpoint_status, &self.whole)
+            (self.job.sinks.checkpoints, &mut self.checkpoint_status, &self.whole)
         {
             checkpoint_status.outcome = (checkpoints.keep)(state);
             checkpoint_status.last = Instant::now();
@@ -230,11 +258,18 @@ impl<'j, 'a> Passes<'j, 'a> {
             self.now = whole;
         }
         self.estimate();
-        let (done, error) = (self.done(), self.error);
         let checkpoint_status =
-            self.checkpoint_status.map_or(Ok(()), |checkpoint_status| checkpoint_status.outcome);
+            self.checkpoint_status.take().map_or(Ok(()), |checkpoint_status| checkpoint_status.outcome);
+        Rendered { checkpoint_status, ..self.rendered(stop_reason) }
+    }
+
+    /// Returns the result so far. It has the tiles of the state.
+    fn rendered(&mut self, stop_reason: StopReason) -> Rendered {
+        let (done, error) = (self.done(), self.error);
+        let tiles = std::mem::take(&mut self.now.tiles);
+        let state = RenderState { tiles, ..self.now.clone() };
         let rect = self.job.camera.film.rect();
-        let mut rendered = Rendered::new(self.now, rect, self.job.settings.layers.clone(), self.job.alpha);
+        let mut rendered = Rendered::new(state, rect, self.job.settings.layers.clone(), self.job.alpha);
         if self.job.rates.is_none() {
             rendered.samples_per_pixel = done;
         }
@@ -244,7 +279,6 @@ impl<'j, 'a> Passes<'j, 'a> {
             reuses_paths: self.job.integrator.reuse_cells().is_some(),
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),
-            checkpoint_status,
             ..rendered
         }
     }

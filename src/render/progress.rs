@@ -8,6 +8,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 #[derive(Debug, Default)]
 pub struct Progress {
     interrupt: Interrupt,
+    /// Whether the image so far is requested.
+    preview: AtomicBool,
     /// Whether the first sample has been started.
     begun: AtomicBool,
     pixel_samples: AtomicU64,
@@ -38,6 +40,15 @@ impl Progress {
     /// Returns the flag that is raised by a request to stop.
     pub fn interrupt_flag(&self) -> &Interrupt {
         &self.interrupt
+    }
+
+    /// Requests the image so far, for a render that has a receiver of previews.
+    pub fn request_preview(&self) {
+        self.preview.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn take_preview_request(&self) -> bool {
+        self.preview.swap(false, Ordering::Relaxed)
     }
 
     /// Returns whether sampling has started. Before that, a stop loses nothing.

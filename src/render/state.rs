@@ -1,5 +1,6 @@
 //! The state of a render from which it can continue.
 
+use super::job::Rendered;
 use super::passes::TILE;
 use super::tracing::InvalidSample;
 use crate::error::Result;
@@ -35,6 +36,26 @@ pub struct CheckpointSink<'a> {
     pub every: Duration,
     /// Saves a state. If it fails, the render tries again after the same time.
     pub keep: &'a (dyn Fn(&RenderState) -> Result<()> + Sync),
+}
+
+/// The receiver of the image so far.
+#[derive(Clone, Copy)]
+pub struct PreviewSink<'a> {
+    /// The time between two images; `None`: only if one is requested ([`Progress::request_preview`]).
+    ///
+    /// [`Progress::request_preview`]: super::Progress::request_preview
+    pub every: Option<Duration>,
+    /// Takes the image. Sampling goes on when it returns.
+    pub show: &'a (dyn Fn(&Rendered) + Sync),
+}
+
+/// The receivers of a render's states.
+#[derive(Clone, Copy, Default)]
+pub struct Sinks<'a> {
+    /// The receiver of checkpoints.
+    pub checkpoints: Option<CheckpointSink<'a>>,
+    /// The receiver of the image so far.
+    pub previews: Option<PreviewSink<'a>>,
 }
 
 impl RenderState {

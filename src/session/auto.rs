@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::integrator::PathIntegrator;
 use crate::integrator::settings::Plugin;
-use crate::render::{Adaptive, Progress, Rendered, StopRules};
+use crate::render::{Adaptive, Progress, Rendered, Sinks, StopRules};
 use crate::sensor::Camera;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -174,7 +174,7 @@ impl Session {
             ..choices.clone()
         };
         let plan = self.plan(&choices)?;
-        let rendered = self.render_through(camera, &plan, &Progress::new(), None, None)?;
+        let rendered = self.render_through(camera, &plan, &Progress::new(), None, Sinks::default())?;
         let cost = candidate.cost * rendered.counters.cost();
         Ok(Pilot { relmse: rendered.relmse, cost, blocks: blocks_of(&rendered) })
     }

@@ -27,7 +27,7 @@ use crate::integrator::settings::Aov;
 use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
-use crate::render::{self, Adaptive, CheckpointSink, Job, Progress, Rates, RenderState, Rendered};
+use crate::render::{self, Adaptive, Job, Progress, Rates, RenderState, Rendered, Sinks};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile_within};
@@ -237,11 +237,11 @@ impl Session {
     /// # Errors
     /// If threads cannot be started, the integrator cannot prepare, or the memory limit is exceeded.
     pub fn render(&self, plan: &Plan, progress: &Progress) -> Result<Rendered> {
-        self.render_on(plan, progress, None, None)
+        self.render_on(plan, progress, None, Sinks::default())
     }
 
-    /// Computes [`render`](Self::render), optionally as the continuation of an earlier state, and with a receiver of
-    /// checkpoints.
+    /// Computes [`render`](Self::render), optionally as the continuation of an earlier state, and with
+    /// receivers of its states.
     ///
     /// # Errors
     /// As [`render`](Self::render).
@@ -250,9 +250,9 @@ impl Session {
         plan: &Plan,
         progress: &Progress,
         resumed: Option<RenderState>,
-        checkpoints: Option<CheckpointSink<'_>>,
+        sinks: Sinks<'_>,
     ) -> Result<Rendered> {
-        self.render_through(self.camera(), plan, progress, resumed, checkpoints)
+        self.render_through(self.camera(), plan, progress, resumed, sinks)
     }
 
     /// Computes [`render_on`](Self::render_on) with another camera, whose image is no larger.
@@ -262,7 +262,7 @@ impl Session {
         plan: &Plan,
         progress: &Progress,
         resumed: Option<RenderState>,
-        checkpoints: Option<CheckpointSink<'_>>,
+        sinks: Sinks<'_>,
     ) -> Result<Rendered> {
         let _reserved = self.reserve(plan)?;
         let mut integrator = plan.integrator.create();
@@ -294,7 +294,7 @@ impl Session {
             .with_rates(rates)
             .with_first(plan.first)
             .resumed_from(resumed)
-            .with_checkpoints(checkpoints)
+            .with_sinks(sinks)
             .run_with(pool);
         Ok(Rendered { prepared, statistics: integrator.statistics(), ..rendered })
     }
