@@ -92,6 +92,10 @@ impl PhotonPaths {
             {
                 let Worker { paths, hits, counters, .. } = &mut *worker;
                 intersect(scene, &paths.rays, Coherence::Incoherent, hits, counters);
+                if edges == 1 && !self.direct && !self.indirect {
+                    // Only caustics are needed, and no path without a Dirac delta becomes one.
+                    hits.iter_mut().for_each(|hit| *hit = hit.filter(|hit| scene.has_deltas(hit)));
+                }
                 paths.keep_hits(hits, |_, _| {});
             }
             let go_on = self.allows(edges + 1);
@@ -155,14 +159,14 @@ impl PhotonBounce<'_> {
                         specular_only[slot],
                     ));
                 }
-                // If only caustics are needed, paths end after a finite lobe.
-                if !self.go_on || !(self.paths.indirect || specular_only[slot]) {
+                if !self.go_on {
                     continue;
                 }
                 let u = Vec2::new(numbers.bsdf_direction[0][j], numbers.bsdf_direction[1][j]);
                 let Some(on) = vertex.scatter(numbers.bsdf_lobe[j], u) else { continue };
                 let mut beta = beta * on.weight;
-                if beta.is_black() {
+                // If only caustics are needed, paths end at a finite lobe.
+                if beta.is_black() || (on.lobe != Lobe::Specular && !self.paths.indirect) {
                     continue;
                 }
                 if let Some(roulette) = self.roulette {
