@@ -38,8 +38,6 @@ const BEGUN: f32 = f32::NEG_INFINITY;
 const NO_CAUSTIC: f32 = 0.0;
 /// The numbers of light paths for each camera path among which the pilot chooses.
 const SHARES: [f64; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
-/// The number that the pilot of camera paths assumes.
-const USUAL: f64 = 0.25;
 /// Light paths must reduce error × cost to this share at least.
 const PAYS: f64 = 0.9;
 /// The light paths of the pilot, those of a batch, and their stream of random numbers.
@@ -48,16 +46,16 @@ const BATCH: u64 = 2048;
 const STREAM: u32 = 7;
 /// The number of blocks of the image along each axis, whose mean caustics the pilot estimates.
 const BLOCKS: usize = 32;
-/// The cost of a light path and of a camera path without their rays, in nearest-hit queries.
 /// The scale of the ratios of densities in the pilot, so that weights are not rounded to 1.
 const SCALE: f64 = 1e-4;
+/// The cost of a light path and of a camera path without their rays, in nearest-hit queries.
 const LIGHT_PATH_COST: f64 = 3.0;
 const CAMERA_PATH_COST: f64 = 1.0;
 
-/// What a pilot knows about camera paths.
+/// What a pilot knows about camera paths without caustics.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CameraPathPilot {
-    /// The relative mean squared error of one sample of a pixel.
+    /// The relative mean squared error of one sample of a pixel, without the worst pixels.
     pub error: f64,
     /// The cost of the rays of a sample.
     pub cost: f64,
@@ -70,7 +68,8 @@ pub struct CausticTracer {
     camera: Camera,
     guide: EmissionGuide,
     limits: PathLimits,
-    /// The number of light paths for each camera path.
+    /// The number of light paths for each camera path. It is infinite before it is chosen: then camera paths have the
+    /// weight 0.
     share: f64,
 }
 
@@ -95,7 +94,7 @@ impl CausticTracer {
             deposit.caustic && camera.importance(deposit.p, middle, middle.x, 0.0).is_some()
         };
         let guide = EmissionGuide::learn(&tracer, &paths, seed, |i| !scene.lights[i].is_delta(), seen)?;
-        Some(CausticTracer { camera: camera.clone(), guide, limits, share: USUAL })
+        Some(CausticTracer { camera: camera.clone(), guide, limits, share: f64::INFINITY })
     }
 
     /// Returns the number of light paths for each camera path.
@@ -214,7 +213,8 @@ impl CausticTracer {
         let i = emitter.index();
         let start = Start::new(&scene.lights[i], -d, cosine, 0.0, self.guide.pmf(i));
         let ratio = start.ray * f64::from(ratio) / f64::from(cosine);
-        (1.0 / (1.0 + ratio * ratio)) as f32
+        // Not NaN, if an infinite ratio meets a density of 0.
+        (1.0 / (1.0 + ratio * ratio)).max(0.0) as f32
     }
 }
 
