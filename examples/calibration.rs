@@ -14,7 +14,7 @@ use buffon::accel::AccelKind;
 use buffon::error::Error;
 use buffon::estimate::metrics::RELATIVE_FLOOR;
 use buffon::integrator::settings::WhenPays;
-use buffon::render::{Adaptive, Progress, Rendered, StopRules};
+use buffon::render::{Progress, Rendered, StopRules};
 use buffon::sampling::SamplerKind;
 use buffon::session::{Choices, SceneChoices, SceneFile, Session, default_threads};
 use std::path::Path;
@@ -30,7 +30,7 @@ const SCENES: [&str; 5] = [
 struct Options {
     seeds: u64,
     size: u32,
-    adaptive: Adaptive,
+    adaptive: WhenPays,
     path_reuse: Option<WhenPays>,
     integrators: Vec<String>,
     samplers: Vec<SamplerKind>,
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut options = Options {
         seeds: 100,
         size: 48,
-        adaptive: Adaptive::Never,
+        adaptive: WhenPays::Never,
         path_reuse: None,
         integrators: vec!["path".into()],
         samplers: vec![SamplerKind::Independent, SamplerKind::Sobol],
@@ -53,7 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     while let Some(argument) = arguments.next() {
         let mut list = || arguments.next().ok_or(format!("{argument}: expected a value"));
         match argument.as_str() {
-            "--adaptive" => options.adaptive = Adaptive::Always,
+            "--adaptive" => options.adaptive = WhenPays::Always,
             "--path-reuse" => options.path_reuse = Some(list()?.parse()?),
             "--size" => options.size = list()?.parse()?,
             "--integrators" => options.integrators = list()?.split(',').map(String::from).collect(),

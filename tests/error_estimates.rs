@@ -8,7 +8,7 @@ use buffon::integrator::settings::WhenPays;
 use buffon::integrator::{Preparation, Settings};
 use buffon::loader::{LoadOptions, load};
 use buffon::memory::Budget;
-use buffon::render::{Adaptive, Job, JobSettings, Progress, Rates, Rendered, StopRules, thread_pool};
+use buffon::render::{Job, JobSettings, Progress, Rates, Rendered, StopRules, thread_pool};
 use buffon::sampling::{Sampler, SamplerKind};
 use buffon::scene::Scene;
 use serde_json::Value as Json;
@@ -52,7 +52,7 @@ fn render(
             cache: None,
             memory: &Budget::default(),
         },
-        Adaptive::Always,
+        WhenPays::Always,
         stop.samples,
     );
     assert!(rates.is_some());

@@ -19,7 +19,8 @@ const OTHERS: &str = "<shape type='sphere'><point name='center' x='-0.8' y='0.3'
     <shape type='rectangle'><transform name='to_world'><scale value='0.3'/><translate x='-0.6' y='0.7' z='-0.8'/>\
     </transform><bsdf type='thindielectric'/></shape>";
 const LAMP: &str = "<shape type='sphere'><point name='center' x='0.3' y='2.4' z='0'/>\
-    <float name='radius' value='0.25'/><emitter type='area'><rgb name='radiance' value='20, 15, 10'/></emitter></shape>";
+    <float name='radius' value='0.25'/><emitter type='area'><rgb name='radiance' value='20, 15, 10'/></emitter>\
+    </shape>";
 
 fn path(reuse: WhenPays, caustics: WhenPays, limits: PathLimits) -> Settings {
     Settings::Path(PathSettings { limits, reuse, guided: false, caustics })
@@ -110,6 +111,16 @@ fn scenes_without_caustics_have_no_light_paths() {
     let folder = Folder::with(&format!("<scene version='3.0.0'>{FLOOR}{LAMP}</scene>"));
     assert_eq!(light_paths(&folder, "--spp 4 -o a.pfm"), 0.0);
     assert_eq!(light_paths(&folder, "--spp 4 -o a.pfm --path-caustics always"), 0.0);
+}
+
+/// A render that began with `--adaptive` is continued without naming it again.
+#[test]
+fn a_resumed_adaptive_render_has_no_light_paths() {
+    let folder = scene();
+    assert_eq!(light_paths(&folder, "--spp 12 -o a.pfm --adaptive --checkpoint r.ckpt"), 0.0);
+    assert_eq!(light_paths(&folder, "--spp 24 -o a.pfm --checkpoint r.ckpt --resume"), 0.0);
+    light_paths(&folder, "--spp 24 -o whole.pfm --adaptive");
+    assert!(folder.read("a.pfm") == folder.read("whole.pfm"));
 }
 
 /// What needs pixels with independent errors or numbers of samples turns light paths off, and contradicts `always`.

@@ -2,8 +2,8 @@
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
-use crate::integrator::settings::AUTO;
-use crate::render::{Adaptive, RenderState};
+use crate::integrator::settings::{AUTO, WhenPays};
+use crate::render::RenderState;
 use crate::session::checkpoint::{CheckpointLabel, Identity, file};
 use crate::session::{Choices, Plan, SceneHashes, Session};
 use crate::util;
@@ -48,8 +48,8 @@ impl Checkpointing {
                 None
             }
         };
-        if let Some(checkpoint) = loaded.as_ref().filter(|_| args.adaptive == Adaptive::Auto) {
-            plan.adaptive = checkpoint.label.identity.adaptive;
+        if let Some(checkpoint) = loaded.as_ref().filter(|_| args.adaptive == WhenPays::Auto) {
+            plan.keep_adaptive(checkpoint.label.identity.adaptive);
         }
         let identity = Identity::of(session, plan, origin);
         let (first, end) = (plan.first, plan.job.stop.samples);

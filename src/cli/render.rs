@@ -16,7 +16,7 @@ use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, WhenPays};
 use crate::loader::LoadOptions;
 use crate::render::{
-    Adaptive, CheckpointSink, PreviewSink, Progress, RenderState, Rendered, Sinks, StopReason, StopRules,
+    CheckpointSink, PreviewSink, Progress, RenderState, Rendered, Sinks, StopReason, StopRules,
 };
 use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
@@ -53,7 +53,7 @@ pub struct RenderArgs {
     /// [default: auto; without a value: always]
     #[arg(long, value_name = "WHEN", num_args = 0..=1, require_equals = true, default_value = "auto",
           default_missing_value = "always", hide_default_value = true)]
-    pub adaptive: Adaptive,
+    pub adaptive: WhenPays,
     /// Whether path reuses the paths of neighbouring pixels: auto, always, never; auto: if a pilot finds that it pays
     /// [default: the scene's, or auto]
     #[arg(long, value_name = "WHEN")]

@@ -29,6 +29,7 @@ pub mod sppm;
 mod tree;
 pub mod vcm;
 pub mod volpath;
+pub mod when_pays;
 pub mod whitted;
 pub mod worker;
 

@@ -20,10 +20,11 @@ pub use super::depth::DepthSettings;
 pub use super::direct::DirectSettings;
 pub use super::distribution::DistributionSettings;
 pub use super::irrcache::IrrcacheSettings;
-pub use super::path::{PathSettings, WhenPays};
+pub use super::path::PathSettings;
 pub use super::photon::mapper::{PhotonDebug, PhotonmapperSettings};
 pub use super::sppm::SppmSettings;
 pub use super::vcm::VcmSettings;
+pub use super::when_pays::WhenPays;
 pub use super::whitted::WhittedSettings;
 
 /// The name that stands for the integrator that pilots find to be the best.

@@ -5,8 +5,9 @@ use super::moments::Measured;
 use crate::error::{Error, Result};
 use crate::estimate::metrics;
 use crate::image::Image;
+use crate::integrator::settings::WhenPays;
 use crate::integrator::{Counters, Settings};
-use crate::render::{Adaptive, JobSettings, Progress, Rendered, StopRules};
+use crate::render::{JobSettings, Progress, Rendered, StopRules};
 use crate::report::{Picture, Viewer, exposure_of, thumbnail};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::session::{Plan, SceneChoices, SceneFile, Session};
@@ -99,7 +100,7 @@ impl Studio {
             integrator: integrator.clone(),
             target: job.stop.samples,
             job,
-            adaptive: Adaptive::Never,
+            adaptive: WhenPays::Never,
             cache: None,
             first: 0,
         };

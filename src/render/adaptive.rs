@@ -1,4 +1,4 @@
-//! Adaptive sampling: more samples where the relative error is larger, without bias.
+//! WhenPays sampling: more samples where the relative error is larger, without bias.
 //!
 //! A pilot estimates the noise of the cells of the image, and each cell gets a rate: the samples of its pixels for each
 //! sample that the user asks for, after the first eight. The samples of the pilot are not part of the image, so the
@@ -12,11 +12,10 @@ use crate::film::PixelRect;
 use crate::integrator::path::groups::{CellSide, PixelGroups};
 use crate::integrator::pilot::PilotRays;
 use crate::integrator::preparation::Workers;
+use crate::integrator::settings::WhenPays;
 use crate::integrator::{Group, Integrator, NO_RAY, Preparation, Radiance, RadianceQuery, Wave, Worker};
-use crate::util;
 use rayon::prelude::*;
 use std::ops::Range;
-use std::str::FromStr;
 
 /// The side of a cell in pixels: that of the larger cells in which paths are reused.
 const SIDE: u32 = CellSide::Eight as u32;
@@ -45,32 +44,6 @@ const SAMPLE_COST: f64 = 4.0;
 /// The weight of the mean over the cells in the estimate from a half of a cell.
 const PRIOR: f64 = 0.2;
 
-/// Whether noisier cells of the image get more samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Adaptive {
-    /// With integrators of camera paths and samplers without a grid, if a pilot finds that it pays.
-    #[default]
-    Auto,
-    /// Always.
-    Always,
-    /// Never: all pixels have the same number of samples.
-    Never,
-}
-
-impl Adaptive {
-    /// The names on the command line.
-    pub const NAMES: [(&str, Adaptive); 3] =
-        [("auto", Adaptive::Auto), ("always", Adaptive::Always), ("never", Adaptive::Never)];
-}
-
-impl FromStr for Adaptive {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        util::named(&Adaptive::NAMES, name).ok_or_else(|| "expected auto, always or never".into())
-    }
-}
-
 /// The rates of the cells of an image.
 #[derive(Clone, Debug)]
 pub struct Rates {
@@ -85,12 +58,12 @@ impl Rates {
     pub fn measure(
         integrator: &dyn Integrator,
         preparation: &Preparation<'_>,
-        adaptive: Adaptive,
+        adaptive: WhenPays,
         samples: Option<u64>,
     ) -> Option<Self> {
         // Light paths contribute to all pixels alike.
         let alike = integrator.light_tracer().is_some();
-        if adaptive == Adaptive::Never || alike || samples.is_some_and(|samples| samples <= EQUAL) {
+        if adaptive == WhenPays::Never || alike || samples.is_some_and(|samples| samples <= EQUAL) {
             return None;
         }
         let film = &preparation.camera.film;
@@ -110,7 +83,7 @@ impl Rates {
             preparation.pool.install(|| cells.into_par_iter().map(measure).collect())
         };
         let mut noise = measure_all(true);
-        if adaptive == Adaptive::Auto && gain(&noise) < LEAST_GAIN {
+        if adaptive == WhenPays::Auto && gain(&noise) < LEAST_GAIN {
             return None;
         }
         noise.extend(measure_all(false));

@@ -11,7 +11,7 @@ pub mod state;
 pub mod stop;
 pub mod tracing;
 
-pub use adaptive::{Adaptive, Rates};
+pub use adaptive::Rates;
 pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
 pub use progress::Progress;
 pub use state::{CheckpointSink, PreviewSink, RenderState, Sinks};

@@ -193,7 +193,7 @@ impl CameraWorker {
             self.keys.extend((span.first..span.end).map(|s| sampler.key(job.settings.seed, x, y, s)));
         }
         self.worker.light_keys.clear();
-        if job.integrator.traces_light_paths() {
+        if job.integrator.shares_noise() && job.integrator.traces_light_paths() {
             let (seed, spans) = (job.settings.seed, &self.spans);
             self.worker.light_keys.extend(spans.iter().flat_map(|span| {
                 let (x, y) = span.position;

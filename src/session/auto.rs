@@ -14,8 +14,8 @@ use super::{Choices, Session};
 use crate::error::Result;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::integrator::PathIntegrator;
-use crate::integrator::settings::Plugin;
-use crate::render::{Adaptive, Progress, Rendered, Sinks, StopRules};
+use crate::integrator::settings::{Plugin, WhenPays};
+use crate::render::{Progress, Rendered, Sinks, StopRules};
 use crate::sensor::Camera;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -164,7 +164,7 @@ impl Session {
         let choices = Choices {
             integrator: Some(candidate.name.into()),
             stop: StopRules { samples: Some(SAMPLES), ..StopRules::default() },
-            adaptive: Adaptive::Never,
+            adaptive: WhenPays::Never,
             aov: Vec::new(),
             cache: None,
             samples: None,

@@ -23,11 +23,11 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{Image, Value};
-use crate::integrator::settings::Aov;
+use crate::integrator::settings::{Aov, WhenPays};
 use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
-use crate::render::{self, Adaptive, Job, Progress, Rates, RenderState, Rendered, Sinks};
+use crate::render::{self, Job, Progress, Rates, RenderState, Rendered, Sinks};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
 use crate::scene::{CompileOptions, CompileReport, Scene, compile_within};
@@ -282,7 +282,7 @@ impl Session {
         let _copy = self.reserve_copy(plan, integrator.as_ref())?;
         let rates = Rates::measure(integrator.as_ref(), &preparation, plan.adaptive, plan.job.stop.samples);
         // Without a preparation the time is exactly zero, not the few nanoseconds of the call.
-        let prepared = if integrator.prepares() || plan.adaptive != Adaptive::Never {
+        let prepared = if integrator.prepares() || plan.adaptive != WhenPays::Never {
             started.elapsed()
         } else {
             Duration::ZERO

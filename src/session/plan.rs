@@ -5,7 +5,7 @@ use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{AUTO, Aov, AovSettings, IrrcacheSettings, Layer, PathSettings, WhenPays};
 use crate::integrator::{self, Integrator, Settings};
-use crate::render::{Adaptive, JobSettings, StopRules};
+use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::sensor::Camera;
 use crate::util::wording::did_you_mean;
@@ -27,7 +27,7 @@ pub struct Choices {
     /// The names of layers in addition to the image.
     pub aov: Vec<String>,
     /// Whether noisier cells of the image get more samples.
-    pub adaptive: Adaptive,
+    pub adaptive: WhenPays,
     /// Whether paths are reused; `None` leaves it to the scene.
     pub path_reuse: Option<WhenPays>,
     /// Whether paths are guided, whatever the scene says.
@@ -49,8 +49,8 @@ pub struct Plan {
     pub decision: Option<Decision>,
     /// Sampler, seed, threads, stop rules and layers.
     pub job: JobSettings,
-    /// Whether noisier cells of the image get more samples; [`Never`](Adaptive::Never) if that is impossible.
-    pub adaptive: Adaptive,
+    /// Whether noisier cells of the image get more samples; [`Never`](WhenPays::Never) if that is impossible.
+    pub adaptive: WhenPays,
     /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The index of the first sample of each pixel.
@@ -68,6 +68,17 @@ pub(super) fn states_variances(layers: &[Layer]) -> bool {
 const DEFAULT_SPP: u64 = 64;
 /// The integrators that need only rays of a camera: neither light paths to it nor the extent of its pixels.
 const RAYS_ONLY: [&str; 8] = ["path", "volpath", "direct", "whitted", "distribution", "ao", "depth", "aov"];
+
+impl Plan {
+    /// Sets whether noisier cells get more samples, as in the render that is continued.
+    pub fn keep_adaptive(&mut self, adaptive: WhenPays) {
+        self.adaptive = adaptive;
+        if let Some(path) = self.integrator.path_mut().filter(|_| adaptive == WhenPays::Always) {
+            // Light paths cannot choose the pixels that need more samples.
+            path.caustics = WhenPays::Never;
+        }
+    }
+}
 
 impl Session {
     /// Returns the settings of a render.
@@ -104,12 +115,12 @@ impl Session {
         };
         let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
         let adaptive = match (choices.adaptive, obstacle_to_rates(created.as_ref(), kind)) {
-            (Adaptive::Always, Some(why)) => return Err(Error::usage(format!("--adaptive: {why}"))),
-            (Adaptive::Auto, None) if created.adapts() && !kind.is_grid() && stop.time.is_none() => {
-                Adaptive::Auto
+            (WhenPays::Always, Some(why)) => return Err(Error::usage(format!("--adaptive: {why}"))),
+            (WhenPays::Auto, None) if created.adapts() && !kind.is_grid() && stop.time.is_none() => {
+                WhenPays::Auto
             }
-            (Adaptive::Always, None) => Adaptive::Always,
-            _ => Adaptive::Never,
+            (WhenPays::Always, None) => WhenPays::Always,
+            _ => WhenPays::Never,
         };
         if choices.cache.is_some() && !created.supports_cache_file() {
             return Err(Error::usage(format!(
@@ -150,7 +161,7 @@ impl Session {
             }
             path.reuse = WhenPays::Never;
         }
-        let adapts = choices.adaptive == Adaptive::Always;
+        let adapts = choices.adaptive == WhenPays::Always;
         if let Some(why) = obstacle_to_light_paths(path, adapts, layers, self.camera()) {
             if path.caustics == WhenPays::Always {
                 return Err(Error::usage(format!("path_caustics always: {why}; use auto")));

@@ -16,7 +16,7 @@ use super::block::ShadingBlock;
 use super::guiding::{GuidedBlock, GuidingField};
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
-use super::settings::{PathLimits, Plugin, Read, Source};
+use super::settings::{PathLimits, Plugin, Read, Source, WhenPays};
 use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, ShadowQueue, intersect};
 use super::{
     Integrator, LightTracer, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission,
@@ -26,35 +26,7 @@ use crate::bsdf;
 use crate::error::Result;
 use crate::math::lanes::{LANES, bits, f32x16, load, mask_from_bits};
 use crate::scene::Scene;
-use crate::util;
 use bumpalo::Bump;
-use std::str::FromStr;
-
-/// Whether something that costs time is done to reduce noise.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub enum WhenPays {
-    /// If a pilot finds that it reduces error × cost.
-    #[default]
-    Auto,
-    /// Always, where it is possible.
-    Always,
-    /// Never.
-    Never,
-}
-
-impl WhenPays {
-    /// The names in the scene language and on the command line.
-    pub const NAMES: [(&str, WhenPays); 3] =
-        [("auto", WhenPays::Auto), ("always", WhenPays::Always), ("never", WhenPays::Never)];
-}
-
-impl FromStr for WhenPays {
-    type Err = String;
-
-    fn from_str(name: &str) -> std::result::Result<Self, String> {
-        util::named(&WhenPays::NAMES, name).ok_or_else(|| "expected auto, always or never".into())
-    }
-}
 
 /// The parameters of path tracing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]

@@ -1,6 +1,6 @@
 //! The identity of a render, which determines whether samples can be added.
 
-use crate::render::Adaptive;
+use crate::integrator::settings::WhenPays;
 use crate::session::{Plan, SceneHashes, Session};
 use crate::util::digest;
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,7 @@ pub struct Identity {
     /// The names of the layers.
     pub layers: Vec<String>,
     /// Whether noisier cells get more samples.
-    pub adaptive: Adaptive,
+    pub adaptive: WhenPays,
 }
 
 impl Identity {

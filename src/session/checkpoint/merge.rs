@@ -2,7 +2,8 @@
 
 use super::{Checkpoint, list};
 use crate::error::{Error, Result};
-use crate::render::{Adaptive, Rendered, StopReason};
+use crate::integrator::settings::WhenPays;
+use crate::render::{Rendered, StopReason};
 use crate::session::plan::states_variances;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -121,7 +122,7 @@ impl Checkpoint {
             // A checkpoint does not say whether the pilot chose reuse.
             reuses_paths: ["path", "volpath"].contains(&description.integrator.as_str())
                 && !states_variances(&description.layers),
-            samples_per_pixel: if self.label.identity.adaptive != Adaptive::Never {
+            samples_per_pixel: if self.label.identity.adaptive != WhenPays::Never {
                 rendered.samples_per_pixel
             } else {
                 taken
