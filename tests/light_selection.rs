@@ -4,7 +4,7 @@ use crate::support::expect::Means;
 use crate::support::scenes;
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
-use buffon::emitter::{ChoiceX16, Emitter};
+use buffon::emitter::{ChoiceX16, Emitter, Gloss, GlossX16, Receiver, ReceiverX16};
 use buffon::integrator::Settings;
 use buffon::integrator::settings::DirectSettings;
 use buffon::math::{DAffine3, DVec3, LANES, Vec2, Vec3, Vec3x16, f32x16};
@@ -83,7 +83,13 @@ fn emitters_are_chosen_with_their_probabilities() {
             .chain(&scene.compensated_selection)
             .flat_map(|s| (0..10).map(move |p| (s, p)))
         {
-            let p = position(1000 + point).as_vec3();
+            // Every other point has a glossy lobe.
+            let gloss = Gloss {
+                axis: position(2000 + point).as_vec3().normalize(),
+                width_squared: 10f32.powi(-(point as i32)),
+                share: (point % 2) as f32 * 0.9,
+            };
+            let p = Receiver { p: position(1000 + point).as_vec3(), gloss };
             let pmf: Vec<f64> = (0..emitters).map(|i| f64::from(selection.pmf(i, p))).collect();
             let sum: f64 = pmf.iter().sum();
             assert!((sum - 1.0).abs() < 1e-6, "{count} emitters: the probabilities sum to {sum}");
@@ -93,7 +99,7 @@ fn emitters_are_chosen_with_their_probabilities() {
                 let u: [f32; LANES] =
                     std::array::from_fn(|lane| ((first + lane) as f32 + 0.5) / NUMBERS as f32);
                 let ChoiceX16 { emitters: chosen, pmf: probability, u: rest } =
-                    selection.sample_x16(Vec3x16::splat(p), f32x16::new(u), 0xffff).expect("emitters");
+                    selection.sample_x16(&ReceiverX16::splat(p), f32x16::new(u), 0xffff).expect("emitters");
                 for (lane, u) in u.into_iter().enumerate() {
                     let choice = selection.sample(p, u).expect("there are emitters");
                     assert!((f64::from(choice.pmf) / pmf[choice.emitter] - 1.0).abs() < 1e-5);
@@ -125,6 +131,31 @@ fn emitters_are_chosen_with_their_probabilities() {
                         "{count} emitters, {what}: emitter {i} was drawn {n} times instead of {expected}"
                     );
                 }
+            }
+        }
+    }
+}
+
+/// Points with a lobe beside points without one have the probabilities of each point alone.
+#[test]
+fn lobes_of_other_lanes_do_not_matter() {
+    for (count, infinite) in [(2, false), (14, true), (40, true)] {
+        let scene = scene(count, infinite);
+        let mut p = Vec3x16::default();
+        (0..LANES).for_each(|i| p.set_lane(i, position(3000 + i).as_vec3()));
+        let gloss = GlossX16::of_lanes(0xffff, |i| match i % 3 {
+            0 => Gloss::NONE,
+            _ => Gloss { axis: Vec3::Y, width_squared: 0.01 * i as f32, share: 0.7 },
+        });
+        let from = ReceiverX16 { p, gloss };
+        for emitter in 0..scene.lights.len() {
+            let all = scene.light_selection.pmf_x16(emitter, &from, LANES);
+            for (i, pmf) in all.to_array().into_iter().enumerate() {
+                let alone = scene.light_selection.pmf(emitter, from.lane(i));
+                assert!(
+                    (pmf / alone - 1.0).abs() < 1e-5,
+                    "emitter {emitter}, lane {i}: {pmf}, alone {alone}"
+                );
             }
         }
     }
@@ -279,7 +310,8 @@ fn irradiance_near_the_least_number_is_kept() {
         let (position, intensity) = (Vec3::Z * 1e5, Rgb::splat(1e-30));
         description.emitters = vec![Emitter::Point { position, intensity }; count];
         let scene = scenes::compiled(description, AccelKind::default());
-        let choices = scene.light_selection.sample_x16(Vec3x16::default(), f32x16::splat(0.5), 0xffff);
+        let choices =
+            scene.light_selection.sample_x16(&Vec3x16::default().into(), f32x16::splat(0.5), 0xffff);
         let pmf = choices.expect("emitters").pmf.as_array()[0];
         assert!((pmf * count as f32 - 1.0).abs() < 1e-3, "{pmf}");
     }

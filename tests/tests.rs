@@ -24,6 +24,7 @@ mod environment_map;
 mod error_estimates;
 mod estimators;
 mod frames;
+mod glossy_lights;
 mod gltf;
 mod gltf_errors;
 mod hard;

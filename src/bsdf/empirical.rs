@@ -59,7 +59,7 @@ pub enum WardVariant {
 
 impl<L: EmpiricalLobe> DiffuseAnd<L> {
     /// Returns the probability of sampling the lobe, in proportion to the means of the reflectances.
-    fn probability(&self) -> f32 {
+    pub(super) fn probability(&self) -> f32 {
         specular_probability(self.diffuse_reflectance, self.specular_reflectance, 0.5)
     }
 

@@ -65,6 +65,7 @@ pub use two_sided::TwoSided;
 
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
+use microfacet::Microfacets;
 
 /// The kind of lobe from which a direction was sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -305,6 +306,34 @@ impl Bsdf<'_> {
             Bsdf::Coating(b) => b.inner.depends_on_viewer(),
             Bsdf::Mask(b) => b.inner.depends_on_viewer(),
             Bsdf::TwoSided(b) => b.sides.iter().any(|b| b.depends_on_viewer()),
+        }
+    }
+
+    /// Returns the width of a reflected lobe around the mirror direction of `wo`, as the roughness α of a microfacet
+    /// distribution, and its approximate share of the scattered light, for the choice of emitters. `None` if there is
+    /// no such lobe, or if its direction is another one.
+    pub fn gloss(&self, wo: Vec3) -> Option<(f32, f32)> {
+        let of =
+            |microfacets: &Microfacets, share| Some((microfacets.alpha_x.max(microfacets.alpha_y), share));
+        match self {
+            Bsdf::RoughConductor(b) => of(&b.microfacets, 1.0),
+            Bsdf::RoughPlastic(b) if wo.z > 0.0 => of(&b.microfacets, b.specular_share(wo)),
+            Bsdf::PolarizedPlastic(b) if wo.z > 0.0 => of(&b.microfacets, b.specular_probability()),
+            Bsdf::Ward(b) => of(&b.lobe.microfacets, b.probability()),
+            // The lobe of a Phong BSDF has the width of a Beckmann distribution of this roughness.
+            Bsdf::Phong(b) => Some(((2.0 / (b.lobe.exponent + 2.0)).sqrt(), b.probability())),
+            Bsdf::Principled(b) if wo.z > 0.0 => of(&b.microfacets(), b.reflected_share(wo)),
+            // The more important lobe of the two.
+            Bsdf::Blend(b) => {
+                let of = |i: usize, weight: f32| {
+                    b.bsdfs[i].gloss(wo).map(|(alpha, share)| (alpha, share * weight))
+                };
+                let both = [of(0, 1.0 - b.weight), of(1, b.weight)];
+                both.into_iter().flatten().max_by(|a, b| a.1.total_cmp(&b.1))
+            }
+            Bsdf::TwoSided(b) => b.sides[usize::from(wo.z < 0.0)].gloss(Vec3 { z: wo.z.abs(), ..wo }),
+            Bsdf::Mask(b) => b.inner.gloss(wo),
+            _ => None,
         }
     }
 

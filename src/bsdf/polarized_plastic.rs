@@ -31,7 +31,7 @@ impl PolarizedPlastic {
         1.0 - fresnel::dielectric(cos, self.eta).reflectance
     }
 
-    fn specular_probability(&self) -> f32 {
+    pub(super) fn specular_probability(&self) -> f32 {
         specular_probability(self.diffuse_reflectance, self.specular_reflectance, 0.5)
     }
 

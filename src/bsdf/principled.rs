@@ -154,6 +154,12 @@ impl Principled {
         if transmitted > 0.0 { probability_below(transmitted / (reflected + transmitted)) } else { 0.0 }
     }
 
+    /// Returns the approximate share of reflection by facets in the scattering of light from `wo`, which is above.
+    pub(super) fn reflected_share(&self, wo: Vec3) -> f32 {
+        let opaque = 1.0 - self.spec_trans * (1.0 - self.metallic);
+        self.probabilities(wo.z, true, self.eta).specular * opaque
+    }
+
     /// Returns probabilities in proportion to estimates of the lobes' albedos. For facets it is that of the mean
     /// facet plus the mean of Schlick's weight, so that every lobe that scatters has a positive probability.
     fn probabilities(&self, cos_o: f32, above: bool, eta: f32) -> LobeProbabilities {

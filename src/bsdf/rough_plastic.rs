@@ -37,6 +37,11 @@ impl RoughPlastic<'_> {
         plastic::base(self.diffuse_reflectance, self.transmittance.internal(), self.eta, self.nonlinear)
     }
 
+    /// Returns the share of the coating in the reflection of light from `wo`, as the probability of sampling it.
+    pub(super) fn specular_share(&self, wo: Vec3) -> f32 {
+        self.specular_probability(self.transmittance.external(wo.z))
+    }
+
     fn specular_probability(&self, t_o: f32) -> f32 {
         plastic::specular_probability(self.diffuse_reflectance, self.specular_reflectance, 1.0 - t_o)
     }

@@ -28,7 +28,7 @@ pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
 pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
-pub use selection::{ChoiceX16, LightSelection};
+pub use selection::{ChoiceX16, Gloss, GlossX16, LightSelection, Receiver, ReceiverX16};
 pub use spot::SpotEmitter;
 pub use start::StartDensity;
 pub use sun::SunEmitter;

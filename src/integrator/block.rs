@@ -2,8 +2,9 @@
 
 use crate::accel::Hit;
 use crate::bsdf::Bsdf;
+use crate::emitter::{Gloss, GlossX16, ReceiverX16};
 use crate::math::lanes::each_lane;
-use crate::math::{LANES, Ray, RayX16, Vec3x16};
+use crate::math::{LANES, Ray, RayX16, Vec3, Vec3x16};
 use crate::scene::{Scene, SurfaceInteractionX16};
 use bumpalo::Bump;
 
@@ -23,6 +24,8 @@ pub struct ShadingBlock<'a> {
     pub finite: u32,
     /// The directions towards the rays' origins, in the local frames.
     pub wo: Vec3x16,
+    /// The glossy lobes for the choice of emitters, if they have been [found](Self::find_gloss).
+    pub gloss: Option<GlossX16>,
 }
 
 impl<'a> ShadingBlock<'a> {
@@ -73,7 +76,26 @@ impl<'a> ShadingBlock<'a> {
             true => scene.bsdfs(&at, from_viewer.then_some(&wo), arena),
         };
         let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
-        ShadingBlock { first, active, rays, at, bsdfs, finite: finite & active, wo }
+        ShadingBlock { first, active, rays, at, bsdfs, finite: finite & active, wo, gloss: None }
+    }
+
+    /// Finds the glossy lobes, so that emitters are chosen for them.
+    pub fn find_gloss(&mut self) {
+        self.gloss = GlossX16::of_lanes(self.finite, |i| {
+            let wo = self.wo.lane(i);
+            self.bsdfs[i].gloss(wo).map_or(Gloss::NONE, |(alpha, share)| Gloss {
+                axis: self.at.frame.lane(i).to_world(Vec3::new(-wo.x, -wo.y, wo.z)),
+                // The lobe of a facet has twice its width.
+                width_squared: 4.0 * alpha * alpha,
+                share,
+            })
+        });
+    }
+
+    /// Returns the points for which emitters are chosen.
+    #[inline(always)]
+    pub fn receivers(&self) -> ReceiverX16 {
+        ReceiverX16 { p: self.at.p, gloss: self.gloss }
     }
 
     /// Returns the blocks of a wave in which every ray has a hit.

@@ -78,6 +78,7 @@ impl DirectIntegrator {
             let wi = block.at.frame.to_world(sample.wi);
             let next = Continuation {
                 from: block.at.p,
+                gloss: None,
                 rays: scene.spawn_rays(&block.at, wi, block.rays.time),
                 beta: sample.weight.map(|w| w / f32x16::splat(self.counts.bsdf)),
                 pdf: sample.pdf,

@@ -169,6 +169,7 @@ impl TreeStrategy for DistributionTree {
             let lanes = (sample.valid & strongest.simd_ne(f32x16::ZERO)).to_bitmask() & lanes;
             let next = Continuation {
                 from: block.at.p,
+                gloss: None,
                 rays: tree.scene.spawn_rays(&block.at, block.at.frame.to_world(sample.wi), block.rays.time),
                 beta,
                 pdf: sample.pdf,

@@ -160,6 +160,7 @@ impl Survivors {
         let next = Continuation {
             rays: RayX16::splat(&ray),
             from: Vec3x16::default(),
+            gloss: None,
             beta: [f32x16::ZERO; 3],
             pdf: f32x16::ZERO,
             eta: f32x16::ZERO,

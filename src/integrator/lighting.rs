@@ -6,7 +6,7 @@ use super::guiding::GuidedBlock;
 use super::worker::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
-use crate::emitter::{EmitterSampleX16, LightSelection};
+use crate::emitter::{EmitterSampleX16, GlossX16, LightSelection, ReceiverX16};
 use crate::math::lanes::{bits, f32x16};
 use crate::math::{LANES, RayX16, Vec3x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
@@ -72,7 +72,7 @@ pub fn draw_emitters(
     u_point: [f32x16; 2],
     counts: TechniqueCounts,
 ) -> EmitterSampleX16 {
-    scene.sample_emitters(counts.selection(scene), block.at.p, u_point, block.rays.time, block.finite)
+    scene.sample_emitters(counts.selection(scene), &block.receivers(), u_point, block.rays.time, block.finite)
 }
 
 /// Returns the shadow rays of emitter samples and the light that the points in the mask `lanes` reflect if the rays
@@ -144,7 +144,7 @@ fn emitted_at(
     if pdf.is_infinite() {
         return radiance;
     }
-    let other = scene.emitter_pdf(counts.selection(scene), emitter, paths.from[i], paths.rays[i].o, at);
+    let other = scene.emitter_pdf(counts.selection(scene), emitter, paths.receiver(i), paths.rays[i].o, at);
     radiance * weighted_power_heuristic(counts.bsdf, pdf, counts.emitter, other)
 }
 
@@ -190,12 +190,15 @@ fn add_environment(
     }
     let pdf = f32x16::new(pdf);
     let finite = pdf.simd_lt(f32x16::splat(f32::INFINITY));
+    let all = (1 << missed.len()) - 1;
+    let gloss = GlossX16::of_lanes(all, |lane| paths.receiver(missed[lane]).gloss);
+    let from = ReceiverX16 { p: from, gloss };
     let selection = counts.selection(scene);
     // Each emitter is weighted against its own samples, as if it were alone.
     for emitter in scene.distant_emitters() {
         let (mut radiance, density) = scene.distant_x16(selection, emitter, &d);
         if finite.any() {
-            let other = scene.distant_pmf_x16(selection, emitter, from, missed.len()) * density;
+            let other = scene.distant_pmf_x16(selection, emitter, &from, missed.len()) * density;
             let weight = weighted_power_heuristic_x16(counts.bsdf, pdf, counts.emitter, other);
             radiance = radiance.map(|c| c * finite.select(weight, f32x16::ONE));
         }

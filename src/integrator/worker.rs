@@ -4,6 +4,7 @@ use super::emission::skip_emitters;
 use super::{Interrupt, Radiance};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
+use crate::emitter::{Gloss, GlossX16, Receiver};
 use crate::math::lanes::bits;
 use crate::math::{Ray, RayX16, Vec3, Vec3x16, f32x16};
 use crate::sampling::{Dimension, SampleKey, Sampler};
@@ -139,6 +140,8 @@ pub struct PathWave {
     pub beta: [Vec<f32>; 3],
     /// The surface point at which the ray's direction was sampled. The ray starts beside it, by the rounding error.
     pub from: Vec<Vec3>,
+    /// The glossy lobe there for which emitters were chosen. Empty if unused.
+    pub gloss: Vec<Gloss>,
     /// Density per unit solid angle of the ray's direction; infinite after the camera or a specular lobe.
     pub pdf: Vec<f32>,
     /// Product of the relative indices of refraction along the path.
@@ -172,6 +175,7 @@ impl PathWave {
         self.slots.extend(0..n as u32);
         self.from.clear();
         self.from.extend(rays.iter().map(|ray| ray.o));
+        self.gloss.clear();
         let [r, g, b] = &mut self.beta;
         let ones = [r, g, b, &mut self.eta].map(|values| (values, 1.0));
         for (values, v) in ones.into_iter().chain([(&mut self.pdf, f32::INFINITY)]) {
@@ -189,6 +193,9 @@ impl PathWave {
             channel.push(value);
         }
         self.from.push(ray.o);
+        if !self.gloss.is_empty() {
+            self.gloss.push(Gloss::NONE);
+        }
         self.pdf.push(f32::INFINITY);
         self.eta.push(eta);
     }
@@ -200,6 +207,7 @@ impl PathWave {
         self.slots.clone_from(&other.slots);
         self.beta.clone_from(&other.beta);
         self.from.clone_from(&other.from);
+        self.gloss.clone_from(&other.gloss);
         self.pdf.clone_from(&other.pdf);
         self.eta.clone_from(&other.eta);
     }
@@ -211,6 +219,7 @@ impl PathWave {
         self.slots.truncate(n);
         self.beta.iter_mut().for_each(|channel| channel.truncate(n));
         self.from.truncate(n);
+        self.gloss.truncate(n);
         self.pdf.truncate(n);
         self.eta.truncate(n);
     }
@@ -248,6 +257,11 @@ impl PathWave {
             take(to, from, order);
         }
         take(&mut paths.from, &self.from, order);
+        if self.gloss.is_empty() {
+            paths.gloss.clear();
+        } else {
+            take(&mut paths.gloss, &self.gloss, order);
+        }
         take(&mut paths.pdf, &self.pdf, order);
         take(&mut paths.eta, &self.eta, order);
         std::mem::swap(self, paths);
@@ -260,6 +274,12 @@ impl PathWave {
         Rgb::new(self.beta[0][i], self.beta[1][i], self.beta[2][i])
     }
 
+    /// Returns the point at which the direction of path `i` was sampled, as emitters were chosen for it.
+    #[inline]
+    pub fn receiver(&self, i: usize) -> Receiver {
+        Receiver { p: self.from[i], gloss: self.gloss.get(i).copied().unwrap_or(Gloss::NONE) }
+    }
+
     /// Writes the continuations of paths `first..first + 16`, for the lanes in the mask `lanes`, to the indices from
     /// `to` on. Returns the index after the last. The paths up to `first + 16` must have been read before.
     #[inline(always)]
@@ -267,7 +287,13 @@ impl PathWave {
         let rays = next.rays.to_rays();
         let [r, g, b] = next.beta.map(f32x16::to_array);
         let (pdf, eta) = (next.pdf.to_array(), next.eta.to_array());
+        if next.gloss.is_some() {
+            self.gloss.resize(self.rays.len(), Gloss::NONE);
+        }
         for i in bits(lanes) {
+            if let Some(gloss) = self.gloss.get_mut(to) {
+                *gloss = next.gloss.as_ref().map_or(Gloss::NONE, |gloss| gloss.lane(i));
+            }
             self.rays[to] = rays[i];
             self.keys[to] = self.keys[first + i];
             self.slots[to] = self.slots[first + i];
@@ -297,6 +323,9 @@ impl PathWave {
             self.slots[to] = self.slots[i];
             self.beta.iter_mut().for_each(|channel| channel[to] = channel[i]);
             self.from[to] = self.from[i];
+            if !self.gloss.is_empty() {
+                self.gloss[to] = self.gloss[i];
+            }
             self.pdf[to] = self.pdf[i];
             self.eta[to] = self.eta[i];
             to += 1;
@@ -312,6 +341,8 @@ pub struct Continuation {
     pub rays: RayX16,
     /// The surface points at which the directions were sampled.
     pub from: Vec3x16,
+    /// The glossy lobes there for which emitters were chosen.
+    pub gloss: Option<GlossX16>,
     /// The throughputs by channel.
     pub beta: [f32x16; 3],
     /// The densities of the directions.

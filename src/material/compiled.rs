@@ -318,6 +318,14 @@ impl SceneMaterial {
         self.sampling.chooses_lobe || (emits && self.holes)
     }
 
+    /// Returns whether [`Bsdf::gloss`] may find a lobe.
+    pub fn may_be_glossy(&self) -> bool {
+        match self.constant {
+            Some(bsdf) => [Vec3::Z, -Vec3::Z].into_iter().any(|wo| bsdf.gloss(wo).is_some()),
+            None => !matches!(self.material, Material::Diffuse(_)),
+        }
+    }
+
     /// Returns whether the material is [`Material::Null`].
     pub fn is_absent(&self) -> bool {
         matches!(self.material, Material::Null(_))

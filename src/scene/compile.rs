@@ -415,6 +415,7 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
         specular_lobes: lobes.iter().any(|lobes| lobes.deltas > 0 && !lobes.finite),
         deltas: lobes.iter().map(|lobes| lobes.deltas).max().unwrap_or(0),
         lobe_choice: used.iter().any(|(material, emits)| material.chooses_lobe(*emits)),
+        gloss: lights.len() > 1 && used.iter().any(|(material, _)| material.may_be_glossy()),
         tangents: used.iter().any(|(material, _)| material.tangents),
         varying_materials: used.iter().any(|(material, _)| material.constant.is_none()),
         ..Needs::default()

@@ -21,7 +21,8 @@ use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
-    ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, ShadowTarget,
+    ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, Receiver,
+    ReceiverX16, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering, SceneMaterial};
@@ -327,7 +328,7 @@ impl Scene {
         &self,
         selection: &LightSelection,
         emitter: EmitterId,
-        from: Vec3,
+        from: impl Into<Receiver>,
         origin: Vec3,
         at: &SurfaceInteraction,
     ) -> f32 {
@@ -360,7 +361,7 @@ impl Scene {
         &self,
         selection: &LightSelection,
         emitter: EmitterId,
-        from: Vec3x16,
+        from: &ReceiverX16,
         count: usize,
     ) -> f32x16 {
         selection.pmf_x16(emitter.index(), from, count)
@@ -421,7 +422,7 @@ impl Scene {
     pub fn sample_emitters(
         &self,
         selection: &LightSelection,
-        from: Vec3x16,
+        from: &ReceiverX16,
         u: [f32x16; 2],
         time: f32x16,
         active: u32,
@@ -436,13 +437,14 @@ impl Scene {
     pub fn sample_emitters_choice(
         &self,
         selection: &LightSelection,
-        from: Vec3x16,
+        from: &ReceiverX16,
         u: [f32x16; 2],
         time: f32x16,
         active: u32,
     ) -> Option<(ChoiceX16, EmitterSampleX16)> {
         let choice = selection.sample_x16(from, u[0], active)?;
         let ChoiceX16 { emitters, pmf, u: rest } = choice;
+        let from = from.p;
         let one =
             |i: usize, u| self.sample_chosen(selection, emitters[i], from.lane(i), u, time.as_array()[i]);
         let (u, compensated) = ([rest, u[1]], selection.is_compensated());

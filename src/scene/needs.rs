@@ -19,6 +19,8 @@ pub struct Needs {
     pub deltas: u32,
     /// Some material's sampling chooses among lobes.
     pub lobe_choice: bool,
+    /// Some material may have a glossy lobe, for which emitters are chosen.
+    pub gloss: bool,
     /// Some material depends on the tangents of the surface.
     pub tangents: bool,
     /// Some material varies over the surface: textures are read, or materials combined, at each point.
@@ -35,7 +37,7 @@ pub struct Needs {
 
 impl Needs {
     /// Returns the features with their names, in a fixed order.
-    pub fn list(&self) -> [(&'static str, bool); 13] {
+    pub fn list(&self) -> [(&'static str, bool); 14] {
         [
             ("emitter_sampling", self.emitter_sampling),
             ("hit_emitters", self.hit_emitters),
@@ -44,6 +46,7 @@ impl Needs {
             ("specular_lobes", self.specular_lobes),
             ("delta_lobes", self.deltas > 0),
             ("lobe_choice", self.lobe_choice),
+            ("gloss", self.gloss),
             ("tangents", self.tangents),
             ("varying_materials", self.varying_materials),
             ("time", self.time),
@@ -64,7 +67,7 @@ impl fmt::Display for Needs {
 }
 
 /// The features in plain words, in the order of [`Needs::list`].
-const WORDS: [&str; 13] = [
+const WORDS: [&str; 14] = [
     "lights that are sampled",
     "lights that paths can hit",
     "an environment",
@@ -72,6 +75,7 @@ const WORDS: [&str; 13] = [
     "surfaces that only mirror or refract",
     "mirrors or smooth glass",
     "materials of several parts",
+    "glossy surfaces below several lights",
     "anisotropic or bumpy surfaces",
     "textures or blends",
     "a shutter",

@@ -1,5 +1,6 @@
 //! Bounds on the light of an emitter, or of several. [Conty Estevez and Kulla 2018]
 
+use super::receiver::ReceiverX16;
 use crate::math::{Bounds, Vec3, Vec3x16, f32x16};
 
 /// Bounds on the position, the directions and the amount of emitted light.
@@ -164,11 +165,12 @@ impl LightBoundsX16 {
         }
     }
 
-    /// Returns an estimate of the irradiance that surfaces at `p`, which face the light, receive in each lane if
-    /// nothing is in between: never negative, at most 1e30, and 0 where no light is emitted towards `p`. [Conty
-    /// Estevez and Kulla 2018, eq. 3, without the receiver's normal]
+    /// Returns an estimate of the irradiance that surfaces at the receiver, which face the light, receive in each lane
+    /// if nothing is in between, times the gain of its glossy lobe: never negative, at most 1e30, and 0 where no light
+    /// is emitted towards it. [Conty Estevez and Kulla 2018, eq. 3, without the receiver's normal]
     #[inline(always)]
-    pub fn importance(&self, p: Vec3x16) -> f32x16 {
+    pub fn importance(&self, receiver: &ReceiverX16) -> f32x16 {
+        let p = receiver.p;
         let to = p - self.center;
         let distance_squared = to.length_squared();
         let inside = distance_squared.simd_lt(self.radius_squared);
@@ -185,9 +187,11 @@ impl LightBoundsX16 {
         let (cos_least, _) = beyond(cos_beyond, sin_beyond, cos_sphere, sin_sphere);
         let emitted = cos_least.simd_gt(self.cos_emission) & cos_least.simd_gt(f32x16::ZERO);
         let cos_least = cos_least & emitted;
+        let gain = receiver.gain(-to, distance_squared, self.radius_squared);
         let distance_squared = (p - self.mean).length_squared() + self.variance;
         let distance_squared = distance_squared.max(f32x16::splat(f32::MIN_POSITIVE));
         let importance = self.intensity * cos_least / distance_squared;
+        let importance = gain.map_or(importance, |gain| importance * gain);
         importance.min(f32x16::splat(1e30))
     }
 }

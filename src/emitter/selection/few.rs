@@ -5,8 +5,9 @@
 //! are a random number for the position on the emitter; a hash adds the digits that they lack.
 
 use super::bounds::LightBoundsX16;
+use super::receiver::{Receiver, ReceiverX16};
 use super::{ChoiceX16, LEAST_FRACTION};
-use crate::math::{LANES, Vec3, Vec3x16, f32x16};
+use crate::math::{LANES, f32x16};
 use crate::sampling::hash;
 
 /// Steps per emitter, at least. One step of each emitter is independent of its irradiance.
@@ -95,12 +96,12 @@ impl Few {
 
     /// Chooses an emitter for each point with a random number in [0, 1).
     #[inline]
-    pub fn sample_x16(&self, p: Vec3x16, u: f32x16) -> ChoiceX16 {
+    pub fn sample_x16(&self, at: &ReceiverX16, u: f32x16) -> ChoiceX16 {
         let target = u * f32x16::splat(self.steps);
         let mut chosen = f32x16::ZERO;
         let mut interval = Interval::default();
         self.intervals(
-            |i| self.bounds.splat_lane(i).importance(p),
+            |i| self.bounds.splat_lane(i).importance(at),
             |i, next| {
                 let inside = target.simd_ge(next.low);
                 chosen = inside.select(f32x16::splat(self.emitters[i] as f32), chosen);
@@ -108,7 +109,7 @@ impl Few {
                 interval.size = inside.select(next.size, interval.size);
             },
         );
-        let digits = hash::lower_digits_x16(u, p) * f32x16::splat(self.steps);
+        let digits = hash::lower_digits_x16(u, at.p) * f32x16::splat(self.steps);
         let rest = (target - interval.low + digits) / interval.size;
         let rest = rest.fast_min(f32x16::splat(1f32.next_down()));
         ChoiceX16 {
@@ -119,10 +120,10 @@ impl Few {
     }
 
     /// Returns the probability with which an emitter is chosen for each point.
-    pub fn pmf_x16(&self, emitter: usize, p: Vec3x16) -> f32x16 {
+    pub fn pmf_x16(&self, emitter: usize, at: &ReceiverX16) -> f32x16 {
         let mut size = f32x16::ZERO;
         self.intervals(
-            |i| self.bounds.splat_lane(i).importance(p),
+            |i| self.bounds.splat_lane(i).importance(at),
             |i, interval| {
                 if self.emitters[i] as usize == emitter {
                     size = interval.size;
@@ -133,8 +134,8 @@ impl Few {
     }
 
     /// Returns the probability with which an emitter is chosen for a point.
-    pub fn pmf(&self, emitter: usize, p: Vec3) -> f32 {
-        let importance = self.bounds.importance(Vec3x16::splat(p)).to_array();
+    pub fn pmf(&self, emitter: usize, at: Receiver) -> f32 {
+        let importance = self.bounds.importance(&ReceiverX16::splat(at)).to_array();
         let mut size = 0.0;
         self.intervals(
             |i| f32x16::splat(importance[i]),

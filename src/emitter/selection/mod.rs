@@ -11,12 +11,14 @@ mod bounds;
 mod build;
 mod extent;
 mod few;
+mod receiver;
 
 pub use bounds::{Cone, LightBounds};
 pub use extent::Extent;
+pub use receiver::{Gloss, GlossX16, Receiver, ReceiverX16};
 
 use super::Light;
-use crate::math::{LANES, Vec3, Vec3x16, f32x16, lanes};
+use crate::math::{LANES, f32x16, lanes};
 use crate::sampling::hash;
 use bounds::LightBoundsX16;
 use few::Few;
@@ -179,43 +181,44 @@ impl LightSelection {
         }
     }
 
-    /// Chooses an emitter for the point `p` with a random number `u` in [0, 1); `None` if nothing emits.
-    pub fn sample(&self, p: Vec3, u: f32) -> Option<Choice> {
+    /// Chooses an emitter for a point with a random number `u` in [0, 1); `None` if nothing emits.
+    pub fn sample(&self, at: impl Into<Receiver>, u: f32) -> Option<Choice> {
+        let at = at.into();
         match self.emitters[..] {
             [] => return None,
             [emitter] => return Some(Choice { emitter: emitter as usize, pmf: 1.0, u }),
             _ => {}
         }
         if let Some(few) = &self.few {
-            let choices = few.sample_x16(Vec3x16::splat(p), f32x16::splat(u));
+            let choices = few.sample_x16(&ReceiverX16::splat(at), f32x16::splat(u));
             let (pmf, u) = (choices.pmf.as_array()[0], choices.u.as_array()[0]);
             return Some(Choice { emitter: choices.emitters[0], pmf, u });
         }
         // A choice among many emitters needs more digits than `u` has.
-        let u = (f64::from(u) + f64::from(hash::lower_digits(u, p))).min(1f64.next_down());
+        let u = (f64::from(u) + f64::from(hash::lower_digits(u, at.p))).min(1f64.next_down());
         let count = self.emitters.len();
         if u < UNIFORM_FRACTION {
             let target = u / UNIFORM_FRACTION * count as f64;
             let emitter = self.emitters[(target as usize).min(count - 1)] as usize;
-            return Some(Choice { emitter, pmf: self.pmf(emitter, p), u: below_one(target.fract()) });
+            return Some(Choice { emitter, pmf: self.pmf(emitter, at), u: below_one(target.fract()) });
         }
         let (emitter, probability, rest) =
-            self.sample_by_light(p, (u - UNIFORM_FRACTION) / (1.0 - UNIFORM_FRACTION));
+            self.sample_by_light(at, (u - UNIFORM_FRACTION) / (1.0 - UNIFORM_FRACTION));
         Some(Choice { emitter: emitter as usize, pmf: self.mixed(probability), u: below_one(rest) })
     }
 
     /// Chooses an emitter for each point, for the lanes in the mask `active`; `None` if nothing emits.
     #[inline]
-    pub fn sample_x16(&self, p: Vec3x16, u: f32x16, active: u32) -> Option<ChoiceX16> {
+    pub fn sample_x16(&self, at: &ReceiverX16, u: f32x16, active: u32) -> Option<ChoiceX16> {
         if let Some(few) = &self.few {
-            return Some(few.sample_x16(p, u));
+            return Some(few.sample_x16(at, u));
         }
         if let Some(only) = self.only() {
             return Some(ChoiceX16 { emitters: [only; LANES], pmf: f32x16::ONE, u });
         }
         let (mut emitters, mut pmf, mut rest) = ([0; LANES], [0.0; LANES], [0.0; LANES]);
         for i in lanes::bits(active) {
-            let choice = self.sample(p.lane(i), u.as_array()[i])?;
+            let choice = self.sample(at.lane(i), u.as_array()[i])?;
             (emitters[i], pmf[i], rest[i]) = (choice.emitter, choice.pmf, choice.u);
         }
         (!self.emitters.is_empty()).then_some(ChoiceX16 {
@@ -226,20 +229,21 @@ impl LightSelection {
     }
 
     /// Computes [`pmf`](Self::pmf) for the first `count` of sixteen points.
-    pub fn pmf_x16(&self, emitter: usize, p: Vec3x16, count: usize) -> f32x16 {
+    pub fn pmf_x16(&self, emitter: usize, at: &ReceiverX16, count: usize) -> f32x16 {
         match &self.few {
             _ if matches!(self.locations[emitter], Location::Dark) => f32x16::ZERO,
-            Some(few) => few.pmf_x16(emitter, p),
+            Some(few) => few.pmf_x16(emitter, at),
             None if self.only() == Some(emitter) => f32x16::ONE,
             None => {
-                let pmf = |i: usize| if i < count { self.pmf(emitter, p.lane(i)) } else { 0.0 };
+                let pmf = |i: usize| if i < count { self.pmf(emitter, at.lane(i)) } else { 0.0 };
                 f32x16::new(std::array::from_fn(pmf))
             }
         }
     }
 
-    /// Returns the probability with which [`sample`](Self::sample) chooses an emitter for the point `p`.
-    pub fn pmf(&self, emitter: usize, p: Vec3) -> f32 {
+    /// Returns the probability with which [`sample`](Self::sample) chooses an emitter for a point.
+    pub fn pmf(&self, emitter: usize, at: impl Into<Receiver>) -> f32 {
+        let at = at.into();
         if let Location::Dark = self.locations[emitter] {
             return 0.0;
         }
@@ -247,13 +251,13 @@ impl LightSelection {
             return 1.0;
         }
         if let Some(few) = &self.few {
-            return few.pmf(emitter, p);
+            return few.pmf(emitter, at);
         }
-        let root = self.root_weights(p);
+        let root = self.root_weights(at);
         let share = self.share_at_infinity(root.as_ref());
         let by_light = match (self.locations[emitter], &root) {
             (Location::Tree(node, position), Some(root)) => {
-                (1.0 - share) * self.probability_in_tree(root, node, position, p)
+                (1.0 - share) * self.probability_in_tree(root, node, position, at)
             }
             (Location::Infinity(irradiance), _) => share * self.part_of_infinite(irradiance),
             _ => return 0.0,
@@ -269,8 +273,8 @@ impl LightSelection {
     }
 
     /// Returns the weights of the root's children; `None` if all emitters are at infinity.
-    fn root_weights(&self, p: Vec3) -> Option<Weights> {
-        self.nodes.first().map(|root| Weights::new(root, p))
+    fn root_weights(&self, at: Receiver) -> Option<Weights> {
+        self.nodes.first().map(|root| Weights::new(root, at))
     }
 
     /// Returns the fraction of the samples for emitters at infinity, given the weights of the root's children.
@@ -287,8 +291,8 @@ impl LightSelection {
     }
 
     /// Chooses by irradiance. Returns the emitter, its probability and the rest of the random number.
-    fn sample_by_light(&self, p: Vec3, mut u: f64) -> (u32, f64, f64) {
-        let root = self.root_weights(p);
+    fn sample_by_light(&self, at: Receiver, mut u: f64) -> (u32, f64, f64) {
+        let root = self.root_weights(at);
         let share = self.share_at_infinity(root.as_ref());
         if u < share {
             u /= share;
@@ -313,7 +317,7 @@ impl LightSelection {
                 Child::Node(next) => &self.nodes[next as usize],
                 Child::None => unreachable!("the position is below the number of children"),
             };
-            weights = Weights::new(node, p);
+            weights = Weights::new(node, at);
         }
     }
 
@@ -327,11 +331,11 @@ impl LightSelection {
 
     /// Returns the probability with which the tree chooses the child at a position of a node, given the weights of the
     /// root's children.
-    fn probability_in_tree(&self, root: &Weights, mut node: u32, mut position: u32, p: Vec3) -> f64 {
+    fn probability_in_tree(&self, root: &Weights, mut node: u32, mut position: u32, at: Receiver) -> f64 {
         let mut probability = 1.0;
         while node != 0 {
             let inner = &self.nodes[node as usize];
-            probability *= Weights::new(inner, p).probability(position as usize);
+            probability *= Weights::new(inner, at).probability(position as usize);
             (node, position) = inner.parent;
         }
         probability * root.probability(position as usize)
@@ -347,8 +351,8 @@ struct Weights {
 
 impl Weights {
     #[inline]
-    fn new(node: &Node, p: Vec3) -> Self {
-        let weights = *node.bounds.importance(Vec3x16::splat(p)).as_array();
+    fn new(node: &Node, at: Receiver) -> Self {
+        let weights = *node.bounds.importance(&ReceiverX16::splat(at)).as_array();
         let total = weights[..node.count].iter().map(|w| f64::from(*w)).sum();
         Weights { weights, count: node.count, total }
     }

@@ -20,7 +20,7 @@ impl CameraPaths<'_> {
     ) {
         let (scene, CameraVertices { block, partials, depth, .. }) = (self.scene, vertices);
         let (at, selection) = (&block.at, &scene.light_selection);
-        let chosen = scene.sample_emitters_choice(selection, at.p, u, block.rays.time, block.finite);
+        let chosen = scene.sample_emitters_choice(selection, &at.p.into(), u, block.rays.time, block.finite);
         let Some((choice, sample)) = chosen else { return };
         let wi = at.frame.to_local(sample.wi);
         let scattered = eval_x16(&block.bsdfs, &block.wo, &wi, block.finite);

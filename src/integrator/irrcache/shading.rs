@@ -288,7 +288,7 @@ impl CachedBounce<'_> {
         let at = &block.at;
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
         let selection = &self.scene.light_selection;
-        let sample = self.scene.sample_emitters(selection, at.p, u_point, block.rays.time, done);
+        let sample = self.scene.sample_emitters(selection, &at.p.into(), u_point, block.rays.time, done);
         let wi = at.frame.to_local(sample.wi);
         let scattered = bsdf::lanes::eval_x16(&block.bsdfs, &block.wo, &wi, done);
         let factor = wi.z.abs() / sample.pdf;
@@ -316,6 +316,7 @@ impl CachedBounce<'_> {
     ) -> (Continuation, u32) {
         let mut next = Continuation {
             from: block.at.p,
+            gloss: None,
             rays: RayX16::splat(&Ray::new(Vec3::ZERO, Vec3::Z)),
             beta: [f32x16::ZERO; 3],
             pdf: f32x16::ZERO,

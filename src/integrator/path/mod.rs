@@ -21,7 +21,7 @@ use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, Shadow
 use super::{
     Integrator, LightTracer, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission,
 };
-use crate::accel::Coherence;
+use crate::accel::{Coherence, Hit};
 use crate::bsdf;
 use crate::error::Result;
 use crate::math::lanes::{LANES, bits, f32x16, load, mask_from_bits};
@@ -80,6 +80,8 @@ struct PathBounce<'a> {
     add_emission: bool,
     /// Whether emission is added for rays with specular lobes only, if caustics are separated.
     add_caustics: Option<bool>,
+    /// Whether emitters are chosen for glossy lobes.
+    find_gloss: bool,
     /// Russian roulette, if it applies at this bounce.
     roulette: Option<Roulette>,
 }
@@ -247,6 +249,7 @@ impl PathIntegrator {
                 next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
+                find_gloss: scene.needs.gloss && samples_emitters,
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
             let Worker { paths, hits, numbers, specular_only, sampler, sort_buffers, .. } = &mut *worker;
@@ -341,7 +344,7 @@ impl<'a> PathBounce<'a> {
             let Some((reuse, kept)) =
                 reuse.as_mut().filter(|(reuse, _)| scatter && reuse.has_single(first, paths))
             else {
-                let block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
+                let block = self.block(arena, paths, hits, first);
                 self.add_emitted(&block, paths, specular_only, caustics.as_ref(), out, block.active);
                 if scatter {
                     let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
@@ -362,7 +365,7 @@ impl<'a> PathBounce<'a> {
                 }
                 continue;
             };
-            let block = ShadingBlock::new(self.scene, kept, &paths.rays, hits, first);
+            let block = self.block(kept, paths, hits, first);
             let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
             // The directions at shared points and towards them have the density of the BSDF alone.
             let single = reuse.single(&block, paths) & !guided.as_ref().map_or(0, |guided| guided.lanes);
@@ -390,6 +393,25 @@ impl<'a> PathBounce<'a> {
             alive = paths.compact(first, alive, &next, survivors);
         }
         paths.truncate(alive);
+    }
+
+    /// Returns the block of sixteen paths from `first` on.
+    #[inline(always)]
+    fn block<'b>(
+        &self,
+        arena: &'b Bump,
+        paths: &PathWave,
+        hits: &[Option<Hit>],
+        first: usize,
+    ) -> ShadingBlock<'b>
+    where
+        'a: 'b,
+    {
+        let mut block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
+        if self.find_gloss {
+            block.find_gloss();
+        }
+        block
     }
 
     /// Adds the light of the emitters that the paths of a block hit, for the lanes in a mask.
@@ -496,7 +518,7 @@ impl<'a> PathBounce<'a> {
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
         (
-            Continuation { rays, from: block.at.p, beta, pdf: sample.pdf, eta },
+            Continuation { rays, from: block.at.p, gloss: block.gloss, beta, pdf: sample.pdf, eta },
             alive.to_bitmask() & block.active,
         )
     }

@@ -18,7 +18,7 @@
 use crate::accel::{Coherence, Hit};
 use crate::bsdf::{self, Bsdf, BsdfX16};
 use crate::color::Rgb;
-use crate::emitter::EmitterSampleX16;
+use crate::emitter::{EmitterSampleX16, Gloss, GlossX16, ReceiverX16};
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::lighting::TechniqueCounts;
 use crate::integrator::worker::{Counters, PathWave};
@@ -44,6 +44,7 @@ struct Vertex<'a> {
     wo: Vec3,
     bsdf: &'a Bsdf<'a>,
     beta: Rgb,
+    gloss: Gloss,
 }
 
 /// A sample after a [`Vertex`] that the group shares, with the samples of an emitter and of a direction that were drawn
@@ -130,6 +131,7 @@ struct Receivers<'a> {
     wo: Vec3x16,
     bsdf: BsdfX16<'a>,
     beta: [f32x16; 3],
+    gloss: Option<GlossX16>,
     lanes: u32,
 }
 
@@ -216,6 +218,7 @@ impl<'a> Reuse<'a> {
                 wo: block.wo.lane(i),
                 bsdf: block.bsdfs[i],
                 beta: paths.beta(path),
+                gloss: block.gloss.as_ref().map_or(Gloss::NONE, |gloss| gloss.lane(i)),
             });
         }
     }
@@ -350,7 +353,9 @@ impl<'a> Reuse<'a> {
                 lanes |= 1 << i;
             }
         }
-        Receivers { p, error, ng, frame, wo, bsdf: BsdfX16::new(bsdfs, lanes), beta, lanes }
+        let vertex = |i: usize| self.vertices.get(group[i] as usize).and_then(Option::as_ref);
+        let gloss = GlossX16::of_lanes(lanes, |i| vertex(i).map_or(Gloss::NONE, |v| v.gloss));
+        Receivers { p, error, ng, frame, wo, bsdf: BsdfX16::new(bsdfs, lanes), beta, gloss, lanes }
     }
 
     /// Links the shared samples of a group with its vertices.
@@ -460,6 +465,11 @@ fn add_to_pixels(out: &mut [Radiance], group: &Group, lanes: u32, light: [f32x16
 }
 
 impl Receivers<'_> {
+    /// Returns the vertices as emitters were chosen for them.
+    fn receivers(&self) -> ReceiverX16 {
+        ReceiverX16 { p: self.p, gloss: self.gloss }
+    }
+
     /// Links a shared sample with the vertices, and adds rays to all but the vertex `own` of the path that found it.
     fn link(&self, place: &Place<'_>, own: usize, rays: &mut Vec<Ray>) -> Link {
         let (to, w, per_area) = match place {
@@ -504,7 +514,7 @@ impl Receivers<'_> {
     fn distant(&self, scene: &Scene, d: Vec3, pdf: f32x16, mut add: impl FnMut(Rgb, f32x16)) {
         let selection = TechniqueCounts::ONE_EACH.selection(scene);
         for emitter in scene.distant_emitters() {
-            let pmf = scene.distant_pmf_x16(selection, emitter, self.p, LANES);
+            let pmf = scene.distant_pmf_x16(selection, emitter, &self.receivers(), LANES);
             let other = pmf * f32x16::splat(scene.distant_density(selection, emitter, d));
             add(scene.distant_radiance(emitter, d), weighted_power_heuristic_x16(1.0, pdf, 1.0, other));
         }
@@ -521,7 +531,8 @@ impl Receivers<'_> {
             let w = at.p - from;
             if w.dot(at.ng) < 0.0 {
                 let origin = offset_origin(from, self.error.as_array()[i], self.ng.lane(i), w);
-                let other = scene.emitter_pdf(selection, emitter, from, origin, at);
+                let receiver = self.receivers().lane(i);
+                let other = scene.emitter_pdf(selection, emitter, receiver, origin, at);
                 weights[i] = weighted_power_heuristic(1.0, pdf.as_array()[i], 1.0, other);
             }
         }

@@ -208,6 +208,9 @@ impl CameraPaths<'_> {
         }
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
-        (Continuation { rays, from: block.at.p, beta, pdf: sample.pdf, eta }, alive.to_bitmask() & going)
+        (
+            Continuation { rays, from: block.at.p, gloss: None, beta, pdf: sample.pdf, eta },
+            alive.to_bitmask() & going,
+        )
     }
 }

@@ -426,6 +426,7 @@ impl<'a> PhotonmapperWave<'a> {
             let beta = std::array::from_fn(|c| load(&parents.beta[c], block.first) * weight[c] / rays);
             let next = Continuation {
                 from: block.at.p,
+                gloss: None,
                 rays: self.scene.spawn_rays(&block.at, block.at.frame.to_world(sample.wi), block.rays.time),
                 beta,
                 // With this density, the power heuristic with one sample of each technique gives the weights for
