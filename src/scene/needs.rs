@@ -75,7 +75,7 @@ const WORDS: [&str; 14] = [
     "surfaces that only mirror or refract",
     "mirrors or smooth glass",
     "materials of several parts",
-    "glossy surfaces below several lights",
+    "glossy surfaces and several lights",
     "anisotropic or bumpy surfaces",
     "textures or blends",
     "a shutter",
