@@ -65,7 +65,7 @@ impl GlossX16 {
 
     /// Returns how much brighter an emitter makes the surface for the viewer than a diffuse surface of the same albedo.
     /// It is in the direction `to`, at the given squared distance; the squared sine of its angular radius is
-    /// `sin_squared`. The lobe falls off as that of the GGX distribution. [Walter et al. 2007, Eq. 33] It is widened
+    /// `sin_squared`. The lobe falls off as that of the GGX distribution. [Walter 2007, Eq. 33] It is widened
     /// by the angle of the emitter.
     #[inline(always)]
     fn gain(&self, to: Vec3x16, distance_squared: f32x16, sin_squared: f32x16) -> f32x16 {
