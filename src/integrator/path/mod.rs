@@ -80,8 +80,6 @@ struct PathBounce<'a> {
     add_emission: bool,
     /// Whether emission is added for rays with specular lobes only, if caustics are separated.
     add_caustics: Option<bool>,
-    /// Whether emitters are chosen for glossy lobes.
-    find_gloss: bool,
     /// Russian roulette, if it applies at this bounce.
     roulette: Option<Roulette>,
 }
@@ -249,7 +247,6 @@ impl PathIntegrator {
                 next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
-                find_gloss: scene.needs.gloss && samples_emitters,
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
             let Worker { paths, hits, numbers, specular_only, sampler, sort_buffers, .. } = &mut *worker;
@@ -408,7 +405,7 @@ impl<'a> PathBounce<'a> {
         'a: 'b,
     {
         let mut block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
-        if self.find_gloss {
+        if self.scene.needs.gloss {
             block.find_gloss();
         }
         block
