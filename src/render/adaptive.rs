@@ -1,4 +1,4 @@
-//! WhenPays sampling: more samples where the relative error is larger, without bias.
+//! Adaptive sampling: more samples where the relative error is larger, without bias.
 //!
 //! A pilot estimates the noise of the cells of the image, and each cell gets a rate: the samples of its pixels for each
 //! sample that the user asks for, after the first eight. The samples of the pilot are not part of the image, so the

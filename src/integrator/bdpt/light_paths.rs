@@ -241,9 +241,10 @@ fn scatter(
     }
 }
 
-/// Returns the probability with which a light path starts at an emitter.
+/// Returns the probability with which a light path starts at an emitter, times the typical density of its starts that
+/// bring light, relative to uniform random numbers.
 pub fn start_pmf(scene: &Scene, guide: Option<&EmissionGuide>, emitter: usize) -> f32 {
-    guide.map_or_else(|| scene.light_choice.pmf(emitter), |guide| guide.pmf(emitter))
+    guide.map_or_else(|| scene.light_choice.pmf(emitter), |guide| guide.typical_density(emitter))
 }
 
 /// Starts the light paths of all keys. A key whose emitter emits nothing starts none.

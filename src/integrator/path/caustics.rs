@@ -19,7 +19,9 @@ use crate::ids::EmitterId;
 use crate::integrator::bdpt::weights::{Merged, Start};
 use crate::integrator::bdpt::{LensConnections, technique::Techniques};
 use crate::integrator::block::ShadingBlock;
-use crate::integrator::photon::{Deposit, EmissionGuide, LightPathTracer, PathSequence, PhotonPaths};
+use crate::integrator::photon::{
+    Deposit, EmissionGuide, LightPathTracer, PathLimit, PathSequence, PhotonPaths,
+};
 use crate::integrator::preparation::Workers;
 use crate::integrator::ptracer::{LightTracer, Splat};
 use crate::integrator::settings::PathLimits;
@@ -40,8 +42,13 @@ const NO_CAUSTIC: f32 = 0.0;
 const SHARES: [f64; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
 /// Light paths must reduce error × cost to this share at least.
 const PAYS: f64 = 0.9;
-/// The light paths of the pilot, those of a batch, and their stream of random numbers.
-const PILOT: u64 = 1 << 15;
+/// The light paths from which is learned where caustics start: one for each pixel, within these bounds, or fewer if
+/// they find so many deposits.
+const LEARNING: [u64; 2] = [1 << 14, 1 << 17];
+const DEPOSITS: u64 = 1 << 13;
+/// The light paths of the pilot: one for every four pixels, within these bounds; those of a batch, and their stream of
+/// random numbers.
+const PILOT: [u64; 2] = [1 << 13, 1 << 15];
 const BATCH: u64 = 2048;
 const STREAM: u32 = 7;
 /// The number of blocks of the image along each axis, whose mean caustics the pilot estimates.
@@ -73,6 +80,15 @@ pub struct CausticTracer {
     share: f64,
 }
 
+/// The result of the pilot.
+struct LightPilot {
+    caustics: Vec<Caustic>,
+    /// The number of light paths.
+    paths: f64,
+    /// The mean cost of their rays.
+    cost: f64,
+}
+
 /// A contribution to the film in the pilot, as if there were one light path for each camera path.
 struct Caustic {
     splat: Splat,
@@ -89,11 +105,14 @@ impl CausticTracer {
         }
         let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
         let paths = PhotonPaths { indirect: false, ..PhotonPaths::scattered(limits) };
+        let most = pixels(camera).clamp(LEARNING[0], LEARNING[1]);
+        let until = PathLimit { paths: most, kept: Some(DEPOSITS) };
         let middle = Vec2::splat(0.5);
         let seen = |deposit: &Deposit| {
             deposit.caustic && camera.importance(deposit.p, middle, middle.x, 0.0).is_some()
         };
-        let guide = EmissionGuide::learn(&tracer, &paths, seed, |i| !scene.lights[i].is_delta(), seen)?;
+        let guide =
+            EmissionGuide::learn(&tracer, &paths, until, seed, |i| !scene.lights[i].is_delta(), seen)?;
         Some(CausticTracer { camera: camera.clone(), guide, limits, share: f64::INFINITY })
     }
 
@@ -108,10 +127,10 @@ impl CausticTracer {
         preparation: &Preparation<'_>,
         camera_paths: CameraPathPilot,
     ) -> bool {
-        let (caustics, cost_of_light) = self.pilot(preparation);
-        let errors = self.errors(&caustics, camera_paths.mean);
+        let pilot = self.pilot(preparation);
+        let errors = self.errors(&pilot, camera_paths.mean);
         let effort = |share: f64, error: f64| {
-            let cost = CAMERA_PATH_COST + camera_paths.cost + share * (LIGHT_PATH_COST + cost_of_light);
+            let cost = CAMERA_PATH_COST + camera_paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
             (camera_paths.error + error) * cost
         };
         let without = effort(0.0, errors(0.0));
@@ -121,17 +140,18 @@ impl CausticTracer {
         least < PAYS * without
     }
 
-    /// Traces some light paths. Returns their contributions, and the mean cost of their rays.
-    fn pilot(&self, preparation: &Preparation<'_>) -> (Vec<Caustic>, f64) {
+    /// Traces some light paths.
+    fn pilot(&self, preparation: &Preparation<'_>) -> LightPilot {
         let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt);
         let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
+        let batches = (pixels(camera) / 4).clamp(PILOT[0], PILOT[1]) / BATCH;
         let trace = |batch: u64| {
             workers.with(|worker| {
                 let keys: Vec<SampleKey> = (0..BATCH).map(|i| sequence.key(batch * BATCH + i)).collect();
                 let before = worker.counters.cost();
                 let mut caustics = Vec::new();
-                let connections = self.connections(scene, camera, 0.0, SCALE * self.guide.gain());
+                let connections = self.connections(scene, camera, 0.0, SCALE);
                 connections.splat(&keys, worker, |splat, weight| {
                     let value = splat.value / weight as f32;
                     let ratio = (weight / (1.0 - weight)).sqrt() / SCALE;
@@ -140,15 +160,20 @@ impl CausticTracer {
                 (caustics, worker.counters.cost() - before)
             })
         };
-        let batches: Vec<(Vec<Caustic>, f64)> =
-            pool.install(|| (0..PILOT / BATCH).into_par_iter().map(trace).collect());
-        let cost = batches.iter().map(|(_, cost)| cost).sum::<f64>() / PILOT as f64;
-        (batches.into_iter().flat_map(|(caustics, _)| caustics).collect(), cost)
+        let paths = (batches * BATCH) as f64;
+        let (caustics, costs): (Vec<_>, Vec<f64>) =
+            pool.install(|| (0..batches).into_par_iter().map(trace).unzip());
+        LightPilot {
+            caustics: caustics.into_iter().flatten().collect(),
+            paths,
+            cost: costs.iter().sum::<f64>() / paths,
+        }
     }
 
     /// Returns the relative mean squared error of the caustics in one sample of a pixel, as a function of the number of
     /// light paths for each camera path. `mean` is that of the other light.
-    fn errors<'a>(&self, caustics: &'a [Caustic], mean: f64) -> impl Fn(f64) -> f64 + use<'a> {
+    fn errors<'a>(&self, pilot: &'a LightPilot, mean: f64) -> impl Fn(f64) -> f64 + use<'a> {
+        let LightPilot { caustics, paths, .. } = pilot;
         let size = [self.camera.film.width, self.camera.film.height].map(f64::from);
         let block = move |splat: &Splat| {
             let along = |x: f64, length: f64| ((x / length * BLOCKS as f64) as usize).min(BLOCKS - 1);
@@ -157,14 +182,14 @@ impl CausticTracer {
         let grey = |splat: &Splat| f64::from(splat.value.r + splat.value.g + splat.value.b) / 3.0;
         let mut means = vec![mean; BLOCKS * BLOCKS];
         for Caustic { splat, .. } in caustics {
-            means[block(splat)] += grey(splat) * (BLOCKS * BLOCKS) as f64 / PILOT as f64;
+            means[block(splat)] += grey(splat) * (BLOCKS * BLOCKS) as f64 / paths;
         }
         // The squared contribution of each light path, relative to its block, and its ratio.
         let squares: Vec<[f64; 2]> = caustics
             .iter()
             .map(|Caustic { splat, ratio }| {
                 let mean = means[block(splat)];
-                [grey(splat).powi(2) / (mean * mean + RELATIVE_FLOOR) / PILOT as f64, *ratio]
+                [grey(splat).powi(2) / (mean * mean + RELATIVE_FLOOR) / paths, *ratio]
             })
             .filter(|[square, ratio]| square.is_finite() && ratio.is_finite())
             .collect();
@@ -201,21 +226,20 @@ impl CausticTracer {
         }
     }
 
-    /// The density of light paths relative to camera paths, for the weights: their number, and the mean effect of the
-    /// guide. Any factor leaves the image unbiased.
-    fn relative(&self) -> f64 {
-        self.share * self.guide.gain()
-    }
-
     /// Returns the weight of a camera path that hits an emitter in the direction `d`, with the cosine `cosine` at its
     /// surface.
     fn weight(&self, scene: &Scene, emitter: EmitterId, d: Vec3, cosine: f32, ratio: f32) -> f32 {
         let i = emitter.index();
-        let start = Start::new(&scene.lights[i], -d, cosine, 0.0, self.guide.pmf(i));
+        let start = Start::new(&scene.lights[i], -d, cosine, 0.0, self.guide.typical_density(i));
         let ratio = start.ray * f64::from(ratio) / f64::from(cosine);
         // Not NaN, if an infinite ratio meets a density of 0.
         (1.0 / (1.0 + ratio * ratio)).max(0.0) as f32
     }
+}
+
+/// Returns the number of pixels of a camera's whole image.
+fn pixels(camera: &Camera) -> u64 {
+    u64::from(camera.film.width) * u64::from(camera.film.height)
 }
 
 impl LightTracer for CausticTracer {
@@ -231,7 +255,7 @@ impl LightTracer for CausticTracer {
         // Neighbours in the sequence are well distributed, so the first ones are traced.
         let traced = ((keys.len() as f64 * self.share).ceil() as usize).min(keys.len());
         let factor = keys.len() as f32 / traced as f32;
-        let connections = self.connections(scene, camera, margin, self.relative());
+        let connections = self.connections(scene, camera, margin, self.share);
         connections.splat(&keys[..traced], worker, |splat, _| {
             out.push(Splat { value: splat.value * factor, ..splat });
         });
@@ -288,7 +312,7 @@ impl<'a> CausticWave<'a> {
                 false if ratio < 0.0 && ratio != BEGUN => {
                     let ray = &self.rays[slot];
                     let of_camera = self.tracer.camera.density(paths.from[path], ray.d, ray.time);
-                    (-f64::from(ratio * cosines) * self.tracer.relative() / of_camera) as f32
+                    (-f64::from(ratio * cosines) * self.tracer.share / of_camera) as f32
                 }
                 false if ratio > 0.0 => ratio * cosines,
                 _ => NO_CAUSTIC,

@@ -7,7 +7,7 @@
 
 mod pilot;
 
-use self::pilot::PilotResults;
+use self::pilot::{Learned, PilotResults};
 use super::cast::{LightPathTracer, PathLimit, PathSequence};
 use super::tracing::{Deposit, PhotonPaths};
 use super::visible_surfaces::VisibleSurfaces;
@@ -20,8 +20,8 @@ use crate::math::Vec2;
 use crate::sampling::{Distribution1D, Distribution2D, SampleKey};
 use crate::scene::Scene;
 
-/// The number of light paths of the pilot.
-const PILOT: u64 = 1 << 17;
+/// The number of light paths of a pilot.
+pub const PILOT: PathLimit = PathLimit { paths: 1 << 17, kept: None };
 /// The number of paths whose random numbers are drawn together.
 const CHUNK: usize = 2048;
 /// The stream of the pilot's random numbers. Photons have even streams.
@@ -36,8 +36,8 @@ pub struct EmissionGuide {
     /// The choice of the emitter: first for unguided paths, then for guided ones.
     choice: Distribution1D,
     lights: Vec<EmissionDensities>,
-    /// See [`gain`](Self::gain).
-    gain: f64,
+    /// See [`typical_density`](Self::typical_density).
+    typical: Vec<f32>,
 }
 
 /// The densities over positions on an emitter and over directions; uniform if `None`.
@@ -47,7 +47,8 @@ impl EmissionGuide {
     /// Returns the guide that starts paths in proportion to the emitters' power.
     pub fn uniform(scene: &Scene) -> Self {
         let lights = scene.lights.iter().map(|_| [None, None]).collect();
-        EmissionGuide { choice: scene.light_choice.clone(), lights, gain: 1.0 }
+        let typical = (0..scene.lights.len()).map(|i| scene.light_choice.pmf(i)).collect();
+        EmissionGuide { choice: scene.light_choice.clone(), lights, typical }
     }
 
     /// Learns which starts of light paths within the limits bring scattered light to visible surfaces.
@@ -59,7 +60,7 @@ impl EmissionGuide {
         let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
         let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
         let paths = PhotonPaths::scattered(limits);
-        Self::learn(&tracer, &paths, seed, |_| true, |deposit: &Deposit| visible.contains(deposit.p))
+        Self::learn(&tracer, &paths, PILOT, seed, |_| true, |deposit: &Deposit| visible.contains(deposit.p))
     }
 
     /// Learns which starts from the emitters selected by `emitter` contribute power to the deposits selected by
@@ -67,6 +68,7 @@ impl EmissionGuide {
     pub fn learn(
         tracer: &LightPathTracer<'_>,
         paths: &PhotonPaths,
+        until: PathLimit,
         seed: u64,
         emitter: impl Fn(usize) -> bool,
         wanted: impl Fn(&Deposit) -> bool + Sync,
@@ -75,7 +77,6 @@ impl EmissionGuide {
         let uniform = EmissionGuide::uniform(scene);
         let pilot = LightPathTracer { guide: Some(&uniform), ..*tracer };
         let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
-        let until = PathLimit { paths: PILOT, kept: None };
         let power = |d: &Deposit, path: u64| wanted(d).then(|| (path, d.shading_power().max_component()));
         let cast = pilot.cast(paths, sequence, until, power);
         let mut brought = vec![0.0f32; cast.emitted as usize];
@@ -85,7 +86,6 @@ impl EmissionGuide {
         let mut found: Vec<PilotResults> = scene.lights.iter().map(|_| PilotResults::default()).collect();
         let worker = Worker::new(tracer.sampler);
         let mut numbers = EmissionNumbers::default();
-        let mut useful = Vec::new();
         for (chunk, brought) in brought.chunks(CHUNK).enumerate() {
             let first = (chunk * CHUNK) as u64;
             let keys: Vec<SampleKey> = (0..brought.len() as u64).map(|i| sequence.key(first + i)).collect();
@@ -96,52 +96,37 @@ impl EmissionGuide {
                     // The contribution of the path, for the case that its emitter is the only one.
                     let pairs = numbers.pairs(i);
                     found[choice.index].add(pairs, f64::from(brought * choice.pmf));
-                    if *brought > 0.0 {
-                        useful.push((choice.index, pairs, f64::from(*brought)));
-                    }
                 }
             }
         }
-        let mut guide = Self::of(scene, &found)?;
-        let total: f64 = useful.iter().map(|(_, _, brought)| brought).sum();
-        let ratio = |(light, pairs, brought): &(usize, [Vec2; 2], f64)| brought * guide.ratio(*light, *pairs);
-        guide.gain = useful.iter().map(ratio).sum::<f64>() / total;
-        Some(guide)
-    }
-
-    /// Returns the density of a start of a light path from an emitter, relative to that of a path with uniform random
-    /// numbers from the same emitter.
-    fn ratio(&self, light: usize, pairs: [Vec2; 2]) -> f64 {
-        let learned: f32 = pairs
-            .iter()
-            .zip(&self.lights[light])
-            .map(|(u, density)| density.as_ref().map_or(1.0, |density| density.pdf(*u)))
-            .product();
-        let (unguided, guided) = (self.choice.pmf(light), self.choice.pmf(self.lights.len() + light));
-        f64::from((unguided + guided * learned) / (unguided + guided))
-    }
-
-    /// Returns the mean of the density of starts relative to that without the densities of positions and directions,
-    /// over the paths of the pilot that were wanted, weighted by what they brought.
-    pub fn gain(&self) -> f64 {
-        self.gain
+        Self::of(scene, &found)
     }
 
     fn of(scene: &Scene, found: &[PilotResults]) -> Option<Self> {
-        let (lights, brought): (Vec<_>, Vec<_>) = found.iter().map(PilotResults::best).unzip();
-        let total: f64 = brought.iter().sum();
-        if !(total > 0.0 && total.is_finite()) || 2 * lights.len() > Distribution1D::MAX_ENTRIES {
+        let learned: Vec<Learned> = found.iter().map(PilotResults::best).collect();
+        let total: f64 = learned.iter().map(|light| light.root_of_moment).sum();
+        if !(total > 0.0 && total.is_finite()) || 2 * learned.len() > Distribution1D::MAX_ENTRIES {
             return None;
         }
-        let unguided = (0..lights.len()).map(|i| UNGUIDED * f64::from(scene.light_choice.pmf(i)));
-        let guided = brought.iter().map(|brought| (1.0 - UNGUIDED) * brought / total);
+        let unguided = (0..learned.len()).map(|i| UNGUIDED * f64::from(scene.light_choice.pmf(i)));
+        let guided = learned.iter().map(|light| (1.0 - UNGUIDED) * light.root_of_moment / total);
         let choice = Distribution1D::new(&unguided.chain(guided).collect::<Vec<_>>());
-        Some(EmissionGuide { choice, lights, gain: 1.0 })
+        let pmf = |i: usize| f64::from(choice.pmf(i));
+        let typical =
+            |(i, light): (usize, &Learned)| light.typical_density(pmf(i), pmf(learned.len() + i)) as f32;
+        let typical = learned.iter().enumerate().map(typical).collect();
+        Some(EmissionGuide {
+            choice,
+            lights: learned.into_iter().map(|light| light.densities).collect(),
+            typical,
+        })
     }
 
-    /// Returns the probability of choosing an emitter.
-    pub fn pmf(&self, emitter: usize) -> f32 {
-        self.choice.pmf(emitter) + self.choice.pmf(self.lights.len() + emitter)
+    /// Returns the probability of choosing an emitter times the typical density of the starts from it that bring wanted
+    /// light, relative to uniform random numbers. Weights use it as if all starts had it: the density of a given start
+    /// is known to light paths only.
+    pub fn typical_density(&self, emitter: usize) -> f32 {
+        self.typical[emitter]
     }
 
     /// Samples a light ray as [`Scene::sample_light_start`] does, with the guide's density.
