@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page fuzz memcheck lint
+.PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page test-farm fuzz memcheck lint
 .PHONY: bench bench-check scenes clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
@@ -80,6 +80,11 @@ test-page: deps ## open a page of `buffon bench` in headless Chromium, and check
 	XDG_CACHE_HOME=$(CURDIR)/out/cache cargo run --locked --quiet -- bench scenes/cornell-box/cornell-box.xml --size 64x64 \
 	    --integrators path,direct --budgets 2,4,8 --runs 2 --reference-time 5s -o out/page
 	cargo run --locked --quiet --example check_page -- out/page/index.html out/page
+
+test-farm: deps ## render with a Slurm on this machine alone, as root; tasks are killed and requeued
+	@.ci/deps slurm-wlm munge
+	cargo build --release --locked
+	tests/farm/slurm.sh target/release/buffon scenes/cornell-box/cornell-box.xml
 
 # The tests of what is unsafe. Valgrind's CPU has no AVX-512, so every library takes its path for AVX2.
 memcheck: deps ## run the tests of the C and C++ interfaces under valgrind

@@ -279,6 +279,7 @@ pub mod embree;
 pub mod emitter;
 pub mod error;
 pub mod estimate;
+pub mod farm;
 pub mod film;
 pub mod ids;
 pub mod image;

@@ -103,7 +103,7 @@ fn mixed_and_overlapping_parts_are_refused() {
         ),
         ("a layers", "merge: layers has the layers Z, expected none as in a"),
         ("a scene", "merge: scene has samples of another scene as in a"),
-        ("overlap a b", "merge: overlap has the samples 12..14; b also has 10..13"),
+        ("a b overlap", "merge: overlap has the samples 12..14; b also has 10..13"),
         ("a a", "merge: a has the samples 0..10; a also has 0..10"),
     ] {
         let run = merge(&folder, &format!("{arguments} -o m.pfm"));

@@ -545,7 +545,7 @@ fn shells_and_manuals_are_served() {
     assert_eq!(folder.run("man --dir pages/man1").code, 0);
     let page = String::from_utf8(folder.read("pages/man1/buffon.1")).expect("UTF-8");
     let references: Vec<&str> = page.lines().filter_map(|line| line.strip_suffix("(1)")).collect();
-    assert_eq!(references.len(), 12, "{page}");
+    assert_eq!(references.len(), 13, "{page}");
     for name in references {
         let name = name.replace('\\', "");
         let text = String::from_utf8(folder.read(&format!("pages/man1/{name}.1"))).expect("UTF-8");

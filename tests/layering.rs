@@ -15,7 +15,7 @@ const ROWS: [&[&str]; 12] = [
     &["render"],
     &["loader", "report"],
     &["session"],
-    &["bench", "regress", "lab"],
+    &["bench", "regress", "lab", "farm"],
     &["cli", "main"],
 ];
 

@@ -23,6 +23,7 @@ mod emitters;
 mod environment_map;
 mod error_estimates;
 mod estimators;
+mod farm;
 mod frames;
 mod glossy_lights;
 mod gltf;

@@ -17,7 +17,7 @@ const DIGITS: usize = 4;
 pub fn of(args: &RenderArgs, frames: Range<u64>, default_output: &Path) -> Result<Vec<RenderArgs>> {
     let mut args = args.clone();
     args.resources.define.retain(|(name, _)| name != PARAMETER);
-    if args.output.is_empty() {
+    if args.output.is_empty() && !args.no_image {
         args.output = vec![default_output.with_extension(format!("{{frame:0{DIGITS}}}.exr"))];
     }
     let options = [("--stats", &args.stats), ("--checkpoint", &args.checkpoint), ("--cache", &args.cache)];
@@ -33,7 +33,7 @@ pub fn of(args: &RenderArgs, frames: Range<u64>, default_output: &Path) -> Resul
     let of_frame = |frame: u64| {
         let mut args = args.clone();
         args.frames = Some(frame..frame + 1);
-        args.resources.define.push((PARAMETER.into(), frame.to_string()));
+        args.resources.define.push(parameter(frame));
         for file in [&mut args.stats, &mut args.checkpoint, &mut args.cache].into_iter().flatten() {
             *file = number(file, frame)?;
         }
@@ -43,6 +43,16 @@ pub fn of(args: &RenderArgs, frames: Range<u64>, default_output: &Path) -> Resul
         Ok(args)
     };
     frames.map(of_frame).collect()
+}
+
+/// Returns the definition of the scene's parameter for a frame.
+pub fn parameter(frame: u64) -> (String, String) {
+    (PARAMETER.into(), frame.to_string())
+}
+
+/// Returns that definition as the value of `-D`.
+pub fn definition(frame: u64) -> String {
+    format!("{PARAMETER}={frame}")
 }
 
 /// Checks that the frames of a scene differ, given the warnings of its loader.

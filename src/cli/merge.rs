@@ -43,8 +43,7 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
     if let Some(path) = &args.checkpoint {
         util::check_replaceable(path)?;
     }
-    let parts = args.parts.iter().map(|path| Ok((path.clone(), file::load(path)?))).collect::<Result<_>>()?;
-    let merged = merge::merge(parts)?;
+    let merged = merge::merge(&args.parts)?;
     let missing = merged.missing();
     if !missing.is_empty() {
         let target = merged.label.target.unwrap_or(0);

@@ -26,6 +26,7 @@ pub mod lab;
 pub mod merge;
 mod outputs;
 mod photon_notes;
+pub mod plan;
 pub mod progress;
 pub mod regress;
 mod regress_cases;
@@ -63,6 +64,7 @@ const VERSION: &str = env!("BUFFON_VERSION");
 #[derive(Debug, Subcommand)]
 enum Command {
     Render(Box<render::RenderArgs>),
+    Plan(plan::PlanArgs),
     Merge(merge::MergeArgs),
     Diff(diff::DiffArgs),
     Compare(compare::CompareArgs),
@@ -89,6 +91,7 @@ pub fn main() -> ExitCode {
     };
     let result = match cli.command {
         Command::Render(args) => render::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Merge(args) => merge::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Compare(args) => compare::run(&args),

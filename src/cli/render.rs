@@ -93,6 +93,13 @@ pub struct RenderArgs {
     /// merge` computes from all ranges an image identical to that of the whole render
     #[arg(long, value_name = "A..B", value_parser = values::range)]
     pub sample_range: Option<Range<u64>>,
+    /// Write no image, only the checkpoint
+    #[arg(long, requires = "checkpoint", conflicts_with_all = ["output", "write_every", "skip_existing"])]
+    pub no_image: bool,
+    /// Refuse the scene unless it has this hash, which `buffon plan` writes into tasks: it changes with the scene, its
+    /// textures and meshes, and the view
+    #[arg(long, value_name = "HASH")]
+    pub scene_hash: Option<String>,
     /// Render the frames A to B - 1, or to B with A..=B, of an animation: the number of a frame is the value of the
     /// scene's parameter `frame`, and replaces {frame} in the names of files, with leading zeros {frame:04}
     /// [default output: SCENE.{frame:04}.exr]
@@ -152,7 +159,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
     signals::survive_requests()?;
     let Some(frames) = args.frames.clone() else {
         let mut args = args.clone();
-        if args.output.is_empty() {
+        if args.output.is_empty() && !args.no_image {
             args.output = vec![default_output(&args)];
         }
         return render(&args);
@@ -214,7 +221,8 @@ fn render(args: &RenderArgs) -> Result<u8> {
     if let Some(advice) = advice.filter(|_| !args.quiet) {
         super::report!("buffon: note: {advice}");
     }
-    let names = named.iter().map(|target| target.display().to_string()).collect::<Vec<_>>().join(", ");
+    let files = named.iter().chain(args.checkpoint.as_ref().filter(|_| args.no_image));
+    let names = files.map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
     let progress = Arc::new(Progress::new());
     signals::interrupt(&progress, Some(early_exit(args, &names)))?;
     let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
@@ -286,8 +294,8 @@ fn early_exit(args: &RenderArgs, names: &str) -> EarlyExit {
 /// The exit code of a render that a signal has stopped and that can be resumed.
 const INTERRUPTED_WITH_CHECKPOINT: u8 = 85;
 
-/// Loads and compiles the scene, and prints its warnings and notes.
-fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
+/// Loads a scene with the choices of the command line.
+fn load(args: &RenderArgs) -> Result<SceneFile> {
     let load = args.resources.load_options(args.method.integrator.as_deref());
     let choices = SceneChoices {
         load: LoadOptions {
@@ -299,7 +307,36 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
         size: args.view.size,
         crop: args.crop,
     };
-    let mut file = SceneFile::load(&args.scene, &choices)?;
+    SceneFile::load(&args.scene, &choices)
+}
+
+/// Returns the hash of a scene and its view, and the number of samples per pixel of a render of it.
+///
+/// # Errors
+/// If the scene cannot be loaded, or nothing says how many samples there are.
+pub(super) fn identify(args: &RenderArgs) -> Result<(String, u64)> {
+    let mut file = load(args)?;
+    let warnings = file.take_warnings(args.strict);
+    if args.frames.is_some() {
+        frames::check(&warnings)?;
+    }
+    warn(args, warnings)?;
+    let samples = args.spp.or(file.defaults.samples_per_pixel);
+    let samples = samples.ok_or_else(|| Error::usage("--spp: expected, because the scene has no number"))?;
+    Ok((file.origin().to_string(), samples))
+}
+
+/// Loads and compiles the scene, and prints its warnings and notes.
+fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
+    let mut file = load(args)?;
+    if let Some(expected) = &args.scene_hash {
+        let found = file.origin().to_string();
+        if found != *expected {
+            let message =
+                format!("--scene-hash {expected}: the scene or one of its files has changed, it has {found}");
+            return Err(Error::scene(message).in_file(&args.scene));
+        }
+    }
     let load = file.load_seconds;
     for (option, output) in written(args) {
         if file.files.iter().any(|part| util::is_same_file(part, output)) {

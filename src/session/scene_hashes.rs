@@ -2,6 +2,7 @@
 
 use crate::scene::description::Description;
 use crate::util::digest;
+use std::fmt;
 
 /// The scene and the view of a render, as hashes of their data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +17,12 @@ impl SceneHashes {
     /// The origin of what a sensor of a scene sees.
     pub fn of(description: &Description, sensor: usize) -> Self {
         SceneHashes { scene: scene(description), view: digest(&description.sensors[sensor]) }
+    }
+}
+
+impl fmt::Display for SceneHashes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}{:016x}", self.scene, self.view)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Merging of checkpoints: the sums of several parts of a render become those of the whole render.
 
-use super::{Checkpoint, list};
+use super::{Checkpoint, file, list};
 use crate::error::{Error, Result};
 use crate::integrator::settings::WhenPays;
 use crate::render::{Rendered, StopReason};
@@ -8,39 +8,35 @@ use crate::session::plan::states_variances;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Adds checkpoints of one render, in any order.
+/// Adds checkpoints of one render, in any order. No more than two are in memory.
 ///
 /// # Errors
-/// If they belong to different renders, or two have the same samples.
-pub fn merge(parts: Vec<(PathBuf, Checkpoint)>) -> Result<Checkpoint> {
-    let mut parts = parts;
-    parts.sort_by_key(|(_, part)| part.label.samples.first().map_or(0, |range| range.start));
-    let mut parts = parts.into_iter();
-    let Some((first_path, mut sum)) = parts.next() else {
+/// If a file cannot be read, they belong to different renders, or two have the same samples.
+pub fn merge(paths: &[PathBuf]) -> Result<Checkpoint> {
+    let Some((first_path, others)) = paths.split_first() else {
         return Err(Error::usage("merge: expected files to merge"));
     };
-    let mut held: Vec<(Range<u64>, PathBuf)> =
-        sum.label.samples.iter().map(|range| (range.clone(), first_path.clone())).collect();
-    for (path, part) in parts {
-        comparable(&first_path, &sum, &path, &part)?;
-        for range in &part.label.samples {
-            if let Some((other, file)) = held.iter().find(|(r, _)| r.start < range.end && range.start < r.end)
+    let mut sum = file::load(first_path)?;
+    let held = |part: &Checkpoint, path: &Path| {
+        part.label.samples.iter().map(|range| (range.clone(), path.to_owned())).collect::<Vec<_>>()
+    };
+    let mut all: Vec<(Range<u64>, PathBuf)> = held(&sum, first_path);
+    for path in others {
+        let part = file::load(path)?;
+        comparable(first_path, &sum, path, &part)?;
+        let new = held(&part, path);
+        for (range, _) in &new {
+            if let Some((other, file)) = all.iter().find(|(r, _)| r.start < range.end && range.start < r.end)
             {
-                return Err(refuse(
-                    &path,
-                    &format!(
-                        "has the samples {}; {} also has {}",
-                        list(std::slice::from_ref(range)),
-                        file.display(),
-                        list(std::slice::from_ref(other))
-                    ),
-                ));
+                let [ours, theirs] = [range, other].map(|range| list(std::slice::from_ref(range)));
+                let why = format!("has the samples {ours}; {} also has {theirs}", file.display());
+                return Err(refuse(path, &why));
             }
         }
-        held.extend(part.label.samples.iter().map(|range| (range.clone(), path.clone())));
+        all.extend(new);
         add(&mut sum, part);
     }
-    sum.label.samples = joined(held.into_iter().map(|(range, _)| range).collect());
+    sum.label.samples = joined(all.into_iter().map(|(range, _)| range).collect());
     let end = sum.label.samples.last().map_or(0, |range| range.end);
     (sum.state.next, sum.state.pass_end) = (end, end);
     Ok(sum)

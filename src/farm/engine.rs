@@ -1,0 +1,156 @@
+//! The engines and their scripts.
+
+use super::{Farm, Line};
+use crate::error::Result;
+use serde_json::json;
+
+/// A program that runs jobs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Engine {
+    /// Slurm: an array of jobs, and a job that merges after them.
+    Slurm,
+    /// GNU parallel, on this machine or others.
+    Parallel,
+    /// A job template of Open Job Description.
+    OpenJd,
+    /// make.
+    Make,
+}
+
+/// The greatest number of jobs in an array. Slurm allows indices up to 1000 unless it is configured otherwise. A job
+/// runs several tasks if there are more.
+const LARGEST_ARRAY: usize = 1000;
+/// The number of times that a failed task is started again.
+const RETRIES: u32 = 3;
+
+impl Engine {
+    /// The engines by name.
+    pub const NAMES: [(&str, Engine); 4] = [
+        ("slurm", Engine::Slurm),
+        ("parallel", Engine::Parallel),
+        ("openjd", Engine::OpenJd),
+        ("make", Engine::Make),
+    ];
+
+    /// Returns the command that starts the tasks in a folder, whose name has quotes where a shell needs them.
+    pub(super) fn start(self, folder: &str) -> String {
+        match self {
+            Engine::Slurm => format!("sh {folder}/submit.sh"),
+            Engine::Parallel => format!("sh {folder}/run.sh"),
+            Engine::OpenJd => format!("openjd run {folder}/template.json"),
+            Engine::Make => format!("make -C {folder}"),
+        }
+    }
+
+    /// Returns the names and contents of the scripts. They run in the directory in which the plan was made.
+    pub(super) fn scripts(self, farm: &Farm) -> Result<Vec<(&'static str, String)>> {
+        let back = farm.back()?;
+        let [tasks, merges] = [Farm::TASKS, Farm::MERGES];
+        // The folder of the script, and the directory from which files are named.
+        let places = format!("cd \"$(dirname \"$0\")\"\nfolder=$PWD\ncd {back}\n");
+        Ok(match self {
+            Engine::Slurm => {
+                let count = farm.task_count();
+                let array = count.min(LARGEST_ARRAY);
+                let submit = format!(
+                    "#!/bin/sh\n# Submits the tasks, and the merges after them. Arguments are passed to sbatch, such \
+                     as --partition.\nset -e\n{places}export BUFFON_FOLDER=\"$folder\"\nmkdir -p \
+                     \"$folder/logs\"\ntasks=$(sbatch --parsable --output=\"$folder/logs/%a.log\" \"$@\" \
+                     \"$folder/tasks.sbatch\")\nsbatch --dependency=afterok:\"$tasks\" --kill-on-invalid-dep=yes \
+                     --output=\"$folder/logs/merge.log\" \"$@\" \"$folder/merge.sbatch\"\n"
+                );
+                let job = format!(
+                    "#!/bin/bash\n#SBATCH --job-name=buffon\n#SBATCH --array=1-{array}\n#SBATCH --requeue\n#SBATCH \
+                     --open-mode=append\nfor ((i = SLURM_ARRAY_TASK_ID; i <= {count}; i += {array})); do\n    if ! eval \
+                     \"$(sed -n \"${{i}}p\" \"$BUFFON_FOLDER/{tasks}\")\"; then\n        # A task goes on from its \
+                     checkpoint.\n        if [ \"${{SLURM_RESTART_COUNT:-0}}\" -lt {RETRIES} ]; then\n            \
+                     scontrol requeue \"$SLURM_JOB_ID\"\n            sleep 60\n        fi\n        exit 1\n    \
+                     fi\ndone\n"
+                );
+                let merge = format!(
+                    "#!/bin/bash\n#SBATCH --job-name=buffon-merge\nset -e\nwhile read -r line; do\n    eval \
+                     \"$line\"\ndone < \"$BUFFON_FOLDER/{merges}\"\n"
+                );
+                vec![("submit.sh", submit), ("tasks.sbatch", job), ("merge.sbatch", merge)]
+            }
+            Engine::Parallel => {
+                let run = format!(
+                    "#!/bin/sh\n# Runs the tasks, and the merges after them. Arguments are passed to parallel, such as \
+                     --sshlogin.\nset -e\n{places}parallel --jobs 1 --retries {RETRIES} \"$@\" < \
+                     \"$folder/{tasks}\"\nparallel --jobs 1 < \"$folder/{merges}\"\n"
+                );
+                vec![("run.sh", run)]
+            }
+            Engine::OpenJd => vec![("template.json", template(farm, &back))],
+            Engine::Make => vec![("Makefile", makefile(farm, &back)?)],
+        })
+    }
+}
+
+/// Returns a job template: https://github.com/OpenJobDescription/openjd-specifications, version 2023-09.
+fn template(farm: &Farm, back: &str) -> String {
+    let folder = "{{Param.Folder}}";
+    let action = |list: &str, line: &str| {
+        let script = format!(
+            "cd \"$0\"/{back} && BUFFON=\"$1\" && sed -n \"$2\" \"$3\" | while read -r line; do eval \"$line\" \
+             || exit 1; done"
+        );
+        let list = format!("{folder}/{list}");
+        json!({ "actions": { "onRun": {
+            "command": "bash",
+            "args": ["-o", "pipefail", "-c", script, folder, "{{Param.Buffon}}", line, list],
+        } } })
+    };
+    let range = format!("1-{}", farm.task_count());
+    let template = json!({
+        "specificationVersion": "jobtemplate-2023-09",
+        "name": "buffon",
+        "parameterDefinitions": [
+            { "name": "Buffon", "type": "STRING", "default": "buffon", "description": "The program" },
+            { "name": "Folder", "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "INOUT", "default": ".",
+              "description": "The folder of the plan" },
+        ],
+        "steps": [
+            {
+                "name": "Render",
+                "parameterSpace": {
+                    "taskParameterDefinitions": [{ "name": "Task", "type": "INT", "range": range }],
+                },
+                "script": action(Farm::TASKS, "{{Task.Param.Task}}p"),
+            },
+            {
+                "name": "Merge",
+                "dependencies": [{ "dependsOn": "Render" }],
+                "script": action(Farm::MERGES, "p"),
+            },
+        ],
+    });
+    format!("{template:#}\n")
+}
+
+/// Returns a makefile. A checkpoint exists before its task is complete, so another file says that it is.
+fn makefile(farm: &Farm, back: &str) -> Result<String> {
+    let (tasks, merges) = (farm.task_lines()?, farm.merge_lines()?);
+    let inside = |line: &Line| {
+        let path = line.done.strip_prefix(&farm.folder).unwrap_or(&line.done);
+        path.to_string_lossy().into_owned()
+    };
+    let escaped = |text: &str| text.replace('$', "$$");
+    let rule = |line: &Line, needs: &str, then: &str| {
+        let target = inside(line);
+        format!("{target}:{needs}\n\tcd {} && \"$(BUFFON)\" {}{then}\n", escaped(back), escaped(&line.text))
+    };
+    let targets = |lines: &[Line]| lines.iter().map(|line| format!(" {}", inside(line))).collect::<String>();
+    let mut text = format!("BUFFON ?= buffon\n\nall:{}\n\n.PHONY: all\n\n", targets(&merges));
+    let mut first = 0;
+    for (image, merge) in farm.images.iter().zip(&merges) {
+        let count = super::ranges(image.samples, farm.tasks).len();
+        let of_image = &tasks[first..first + count];
+        text += &rule(merge, &targets(of_image), "");
+        for task in of_image {
+            text += &rule(task, "", "\n\ttouch $@");
+        }
+        first += count;
+    }
+    Ok(text)
+}
