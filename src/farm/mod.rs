@@ -150,7 +150,8 @@ const PROGRAM: &str = "\"${BUFFON:-buffon}\"";
 fn ranges(samples: u64, tasks: u64) -> Vec<Range<u64>> {
     let pairs = samples.div_ceil(2);
     let tasks = tasks.min(pairs);
-    let end = |i: u64| ((u128::from(pairs) * u128::from(i) / u128::from(tasks)) as u64 * 2).min(samples);
+    let wide = u128::from;
+    let end = |i: u64| (wide(pairs) * wide(i) / wide(tasks) * 2).min(wide(samples)) as u64;
     (0..tasks).map(|i| end(i)..end(i + 1)).collect()
 }
 
