@@ -4,19 +4,29 @@ use crate::support::cli::{Folder, SCENE, program};
 use std::path::Path;
 use std::process::Command;
 
-/// An sbatch that runs the jobs at once: every index of an array, and again if the job asks for it. As with Slurm, a
-/// script does not know its own folder.
+/// An sbatch that runs the jobs at once, every index of an array, and once more if the job asks for it.
 const SBATCH: &str = r#"#!/bin/bash
-for last; do :; done
-array=$(sed -n 's/^#SBATCH --array=//p' "$last")
-copy=$(mktemp)
-cp "$last" "$copy"
-for i in $(seq "${array%-*}" "${array#*-}"); do
-    SLURM_JOB_ID=$i SLURM_ARRAY_TASK_ID=$i SLURM_RESTART_COUNT=3 bash "$copy" || exit 1
-done
-[ -n "$array" ] || bash "$copy" || exit 1
+for script; do :; done
+export SLURM_JOB_ID=17
+run() {
+    SLURM_RESTART_COUNT=0 bash "$script" && return
+    [ -e requeued ] && rm requeued && SLURM_RESTART_COUNT=1 bash "$script"
+}
+array=$(sed -n 's/^#SBATCH --array=1-//p' "$script")
+if [ -z "$array" ]; then
+    run || exit 1
+else
+    for ((i = 1; i <= array; i++)); do
+        export SLURM_ARRAY_TASK_ID=$i
+        run || exit 1
+    done
+fi
 echo 17
 "#;
+/// A scontrol that remembers that a job asked to run again. A job that sleeps after this would be killed, so `sleep` ends
+/// at once.
+const SCONTROL: &str = "#!/bin/sh\n[ \"$*\" = 'requeue 17' ] && touch requeued\n";
+const SLEEP: &str = "#!/bin/sh\n";
 /// A parallel that runs one line after the other.
 const PARALLEL: &str = "#!/bin/sh\nwhile read -r line; do sh -c \"$line\" < /dev/null || exit 1; done\n";
 
@@ -24,7 +34,8 @@ const PARALLEL: &str = "#!/bin/sh\nwhile read -r line; do sh -c \"$line\" < /dev
 fn shell(folder: &Folder, script: &str) -> Command {
     let tools = folder.path("tools");
     std::fs::create_dir_all(&tools).expect("a folder");
-    for (name, text) in [("sbatch", SBATCH), ("parallel", PARALLEL)] {
+    for (name, text) in [("sbatch", SBATCH), ("scontrol", SCONTROL), ("sleep", SLEEP), ("parallel", PARALLEL)]
+    {
         let file = tools.join(name);
         std::fs::write(&file, text).expect("a script");
         let allowed = Command::new("chmod").arg("+x").arg(&file).status().expect("chmod starts");
@@ -125,6 +136,23 @@ fn a_task_refuses_another_scene() {
         let text = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(3) && text.contains("has changed"), "{output:?}");
     }
+}
+
+/// A Slurm job whose task was killed asks to run again. One whose task fails for good does not.
+#[test]
+fn a_slurm_job_repeats_what_was_killed_and_nothing_else() {
+    let folder = Folder::new();
+    let once = "#!/bin/sh\n[ -e died ] || { touch died; kill -KILL $$; }\nexec \"$REAL\" \"$@\"\n";
+    folder.write("once", once.as_bytes());
+    let submit = "chmod +x once; REAL=$BUFFON BUFFON=./once sh farm/submit.sh";
+    let plan = folder.run("plan s.xml --engine slurm --tasks 2 --dir farm");
+    assert_eq!(plan.code, 0, "{plan:?}");
+    run(&folder, submit);
+    assert!(folder.path("died").exists() && folder.path("farm/images/s.exr").exists());
+    folder.write("s.xml", SCENE.replace("0.5,0.4,0.3", "0.5,0.4,0.2").as_bytes());
+    let output = shell(&folder, submit).output().expect("bash starts");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && text.matches("has changed").count() == 1, "{output:?}");
 }
 
 #[test]

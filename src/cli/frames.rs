@@ -6,9 +6,9 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The parameter of the scene that is the number of the frame.
-const PARAMETER: &str = "frame";
+pub const PARAMETER: &str = "frame";
 /// The digits of the number in the default name of an image.
-const DIGITS: usize = 4;
+pub const DIGITS: usize = 4;
 
 /// Returns the options of each frame, in order.
 ///
@@ -48,11 +48,6 @@ pub fn of(args: &RenderArgs, frames: Range<u64>, default_output: &Path) -> Resul
 /// Returns the definition of the scene's parameter for a frame.
 pub fn parameter(frame: u64) -> (String, String) {
     (PARAMETER.into(), frame.to_string())
-}
-
-/// Returns that definition as the value of `-D`.
-pub fn definition(frame: u64) -> String {
-    format!("{PARAMETER}={frame}")
 }
 
 /// Checks that the frames of a scene differ, given the warnings of its loader.

@@ -15,8 +15,8 @@ use std::path::PathBuf;
 /// started again, it goes on from there. It refuses a scene that has changed since the plan. When all tasks are done,
 /// the checkpoints are merged. The images have the same bits as those of one render.
 ///
-/// The scripts name files as this command does, so all machines need the current directory, in the same place relative
-/// to the folder of the plan.
+/// The scripts name files relative to the directory in which this command runs. All machines need that directory and
+/// the folder of the plan in a shared file system.
 #[derive(Clone, Debug, Args)]
 pub struct PlanArgs {
     /// The scenes
@@ -85,10 +85,10 @@ fn split(render: &RenderArgs, options: &[String]) -> Result<Vec<SplitImage>> {
     let stem = render.scene.file_stem().unwrap_or(render.scene.as_os_str()).to_string_lossy();
     let stem: String =
         stem.chars().map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect();
-    let image = |render: &RenderArgs, name: String, frame: Option<u64>| {
+    let image = |render: &RenderArgs, name: String, definition: Option<String>| {
         let mut arguments = vec![render.scene.to_string_lossy().into_owned()];
         arguments.extend(without_frames(options));
-        arguments.extend(frame.into_iter().flat_map(|frame| [String::from("-D"), frames::definition(frame)]));
+        arguments.extend(definition.into_iter().flat_map(|definition| ["-D".into(), definition]));
         let (hash, samples) = super::render::identify(render)?;
         if render.spp.is_none() {
             arguments.extend(["--spp".into(), samples.to_string()]);
@@ -100,8 +100,10 @@ fn split(render: &RenderArgs, options: &[String]) -> Result<Vec<SplitImage>> {
         Some(range) => range
             .map(|frame| {
                 let mut render = render.clone();
-                render.resources.define.push(frames::parameter(frame));
-                image(&render, format!("{stem}.{frame:04}"), Some(frame))
+                let (name, value) = frames::parameter(frame);
+                let definition = format!("{name}={value}");
+                render.resources.define.push((name, value));
+                image(&render, format!("{stem}.{frame:0width$}", width = frames::DIGITS), Some(definition))
             })
             .collect(),
     }
@@ -141,7 +143,7 @@ fn refuse(render: &RenderArgs) -> Result<()> {
     match given.into_iter().find(|(_, given)| *given) {
         Some((option, _)) => Err(Error::usage(format!("{option}: a plan has no such option for its tasks"))),
         None if render.frames.is_some()
-            && render.resources.define.iter().any(|(name, _)| name == "frame") =>
+            && render.resources.define.iter().any(|(name, _)| name == frames::PARAMETER) =>
         {
             Err(Error::usage("-D frame: --frames sets it"))
         }

@@ -45,42 +45,25 @@ impl Engine {
     /// Returns the names and contents of the scripts. They run in the directory in which the plan was made.
     pub(super) fn scripts(self, farm: &Farm) -> Result<Vec<(&'static str, String)>> {
         let back = farm.back()?;
-        let [tasks, merges] = [Farm::TASKS, Farm::MERGES];
-        // The folder of the script, and the directory from which files are named.
-        let places = format!("cd \"$(dirname \"$0\")\"\nfolder=$PWD\ncd {back}\n");
+        let count = farm.task_count();
+        let values = [
+            ("@BACK@", back.clone()),
+            ("@TASKS@", Farm::TASKS.into()),
+            ("@MERGES@", Farm::MERGES.into()),
+            ("@COUNT@", count.to_string()),
+            ("@ARRAY@", count.min(LARGEST_ARRAY).to_string()),
+            ("@RETRIES@", RETRIES.to_string()),
+        ];
+        let filled = |script: &str| {
+            values.iter().rev().fold(script.to_owned(), |text, (name, value)| text.replace(name, value))
+        };
         Ok(match self {
-            Engine::Slurm => {
-                let count = farm.task_count();
-                let array = count.min(LARGEST_ARRAY);
-                let submit = format!(
-                    "#!/bin/sh\n# Submits the tasks, and the merges after them. Arguments are passed to sbatch, such \
-                     as --partition.\nset -e\n{places}export BUFFON_FOLDER=\"$folder\"\nmkdir -p \
-                     \"$folder/logs\"\ntasks=$(sbatch --parsable --output=\"$folder/logs/%a.log\" \"$@\" \
-                     \"$folder/tasks.sbatch\")\nsbatch --dependency=afterok:\"$tasks\" --kill-on-invalid-dep=yes \
-                     --output=\"$folder/logs/merge.log\" \"$@\" \"$folder/merge.sbatch\"\n"
-                );
-                let job = format!(
-                    "#!/bin/bash\n#SBATCH --job-name=buffon\n#SBATCH --array=1-{array}\n#SBATCH --requeue\n#SBATCH \
-                     --open-mode=append\nfor ((i = SLURM_ARRAY_TASK_ID; i <= {count}; i += {array})); do\n    if ! eval \
-                     \"$(sed -n \"${{i}}p\" \"$BUFFON_FOLDER/{tasks}\")\"; then\n        # A task goes on from its \
-                     checkpoint.\n        if [ \"${{SLURM_RESTART_COUNT:-0}}\" -lt {RETRIES} ]; then\n            \
-                     scontrol requeue \"$SLURM_JOB_ID\"\n            sleep 60\n        fi\n        exit 1\n    \
-                     fi\ndone\n"
-                );
-                let merge = format!(
-                    "#!/bin/bash\n#SBATCH --job-name=buffon-merge\nset -e\nwhile read -r line; do\n    eval \
-                     \"$line\"\ndone < \"$BUFFON_FOLDER/{merges}\"\n"
-                );
-                vec![("submit.sh", submit), ("tasks.sbatch", job), ("merge.sbatch", merge)]
-            }
-            Engine::Parallel => {
-                let run = format!(
-                    "#!/bin/sh\n# Runs the tasks, and the merges after them. Arguments are passed to parallel, such as \
-                     --sshlogin.\nset -e\n{places}parallel --jobs 1 --retries {RETRIES} \"$@\" < \
-                     \"$folder/{tasks}\"\nparallel --jobs 1 < \"$folder/{merges}\"\n"
-                );
-                vec![("run.sh", run)]
-            }
+            Engine::Slurm => vec![
+                ("submit.sh", filled(include_str!("scripts/submit.sh"))),
+                ("tasks.sbatch", filled(include_str!("scripts/tasks.sbatch"))),
+                ("merge.sbatch", filled(include_str!("scripts/merge.sbatch"))),
+            ],
+            Engine::Parallel => vec![("run.sh", filled(include_str!("scripts/run.sh")))],
             Engine::OpenJd => vec![("template.json", template(farm, &back))],
             Engine::Make => vec![("Makefile", makefile(farm, &back)?)],
         })

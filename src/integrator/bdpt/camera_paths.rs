@@ -1,6 +1,6 @@
 //! Camera subpaths, and the light that they find.
 
-use super::light_paths::{LightPaths, start_pmf};
+use super::light_paths::{LightPaths, typical_start_density};
 use super::merging::Merging;
 use super::technique::Techniques;
 use super::weights::{Merged, Partial, Start};
@@ -159,7 +159,8 @@ impl CameraPaths<'_> {
     /// sampling from the point `from`.
     fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
         let (scene, i) = (self.scene, emitter.index());
-        let (sampled, started) = (scene.light_selection.pmf(i, from), start_pmf(scene, self.guide, i));
+        let (sampled, started) =
+            (scene.light_selection.pmf(i, from), typical_start_density(scene, self.guide, i));
         Start::new(&scene.lights[i], d, cosine, sampled, started)
     }
 

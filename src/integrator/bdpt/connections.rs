@@ -1,7 +1,7 @@
 //! Connections of the vertices of camera paths with emitters and with the vertices of light paths.
 
 use super::camera_paths::{CameraPaths, CameraVertices};
-use super::light_paths::{StoredVertex, start_pmf};
+use super::light_paths::{StoredVertex, typical_start_density};
 use super::weights::{self, End, Start};
 use crate::bsdf::lanes::{eval_x16, pdf_adjoint_x16};
 use crate::color::Rgb;
@@ -38,7 +38,7 @@ impl CameraPaths<'_> {
         let (pmf, pdf) = (choice.pmf.to_array(), scattered.pdf.to_array());
         let weights = each_active(lanes, |i| {
             let light = &scene.lights[choice.emitters[i]];
-            let started = start_pmf(scene, self.guide, choice.emitters[i]);
+            let started = typical_start_density(scene, self.guide, choice.emitters[i]);
             let start = Start::new(light, directions.lane(i), emitted[i], pmf[i], started);
             let (distance2, cos) = (f64::from(distance2[i]), f64::from(cosines[i]));
             let weight =

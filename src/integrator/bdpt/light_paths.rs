@@ -243,7 +243,7 @@ fn scatter(
 
 /// Returns the probability with which a light path starts at an emitter, times the typical density of its starts that
 /// bring light, relative to uniform random numbers.
-pub fn start_pmf(scene: &Scene, guide: Option<&EmissionGuide>, emitter: usize) -> f32 {
+pub fn typical_start_density(scene: &Scene, guide: Option<&EmissionGuide>, emitter: usize) -> f32 {
     guide.map_or_else(|| scene.light_choice.pmf(emitter), |guide| guide.typical_density(emitter))
 }
 
@@ -260,7 +260,8 @@ fn start(
     let mut subpaths = Vec::with_capacity(keys.len());
     for (i, key) in keys.iter().enumerate() {
         let Some((emitter, light)) = numbers.start(scene, guide, i) else { continue };
-        let (source, started) = (&scene.lights[emitter.index()], start_pmf(scene, guide, emitter.index()));
+        let (source, started) =
+            (&scene.lights[emitter.index()], typical_start_density(scene, guide, emitter.index()));
         let start = Start::new(source, light.ray.d, light.cosine, 1.0, started);
         if caustics && start.delta {
             continue;

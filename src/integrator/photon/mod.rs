@@ -22,7 +22,7 @@ pub mod visible_surfaces;
 pub use cast::{LightPathTracer, PathLimit, PathSequence, TracedPaths};
 pub use density::{DensityEstimator, Irradiance, LookupPoint, Sides};
 pub use grid::{GridPhoton, PhotonGrid, PhotonSurface, Positioned};
-pub use guide::{EmissionGuide, PILOT};
+pub use guide::EmissionGuide;
 pub use irradiance::IrradianceMap;
 pub use kernel::Kernel;
 pub use map::PhotonMap;

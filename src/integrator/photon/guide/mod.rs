@@ -20,8 +20,6 @@ use crate::math::Vec2;
 use crate::sampling::{Distribution1D, Distribution2D, SampleKey};
 use crate::scene::Scene;
 
-/// The number of light paths of a pilot.
-pub const PILOT: PathLimit = PathLimit { paths: 1 << 17, kept: None };
 /// The number of paths whose random numbers are drawn together.
 const CHUNK: usize = 2048;
 /// The stream of the pilot's random numbers. Photons have even streams.
@@ -44,6 +42,9 @@ pub struct EmissionGuide {
 type EmissionDensities = [Option<Distribution2D>; 2];
 
 impl EmissionGuide {
+    /// The number of light paths from which a guide is learned, unless a caller needs fewer.
+    pub const PILOT: PathLimit = PathLimit { paths: 1 << 17, kept: None };
+
     /// Returns the guide that starts paths in proportion to the emitters' power.
     pub fn uniform(scene: &Scene) -> Self {
         let lights = scene.lights.iter().map(|_| [None, None]).collect();
@@ -60,7 +61,14 @@ impl EmissionGuide {
         let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
         let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
         let paths = PhotonPaths::scattered(limits);
-        Self::learn(&tracer, &paths, PILOT, seed, |_| true, |deposit: &Deposit| visible.contains(deposit.p))
+        Self::learn(
+            &tracer,
+            &paths,
+            Self::PILOT,
+            seed,
+            |_| true,
+            |deposit: &Deposit| visible.contains(deposit.p),
+        )
     }
 
     /// Learns which starts from the emitters selected by `emitter` contribute power to the deposits selected by

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::integrator::photon::boundary::Boundary;
 use crate::integrator::photon::file::{self, MapKind, MapLabel, MapOrigin};
 use crate::integrator::photon::{
-    DensityEstimator, EmissionGuide, IrradianceMap, LightPathTracer, PILOT, PathLimit, PathSequence, Photon,
+    DensityEstimator, EmissionGuide, IrradianceMap, LightPathTracer, PathLimit, PathSequence, Photon,
     PhotonMap, PhotonPaths,
 };
 
@@ -250,7 +250,9 @@ fn cast(
         // Objects that cause caustics often subtend a small solid angle at the emitters, so emission is guided.
         let guide = match light {
             MapKind::Global => None,
-            MapKind::Caustic => EmissionGuide::learn(&plain, &paths, PILOT, seed, |_| true, |_| true),
+            MapKind::Caustic => {
+                EmissionGuide::learn(&plain, &paths, EmissionGuide::PILOT, seed, |_| true, |_| true)
+            }
         };
         let tracer = LightPathTracer { guide: guide.as_ref(), ..plain };
         let replicates = sampler.replicates();
