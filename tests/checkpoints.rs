@@ -143,7 +143,7 @@ fn a_resumed_render_is_the_uninterrupted_one() {
 fn a_resumed_render_keeps_its_distribution_of_samples() {
     let folder = Folder::of_scene("speed", "boards.xml");
     let adaptive = |options: &str| {
-        folder.render(&format!("s.xml --size 96x72 -q -o r.exr --checkpoint c --stats s.json {options}"));
+        folder.render(&format!("s.xml --size 200x150 -q -o r.exr --checkpoint c --stats s.json {options}"));
         let stats: serde_json::Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
         stats["adaptive"].as_bool().expect("a truth value")
     };
@@ -152,7 +152,7 @@ fn a_resumed_render_keeps_its_distribution_of_samples() {
     std::fs::remove_file(folder.path("c")).expect("the file is there");
     assert!(adaptive("--spp 24"));
     assert!(adaptive("--spp 40 --time 100s --resume"));
-    folder.render("s.xml --size 96x72 -q -o whole.exr --spp 40");
+    folder.render("s.xml --size 200x150 -q -o whole.exr --spp 40");
     let [whole, resumed] = ["whole.exr", "r.exr"].map(|f| buffon::image::read(&folder.path(f)).unwrap());
     assert_eq!(whole.data, resumed.data);
 }

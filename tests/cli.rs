@@ -53,9 +53,9 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         ),
         ("render s.xml --sensor 3", 2, "buffon: --sensor 3: the scene has 1 sensor, counted from 0"),
         (
-            "render s.xml --display-server a:1",
+            "render s.xml --display-server a",
             2,
-            "buffon: --display-server: Buffon has no live display; --progress shows where the render stands",
+            "buffon: --display-server a: expected HOST:PORT, such as localhost:14158",
         ),
         (
             "render s.xml -o no/x.exr",

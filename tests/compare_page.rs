@@ -16,7 +16,9 @@ fn a_page_compares_images() {
     let rows: Vec<Vec<&str>> = run.stdout.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!((rows[1][0], rows[2][..2].to_vec()), ("b.exr", vec!["a.exr", "0"]), "{}", run.stdout);
     let page = String::from_utf8(folder.read("page.html")).expect("text");
-    assert_eq!(page.matches("class=\"pixels\"").count(), 3);
+    // Three images, and two maps of FLIP.
+    assert_eq!(page.matches("class=\"pixels\"").count(), 3 + 2);
+    assert!(rows[0].last() == Some(&"FLIP") && rows[2].last() == Some(&"0"), "{}", run.stdout);
     let run = folder.run("compare a.exr b.exr --layer albedo");
     assert_eq!(run.code, 0, "{run:?}");
     assert!(folder.files().contains(&"compare.html".to_owned()));

@@ -59,7 +59,7 @@ fn equal_images_are_the_same_by_every_metric_and_others_are_not() {
     let a = dir.save("a.exr", &flat(0.5, &RGB));
     let b = dir.save("b.exr", &flat(0.51, &RGB));
     let black = dir.save("black.exr", &flat(0.0, &RGB));
-    for metric in ["mean", "mse", "rmse", "psnr", "relmse", "trimmed", "max", "ratio"] {
+    for metric in ["mean", "mse", "rmse", "psnr", "relmse", "trimmed", "max", "ratio", "flip"] {
         assert_eq!(diff(&a, &a, &["--metric", metric]), 0, "{metric}");
         assert_eq!(diff(&black, &black, &["--metric", metric]), 0, "{metric}");
         assert_eq!(diff(&b, &a, &["--metric", metric]), 1, "{metric}");
@@ -82,6 +82,37 @@ fn thresholds_decide() {
         assert_eq!(diff(&a, &r, &["--metric", metric, "--fail", passes]), 0, "{metric}");
         assert_eq!(diff(&a, &r, &["--metric", metric, "--fail", fails, "--json"]), 1, "{metric}");
     }
+}
+
+/// FLIP is that of the picture, at several exposures unless both files are for displays, and has a map.
+#[test]
+fn flip_is_what_is_seen() {
+    let dir = Folder::new();
+    let layers = ["R", "G", "B", "albedo.R", "albedo.G", "albedo.B"];
+    let (mut image, reference) = (flat(0.5, &layers), flat(0.5, &layers));
+    image.pixel_mut(4, 3)[3] = 9.0;
+    let r = dir.save("r.exr", &reference);
+    assert_eq!(diff(&dir.save("albedo.exr", &image), &r, &["--metric", "flip"]), 0);
+    image.pixel_mut(4, 3)[..3].fill(1.0);
+    let (a, map) = (dir.save("a.exr", &image), dir.path("map.exr"));
+    let value = |a: &Path, r: &Path, more: &[&str]| {
+        let found = said(a, r, &[&["--metric", "flip", "--json"], more].concat());
+        let json: serde_json::Value = serde_json::from_str(&found.text).expect("JSON");
+        assert_eq!(json["value"], json["layers"][0]["flip"]);
+        json["value"].as_f64().expect("a number")
+    };
+    let high = value(&a, &r, &["-o", map.to_str().unwrap()]);
+    assert!(read(&map).unwrap().rgb(4, 3)[0] > read(&map).unwrap().rgb(15, 15)[0]);
+    let rgb = |image: &Image| {
+        let mut picture = flat(0.0, &RGB);
+        picture.data.iter_mut().zip(image.data.chunks(6).flat_map(|p| &p[..3])).for_each(|(to, v)| *to = *v);
+        picture
+    };
+    let (a, r) = (dir.save("a.png", &rgb(&image)), dir.save("r.png", &rgb(&reference)));
+    let low = value(&a, &r, &[]);
+    assert!(high > 0.0 && low > 0.0 && (high / low - 1.0).abs() > 0.01, "{high} {low}");
+    assert_eq!(diff(&a, &r, &["--metric", "flip", "--fail", &format!("{}", low * 1.01)]), 0);
+    assert_eq!(diff(&a, &r, &["--metric", "flip", "--fail", &format!("{}", low * 0.99)]), 1);
 }
 
 #[test]

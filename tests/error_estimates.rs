@@ -218,7 +218,7 @@ fn auto_has_rates_where_they_pay() {
         [("speed", "boards.xml"), ("spheres", "spheres.xml")].map(|(t, n)| Folder::of_scene(t, n));
     let render = |folder: &Folder, options: &str| {
         let run =
-            folder.render(&format!("s.xml --size 96x72 --progress none -o r.exr --stats s.json {options}"));
+            folder.render(&format!("s.xml --size 200x150 --progress none -o r.exr --stats s.json {options}"));
         let stats: Json = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
         (stats["adaptive"].as_bool().expect("a truth value"), run.stderr)
     };

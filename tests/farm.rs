@@ -23,8 +23,8 @@ else
 fi
 echo 17
 "#;
-/// A scontrol that remembers that a job asked to run again. A job that sleeps after this would be killed, so `sleep` ends
-/// at once.
+/// A scontrol that remembers that a job asked to run again. A job that sleeps after this would be killed, so `sleep`
+/// ends at once.
 const SCONTROL: &str = "#!/bin/sh\n[ \"$*\" = 'requeue 17' ] && touch requeued\n";
 const SLEEP: &str = "#!/bin/sh\n";
 /// A parallel that runs one line after the other.

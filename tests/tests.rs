@@ -16,6 +16,7 @@ mod curves;
 mod daylight;
 mod determinism;
 mod diff_metrics;
+mod display_server;
 mod distributions;
 #[cfg(feature = "embree")]
 mod embree_ffi;

@@ -54,7 +54,7 @@ pub(super) fn intersect(
 }
 
 /// The relative margin of a test of squared distances in double precision that decides without a division.
-pub(super) const CERTAIN: f64 = 1e-13;
+const CERTAIN: f64 = 1e-13;
 
 /// Returns the parameters at which `f + t·d` has the distance `radius` from the origin, the nearer first.
 /// [Haines, Günther, Akenine-Möller 2019, "Precision Improvements for Ray/Sphere Intersection", Eq. 5 and 10]

@@ -5,8 +5,8 @@
 //! coordinates of the intersection in it. Where the rounding of these could change the result (near an edge, at a
 //! grazing angle, for an origin far outside the scene), the triangles are tested with the watertight test of the
 //! pure-Rust BVH. The list is therefore as watertight as the BVH, and it saves the tree traversal, which costs more
-//! than a few dozen planes. An analytic surface is tested by the code that all back ends share, unless it is certain
-//! that the ray misses it.
+//! than a few dozen planes. Analytic surfaces have the hits of the code that all back ends share, those of spheres and
+//! disks computed in lanes.
 
 use super::assembly::{Assembly, CheckedAssembly};
 use super::geometry::valid_triangle;
@@ -16,7 +16,7 @@ use crate::math::lanes::{LANES, Vec3x16, bits, f32x16};
 use crate::math::robust::gamma;
 use crate::math::{Bounds, Ray, RayX16, Vec3};
 use facet::{FacetResult, HalfFacet, ListFacet, ListTriangle, facet};
-use surface::BoundedSurface;
+use surface::{BoundedSurface, SurfaceHits};
 use wide::{f32x8, i32x8};
 
 mod facet;
@@ -240,11 +240,22 @@ struct RayX8<'a> {
 struct HitX8 {
     /// The distance of the nearest hit; 0 for inactive lanes and for rays that have ended.
     t: f32x8,
-    /// The index of the nearest facet, or [`NOTHING`], or [`EXACT`].
+    /// The index of the nearest facet, that of a surface behind all facets, or [`NOTHING`], or [`EXACT`].
     facet: i32x8,
-    /// The coordinates in the facet.
+    /// The coordinates in the facet or on the surface.
     s: f32x8,
     r: f32x8,
+}
+
+impl HitX8 {
+    /// Replaces the hits of the lanes in a mask by those of the facet or surface `index`. With `ANY`, a hit ends a ray.
+    #[inline(always)]
+    fn set<const ANY: bool>(&mut self, hit: f32x8, index: usize, [t, s, r]: [f32x8; 3]) {
+        self.t = hit.select(if ANY { f32x8::ZERO } else { t }, self.t);
+        self.s = hit.select(s, self.s);
+        self.r = hit.select(r, self.r);
+        self.facet = bytemuck::cast::<f32x8, i32x8>(hit).select(i32x8::splat(index as i32), self.facet);
+    }
 }
 
 /// No hit.
@@ -303,10 +314,7 @@ impl<'a> RayX8<'a> {
         let grazing = slope.abs().simd_lt(self.grazing) & found.t.simd_gt(f32x8::ZERO);
         let hit = ahead & outside.simd_lt(-margin);
         let uncertain = ((ahead & outside.abs().simd_le(margin)) | grazing).to_bitmask();
-        found.t = hit.select(if ANY { f32x8::ZERO } else { t }, found.t);
-        found.s = hit.select(s, found.s);
-        found.r = hit.select(r, found.r);
-        found.facet = bytemuck::cast::<f32x8, i32x8>(hit).select(i32x8::splat(index as i32), found.facet);
+        found.set::<ANY>(hit, index, [t, s, r]);
         if uncertain == 0 {
             return found;
         }
@@ -315,19 +323,27 @@ impl<'a> RayX8<'a> {
         })
     }
 
-    /// Tests an analytic surface for the rays that may hit it.
+    /// Tests an analytic surface for the rays that may hit it; `index` counts from the facets on.
     #[inline(always)]
     fn test_surface<const ANY: bool>(
         &self,
         surface: &BoundedSurface,
-        found: HitX8,
+        index: usize,
+        mut found: HitX8,
         exact: &mut ExactHits,
     ) -> HitX8 {
-        let candidates = surface.candidates(self, found.t);
-        if candidates == 0 {
-            return found;
+        match surface.hits(self, found.t) {
+            None => found,
+            Some(SurfaceHits::Lanes { hit, t, u, v }) => {
+                found.set::<ANY>(hit, index, [t, u, v]);
+                found
+            }
+            Some(SurfaceHits::Candidates(lanes)) => {
+                self.test_exactly::<ANY>(lanes, found, exact, |ray, nearest| {
+                    nearest.test_surface(ray, surface)
+                })
+            }
         }
-        self.test_exactly::<ANY>(candidates, found, exact, |ray, nearest| nearest.test_surface(ray, surface))
     }
 
     /// Tests the selected lanes one by one. `found` is copied to arrays and back here, so that it has no address
@@ -355,8 +371,8 @@ impl<'a> RayX8<'a> {
         for (i, facet) in single.iter().enumerate() {
             found = self.test::<true, ANY>(facet, quads.len() + i, found, exact);
         }
-        for surface in &list.surfaces {
-            found = self.test_surface::<ANY>(surface, found, exact);
+        for (i, surface) in list.surfaces.iter().enumerate() {
+            found = self.test_surface::<ANY>(surface, list.facets.len() + i, found, exact);
         }
         found
     }
@@ -390,11 +406,14 @@ impl List {
             EXACT => return exact[lane],
             i => i as usize,
         };
-        let (s, r) = (found.s.as_array()[lane], found.r.as_array()[lane]);
+        let (t, s, r) = (found.t.as_array()[lane], found.s.as_array()[lane], found.r.as_array()[lane]);
+        if let Some(BoundedSurface { geometry, .. }) = self.surfaces.get(i.wrapping_sub(self.facets.len())) {
+            return Some(Hit { t, u: s, v: r, geometry: *geometry, primitive: 0, instance: NO_INSTANCE });
+        }
         let HalfFacet { triangle, u, v } =
             &self.facets[i].halves[usize::from(i < self.quads && s + r >= 0.0)];
         Some(Hit {
-            t: found.t.as_array()[lane],
+            t,
             u: (u[0] + u[1] * s + u[2] * r).max(0.0),
             v: (v[0] + v[1] * s + v[2] * r).max(0.0),
             geometry: triangle.geometry,

@@ -1,9 +1,9 @@
 //! `buffon compare`: a page with images beside each other.
 
 use super::convert::read_layer;
-use crate::compare::compare;
+use crate::compare::{DynamicRange, compare, flip};
 use crate::error::{Error, Kind, Result};
-use crate::image::Image;
+use crate::image::{Image, has_high_range};
 use crate::report::{Align, MOST_PIXELS, Page, Table, Viewer, exposure_of, number};
 use crate::util;
 use clap::Args;
@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// Make a page that shows images beside each other.
 ///
 /// The page is one file. Any two of the images, or of their errors relative to the first one, are shown with a divider
-/// between them, with exposure, zoom and the values of pixels. A table has the errors.
+/// between them, with exposure, zoom and the values of pixels. A table has the errors, and maps show FLIP: what a
+/// viewer sees when an image and the first one alternate.
 #[derive(Clone, Debug, Args)]
 pub struct CompareArgs {
     /// The reference, and the images to compare with it, all of the same size
@@ -39,9 +40,20 @@ pub fn run(args: &CompareArgs) -> Result<u8> {
     util::check_replaceable(&args.output)?;
     let read = |path: &PathBuf| Ok((path.display().to_string(), read_layer(path, args.layer.as_deref())?));
     let images: Vec<(String, Image)> = args.images.iter().map(read).collect::<Result<_>>()?;
-    let errors = errors(&images)?;
+    let flip = flip_maps(&args.images, &images)?;
+    let errors = errors(&images, &flip)?;
     let mut page = Page::new(images.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", "));
     page.section("Side by side", viewer(&images)?.html()?);
+    let pixels = |images: &[(String, Image)]| images.iter().map(|(_, i)| i.width * i.height).sum::<usize>();
+    if !flip.is_empty() && pixels(&images) + pixels(&flip) <= MOST_PIXELS {
+        let maps = Viewer {
+            title: format!("from 0 (black) to 1 (white), relative to {}", images[0].0),
+            images: flip.iter().map(|(name, map)| (name.clone(), map)).collect(),
+            right: flip.len() - 1,
+            ..Viewer::default()
+        };
+        page.section("FLIP", maps.html()?);
+    }
     page.section("Errors", errors.html());
     page.circumstances();
     page.write(&args.output)?;
@@ -67,16 +79,39 @@ fn viewer(images: &[(String, Image)]) -> Result<Viewer<'_>> {
     })
 }
 
-/// Returns the errors of all images but the first, relative to that one.
-fn errors(images: &[(String, Image)]) -> Result<Table> {
-    let figures = ["relMSE", "trimmed", "PSNR", "mean difference", "ratio of means", "largest difference"];
+/// Returns maps of FLIP of all images but the first, relative to that one; none if they are not pictures.
+fn flip_maps(files: &[PathBuf], images: &[(String, Image)]) -> Result<Vec<(String, Image)>> {
+    let mut range = DynamicRange::Low;
+    for file in files {
+        if has_high_range(file)? {
+            range = DynamicRange::High;
+        }
+    }
+    let (_, reference) = &images[0];
+    let map = |(name, image): &(String, Image)| {
+        let errors = flip(image, reference, range).ok()?;
+        let map = Image { data: errors, ..Image::new(image.width, image.height, &["Y"]) };
+        Some((name.clone(), map))
+    };
+    Ok(images[1..].iter().map(map).collect::<Option<Vec<_>>>().unwrap_or_default())
+}
+
+/// Returns the errors of all images but the first, relative to that one. `flip` are their maps of FLIP, if there are
+/// any.
+fn errors(images: &[(String, Image)], flip: &[(String, Image)]) -> Result<Table> {
+    let figures =
+        ["relMSE", "trimmed", "PSNR", "mean difference", "ratio of means", "largest difference", "FLIP"];
     let columns = figures.map(|title| (title, Align::Right));
     let mut table = Table::new([("image", Align::Left)].into_iter().chain(columns));
     let (_, reference) = &images[0];
-    for (name, image) in &images[1..] {
+    for (i, (name, image)) in images[1..].iter().enumerate() {
         let comparison = compare(image, reference).map_err(|why| {
             Error::new(Kind::Scene, format!("not comparable with {}: {why}", images[0].0)).about(name)
         })?;
+        let mean = |(_, map): &(String, Image)| {
+            number(map.data.iter().map(|v| f64::from(*v)).sum::<f64>() / map.data.len() as f64)
+        };
+        let flip = flip.get(i).map_or_else(|| "–".to_owned(), mean);
         for layer in comparison.layers.iter().take(1) {
             let figures = [
                 layer.relmse,
@@ -86,7 +121,7 @@ fn errors(images: &[(String, Image)]) -> Result<Table> {
                 layer.mean_ratio,
                 layer.max,
             ];
-            table.row(std::iter::once(name.clone()).chain(figures.map(number)));
+            table.row([name.clone()].into_iter().chain(figures.map(number)).chain([flip.clone()]));
         }
     }
     Ok(table)

@@ -7,11 +7,11 @@ use clap::{Args, ValueEnum};
 use serde_json::{Value as Json, json};
 
 use crate::compare::{
-    Comparison, ErrorKind, HeatScale, Invalid, LayerComparison, NotComparable, ZTest, compare, error_map,
-    heat, z_test,
+    Comparison, DynamicRange, ErrorKind, HeatScale, Invalid, LayerComparison, NotComparable, ZTest, compare,
+    error_map, flip, heat, z_test,
 };
 use crate::error::{Error, Result};
-use crate::image::{Image, WriteOptions, check_output, read, write};
+use crate::image::{Image, WriteOptions, check_output, has_high_range, read, write};
 use crate::util::is_same_file;
 
 /// The exit code for images that are equal within the threshold.
@@ -32,7 +32,7 @@ pub struct DiffArgs {
     /// The reference
     pub b: PathBuf,
     /// Write a false-colour image of the error (.exr, .png, .jpg, .pfm); brighter is worse, a step of the scale is a
-    /// power of ten, cyan is NaN or infinite
+    /// power of ten (with flip, the scale is linear from 0 to 1), cyan is NaN or infinite
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// The largest error that passes (for psnr, the smallest value that does) [default: images must be equal
@@ -76,6 +76,9 @@ pub enum Metric {
     Max,
     /// Distance of the ratio of the means from 1
     Ratio,
+    /// Mean FLIP error of the picture: what a viewer sees when the images alternate, at 67 pixels per degree, from 0 to
+    /// 1; at several exposures unless both files are for displays (PNG, JPEG, BMP, TGA)
+    Flip,
 }
 
 impl Metric {
@@ -95,6 +98,7 @@ impl Metric {
             // Two black images have no ratio, but are equal.
             Metric::Ratio if layer.max == 0.0 => 0.0,
             Metric::Ratio => (layer.mean_ratio - 1.0).abs(),
+            Metric::Flip => layer.flip.unwrap_or(f64::NAN),
         }
     }
 
@@ -105,6 +109,8 @@ impl Metric {
             Metric::Psnr => value >= threshold,
             // If an image has one pixel, that pixel is not trimmed.
             Metric::Trimmed if value.is_nan() => layer.relmse <= threshold,
+            // Other layers have no FLIP.
+            Metric::Flip if layer.flip.is_none() => true,
             _ => value <= threshold,
         }
     }
@@ -118,6 +124,8 @@ impl Metric {
 /// The result of a comparison and its consequence.
 struct Verdict {
     comparison: Comparison,
+    /// The FLIP error of each pixel, if it is the metric.
+    flip: Option<Image>,
     z: Option<ZTest>,
     threshold: Option<f64>,
     same: bool,
@@ -164,8 +172,12 @@ pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
         return Err(Error::usage(format!("-o {}: it is one of the images", output.display())));
     }
     let (a, b) = (read(&args.a)?, read(&args.b)?);
+    let range = match has_high_range(&args.a)? || has_high_range(&args.b)? {
+        true => DynamicRange::High,
+        false => DynamicRange::Low,
+    };
     let variance = args.variance.as_deref().map(read).transpose()?;
-    match judge(args, &a, &b, variance.as_ref()) {
+    match judge(args, [&a, &b], range, variance.as_ref()) {
         Ok(verdict) => {
             if let Some(path) = &args.output {
                 let picture = picture(&a, &b, &verdict).map_err(|e| Error::internal(e.to_string()))?;
@@ -192,11 +204,22 @@ const Z_SIGNIFICANCE: f64 = 0.01;
 
 fn judge(
     args: &DiffArgs,
-    a: &Image,
-    b: &Image,
+    [a, b]: [&Image; 2],
+    range: DynamicRange,
     variance: Option<&Image>,
 ) -> std::result::Result<Verdict, NotComparable> {
-    let comparison = compare(a, b)?;
+    let mut comparison = compare(a, b)?;
+    let flip = match args.metric == Metric::Flip && !comparison.has_invalid() {
+        true => {
+            let map = Image { data: flip(a, b, range)?, ..Image::new(a.width, a.height, &["FLIP"]) };
+            let sum: f64 = map.data.iter().map(|v| f64::from(*v)).sum();
+            if let Some(picture) = comparison.layers.first_mut() {
+                picture.flip = Some(sum / map.data.len() as f64);
+            }
+            Some(map)
+        }
+        false => None,
+    };
     let z = args.z.then(|| z_test(a, b, variance, Z_SIGNIFICANCE)).transpose()?;
     let threshold = args.fail.or((!args.z).then(|| args.metric.exact()));
     let within = threshold.is_none_or(|t| comparison.layers.iter().all(|l| args.metric.passes(l, t)));
@@ -204,13 +227,16 @@ fn judge(
     // Noisy images are never equal, so that the default threshold says nothing about them.
     let z_is_possible =
         !same && !args.z && args.fail.is_none() && z_test(a, b, variance, Z_SIGNIFICANCE).is_ok();
-    Ok(Verdict { comparison, z, threshold, same, z_is_possible })
+    Ok(Verdict { comparison, flip, z, threshold, same, z_is_possible })
 }
 
-/// Returns the false-colour image: |z| of a z-test on a linear scale up to 5, otherwise the relative squared error on a
-/// logarithmic scale over six decades.
+/// Returns the false-colour image: |z| of a z-test on a linear scale up to 5, FLIP on a linear scale up to 1, otherwise
+/// the relative squared error on a logarithmic scale over six decades.
 fn picture(a: &Image, b: &Image, verdict: &Verdict) -> std::result::Result<Image, NotComparable> {
     let Some(z) = &verdict.z else {
+        if let Some(flip) = &verdict.flip {
+            return Ok(heat(flip, HeatScale::Linear { max: 1.0 }));
+        }
         let map = error_map(a, b, ErrorKind::RelativeSquared)?;
         let max = map.data.iter().filter(|v| v.is_finite()).fold(0.0f32, |max, v| max.max(*v));
         return Ok(heat(&map, HeatScale::Log { max: f64::from(max), decades: 6.0 }));
@@ -243,6 +269,9 @@ fn to_text(args: &DiffArgs, verdict: &Verdict) -> String {
             layer.mean_absolute, layer.mean_ratio
         );
         _ = writeln!(text, "  largest difference {:.6e} at {}", layer.max, layer.max_at);
+        if let Some(flip) = layer.flip {
+            _ = writeln!(text, "  FLIP {flip:.6}");
+        }
     }
     if !verdict.comparison.ignored.is_empty() {
         _ = writeln!(text, "only in one image, not compared: {}", verdict.comparison.ignored.join(", "));
@@ -294,6 +323,7 @@ fn layer_json(layer: &LayerComparison) -> Json {
         "mean": layer.mean_absolute, "mse": layer.mse, "rmse": layer.rmse, "psnr": layer.psnr,
         "relmse": layer.relmse, "trimmed": layer.trimmed_relmse, "mean_ratio": layer.mean_ratio,
         "max": layer.max, "max_at": [layer.max_at.x, layer.max_at.y], "max_channel": layer.max_at.channel,
+        "flip": layer.flip,
     })
 }
 

@@ -19,6 +19,7 @@ pub mod compare;
 pub mod convert;
 pub mod cpu;
 pub mod diff;
+mod display_server;
 mod frames;
 pub mod info;
 pub mod info_image;

@@ -1,5 +1,6 @@
 //! The files that `buffon render` writes.
 
+use super::display_server::DisplayServer;
 use super::render::{RenderArgs, STRATEGIES};
 use crate::error::{Error, Result};
 use crate::image::{self, WriteOptions};
@@ -56,10 +57,8 @@ pub fn written(args: &RenderArgs) -> Vec<(&'static str, &Path)> {
 /// # Errors
 /// If there are any.
 pub fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
-    if args.display_server.is_some() {
-        return Err(Error::usage(
-            "--display-server: Buffon has no live display; --progress shows where the render stands",
-        ));
+    if let Some(address) = &args.display_server {
+        DisplayServer::check(address)?;
     }
     if args.output.iter().any(|target| is_piped(target)) && args.stats.as_deref().is_some_and(is_piped) {
         return Err(Error::usage("-o - and --stats -: only one of them can be standard output"));

@@ -1,6 +1,7 @@
 //! `buffon render`: renders a scene to an image.
 
 use super::checkpoint::Checkpointing;
+use super::display_server::{self, DisplayServer};
 use super::frames;
 use super::outputs::{default_output, is_piped, named, refuse, write_piped, written};
 use super::photon_notes::photon_notes;
@@ -23,7 +24,7 @@ use crate::util;
 use clap::Args;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Render a scene.
@@ -143,8 +144,10 @@ pub struct RenderArgs {
     /// Treat warnings, dropped samples, and notes about what is not rendered as the file asks for as errors
     #[arg(long)]
     pub strict: bool,
-    /// pbrt's live display; Buffon has none
-    #[arg(long, value_name = "HOST:PORT", hide = true)]
+    /// Show the image so far in a viewer that speaks tev's protocol (tev, HDRView), after each pass, but at most once a
+    /// second: the picture, its standard error, and layers. A viewer that is missing or slow changes nothing; tev
+    /// listens at port 14158
+    #[arg(long, value_name = "HOST:PORT")]
     pub display_server: Option<String>,
 }
 
@@ -409,8 +412,22 @@ fn sample(
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
     let pixels = session.camera().film.rect().area();
     let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
-    let show = |rendered: &Rendered| write_preview(args, session, plan, rendered);
-    let previews = (!args.skip_existing).then_some(PreviewSink { every: args.write_every, show: &show });
+    let viewer = viewer(args);
+    let last_written = Mutex::new(Instant::now());
+    let show = |rendered: &Rendered, requested: bool| {
+        if let Some(viewer) = &viewer {
+            viewer.show(session.image(plan, rendered), rendered);
+        }
+        let mut last = last_written.lock().unwrap_or_else(PoisonError::into_inner);
+        if !args.skip_existing && (requested || args.write_every.is_some_and(|every| last.elapsed() >= every))
+        {
+            write_preview(args, session, plan, rendered);
+            *last = Instant::now();
+        }
+    };
+    let intervals = [args.write_every, viewer.as_ref().map(|_| display_server::INTERVAL)];
+    let every = intervals.into_iter().flatten().min();
+    let previews = Some(PreviewSink { every, show: &show });
     let rendered = match checkpoint {
         None => session.render_on(plan, progress, None, Sinks { checkpoints: None, previews }),
         Some(mut checkpoint) => {
@@ -421,7 +438,24 @@ fn sample(
         }
     };
     watcher.finish();
+    if let (Some(viewer), Ok(rendered)) = (viewer, &rendered) {
+        viewer.finish(session.image(plan, rendered), rendered);
+    }
     rendered
+}
+
+/// Returns the viewer that shows the image so far. If it cannot be reached, a warning is printed.
+fn viewer(args: &RenderArgs) -> Option<DisplayServer> {
+    let address = args.display_server.as_ref()?;
+    let quiet = args.quiet;
+    let warn = move |error: Error| {
+        if !quiet {
+            super::report!("buffon: warning: {error}");
+        }
+    };
+    let file = args.output.iter().find(|target| !is_piped(target)).unwrap_or(&args.scene);
+    let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
+    DisplayServer::connect(address, name, warn).map_err(warn).ok()
 }
 
 fn write_options(args: &RenderArgs, session: &Session) -> WriteOptions {

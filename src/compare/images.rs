@@ -136,6 +136,8 @@ pub struct LayerComparison {
     pub max_at: Location,
     /// The image's mean divided by the reference's mean.
     pub mean_ratio: f64,
+    /// The mean [FLIP](super::flip()) error, if it was computed, which [`compare`] does not.
+    pub flip: Option<f64>,
 }
 
 /// The differences of two images.
@@ -253,6 +255,7 @@ fn compare_layer(a: &Image, b: &Image, layer: &str) -> Result<LayerComparison, N
             channel: a.channels[difference.channel].clone(),
         },
         mean_ratio: metrics::mean_ratio(x, r),
+        flip: None,
         channels: a.channels,
     })
 }

@@ -1,12 +1,14 @@
 //! Comparison of images: differences, statistical tests of equality, and false colours.
 
 mod block;
+mod flip;
 mod heat;
 mod images;
 mod noise;
 mod rounding;
 mod ztest;
 
+pub use flip::{DynamicRange, flip};
 pub use heat::{HeatScale, heat};
 pub use images::{
     Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,

@@ -26,8 +26,8 @@ pub(crate) use format::Difference;
 pub use format::{Backend, backend, set_threads};
 pub use metadata::{Metadata, Value};
 pub use read::{
-    read, read_texture, read_texture_bytes, read_texture_bytes_with, read_texture_bytes_within,
-    read_texture_with, read_texture_within, read_with,
+    has_high_range, read, read_texture, read_texture_bytes, read_texture_bytes_with,
+    read_texture_bytes_within, read_texture_with, read_texture_within, read_with,
 };
 pub use srgb::{from_srgb, to_srgb};
 pub use texture::{TextureImage, TextureLayers};

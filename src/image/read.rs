@@ -118,6 +118,14 @@ fn layers(backend: Backend, name: &Path, bytes: &[u8], memory: &Budget) -> Resul
     Ok(layers)
 }
 
+/// Returns whether a file can hold values above that of white.
+///
+/// # Errors
+/// If the file cannot be read, or is no image.
+pub fn has_high_range(path: &Path) -> Result<bool> {
+    Ok(matches!(ImageFile::open(path)?.format, Format::OpenExr | Format::Pfm | Format::Hdr))
+}
+
 /// A file with known format.
 struct ImageFile<'a> {
     path: &'a Path,

@@ -7,7 +7,7 @@ use exr::prelude::f16;
 use super::Image;
 use super::srgb::{StoredPixels, StoredSamples, from_srgb};
 use crate::error::{Error, Result};
-use crate::math::lanes::{LANES, each_lane, f32x16};
+use crate::math::lanes::{LANES, f32x16};
 
 /// The greatest number of values (pixels times channels) of a texture: 16384 x 16384 pixels with four channels.
 pub(super) const MAX_TEXTURE_VALUES: u64 = 1 << 30;
@@ -274,12 +274,21 @@ impl TextureImage {
     ) -> [f32x16; 3] {
         let (width, channels) = (self.width, self.channels);
         assert!(columns.iter().flatten().all(|&x| x < width), "columns of a texture {width} wide");
-        let starts = rows.map(|rows| columns.map(|x| each_lane(|i| (rows[i] * width + x[i]) * channels)));
+        // For each corner and channel, a value in each lane.
+        let mut texels = [[[0.0; LANES]; 3]; 4];
+        for (corner, channel) in texels.iter_mut().enumerate() {
+            let (columns, rows) = (&columns[corner & 1], &rows[corner >> 1]);
+            for i in 0..LANES {
+                let start = (rows[i] * width + columns[i]) * channels;
+                for (c, &v) in samples[start..start + channels].iter().enumerate().take(3) {
+                    channel[c][i] = value(v);
+                }
+            }
+        }
         let lerp = |a: f32x16, b: f32x16, t: f32x16| a * (f32x16::ONE - t) + b * t;
         let channel = |c: usize| {
-            let texels = |starts: &[usize; LANES]| f32x16::new(each_lane(|i| value(samples[starts[i] + c])));
-            let [upper, lower] = starts.each_ref().map(|[left, right]| lerp(texels(left), texels(right), s));
-            lerp(upper, lower, t)
+            let [a, b, below_a, below_b] = [0, 1, 2, 3].map(|corner: usize| f32x16::new(texels[corner][c]));
+            lerp(lerp(a, b, s), lerp(below_a, below_b, s), t)
         };
         if channels == 3 { [channel(0), channel(1), channel(2)] } else { [channel(0); 3] }
     }

@@ -1,7 +1,8 @@
 //! Camera rays for pilots: samples that are not part of the image, from which a preparation decides how to render.
 
-use super::Preparation;
-use super::worker::{draw_1d, draw_2d};
+use super::worker::{Worker, draw_1d, draw_2d};
+use super::{Group, Integrator, NO_RAY, Preparation, Radiance, RadianceQuery, Wave};
+use crate::accel::Coherence;
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
@@ -56,5 +57,29 @@ impl PilotRays {
         };
         let each = pixels.flat_map(|pixel| std::iter::repeat_n(pixel, samples));
         PilotRays { rays: each.enumerate().map(ray).collect(), keys }
+    }
+
+    /// Traces the rays, of which there are `samples` through each pixel. If `reused` is true, the pixels, at most
+    /// sixteen, are a group. Returns the radiance along the rays and their [cost](super::Counters::cost).
+    pub fn trace(
+        &self,
+        scene: &Scene,
+        integrator: &dyn Integrator,
+        samples: usize,
+        reused: bool,
+        worker: &mut Worker,
+    ) -> (Vec<Radiance>, f64) {
+        let ray = |i: usize, sample: usize| {
+            let ray = i * samples + sample;
+            if ray < self.rays.len() { ray as u32 } else { NO_RAY }
+        };
+        let group = |sample: usize| std::array::from_fn(|i| ray(i, sample));
+        let groups: Vec<Group> = if reused { (0..samples).map(group).collect() } else { Vec::new() };
+        let mut radiance = vec![Radiance::NONE; self.rays.len()];
+        let before = worker.counters;
+        let wave =
+            Wave { rays: &self.rays, keys: &self.keys, coherence: Coherence::Coherent, groups: &groups };
+        integrator.li(scene, wave, RadianceQuery::ALL, worker, &mut radiance);
+        (radiance, worker.counters.cost(scene) - before.cost(scene))
     }
 }

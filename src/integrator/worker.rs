@@ -13,9 +13,6 @@ use bumpalo::Bump;
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// The cost of an occlusion query relative to that of a nearest-hit query.
-const OCCLUSION_COST: f64 = 0.45;
-
 /// The counters of one worker, merged at the end.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Counters {
@@ -33,8 +30,8 @@ pub struct Counters {
 
 impl Counters {
     /// Returns the cost of the rays in nearest-hit queries, the same on every machine.
-    pub fn cost(&self) -> f64 {
-        self.closest_rays as f64 + OCCLUSION_COST * self.occlusion_rays as f64
+    pub fn cost(&self, scene: &Scene) -> f64 {
+        self.closest_rays as f64 + scene.occlusion_cost * self.occlusion_rays as f64
     }
 
     /// Adds the counts of another worker.

@@ -6,14 +6,12 @@
 //! the view and the seed. A crop, a range of samples, or a continued render therefore takes the same samples as the
 //! whole.
 
-use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
-use crate::film::PixelRect;
 use crate::integrator::path::groups::{CellSide, PixelGroups};
 use crate::integrator::pilot::PilotRays;
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::WhenPays;
-use crate::integrator::{Group, Integrator, NO_RAY, Preparation, Radiance, RadianceQuery, Wave, Worker};
+use crate::integrator::{Integrator, Preparation, Radiance, Worker};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -69,13 +67,11 @@ impl Rates {
         let film = &preparation.camera.film;
         let columns = film.width.div_ceil(SIDE) as usize;
         let count = columns * film.height.div_ceil(SIDE) as usize;
-        let cell = |i: usize| {
-            let (x, y) = ((i % columns) as u32 * SIDE, (i / columns) as u32 * SIDE);
-            PixelRect { x, y, width: SIDE.min(film.width - x), height: SIDE.min(film.height - y) }
-        };
+        let first = |i: usize| ((i % columns) as u32 * SIDE, (i / columns) as u32 * SIDE);
+        let area = |(x, y): (u32, u32)| SIDE.min(film.width - x) * SIDE.min(film.height - y);
         let workers = Workers::new(preparation.pool, preparation.sampler, preparation.interrupt);
         let measure =
-            |i: usize| workers.with(|worker| (i, measure_cell(integrator, preparation, cell(i), worker)));
+            |i: usize| workers.with(|worker| (i, measure_cell(integrator, preparation, first(i), worker)));
         let part = LEAST_PART.max(count.div_ceil(MOST_DECIDE));
         let decides = |i: &usize| (i % columns + part / 2 * (i / columns)).is_multiple_of(part);
         let measure_all = |decide: bool| -> Vec<(usize, Noise)> {
@@ -89,7 +85,7 @@ impl Rates {
         noise.extend(measure_all(false));
         noise.sort_by_key(|(cell, _)| *cell);
         let noise: Vec<Noise> = noise.into_iter().map(|(_, noise)| noise).collect();
-        let pixels: Vec<f64> = (0..count).map(|i| cell(i).area() as f64).collect();
+        let pixels: Vec<f64> = (0..count).map(|i| f64::from(area(first(i)))).collect();
         let error = |(square, noise): (f64, &Noise)| (square / noise.cost_of_pixel()).sqrt();
         let errors: Vec<f64> = estimates(&noise, columns).into_iter().zip(&noise).map(error).collect();
         Some(Rates { columns, rates: rates(&errors, &pixels) })
@@ -149,34 +145,20 @@ struct Noise {
     cost: f64,
 }
 
-/// Takes the samples of the pilot in a cell.
+/// Takes the samples of the pilot in the cell whose first pixel is `first`.
 fn measure_cell(
     integrator: &dyn Integrator,
     preparation: &Preparation<'_>,
-    cell: PixelRect,
+    first: (u32, u32),
     worker: &mut Worker,
 ) -> Noise {
     let film = &preparation.camera.film;
     let reused = integrator.reuse_cells();
-    let side = reused.unwrap_or(CellSide::Eight);
-    let groups = PixelGroups::new(side, preparation.seed, [film.width, film.height], cell);
-    let group = groups.any(preparation.seed ^ STREAM);
-    let members = group.iter().filter(|&&i| i != NO_RAY);
-    let pixels = members.map(|i| (cell.x + i % cell.width, cell.y + i / cell.width));
-    let PilotRays { rays, keys } = PilotRays::new(preparation, pixels, SAMPLES, STREAM);
-    let mut groups: Vec<Group> = Vec::new();
-    if reused.is_some() {
-        let mut group = group;
-        let some = group.iter_mut().filter(|i| **i != NO_RAY);
-        some.enumerate().for_each(|(i, place)| *place = (i * SAMPLES) as u32);
-        let of_sample = |sample: u32| group.map(|i| if i == NO_RAY { NO_RAY } else { i + sample });
-        groups.extend((0..SAMPLES as u32).map(of_sample));
-    }
-    let before = worker.counters;
-    let mut radiance = vec![Radiance::NONE; rays.len()];
-    let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups: &groups };
-    integrator.li(preparation.scene, wave, RadianceQuery::ALL, worker, &mut radiance);
-    let cost = worker.counters.cost() - before.cost() + SAMPLE_COST * rays.len() as f64;
+    let (side, size) = (reused.unwrap_or(CellSide::Eight), [film.width, film.height]);
+    let pixels = PixelGroups::one_of(side, preparation.seed, size, first, preparation.seed ^ STREAM);
+    let rays = PilotRays::new(preparation, pixels.into_iter(), SAMPLES, STREAM);
+    let (radiance, cost) = rays.trace(preparation.scene, integrator, SAMPLES, reused.is_some(), worker);
+    let cost = cost + SAMPLE_COST * radiance.len() as f64;
     let mut noise = Noise { cost, ..Noise::default() };
     for (i, square) in radiance.as_chunks::<SAMPLES>().0.iter().map(relative_square).enumerate() {
         noise.pixels += 1.0;

@@ -209,7 +209,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         self.collect();
         self.estimate();
         let rendered = self.rendered(StopReason::Interrupted);
-        show(&rendered);
+        show(&rendered, requested);
         self.now.tiles = rendered.tiles;
         self.last_preview = Instant::now();
     }

@@ -45,8 +45,8 @@ pub struct PreviewSink<'a> {
     ///
     /// [`Progress::request_preview`]: super::Progress::request_preview
     pub every: Option<Duration>,
-    /// Takes the image. Sampling goes on when it returns.
-    pub show: &'a (dyn Fn(&Rendered) + Sync),
+    /// Takes the image, and whether it was requested. Sampling goes on when it returns.
+    pub show: &'a (dyn Fn(&Rendered, bool) + Sync),
 }
 
 /// The receivers of a render's states.

@@ -7,6 +7,7 @@ use crate::film::{FilterSample, PixelRect, Tile};
 use crate::integrator::path::groups::PixelGroups;
 use crate::integrator::worker::{draw_1d, draw_2d};
 use crate::integrator::{Group, Radiance, RadianceQuery, Wave, Worker};
+use crate::math::lanes::{LANES, f32x16, load};
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
 use std::ops::Range;
@@ -52,6 +53,8 @@ pub struct CameraWorker {
     rays: Vec<Ray>,
     keys: Vec<SampleKey>,
     positions: [Vec<f32>; 2],
+    /// The positions on the film in pixels of the full image, by coordinate.
+    film: [Vec<f64>; 2],
     lens: [Vec<f32>; 2],
     times: Vec<f32>,
     /// The weights of filter samples, for filters that have them.
@@ -79,6 +82,7 @@ impl CameraWorker {
             rays: Vec::new(),
             keys: Vec::new(),
             positions: [Vec::new(), Vec::new()],
+            film: [Vec::new(), Vec::new()],
             lens: [Vec::new(), Vec::new()],
             times: Vec::new(),
             weights: Vec::new(),
@@ -208,33 +212,56 @@ impl CameraWorker {
         if job.scene.needs.time && self.worker.time.is_none() {
             draw_1d(sampler, Dimension::TIME, &self.keys, &mut self.times);
         }
-        self.rays.clear();
+        self.film.iter_mut().for_each(Vec::clear);
         self.weights.clear();
-        self.factors.clear();
-        let pair = |pair: &[Vec<f32>; 2], i: usize| Vec2::new(pair[0][i], pair[1][i]);
+        let mut i = 0;
         for span in &self.spans {
             let (x, y) = span.position;
-            let centre = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
             for _ in span.first..span.end {
-                let i = self.rays.len();
-                let FilterSample { offset, weight } = job.filter.sample(pair(&self.positions, i));
-                let u = if job.camera.has_lens() { pair(&self.lens, i) } else { Vec2::ZERO };
-                let time = match self.worker.time {
-                    Some(time) => time,
-                    None if job.scene.needs.time => self.times[i],
-                    None => 0.0,
-                };
-                let p = centre + offset.as_dvec2();
-                if job.camera.has_weights() {
-                    let (ray, factor) = job.camera.weighted_ray(p, u, time);
-                    self.rays.push(ray);
-                    self.factors.push(factor);
-                } else {
-                    self.rays.push(job.camera.ray(p, u, time));
-                }
+                let u = Vec2::new(self.positions[0][i], self.positions[1][i]);
+                let FilterSample { offset, weight } = job.filter.sample(u);
+                self.film[0].push(f64::from(x) + 0.5 + f64::from(offset.x));
+                self.film[1].push(f64::from(y) + 0.5 + f64::from(offset.y));
                 if job.filter.has_weights() {
                     self.weights.push(weight);
                 }
+                i += 1;
+            }
+        }
+        self.rays.clear();
+        self.factors.clear();
+        for first in (0..self.keys.len()).step_by(LANES) {
+            self.generate_block(job, first);
+        }
+    }
+
+    /// Generates at most sixteen rays, from the sample `first` of the wave on.
+    fn generate_block(&mut self, job: &Job<'_>, first: usize) {
+        let Job { camera, scene, .. } = job;
+        let count = LANES.min(self.keys.len() - first);
+        let mut film = [[0.0; LANES]; 2];
+        for (lanes, film) in film.iter_mut().zip(&self.film) {
+            lanes[..count].copy_from_slice(&film[first..first + count]);
+        }
+        let u = match camera.has_lens() {
+            true => [0, 1].map(|k| load(&self.lens[k], first)),
+            false => [f32x16::ZERO; 2],
+        };
+        let time = match self.worker.time {
+            Some(time) => f32x16::splat(time),
+            None if scene.needs.time => load(&self.times, first),
+            None => f32x16::ZERO,
+        };
+        if let Some(rays) = camera.rays_x16([&film[0], &film[1]], u, time) {
+            self.rays.extend_from_slice(&rays.to_rays()[..count]);
+            return;
+        }
+        let [u, v, time] = [u[0], u[1], time].map(f32x16::to_array);
+        for (i, (x, y)) in film[0].into_iter().zip(film[1]).take(count).enumerate() {
+            let (ray, factor) = camera.weighted_ray(DVec2::new(x, y), Vec2::new(u[i], v[i]), time[i]);
+            self.rays.push(ray);
+            if camera.has_weights() {
+                self.factors.push(factor);
             }
         }
     }

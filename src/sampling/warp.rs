@@ -114,9 +114,9 @@ pub fn square_to_cosine_hemisphere(u: Vec2) -> Vec3 {
     Vec3::new(p.x, p.y, z)
 }
 
-/// Computes [`square_to_cosine_hemisphere`] for sixteen pairs.
+/// Computes [`square_to_disk`] for sixteen pairs.
 #[inline(always)]
-pub fn square_to_cosine_hemisphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
+pub fn square_to_disk_x16([x, y]: [f32x16; 2]) -> [f32x16; 2] {
     let c = f32x16::splat;
     let (a, b) = (c(2.0) * x - c(1.0), c(2.0) * y - c(1.0));
     let along_x = a.abs().simd_gt(b.abs());
@@ -124,9 +124,15 @@ pub fn square_to_cosine_hemisphere_x16([x, y]: [f32x16; 2]) -> Vec3x16 {
     let ratio = r.simd_eq(f32x16::ZERO).select(f32x16::ZERO, other / r);
     let (sin, cos) = sin_cos_polynomial_x16(ratio * c(FRAC_PI_4));
     let (major, minor) = (r * cos, r * sin);
-    let (px, py) = (along_x.select(major, minor), along_x.select(minor, major));
-    let z = (c(1.0) - (px * px + py * py)).fast_max(c(1e-10)).sqrt();
-    Vec3x16::new(px, py, z)
+    [along_x.select(major, minor), along_x.select(minor, major)]
+}
+
+/// Computes [`square_to_cosine_hemisphere`] for sixteen pairs.
+#[inline(always)]
+pub fn square_to_cosine_hemisphere_x16(u: [f32x16; 2]) -> Vec3x16 {
+    let [x, y] = square_to_disk_x16(u);
+    let z = (f32x16::ONE - (x * x + y * y)).fast_max(f32x16::splat(1e-10)).sqrt();
+    Vec3x16::new(x, y, z)
 }
 
 /// Returns the density of [`square_to_cosine_hemisphere`] per unit solid angle.

@@ -301,6 +301,7 @@ impl SceneCompiler {
         };
         let scene = Scene {
             shading_buckets: shading_buckets(&self.shapes, &self.materials),
+            occlusion_cost: occlusion_cost(&self.shapes),
             accel: built.accel,
             shapes: self.shapes,
             instances,
@@ -420,6 +421,13 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
         varying_materials: used.iter().any(|(material, _)| material.constant.is_none()),
         ..Needs::default()
     }
+}
+
+/// Returns the cost of an occlusion query relative to that of a nearest-hit query and the shading after it. The more
+/// primitives there are, the more a ray costs, but not the shading. A fit to ten scenes of 10 to 10⁶ primitives.
+fn occlusion_cost(shapes: &[SceneShape]) -> f64 {
+    let primitives: usize = shapes.iter().map(|shape| shape.world.triangle_count().max(1)).sum();
+    0.3 + 0.0125 * (primitives.max(1) as f64).log2()
 }
 
 /// Returns a bucket for each shape, such that the shapes of a bucket are shaded by the same code; nothing if all are.

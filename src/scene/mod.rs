@@ -80,6 +80,8 @@ pub struct Scene {
     pub bounds: Bounds,
     /// The features that the scene uses.
     pub needs: Needs,
+    /// The cost of an occlusion query relative to that of a nearest-hit query and the shading after it.
+    pub occlusion_cost: f64,
     /// The participating media, if there are any. Integrators other than `volpath` ignore them.
     pub media: Option<Box<SceneMedia>>,
 }

@@ -1,5 +1,7 @@
 //! Cameras: rays through film positions, and film positions of points.
 
+mod lanes;
+
 use super::{FovAxis, Projection, SensorSettings, ThinLens};
 use crate::error::{Error, Result};
 use crate::film::{FilmSettings, PixelRect};

@@ -175,7 +175,7 @@ impl Session {
         };
         let plan = self.plan(&choices)?;
         let rendered = self.render_through(camera, &plan, &Progress::new(), None, Sinks::default())?;
-        let cost = candidate.cost * rendered.counters.cost();
+        let cost = candidate.cost * rendered.counters.cost(&self.scene);
         Ok(Pilot { relmse: rendered.relmse, cost, blocks: blocks_of(&rendered) })
     }
 }

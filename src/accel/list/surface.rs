@@ -2,12 +2,8 @@
 
 use super::{RayX8, Vec3x8};
 use crate::accel::Primitive;
-use crate::accel::cylinder::CERTAIN;
 use crate::math::{DVec3, Vec3};
 use wide::{f32x8, f64x8};
-
-/// The relative margin of coordinates in a disk, whose axes may be nearly parallel.
-const CERTAIN_IN_DISK: f64 = 1e-9;
 
 /// An analytic surface and its bounding sphere.
 pub(super) struct BoundedSurface {
@@ -15,23 +11,28 @@ pub(super) struct BoundedSurface {
     pub primitive: Primitive,
     center: Vec3,
     radius_squared: f32,
-    exclusion: Exclusion,
+    kernel: Option<Kernel>,
 }
 
-/// What excludes most rays that meet the bounding sphere, in double precision.
-enum Exclusion {
-    Sphere {
-        center: DVec3,
-        radius_squared: f64,
+/// The hits of a surface.
+pub(super) enum SurfaceHits {
+    /// Those of eight rays.
+    Lanes {
+        /// Mask of the rays that hit the surface.
+        hit: f32x8,
+        t: f32x8,
+        /// The surface coordinates.
+        u: f32x8,
+        v: f32x8,
     },
-    /// The normal of a disk, not of unit length, and the vectors whose inner products with a vector in the plane are
-    /// its coordinates.
-    Disk {
-        center: DVec3,
-        normal: DVec3,
-        coordinates: [DVec3; 2],
-    },
-    Nothing,
+    /// A mask of the rays that may hit it, for a surface without a kernel.
+    Candidates(u32),
+}
+
+/// A surface that is intersected with eight rays at a time, in double precision.
+enum Kernel {
+    Sphere { center: DVec3, radius: f64 },
+    Disk { center: DVec3, du: DVec3, dv: DVec3 },
 }
 
 /// Eight vectors in double precision.
@@ -61,6 +62,20 @@ impl DVec3x8 {
         let ([x, y, z], [a, b, c]) = (self.0, o.0);
         x * a + y * b + z * c
     }
+
+    /// Returns the vectors `self + v·s`.
+    #[inline(always)]
+    fn plus(self, v: Self, s: f64x8) -> Self {
+        let ([x, y, z], [a, b, c]) = (self.0, v.0);
+        DVec3x8([x + a * s, y + b * s, z + c * s])
+    }
+
+    /// Returns the cross products with `v`.
+    #[inline(always)]
+    fn cross(self, v: DVec3) -> Self {
+        let ([x, y, z], [a, b, c]) = (self.0, v.to_array().map(f64x8::splat));
+        DVec3x8([y * c - b * z, z * a - c * x, x * b - a * y])
+    }
 }
 
 impl BoundedSurface {
@@ -68,101 +83,110 @@ impl BoundedSurface {
     pub fn new(geometry: u32, primitive: Primitive, reach: f32) -> Self {
         let bounds = primitive.bounds();
         let center = bounds.center();
-        let (radius_squared, exclusion) = match primitive {
+        let (radius_squared, kernel) = match primitive {
             Primitive::Sphere { center, radius } => {
-                let exclusion = Exclusion::Sphere {
-                    center: center.as_dvec3(),
-                    radius_squared: f64::from(radius) * f64::from(radius),
-                };
-                (radius * radius, exclusion)
+                let kernel = Kernel::Sphere { center: center.as_dvec3(), radius: radius.into() };
+                (radius * radius, Some(kernel))
             }
             Primitive::Disk { center, du, dv } => {
-                let normal = du.as_dvec3().cross(dv.as_dvec3());
-                let per_square = 1.0 / normal.length_squared();
-                let coordinates = [dv.as_dvec3().cross(normal), normal.cross(du.as_dvec3())];
-                let exclusion = Exclusion::Disk {
-                    center: center.as_dvec3(),
-                    normal,
-                    coordinates: coordinates.map(|v| v * per_square),
-                };
-                (du.length_squared() + dv.length_squared(), exclusion)
+                let [center, du_64, dv_64] = [center, du, dv].map(|v| v.as_dvec3());
+                let kernel = Kernel::Disk { center, du: du_64, dv: dv_64 };
+                (du.length_squared() + dv.length_squared(), Some(kernel))
             }
             Primitive::Cylinder { .. } | Primitive::RoundCone(_) | Primitive::SdfCell(_) => {
-                ((bounds.max - center).length_squared(), Exclusion::Nothing)
+                ((bounds.max - center).length_squared(), None)
             }
         };
         // The margin exceeds the rounding error of the test.
         let radius_squared = radius_squared * 1.01 + 1e-5 * reach * reach;
-        BoundedSurface { geometry, primitive, center, radius_squared, exclusion }
+        BoundedSurface { geometry, primitive, center, radius_squared, kernel }
     }
 
-    /// Returns a mask of the rays that may hit the surface before the distances `t_max`, which are 0 for inactive
-    /// lanes.
+    /// Returns the hits of the rays before the distances `t_max`, which are 0 for inactive lanes; `None` if no ray hits
+    /// the surface.
     #[inline(always)]
-    pub fn candidates(&self, rays: &RayX8<'_>, t_max: f32x8) -> u32 {
+    pub fn hits(&self, rays: &RayX8<'_>, t_max: f32x8) -> Option<SurfaceHits> {
         let from_center = rays.o.relative_to(self.center);
         let b = from_center.dot_x8(rays.d);
         let c = from_center.dot_x8(from_center) - self.radius_squared;
         let meets = (b * b).simd_ge(rays.d.dot_x8(rays.d) * c);
         let ahead = b.simd_lt(f32x8::ZERO) | c.simd_lt(f32x8::ZERO);
-        let candidates = (meets & ahead & t_max.simd_gt(f32x8::ZERO)).to_bitmask();
-        if candidates == 0 { 0 } else { candidates & !self.exclusion.certain(rays, t_max) }
+        let candidates = meets & ahead & t_max.simd_gt(f32x8::ZERO);
+        match &self.kernel {
+            _ if candidates.none() => None,
+            None => Some(SurfaceHits::Candidates(candidates.to_bitmask())),
+            Some(kernel) => {
+                let (within, [t, u, v]) = kernel.intersect(rays, t_max);
+                Some(SurfaceHits::Lanes { hit: candidates & within, t, u, v })
+            }
+        }
     }
 }
 
-impl Exclusion {
-    /// Returns a mask of the rays that certainly miss the surface before the distances `t_max`.
+impl Kernel {
+    /// Computes [`Primitive::intersect`] for eight rays, with the same bits. Returns a mask of the rays with a hit
+    /// before `t_max`, and the parameter and surface coordinates of the hits.
     #[inline(always)]
-    fn certain(&self, rays: &RayX8<'_>, t_max: f32x8) -> u32 {
-        let (zero, one) = (f64x8::ZERO, f64x8::ONE);
-        // What is beyond it is so if rounded to `f32`, too.
-        let end = f64x8::new(t_max.to_array().map(f64::from));
+    fn intersect(&self, rays: &RayX8<'_>, t_max: f32x8) -> (f32x8, [f32x8; 3]) {
+        let rounded = |v: f64x8| f32x8::new(v.to_array().map(|v| v as f32));
+        let within = |t: f32x8| t.simd_gt(f32x8::ZERO) & t.simd_lt(t_max);
         let (o, d) = (DVec3x8::new(rays.o), DVec3x8::new(rays.d));
-        let excluded = match *self {
-            Exclusion::Sphere { center, radius_squared } => {
-                let from_center = o.minus(center);
-                let (a, b) = (d.dot_x8(d), from_center.dot_x8(d));
-                let squared = from_center.dot_x8(from_center);
-                let c = squared - f64x8::splat(radius_squared);
-                let discriminant = b * b - a * c;
-                let margin = a * squared * f64x8::splat(CERTAIN);
-                let passes = discriminant.simd_lt(-margin);
-                let enters = (-b - (discriminant + margin).max(zero).sqrt()) / a;
-                let outside = c.simd_gt(zero);
-                passes | (outside & (b.simd_gt(zero) | enters.simd_gt(end)))
+        match *self {
+            Kernel::Sphere { center, radius } => {
+                let r2 = f64x8::splat(radius * radius);
+                let f = o.minus(center);
+                let (a, b) = (d.dot_x8(d), -f.dot_x8(d));
+                let nearest = f.plus(d, b / a);
+                let discriminant = r2 - nearest.dot_x8(nearest);
+                let c = f.dot_x8(f) - r2;
+                let q = b + ((a * discriminant).sqrt() | (b & f64x8::splat(-0.0)));
+                let (t0, t1) = (c / q, q / a);
+                let swap = t1.simd_lt(t0);
+                let (near, far) = (rounded(swap.select(t1, t0)), rounded(swap.select(t0, t1)));
+                let t = within(near).select(near, far);
+                let real = mask(discriminant.simd_ge(f64x8::ZERO));
+                (real & within(t), [t, f32x8::ZERO, f32x8::ZERO])
             }
-            Exclusion::Disk { center, normal, coordinates } => {
+            Kernel::Disk { center, du, dv } => {
+                let n = du.cross(dv);
                 let from_center = o.minus(center);
-                let t = -from_center.dot(normal) / d.dot(normal);
-                let ([ox, oy, oz], [dx, dy, dz]) = (from_center.0, d.0);
-                let p = DVec3x8([ox + dx * t, oy + dy * t, oz + dz * t]);
-                let [u, v] = coordinates.map(|axis| p.dot(axis));
-                let beyond = (u * u + v * v).simd_gt(one + f64x8::splat(CERTAIN_IN_DISK));
-                t.simd_le(zero) | t.simd_gt(end) | beyond
+                let t = -from_center.dot(n) / d.dot(n);
+                let p = from_center.plus(d, t);
+                let n2 = f64x8::splat(n.length_squared());
+                // du × p = −(p × du)
+                let (u, v) = (p.cross(dv).dot(n) / n2, -(p.cross(du).dot(n) / n2));
+                let inside = mask((u * u + v * v).simd_le(f64x8::ONE));
+                let t = rounded(t);
+                (inside & within(t), [t, rounded(u), rounded(v)])
             }
-            Exclusion::Nothing => return 0,
-        };
-        excluded.to_bitmask()
+        }
     }
+}
+
+/// Returns the mask of eight lanes of `f64` for lanes of `f32`.
+#[inline(always)]
+fn mask(lanes: f64x8) -> f32x8 {
+    f32x8::new(lanes.to_array().map(|lane| f32::from_bits(lane.to_bits() as u32)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accel::primitive::PrimitiveHit;
     use crate::math::lanes::f32x16;
     use crate::math::{Ray, RayX16, Vec3};
     use crate::sampling::hash::{combine, to_unit};
 
-    /// No ray that hits a surface is excluded, wherever it starts and ends; most others are.
+    /// The hits of eight rays have the bits of those of one ray, wherever it starts and ends.
     #[test]
-    fn only_misses_are_excluded() {
+    fn lanes_have_the_bits_of_single_rays() {
         let mut seed = 0;
         let mut random = || {
             seed += 1;
             to_unit(combine(5, seed))
         };
         let mut vector = || Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5);
-        let (mut misses, mut excluded) = (0, 0);
+        let (mut misses, mut found) = (0, 0);
         for round in 0..20_000 {
             let center = vector() * [1.0, 100.0][round % 2];
             let (du, dv) = (vector(), vector());
@@ -192,13 +216,19 @@ mod tests {
                 grazing: f32x8::ZERO,
             };
             let surface = BoundedSurface::new(0, primitive, 500.0);
-            let candidates = surface.candidates(&lanes, f32x8::ONE);
+            let (hits, [t, u, v]) = match surface.hits(&lanes, f32x8::ONE) {
+                Some(SurfaceHits::Lanes { hit, t, u, v }) => (hit.to_bitmask(), [t, u, v]),
+                Some(SurfaceHits::Candidates(_)) => panic!("it has a kernel"),
+                None => (0, [f32x8::ZERO; 3]),
+            };
             for (i, ray) in rays.iter().enumerate() {
-                let (hit, candidate) = (primitive.intersect(ray).is_some(), candidates >> i & 1 == 1);
-                assert!(candidate || !hit, "{primitive:?} {ray:?}");
-                (misses, excluded) = (misses + u32::from(!hit), excluded + u32::from(!candidate));
+                let lane = |v: f32x8| v.to_array()[i];
+                let hit = PrimitiveHit { t: lane(t), u: lane(u), v: lane(v) };
+                let hit = (hits >> i & 1 == 1).then_some(hit);
+                assert_eq!(hit, primitive.intersect(ray), "{primitive:?} {ray:?}");
+                (misses, found) = (misses + u32::from(hit.is_none()), found + u32::from(hit.is_some()));
             }
         }
-        assert!(excluded > misses / 2, "{excluded} of {misses}");
+        assert!(found > 10_000 && misses > 10_000, "{found} {misses}");
     }
 }

@@ -149,7 +149,7 @@ impl CausticTracer {
         let trace = |batch: u64| {
             workers.with(|worker| {
                 let keys: Vec<SampleKey> = (0..BATCH).map(|i| sequence.key(batch * BATCH + i)).collect();
-                let before = worker.counters.cost();
+                let before = worker.counters.cost(scene);
                 let mut caustics = Vec::new();
                 let connections = self.connections(scene, camera, 0.0, SCALE);
                 connections.splat(&keys, worker, |splat, weight| {
@@ -157,7 +157,7 @@ impl CausticTracer {
                     let ratio = (weight / (1.0 - weight)).sqrt() / SCALE;
                     caustics.push(Caustic { splat: Splat { value, ..splat }, ratio });
                 });
-                (caustics, worker.counters.cost() - before)
+                (caustics, worker.counters.cost(scene) - before)
             })
         };
         let paths = (batches * BATCH) as f64;

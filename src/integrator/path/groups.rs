@@ -59,10 +59,24 @@ impl PixelGroups {
         groups
     }
 
-    /// Returns one of the groups, chosen by a hash of their pixels and a number.
-    pub fn any(&self, number: u64) -> Group {
-        let hash = combine(combine(number as u32, (number >> 32) as u32), self.groups[0][0]);
-        self.groups[hash as usize % self.groups.len()]
+    /// Returns the pixels of one of the groups in the 8 × 8 pixels from `first` on, which are one or four cells. The
+    /// group is chosen by a hash of `number` and its place.
+    pub fn one_of(
+        side: CellSide,
+        seed: u64,
+        [width, height]: [u32; 2],
+        (x, y): (u32, u32),
+        number: u64,
+    ) -> Vec<(u32, u32)> {
+        let hash = combine(combine(number as u32, (number >> 32) as u32), combine(x, y));
+        let within = |first: u32, end: u32, half: u32| {
+            let second = first + side as u32 * (half & 1);
+            if side == CellSide::Four && second < end { second } else { first }
+        };
+        let first = (within(x, width, hash), within(y, height, hash >> 1));
+        let pixels = cell(side as u32, seed, [width, height], first);
+        let count = pixels.len().div_ceil(LANES);
+        pixels.into_iter().skip((hash >> 2) as usize % count).step_by(count).collect()
     }
 
     /// Sets the groups of a wave in which every pixel has the given number of consecutive samples.

@@ -6,6 +6,7 @@
 
 pub mod caustics;
 pub mod groups;
+mod links;
 mod pilot;
 mod reuse;
 

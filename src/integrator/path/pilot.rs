@@ -8,18 +8,16 @@
 use super::PathIntegrator;
 use super::caustics::CameraPathPilot;
 use super::groups::{CellSide, PixelGroups};
-use crate::accel::Coherence;
 use crate::estimate::metrics::RELATIVE_FLOOR;
-use crate::film::PixelRect;
+use crate::integrator::Worker;
 use crate::integrator::pilot::PilotRays;
 use crate::integrator::preparation::{Preparation, Workers};
-use crate::integrator::{Group, Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::sampling::hash::combine;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The number of cells of a round, and their side in pixels.
-const CELLS: u64 = 24;
+/// The number of cells of a round, of each of which one group of pixels is traced, and their side in pixels.
+const CELLS: u64 = 48;
 const CELL: u32 = CellSide::Eight as u32;
 /// The number of samples of a pixel, of which the halves of a pixel have every other one. With one sample in each half,
 /// the direct light of emitters would be noisier beside indirect light than in an image, because samples of few
@@ -37,8 +35,14 @@ const SMALL_CELLS: f64 = 0.85;
 /// The random numbers of the pilot are others than those of the image.
 const STREAM: u64 = 0x7069_6c6f_7470_6174;
 
-/// The share of the pixels that count as fireflies, if they have the largest errors.
+/// The exponent of the mean over cells that is compared. The smaller it is, the less fireflies count, but the more
+/// smooth cells do, whose noise reuse divides by more than that of others.
+const EXPONENT: f64 = 0.7;
+/// The share of the pixels that count as fireflies, if they have the largest errors, where caustics are compared.
 const FIREFLIES: f64 = 0.01;
+/// The least efficiency of reuse relative to independent paths. Errors of pixels that share paths are correlated, so
+/// they are worth a little less.
+const LEAST_GAIN: f64 = 1.1;
 
 /// The errors and the cost of a cell in one of the [`MODES`].
 #[derive(Default)]
@@ -69,15 +73,16 @@ impl Efforts {
         if small < SMALL_CELLS * large { CellSide::Four } else { CellSide::Eight }
     }
 
-    /// Returns the effort of reuse in the better cells relative to that of independent paths.
+    /// Returns the effort of reuse in large cells relative to that of independent paths. The same pixels tell both, so
+    /// much of the noise of the pilot cancels.
     fn relative(&self) -> f64 {
-        let [independent, large, small] = self.efforts;
-        (if self.cells() == CellSide::Four { small } else { large }) / independent
+        let [independent, large, _] = self.efforts;
+        large / independent
     }
 
-    /// Returns the better cells, if reuse in them has less effort than independent paths.
+    /// Returns the better cells, if reuse pays.
     pub fn cells_that_pay(&self) -> Option<CellSide> {
-        (self.relative() < 1.0).then(|| self.cells())
+        (LEAST_GAIN * self.relative() < 1.0).then(|| self.cells())
     }
 }
 
@@ -98,26 +103,22 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
             let cell = first + ((random * (end - first)) >> 32);
             let (x, y) =
                 ((cell % u64::from(columns)) as u32 * CELL, (cell / u64::from(columns)) as u32 * CELL);
-            let (width, height) = (CELL.min(film.width - x), CELL.min(film.height - y));
-            workers
-                .with(|worker| try_cell(integrator, preparation, PixelRect { x, y, width, height }, worker))
+            workers.with(|worker| try_cell(integrator, preparation, (x, y), random, worker))
         };
         trials.extend(preparation.pool.install(|| (0..count).into_par_iter().map(trial).collect::<Vec<_>>()));
-        let [all, kept] = [0, 1].map(|i| {
-            std::array::from_fn::<f64, { MODES.len() }, _>(|mode| {
-                errors(trials.iter().map(|trial| &trial[mode].squares[..]))[i]
-            })
-        });
-        let pixels = trials.iter().map(|trial| trial[0].squares.len()).sum::<usize>() as f64;
+        let squares = |mode: usize| trials.iter().map(move |trial| &trial[mode].squares[..]);
         let sum = |of: &dyn Fn(&Trial) -> f64, mode: usize| {
-            trials.iter().map(|trial| of(&trial[mode])).sum::<f64>() / (pixels * SAMPLES as f64)
+            trials.iter().map(|trial| of(&trial[mode])).sum::<f64>()
         };
+        // The number of camera paths in each way.
+        let paths: [f64; MODES.len()] =
+            std::array::from_fn(|mode| SAMPLES as f64 * sum(&|trial| trial.squares.len() as f64, mode));
         let of_paths = std::array::from_fn(|mode| CameraPathPilot {
-            error: kept[mode] / (pixels * 3.0 * SAMPLES as f64),
-            cost: sum(&|trial| trial.cost, mode),
-            mean: sum(&|trial| trial.sum, mode) / 3.0,
+            error: without_fireflies(squares(mode)) / (3.0 * paths[mode]),
+            cost: sum(&|trial| trial.cost, mode) / paths[mode],
+            mean: sum(&|trial| trial.sum, mode) / (3.0 * paths[mode]),
         });
-        let efforts = std::array::from_fn(|mode| (all[mode] * kept[mode]).sqrt() * of_paths[mode].cost);
+        let efforts = std::array::from_fn(|mode| error(squares(mode)) / paths[mode] * of_paths[mode].cost);
         let efforts = Efforts { efforts, of_paths };
         round += 1;
         // In a small image, another round would trace the same cells.
@@ -127,50 +128,48 @@ pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Effort
     }
 }
 
-/// Returns two errors from the squared errors of the pixels of cells. Their geometric mean counts, because an image may
-/// be judged with its fireflies or without them. One is of all pixels; it is the sum of fourth roots of the cells'
-/// sums, to the fourth power, because a few fireflies would dominate a sum of squares. The other is the sum of squares
-/// without the [`FIREFLIES`].
-fn errors<'a>(cells: impl Iterator<Item = &'a [f64]> + Clone) -> [f64; 2] {
-    let all = cells.clone().map(|squares| squares.iter().sum::<f64>().powf(0.25)).sum::<f64>().powi(4);
+/// Returns an error from the squared errors of the pixels of each cell: a power mean, so that it is about the mean, but
+/// a firefly does not decide alone.
+fn error<'a>(cells: impl Iterator<Item = &'a [f64]>) -> f64 {
+    let sum = cells.map(|squares| squares.iter().sum::<f64>().powf(EXPONENT)).sum::<f64>();
+    sum.powf(1.0 / EXPONENT)
+}
+
+/// Returns the sum of the squared errors without those of the [`FIREFLIES`].
+fn without_fireflies<'a>(cells: impl Iterator<Item = &'a [f64]>) -> f64 {
     let mut squares: Vec<f64> = cells.flatten().copied().collect();
     squares.sort_by(f64::total_cmp);
     let kept = squares.len() - (FIREFLIES * squares.len() as f64) as usize;
-    [all, squares[..kept].iter().sum::<f64>()]
+    squares[..kept].iter().sum()
 }
 
-/// Traces the [`SAMPLES`] of each pixel of a cell in each of the [`MODES`].
+/// Traces the [`SAMPLES`] of each pixel of one group in each of the [`MODES`]. The pixels are in the cell whose first
+/// pixel is `first`.
 fn try_cell(
     integrator: &PathIntegrator,
     preparation: &Preparation<'_>,
-    cell: PixelRect,
+    first: (u32, u32),
+    number: u64,
     worker: &mut Worker,
 ) -> [Trial; MODES.len()] {
-    let Preparation { scene, camera, seed, .. } = preparation;
-    let pixels =
-        (cell.y..cell.y + cell.height).flat_map(|y| (cell.x..cell.x + cell.width).map(move |x| (x, y)));
-    let PilotRays { rays, keys } = PilotRays::new(preparation, pixels, SAMPLES, STREAM);
-    let mut groups: Vec<Group> = Vec::new();
+    let Preparation { scene, camera, seed, .. } = *preparation;
+    let size = [camera.film.width, camera.film.height];
+    let values = MODES.map(|mode| {
+        let pixels = PixelGroups::one_of(mode.unwrap_or(CellSide::Eight), seed, size, first, number);
+        let rays = PilotRays::new(preparation, pixels.into_iter(), SAMPLES, STREAM);
+        let (radiance, cost) = rays.trace(scene, integrator, SAMPLES, mode.is_some(), worker);
+        (radiance.iter().map(|radiance| radiance.value.to_array().map(f64::from)).collect::<Vec<_>>(), cost)
+    });
     let mut trials = MODES.map(|_| Trial::default());
-    let mut radiance = MODES.map(|_| vec![Radiance::NONE; rays.len()]);
-    for (mode, side) in MODES.into_iter().enumerate() {
-        groups.clear();
-        if let Some(side) = side {
-            let size = [camera.film.width, camera.film.height];
-            PixelGroups::new(side, *seed, size, cell).of_wave(SAMPLES as u32, &mut groups);
-        }
-        let before = worker.counters;
-        let wave = Wave { rays: &rays, keys: &keys, coherence: Coherence::Coherent, groups: &groups };
-        integrator.li(scene, wave, RadianceQuery::ALL, worker, &mut radiance[mode]);
-        trials[mode].cost = worker.counters.cost() - before.cost();
-    }
-    // The mean of the cell stands for the true image, because a pixel's own mean is as noisy as its error.
-    let values = |mode: usize| radiance[mode].iter().map(|radiance| radiance.value.to_array().map(f64::from));
-    let mean = [0, 1, 2].map(|c| values(1).map(|value| value[c]).sum::<f64>() / rays.len() as f64);
     for (mode, trial) in trials.iter_mut().enumerate() {
-        let values: Vec<[f64; 3]> = values(mode).collect();
-        trial.sum = values.iter().flatten().sum();
-        trial.squares.extend(values.chunks(SAMPLES).map(|samples| {
+        let (own, cost) = &values[mode];
+        // The mean of a group that reuses its paths stands for the true image, because a pixel's own mean is as noisy
+        // as its error.
+        let shared = &values[mode.max(1)].0;
+        let mean = [0, 1, 2].map(|c| shared.iter().map(|value| value[c]).sum::<f64>() / shared.len() as f64);
+        trial.cost = *cost;
+        trial.sum = own.iter().flatten().sum();
+        trial.squares.extend(own.chunks(SAMPLES).map(|samples| {
             let square = |c: usize| {
                 let difference = samples.as_chunks::<2>().0.iter().map(|[a, b]| a[c] - b[c]).sum::<f64>();
                 difference.powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR)

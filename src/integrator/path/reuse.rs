@@ -15,17 +15,16 @@
 //!
 //! The estimate of each pixel is unbiased. The errors of the pixels of a group are correlated.
 
+use super::links::{DistantLight, Link, Place, Receivers, SurfacePoint, Vertex};
 use crate::accel::{Coherence, Hit};
 use crate::bsdf::{self, Bsdf, BsdfX16};
 use crate::color::Rgb;
-use crate::emitter::{EmitterSampleX16, Gloss, GlossX16, ReceiverX16};
+use crate::emitter::{EmitterSampleX16, Gloss, GlossX16};
 use crate::integrator::block::ShadingBlock;
-use crate::integrator::lighting::TechniqueCounts;
 use crate::integrator::worker::{Counters, PathWave};
 use crate::integrator::{Group, Radiance};
 use crate::math::lanes::{LANES, bits, mask_from_bits};
-use crate::math::ray::{end_error_x16, offset_origin, offset_origin_x16};
-use crate::math::{Frame, FrameX16, Ray, RayX16, Vec3, Vec3x16, f32x16};
+use crate::math::{FrameX16, Ray, Vec3, Vec3x16, f32x16};
 use crate::sampling::mis::{weighted_power_heuristic, weighted_power_heuristic_x16};
 use crate::scene::{Scene, SurfaceInteraction};
 use bumpalo::Bump;
@@ -34,19 +33,6 @@ use std::time::Instant;
 /// The number of groups whose rays are traced together.
 const BATCH: usize = 8;
 
-/// The vertex of a path at which it samples the direction to the point that the group shares.
-#[derive(Clone, Copy)]
-struct Vertex<'a> {
-    p: Vec3,
-    error: f32,
-    ng: Vec3,
-    frame: Frame,
-    wo: Vec3,
-    bsdf: &'a Bsdf<'a>,
-    beta: Rgb,
-    gloss: Gloss,
-}
-
 /// A sample after a [`Vertex`] that the group shares, with the samples of an emitter and of a direction that were drawn
 /// there.
 #[derive(Clone, Copy)]
@@ -54,28 +40,6 @@ struct Shared<'a> {
     place: Place<'a>,
     emitter: Option<SharedEmitter>,
     tail: Option<SharedTail>,
-}
-
-/// Where a shared sample is.
-#[derive(Clone, Copy)]
-enum Place<'a> {
-    Surface(SurfacePoint<'a>),
-    /// Beyond the scene, in a unit direction.
-    Infinity(Vec3),
-}
-
-/// A shared point of a surface.
-#[derive(Clone, Copy)]
-struct SurfacePoint<'a> {
-    p: Vec3,
-    error: f32,
-    ng: Vec3,
-    frame: Frame,
-    bsdf: &'a Bsdf<'a>,
-    /// Whether the path arrived on the front side of the shading normal.
-    front: bool,
-    /// The index of the point among those that emit.
-    emitting: Option<u32>,
 }
 
 /// The sample of an emitter at a shared point.
@@ -122,43 +86,12 @@ pub(super) struct Reuse<'a> {
     tails: Vec<TailWeights>,
 }
 
-/// The vertices of a group.
-struct Receivers<'a> {
-    p: Vec3x16,
-    error: f32x16,
-    ng: Vec3x16,
-    frame: FrameX16,
-    wo: Vec3x16,
-    bsdf: BsdfX16<'a>,
-    beta: [f32x16; 3],
-    gloss: Option<GlossX16>,
-    lanes: u32,
-}
-
-/// A shared point as seen from the vertices of its group.
-struct Link {
-    group: u32,
-    /// The index of the vertices in the batch.
-    receivers: usize,
-    slot: u32,
-    /// Directions to the vertices in the local frame of the shared point.
-    wo: Vec3x16,
-    /// Densities per unit area; per unit solid angle at infinity.
-    density: f32x16,
-    /// Densities per unit solid angle.
-    pdf: f32x16,
-    /// Throughput of the pixels up to the shared point, in the measure of area.
-    flux: [f32x16; 3],
-    /// Mask of the vertices to which a ray is traced.
-    traced: u32,
-    /// The lane of the path that found the point.
-    own: usize,
-}
-
 /// Groups whose rays are traced together.
 #[derive(Default)]
 struct Batch<'a> {
     receivers: Vec<Receivers<'a>>,
+    /// The emitters at infinity, for each group with rays that hit nothing.
+    distant: Vec<DistantLight>,
     links: Vec<Link>,
     /// For each link, the rays to the vertices, and the shadow ray of the emitter sample.
     rays: Vec<Ray>,
@@ -167,6 +100,7 @@ struct Batch<'a> {
 impl Batch<'_> {
     fn clear(&mut self) {
         self.receivers.clear();
+        self.distant.clear();
         self.links.clear();
         self.rays.clear();
     }
@@ -305,9 +239,9 @@ impl<'a> Reuse<'a> {
             for (batch, groups) in self.groups.chunks(BATCH).enumerate() {
                 batched.clear();
                 for (i, group) in groups.iter().enumerate() {
-                    self.link((batch * BATCH + i) as u32, group, &mut batched);
+                    self.link(scene, (batch * BATCH + i) as u32, group, &mut batched);
                 }
-                let Batch { receivers, links, rays } = &batched;
+                let Batch { receivers, distant, links, rays } = &batched;
                 occluded.clear();
                 occluded.resize(rays.len(), false);
                 let started = Instant::now();
@@ -319,7 +253,8 @@ impl<'a> Reuse<'a> {
                     let mut sum = [f32x16::ZERO; 3];
                     for link in links {
                         let receivers = &receivers[link.receivers];
-                        let light = self.collect(scene, link, receivers, &mut occluded, paths);
+                        let distant = &distant[receivers.distant.clone()];
+                        let light = self.collect(scene, link, (receivers, distant), &mut occluded, paths);
                         (0..3).for_each(|c| sum[c] += light[c]);
                     }
                     let group = &self.groups[links[0].group as usize];
@@ -355,22 +290,33 @@ impl<'a> Reuse<'a> {
         }
         let vertex = |i: usize| self.vertices.get(group[i] as usize).and_then(Option::as_ref);
         let gloss = GlossX16::of_lanes(lanes, |i| vertex(i).map_or(Gloss::NONE, |v| v.gloss));
-        Receivers { p, error, ng, frame, wo, bsdf: BsdfX16::new(bsdfs, lanes), beta, gloss, lanes }
+        let bsdf = BsdfX16::new(bsdfs, lanes);
+        Receivers { p, error, ng, frame, wo, bsdf, beta, gloss, lanes, distant: 0..0 }
     }
 
     /// Links the shared samples of a group with its vertices.
-    fn link(&self, index: u32, group: &Group, batch: &mut Batch<'a>) {
+    fn link(&self, scene: &Scene, index: u32, group: &Group, batch: &mut Batch<'a>) {
         let shared = |slot: u32| self.points.get(slot as usize).and_then(Option::as_ref);
         if !group.iter().any(|&slot| shared(slot).is_some()) {
             return;
         }
-        let receivers = self.receivers(group);
+        let mut receivers = self.receivers(group);
+        let (mut directions, mut missed) = (Vec3x16::default(), false);
         for (own, &slot) in group.iter().enumerate() {
             if let Some(point) = shared(slot) {
                 let link = receivers.link(&point.place, own, &mut batch.rays);
                 batch.links.push(Link { group: index, receivers: batch.receivers.len(), slot, ..link });
                 batch.rays.extend(point.emitter.map(|emitter| emitter.ray));
+                if let Place::Infinity(d) = point.place {
+                    directions.set_lane(own, d);
+                    missed = true;
+                }
             }
+        }
+        if missed {
+            let first = batch.distant.len();
+            batch.distant.extend(receivers.distant(scene, &directions));
+            receivers.distant = first..batch.distant.len();
         }
         batch.receivers.push(receivers);
     }
@@ -380,7 +326,7 @@ impl<'a> Reuse<'a> {
         &mut self,
         scene: &Scene,
         link: &Link,
-        receivers: &Receivers<'_>,
+        (receivers, distant): (&Receivers<'_>, &[DistantLight]),
         occluded: &mut impl Iterator<Item = bool>,
         paths: &mut PathWave,
     ) -> [f32x16; 3] {
@@ -401,8 +347,13 @@ impl<'a> Reuse<'a> {
             }
         };
         let point = match &shared.place {
-            Place::Infinity(d) => {
-                receivers.distant(scene, *d, link.pdf, |le, weights| add(le, [weights; 3]));
+            Place::Infinity(_) => {
+                for DistantLight { radiance, density, pmf } in distant {
+                    let [r, g, b, density] =
+                        [radiance[0], radiance[1], radiance[2], *density].map(|v| v.as_array()[link.own]);
+                    let other = *pmf * f32x16::splat(density);
+                    add(Rgb::new(r, g, b), [weighted_power_heuristic_x16(1.0, link.pdf, 1.0, other); 3]);
+                }
                 return light;
             }
             Place::Surface(point) => point,
@@ -461,81 +412,5 @@ fn add_to_pixels(out: &mut [Radiance], group: &Group, lanes: u32, light: [f32x16
         if let Some(out) = out.get_mut(slot as usize).filter(|_| lanes >> i & 1 == 1) {
             out.value += Rgb::new(r[i], g[i], b[i]);
         }
-    }
-}
-
-impl Receivers<'_> {
-    /// Returns the vertices as emitters were chosen for them.
-    fn receivers(&self) -> ReceiverX16 {
-        ReceiverX16 { p: self.p, gloss: self.gloss }
-    }
-
-    /// Links a shared sample with the vertices, and adds rays to all but the vertex `own` of the path that found it.
-    fn link(&self, place: &Place<'_>, own: usize, rays: &mut Vec<Ray>) -> Link {
-        let (to, w, per_area) = match place {
-            Place::Infinity(d) => (Vec3x16::splat(*d), Vec3x16::splat(*d), f32x16::ONE),
-            Place::Surface(point) => {
-                let to = Vec3x16::splat(point.p) - self.p;
-                let w = to.normalize_or_zero();
-                (to, w, Vec3x16::splat(point.ng).dot(w).abs() / to.length_squared())
-            }
-        };
-        let wi = self.frame.to_local(w);
-        let eval = self.bsdf.eval(&self.wo, &wi);
-        let density = eval.pdf * per_area;
-        let mut some = density.simd_gt(f32x16::ZERO)
-            & density.simd_lt(f32x16::splat(f32::INFINITY))
-            & mask_from_bits(self.lanes);
-        let o = offset_origin_x16(self.p, self.error, self.ng, w);
-        let (mut wo, mut t_max, mut d) = (Vec3x16::default(), f32x16::splat(f32::INFINITY), w);
-        if let Place::Surface(point) = place {
-            let Frame { s, t, n } = point.frame;
-            wo =
-                Vec3x16::new(-Vec3x16::splat(s).dot(w), -Vec3x16::splat(t).dot(w), -Vec3x16::splat(n).dot(w));
-            let front = wo.z.simd_gt(f32x16::ZERO);
-            some &= if point.front { front } else { !front };
-            let error = f32x16::splat(point.error) + end_error_x16(to);
-            let target = offset_origin_x16(Vec3x16::splat(point.p), error, Vec3x16::splat(point.ng), -w);
-            (t_max, d) = (f32x16::ONE, target - o);
-        }
-        let factor = wi.z.abs() * per_area;
-        let flux = std::array::from_fn(|c| (self.beta[c] * eval.f[c] * factor) & some);
-        let traced = some.to_bitmask() & !(1 << own);
-        if traced != 0 {
-            let all = RayX16 { o, t_max, d, time: f32x16::ZERO }.to_rays();
-            rays.extend(bits(traced).map(|i| all[i]));
-        }
-        let (density, pdf) = (density & some, eval.pdf);
-        Link { group: 0, receivers: 0, slot: 0, wo, density, pdf, flux, traced, own }
-    }
-
-    /// Calls `add` with the radiance of each distant emitter in a direction, and its weights against emitter samples at
-    /// the vertices. `pdf` are the densities of the direction.
-    fn distant(&self, scene: &Scene, d: Vec3, pdf: f32x16, mut add: impl FnMut(Rgb, f32x16)) {
-        let selection = TechniqueCounts::ONE_EACH.selection(scene);
-        for emitter in scene.distant_emitters() {
-            let pmf = scene.distant_pmf_x16(selection, emitter, &self.receivers(), LANES);
-            let other = pmf * f32x16::splat(scene.distant_density(selection, emitter, d));
-            add(scene.distant_radiance(emitter, d), weighted_power_heuristic_x16(1.0, pdf, 1.0, other));
-        }
-    }
-
-    /// Returns the radiance that a surface point emits, and its weights against emitter samples at the vertices of the
-    /// mask `lanes`; zero where it emits to the other side. `pdf` are the densities of the directions to the point.
-    fn emitted(&self, scene: &Scene, at: &SurfaceInteraction, pdf: f32x16, lanes: u32) -> (Rgb, f32x16) {
-        let mut weights = [0.0; LANES];
-        let Some(emitter) = scene.emitter_at(at) else { return (Rgb::BLACK, f32x16::ZERO) };
-        let selection = TechniqueCounts::ONE_EACH.selection(scene);
-        for i in bits(lanes) {
-            let from = self.p.lane(i);
-            let w = at.p - from;
-            if w.dot(at.ng) < 0.0 {
-                let origin = offset_origin(from, self.error.as_array()[i], self.ng.lane(i), w);
-                let receiver = self.receivers().lane(i);
-                let other = scene.emitter_pdf(selection, emitter, receiver, origin, at);
-                weights[i] = weighted_power_heuristic(1.0, pdf.as_array()[i], 1.0, other);
-            }
-        }
-        (scene.emitted(emitter, at), f32x16::new(weights))
     }
 }
