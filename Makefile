@@ -51,6 +51,7 @@ test: lint ## what must hold, in minutes
 test-all: test test-rest rust-alone agreement claims ## everything that must hold
 
 test-rest: deps
+	@.ci/deps parallel
 	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
 	cargo test --locked --workspace -- --ignored --skip refuted_with_any_seed
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)

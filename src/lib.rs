@@ -149,6 +149,10 @@
 //! - `[Abramowitz and Stegun 1964]` Handbook of Mathematical Functions. National Bureau of Standards.
 //! - `[Ahmed and Wonka 2020]` Screen-space blue-noise diffusion of Monte Carlo sampling error via hierarchical
 //!   ordering of pixels. ACM Transactions on Graphics 39(6).
+//! - `[Andersson 2020]` Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild: ꟻLIP: A difference evaluator
+//!   for alternating images. Proc. ACM Comput. Graph. Interact. Tech. 3 (2).
+//! - `[Andersson 2021]` Andersson, Nilsson, Shirley, Akenine-Möller: Visualizing errors in rendered high dynamic range
+//!   images. Eurographics short papers.
 //! - `[Appleby 2011]` MurmurHash3.
 //! - `[Arvo 1986]` Backward ray tracing. SIGGRAPH course notes.
 //! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.

@@ -102,7 +102,7 @@ fn flip_is_what_is_seen() {
         json["value"].as_f64().expect("a number")
     };
     let high = value(&a, &r, &["-o", map.to_str().unwrap()]);
-    assert!(read(&map).unwrap().rgb(4, 3)[0] > read(&map).unwrap().rgb(15, 15)[0]);
+    assert!(read(&map).unwrap().rgb(4, 3)[0] > read(&map).unwrap().rgb(15, 8)[0]);
     let rgb = |image: &Image| {
         let mut picture = flat(0.0, &RGB);
         picture.data.iter_mut().zip(image.data.chunks(6).flat_map(|p| &p[..3])).for_each(|(to, v)| *to = *v);

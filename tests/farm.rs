@@ -118,6 +118,24 @@ fn tasks_make_the_bits_of_one_render() {
     }
 }
 
+/// GNU parallel itself, which must be installed.
+#[test]
+#[ignore = "needs GNU parallel: make test-all"]
+fn gnu_parallel_makes_the_bits_of_one_render() {
+    let folder = Folder::new();
+    folder.render("s.xml -q --spp 8 -o whole.exr");
+    let plan = folder.run("plan s.xml --engine parallel --tasks 3 --dir farm -- --spp 8");
+    assert_eq!(plan.code, 0, "{plan:?}");
+    let output = Command::new("sh")
+        .args(["farm/run.sh", "--will-cite", "--jobs", "2"])
+        .current_dir(folder.path("."))
+        .env("BUFFON", program())
+        .output()
+        .expect("sh starts");
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(pixels(&folder, "farm/images/s.exr"), pixels(&folder, "whole.exr"));
+}
+
 /// A task goes on from its checkpoint, and refuses a scene that is not that of the plan.
 #[test]
 fn a_task_refuses_another_scene() {

@@ -19,16 +19,16 @@ pub enum DynamicRange {
 
 /// Pixels per degree of visual angle: a display of 0.7 m with 3840 pixels, seen from 0.7 m.
 const PIXELS_PER_DEGREE: f32 = 0.7 * (3840.0 / 0.7) * (std::f32::consts::PI / 180.0);
-/// The exponent of colour differences, and of feature differences. [2020, Eq. 5, 8]
+/// The exponent of colour differences, and of feature differences. [Andersson 2020]
 const COLOR_EXPONENT: f32 = 0.7;
 const FEATURE_EXPONENT: f32 = 0.5;
 /// The part of the largest colour difference up to which differences use the part [0, `PERCEPTUAL_TO`] of the range.
 const PERCEPTUAL_FROM: f32 = 0.4;
 const PERCEPTUAL_TO: f32 = 0.95;
-/// The width of the feature detector in degrees. [2020, section 4.2]
+/// The width of the feature detector in degrees. [Andersson 2020]
 const FEATURE_WIDTH: f32 = 0.082;
 /// The sums of Gaussians that are the contrast sensitivity of the achromatic, red-green and blue-yellow channels, as
-/// pairs of amplitude and scale in degrees². [2020, table 1]
+/// pairs of amplitude and scale in degrees². [Andersson 2020, table 1]
 const SENSITIVITIES: [&[[f32; 2]]; 3] = [&[[1.0, 0.0047]], &[[1.0, 0.0053]], &[[34.1, 0.04], [13.5, 0.025]]];
 /// The greatest of these scales, which determines the radius of the blur.
 const LARGEST_SCALE: f32 = 0.04;
@@ -46,7 +46,7 @@ const FROM_XYZ: [[f32; 3]; 3] = [
     [-0.969_224_33, 1.875_930_1, 0.041_554_224],
     [0.055_639_423, -0.204_011_2, 1.057_148_9],
 ];
-/// The tone curve of HDR-FLIP: (ax² + bx) / (cx² + dx + e), ACES as Narkowicz fits it, with exposure 0.6. [2021]
+/// The tone curve (ax² + bx) / (cx² + dx + e) of images with a high dynamic range: a fit of ACES. [Andersson 2021]
 const TONE_CURVE: [f32; 5] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 /// The tone-mapped value that the brightest pixel has at the first exposure, and the median at the last one.
 const BRIGHT: f32 = 0.85;
@@ -91,7 +91,7 @@ fn clamped(color: [f32; 3]) -> [f32; 3] {
     color.map(|c| c.clamp(0.0, 1.0))
 }
 
-/// Returns the factors of the exposures at which images are compared. [2021, section 3]
+/// Returns the factors of the exposures at which images are compared. [Andersson 2021]
 fn exposures(reference: &[[f32; 3]]) -> Vec<f32> {
     let [a, b, c, d, e] = TONE_CURVE;
     // The value that the curve maps to `BRIGHT`.
@@ -159,7 +159,7 @@ fn linear_of_opponent([achromatic, red_green, blue_yellow]: [f32; 3]) -> [f32; 3
     transformed(&FROM_XYZ, [0, 1, 2].map(|c| relative[c] * WHITE[c]))
 }
 
-/// Converts linear sRGB to CIELAB, with colours that count less where it is dark. [Hunt 1952; 2020, section 4.1.2]
+/// Converts linear sRGB to CIELAB, with colours that count less where it is dark, as Hunt found. [Andersson 2020]
 fn adjusted(linear: [f32; 3]) -> [f32; 3] {
     let delta = 6.0f32 / 29.0;
     let xyz = transformed(&TO_XYZ, linear);
@@ -171,7 +171,7 @@ fn adjusted(linear: [f32; 3]) -> [f32; 3] {
     [lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z)]
 }
 
-/// Returns the distance of two colours, in lightness plus in the other coordinates. [Abasi 2020]
+/// Returns the distance HyAB of two colours: in lightness plus in the other coordinates. [Andersson 2020]
 fn hyab(a: [f32; 3], b: [f32; 3]) -> f32 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
@@ -203,7 +203,7 @@ fn blurred(planes: &[Plane; 3], size: [usize; 2]) -> Vec<[f32; 3]> {
     (0..planes[0].len()).into_par_iter().map(color).collect()
 }
 
-/// Returns the magnitudes of edges and of points in the achromatic channel. [2020, section 4.2]
+/// Returns the magnitudes of edges and of points in the achromatic channel. [Andersson 2020]
 fn features(achromatic: &[f32], size: [usize; 2]) -> Vec<[f32; 2]> {
     let plane: Plane = achromatic.iter().map(|y| (y + 16.0) / 116.0).collect();
     let deviation = 0.5 * FEATURE_WIDTH * PIXELS_PER_DEGREE;

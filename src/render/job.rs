@@ -50,6 +50,8 @@ pub struct Job<'a> {
     pub resumed: Option<RenderState>,
     /// The receivers of states.
     pub sinks: Sinks<'a>,
+    /// The time that the integrator's preparation took.
+    pub prepared: Duration,
     /// Whether alpha is summed.
     pub(super) alpha: bool,
     /// Whether a ray that hits nothing counts as opaque, because it sees the environment.
@@ -176,6 +178,7 @@ impl<'a> Job<'a> {
             first: 0,
             resumed: None,
             sinks: Sinks::default(),
+            prepared: Duration::ZERO,
             alpha: camera.film.pixel_format.has_alpha(),
             opaque_environment: scene.needs.environment && integrator.shows_environment(),
             filter: FilterSampler::new(camera.film.filter),
@@ -217,6 +220,12 @@ impl<'a> Job<'a> {
     /// Returns the job with receivers of its states.
     pub fn with_sinks(mut self, sinks: Sinks<'a>) -> Self {
         self.sinks = sinks;
+        self
+    }
+
+    /// Returns the job with the time that the integrator's preparation took.
+    pub fn prepared_in(mut self, prepared: Duration) -> Self {
+        self.prepared = prepared;
         self
     }
 

@@ -277,6 +277,7 @@ impl<'j, 'a> Passes<'j, 'a> {
             stop_reason,
             adaptive: self.job.rates.is_some(),
             reuses_paths: self.job.integrator.reuse_cells().is_some(),
+            prepared: self.job.prepared,
             relmse: error.map(|e| e.relmse),
             relmse_interval: error.map(|e| e.interval),
             ..rendered

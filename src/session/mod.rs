@@ -295,8 +295,9 @@ impl Session {
             .with_first(plan.first)
             .resumed_from(resumed)
             .with_sinks(sinks)
+            .prepared_in(prepared)
             .run_with(pool);
-        Ok(Rendered { prepared, statistics: integrator.statistics(), ..rendered })
+        Ok(Rendered { statistics: integrator.statistics(), ..rendered })
     }
 
     /// Returns the image of a render, with layers and metadata. If a layer shows indices of shapes or materials, their

@@ -116,18 +116,18 @@ impl BoundedSurface {
             _ if candidates.none() => None,
             None => Some(SurfaceHits::Candidates(candidates.to_bitmask())),
             Some(kernel) => {
-                let (within, [t, u, v]) = kernel.intersect(rays, t_max);
-                Some(SurfaceHits::Lanes { hit: candidates & within, t, u, v })
+                let (hit, [t, u, v]) = kernel.intersect(rays, t_max, candidates);
+                Some(SurfaceHits::Lanes { hit, t, u, v })
             }
         }
     }
 }
 
 impl Kernel {
-    /// Computes [`Primitive::intersect`] for eight rays, with the same bits. Returns a mask of the rays with a hit
-    /// before `t_max`, and the parameter and surface coordinates of the hits.
+    /// Computes [`Primitive::intersect`] for the rays in a mask, with the same bits. Returns a mask of the rays with a
+    /// hit before `t_max`, and the parameter and surface coordinates of the hits.
     #[inline(always)]
-    fn intersect(&self, rays: &RayX8<'_>, t_max: f32x8) -> (f32x8, [f32x8; 3]) {
+    fn intersect(&self, rays: &RayX8<'_>, t_max: f32x8, candidates: f32x8) -> (f32x8, [f32x8; 3]) {
         let rounded = |v: f64x8| f32x8::new(v.to_array().map(|v| v as f32));
         let within = |t: f32x8| t.simd_gt(f32x8::ZERO) & t.simd_lt(t_max);
         let (o, d) = (DVec3x8::new(rays.o), DVec3x8::new(rays.d));
@@ -138,13 +138,23 @@ impl Kernel {
                 let (a, b) = (d.dot_x8(d), -f.dot_x8(d));
                 let nearest = f.plus(d, b / a);
                 let discriminant = r2 - nearest.dot_x8(nearest);
+                let real = candidates & mask(discriminant.simd_ge(f64x8::ZERO));
+                if real.none() {
+                    return (f32x8::ZERO, [f32x8::ZERO; 3]);
+                }
                 let c = f.dot_x8(f) - r2;
                 let q = b + ((a * discriminant).sqrt() | (b & f64x8::splat(-0.0)));
-                let (t0, t1) = (c / q, q / a);
-                let swap = t1.simd_lt(t0);
-                let (near, far) = (rounded(swap.select(t1, t0)), rounded(swap.select(t0, t1)));
-                let t = within(near).select(near, far);
-                let real = mask(discriminant.simd_ge(f64x8::ZERO));
+                let t0 = c / q;
+                // From outside, this is the nearer root, and if it is beyond the end, the other one is, too.
+                let from_outside =
+                    c.simd_gt(f64x8::ZERO) & (a * c).simd_lt(q * q * f64x8::splat(1.0 - 1e-15));
+                let mut t = rounded(t0);
+                if (real & !mask(from_outside)).any() {
+                    let t1 = q / a;
+                    let swap = t1.simd_lt(t0);
+                    let (near, far) = (rounded(swap.select(t1, t0)), rounded(swap.select(t0, t1)));
+                    t = within(near).select(near, far);
+                }
                 (real & within(t), [t, f32x8::ZERO, f32x8::ZERO])
             }
             Kernel::Disk { center, du, dv } => {
@@ -157,7 +167,7 @@ impl Kernel {
                 let (u, v) = (p.cross(dv).dot(n) / n2, -(p.cross(du).dot(n) / n2));
                 let inside = mask((u * u + v * v).simd_le(f64x8::ONE));
                 let t = rounded(t);
-                (inside & within(t), [t, rounded(u), rounded(v)])
+                (candidates & inside & within(t), [t, rounded(u), rounded(v)])
             }
         }
     }
