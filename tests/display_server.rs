@@ -126,6 +126,8 @@ fn viewers_that_are_missing_gone_or_slow_are_a_warning() {
     let missing = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address");
     let run = folder.render(&format!("s.xml --spp 1 -o r.exr --display-server {missing}"));
     assert!(run.stderr.contains(&format!("warning: --display-server {missing}: ")), "{run:?}");
+    let strict = folder.run(&format!("render s.xml --spp 1 -o r.exr --strict --display-server {missing}"));
+    assert!(strict.code == 5 && strict.stderr.contains("--display-server"), "{strict:?}");
     let (gone, _thread) = viewer(drop);
     // One that accepts an image and reads nothing of it.
     let (slow, _thread) = viewer(|stream| {

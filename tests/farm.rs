@@ -165,6 +165,8 @@ fn a_slurm_job_repeats_what_was_killed_and_nothing_else() {
     let submit = "chmod +x once; REAL=$BUFFON BUFFON=./once sh farm/submit.sh";
     let plan = folder.run("plan s.xml --engine slurm --tasks 2 --dir farm");
     assert_eq!(plan.code, 0, "{plan:?}");
+    // What a task that was killed may leave.
+    folder.write("farm/parts/s/00000.k1ll3d.part.sums", b"a half");
     run(&folder, submit);
     assert!(folder.path("died").exists() && folder.path("farm/images/s.exr").exists());
     folder.write("s.xml", SCENE.replace("0.5,0.4,0.3", "0.5,0.4,0.2").as_bytes());
@@ -194,6 +196,8 @@ fn mistakes_are_named() {
         assert!(run.code == code && run.stderr.contains(text), "{arguments}: {run:?}");
     }
     assert!(!folder.path("d/tasks.txt").exists());
+    let run = folder.run("merge full -o x.exr");
+    assert!(run.code == 4 && run.stderr.contains("full: expected checkpoints (*.sums)"), "{run:?}");
     let run = folder.run("render s.xml --scene-hash 1");
     assert!(
         run.code == 3 && run.stderr.contains("s.xml: --scene-hash 1: the scene or one of its"),

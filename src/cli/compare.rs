@@ -79,7 +79,8 @@ fn viewer(images: &[(String, Image)]) -> Result<Viewer<'_>> {
     })
 }
 
-/// Returns maps of FLIP of all images but the first, relative to that one; none if they are not pictures.
+/// Returns maps of FLIP of the images relative to the first one, without images that are no pictures or have NaN or
+/// infinite values.
 fn flip_maps(files: &[PathBuf], images: &[(String, Image)]) -> Result<Vec<(String, Image)>> {
     let mut range = DynamicRange::Low;
     for file in files {
@@ -93,7 +94,7 @@ fn flip_maps(files: &[PathBuf], images: &[(String, Image)]) -> Result<Vec<(Strin
         let map = Image { data: errors, ..Image::new(image.width, image.height, &["Y"]) };
         Some((name.clone(), map))
     };
-    Ok(images[1..].iter().map(map).collect::<Option<Vec<_>>>().unwrap_or_default())
+    Ok(images[1..].iter().filter_map(map).collect())
 }
 
 /// Returns the errors of all images but the first, relative to that one. `flip` are their maps of FLIP, if there are
@@ -104,14 +105,14 @@ fn errors(images: &[(String, Image)], flip: &[(String, Image)]) -> Result<Table>
     let columns = figures.map(|title| (title, Align::Right));
     let mut table = Table::new([("image", Align::Left)].into_iter().chain(columns));
     let (_, reference) = &images[0];
-    for (i, (name, image)) in images[1..].iter().enumerate() {
+    for (name, image) in &images[1..] {
         let comparison = compare(image, reference).map_err(|why| {
             Error::new(Kind::Scene, format!("not comparable with {}: {why}", images[0].0)).about(name)
         })?;
         let mean = |(_, map): &(String, Image)| {
             number(map.data.iter().map(|v| f64::from(*v)).sum::<f64>() / map.data.len() as f64)
         };
-        let flip = flip.get(i).map_or_else(|| "–".to_owned(), mean);
+        let flip = flip.iter().find(|(of, _)| of == name).map_or_else(|| "–".to_owned(), mean);
         for layer in comparison.layers.iter().take(1) {
             let figures = [
                 layer.relmse,

@@ -1,21 +1,23 @@
 //! `--display-server`: the image so far in a viewer that speaks tev's protocol, such as tev and HDRView.
 //!
-//! A thread of its own sends the images, so a slow viewer never holds up the render: while it takes one image, later
-//! ones are dropped. A viewer that is gone is a warning.
+//! A thread of its own sends the images, so the render does not wait for a slow viewer: while it takes one image, later
+//! ones are left out. Only the end of the render waits for the last image. A viewer that is gone is a warning.
 
 use crate::error::{Error, Result};
 use crate::film::Tile;
 use crate::image::Image;
 use crate::render::Rendered;
 use std::net::{TcpStream, ToSocketAddrs};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tev_client::{PacketCreateImage, PacketUpdateImage, TevClient};
 
 /// The time between two images.
 pub const INTERVAL: Duration = Duration::from_secs(1);
-/// The time that the viewer has to answer, and to take a part of an image.
+/// The time that the viewer has to answer, and to take any part of an image.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The greatest number of values in a packet, whose length in bytes has 32 bits.
 const MOST_VALUES: usize = 1 << 24;
@@ -26,6 +28,10 @@ const STANDARD_ERROR: [&str; 3] = ["standard_error.R", "standard_error.G", "stan
 pub struct DisplayServer {
     images: SyncSender<Image>,
     thread: JoinHandle<()>,
+    /// The number of images that were sent, and of those that the viewer has taken.
+    sent: AtomicU64,
+    taken: Arc<AtomicU64>,
+    last: Mutex<Option<Instant>>,
 }
 
 impl DisplayServer {
@@ -34,7 +40,8 @@ impl DisplayServer {
     /// # Errors
     /// If it is not.
     pub fn check(address: &str) -> Result<()> {
-        match address.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok()) {
+        let parts = address.rsplit_once(':');
+        match parts.is_some_and(|(host, port)| !host.is_empty() && port.parse::<u16>().is_ok()) {
             true => Ok(()),
             false => Err(Error::usage(format!(
                 "--display-server {address}: expected HOST:PORT, such as localhost:14158"
@@ -57,12 +64,15 @@ impl DisplayServer {
                     stream.set_write_timeout(Some(PATIENCE)).map_err(|e| failed(e.to_string()))?;
                     let (images, waiting) = sync_channel(1);
                     let gone = failed("the viewer is gone".into());
+                    let taken = Arc::new(AtomicU64::new(0));
+                    let counter = taken.clone();
                     let thread = std::thread::spawn(move || {
-                        if send_all(TevClient::wrap(stream), &name, &waiting).is_err() {
+                        if send_all(TevClient::wrap(stream), &name, &waiting, &counter).is_err() {
                             warn(gone);
                         }
                     });
-                    return Ok(DisplayServer { images, thread });
+                    let (sent, last) = (AtomicU64::new(0), Mutex::new(None));
+                    return Ok(DisplayServer { images, thread, sent, taken, last });
                 }
                 Err(e) => last = e.to_string(),
             }
@@ -70,23 +80,37 @@ impl DisplayServer {
         Err(failed(last))
     }
 
-    /// Shows an image, unless the viewer is still taking the one before.
-    pub fn show(&self, image: Image, rendered: &Rendered) {
-        // Without a viewer, the render goes on.
-        _ = self.images.try_send(with_standard_error(image, rendered));
+    /// Shows the image so far, unless the viewer is gone or still taking the one before, or that was less than
+    /// [`INTERVAL`] ago.
+    pub fn show(&self, rendered: &Rendered, image: impl FnOnce() -> Image) {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_early = last.is_some_and(|last| last.elapsed() < INTERVAL);
+        let is_busy = self.taken.load(Ordering::Relaxed) < self.sent.load(Ordering::Relaxed);
+        if !is_early && !is_busy && !self.thread.is_finished() {
+            self.sent.fetch_add(1, Ordering::Relaxed);
+            // Without a viewer, the render goes on.
+            _ = self.images.try_send(with_standard_error(image(), rendered));
+            *last = Some(Instant::now());
+        }
     }
 
     /// Shows the last image, and waits until the viewer has it or is given up.
-    pub fn finish(self, image: Image, rendered: &Rendered) {
-        let DisplayServer { images, thread } = self;
-        _ = images.send(with_standard_error(image, rendered));
-        drop(images);
-        _ = thread.join();
+    pub fn finish(self, rendered: &Rendered, image: impl FnOnce() -> Image) {
+        if !self.thread.is_finished() {
+            _ = self.images.send(with_standard_error(image(), rendered));
+        }
+        drop(self.images);
+        _ = self.thread.join();
     }
 }
 
-/// Sends images until there are no more.
-fn send_all(mut viewer: TevClient, name: &str, images: &Receiver<Image>) -> std::io::Result<()> {
+/// Sends images until there are no more, and counts them.
+fn send_all(
+    mut viewer: TevClient,
+    name: &str,
+    images: &Receiver<Image>,
+    taken: &AtomicU64,
+) -> std::io::Result<()> {
     let mut created = false;
     for image in images {
         let Image { width, channels, data, .. } = &image;
@@ -119,12 +143,17 @@ fn send_all(mut viewer: TevClient, name: &str, images: &Receiver<Image>) -> std:
                 data: strip,
             })?;
         }
+        taken.fetch_add(1, Ordering::Relaxed);
     }
     Ok(())
 }
 
-/// Returns the image with a layer of the standard error of the picture, from the variance between replicates.
+/// Returns the image with a layer of the standard error of the picture, from the variance between replicates, unless it
+/// has one.
 fn with_standard_error(image: Image, rendered: &Rendered) -> Image {
+    if image.channels.iter().any(|channel| STANDARD_ERROR.contains(&channel.as_str())) {
+        return image;
+    }
     let n = image.channels.len();
     let channels = image.channels.iter().map(String::as_str).chain(STANDARD_ERROR);
     let mut with = Image::new(image.width, image.height, &channels.collect::<Vec<_>>());

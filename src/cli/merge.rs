@@ -12,10 +12,10 @@ use std::path::PathBuf;
 ///
 /// The parts are checkpoints of `buffon render --sample-range A..B --checkpoint FILE`, in any order. If the ranges
 /// cover the whole render, the pixels are exactly those of a single render. Parts of different renders, or with common
-/// samples, are refused.
+/// samples, are refused. A folder stands for the files *.sums in it.
 #[derive(Clone, Debug, Args)]
 pub struct MergeArgs {
-    /// The checkpoints
+    /// The checkpoints, or folders of them
     #[arg(required = true)]
     pub parts: Vec<PathBuf>,
     /// The image to write
@@ -43,7 +43,8 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
     if let Some(path) = &args.checkpoint {
         util::check_replaceable(path)?;
     }
-    let merged = merge::merge(&args.parts)?;
+    let parts: Vec<PathBuf> = args.parts.iter().map(files).collect::<Result<Vec<_>>>()?.concat();
+    let merged = merge::merge(&parts)?;
     let missing = merged.missing();
     if !missing.is_empty() {
         let target = merged.label.target.unwrap_or(0);
@@ -73,4 +74,25 @@ pub fn run(args: &MergeArgs) -> Result<u8> {
         super::report!("{}: samples {samples}{error}", output.display());
     }
     Ok(0)
+}
+
+/// Returns a part, or the checkpoints in it if it is a folder, without those that a killed render left half written.
+fn files(part: &PathBuf) -> Result<Vec<PathBuf>> {
+    if !part.is_dir() {
+        return Ok(vec![part.clone()]);
+    }
+    let failed = |e: std::io::Error| Error::output(format!("cannot be read: {e}")).in_file(part);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(part).map_err(failed)? {
+        let file = entry.map_err(failed)?.path();
+        let is_whole = file.file_stem().is_some_and(|stem| !stem.to_string_lossy().ends_with(".part"));
+        if is_whole && file.extension().is_some_and(|extension| extension == "sums") {
+            files.push(file);
+        }
+    }
+    files.sort();
+    match files.is_empty() {
+        true => Err(Error::output("expected checkpoints (*.sums) in the folder, found none").in_file(part)),
+        false => Ok(files),
+    }
 }

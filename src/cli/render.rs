@@ -145,7 +145,7 @@ pub struct RenderArgs {
     #[arg(long)]
     pub strict: bool,
     /// Show the image so far in a viewer that speaks tev's protocol (tev, HDRView), after each pass, but at most once a
-    /// second: the picture, its standard error, and layers. A viewer that is missing or slow changes nothing; tev
+    /// second: the picture, its standard error, and layers. A viewer that is missing or slow changes no pixel; tev
     /// listens at port 14158
     #[arg(long, value_name = "HOST:PORT")]
     pub display_server: Option<String>,
@@ -412,11 +412,11 @@ fn sample(
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
     let pixels = session.camera().film.rect().area();
     let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
-    let viewer = viewer(args);
+    let viewer = viewer(args)?;
     let last_written = Mutex::new(Instant::now());
     let show = |rendered: &Rendered, requested: bool| {
         if let Some(viewer) = &viewer {
-            viewer.show(session.image(plan, rendered), rendered);
+            viewer.show(rendered, || session.image(plan, rendered));
         }
         let mut last = last_written.lock().unwrap_or_else(PoisonError::into_inner);
         if !args.skip_existing && (requested || args.write_every.is_some_and(|every| last.elapsed() >= every))
@@ -439,23 +439,26 @@ fn sample(
     };
     watcher.finish();
     if let (Some(viewer), Ok(rendered)) = (viewer, &rendered) {
-        viewer.finish(session.image(plan, rendered), rendered);
+        viewer.finish(rendered, || session.image(plan, rendered));
     }
     rendered
 }
 
 /// Returns the viewer that shows the image so far. If it cannot be reached, a warning is printed.
-fn viewer(args: &RenderArgs) -> Option<DisplayServer> {
-    let address = args.display_server.as_ref()?;
+fn viewer(args: &RenderArgs) -> Result<Option<DisplayServer>> {
+    let Some(address) = &args.display_server else { return Ok(None) };
     let quiet = args.quiet;
-    let warn = move |error: Error| {
+    let gone = move |error: Error| {
         if !quiet {
             super::report!("buffon: warning: {error}");
         }
     };
     let file = args.output.iter().find(|target| !is_piped(target)).unwrap_or(&args.scene);
     let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
-    DisplayServer::connect(address, name, warn).map_err(warn).ok()
+    match DisplayServer::connect(address, name, gone) {
+        Ok(viewer) => Ok(Some(viewer)),
+        Err(error) => warn(args, vec![error]).map(|()| None),
+    }
 }
 
 fn write_options(args: &RenderArgs, session: &Session) -> WriteOptions {

@@ -48,6 +48,8 @@ const FROM_XYZ: [[f32; 3]; 3] = [
 ];
 /// The tone curve (ax² + bx) / (cx² + dx + e) of images with a high dynamic range: a fit of ACES. [Andersson 2021]
 const TONE_CURVE: [f32; 5] = [0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
+/// The magnitude of a value beyond which the curve is constant. Squares of much larger ones would overflow.
+const SATURATED: f32 = 1e6;
 /// The tone-mapped value that the brightest pixel has at the first exposure, and the median at the last one.
 const BRIGHT: f32 = 0.85;
 
@@ -58,7 +60,7 @@ type Plane = Vec<f32>;
 /// three channels.
 ///
 /// # Errors
-/// If the sizes differ, or an image has no picture.
+/// If the sizes differ, an image has no picture, or one has NaN or infinite values.
 pub fn flip(test: &Image, reference: &Image, range: DynamicRange) -> Result<Vec<f32>, NotComparable> {
     let size = [test.width, test.height];
     if size != [reference.width, reference.height] {
@@ -72,6 +74,9 @@ pub fn flip(test: &Image, reference: &Image, range: DynamicRange) -> Result<Vec<
     let (Some(a), Some(b)) = (colors(test), colors(reference)) else {
         return Err(NotComparable::Channels(test.channels.clone(), reference.channels.clone()));
     };
+    if [&a, &b].into_iter().flatten().flatten().any(|value| !value.is_finite()) {
+        return Err(NotComparable::Invalid);
+    }
     if range == DynamicRange::Low {
         return Ok(flip_of_display([&a, &b].map(|image| image.iter().map(|c| clamped(*c)).collect()), size));
     }
@@ -112,7 +117,7 @@ fn exposures(reference: &[[f32; 3]]) -> Vec<f32> {
 fn tone_mapped(color: [f32; 3], exposure: f32) -> [f32; 3] {
     let [a, b, c, d, e] = TONE_CURVE;
     clamped(color.map(|value| {
-        let x = value * exposure;
+        let x = (value * exposure).clamp(-SATURATED, SATURATED);
         (x * x * a + x * b) / (x * x * c + x * d + e)
     }))
 }
@@ -136,7 +141,7 @@ fn flip_of_display(images: [Vec<[f32; 3]>; 2], size: [usize; 2]) -> Vec<f32> {
         let ([edge, point], [other_edge, other_point]) = (of_test[i], of_reference[i]);
         let feature = (edge - other_edge).abs().max((point - other_point).abs());
         let feature = (feature * std::f32::consts::FRAC_1_SQRT_2).powf(FEATURE_EXPONENT).clamp(0.0, 1.0);
-        color.powf(1.0 - feature)
+        color.min(1.0).powf(1.0 - feature)
     };
     (0..size[0] * size[1]).into_par_iter().map(error).collect()
 }
@@ -320,6 +325,15 @@ mod tests {
             assert_eq!(flip(&black, &black, range).expect("one size"), [0.0]);
             let error = flip(&white, &black, range).expect("one size")[0];
             assert!((0.9..=1.0).contains(&error), "{error}");
+        }
+        for bright in [5000.0, 1e25] {
+            let bright = Image { data: vec![bright; 3], ..black.clone() };
+            assert!(flip(&bright, &black, DynamicRange::High).expect("one size")[0] > 0.9);
+            assert!(flip(&black, &bright, DynamicRange::High).expect("one size")[0] > 0.5);
+        }
+        for invalid in [f32::NAN, f32::INFINITY] {
+            let invalid = Image { data: vec![invalid; 3], ..black.clone() };
+            assert_eq!(flip(&black, &invalid, DynamicRange::High), Err(NotComparable::Invalid));
         }
         let wide = Image::new(2, 1, &["R", "G", "B"]);
         assert!(matches!(flip(&black, &wide, DynamicRange::Low), Err(NotComparable::Size(..))));

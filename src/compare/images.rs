@@ -81,6 +81,8 @@ pub enum NotComparable {
     NoVariance(Vec<String>),
     /// The pixels of an image share noise, but the image has no variance of blocks.
     NoBlockVariance,
+    /// An image has NaN or infinite values.
+    Invalid,
     /// A variance is negative or not finite.
     BadVariance(Location),
     /// An error of the image library.
@@ -100,6 +102,7 @@ impl fmt::Display for NotComparable {
             NotComparable::NoBlockVariance => f.write_str(
                 "the pixels of an image share noise: expected the layer block_variance, found none (render with --aov variance)",
             ),
+            NotComparable::Invalid => f.write_str("an image has NaN or infinite values"),
             NotComparable::BadVariance(at) => {
                 write!(f, "expected variances of at least 0, found a negative or invalid one at {at}")
             }

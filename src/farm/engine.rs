@@ -46,16 +46,17 @@ impl Engine {
     pub(super) fn scripts(self, farm: &Farm) -> Result<Vec<(&'static str, String)>> {
         let back = farm.back()?;
         let count = farm.task_count();
+        // The directory comes last, because its name can be anything.
         let values = [
-            ("@BACK@", back.clone()),
             ("@TASKS@", Farm::TASKS.into()),
             ("@MERGES@", Farm::MERGES.into()),
             ("@COUNT@", count.to_string()),
             ("@ARRAY@", count.min(LARGEST_ARRAY).to_string()),
             ("@RETRIES@", RETRIES.to_string()),
+            ("@BACK@", back.clone()),
         ];
         let filled = |script: &str| {
-            values.iter().rev().fold(script.to_owned(), |text, (name, value)| text.replace(name, value))
+            values.iter().fold(script.to_owned(), |text, (name, value)| text.replace(name, value))
         };
         Ok(match self {
             Engine::Slurm => vec![

@@ -130,13 +130,12 @@ impl Farm {
         Ok(lines)
     }
 
-    /// Returns the merges of all images. The shell lists the checkpoints, of which there may be too many for a line of
-    /// the list. Their names end with a digit, unlike those of files that a killed task was writing.
+    /// Returns the merges of all images, each of all checkpoints in a folder.
     fn merge_lines(&self) -> Result<Vec<Line>> {
         let line = |image: &SplitImage| {
             let parts = quoted(&self.parts(image))?;
             let output = self.folder.join("images").join(format!("{}.exr", image.name));
-            let text = format!("merge --strict -o {} {parts}/*[0-9].sums", quoted(&output)?);
+            let text = format!("merge --strict -o {} {parts}", quoted(&output)?);
             Ok(Line { text, done: output })
         };
         self.images.iter().map(line).collect()

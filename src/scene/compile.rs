@@ -426,7 +426,7 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
 /// Returns the cost of an occlusion query relative to that of a nearest-hit query and the shading after it. The more
 /// primitives there are, the more a ray costs, but not the shading. A fit to ten scenes of 10 to 10⁶ primitives.
 fn occlusion_cost(shapes: &[SceneShape]) -> f64 {
-    let primitives: usize = shapes.iter().map(|shape| shape.world.triangle_count().max(1)).sum();
+    let primitives: usize = shapes.iter().map(|shape| shape.world.geometry().len()).sum();
     0.3 + 0.0125 * (primitives.max(1) as f64).log2()
 }
 

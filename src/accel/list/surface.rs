@@ -70,10 +70,17 @@ impl DVec3x8 {
         DVec3x8([x + a * s, y + b * s, z + c * s])
     }
 
-    /// Returns the cross products with `v`.
+    /// Returns the cross products `self × v`.
     #[inline(always)]
     fn cross(self, v: DVec3) -> Self {
         let ([x, y, z], [a, b, c]) = (self.0, v.to_array().map(f64x8::splat));
+        DVec3x8([y * c - b * z, z * a - c * x, x * b - a * y])
+    }
+
+    /// Returns the cross products `u × self`.
+    #[inline(always)]
+    fn crossed_by(self, u: DVec3) -> Self {
+        let ([a, b, c], [x, y, z]) = (self.0, u.to_array().map(f64x8::splat));
         DVec3x8([y * c - b * z, z * a - c * x, x * b - a * y])
     }
 }
@@ -149,7 +156,7 @@ impl Kernel {
                 let from_outside =
                     c.simd_gt(f64x8::ZERO) & (a * c).simd_lt(q * q * f64x8::splat(1.0 - 1e-15));
                 let mut t = rounded(t0);
-                if (real & !mask(from_outside)).any() {
+                if (real & !(mask(from_outside) & t.simd_gt(f32x8::ZERO))).any() {
                     let t1 = q / a;
                     let swap = t1.simd_lt(t0);
                     let (near, far) = (rounded(swap.select(t1, t0)), rounded(swap.select(t0, t1)));
@@ -163,8 +170,7 @@ impl Kernel {
                 let t = -from_center.dot(n) / d.dot(n);
                 let p = from_center.plus(d, t);
                 let n2 = f64x8::splat(n.length_squared());
-                // du × p = −(p × du)
-                let (u, v) = (p.cross(dv).dot(n) / n2, -(p.cross(du).dot(n) / n2));
+                let (u, v) = (p.cross(dv).dot(n) / n2, p.crossed_by(du).dot(n) / n2);
                 let inside = mask((u * u + v * v).simd_le(f64x8::ONE));
                 let t = rounded(t);
                 (candidates & inside & within(t), [t, rounded(u), rounded(v)])
@@ -235,7 +241,8 @@ mod tests {
                 let lane = |v: f32x8| v.to_array()[i];
                 let hit = PrimitiveHit { t: lane(t), u: lane(u), v: lane(v) };
                 let hit = (hits >> i & 1 == 1).then_some(hit);
-                assert_eq!(hit, primitive.intersect(ray), "{primitive:?} {ray:?}");
+                let bits = |hit: PrimitiveHit| [hit.t, hit.u, hit.v].map(f32::to_bits);
+                assert_eq!(hit.map(bits), primitive.intersect(ray).map(bits), "{primitive:?} {ray:?}");
                 (misses, found) = (misses + u32::from(hit.is_none()), found + u32::from(hit.is_some()));
             }
         }
