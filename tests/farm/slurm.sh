@@ -12,6 +12,8 @@ started=()
 
 stop() {
     for pid in "${started[@]}"; do kill "$pid" 2>/dev/null || true; done
+    # They write files in the folder until they end.
+    for pid in "${started[@]}"; do wait "$pid" 2>/dev/null || true; done
     rm -rf "$work"
 }
 trap stop EXIT
