@@ -1,9 +1,10 @@
 //! `buffon compare`: a page with images beside each other.
 
 use super::convert::read_layer;
-use crate::compare::{DynamicRange, compare, flip};
+use super::diff::dynamic_range;
+use crate::compare::{compare, flip, mean_flip};
 use crate::error::{Error, Kind, Result};
-use crate::image::{Image, has_high_range};
+use crate::image::Image;
 use crate::report::{Align, MOST_PIXELS, Page, Table, Viewer, exposure_of, number};
 use crate::util;
 use clap::Args;
@@ -82,12 +83,7 @@ fn viewer(images: &[(String, Image)]) -> Result<Viewer<'_>> {
 /// Returns maps of FLIP of the images relative to the first one, without images that are no pictures or have NaN or
 /// infinite values.
 fn flip_maps(files: &[PathBuf], images: &[(String, Image)]) -> Result<Vec<(String, Image)>> {
-    let mut range = DynamicRange::Low;
-    for file in files {
-        if has_high_range(file)? {
-            range = DynamicRange::High;
-        }
-    }
+    let range = dynamic_range(files)?;
     let (_, reference) = &images[0];
     let map = |(name, image): &(String, Image)| {
         let errors = flip(image, reference, range).ok()?;
@@ -109,9 +105,7 @@ fn errors(images: &[(String, Image)], flip: &[(String, Image)]) -> Result<Table>
         let comparison = compare(image, reference).map_err(|why| {
             Error::new(Kind::Scene, format!("not comparable with {}: {why}", images[0].0)).about(name)
         })?;
-        let mean = |(_, map): &(String, Image)| {
-            number(map.data.iter().map(|v| f64::from(*v)).sum::<f64>() / map.data.len() as f64)
-        };
+        let mean = |(_, map): &(String, Image)| number(mean_flip(&map.data));
         let flip = flip.iter().find(|(of, _)| of == name).map_or_else(|| "–".to_owned(), mean);
         for layer in comparison.layers.iter().take(1) {
             let figures = [

@@ -8,7 +8,7 @@ use serde_json::{Value as Json, json};
 
 use crate::compare::{
     Comparison, DynamicRange, ErrorKind, HeatScale, Invalid, LayerComparison, NotComparable, ZTest, compare,
-    error_map, flip, heat, z_test,
+    error_map, flip, heat, mean_flip, z_test,
 };
 use crate::error::{Error, Result};
 use crate::image::{Image, WriteOptions, check_output, has_high_range, read, write};
@@ -172,10 +172,7 @@ pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
         return Err(Error::usage(format!("-o {}: it is one of the images", output.display())));
     }
     let (a, b) = (read(&args.a)?, read(&args.b)?);
-    let range = match has_high_range(&args.a)? || has_high_range(&args.b)? {
-        true => DynamicRange::High,
-        false => DynamicRange::Low,
-    };
+    let range = dynamic_range([&args.a, &args.b])?;
     let variance = args.variance.as_deref().map(read).transpose()?;
     match judge(args, [&a, &b], range, variance.as_ref()) {
         Ok(verdict) => {
@@ -199,6 +196,19 @@ pub fn outcome(args: &DiffArgs) -> Result<Outcome> {
     }
 }
 
+/// Returns the range of files that are compared: low if all of them are for displays.
+///
+/// # Errors
+/// If a file cannot be read, or is no image.
+pub(super) fn dynamic_range<'a>(files: impl IntoIterator<Item = &'a PathBuf>) -> Result<DynamicRange> {
+    for file in files {
+        if has_high_range(file)? {
+            return Ok(DynamicRange::High);
+        }
+    }
+    Ok(DynamicRange::Low)
+}
+
 /// Significance of the z-test over the whole image.
 const Z_SIGNIFICANCE: f64 = 0.01;
 
@@ -212,9 +222,8 @@ fn judge(
     let flip = match args.metric == Metric::Flip && !comparison.has_invalid() {
         true => {
             let map = Image { data: flip(a, b, range)?, ..Image::new(a.width, a.height, &["FLIP"]) };
-            let sum: f64 = map.data.iter().map(|v| f64::from(*v)).sum();
             if let Some(picture) = comparison.layers.first_mut() {
-                picture.flip = Some(sum / map.data.len() as f64);
+                picture.flip = Some(mean_flip(&map.data));
             }
             Some(map)
         }

@@ -8,6 +8,7 @@ use crate::film::Tile;
 use crate::image::Image;
 use crate::render::Rendered;
 use std::net::{TcpStream, ToSocketAddrs};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -49,12 +50,13 @@ impl DisplayServer {
         }
     }
 
-    /// Connects to the viewer at an address, `HOST:PORT`. `name` is the name of the image there. `warn` is called at
-    /// most once, if the viewer does not take an image.
+    /// Connects to the viewer at an address, `HOST:PORT`. The image has the name of a file there. Unless `quiet`, a
+    /// viewer that does not take an image later is a warning.
     ///
     /// # Errors
     /// If nobody answers there.
-    pub fn connect(address: &str, name: String, warn: impl Fn(Error) + Send + 'static) -> Result<Self> {
+    pub fn connect(address: &str, file: &Path, quiet: bool) -> Result<Self> {
+        let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
         let failed = |why: String| Error::output(why).about(format!("--display-server {address}"));
         let addresses = address.to_socket_addrs().map_err(|e| failed(e.to_string()))?;
         let mut last = "the name has no address".to_owned();
@@ -67,8 +69,8 @@ impl DisplayServer {
                     let taken = Arc::new(AtomicU64::new(0));
                     let counter = taken.clone();
                     let thread = std::thread::spawn(move || {
-                        if send_all(TevClient::wrap(stream), &name, &waiting, &counter).is_err() {
-                            warn(gone);
+                        if send_all(TevClient::wrap(stream), &name, &waiting, &counter).is_err() && !quiet {
+                            super::report!("buffon: warning: {gone}");
                         }
                     });
                     let (sent, last) = (AtomicU64::new(0), Mutex::new(None));

@@ -412,7 +412,13 @@ fn sample(
     let kind = if args.quiet { ProgressKind::None } else { args.progress };
     let pixels = session.camera().film.rect().area();
     let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
-    let viewer = viewer(args)?;
+    let name = args.output.iter().find(|target| !is_piped(target)).unwrap_or(&args.scene);
+    let viewer =
+        args.display_server.as_ref().map(|address| DisplayServer::connect(address, name, args.quiet));
+    let viewer = match viewer.transpose() {
+        Ok(viewer) => viewer,
+        Err(error) => warn(args, vec![error]).map(|()| None)?,
+    };
     let last_written = Mutex::new(Instant::now());
     let show = |rendered: &Rendered, requested: bool| {
         if let Some(viewer) = &viewer {
@@ -442,23 +448,6 @@ fn sample(
         viewer.finish(rendered, || session.image(plan, rendered));
     }
     rendered
-}
-
-/// Returns the viewer that shows the image so far. If it cannot be reached, a warning is printed.
-fn viewer(args: &RenderArgs) -> Result<Option<DisplayServer>> {
-    let Some(address) = &args.display_server else { return Ok(None) };
-    let quiet = args.quiet;
-    let gone = move |error: Error| {
-        if !quiet {
-            super::report!("buffon: warning: {error}");
-        }
-    };
-    let file = args.output.iter().find(|target| !is_piped(target)).unwrap_or(&args.scene);
-    let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
-    match DisplayServer::connect(address, name, gone) {
-        Ok(viewer) => Ok(Some(viewer)),
-        Err(error) => warn(args, vec![error]).map(|()| None),
-    }
 }
 
 fn write_options(args: &RenderArgs, session: &Session) -> WriteOptions {

@@ -92,6 +92,11 @@ pub fn flip(test: &Image, reference: &Image, range: DynamicRange) -> Result<Vec<
     Ok(largest)
 }
 
+/// Returns the mean of FLIP errors.
+pub fn mean_flip(errors: &[f32]) -> f64 {
+    errors.iter().map(|error| f64::from(*error)).sum::<f64>() / errors.len() as f64
+}
+
 fn clamped(color: [f32; 3]) -> [f32; 3] {
     color.map(|c| c.clamp(0.0, 1.0))
 }

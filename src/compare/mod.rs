@@ -8,7 +8,7 @@ mod noise;
 mod rounding;
 mod ztest;
 
-pub use flip::{DynamicRange, flip};
+pub use flip::{DynamicRange, flip, mean_flip};
 pub use heat::{HeatScale, heat};
 pub use images::{
     Comparison, ErrorKind, Invalid, LayerComparison, Location, NotComparable, compare, error_map, invalid,
