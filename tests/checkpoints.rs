@@ -60,6 +60,54 @@ fn integrators_with_caches_and_photons_are_merged_alike() {
     }
 }
 
+/// Regions of the image, each a range or several, are joined where they meet. Their edges need not be those of tiles.
+#[test]
+fn merged_regions_are_the_whole_render() {
+    let regions = [("a", "0,0,40,7"), ("b", "0,7,13,23"), ("c", "13,7,27,23")];
+    for options in ["", "--adaptive", "--integrator irrcache", "--integrator bdpt"] {
+        let folder = Folder::new();
+        let options = format!("s.xml {options} --spp 8 --aov albedo -q");
+        folder.render(&format!("{options} -o whole.exr"));
+        for (name, crop) in regions {
+            for (half, range) in [("1", "0..3"), ("2", "3..8")] {
+                let part =
+                    format!("--sample-range {range} --crop {crop} --checkpoint {name}{half} --no-image");
+                folder.render(&format!("{options} {part}"));
+            }
+        }
+        assert_eq!(merge(&folder, "b2 a1 a2 c2 b1 c1 -o m.exr -q").code, 0);
+        let [whole, merged] = ["whole.exr", "m.exr"].map(|f| buffon::image::read(&folder.path(f)).unwrap());
+        assert!(whole.data == merged.data, "{options}");
+        for name in ["samplesPerPixel", "worldToNDC", "buffon:stop", "buffon:relmse", "buffon:relmse_high"] {
+            assert_eq!(whole.metadata.get(name), merged.metadata.get(name), "{options}: {name}");
+        }
+        // Regions can be merged first, and the sum goes on like any checkpoint.
+        assert_eq!(merge(&folder, "c1 a1 b1 --checkpoint first -q").code, 0);
+        folder.render(&format!("{options} --checkpoint first --resume -o resumed.exr"));
+        assert!(buffon::image::read(&folder.path("resumed.exr")).unwrap().data == whole.data, "{options}");
+    }
+    let folder = Folder::new();
+    for (name, crop) in regions.into_iter().chain([("over", "12,7,9,9")]) {
+        folder.render(&format!("s.xml --spp 2 -q --crop {crop} --checkpoint {name} --no-image"));
+    }
+    folder.render("s.xml --spp 2 -q --crop 13,7,27,23 --sample-range 0..1 --checkpoint half --no-image");
+    for (arguments, sentence) in [
+        ("a c", "merge: the regions have 901 of the 1200 pixels in the rectangle 0,0,40,30 around them"),
+        ("a b over", "merge: over has the region 12,7,9,9; b has 0,7,13,23"),
+        (
+            "a b half",
+            "merge: half is of the region 13,7,27,23, which has the samples 0..1; the region 0,0,40,7 has 0..2",
+        ),
+    ] {
+        let run = merge(&folder, &format!("{arguments} -o m.pfm"));
+        assert_eq!((run.code, run.stderr.trim_end()), (2, format!("buffon: {sentence}").as_str()));
+    }
+    let run = folder.run("render s.xml --spp 4 --crop 0,0,40,8 --checkpoint a --resume --no-image");
+    let sentence =
+        "--resume a: it has the region 0,0,40,7, expected 0,0,40,8; choose another file, or remove it";
+    assert!(run.code == 2 && run.stderr.contains(sentence), "{run:?}");
+}
+
 #[test]
 fn an_exr_of_merged_parts_has_the_whole_ones_layers_and_metadata() {
     let folder = parts("--aov albedo,variance,samples");
@@ -97,10 +145,7 @@ fn mixed_and_overlapping_parts_are_refused() {
         ("a integrator", "merge: integrator has samples of the integrator direct, expected path as in a"),
         ("a settings", "merge: settings has samples of the integrator ptracer, expected path as in a"),
         ("a sampler", "merge: sampler has samples of the sampler halton, expected sobol as in a"),
-        (
-            "a view",
-            "merge: view has samples of another view of the scene (sensor, size, crop or film) as in a",
-        ),
+        ("a view", "merge: view has samples of another view of the scene (sensor, size or film) as in a"),
         ("a layers", "merge: layers has the layers Z, expected none as in a"),
         ("a scene", "merge: scene has samples of another scene as in a"),
         ("a b overlap", "merge: overlap has the samples 12..14; b also has 10..13"),

@@ -93,6 +93,26 @@ fn a_crop_has_the_very_pixels_of_the_whole_with_every_sampler() {
     }
 }
 
+/// Caches, photons, light paths and chains are those of the whole image.
+#[test]
+fn a_crop_has_the_very_pixels_of_the_whole_with_every_integrator() {
+    let path = r#"<integrator type="path"><integer name="max_depth" value="6"/></integrator>"#;
+    for integrator in Settings::NAMES.iter().copied() {
+        let settings = match integrator {
+            "photonmapper" => {
+                r#"<integer name="global_photons" value="4000"/><integer name="caustic_photons" value="2000"/>"#
+            }
+            "aov" => r#"<string name="aovs" value="depth:depth"/>"#,
+            _ => "",
+        };
+        let chosen = format!(r#"<integrator type="{integrator}">{settings}</integrator>"#);
+        let folder = Folder::with(&SCENE.replace(path, &chosen));
+        let whole = picture(&folder, "whole", "--spp 2");
+        let crop = picture(&folder, "crop", "--spp 2 --crop 7,5,20,19");
+        assert_eq!(bits(&crop), bits(&whole.crop(7, 5, 20, 19).expect("the crop is inside")), "{integrator}");
+    }
+}
+
 #[test]
 fn seeds_and_samplers_differ_and_estimate_the_same_picture() {
     let folder = Folder::new();

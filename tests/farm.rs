@@ -118,6 +118,33 @@ fn tasks_make_the_bits_of_one_render() {
     }
 }
 
+/// Regions and sensors have tasks and images of their own.
+#[test]
+fn regions_and_sensors_are_divided() {
+    let sensor = SCENE.find("<sensor").expect("a sensor")..SCENE.find("</sensor>").expect("its end") + 9;
+    let other =
+        SCENE[sensor.clone()].replace("</sensor>", "<float name=\"shutter_close\" value=\"0\"/></sensor>");
+    let other = other.replace("type=\"perspective\"", "type=\"thinlens\"").replace(
+        "</sensor>",
+        "<float name=\"aperture_radius\" value=\"0.1\"/><float name=\"focus_distance\" value=\"3\"/></sensor>",
+    );
+    let folder = Folder::with(&SCENE.replace("</scene>", &format!("{other}</scene>")));
+    let options = "--spp 6 --aov albedo -q";
+    for sensor in [0, 1] {
+        folder.render(&format!("s.xml {options} --sensor {sensor} -o {sensor}.exr"));
+    }
+    assert!(pixels(&folder, "0.exr") != pixels(&folder, "1.exr"));
+    let plan = "plan s.xml --engine make --tasks 5 --regions 2 --sensors all --dir farm -- --crop 0,0,40,30 --spp 6 \
+                --aov albedo";
+    let plan = folder.run(plan);
+    assert_eq!((plan.code, plan.stdout.as_str()), (0, "farm: 2 images, 12 tasks; to start: make -C farm\n"));
+    run(&folder, "make -C farm -j2");
+    for sensor in [0, 1] {
+        let merged = format!("farm/images/s.sensor{sensor}.exr");
+        assert_eq!(pixels(&folder, &merged), pixels(&folder, &format!("{sensor}.exr")), "{merged}");
+    }
+}
+
 /// GNU parallel itself, which must be installed.
 #[test]
 #[ignore = "needs GNU parallel: make test-all"]
@@ -185,6 +212,9 @@ fn mistakes_are_named() {
         ("s.xml --engine make --dir full", 2, "--dir full: expected a new or empty folder"),
         ("s.xml s.xml --engine make --dir d", 2, "two images would be called s"),
         ("s.xml --engine make --dir d --tasks 0", 2, "expected a whole number of at least 1"),
+        ("s.xml --engine make --dir d --sensors 1,x", 2, "expected indices such as 0,2, or all"),
+        ("s.xml --engine make --dir d --sensors 0,7", 2, "--sensor 7: the scene has 1 sensor"),
+        ("s.xml --engine make --dir d --sensors 0 -- -s 0", 2, "--sensor: --sensors of the plan chooses"),
         ("none.xml --engine make --dir d", 3, "none.xml"),
         ("s.xml --engine make --dir d -- --time 3s", 2, "--time: a plan has no such option for its tasks"),
         ("s.xml --engine make --dir d -- -o a.exr", 2, "-o: a plan has no such option"),

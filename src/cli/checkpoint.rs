@@ -52,14 +52,12 @@ impl Checkpointing {
             plan.keep_adaptive(checkpoint.label.identity.adaptive);
         }
         let identity = Identity::of(session, plan, origin);
+        let image_description = session.image_description(plan);
+        let rect = image_description.rect;
         let (first, end) = (plan.first, plan.job.stop.samples);
-        let resumed = loaded.map(|checkpoint| checkpoint.resume(&path, &identity, first, end)).transpose()?;
-        let label = CheckpointLabel {
-            identity,
-            image_description: session.image_description(plan),
-            samples: Vec::new(),
-            target: plan.target,
-        };
+        let resumed =
+            loaded.map(|checkpoint| checkpoint.resume(&path, &identity, rect, first, end)).transpose()?;
+        let label = CheckpointLabel { identity, image_description, samples: Vec::new(), target: plan.target };
         Ok(Some(Checkpointing { path, label, first, resumed, quiet: args.quiet }))
     }
 

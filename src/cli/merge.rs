@@ -10,9 +10,10 @@ use std::path::PathBuf;
 
 /// Add the samples of several parts of one render.
 ///
-/// The parts are checkpoints of `buffon render --sample-range A..B --checkpoint FILE`, in any order. If the ranges
-/// cover the whole render, the pixels are exactly those of a single render. Parts of different renders, or with common
-/// samples, are refused. A folder stands for the files *.sums in it.
+/// The parts are checkpoints of `buffon render --sample-range A..B --crop X,Y,W,H --checkpoint FILE`, in any order. The
+/// regions must make a rectangle, and all must have the same samples. If the parts cover the whole render, the pixels
+/// are exactly those of a single render. Parts of different renders, or with common samples, are refused. A folder
+/// stands for the files *.sums in it.
 #[derive(Clone, Debug, Args)]
 pub struct MergeArgs {
     /// The checkpoints, or folders of them

@@ -1,17 +1,19 @@
 //! `buffon plan`: splits renders into tasks for a farm.
 
 use super::frames;
-use super::render::RenderArgs;
+use super::render::{Identified, RenderArgs};
 use super::values;
 use crate::error::{Error, Result, counted};
 use crate::farm::{Engine, Farm, SplitImage};
+use crate::render::TILE;
 use crate::util::named;
 use clap::{Args, Parser};
 use std::path::PathBuf;
 
 /// Write the files with which an engine renders scenes as many tasks.
 ///
-/// Each image is split into ranges of samples. A task renders a range to a checkpoint. If it is stopped or killed and
+/// Each image is split into ranges of samples, and into regions if you ask for them. A task renders a range to a
+/// checkpoint. If it is stopped or killed and
 /// started again, it goes on from there. It refuses a scene that has changed since the plan. When all tasks are done,
 /// the checkpoints are merged. The images have the same bits as those of one render.
 ///
@@ -28,6 +30,12 @@ pub struct PlanArgs {
     /// The number of tasks for each image; fewer if there are not two samples per pixel for each
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = values::samples::<1>)]
     pub tasks: u64,
+    /// The number of regions of each image, bands of at least 16 rows that share the tasks
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = values::samples::<1>)]
+    pub regions: u64,
+    /// The sensors, an image each: indices from 0 with commas between them, or "all"
+    #[arg(long, value_name = "LIST", value_parser = sensors)]
+    pub sensors: Option<Sensors>,
     /// The new folder for scripts, checkpoints (parts/) and images (images/)
     #[arg(long, value_name = "DIR")]
     pub dir: PathBuf,
@@ -35,6 +43,23 @@ pub struct PlanArgs {
     /// --checkpoint-every
     #[arg(last = true, value_name = "OPTIONS", allow_hyphen_values = true)]
     pub options: Vec<String>,
+}
+
+/// The sensors of a plan.
+#[derive(Clone, Debug)]
+pub enum Sensors {
+    /// All sensors of the scene.
+    All,
+    /// Those with these indices.
+    Some(Vec<usize>),
+}
+
+fn sensors(text: &str) -> Result<Sensors, String> {
+    if text == "all" {
+        return Ok(Sensors::All);
+    }
+    let indices = text.split(',').map(|index| index.parse().ok()).collect::<Option<_>>();
+    indices.map(Sensors::Some).ok_or_else(|| "expected indices such as 0,2, or all".into())
 }
 
 fn engine(name: &str) -> Result<Engine, String> {
@@ -70,8 +95,8 @@ pub fn run(args: &PlanArgs) -> Result<u8> {
                 return Ok(crate::error::Kind::Usage.exit_code());
             }
         };
-        refuse(&render)?;
-        images.extend(split(&render, &args.options)?);
+        refuse(&render, args)?;
+        images.extend(split(&render, args)?);
     }
     let farm = Farm { folder: args.dir.clone(), images, tasks: args.tasks };
     let start = farm.write(args.engine)?;
@@ -80,51 +105,73 @@ pub fn run(args: &PlanArgs) -> Result<u8> {
     super::print(&format!("{}: {images}, {tasks}; to start: {start}\n", args.dir.display()))
 }
 
-/// Returns the images of a scene: one, or one for each frame.
-fn split(render: &RenderArgs, options: &[String]) -> Result<Vec<SplitImage>> {
+/// Returns the images of a scene: one for each sensor and frame.
+fn split(render: &RenderArgs, args: &PlanArgs) -> Result<Vec<SplitImage>> {
     let stem = render.scene.file_stem().unwrap_or(render.scene.as_os_str()).to_string_lossy();
     let stem: String =
         stem.chars().map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect();
-    let image = |render: &RenderArgs, name: String, definition: Option<String>| {
-        let mut arguments = vec![render.scene.to_string_lossy().into_owned()];
-        arguments.extend(without_frames(options));
-        arguments.extend(definition.into_iter().flat_map(|definition| ["-D".into(), definition]));
-        let (hash, samples) = super::render::identify(render)?;
-        if render.spp.is_none() {
-            arguments.extend(["--spp".into(), samples.to_string()]);
-        }
-        Ok(SplitImage { name, arguments, hash, samples })
+    let all_sensors = match &args.sensors {
+        None => vec![None],
+        Some(Sensors::Some(indices)) => indices.iter().copied().map(Some).collect(),
+        Some(Sensors::All) => (0..super::render::identify(render)?.sensors).map(Some).collect(),
     };
-    match render.frames.clone() {
-        None => Ok(vec![image(render, stem, None)?]),
-        Some(range) => range
-            .map(|frame| {
-                let mut render = render.clone();
-                let (name, value) = frames::parameter(frame);
-                let definition = format!("{name}={value}");
-                render.resources.define.push((name, value));
-                image(&render, format!("{stem}.{frame:0width$}", width = frames::DIGITS), Some(definition))
-            })
-            .collect(),
+    let all_frames = render.frames.clone().map_or(vec![None], |range| range.map(Some).collect());
+    let mut images = Vec::new();
+    for sensor in all_sensors {
+        for &frame in &all_frames {
+            let (mut render, mut name, mut added) = (render.clone(), stem.clone(), Vec::new());
+            if let Some(sensor) = sensor {
+                render.view.sensor = sensor;
+                name += &format!(".sensor{sensor}");
+                added.extend(["--sensor".into(), sensor.to_string()]);
+            }
+            if let Some(frame) = frame {
+                let (parameter, value) = frames::parameter(frame);
+                name += &format!(".{frame:0width$}", width = frames::DIGITS);
+                added.extend(["-D".into(), format!("{parameter}={value}")]);
+                render.resources.define.push((parameter, value));
+            }
+            images.push(image(&render, name, args, added)?);
+        }
     }
+    Ok(images)
 }
 
-/// Returns the options without `--frames`: each frame has tasks of its own.
-fn without_frames(options: &[String]) -> Vec<String> {
+/// Returns an image with the options of the plan and others.
+fn image(render: &RenderArgs, name: String, args: &PlanArgs, added: Vec<String>) -> Result<SplitImage> {
+    let Identified { hash, samples, rect, .. } = super::render::identify(render)?;
+    let regions = if args.regions == 1 { Vec::new() } else { rect.bands(args.regions, TILE) };
+    // Frames and regions have tasks of their own.
+    let own: &[&str] = if regions.is_empty() { &["--frames"] } else { &["--frames", "--crop"] };
+    let mut arguments = vec![render.scene.to_string_lossy().into_owned()];
+    arguments.extend(without(own, &args.options).into_iter().chain(added));
+    if render.spp.is_none() {
+        arguments.extend(["--spp".into(), samples.to_string()]);
+    }
+    Ok(SplitImage { name, arguments, hash, samples, regions })
+}
+
+/// Returns options without those of the given names, which have values.
+fn without(names: &[&str], options: &[String]) -> Vec<String> {
     let mut kept = Vec::new();
     let mut options = options.iter();
     while let Some(option) = options.next() {
-        match option.as_str() {
-            "--frames" => drop(options.next()),
-            joined if joined.starts_with("--frames=") => {}
+        match option.split_once('=') {
+            _ if names.contains(&option.as_str()) => drop(options.next()),
+            Some((name, _)) if names.contains(&name) => {}
             _ => kept.push(option.clone()),
         }
     }
     kept
 }
 
+/// Returns whether an option is `--sensor`.
+fn names_sensor(option: &str) -> bool {
+    option.starts_with("--sensor") || option.starts_with("-s")
+}
+
 /// Refuses options that a plan sets itself, or that are not the same for a part as for the whole.
-fn refuse(render: &RenderArgs) -> Result<()> {
+fn refuse(render: &RenderArgs, args: &PlanArgs) -> Result<()> {
     let given = [
         ("-o", !render.output.is_empty()),
         ("--time", render.time.is_some()),
@@ -147,6 +194,9 @@ fn refuse(render: &RenderArgs) -> Result<()> {
             && render.resources.define.iter().any(|(name, _)| name == frames::PARAMETER) =>
         {
             Err(Error::usage("-D frame: --frames sets it"))
+        }
+        None if args.sensors.is_some() && args.options.iter().any(|option| names_sensor(option)) => {
+            Err(Error::usage("--sensor: --sensors of the plan chooses the sensors"))
         }
         None => Ok(()),
     }

@@ -313,11 +313,23 @@ fn load(args: &RenderArgs) -> Result<SceneFile> {
     SceneFile::load(&args.scene, &choices)
 }
 
-/// Returns the hash of a scene and its view, and the number of samples per pixel of a render of it.
+/// What a plan has to know of a render.
+pub(super) struct Identified {
+    /// The hash of the scene and the view.
+    pub hash: String,
+    /// The number of samples per pixel.
+    pub samples: u64,
+    /// The region of the image.
+    pub rect: PixelRect,
+    /// The number of sensors in the scene.
+    pub sensors: usize,
+}
+
+/// Loads the scene of a render, to plan it.
 ///
 /// # Errors
 /// If the scene cannot be loaded, or nothing says how many samples there are.
-pub(super) fn identify(args: &RenderArgs) -> Result<(String, u64)> {
+pub(super) fn identify(args: &RenderArgs) -> Result<Identified> {
     let mut file = load(args)?;
     let warnings = file.take_warnings(args.strict);
     if args.frames.is_some() {
@@ -326,7 +338,8 @@ pub(super) fn identify(args: &RenderArgs) -> Result<(String, u64)> {
     warn(args, warnings)?;
     let samples = args.spp.or(file.defaults.samples_per_pixel);
     let samples = samples.ok_or_else(|| Error::usage("--spp: expected, because the scene has no number"))?;
-    Ok((file.origin().to_string(), samples))
+    let (rect, sensors) = (file.description.sensors[file.sensor].film.rect(), file.description.sensors.len());
+    Ok(Identified { hash: file.origin().to_string(), samples, rect, sensors })
 }
 
 /// Loads and compiles the scene, and prints its warnings and notes.

@@ -128,7 +128,7 @@ fn makefile(farm: &Farm, back: &str) -> Result<String> {
     let mut text = format!("BUFFON ?= buffon\n\nall:{}\n\n.PHONY: all\n\n", targets(&merges));
     let mut first = 0;
     for (image, merge) in farm.images.iter().zip(&merges) {
-        let count = super::ranges(image.samples, farm.tasks).len();
+        let count = farm.pieces(image).len();
         let of_image = &tasks[first..first + count];
         text += &rule(merge, &targets(of_image), "");
         for task in of_image {

@@ -1,7 +1,7 @@
 //! Renders as many tasks for engines that run jobs on many machines.
 //!
-//! An image is split into ranges of samples. A task renders one range to a checkpoint, and goes on from it if it is
-//! started again. A merge adds the checkpoints of an image. Both are command lines of `buffon`; an engine decides where
+//! An image is split into ranges of samples, and into regions if it is asked for. A task renders one range of a region to
+//! a checkpoint, and goes on from it if it is started again. A merge adds the checkpoints of an image. Both are command lines of `buffon`; an engine decides where
 //! and when they run. The merged image has the same bits as that of one render.
 
 mod engine;
@@ -9,6 +9,7 @@ mod engine;
 pub use engine::Engine;
 
 use crate::error::{Error, Result};
+use crate::film::PixelRect;
 use crate::util::{relative, replace};
 use std::borrow::Cow;
 use std::ops::Range;
@@ -25,6 +26,8 @@ pub struct SplitImage {
     pub hash: String,
     /// The number of samples per pixel.
     pub samples: u64,
+    /// The regions of the image; empty if it is not divided.
+    pub regions: Vec<PixelRect>,
 }
 
 /// Images and the folder of their tasks, as seen from the current directory.
@@ -100,7 +103,17 @@ impl Farm {
 
     /// Returns the number of tasks of all images.
     pub fn task_count(&self) -> usize {
-        self.images.iter().map(|image| ranges(image.samples, self.tasks).len()).sum()
+        self.images.iter().map(|image| self.pieces(image).len()).sum()
+    }
+
+    /// Returns what the tasks of an image render: a region, or the whole image, and a range of samples.
+    fn pieces(&self, image: &SplitImage) -> Vec<(Option<PixelRect>, Range<u64>)> {
+        let ranges = ranges(image.samples, self.tasks.div_ceil(image.regions.len().max(1) as u64));
+        let of = |region: Option<PixelRect>| ranges.iter().map(move |range| (region, range.clone()));
+        match image.regions.is_empty() {
+            true => of(None).collect(),
+            false => image.regions.iter().flat_map(|region| of(Some(*region))).collect(),
+        }
     }
 
     /// Returns the current directory as seen from the folder.
@@ -117,10 +130,13 @@ impl Farm {
     fn task_lines(&self) -> Result<Vec<Line>> {
         let mut lines = Vec::new();
         for image in &self.images {
-            for (i, range) in ranges(image.samples, self.tasks).into_iter().enumerate() {
+            for (i, (region, range)) in self.pieces(image).into_iter().enumerate() {
                 let checkpoint = self.parts(image).join(format!("{i:05}.sums"));
                 let mut words: Vec<Cow<'_, str>> = vec!["render".into()];
                 words.extend(image.arguments.iter().map(|argument| argument.as_str().into()));
+                if let Some(region) = region {
+                    words.extend(["--crop".into(), region.to_string().into()]);
+                }
                 words.extend(["--sample-range".into(), format!("{}..{}", range.start, range.end).into()]);
                 words.extend(["--scene-hash".into(), image.hash.as_str().into(), "--no-image".into()]);
                 words.extend(["--resume".into(), "--checkpoint".into(), checkpoint.to_string_lossy()]);

@@ -121,10 +121,46 @@ impl ComponentFormat {
         [("float16", ComponentFormat::Half), ("float32", ComponentFormat::Float)];
 }
 
+/// As `--crop` takes it: x,y,width,height.
+impl std::fmt::Display for PixelRect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{},{},{},{}", self.x, self.y, self.width, self.height)
+    }
+}
+
 impl PixelRect {
     /// Returns the number of pixels in the rectangle.
     pub fn area(self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// Returns whether the rectangles have a common pixel.
+    pub fn overlaps(self, other: PixelRect) -> bool {
+        let along = |start: u32, length: u32, other_start: u32, other_length: u32| {
+            start < other_start + other_length && other_start < start + length
+        };
+        along(self.x, self.width, other.x, other.width) && along(self.y, self.height, other.y, other.height)
+    }
+
+    /// Returns the least rectangle that contains both.
+    #[must_use]
+    pub fn union(self, other: PixelRect) -> PixelRect {
+        let (x, y) = (self.x.min(other.x), self.y.min(other.y));
+        let right = (self.x + self.width).max(other.x + other.width);
+        let bottom = (self.y + self.height).max(other.y + other.height);
+        PixelRect { x, y, width: right - x, height: bottom - y }
+    }
+
+    /// Divides the rectangle into at most `count` bands, whose edges are at multiples of `side` rows in the full image.
+    pub fn bands(self, count: u64, side: u32) -> Vec<PixelRect> {
+        let end = self.y + self.height;
+        let (first, last) = (u64::from(self.y / side), u64::from(end.div_ceil(side)));
+        let count = count.clamp(1, last - first);
+        let edge = |i: u64| {
+            let cell = first + (last - first) * i / count;
+            (cell as u32 * side).clamp(self.y, end)
+        };
+        (0..count).map(|i| PixelRect { y: edge(i), height: edge(i + 1) - edge(i), ..self }).collect()
     }
 
     /// Divides the rectangle, by rows, into cells whose edges are at multiples of `side` in the full image. Cells at
@@ -146,14 +182,19 @@ impl PixelRect {
 }
 
 impl FilmSettings {
-    /// Returns the number of pixels of the full image, whether it is cropped or not.
+    /// Returns the whole image.
+    pub fn full_rect(&self) -> PixelRect {
+        PixelRect { x: 0, y: 0, width: self.width, height: self.height }
+    }
+
+    /// Returns the number of pixels of the whole image.
     pub fn full_area(&self) -> u64 {
-        u64::from(self.width) * u64::from(self.height)
+        self.full_rect().area()
     }
 
     /// Returns the region of the image to render.
     pub fn rect(&self) -> PixelRect {
-        self.crop.unwrap_or(PixelRect { x: 0, y: 0, width: self.width, height: self.height })
+        self.crop.unwrap_or(self.full_rect())
     }
 }
 
@@ -175,6 +216,21 @@ impl Default for FilmSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bands_cover_the_rectangle_in_order() {
+        let rect = PixelRect { x: 3, y: 5, width: 7, height: 60 };
+        let edges =
+            |count| rect.bands(count, 16).iter().map(|band| (band.y, band.height)).collect::<Vec<_>>();
+        assert_eq!(edges(1), [(5, 60)]);
+        assert_eq!(edges(2), [(5, 27), (32, 33)]);
+        let five = [(5, 11), (16, 16), (32, 16), (48, 16), (64, 1)];
+        assert_eq!((edges(5).as_slice(), edges(1000).as_slice()), (&five[..], &five[..]));
+        assert!(rect.bands(3, 16).into_iter().reduce(PixelRect::union) == Some(rect));
+        assert!(rect.bands(2, 16).windows(2).all(|pair| !pair[0].overlaps(pair[1])));
+        assert!(rect.overlaps(PixelRect { x: 9, y: 64, width: 1, height: 1 }));
+        assert!(!rect.overlaps(PixelRect { x: 10, y: 64, width: 1, height: 1 }));
+    }
 
     #[test]
     fn cells_cover_the_rectangle_once() {

@@ -86,19 +86,22 @@ impl Tile {
         }
     }
 
-    /// Adds the samples of another tile with the same region and channels.
+    /// Adds the samples of another tile, whose region is a part of this one's.
     ///
     /// # Panics
-    /// If the region, the channels or the replicates differ.
+    /// If its region is not inside, or the channels or the replicates differ.
     pub fn merge(&mut self, other: &Tile) {
-        assert!(
-            (self.rect, self.channels, self.replicates) == (other.rect, other.channels, other.replicates),
-            "{:?}, {:?}",
-            self.rect,
-            other.rect
-        );
-        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, other)| sum.merge(*other));
-        self.counts.iter_mut().zip(&other.counts).for_each(|(count, other)| *count += other);
+        assert_eq!((self.channels, self.replicates), (other.channels, other.replicates));
+        assert_eq!(self.rect.union(other.rect), self.rect);
+        let width = other.rect.width as usize;
+        for y in 0..other.rect.height {
+            let row = (other.rect.y + y - self.rect.y) * self.rect.width + other.rect.x - self.rect.x;
+            let rows = [row, y * other.rect.width].map(|start| start as usize..start as usize + width);
+            let [own, others] = rows.clone().map(|row| scaled(row, self.replicates * self.channels));
+            self.sums[own].iter_mut().zip(&other.sums[others]).for_each(|(sum, other)| sum.merge(*other));
+            let [own, others] = rows.map(|row| scaled(row, self.replicates));
+            self.counts[own].iter_mut().zip(&other.counts[others]).for_each(|(count, other)| *count += other);
+        }
     }
 
     /// Returns the content for a file: the two components of every sum, then every count.
@@ -254,6 +257,11 @@ impl Tile {
     pub fn memory_bytes(&self) -> usize {
         size_of_val(self.sums.as_slice()) + size_of_val(self.counts.as_slice())
     }
+}
+
+/// Returns the range of the elements of a range of pixels that have `each`.
+fn scaled(pixels: Range<usize>, each: usize) -> Range<usize> {
+    pixels.start * each..pixels.end * each
 }
 
 /// Returns an unbiased estimate of the variance of a mean of independent replicates; `None` for fewer than two.

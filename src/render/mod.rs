@@ -13,6 +13,7 @@ pub mod tracing;
 
 pub use adaptive::Rates;
 pub use job::{Job, JobSettings, Rendered, SampleCounts, thread_pool};
+pub use passes::TILE;
 pub use progress::Progress;
 pub use state::{CheckpointSink, PreviewSink, RenderState, Sinks};
 pub use stop::{StopReason, StopRules};

@@ -13,8 +13,8 @@ use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The side of a tile in pixels.
-pub(super) const TILE: u32 = 16;
+/// The side of a tile in pixels. Renders of regions whose edges are at its multiples do no work twice.
+pub const TILE: u32 = 16;
 /// The fraction of the time for error estimates that are only displayed.
 const ESTIMATES_SHARE: f64 = 0.01;
 /// The longest part of a pass, so that states are complete often: an interruption may discard an incomplete part, and

@@ -71,6 +71,24 @@ impl RenderState {
             invalid_count: 0,
         }
     }
+
+    /// Adds the samples of another part of the render: a range of them, a region of the image, or both.
+    ///
+    /// # Panics
+    /// If the region is not inside, or the channels or the replicates differ.
+    pub fn add(&mut self, part: RenderState) {
+        // Both lists are in the order of the image, and a tile of the part is inside of one.
+        let mut tiles = self.tiles.iter_mut().peekable();
+        for other in &part.tiles {
+            while tiles.next_if(|tile| !tile.rect.overlaps(other.rect)).is_some() {}
+            tiles.peek_mut().expect("the region is inside").merge(other);
+        }
+        self.elapsed += part.elapsed;
+        self.counters.merge(&part.counters);
+        self.invalid.extend(part.invalid);
+        self.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
+        self.invalid_count += part.invalid_count;
+    }
 }
 
 /// Estimates the error of an image. Sums are computed in the order of the tiles; `None` without samples in two

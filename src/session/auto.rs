@@ -121,7 +121,8 @@ impl Session {
         }
         let started = Instant::now();
         let film = &self.camera().film;
-        let area = film.rect().area() as f64;
+        // A crop has the integrator of the whole image, so that its pixels are the same.
+        let area = film.full_area() as f64;
         let StopRules { samples, time, error } = choices.stop;
         let of_scene = || self.defaults.samples_per_pixel.filter(|_| time.is_none() && error.is_none());
         let samples = match (samples.or_else(of_scene), time) {
@@ -132,7 +133,8 @@ impl Session {
         let pixels = (area * samples * SHARE / SAMPLES as f64).clamp(FEWEST_PIXELS, MOST_PIXELS);
         let scale = (pixels / area).sqrt().min(1.0);
         let side = |length: u32| ((f64::from(length) * scale).round() as u32).max(1);
-        let camera = self.camera().with_size(side(film.width), side(film.height));
+        let mut camera = self.camera().with_size(side(film.width), side(film.height));
+        camera.film.crop = None;
         // The square of the error of a density estimate within a radius is proportional to the fourth power of that.
         let bias = scale.powi(4);
         let mut pilots = Vec::new();

@@ -255,7 +255,7 @@ impl Session {
         self.render_through(self.camera(), plan, progress, resumed, sinks)
     }
 
-    /// Computes [`render_on`](Self::render_on) with another camera, whose image is no larger.
+    /// Computes [`render_on`](Self::render_on) with another camera. The memory plan does not count its image.
     fn render_through(
         &self,
         camera: &Camera,

@@ -9,14 +9,16 @@ use std::fmt;
 pub struct SceneHashes {
     /// Hash of the scene, without sensors.
     pub scene: u64,
-    /// Hash of the sensor with its film.
+    /// Hash of the sensor with its film, without the crop.
     pub view: u64,
 }
 
 impl SceneHashes {
     /// The origin of what a sensor of a scene sees.
     pub fn of(description: &Description, sensor: usize) -> Self {
-        SceneHashes { scene: scene(description), view: digest(&description.sensors[sensor]) }
+        let mut sensor = description.sensors[sensor].clone();
+        sensor.film.crop = None;
+        SceneHashes { scene: scene(description), view: digest(&sensor) }
     }
 }
 

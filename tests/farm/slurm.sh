@@ -73,7 +73,7 @@ cd "$work/run"
 export BUFFON=$buffon
 options=(--spp 1024 --size 320x240 --aov variance)
 "$buffon" render "$scene" -q "${options[@]}" -o whole.exr
-"$buffon" plan "$scene" --engine slurm --tasks 8 --dir farm -- "${options[@]}" -t 1 --checkpoint-every 1s
+"$buffon" plan "$scene" --engine slurm --tasks 16 --regions 2 --dir farm -- "${options[@]}" -t 1 --checkpoint-every 1s
 sh farm/submit.sh
 name=$(basename "${scene%.*}")
 # The first task is killed once it has a checkpoint; another one is requeued.

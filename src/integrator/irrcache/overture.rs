@@ -102,7 +102,8 @@ impl Overture<'_> {
     /// Returns the film points of a pass, one in each square of `stride` pixels, in a random order. Consecutive
     /// points are therefore seldom neighbours, and a batch computes few redundant records.
     fn points(&self, pass: u32, stride: u32) -> Vec<FilmPoint> {
-        let rect = self.preparation.camera.film.rect();
+        // A crop has the records of the whole image, so that its pixels are the same.
+        let rect = self.preparation.camera.film.full_rect();
         let (columns, rows) = (rect.width.div_ceil(stride), rect.height.div_ceil(stride));
         let Gathering { seed, replicate, .. } = self.gathering;
         let seed = combine(seed, pass);

@@ -66,7 +66,25 @@ pub fn save(path: &Path, label: &CheckpointLabel, state: &RenderState) -> Result
 /// # Errors
 /// If the file cannot be read, is not a checkpoint, is damaged, or was written by another version.
 pub fn load(path: &Path) -> Result<Checkpoint> {
-    read(path).map_err(|why| Error::output(why).in_file(path).about("checkpoint"))
+    read(path).map_err(|why| damaged(path, why))
+}
+
+/// Reads the description of a checkpoint without its sums. Its checksum is not verified.
+///
+/// # Errors
+/// As for [`load`].
+pub fn label(path: &Path) -> Result<CheckpointLabel> {
+    let read = || {
+        let (header, _) = FORMAT.open::<Header>(path)?;
+        let image_description = header.image_description()?;
+        Ok(header.label(image_description))
+    };
+    read().map_err(|why| damaged(path, why))
+}
+
+/// Returns the error of a file that is no checkpoint.
+fn damaged(path: &Path, why: String) -> Error {
+    Error::output(why).in_file(path).about("checkpoint")
 }
 
 fn read(path: &Path) -> Result<Checkpoint, String> {
@@ -165,21 +183,23 @@ impl Header {
             sample: s.sample,
             value: s.value_bits.map(f32::from_bits),
         };
-        Checkpoint {
-            label: CheckpointLabel {
-                identity: self.identity,
-                image_description,
-                samples: self.samples.iter().map(|&[start, end]| start..end).collect(),
-                target: self.target,
-            },
-            state: RenderState {
-                pass_end: self.pass_end,
-                elapsed: self.elapsed,
-                counters: self.counters,
-                invalid: self.invalid.iter().map(invalid).collect(),
-                invalid_count: self.invalid_count,
-                ..sums
-            },
+        let state = RenderState {
+            pass_end: self.pass_end,
+            elapsed: self.elapsed,
+            counters: self.counters,
+            invalid: self.invalid.iter().map(invalid).collect(),
+            invalid_count: self.invalid_count,
+            ..sums
+        };
+        Checkpoint { label: self.label(image_description), state }
+    }
+
+    fn label(self, image_description: ImageDescription) -> CheckpointLabel {
+        CheckpointLabel {
+            identity: self.identity,
+            image_description,
+            samples: self.samples.iter().map(|&[start, end]| start..end).collect(),
+            target: self.target,
         }
     }
 }

@@ -12,7 +12,7 @@ pub struct Identity {
     pub version: String,
     /// Hash of the scene without its sensors.
     pub scene: u64,
-    /// Hash of the sensor with its film: view, size, crop, filter.
+    /// Hash of the sensor with its film: view, size, filter; not the crop.
     pub view: u64,
     /// The name of the integrator.
     pub integrator: String,
@@ -60,7 +60,7 @@ impl Identity {
         } else if self.scene != other.scene {
             "samples of another scene".into()
         } else if self.view != other.view {
-            "samples of another view of the scene (sensor, size, crop or film)".into()
+            "samples of another view of the scene (sensor, size or film)".into()
         } else if self.integrator != other.integrator {
             format!("samples of the integrator {}, expected {}", self.integrator, other.integrator)
         } else if self.settings != other.settings {

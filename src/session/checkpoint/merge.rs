@@ -1,45 +1,57 @@
 //! Merging of checkpoints: the sums of several parts of a render become those of the whole render.
 
-use super::{Checkpoint, file, list};
+use super::{Checkpoint, CheckpointLabel, file, list};
 use crate::error::{Error, Result};
+use crate::film::PixelRect;
 use crate::integrator::settings::WhenPays;
-use crate::render::{Rendered, StopReason};
+use crate::render::{RenderState, Rendered, StopReason};
 use crate::session::plan::states_variances;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Adds checkpoints of one render, in any order. No more than two are in memory.
+/// What a file has of a render, or several files of the same region.
+struct Part<'a> {
+    path: &'a Path,
+    rect: PixelRect,
+    samples: Vec<Range<u64>>,
+}
+
+/// Adds checkpoints of one render, in any order: ranges of its samples, regions of its image that make a rectangle, or
+/// both. No more than two are in memory.
 ///
 /// # Errors
-/// If a file cannot be read, they belong to different renders, or two have the same samples.
+/// If a file cannot be read, they belong to different renders, two have the same samples of a pixel, or some pixels
+/// have samples that others lack.
 pub fn merge(paths: &[PathBuf]) -> Result<Checkpoint> {
-    let Some((first_path, others)) = paths.split_first() else {
+    let Some(first) = paths.first() else {
         return Err(Error::usage("merge: expected files to merge"));
     };
-    let mut sum = file::load(first_path)?;
-    let held = |part: &Checkpoint, path: &Path| {
-        part.label.samples.iter().map(|range| (range.clone(), path.to_owned())).collect::<Vec<_>>()
-    };
-    let mut all: Vec<(Range<u64>, PathBuf)> = held(&sum, first_path);
-    for path in others {
-        let part = file::load(path)?;
-        comparable(first_path, &sum, path, &part)?;
-        let new = held(&part, path);
-        for (range, _) in &new {
-            if let Some((other, file)) = all.iter().find(|(r, _)| r.start < range.end && range.start < r.end)
-            {
-                let [ours, theirs] = [range, other].map(|range| list(std::slice::from_ref(range)));
-                let why = format!("has the samples {ours}; {} also has {theirs}", file.display());
-                return Err(refuse(path, &why));
-            }
-        }
-        all.extend(new);
-        add(&mut sum, part);
+    let mut label = file::label(first)?;
+    let mut parts = Vec::new();
+    for path in paths {
+        let other = file::label(path)?;
+        comparable(first, &label, path, &other)?;
+        label.target = label.target.max(other.target);
+        parts.push(Part { path, rect: other.image_description.rect, samples: other.samples });
     }
-    sum.label.samples = joined(all.into_iter().map(|(range, _)| range).collect());
-    let end = sum.label.samples.last().map_or(0, |range| range.end);
-    (sum.state.next, sum.state.pass_end) = (end, end);
-    Ok(sum)
+    (label.image_description.rect, label.samples) = whole(&regions(parts)?)?;
+    let (rect, channels) = (label.image_description.rect, label.image_description.channels());
+    let mut sum: Option<RenderState> = None;
+    for path in paths {
+        let state = file::load(path)?.state;
+        let replicates = state.tiles[0].replicates();
+        let sum = sum.get_or_insert_with(|| {
+            let end = label.samples.last().map_or(0, |range| range.end);
+            RenderState::new(rect, channels, replicates, end)
+        });
+        let has_changed = state.tiles.iter().any(|tile| rect.union(tile.rect) != rect);
+        if has_changed || sum.tiles[0].replicates() != replicates {
+            return Err(refuse(path, "has changed while it was read"));
+        }
+        sum.add(state);
+    }
+    let state = sum.expect("there are files");
+    Ok(Checkpoint { label, state })
 }
 
 fn refuse(path: &Path, why: &str) -> Error {
@@ -47,40 +59,72 @@ fn refuse(path: &Path, why: &str) -> Error {
 }
 
 /// Checks that two parts can be added.
-fn comparable(first_path: &Path, first: &Checkpoint, path: &Path, part: &Checkpoint) -> Result<()> {
-    if let Some(difference) = part.label.identity.difference(&first.label.identity) {
+fn comparable(first_path: &Path, first: &CheckpointLabel, path: &Path, part: &CheckpointLabel) -> Result<()> {
+    if let Some(difference) = part.identity.difference(&first.identity) {
         return Err(refuse(path, &format!("has {difference} as in {}", first_path.display())));
     }
-    if part.label.image_description.rect != first.label.image_description.rect
-        || part.label.image_description.layers != first.label.image_description.layers
-    {
+    if part.image_description.layers != first.image_description.layers {
         return Err(refuse(path, &format!("belongs to another image than {}", first_path.display())));
     }
     Ok(())
 }
 
-fn add(sum: &mut Checkpoint, part: Checkpoint) {
-    let (state, other) = (&mut sum.state, part.state);
-    state.tiles.iter_mut().zip(&other.tiles).for_each(|(tile, other)| tile.merge(other));
-    state.elapsed += other.elapsed;
-    state.counters.merge(&other.counters);
-    state.invalid.extend(other.invalid);
-    state.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
-    state.invalid_count += other.invalid_count;
-    sum.label.target = sum.label.target.max(part.label.target);
+/// Joins the parts of each region of the image.
+fn regions(mut parts: Vec<Part<'_>>) -> Result<Vec<Part<'_>>> {
+    parts.sort_by_key(|part| (part.rect.y, part.rect.x, part.rect.height, part.rect.width));
+    parts.chunk_by(|a, b| a.rect == b.rect).map(region).collect()
 }
 
-/// Joins adjacent ranges of samples, in order.
-fn joined(mut ranges: Vec<Range<u64>>) -> Vec<Range<u64>> {
-    ranges.sort_by_key(|range| range.start);
+/// Joins parts of one region.
+fn region<'a>(parts: &[Part<'a>]) -> Result<Part<'a>> {
+    let mut held: Vec<(Range<u64>, &Path)> = Vec::new();
+    for part in parts {
+        held.extend(part.samples.iter().map(|range| (range.clone(), part.path)));
+    }
+    held.sort_by_key(|(range, _)| range.start);
+    Ok(Part { path: parts[0].path, rect: parts[0].rect, samples: joined(held)? })
+}
+
+/// Returns the rectangle that the regions make, and the samples of its pixels.
+fn whole(regions: &[Part<'_>]) -> Result<(PixelRect, Vec<Range<u64>>)> {
+    let first = &regions[0];
+    for (i, region) in regions.iter().enumerate() {
+        if let Some(other) = regions[..i].iter().find(|other| other.rect.overlaps(region.rect)) {
+            let why = format!("has the region {}; {} has {}", region.rect, other.path.display(), other.rect);
+            return Err(refuse(region.path, &why));
+        }
+        if region.samples != first.samples {
+            let [ours, others] = [region, first].map(|region| list(&region.samples));
+            let why = format!("is of the region {}, which has the samples {ours}; ", region.rect);
+            return Err(refuse(region.path, &format!("{why}the region {} has {others}", first.rect)));
+        }
+    }
+    let rect = regions.iter().map(|region| region.rect).reduce(PixelRect::union).expect("there are regions");
+    let area = regions.iter().map(|region| region.rect.area()).sum::<u64>();
+    match area == rect.area() {
+        true => Ok((rect, first.samples.clone())),
+        false => Err(Error::usage(format!(
+            "merge: the regions have {area} of the {} pixels in the rectangle {rect} around them",
+            rect.area()
+        ))),
+    }
+}
+
+/// Joins adjacent ranges of samples, which are in order and come from files.
+fn joined(ranges: Vec<(Range<u64>, &Path)>) -> Result<Vec<Range<u64>>> {
+    if let Some([(other, file), (range, path)]) = ranges.array_windows().find(|[a, b]| b.0.start < a.0.end) {
+        let [ours, theirs] = [range, other].map(|range| list(std::slice::from_ref(range)));
+        let why = format!("has the samples {ours}; {} also has {theirs}", file.display());
+        return Err(refuse(path, &why));
+    }
     let mut joined: Vec<Range<u64>> = Vec::new();
-    for range in ranges {
+    for (range, _) in ranges {
         match joined.last_mut() {
             Some(last) if last.end == range.start => last.end = range.end,
             _ => joined.push(range),
         }
     }
-    joined
+    Ok(joined)
 }
 
 impl Checkpoint {
@@ -137,7 +181,10 @@ mod tests {
 
     #[test]
     fn ranges_are_joined_where_they_meet() {
-        assert_eq!(joined(vec![8..16, 0..4, 4..8, 20..24]), [0..16, 20..24]);
-        assert_eq!(joined(Vec::new()), []);
+        let file = Path::new("file");
+        let joined = |ranges: &[Range<u64>]| joined(ranges.iter().map(|r| (r.clone(), file)).collect());
+        assert_eq!(joined(&[0..4, 4..8, 8..16, 20..24]).expect("ranges"), [0..16, 20..24]);
+        assert_eq!(joined(&[]).expect("no ranges"), []);
+        assert!(joined(&[0..4, 3..8]).is_err());
     }
 }

@@ -13,6 +13,7 @@ pub use identity::Identity;
 
 use super::ImageDescription;
 use crate::error::{Error, Result};
+use crate::film::PixelRect;
 use crate::render::RenderState;
 use std::ops::Range;
 use std::path::Path;
@@ -41,8 +42,8 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// Returns the state from which to continue, if it belongs to this render and to the range of samples that begins
-    /// with `first`, and if it ends at `end` or before.
+    /// Returns the state from which to continue, if it belongs to this render, to its region of the image and to the
+    /// range of samples that begins with `first`, and if it ends at `end` or before.
     ///
     /// # Errors
     /// If it does not; the message names the file.
@@ -50,12 +51,19 @@ impl Checkpoint {
         self,
         path: &Path,
         identity: &Identity,
+        rect: PixelRect,
         first: u64,
         end: Option<u64>,
     ) -> Result<RenderState> {
         let refuse = |why: String| Err(Error::usage(format!("--resume {}: it {why}", path.display())));
         if let Some(difference) = self.label.identity.difference(identity) {
             return refuse(format!("has {difference}; choose another file, or remove it"));
+        }
+        let own = self.label.image_description.rect;
+        if own != rect {
+            return refuse(format!(
+                "has the region {own}, expected {rect}; choose another file, or remove it"
+            ));
         }
         let expected = Range { start: first, end: self.state.next };
         match self.label.samples.as_slice() {
