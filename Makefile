@@ -79,7 +79,7 @@ fuzz: deps ## try mutated scenes, meshes and images for some minutes: SEED=..., 
 	    cargo test --locked -p buffon --test tests -- robustness gltf_errors
 
 # The tests of the Markdown files are part of `make test`, too.
-test-docs: book ## check the links and commands of the documentation, and the links of the book
+test-docs: deps book ## check the links and commands of the documentation, and the links of the book
 	cargo test --locked -p buffon --test tests -- docs_
 	cargo test --locked -p buffon --lib -- instantiate::reference
 	cargo run --locked --quiet --example check_book -- out/book
