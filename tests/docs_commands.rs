@@ -32,7 +32,7 @@ const SCENE: &str = r#"<scene version="3.0.0">
 "#;
 /// A mesh of one triangle.
 const MESH: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
-/// The most samples of a render; others are reduced in proportion.
+/// What numbers of samples are divided by.
 const SAMPLES_DIVISOR: u64 = 64;
 /// What stands for something in a template, and what stands for it here.
 const PLACEHOLDERS: [(&str, &str); 3] = [("N", "1"), ("S", "1"), ("SCENE", "scene.xml")];
@@ -42,15 +42,12 @@ const WRITES: [&str; 8] =
 /// The commands of Buffon that are parsed and not run, with the reason.
 const ONLY_PARSED: [(&str, &str); 1] =
     [("lab", "experiments take minutes without optimisation; tests/lab.rs runs them")];
-/// Programs that are not run, with the reason.
-const NOT_RUN: [(&str, &str); 7] = [
+/// All other programs in the documents, with the reason why they are not run.
+const NOT_RUN: [(&str, &str); 4] = [
     ("make", "its targets must exist"),
     ("cargo", "its examples and benches must exist"),
     ("sh", "it is a script that another line of the block writes"),
     ("ssh", "it needs another machine"),
-    ("git", "it needs a repository"),
-    ("idiff", "it is a tool of OpenImageIO"),
-    ("sbatch", "it needs Slurm"),
 ];
 
 /// The folders of the packages.
