@@ -338,6 +338,7 @@ fn every_inline_command_of_the_documentation_has_known_options() {
                     Err(error) => match error.kind() {
                         ErrorKind::MissingRequiredArgument
                         | ErrorKind::DisplayHelp
+                        | ErrorKind::DisplayVersion
                         | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
                         | ErrorKind::TooFewValues => Ok(()),
                         _ if words.last().is_some_and(|word| word == "COMMAND") => Ok(()),
