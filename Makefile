@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page test-farm fuzz memcheck lint
-.PHONY: bench bench-check scenes clean
+.PHONY: bench bench-check scenes book gallery test-docs clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
@@ -17,6 +17,10 @@ SPEED := scenes/speed/lights-10000.xml
 RUST_ALONE := -p buffon --no-default-features
 # What is tested with both: traversal, images, and the command line over them.
 TWICE := parity watertight self_intersection image_ texture_files cli:: determinism own_scenes plugins:: memory
+
+# mdBook is built once, into target/tools.
+MDBOOK := target/tools/bin/mdbook
+MDBOOK_VERSION := 0.5.4
 
 # What is compiled once, and not again after each change, is compiled in two thirds of the time without these.
 export CARGO_INCREMENTAL ?= 0
@@ -48,7 +52,7 @@ test: lint ## what must hold, in minutes
 
 # The tests marked `ignore`, the tests of what depends on the libraries without these, random scenes on which all
 # estimators must agree, and the experiments with many seeds.
-test-all: test test-rest rust-alone agreement claims ## everything that must hold
+test-all: test test-docs test-rest rust-alone agreement claims ## everything that must hold
 
 test-rest: deps
 	@.ci/deps parallel
@@ -73,6 +77,12 @@ fuzz: deps ## try mutated scenes, meshes and images for some minutes: SEED=..., 
 	echo "make fuzz SEED=$$seed CASES=$${CASES:-10000}"; \
 	PROPTEST_RNG_SEED=$$seed PROPTEST_CASES=$${CASES:-10000} BUFFON_FUZZ_CASES=$${CASES:-10000} \
 	    cargo test --locked -p buffon --test tests -- robustness gltf_errors
+
+# The tests of the Markdown files are part of `make test`, too.
+test-docs: deps book ## check the links and commands of the documentation, and the links of the book
+	cargo test --locked -p buffon --test tests -- docs_
+	cargo test --locked -p buffon --lib -- instantiate::reference
+	cargo run --locked --quiet --example check_book -- out/book
 
 # A tiny bench, for the page's sake; its figures mean nothing. The screenshots stay in out/page.
 test-page: deps ## open a page of `buffon bench` in headless Chromium, and check that it works
@@ -118,6 +128,24 @@ $(TERRAIN): examples/generate_terrain.rs | deps
 
 $(SPEED): examples/speed_scenes.rs | deps
 	cargo run --release --locked --example speed_scenes
+
+# The source of the book has the folders of the repository, so that relative links work in both.
+book: $(MDBOOK) ## build the documentation as a book with search: out/book/index.html
+	rm -rf out/book-src out/book
+	@mkdir -p out/book-src
+	cp --parents $$(find *.md LICENSE-* docs scenes -name '*.md' -o -name 'LICENSE-*' -o -path 'docs/*' -type f \
+	    -o -path 'scenes/*.xml' -o -path 'scenes/*.toml') out/book-src
+	mv out/book-src/docs/book.toml out/book-src
+	sed -e 's|](\.\./|](|' -e t -e 's|](|](docs/|' docs/SUMMARY.md >out/book-src/SUMMARY.md
+	rm out/book-src/docs/SUMMARY.md
+	$(MDBOOK) build out/book-src
+
+$(MDBOOK):
+	cargo install mdbook --version $(MDBOOK_VERSION) --locked --no-default-features --features search --root target/tools
+
+gallery: scenes ## render the pictures of the documentation: docs/gallery/*.jpg
+	cargo build --release --locked
+	docs/gallery/render target/release/buffon
 
 clean: ## remove what was built, rendered and generated
 	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr lights-*.xml)

@@ -18,6 +18,8 @@ mod determinism;
 mod diff_metrics;
 mod display_server;
 mod distributions;
+mod docs_commands;
+mod docs_links;
 #[cfg(feature = "embree")]
 mod embree_ffi;
 mod emitters;

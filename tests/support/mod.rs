@@ -3,6 +3,7 @@
 pub mod bsdfs;
 pub mod chi2;
 pub mod cli;
+pub mod docs;
 pub mod expect;
 pub mod gltf;
 pub mod quadrature;

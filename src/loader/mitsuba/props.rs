@@ -20,6 +20,12 @@ pub struct Props<'g> {
     used_children: Vec<Cell<bool>>,
 }
 
+#[cfg(test)]
+thread_local! {
+    /// The class, the plugin and the name of each lookup on this thread.
+    pub static RECORD: RefCell<std::collections::BTreeSet<[String; 3]>> = RefCell::default();
+}
+
 impl<'g> Props<'g> {
     /// Creates the lookup of an object's properties.
     pub fn new(graph: &'g Graph, id: ObjectId) -> Self {
@@ -36,6 +42,7 @@ impl<'g> Props<'g> {
 
     /// Returns a property by name.
     pub fn find(&self, name: &'static str) -> Option<&'g Property> {
+        self.record(name);
         self.looked_up.borrow_mut().push(name);
         let i = self.object.properties.iter().position(|p| p.name == name)?;
         self.used[i].set(true);
@@ -44,6 +51,7 @@ impl<'g> Props<'g> {
 
     /// Returns whether there is a property or a child of the name.
     pub fn has(&self, name: &str) -> bool {
+        self.record(name);
         self.object.properties.iter().any(|p| p.name == name)
             || self.object.children.iter().any(|c| c.name.as_deref() == Some(name))
     }
@@ -173,6 +181,16 @@ impl<'g> Props<'g> {
         Ok(value.unwrap_or_default())
     }
 
+    /// Records a lookup for the test of the documentation.
+    #[cfg(test)]
+    fn record(&self, name: &str) {
+        let Object { class, plugin, .. } = self.object;
+        RECORD.with_borrow_mut(|record| record.insert([class, plugin, name].map(str::to_owned)));
+    }
+
+    #[cfg(not(test))]
+    fn record(&self, _: &str) {}
+
     fn typed<T>(
         &self,
         name: &'static str,
@@ -232,6 +250,7 @@ impl<'g> Props<'g> {
 
     /// Returns the child of a name, such as a texture.
     pub fn named_child(&self, name: &'static str) -> Option<ObjectId> {
+        self.record(name);
         self.looked_up.borrow_mut().push(name);
         let i = self.object.children.iter().position(|c| c.name.as_deref() == Some(name))?;
         self.used_children[i].set(true);

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 const MITSUBA: [&str; 5] = ["hk", "irawan", "measured_polarized", "neuralbsdf", "openpbr"];
 /// Filters that change the polarisation of light, each with the part of unpolarised light that passes.
-const POLARISATION_FILTERS: [(&str, f32); 3] = [("circular", 0.5), ("polarizer", 0.5), ("retarder", 1.0)];
+pub const POLARISATION_FILTERS: [(&str, f32); 3] = [("circular", 0.5), ("polarizer", 0.5), ("retarder", 1.0)];
 
 impl Builder<'_> {
     /// Returns the material of a BSDF. Each is instantiated once. The stand-in is grey and diffuse.

@@ -15,7 +15,7 @@ use crate::sensor::camera::half_extents;
 use crate::texture::Texture;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 10] =
+pub const SUPPORTED: [&str; 10] =
     ["area", "constant", "directional", "envmap", "point", "projector", "sky", "spot", "sun", "sunsky"];
 const MITSUBA: [&str; 4] = ["collimated", "directionalarea", "timed_sunsky", "volumelight"];
 

@@ -6,9 +6,9 @@ use crate::film::{ComponentFormat, FilmSettings, Filter, PixelFormat, PixelRect}
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
 
-const SUPPORTED: [&str; 4] = ["hdrfilm", "ldrfilm", "mfilm", "tiledhdrfilm"];
+pub const SUPPORTED: [&str; 4] = ["hdrfilm", "ldrfilm", "mfilm", "tiledhdrfilm"];
 const MITSUBA: [&str; 1] = ["specfilm"];
-const SUPPORTED_FILTERS: [&str; 6] = ["box", "catmullrom", "gaussian", "lanczos", "mitchell", "tent"];
+pub const SUPPORTED_FILTERS: [&str; 6] = ["box", "catmullrom", "gaussian", "lanczos", "mitchell", "tent"];
 /// The longest side of an image, in pixels.
 const MAX_SIDE: i64 = 65_536;
 /// The greatest number of pixels of an image.

@@ -15,7 +15,7 @@ use crate::texture::{FilterType, WrapMode};
 use crate::util::wording::did_you_mean;
 use std::sync::Arc;
 
-const MEDIA: [&str; 2] = ["heterogeneous", "homogeneous"];
+pub const MEDIA: [&str; 2] = ["heterogeneous", "homogeneous"];
 const PHASES: [&str; 10] = [
     "blendphase",
     "hg",

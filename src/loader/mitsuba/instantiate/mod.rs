@@ -7,6 +7,8 @@ mod emitters;
 mod films;
 mod integrators;
 mod media;
+#[cfg(test)]
+mod reference;
 mod samplers;
 mod sensors;
 mod shapes;

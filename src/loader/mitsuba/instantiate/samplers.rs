@@ -9,7 +9,7 @@ use crate::sampling::SamplerKind;
 /// Mitsuba's sampler of low discrepancy, which is that of Buffon's default.
 const LOW_DISCREPANCY: &str = "ldsampler";
 /// Mitsuba's samplers that Buffon does not have, each with the closest that it has.
-const MAPPED: [(&str, SamplerKind); 3] = [
+pub const MAPPED: [(&str, SamplerKind); 3] = [
     ("hammersley", SamplerKind::Sobol),
     (LOW_DISCREPANCY, SamplerKind::Sobol),
     ("orthogonal", SamplerKind::Multijitter),

@@ -8,7 +8,7 @@ use crate::loader::mitsuba::props::Props;
 use crate::math::{DAffine3, DMat3, DVec3, Motion};
 use crate::sensor::{FovAxis, Projection, SensorSettings, ThinLens};
 
-const SUPPORTED: [&str; 7] =
+pub const SUPPORTED: [&str; 7] =
     ["distant", "irradiancemeter", "orthographic", "perspective", "radiancemeter", "spherical", "thinlens"];
 const MITSUBA: [&str; 5] = ["batch", "fluencemeter", "measured", "perspective_rdist", "telecentric"];
 /// The distance beyond which a camera sees nothing, and in which a thin lens is in focus.

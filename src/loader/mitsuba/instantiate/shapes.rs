@@ -12,7 +12,7 @@ use crate::math::{DAffine3, DVec3};
 use crate::scene::description::{PlacedGroup, PlacedShape};
 use crate::shape::{Mesh, SdfNormals, Shape};
 
-const SUPPORTED: [&str; 16] = [
+pub const SUPPORTED: [&str; 16] = [
     "bsplinecurve",
     "cube",
     "cylinder",

@@ -15,7 +15,7 @@ use crate::texture::{Bitmap, FilterType, MeshAttribute, Pattern, Product, Shapes
 use std::path::Path;
 use std::sync::Arc;
 
-const SUPPORTED: [&str; 8] =
+pub const SUPPORTED: [&str; 8] =
     ["bitmap", "checkerboard", "gridtexture", "mesh_attribute", RAW, "scale", "vertexcolors", "volume"];
 /// The attribute that holds the colours of the vertices of a mesh.
 const VERTEX_COLORS: &str = "vertex_color";
