@@ -98,10 +98,14 @@ impl<'j, 'a> Passes<'j, 'a> {
             if self.job.progress.is_interrupted() {
                 break StopReason::Interrupted;
             }
-            if self.now.next >= self.now.pass_end {
-                if let Some(reason) = self.stop.reached(self.done(), self.elapsed(), self.error) {
-                    break reason;
-                }
+            let is_whole = self.now.next >= self.now.pass_end;
+            if is_whole && let Some(reason) = self.stop.reached(self.done(), self.elapsed(), self.error) {
+                break reason;
+            }
+            if self.is_enough() {
+                break StopReason::Enough;
+            }
+            if is_whole {
                 self.plan_pass();
             }
             let part = self.part();
@@ -116,6 +120,11 @@ impl<'j, 'a> Passes<'j, 'a> {
     /// Returns the number of samples per pixel taken so far, on average.
     fn done(&self) -> u64 {
         self.now.next - self.job.first
+    }
+
+    /// Returns whether the user has said that the samples so far are enough, if there are any.
+    fn is_enough(&self) -> bool {
+        self.done() > 0 && self.job.sinks.previews.is_some() && self.job.progress.take_end_request()
     }
 
     fn elapsed(&self) -> Duration {
