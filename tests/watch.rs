@@ -172,13 +172,13 @@ fn only_the_page_itself_may_ask() {
     assert_eq!(watched.running.wait().code(), Some(0));
 }
 
-/// "That is enough" ends the render with whole passes: the pixels are those of a render with that many samples. The last
-/// picture is that of the file.
+/// "That is enough" ends the render with whole parts of passes: the pixels are those of a render with that many
+/// samples. The last picture is that of the file.
 #[test]
 fn enough_is_a_render_with_as_many_samples() {
     let folder = Folder::new();
     for options in ["", "--integrator bdpt", "--integrator sppm", "--checkpoint r.sums"] {
-        let options = format!("--size 80x60 --adaptive=never {options}");
+        let options = format!("--size 80x60 {options}");
         let watched = Watched::start(&folder, &format!("{LONG} {options} -o r.pfm --stats stats.json"));
         let state = watched.wait_for_picture();
         assert_eq!((&state["phase"], &state["name"]), (&"rendering".into(), &"r.pfm".into()));
@@ -192,7 +192,7 @@ fn enough_is_a_render_with_as_many_samples() {
         assert_eq!(stats["spp"], state["progress"]["samples_per_pixel"]);
         let samples = stats["spp"].as_u64().expect("a number");
         let plain = options.replace(" --checkpoint r.sums", "");
-        folder.render(&format!("s.xml -q --spp {samples} {plain} -o plain.pfm"));
+        folder.render(&format!("s.xml -q --spp {samples} --adaptive=never {plain} -o plain.pfm"));
         assert!(folder.read("r.pfm") == folder.read("plain.pfm"), "{options}: {samples} samples");
 
         let (size, planes) = decoded(&picture);
@@ -246,11 +246,11 @@ fn no_client_changes_a_pixel_or_delays_the_end() {
         folder.render(&format!("s.xml -q --spp 12 -o b.pfm --watch :0 {options}"));
         assert!(folder.read("a.pfm") == folder.read("b.pfm"), "{options}");
     }
-    let options = "--size 800x600 --spp 24 --adaptive=never";
+    let options = "--size 1000x750 --spp 8 --adaptive=never";
     folder.render(&format!("s.xml -q {options} -o a.pfm"));
     let watched = Watched::start(&folder, &format!("{options} -o b.pfm"));
     let (state, picture) = watched.follow();
-    assert_eq!((state["exit_code"].clone(), decoded(&picture).0), (0.into(), [800, 600]));
+    assert_eq!((state["exit_code"].clone(), decoded(&picture).0), (0.into(), [1000, 750]));
     assert_eq!(watched.running.wait().code(), Some(0));
     assert!(folder.read("a.pfm") == folder.read("b.pfm"));
 
@@ -270,7 +270,7 @@ fn no_client_changes_a_pixel_or_delays_the_end() {
 #[test]
 fn a_page_follows_frames_and_learns_of_failures() {
     let scene = crate::support::cli::SCENE
-        .replace("<default name=\"spp\" value=\"8\"/>", "<default name=\"frame\" value=\"0\"/>")
+        .replace("<default name=\"spp\" value=\"8\"/>", "<default name=\"frame\" value=\"3\"/>")
         .replace("$spp", "8")
         .replace("name=\"radius\" value=\"0.5\"", "name=\"radius\" value=\"0.$frame\"");
     let folder = Folder::with(&scene);

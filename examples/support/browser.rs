@@ -1,5 +1,5 @@
-//! Headless Chromium with one page, controlled through the Chrome DevTools Protocol over a pipe, with real mouse events.
-//! The environment variable `CHROMIUM` names another browser.
+//! Headless Chromium with one page, controlled through the Chrome DevTools Protocol over a pipe, with real mouse
+//! events. The environment variable `CHROMIUM` names another browser.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

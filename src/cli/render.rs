@@ -149,9 +149,10 @@ pub struct RenderArgs {
     /// listens at port 14158
     #[arg(long, value_name = "HOST:PORT")]
     pub display_server: Option<String>,
-    /// Show the render in a page for a browser on this machine: the picture so far, its error, what is left, and buttons
-    /// to stop. The page's address, which has a secret, is printed on standard error, also with --quiet; :0 finds a free
-    /// port. No pixel changes. HOST:PORT lets other machines in, without encryption
+    /// Show the render in a page for a browser on this machine: the picture so far, its error, what is left, and
+    /// buttons to stop or to say that it is enough. The address of the page, which has a secret, is printed on standard
+    /// error, also with --quiet; :0 finds a free port. No pixel changes. HOST:PORT lets other machines in, without
+    /// encryption
     #[arg(long, value_name = ":PORT")]
     pub watch: Option<String>,
 }

@@ -2,8 +2,8 @@
 //!
 //! The render waits for no client. It leaves a copy of the picture for the threads of the connections, while a page is
 //! open. Each connection has a thread and one request; their number is limited, and a slow client is given up. An
-//! address has a secret token, without which a request is refused; requests for another host and buttons in the pages of
-//! other origins are refused, too.
+//! address has a secret token, without which a request is refused. Requests for another host and buttons in the pages
+//! of other origins are refused, too.
 
 mod address;
 mod history;
