@@ -26,18 +26,8 @@ struct Render {
 impl Render {
     fn start(buffon: &Path, scene: &Path, folder: &Path) -> Result<Self> {
         let mut process = Command::new(buffon)
-            .args([
-                "render",
-                "-q",
-                "--watch",
-                ":0",
-                "--spp",
-                "100000000",
-                "--target-error",
-                "1e-5",
-                "--threads",
-                "1",
-            ])
+            .args(["render", "-q", "--watch", ":0", "--size", "160x160", "--threads", "1"])
+            .args(["--spp", "100000000", "--target-error", "1e-5"])
             .arg(scene)
             .arg("-o")
             .arg(folder.join("watched.exr"))

@@ -50,7 +50,7 @@ struct CheckpointStatus {
 impl<'j, 'a> Passes<'j, 'a> {
     /// Prepares the render and starts the clock.
     pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
-        let now = job.resumed.clone().unwrap_or_else(|| {
+        let mut now = job.resumed.clone().unwrap_or_else(|| {
             RenderState::new(
                 job.camera.film.rect(),
                 job.channels(),
@@ -58,6 +58,8 @@ impl<'j, 'a> Passes<'j, 'a> {
                 job.first,
             )
         });
+        // The pass that was interrupted may have been one of a longer render.
+        now.pass_end = now.pass_end.min(job.settings.stop.samples.map_or(u64::MAX, |end| end.max(now.next)));
         let workers = (0..pool.current_num_threads())
             .map(|_| {
                 let worker = Worker::new(job.settings.sampler).with_interrupt(job.progress.interrupt_flag());
