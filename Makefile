@@ -85,12 +85,13 @@ test-docs: deps book ## check the links and commands of the documentation, and t
 	cargo run --locked --quiet --example check_book -- out/book
 
 # A tiny bench, for the page's sake; its figures mean nothing. The screenshots stay in out/page.
-test-page: deps ## open a page of `buffon bench` in headless Chromium, and check that it works
+test-page: deps ## open pages of `buffon bench` and `buffon render --watch` in headless Chromium, and check that they work
 	@.ci/deps chromium
 	@mkdir -p out/page
 	XDG_CACHE_HOME=$(CURDIR)/out/cache cargo run --locked --quiet -- bench scenes/cornell-box/cornell-box.xml --size 64x64 \
 	    --integrators path,direct --budgets 2,4,8 --runs 2 --reference-time 5s -o out/page
 	cargo run --locked --quiet --example check_page -- out/page/index.html out/page
+	cargo run --locked --quiet --example check_watch -- target/debug/buffon scenes/cornell-box/cornell-box.xml out/page
 
 test-farm: deps ## render with a Slurm on this machine alone, as root; tasks are killed and requeued
 	@.ci/deps slurm-wlm munge

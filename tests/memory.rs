@@ -59,6 +59,14 @@ fn an_image_that_does_not_fit_is_the_fault_of_who_asks_for_it() {
         "or give a larger --memory-limit",
     );
     assert_eq!(folder.files(), ["large.xml", "s.xml"]);
+    // The render needs 477 MiB, the file another 92 MiB instead of 229 MiB for the copies of a viewer.
+    let options = "-o s.pfm --display-server 127.0.0.1:9 --memory-limit 700M";
+    let text = refused(&folder, &format!("render s.xml -q --size 2000x2000 -t 1 {options}"), 4);
+    says(
+        &text,
+        "--display-server: rendering 2000x2000 pixels and copies of them would take 7",
+        "ask for fewer pixels, or leave out --display-server, or give a larger --memory-limit",
+    );
     folder.render("large.xml --crop 0,0,20,20 --memory-limit 110M --spp 1 -q -t 1");
 }
 

@@ -93,4 +93,6 @@ mod self_intersection;
 mod sppm;
 mod support;
 mod texture_files;
+#[cfg(unix)]
+mod watch;
 mod watertight;

@@ -25,6 +25,13 @@ const MOST_VALUES: usize = 1 << 24;
 /// The layer with the standard error of the picture.
 const STANDARD_ERROR: [&str; 3] = ["standard_error.R", "standard_error.G", "standard_error.B"];
 
+/// Returns the bytes of the copies of an image with `image` bytes that a viewer gets: a copy, and two with the standard
+/// error, one of which is being sent.
+pub fn memory(image: u64, pixels: u64) -> u64 {
+    let with_error = image.saturating_add(pixels.saturating_mul(4 * STANDARD_ERROR.len() as u64));
+    with_error.saturating_mul(2).saturating_add(image)
+}
+
 /// A connection to a viewer.
 pub struct DisplayServer {
     images: SyncSender<Image>,

@@ -32,11 +32,14 @@ pub mod progress;
 pub mod regress;
 mod regress_cases;
 pub mod render;
+mod sampling;
 pub mod shared;
 pub mod shell;
 mod signals;
 pub mod stats;
+mod summary;
 pub mod values;
+mod watch;
 
 use crate::error::{Error, Kind};
 use clap::{Parser, Subcommand};

@@ -181,6 +181,7 @@ fn refuse(render: &RenderArgs, args: &PlanArgs) -> Result<()> {
         ("--no-image", render.no_image),
         ("--write-every", render.write_every.is_some()),
         ("--display-server", render.display_server.is_some()),
+        ("--watch", render.watch.is_some()),
         ("--sample-range", render.sample_range.is_some()),
         ("--skip-existing", render.skip_existing),
         ("--cryptomatte", render.cryptomatte),

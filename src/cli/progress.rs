@@ -4,6 +4,7 @@ use crate::error::counted;
 use crate::render::{Progress, StopRules};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::{Value, json};
 use std::io::IsTerminal;
 use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -31,11 +32,15 @@ pub struct Watcher {
 }
 
 /// The render whose progress is shown.
-struct View {
-    progress: Arc<Progress>,
-    pixels: u64,
-    rules: StopRules,
-    started: Instant,
+pub(super) struct View {
+    /// The progress.
+    pub progress: Arc<Progress>,
+    /// The number of pixels.
+    pub pixels: u64,
+    /// The stop rules.
+    pub rules: StopRules,
+    /// The beginning of the render.
+    pub started: Instant,
 }
 
 impl Watcher {
@@ -139,8 +144,9 @@ impl View {
         line
     }
 
-    fn json(&self) -> String {
-        serde_json::json!({
+    /// Returns the progress as a JSON object.
+    pub fn json(&self) -> Value {
+        json!({
             "share": self.share(),
             "seconds": self.started.elapsed().as_secs_f64(),
             "seconds_left": self.eta().map(|d| d.as_secs_f64()),
@@ -154,7 +160,6 @@ impl View {
                 "relmse": self.rules.error,
             },
         })
-        .to_string()
     }
 
     fn draw(&self, bar: &ProgressBar) {

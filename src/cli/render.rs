@@ -1,30 +1,30 @@
 //! `buffon render`: renders a scene to an image.
 
 use super::checkpoint::Checkpointing;
-use super::display_server::{self, DisplayServer};
 use super::frames;
 use super::outputs::{default_output, is_piped, named, refuse, write_piped, written};
 use super::photon_notes::photon_notes;
-use super::progress::{ProgressKind, Watcher};
+use super::progress::ProgressKind;
+use super::sampling::{sample, write_options};
 use super::shared::{DisplayArgs, MethodArgs, SceneArgs, ViewArgs};
 use super::signals::{self, EarlyExit};
 use super::stats::{Account, Seconds};
+use super::summary::{summary, warn, warn_of_values};
 use super::values;
-use crate::error::{Error, Kind, Result, counted};
+use super::watch::Watch;
+use crate::error::{Error, Result};
 use crate::film::PixelRect;
-use crate::image::{self, WriteOptions};
+use crate::image;
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, WhenPays};
 use crate::loader::LoadOptions;
-use crate::render::{
-    CheckpointSink, PreviewSink, Progress, RenderState, Rendered, Sinks, StopReason, StopRules,
-};
-use crate::session::{Choices, Plan, SceneChoices, SceneFile, SceneHashes, Session};
+use crate::render::{Progress, StopReason, StopRules};
+use crate::session::{Choices, SceneChoices, SceneFile, SceneHashes, Session};
 use crate::util;
 use clap::Args;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Render a scene.
@@ -149,6 +149,12 @@ pub struct RenderArgs {
     /// listens at port 14158
     #[arg(long, value_name = "HOST:PORT")]
     pub display_server: Option<String>,
+    /// Show the render in a page for a browser on this machine: the picture so far, its error, what is left, and
+    /// buttons to stop or to say that it is enough. The address of the page, which has a secret, is printed on standard
+    /// error, also with --quiet; :0 finds a free port. No pixel changes. HOST:PORT lets other machines in, without
+    /// encryption
+    #[arg(long, value_name = ":PORT")]
+    pub watch: Option<String>,
 }
 
 /// The name of a layer in `--aov` for each technique of `bdpt`.
@@ -160,15 +166,24 @@ pub(super) const STRATEGIES: &str = "strategies";
 /// If the command line, the scene or the output has an error; under `--strict` also for warnings and dropped samples.
 pub fn run(args: &RenderArgs) -> Result<u8> {
     signals::survive_requests()?;
+    let watch = args.watch.as_deref().map(Watch::start).transpose()?;
+    let result = render_all(args, watch.as_ref());
+    if let Some(watch) = watch {
+        watch.finish(&result);
+    }
+    result
+}
+
+fn render_all(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     let Some(frames) = args.frames.clone() else {
         let mut args = args.clone();
         if args.output.is_empty() && !args.no_image {
             args.output = vec![default_output(&args)];
         }
-        return render(&args);
+        return render(&args, watch);
     };
     for frame in frames::of(args, frames, &default_output(args))? {
-        let code = render(&frame)?;
+        let code = render(&frame, watch)?;
         if code != 0 {
             return Ok(code);
         }
@@ -180,7 +195,7 @@ pub fn run(args: &RenderArgs) -> Result<u8> {
 }
 
 /// Renders the scene, or one of its frames, to `args.output`.
-fn render(args: &RenderArgs) -> Result<u8> {
+fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     let started = Instant::now();
     let targets = &args.output;
     if args.skip_existing && targets.iter().all(|target| target.exists()) {
@@ -228,7 +243,7 @@ fn render(args: &RenderArgs) -> Result<u8> {
     let names = files.map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
     let progress = Arc::new(Progress::new());
     signals::interrupt(&progress, Some(early_exit(args, &names)))?;
-    let rendered = sample(args, &session, &plan, &progress, checkpoint)?;
+    let rendered = sample(args, &session, &plan, &progress, checkpoint, watch)?;
     let code = match signals::exit_code() {
         Some(_) if args.checkpoint.is_some() && rendered.checkpoint_status.is_ok() => {
             INTERRUPTED_WITH_CHECKPOINT
@@ -398,149 +413,4 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
     }
-}
-
-/// Prints warnings, or fails with them under `--strict`.
-fn warn(args: &RenderArgs, mut warnings: Vec<Error>) -> Result<()> {
-    if warnings.is_empty() {
-        return Ok(());
-    }
-    if args.strict {
-        let first = warnings.remove(0);
-        return Err(Error { kind: Kind::Strict, ..first }.with_others(warnings));
-    }
-    if !args.quiet {
-        warnings.iter().for_each(|w| super::report!("buffon: warning: {w}"));
-    }
-    Ok(())
-}
-
-fn sample(
-    args: &RenderArgs,
-    session: &Session,
-    plan: &Plan,
-    progress: &Arc<Progress>,
-    checkpoint: Option<Checkpointing>,
-) -> Result<Rendered> {
-    let kind = if args.quiet { ProgressKind::None } else { args.progress };
-    let pixels = session.camera().film.rect().area();
-    let watcher = Watcher::start(kind, progress.clone(), pixels, plan.job.stop);
-    let name = args.output.iter().find(|target| !is_piped(target)).unwrap_or(&args.scene);
-    let viewer =
-        args.display_server.as_ref().map(|address| DisplayServer::connect(address, name, args.quiet));
-    let viewer = match viewer.transpose() {
-        Ok(viewer) => viewer,
-        Err(error) => warn(args, vec![error]).map(|()| None)?,
-    };
-    let last_written = Mutex::new(Instant::now());
-    let show = |rendered: &Rendered, requested: bool| {
-        if let Some(viewer) = &viewer {
-            viewer.show(rendered, || session.image(plan, rendered));
-        }
-        let mut last = last_written.lock().unwrap_or_else(PoisonError::into_inner);
-        if !args.skip_existing && (requested || args.write_every.is_some_and(|every| last.elapsed() >= every))
-        {
-            write_preview(args, session, plan, rendered);
-            *last = Instant::now();
-        }
-    };
-    let intervals = [args.write_every, viewer.as_ref().map(|_| display_server::INTERVAL)];
-    let every = intervals.into_iter().flatten().min();
-    let previews = Some(PreviewSink { every, show: &show });
-    let rendered = match checkpoint {
-        None => session.render_on(plan, progress, None, Sinks { checkpoints: None, previews }),
-        Some(mut checkpoint) => {
-            let resumed = checkpoint.take_state();
-            let keep = |state: &RenderState| checkpoint.save(state);
-            let checkpoints = Some(CheckpointSink { every: args.checkpoint_every, keep: &keep });
-            session.render_on(plan, progress, resumed, Sinks { checkpoints, previews })
-        }
-    };
-    watcher.finish();
-    if let (Some(viewer), Ok(rendered)) = (viewer, &rendered) {
-        viewer.finish(rendered, || session.image(plan, rendered));
-    }
-    rendered
-}
-
-fn write_options(args: &RenderArgs, session: &Session) -> WriteOptions {
-    let samples = session.camera().film.component_format.into();
-    let DisplayArgs { exposure, tonemap } = args.display;
-    WriteOptions { samples, exposure, tonemap, ..WriteOptions::default() }
-}
-
-/// Writes the image so far to the output files, without the layers that are rendered last. If that fails, a warning is
-/// printed and the render goes on.
-fn write_preview(args: &RenderArgs, session: &Session, plan: &Plan, rendered: &Rendered) {
-    let (image, options) = (session.image(plan, rendered), write_options(args, session));
-    for target in args.output.iter().filter(|target| !is_piped(target)) {
-        if let Err(error) = image::write(target, &image, &options)
-            && !args.quiet
-        {
-            super::report!("buffon: warning: {error}");
-        }
-    }
-}
-
-fn summary(names: &str, rendered: &Rendered) -> String {
-    let reason = match rendered.stop_reason {
-        StopReason::Samples => "all samples taken",
-        StopReason::Time => "time is up",
-        StopReason::Error => "error reached",
-        StopReason::Interrupted => "interrupted",
-    };
-    let error = match (rendered.relmse, rendered.relmse_interval) {
-        (Some(e), Some([low, high])) => format!(", relMSE about {e:.2e} ({low:.2e} to {high:.2e})"),
-        _ => String::new(),
-    };
-    let counts = rendered.counts;
-    let range = if counts.most > counts.least + 1 {
-        format!(" ({} to {})", counts.least, counts.most)
-    } else {
-        String::new()
-    };
-    let rate = rendered.counters.paths as f64 / rendered.elapsed.as_secs_f64().max(1e-9) * 1e-6;
-    format!(
-        "{names}: {}x{}, {} per pixel{range} in {:.2} s ({rate:.2} M samples/s){error}; {reason}",
-        rendered.rect.width,
-        rendered.rect.height,
-        counted(rendered.samples_per_pixel, "sample", "samples"),
-        rendered.elapsed.as_secs_f64(),
-    )
-}
-
-/// Reports which samples were dropped and how to render them again, and how many values the file cannot represent.
-/// Under `--strict` these are errors, but the image has been written, so hours of rendering are not lost.
-fn warn_of_values(args: &RenderArgs, names: &str, rendered: &Rendered, clamped: usize) -> Result<()> {
-    let mut messages = Vec::new();
-    if let Some(first) = rendered.invalid.first() {
-        messages.push(format!(
-            "{} dropped; the first is sample {} of pixel ({}, {}): {:?}. To see it again: --crop {},{},1,1 \
-             --seed {} --spp {}",
-            counted(rendered.invalid_count, "invalid sample", "invalid samples"),
-            first.sample,
-            first.x,
-            first.y,
-            first.value,
-            first.x,
-            first.y,
-            args.method.seed,
-            first.sample + 1
-        ));
-    }
-    if rendered.adaptive && rendered.counts.least == 0 && args.sample_range.is_some() && !args.quiet {
-        super::report!(
-            "buffon: note: some pixels have no sample in this range and are black until it is merged with the others"
-        );
-    }
-    if clamped > 0 {
-        messages.push(format!(
-            "{} clamped to the range of half floats; component_format float32 keeps them",
-            counted(clamped as u64, "value", "values")
-        ));
-    }
-    if args.strict && !messages.is_empty() {
-        messages.push(format!("--strict: {names} is written, and holds what there is"));
-    }
-    warn(args, messages.into_iter().map(|message| Error::new(Kind::Strict, message)).collect())
 }

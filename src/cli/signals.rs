@@ -45,6 +45,15 @@ pub fn interrupt(progress: &Arc<Progress>, early: Option<EarlyExit>) -> Result<(
     Ok(())
 }
 
+/// Stops the program as SIGINT does. Without a render yet, the program ends.
+pub fn stop() {
+    if TARGET.lock().unwrap_or_else(PoisonError::into_inner).is_none() {
+        signal_hook::low_level::exit(128 + libc::SIGINT);
+    }
+    // If the system refuses, the render goes on, and a signal from outside can stop it.
+    _ = signal_hook::low_level::raise(libc::SIGINT);
+}
+
 /// Keeps a request for the image so far from ending the program while there is no render that could answer it.
 ///
 /// # Errors

@@ -50,7 +50,7 @@ struct CheckpointStatus {
 impl<'j, 'a> Passes<'j, 'a> {
     /// Prepares the render and starts the clock.
     pub fn new(job: &'j Job<'a>, pool: rayon::ThreadPool) -> Self {
-        let now = job.resumed.clone().unwrap_or_else(|| {
+        let mut now = job.resumed.clone().unwrap_or_else(|| {
             RenderState::new(
                 job.camera.film.rect(),
                 job.channels(),
@@ -58,6 +58,8 @@ impl<'j, 'a> Passes<'j, 'a> {
                 job.first,
             )
         });
+        // The pass that was interrupted may have been one of a longer render.
+        now.pass_end = now.pass_end.min(job.settings.stop.samples.map_or(u64::MAX, |end| end.max(now.next)));
         let workers = (0..pool.current_num_threads())
             .map(|_| {
                 let worker = Worker::new(job.settings.sampler).with_interrupt(job.progress.interrupt_flag());
@@ -98,10 +100,14 @@ impl<'j, 'a> Passes<'j, 'a> {
             if self.job.progress.is_interrupted() {
                 break StopReason::Interrupted;
             }
-            if self.now.next >= self.now.pass_end {
-                if let Some(reason) = self.stop.reached(self.done(), self.elapsed(), self.error) {
-                    break reason;
-                }
+            let is_whole = self.now.next >= self.now.pass_end;
+            if is_whole && let Some(reason) = self.stop.reached(self.done(), self.elapsed(), self.error) {
+                break reason;
+            }
+            if self.is_enough() {
+                break StopReason::Enough;
+            }
+            if is_whole {
                 self.plan_pass();
             }
             let part = self.part();
@@ -116,6 +122,11 @@ impl<'j, 'a> Passes<'j, 'a> {
     /// Returns the number of samples per pixel taken so far, on average.
     fn done(&self) -> u64 {
         self.now.next - self.job.first
+    }
+
+    /// Returns whether the user has said that the samples so far are enough, if there are any.
+    fn is_enough(&self) -> bool {
+        self.done() > 0 && self.job.sinks.previews.is_some() && self.job.progress.take_end_request()
     }
 
     fn elapsed(&self) -> Duration {

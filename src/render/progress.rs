@@ -10,6 +10,8 @@ pub struct Progress {
     interrupt: Interrupt,
     /// Whether the image so far is requested.
     preview: AtomicBool,
+    /// Whether the samples so far are enough.
+    end: AtomicBool,
     /// Whether the first sample has been started.
     begun: AtomicBool,
     pixel_samples: AtomicU64,
@@ -45,6 +47,17 @@ impl Progress {
     /// Requests the image so far, for a render that has a receiver of previews.
     pub fn request_preview(&self) {
         self.preview.store(true, Ordering::Relaxed);
+    }
+
+    /// Requests that the render ends after the current part of a pass, with the same number of samples in every pixel
+    /// unless sampling is adaptive. The first pass is always finished. Only a render that has a receiver of previews
+    /// obeys.
+    pub fn request_end(&self) {
+        self.end.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn take_end_request(&self) -> bool {
+        self.end.swap(false, Ordering::Relaxed)
     }
 
     pub(super) fn take_preview_request(&self) -> bool {

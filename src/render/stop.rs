@@ -24,7 +24,9 @@ pub enum StopReason {
     Time,
     /// The upper end of the estimated error's interval reached the target.
     Error,
-    /// The user or the system requested it.
+    /// The user said that the samples so far are enough: the image is finished.
+    Enough,
+    /// The user or the system stopped the render before its end.
     Interrupted,
 }
 
@@ -34,6 +36,7 @@ impl fmt::Display for StopReason {
             StopReason::Samples => "samples",
             StopReason::Time => "time",
             StopReason::Error => "error",
+            StopReason::Enough => "enough",
             StopReason::Interrupted => "interrupted",
         })
     }

@@ -23,7 +23,7 @@ mod viewer;
 pub use bars::{Bar, Bars};
 pub use gallery::{Picture, gallery};
 pub use html::{Html, escape};
-pub use page::Page;
+pub use page::{Page, STAGE, STYLE};
 pub use pixels::{HEAT_DECADES, HEAT_MAX, error_thumbnail, thumbnail};
 pub use plot::{Axis, Line, Plot, Point, Series};
 pub use scale::{Scale, number};

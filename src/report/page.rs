@@ -6,7 +6,10 @@ use crate::error::Result;
 use crate::util::replace;
 use std::path::Path;
 
-const STYLE: &str = include_str!("page.css");
+/// The style of pages.
+pub const STYLE: &str = include_str!("page.css");
+/// The script of what shows images: colours, and a canvas with zoom and pan.
+pub const STAGE: &str = include_str!("stage.js");
 const SCRIPT: &str = include_str!("page.js");
 
 /// The page may load only what it contains. A browser reports any other request as an error.
@@ -81,7 +84,10 @@ impl Page {
         for (name, value) in &self.facts {
             add(&mut text, format_args!("<dt>{}</dt><dd>{}</dd>\n", escape(name), escape(value)));
         }
-        add(&mut text, format_args!("</dl>\n</footer>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n"));
+        add(
+            &mut text,
+            format_args!("</dl>\n</footer>\n<script>\n{STAGE}{SCRIPT}</script>\n</body>\n</html>\n"),
+        );
         text
     }
 
@@ -114,6 +120,9 @@ mod tests {
         assert!(html.contains("<a href=\"#section-0\">one &lt;i&gt;</a>"));
         assert!(html.contains("<dd>buffon bench &#39;&lt;a&gt;.xml&#39;</dd>"));
         assert_eq!(html.matches("<script").count(), 1);
-        assert_eq!(SCRIPT.matches("</script").count() + STYLE.matches("</style").count(), 0);
+        assert_eq!(
+            [STAGE, SCRIPT].concat().matches("</script").count() + STYLE.matches("</style").count(),
+            0
+        );
     }
 }
