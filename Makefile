@@ -5,11 +5,16 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page test-farm fuzz memcheck lint
-.PHONY: bench bench-check scenes book gallery test-docs clean
+.PHONY: bench bench-check scenes book gallery test-docs shell-files deb static wheel test-python lint-workflows clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
 export PATH := $(PATH):$(HOME)/.cargo/bin
 BUFFON := cargo run --release --locked --quiet --
+# What packages are made of, and the tools that make them.
+PACKAGE := target/package
+CARGO_DEB := target/tools/bin/cargo-deb
+PYTHON_TOOLS := target/tools/python
+WHEELS := target/wheels
 TERRAIN := scenes/terrain/terrain.ply
 # The last file that its example writes stands for all of them.
 SPEED := scenes/speed/lights-10000.xml
@@ -52,7 +57,7 @@ test: lint ## what must hold, in minutes
 
 # The tests marked `ignore`, the tests of what depends on the libraries without these, random scenes on which all
 # estimators must agree, and the experiments with many seeds.
-test-all: test test-docs test-rest rust-alone agreement claims ## everything that must hold
+test-all: test test-docs test-rest rust-alone agreement claims test-python lint-workflows ## everything that must hold
 
 test-rest: deps
 	@.ci/deps parallel
@@ -147,6 +152,52 @@ $(MDBOOK):
 gallery: scenes ## render the pictures of the documentation: docs/gallery/*.jpg
 	cargo build --release --locked
 	docs/gallery/render target/release/buffon
+
+# The texts that a package has beside the program.
+shell-files: deps
+	cargo build --release --locked
+	@mkdir -p $(PACKAGE)/completions
+	target/release/buffon man --dir $(PACKAGE)/man
+	for shell in bash zsh fish; do target/release/buffon completions $$shell >$(PACKAGE)/completions/buffon.$$shell; done
+	packaging/licenses | gzip --best --no-name >$(PACKAGE)/third-party.txt.gz
+
+deb: shell-files $(CARGO_DEB) ## make a package for Debian in target/debian
+	@.ci/deps dpkg-dev
+	rm -f target/debian/buffon_*.deb
+	$(CARGO_DEB) --no-build --strip
+
+$(CARGO_DEB):
+	cargo install --locked --root target/tools --target-dir target/tools/build cargo-deb@3.8.0
+
+static: ## build one file without libraries, in Rust alone: TARGET=..., else musl if it is installed, else glibc
+	packaging/static cargo rustc --release --bin buffon -- -C strip=symbols
+	@mkdir -p $(PACKAGE)
+	cp target/static/$$(packaging/static)/release/buffon $(PACKAGE)/buffon
+	packaging/licenses --no-default-features >$(PACKAGE)/third-party-static.txt
+	@ls -l $(CURDIR)/$(PACKAGE)/buffon
+
+wheel: $(PYTHON_TOOLS)/bin/maturin ## make a wheel for Python in target/wheels, with the program of `make static`
+	rm -f $(WHEELS)/buffon-*.whl
+	packaging/licenses --no-default-features >python/buffon/third-party.txt
+	packaging/static $(PYTHON_TOOLS)/bin/maturin build --release --out $(WHEELS)
+
+$(PYTHON_TOOLS)/bin/maturin: packaging/requirements.txt
+	@.ci/deps python3-venv
+	python3 -m venv $(PYTHON_TOOLS)
+	$(PYTHON_TOOLS)/bin/pip install --quiet --requirement packaging/requirements.txt
+	@touch $@
+
+test-python: wheel ## test the wheel in an environment of its own, and check its types
+	rm -rf target/test-python
+	python3 -m venv target/test-python
+	target/test-python/bin/pip install --quiet $(WHEELS)/buffon-*.whl pytest mypy
+	target/test-python/bin/mypy
+	cd python/tests && ../../target/test-python/bin/python -m pytest -q
+
+lint-workflows: $(PYTHON_TOOLS)/bin/maturin ## check the files for GitHub and GitLab against their schemas
+	$(PYTHON_TOOLS)/bin/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml \
+	    docs/ci/github*.yml
+	$(PYTHON_TOOLS)/bin/check-jsonschema --builtin-schema vendor.gitlab-ci docs/ci/gitlab*.yml
 
 clean: ## remove what was built, rendered and generated
 	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr lights-*.xml)

@@ -40,7 +40,11 @@ fn refusals_have_an_exit_code_and_a_sentence() {
              shape_index, material_index, variance, standard_error, block_variance, samples, record_radius",
         ),
         ("render s.xml --aov Z,Z", 2, "buffon: --aov: found the layer \"Z\" twice"),
-        ("render s.xml --aov Z -o s.png", 2, "buffon: --aov: layers need an EXR, which s.png is not"),
+        (
+            "render s.xml --aov Z -o s.png",
+            2,
+            "buffon: --aov: layers need an .exr or .npy, which s.png is not",
+        ),
         (
             "render s.xml --crop 30,0,20,5",
             2,
@@ -65,12 +69,12 @@ fn refusals_have_an_exit_code_and_a_sentence() {
         (
             "render s.xml -o .",
             2,
-            "buffon: .: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found none",
+            "buffon: .: expected the extension .exr, .png, .jpg, .jpeg, .pfm or .npy, found none",
         ),
         (
             "render s.xml -o x.tga",
             2,
-            "buffon: x.tga: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found .tga",
+            "buffon: x.tga: expected the extension .exr, .png, .jpg, .jpeg, .pfm or .npy, found .tga",
         ),
         (
             "render s.xml --stats no/s.json",
@@ -198,7 +202,10 @@ fn images_are_converted_with_exposure_tone_curve_and_layer() {
             "--exposure: only .png and .jpg images have it, and no output is one",
         ),
         ("render s.xml --tonemap agx", "--tonemap: only .png and .jpg images have it, and no output is one"),
-        ("convert l.exr x.tga", "x.tga: expected the extension .exr, .png, .jpg, .jpeg or .pfm, found .tga"),
+        (
+            "convert l.exr x.tga",
+            "x.tga: expected the extension .exr, .png, .jpg, .jpeg, .pfm or .npy, found .tga",
+        ),
     ] {
         assert_eq!(refusal(&folder, arguments), (2, format!("buffon: {sentence}")), "{arguments}");
     }

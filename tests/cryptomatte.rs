@@ -122,5 +122,9 @@ fn layers_are_in_the_memory_plan() {
 fn layers_need_an_exr() {
     let run = Folder::with(SCENE).run("render s.xml -q --cryptomatte -o p.png");
     assert_eq!(run.code, 2, "{run:?}");
-    assert!(run.stderr.contains("--cryptomatte: layers need an EXR, which p.png is not"), "{}", run.stderr);
+    assert!(
+        run.stderr.contains("--cryptomatte: layers need an .exr or .npy, which p.png is not"),
+        "{}",
+        run.stderr
+    );
 }

@@ -43,12 +43,19 @@ const WRITES: [&str; 8] =
 const ONLY_PARSED: [(&str, &str); 1] =
     [("lab", "experiments take minutes without optimisation; tests/lab.rs runs them")];
 /// All other programs in the documents, with the reason why they are not run.
-const NOT_RUN: [(&str, &str); 4] = [
+const NOT_RUN: [(&str, &str); 8] = [
     ("make", "its targets must exist"),
     ("cargo", "its examples and benches must exist"),
     ("sh", "it is a script that another line of the block writes"),
     ("ssh", "it needs another machine"),
+    ("apt-get", "it needs root and a package"),
+    ("python3", "it needs the wheel"),
+    ("env/bin/pip", "it needs the wheel"),
+    ("podman", "it needs a service"),
 ];
+
+/// Where a package installs the scenes of the repository.
+const INSTALLED: &str = "/usr/share/buffon/";
 
 /// The folders of the packages.
 const PACKAGES: [&str; 3] = ["", "sys/embree", "sys/oiio"];
@@ -186,9 +193,10 @@ impl StandIns {
         let mut provided = Vec::new();
         for (i, argument) in arguments.iter().enumerate() {
             let is_written = i > 0 && WRITES.contains(&arguments[i - 1].as_str());
+            let argument = argument.strip_prefix(INSTALLED).unwrap_or(argument);
             let in_repository = root().join(argument);
-            let placeholder = PLACEHOLDERS.iter().find(|(name, _)| name == argument);
-            let mut argument = placeholder.map_or(argument.as_str(), |(_, stand_in)| stand_in);
+            let placeholder = PLACEHOLDERS.iter().find(|(name, _)| *name == argument);
+            let mut argument = placeholder.map_or(argument, |(_, stand_in)| stand_in);
             if argument.starts_with("scenes/") && in_repository.is_dir() {
                 argument = "scenes";
             }
@@ -244,6 +252,10 @@ fn check_other(words: &[String], targets: &[String]) -> Result<(), String> {
     Ok(())
 }
 
+fn is_upper(name: &str) -> bool {
+    name.chars().all(|c| c.is_ascii_uppercase() || c == '_')
+}
+
 /// Returns the targets of the Makefile.
 fn targets() -> Vec<String> {
     let makefile = std::fs::read_to_string(root().join("Makefile")).expect("the Makefile");
@@ -290,6 +302,9 @@ fn run_block(page: &str, block: &Block, stand_ins: &StandIns, targets: &[String]
     let folder = Folder::with(SCENE);
     for (line, words) in commands(block) {
         for part in words.split(|word| word == "|") {
+            // Variables before a command.
+            let is_variable = |word: &String| word.split_once('=').is_some_and(|(name, _)| is_upper(name));
+            let part = &part[part.iter().take_while(|word| is_variable(word)).count()..];
             count += 1;
             let checked = match part[0].as_str() {
                 "buffon" if ONLY_PARSED.iter().any(|(name, _)| *name == part[1]) => {

@@ -432,8 +432,7 @@ fn what_cannot_be_read_is_said() {
         fs::write(&path, content).unwrap();
         path
     };
-    let expected =
-        "expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM), found something else";
+    let expected = "expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR, PFM or a NumPy array), found something else";
     for backend in backends() {
         assert_eq!(read_error(backend, &dir.path().join("missing.exr")), "no such file");
         assert_eq!(read_error(backend, dir.path()), "expected an image, found a folder");
@@ -449,11 +448,13 @@ fn what_cannot_be_read_is_said() {
 fn files_cut_short_are_refused_by_name() {
     let dir = folder();
     let image = picture(64, 64, &["R", "G", "B"]);
-    for (name, format) in [("a.exr", "OpenEXR"), ("a.png", "PNG"), ("a.jpg", "JPEG"), ("a.pfm", "PFM")] {
+    let formats =
+        [("a.exr", "OpenEXR"), ("a.png", "PNG"), ("a.jpg", "JPEG"), ("a.pfm", "PFM"), ("a.npy", "NumPy")];
+    for (name, format) in formats {
         let whole = dir.path().join(name);
         write(&whole, &image, &WriteOptions::default()).unwrap();
         let bytes = fs::read(&whole).unwrap();
-        for length in [5, 40, bytes.len() / 3, bytes.len() / 2, bytes.len() - 100] {
+        for length in [6, 40, bytes.len() / 3, bytes.len() / 2, bytes.len() - 100] {
             let cut = dir.path().join(format!("cut-{name}"));
             fs::write(&cut, &bytes[..length]).unwrap();
             for backend in backends() {
@@ -471,7 +472,7 @@ fn damaged_files_never_bring_the_program_down() {
     let dir = folder();
     let image = picture(24, 16, &["R", "G", "B"]);
     let mut numbers = Numbers(3);
-    for name in ["a.exr", "a.png", "a.jpg", "a.pfm"] {
+    for name in ["a.exr", "a.png", "a.jpg", "a.pfm", "a.npy"] {
         let whole = dir.path().join(name);
         write(&whole, &image, &WriteOptions::default()).unwrap();
         let bytes = fs::read(&whole).unwrap();
@@ -505,7 +506,7 @@ fn what_cannot_be_written_is_said() {
         assert_eq!(sentences.len(), 1, "{sentences:?}");
         sentences[0].replace(&dir.path().display().to_string(), "DIR")
     };
-    let extensions = "expected the extension .exr, .png, .jpg, .jpeg or .pfm";
+    let extensions = "expected the extension .exr, .png, .jpg, .jpeg, .pfm or .npy";
     assert_eq!(says("a.tiff", &good), format!("DIR/a.tiff: {extensions}, found .tiff"));
     assert_eq!(says("a", &good), format!("DIR/a: {extensions}, found none"));
     assert_eq!(
@@ -566,7 +567,7 @@ fn the_same_image_gives_the_same_bytes() {
     let mut image = picture(50, 40, &MANY);
     image.metadata = metadata();
     for backend in backends() {
-        for name in ["a.exr", "a.png", "a.jpg", "a.pfm"] {
+        for name in ["a.exr", "a.png", "a.jpg", "a.pfm", "a.npy"] {
             let path = dir.path().join(name);
             write_with(backend, &path, &image, &WriteOptions::default()).unwrap();
             let first = fs::read(&path).unwrap();

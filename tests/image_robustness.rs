@@ -94,9 +94,11 @@ fn originals(folder: &Path) -> Vec<(String, Vec<u8>)> {
         }
     }
     let rgb = picture.select(&["R", "G", "B"]).expect("channels");
-    let path = folder.join("original.pfm");
-    write_with(Backend::default(), &path, &rgb, &WriteOptions::default()).expect("written");
-    files.push(("a.pfm".into(), fs::read(&path).expect("bytes")));
+    for name in ["a.pfm", "a.npy"] {
+        let path = folder.join(name);
+        write_with(Backend::default(), &path, &rgb, &WriteOptions::default()).expect("written");
+        files.push((name.into(), fs::read(&path).expect("bytes")));
+    }
     let codes: Vec<u8> = (0..21 * 17 * 4).map(|i| (i * 17 % 256) as u8).collect();
     let rgba = image::RgbaImage::from_raw(21, 17, codes).map(DynamicImage::ImageRgba8).expect("pixels");
     let floats = DynamicImage::ImageRgb32F(rgba.to_rgb32f());

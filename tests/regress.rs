@@ -278,7 +278,7 @@ fn mistakes_are_said_in_sentences() {
     assert!(run.code == 1 && run.stdout.contains("2 scenes: 2 with an error in "), "{run:?}");
     let broken = line(&run, "broken.xml");
     assert!(broken.starts_with("ERROR") && broken.contains("broken.xml:2:1: <sensor>"), "{broken}");
-    let unreadable = "./refs/s.exr: expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM), found something else";
+    let unreadable = "./refs/s.exr: expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR, PFM or a NumPy array), found something else";
     assert!(line(&run, "s.xml").ends_with(unreadable), "{run:?}");
     folder.write("s.gltf", b"{}");
     let run = folder.run("regress . --filter s. --spp 4");

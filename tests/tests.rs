@@ -42,6 +42,7 @@ mod height_fields;
 mod heterogeneous;
 mod holes;
 mod image_io;
+mod image_npy;
 mod image_robustness;
 mod irradiance_cache;
 mod lab;

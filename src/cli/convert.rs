@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Write an image in another format.
 ///
-/// The formats follow the extensions. An EXR keeps all layers and metadata; .png, .jpg and .pfm have the picture alone,
-/// or the layer that --layer names.
+/// The formats follow the extensions. An EXR keeps all layers and metadata, and a .npy all layers without their names;
+/// .png, .jpg and .pfm have the picture alone, or the layer that --layer names.
 #[derive(Clone, Debug, Args)]
 pub struct ConvertArgs {
     /// The image

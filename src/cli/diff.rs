@@ -31,8 +31,8 @@ pub struct DiffArgs {
     pub a: PathBuf,
     /// The reference
     pub b: PathBuf,
-    /// Write a false-colour image of the error (.exr, .png, .jpg, .pfm); brighter is worse, a step of the scale is a
-    /// power of ten (with flip, the scale is linear from 0 to 1), cyan is NaN or infinite
+    /// Write a false-colour image of the error (.exr, .png, .jpg, .pfm, .npy); brighter is worse, a step of the scale
+    /// is a power of ten (with flip, the scale is linear from 0 to 1), cyan is NaN or infinite
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// The largest error that passes (for psnr, the smallest value that does) [default: images must be equal

@@ -28,8 +28,8 @@ use std::time::Duration;
 /// What a scene has and Buffon does not is listed as a problem; the rest is described without it.
 #[derive(Clone, Debug, Args)]
 pub struct InfoArgs {
-    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm), a file of photon maps or a
-    /// checkpoint
+    /// A scene (.xml, .gltf, .glb, .obj, .ply), an image (.exr, .png, .jpg, .hdr, .pfm, .npy), a file of photon maps or
+    /// a checkpoint
     pub file: PathBuf,
     /// Definitions, folders, memory and threads.
     #[command(flatten)]

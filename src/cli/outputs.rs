@@ -74,11 +74,16 @@ pub fn refuse(args: &RenderArgs, targets: &[PathBuf]) -> Result<()> {
         ));
     }
     args.display.check(targets.iter().map(PathBuf::as_path))?;
-    let is_exr = |target: &&PathBuf| target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+    let takes_layers = |target: &&PathBuf| {
+        target.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr") || e.eq_ignore_ascii_case("npy"))
+    };
     let layers = [("--aov", !args.aov.is_empty()), ("--cryptomatte", args.cryptomatte)];
     let layered = layers.into_iter().find_map(|(option, is_used)| is_used.then_some(option));
-    if let (Some(option), Some(other)) = (layered, targets.iter().find(|target| !is_exr(target))) {
-        return Err(Error::usage(format!("{option}: layers need an EXR, which {} is not", other.display())));
+    if let (Some(option), Some(other)) = (layered, targets.iter().find(|target| !takes_layers(target))) {
+        return Err(Error::usage(format!(
+            "{option}: layers need an .exr or .npy, which {} is not",
+            other.display()
+        )));
     }
     let written = written(args);
     if args.output.iter().filter(|target| is_piped(target)).count() > 1 {

@@ -31,7 +31,8 @@ use std::time::{Duration, Instant};
 ///
 /// The scene is a Mitsuba 3 XML file (older versions are upgraded), glTF 2.0 (.gltf or .glb), or a bare .obj or .ply
 /// mesh. The image's format follows the extension: .exr (linear, layers, metadata), .png and .jpg (sRGB), .pfm
-/// (linear).
+/// (linear), .npy (a NumPy array of 32-bit floats, height x width x channels, with layers; --stats has the channels'
+/// names).
 #[derive(Clone, Debug, Args)]
 pub struct RenderArgs {
     /// The scene file
@@ -118,12 +119,13 @@ pub struct RenderArgs {
     pub crop: Option<PixelRect>,
     /// Layers.
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
-        "Layers to add to an EXR, separated by commas: {}. With bdpt, strategies adds two layers for each technique: \
+        "Layers to add to an .exr or .npy, separated by commas: {}. With bdpt, strategies adds two layers for each technique: \
          s2_t3.weighted, its part of the image, and s2_t3.alone; each is rendered by itself",
         Aov::NAMES.join(", ")
     ))]
     pub aov: Vec<String>,
-    /// Add Cryptomatte layers of objects and materials to an EXR (crypto_object, crypto_material)
+    /// Add Cryptomatte layers of objects and materials to an .exr or .npy (crypto_object, crypto_material);
+    /// an EXR has their names, too
     #[arg(long)]
     pub cryptomatte: bool,
     /// Exposure and tone curve.
@@ -279,7 +281,8 @@ fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     seconds.render = rendered.elapsed.as_secs_f64();
     seconds.total = started.elapsed().as_secs_f64();
     if let Some(path) = &args.stats {
-        Account { session: &session, plan: &plan, rendered: &rendered, seconds }.write(path)?;
+        let channels = &image.channels;
+        Account { session: &session, plan: &plan, rendered: &rendered, channels, seconds }.write(path)?;
     }
     if !args.quiet {
         super::report!("{}", summary(&names, &rendered));

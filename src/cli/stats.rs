@@ -35,6 +35,8 @@ pub struct Account<'a> {
     pub plan: &'a Plan,
     /// The render.
     pub rendered: &'a Rendered,
+    /// The names of the image's channels, in their order.
+    pub channels: &'a [String],
     /// The times of the run.
     pub seconds: Seconds,
 }
@@ -53,7 +55,7 @@ impl Account<'_> {
     }
 
     fn json(&self) -> Value {
-        let Account { session, plan, rendered, seconds } = self;
+        let Account { session, plan, rendered, channels, seconds } = self;
         let Session { scene, report, .. } = session;
         let counters = &rendered.counters;
         let needs: Map<String, Value> =
@@ -70,6 +72,7 @@ impl Account<'_> {
             "threads": plan.job.threads,
             "width": rendered.rect.width,
             "height": rendered.rect.height,
+            "channels": channels,
             "spp": rendered.samples_per_pixel,
             "adaptive": rendered.adaptive,
             "samples": {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::srgb::{BytePixels, Raster, StoredPixels};
-use super::{Compression, Image, Metadata, SampleFormat, pure};
+use super::{Compression, Image, Metadata, SampleFormat, npy, pure};
 
 /// The greatest number of values (pixels times channels) in a file, which take 16 GiB. A header with more is treated
 /// as damaged.
@@ -19,6 +19,7 @@ pub(super) enum Format {
     Tga,
     Hdr,
     Pfm,
+    Npy,
 }
 
 impl Format {
@@ -31,6 +32,7 @@ impl Format {
             [b'B', b'M', ..] => Format::Bmp,
             [b'#', b'?', ..] => Format::Hdr,
             [b'P', b'F' | b'f', b'\n' | b'\r' | b' ' | b'\t', ..] => Format::Pfm,
+            start if start.starts_with(npy::MAGIC) => Format::Npy,
             // TGA has no magic number: checks for a plausible colour map type, image type and pixel depth.
             [_, 0 | 1, 1..=3 | 9..=11, rest @ ..] if matches!(rest.get(13), Some(8 | 15 | 16 | 24 | 32)) => {
                 Format::Tga
@@ -47,6 +49,7 @@ impl Format {
             "png" => Format::Png,
             "jpg" | "jpeg" => Format::Jpeg,
             "pfm" => Format::Pfm,
+            "npy" => Format::Npy,
             _ => return None,
         })
     }
@@ -67,6 +70,7 @@ impl Format {
             Format::Tga => "TGA",
             Format::Hdr => "Radiance HDR",
             Format::Pfm => "PFM",
+            Format::Npy => "NumPy",
         }
     }
 }

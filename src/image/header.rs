@@ -68,15 +68,15 @@ pub(super) fn reserve_decoding(
     let floats = pixels.saturating_mul(4 * channels);
     let needed = match (format, purpose) {
         // The file is read as a whole, and is as long as its values.
-        (Format::Pfm, Purpose::Image) => length.saturating_mul(2),
-        (Format::Pfm, Purpose::Texture) => length.saturating_mul(3),
+        (Format::Pfm | Format::Npy, Purpose::Image) => length.saturating_mul(2),
+        (Format::Pfm | Format::Npy, Purpose::Texture) => length.saturating_mul(3),
         (Format::OpenExr, Purpose::Texture) => decoded.saturating_add(floats.saturating_mul(3)),
         (_, Purpose::Image) => decoded.saturating_add(floats.saturating_mul(2)),
         (_, Purpose::Texture) => decoded.saturating_mul(2),
     };
     let whole = if format == Format::Jpeg { length } else { 0 };
     let what = || match format {
-        Format::Pfm => format!("reading its {}", counted(length, "byte", "bytes")),
+        Format::Pfm | Format::Npy => format!("reading its {}", counted(length, "byte", "bytes")),
         _ => format!("decoding {width}x{height} pixels of {}", counted(channels, "channel", "channels")),
     };
     memory.reserve(needed.saturating_add(whole)).map_err(|refusal| HeaderError::Memory(what(), refusal))
@@ -91,7 +91,7 @@ fn header_sizes(format: Format, start: &[u8]) -> Option<HeaderSizes> {
         Format::Bmp => bmp(start),
         Format::Tga => tga(start),
         Format::Hdr => hdr(start),
-        Format::Pfm => None,
+        Format::Pfm | Format::Npy => None,
     }
 }
 

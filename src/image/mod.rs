@@ -11,6 +11,7 @@ mod exr_header;
 mod format;
 mod header;
 mod metadata;
+mod npy;
 #[cfg(feature = "oiio")]
 #[allow(unsafe_code)]
 mod oiio;

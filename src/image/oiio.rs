@@ -95,7 +95,7 @@ fn format_name(format: Format) -> &'static CStr {
         Format::Bmp => c"bmp",
         Format::Tga => c"targa",
         Format::Hdr => c"hdr",
-        Format::Pfm => unreachable!("PFM files are read and written without a library"),
+        Format::Pfm | Format::Npy => unreachable!("these files are read and written without a library"),
     }
 }
 

@@ -179,7 +179,9 @@ fn image_format(format: Format) -> ImageFormat {
         Format::Bmp => ImageFormat::Bmp,
         Format::Tga => ImageFormat::Tga,
         Format::Hdr => ImageFormat::Hdr,
-        Format::OpenExr | Format::Pfm => unreachable!("these formats are read by other modules"),
+        Format::OpenExr | Format::Pfm | Format::Npy => {
+            unreachable!("these formats are read by other modules")
+        }
     }
 }
 

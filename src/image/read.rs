@@ -7,11 +7,12 @@ use std::path::Path;
 use super::format::{Backend, Format, ImagePart};
 use super::header::{self, HeaderError, Purpose};
 use super::texture::{MAX_TEXTURE_VALUES, TextureImage, TextureLayers};
-use super::{Image, pfm, srgb};
+use super::{Image, npy, pfm, srgb};
 use crate::error::{Error, Result};
 use crate::memory::{Budget, Limit, Reservation};
 
-/// Reads an image: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM, detected by content, not by extension.
+/// Reads an image: OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR, PFM or a NumPy array, detected by content, not by
+/// extension.
 ///
 /// The result is linear with premultiplied alpha. Channels have a fixed order: R, G, B, A, others by name, then
 /// layers by name. A multi-part OpenEXR file gives one image, whose channel names begin with the part's name. If a
@@ -56,7 +57,7 @@ fn texture(backend: Backend, path: &Path, memory: &Budget) -> Result<TextureImag
     let file = ImageFile::open(path)?;
     let reserved = file.reserve_decoding(Purpose::Texture, memory)?;
     let texture = match file.format {
-        Format::OpenExr | Format::Pfm => {
+        Format::OpenExr | Format::Pfm | Format::Npy => {
             let image = file.image(backend)?;
             TextureImage::from_image(&image).map_err(|message| file.fail(message))?
         }
@@ -95,7 +96,7 @@ pub fn read_texture_bytes_with(backend: Backend, name: &Path, bytes: &[u8]) -> R
 fn layers(backend: Backend, name: &Path, bytes: &[u8], memory: &Budget) -> Result<TextureLayers> {
     let fail = |message: String| Error::output(message).in_file(name);
     let format = match Format::of_content(&bytes[..bytes.len().min(18)]) {
-        Some(Format::OpenExr | Format::Pfm) | None => {
+        Some(Format::OpenExr | Format::Pfm | Format::Npy) | None => {
             let expected = "PNG, JPEG, BMP, TGA or Radiance HDR";
             return Err(fail(format!("expected an image ({expected}), found something else")));
         }
@@ -123,7 +124,8 @@ fn layers(backend: Backend, name: &Path, bytes: &[u8], memory: &Budget) -> Resul
 /// # Errors
 /// If the file cannot be read, or is no image.
 pub fn has_high_range(path: &Path) -> Result<bool> {
-    Ok(matches!(ImageFile::open(path)?.format, Format::OpenExr | Format::Pfm | Format::Hdr))
+    let format = ImageFile::open(path)?.format;
+    Ok(matches!(format, Format::OpenExr | Format::Pfm | Format::Npy | Format::Hdr))
 }
 
 /// A file with known format.
@@ -178,17 +180,19 @@ impl<'a> ImageFile<'a> {
                 let parts = backend.read_exr(self.path).map_err(damaged)?;
                 join(parts).map_err(|message| self.fail(message))?
             }
-            Format::Pfm => {
-                let bytes =
-                    std::fs::read(self.path).map_err(|e| self.fail(format!("cannot be read: {e}")))?;
-                pfm::decode(&bytes).map_err(damaged)?
-            }
+            Format::Pfm => pfm::decode(&self.bytes()?).map_err(damaged)?,
+            Format::Npy => npy::decode(&self.bytes()?).map_err(damaged)?,
             Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
                 self.check_whole()?;
                 srgb::decode(backend.read_raster(self.path, self.format).map_err(damaged)?)
             }
         };
         Ok(image.sort_channels())
+    }
+
+    /// Reads the whole file.
+    fn bytes(&self) -> Result<Vec<u8>> {
+        std::fs::read(self.path).map_err(|e| self.fail(format!("cannot be read: {e}")))
     }
 
     /// Checks the end of a file, for formats whose decoders do not detect truncation.
@@ -219,7 +223,8 @@ fn sniff(path: &Path) -> Result<Format, String> {
         return Err("expected an image, found an empty file".into());
     }
     Format::of_content(&start).ok_or_else(|| {
-        "expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR or PFM), found something else".into()
+        "expected an image (OpenEXR, PNG, JPEG, BMP, TGA, Radiance HDR, PFM or a NumPy array), found something else"
+            .into()
     })
 }
 

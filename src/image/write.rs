@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use super::format::{Backend, ExrOutput, Format};
-use super::{Image, Tonemap, Value, pfm, srgb};
+use super::{Image, Tonemap, Value, npy, pfm, srgb};
 use crate::error::{Error, Result};
 use crate::util::{check_replaceable, replace};
 
@@ -85,7 +85,8 @@ pub struct WriteReport {
 }
 
 /// Writes an image in the format of the extension: `.exr` (linear, all channels, metadata), `.png` and `.jpg`/`.jpeg`
-/// (the base layer, sRGB-encoded with an ordered dither), `.pfm` (the base layer, linear).
+/// (the base layer, sRGB-encoded with an ordered dither), `.pfm` (the base layer, linear), `.npy` (linear, all channels
+/// in their order, without their names).
 ///
 /// The file is written to a temporary name in the same folder and then renamed. An existing file is therefore
 /// replaced only by a complete one, and is unchanged if writing fails.
@@ -117,6 +118,7 @@ pub fn is_display_format(path: &Path) -> bool {
 pub fn encoding_bytes(path: &Path, pixels: u64, channels: u64) -> u64 {
     let of_pixel = match Format::of_extension(path) {
         Some(Format::OpenExr) => 12 * channels,
+        Some(Format::Npy) => 4 * channels,
         Some(Format::Pfm) => 24,
         _ => 12,
     };
@@ -149,6 +151,7 @@ pub fn write_with(
             let (channels, data) = picture(image).ok_or_else(lacks_picture)?;
             pfm::encode(width, height, channels, &data)
         }
+        Format::Npy => npy::encode(width, height, image.channels.len(), &image.data),
         Format::Png | Format::Jpeg | Format::Bmp | Format::Tga | Format::Hdr => {
             let keep_alpha = format == Format::Png;
             let pixels = srgb::encode(image, options.exposure, options.tonemap, keep_alpha)
@@ -166,7 +169,7 @@ pub fn write_with(
 }
 
 fn unknown_extension(path: &Path) -> String {
-    let expected = "expected the extension .exr, .png, .jpg, .jpeg or .pfm";
+    let expected = "expected the extension .exr, .png, .jpg, .jpeg, .pfm or .npy";
     match path.extension() {
         Some(found) => format!("{expected}, found .{}", found.to_string_lossy()),
         None => format!("{expected}, found none"),
