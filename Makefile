@@ -20,6 +20,8 @@ TERRAIN := scenes/terrain/terrain.ply
 SPEED := scenes/speed/lights-10000.xml
 # Both feature sets: with Embree and OpenImageIO, and in Rust alone.
 RUST_ALONE := -p buffon --no-default-features
+# Without the examples, which clippy compiles, and which take minutes to build.
+TESTS := --locked --workspace --lib --bins --tests
 # What is tested with both: traversal, images, and the command line over them.
 TWICE := parity watertight self_intersection image_ texture_files cli:: determinism own_scenes plugins:: memory
 
@@ -53,7 +55,7 @@ demo: deps ## build, and render the Cornell box to out/
 # What is quickest to fail comes first.
 test: lint ## what must hold, in minutes
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps
-	cargo test --locked --workspace
+	cargo test $(TESTS)
 
 # The tests marked `ignore`, the tests of what depends on the libraries without these, random scenes on which all
 # estimators must agree, and the experiments with many seeds.
@@ -62,7 +64,7 @@ test-all: test test-docs test-rest rust-alone agreement claims test-python lint-
 test-rest: deps
 	@.ci/deps parallel
 	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
-	cargo test --locked --workspace -- --ignored --skip refuted_with_any_seed
+	cargo test $(TESTS) -- --ignored --skip refuted_with_any_seed
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 
 # `make test` runs nearly the same code, so continuous integration does without these.

@@ -171,6 +171,8 @@
 //!   notes.
 //! - `[Burley 2020]` Practical hash-based Owen scrambling. JCGT 9(4).
 //! - `[Catmull and Rom 1974]` A class of local interpolating splines. Computer Aided Geometric Design.
+//! - `[Chiang 2016]` Chiang, Bitterli, Tappan, Burley: A practical and controllable hair and fur model for production
+//!   path tracing. Computer Graphics Forum 35(2).
 //! - `[Christensen 1999]` Faster photon map global illumination. JGT 4(3).
 //! - `[Cigolle 2014]` Cigolle et al.: A survey of efficient representations for independent unit vectors. JCGT 3(2).
 //! - `[Cody and Waite 1980]` Software Manual for the Elementary Functions. Prentice Hall.
@@ -180,15 +182,22 @@
 //! - `[d'Eon and Irving 2011]` A quantized-diffusion model for rendering translucent materials. SIGGRAPH.
 //! - `[Duff 2017]` Building an orthonormal basis, revisited. JCGT 6(1).
 //! - `[Dupuy and Benyoub 2023]` Sampling visible GGX normals with spherical caps. HPG.
+//! - `[Dupuy and Jakob 2018]` An adaptive parameterization for efficient material acquisition and rendering. TOG
+//!   37(6).
 //! - `[Egan and Hilgeman 1973]` Spectral reflectance of particulate materials: a Monte Carlo model including asperity
 //!   scattering. Applied Optics 12.
 //! - `[Ernst, Stamminger and Greiner 2006]` Filter importance sampling. IEEE Symposium on Interactive Ray Tracing.
 //! - `[Estevez 2019]` Estevez, Lecocq, Stein: A microfacet-based shadowing function to solve the bump terminator
 //!   problem. Ray Tracing Gems.
 //! - `[Fliegel 1968]` Fliegel, Van Flandern: A machine algorithm for processing calendar dates. CACM 11(10).
+//! - `[Georgiev 2012]` Implementing vertex connection and merging. Technical report, Saarland University.
+//! - `[Georgiev et al. 2012]` Georgiev, Křivánek, Davidovič, Slusallek: Light transport simulation with vertex
+//!   connection and merging. TOG 31(6).
 //! - `[Giles 2012]` Approximating the erfinv function. GPU Computing Gems Jade.
 //! - `[Hable 2010]` Uncharted 2: HDR lighting. Game Developers Conference.
 //! - `[Hachisuka and Jensen 2009]` Stochastic progressive photon mapping. SIGGRAPH Asia.
+//! - `[Hachisuka et al. 2012]` Hachisuka, Pantaleoni, Jensen: A path space extension for robust light transport
+//!   simulation. TOG 31(6).
 //! - `[Haines, Günther, Akenine-Möller 2019]` Precision improvements for ray/sphere intersection. Ray Tracing Gems.
 //! - `[Halton 1960]` On the efficiency of certain quasi-random sequences of points in evaluating multi-dimensional
 //!   integrals. Numerische Mathematik 2.
@@ -214,6 +223,8 @@
 //! - `[Kajiya 1986]` The rendering equation. SIGGRAPH.
 //! - `[Karlík 2019]` Karlík, Šik, Vévoda, Skřivan, Křivánek: MIS compensation: optimizing sampling techniques in
 //!   multiple importance sampling. ACM Transactions on Graphics 38(6).
+//! - `[Kelemen et al. 2002]` Kelemen, Szirmay-Kalos, Antal, Csonka: A simple and robust mutation strategy for the
+//!   Metropolis light transport algorithm. Computer Graphics Forum 21(3).
 //! - `[Kensler 2013]` Correlated multi-jittered sampling. Pixar technical memo 13-01.
 //! - `[Knaus and Zwicker 2011]` Progressive photon mapping: a probabilistic approach. ACM Transactions on Graphics
 //!   30(3).
@@ -221,6 +232,9 @@
 //! - `[Křivánek 2005]` Radiance caching for global illumination computation on glossy surfaces. PhD thesis, Rennes.
 //! - `[Křivánek 2006]` Křivánek, Bouatouch, Pattanaik, Žára: Making radiance and irradiance caching practical:
 //!   adaptive caching and neighbor clamping. EGSR.
+//! - `[Kulla and Fajardo 2012]` Importance sampling techniques for path tracing in participating media. EGSR.
+//! - `[Kutz et al. 2017]` Kutz, Habel, Li, Novák: Spectral and decomposition tracking for rendering heterogeneous
+//!   volumes. TOG 36(4).
 //! - `[Lagarde 2013]` Memo on Fresnel equations.
 //! - `[Laine and Karras 2011]` Stratified sampling for stochastic transparency. EGSR.
 //! - `[Lambert 1760]` Photometria.
@@ -234,6 +248,9 @@
 //! - `[Müller 2017]` Müller, Gross, Novák: Practical path guiding for efficient light-transport simulation. Computer
 //!   Graphics Forum 36(4).
 //! - `[Neumaier 1974]` Rundungsfehleranalyse einiger Verfahren zur Summation endlicher Summen. ZAMM 54.
+//! - `[Novák et al. 2014]` Novák, Selle, Jarosz: Residual ratio tracking for estimating attenuation in participating
+//!   media. TOG 33(6).
+//! - `[Oren and Nayar 1994]` Generalization of Lambert's reflectance model. SIGGRAPH.
 //! - `[Owen 1995]` Randomly permuted (t,m,s)-nets and (t,s)-sequences. MCQMC.
 //! - `[pbrt]` Pharr, Jakob, Humphreys: Physically Based Rendering, 4th edition, 2023, by section.
 //! - `[Reda 2004]` Reda, Andreas: Solar position algorithm for solar radiation applications. Solar Energy 76(5).

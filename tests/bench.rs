@@ -49,7 +49,7 @@ fn a_bench_writes_table_csv_json_and_a_page() {
     let lines: Vec<Vec<&str>> = table.lines().map(|l| l.split(',').collect()).collect();
     assert_eq!(
         lines[0].join(","),
-        "scene,integrator,sampler,accel,budget,run,seed,seconds,spp,relmse,trimmed_relmse,mse,reference_relmse,\
+        "scene,integrator,sampler,accel,budget,run,seed,seconds,spp,relmse,trimmed_relmse,mse,flip,reference_relmse,\
          relmse_estimate,efficiency,mrays_per_second,closest_rays,occlusion_rays,closest_thread_seconds,\
          occlusion_thread_seconds,invalid_samples,failure"
     );
@@ -117,6 +117,13 @@ fn the_errors_are_those_of_diff() {
     let bench = json(&folder, "bench/bench.json");
     let diff: Json = serde_json::from_str(&run(&folder, "diff x.exr r.exr --json").stdout).expect("JSON");
     let (here, there) = (&bench["scenes"][0]["rows"][0]["budgets"][0]["runs"][0], &diff["layers"][0]);
+    let flip: Json =
+        serde_json::from_str(&run(&folder, "diff x.exr r.exr --metric flip --json").stdout).expect("JSON");
+    let seen = flip["layers"][0]["flip"].as_f64().expect("a number");
+    assert!(
+        seen > 0.0 && (here["flip"].as_f64().expect("a number") / seen - 1.0).abs() < 1e-6,
+        "{here} {seen}"
+    );
     for (name, there_name) in [("relmse", "relmse"), ("trimmed_relmse", "trimmed"), ("mse", "mse")] {
         let [a, b] =
             [&here[name], &there[there_name]].map(|v| v.as_f64().unwrap_or_else(|| panic!("{name}: {diff}")));

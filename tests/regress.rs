@@ -203,7 +203,11 @@ fn variances_may_be_in_a_file_of_their_own_or_missing() {
     assert_eq!(folder.run("regress . --filter s.xml --spp 64 --fail 1e-9").code, 1);
     write(&folder.path("refs/s_var.exr"), &variance, &WriteOptions::default()).unwrap();
     let run = folder.run("regress . --filter s.xml --spp 64");
-    assert!(run.code == 0 && line(&run, "s.xml").contains("; detects a gain of "), "{run:?}");
+    let passed = line(&run, "s.xml");
+    assert!(
+        run.code == 0 && passed.contains("; detects a gain of ") && passed.contains(" FLIP 0."),
+        "{run:?}"
+    );
     folder.write("s.xml", scene(DIFFUSE, 1.1, "").as_bytes());
     assert_eq!(folder.run("regress . --filter s.xml --spp 64").code, 1);
 }

@@ -2,6 +2,7 @@
 
 use super::{BenchRow, Combination, Options, Reference};
 use crate::accel::AccelKind;
+use crate::compare::{DynamicRange, flip, mean_flip};
 use crate::error::{Error, Result};
 use crate::estimate::metrics;
 use crate::image::Image;
@@ -25,6 +26,8 @@ pub struct Measurement {
     pub trimmed_relmse: f64,
     /// Mean squared error.
     pub mse: f64,
+    /// Mean FLIP error; NaN if an image has NaN or infinite values.
+    pub flip: f64,
     /// relMSE as estimated by the render itself, without the reference.
     pub relmse_estimate: Option<f64>,
     /// Queries for the closest hit, and for occlusion.
@@ -46,6 +49,7 @@ impl Measurement {
             relmse: metrics::relmse(x, r),
             trimmed_relmse: metrics::trimmed_relmse(x, r, 3),
             mse: metrics::mse(x, r),
+            flip: flip(image, reference, DynamicRange::High).map_or(f64::NAN, |map| mean_flip(&map)),
             relmse_estimate: rendered.relmse,
             rays: [counters.closest_rays, counters.occlusion_rays],
             thread_seconds: [counters.closest_time.as_secs_f64(), counters.occlusion_time.as_secs_f64()],

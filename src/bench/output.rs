@@ -6,7 +6,7 @@ use crate::report::machine;
 use serde_json::{Map, Value, json};
 
 /// The columns of the CSV. An empty field is an unknown value.
-const COLUMNS: [&str; 22] = [
+const COLUMNS: [&str; 23] = [
     "scene",
     "integrator",
     "sampler",
@@ -19,6 +19,7 @@ const COLUMNS: [&str; 22] = [
     "relmse",
     "trimmed_relmse",
     "mse",
+    "flip",
     "reference_relmse",
     "relmse_estimate",
     "efficiency",
@@ -70,6 +71,7 @@ fn line(scene: &SceneReport, row: &BenchRow, render: Option<(Budget, usize, &Mea
             m.relmse.to_string(),
             known(Some(m.trimmed_relmse).filter(|v| !v.is_nan())),
             m.mse.to_string(),
+            known(Some(m.flip).filter(|v| !v.is_nan())),
             known(scene.reference.floor),
             known(m.relmse_estimate),
             (1.0 / (m.relmse * m.seconds)).to_string(),
@@ -155,6 +157,7 @@ fn row_json(report: &Report, scene: &SceneReport, row: &BenchRow) -> Value {
                     "relmse_near_floor": near(m),
                     "trimmed_relmse": m.trimmed_relmse,
                     "mse": m.mse,
+                    "flip": m.flip,
                     "efficiency": m.efficiency,
                     "mrays_per_second": m.mrays_per_second,
                 })),
@@ -172,6 +175,7 @@ fn run_json(m: &Measurement) -> Value {
         "relmse": m.relmse,
         "trimmed_relmse": m.trimmed_relmse,
         "mse": m.mse,
+        "flip": m.flip,
         "relmse_estimate": m.relmse_estimate,
         "rays": { "closest": m.rays[0], "occlusion": m.rays[1] },
         "accel_thread_seconds": { "closest": m.thread_seconds[0], "occlusion": m.thread_seconds[1] },

@@ -259,6 +259,8 @@ fn explanation(report: &Report) -> Html {
          holds the reference's own error, which stands above each table. An integrator that leaves light out keeps an \
          error that no time removes.",
         "trimmed is relMSE without the 0.1 % worst pixels: what is left when a few rare bright paths do not decide.",
+        "FLIP is what a viewer sees when the image and the reference alternate, from 0 to 1, at the worst of several \
+         exposures: buffon diff --metric flip makes maps of it.",
         "Efficiency is 1 / (relMSE · seconds): twice the efficiency is half the time to the same error. Seconds \
          are wall time of sampling alone.",
         "Mray/s in the table counts all queries over wall time, shading and sampling included; in the bars it is \

@@ -28,6 +28,8 @@ pub struct Median {
     pub trimmed_relmse: f64,
     /// Mean squared error.
     pub mse: f64,
+    /// Mean FLIP error.
+    pub flip: f64,
     /// Millions of rays per second of wall time.
     pub mrays_per_second: f64,
     /// 1 / (relMSE · seconds), from the medians.
@@ -48,6 +50,7 @@ impl Median {
             relmse_range: [fold(f64::INFINITY, f64::min), fold(f64::NEG_INFINITY, f64::max)],
             trimmed_relmse: of(&|m| m.trimmed_relmse)?,
             mse: of(&|m| m.mse)?,
+            flip: of(&|m| m.flip)?,
             mrays_per_second: of(&|m| m.rays_per_second() * 1e-6)?,
             efficiency: 1.0 / (relmse * seconds),
         })
@@ -125,6 +128,7 @@ mod tests {
             relmse,
             trimmed_relmse: relmse / 2.0,
             mse: 1.0,
+            flip: 0.0,
             relmse_estimate: None,
             rays: [1_000_000, 3_000_000],
             thread_seconds: [0.5, 1.0],
@@ -145,6 +149,7 @@ mod tests {
             relmse,
             trimmed_relmse: relmse,
             mse: relmse,
+            flip: 0.0,
             relmse_estimate: None,
             rays: [1, 1],
             thread_seconds: [1.0, 1.0],

@@ -40,7 +40,8 @@ pub(super) fn any_near_floor(scene: &SceneReport) -> bool {
 /// Returns the measurements of a scene: a line for each combination and budget.
 pub(super) fn figures(report: &Report, scene: &SceneReport) -> Table {
     let left = ["integrator", "sampler", "accel", "budget"].map(|t| (t, Align::Left));
-    let right = ["spp", "seconds", "relMSE", "trimmed", "MSE", "efficiency", "Mray/s", "slope (95 %)"];
+    let right =
+        ["spp", "seconds", "relMSE", "trimmed", "MSE", "FLIP", "efficiency", "Mray/s", "slope (95 %)"];
     let mut table = Table::new(left.into_iter().chain(right.map(|t| (t, Align::Right))));
     for row in &scene.rows {
         let c = &row.combination;
@@ -64,6 +65,7 @@ pub(super) fn figures(report: &Report, scene: &SceneReport) -> Table {
                 format!("{:.3e}{star}", m.relmse),
                 format!("{:.3e}", m.trimmed_relmse),
                 format!("{:.3e}", m.mse),
+                format!("{:.4}", m.flip),
                 format!("{:.1}", m.efficiency),
                 format!("{:.2}", m.mrays_per_second),
                 slope,

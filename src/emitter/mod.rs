@@ -170,12 +170,12 @@ pub struct LightRay {
     pub cosine: f32,
 }
 
-/// A bounding sphere of everything that light from infinity can hit.
+/// A sphere around everything that light from infinity can hit, or around an emitter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundingSphere {
     /// Centre.
     pub center: Vec3,
-    /// Radius, positive.
+    /// Radius; positive, but 0 for an emitter at a point.
     pub radius: f32,
 }
 

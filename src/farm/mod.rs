@@ -1,8 +1,9 @@
 //! Renders as many tasks for engines that run jobs on many machines.
 //!
-//! An image is split into ranges of samples, and into regions if it is asked for. A task renders one range of a region to
-//! a checkpoint, and goes on from it if it is started again. A merge adds the checkpoints of an image. Both are command lines of `buffon`; an engine decides where
-//! and when they run. The merged image has the same bits as that of one render.
+//! An image is split into ranges of samples, and into regions if it is asked for. A task renders one range of a region
+//! to a checkpoint, and goes on from it if it is started again. A merge adds the checkpoints of an image. Both are
+//! command lines of `buffon`; an engine decides where and when they run. The merged image has the same bits as that of
+//! one render.
 
 mod engine;
 

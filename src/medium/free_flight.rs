@@ -92,6 +92,16 @@ impl FreeFlight {
         FreeFlight { choice, channel, end: -exact(u.y).ln(), ..FreeFlight::unscattered(random) }
     }
 
+    /// Returns whether a medium can end it.
+    pub fn is_sampled(&self) -> bool {
+        self.end.is_finite()
+    }
+
+    /// Returns the probabilities of the channels by which the distance is sampled.
+    pub fn choice(&self) -> [f64; 3] {
+        self.choice
+    }
+
     /// Continues through a medium along a part of the ray. Returns the distance after which the flight ends in it, if
     /// it does.
     pub fn advance(&mut self, medium: &Medium, segment: &Segment) -> Option<f64> {

@@ -3,7 +3,7 @@
 use super::judge::{Judgement, Rules, judge};
 use super::reference::{Reference, reference_path, variance_path, write_reference};
 use super::{FoundScene, Options, REFERENCE_SEED, RegressRow, Status, Update, cross, page};
-use crate::compare::{ZTestOptions, z_test_with};
+use crate::compare::{DynamicRange, ZTestOptions, flip, mean_flip, z_test_with};
 use crate::error::{Error, Kind, Result, counted};
 use crate::film::PixelFormat;
 use crate::image::Image;
@@ -123,9 +123,10 @@ impl<'a> Runner<'a> {
         judgement.faults.extend(picture.dropped.clone());
         if judgement.faults.is_empty() {
             let samples_per_pixel = picture.samples_per_pixel;
-            return Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Pass, judgement.figures) });
+            let figures = with_flip(&picture.image, &reference.image, &judgement.figures);
+            return Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Pass, figures) });
         }
-        let message = judgement.faults.join("; ");
+        let message = with_flip(&picture.image, &reference.image, &judgement.faults.join("; "));
         if update == Some(Update::Failed) {
             return self.write(scene, &session, &format!("; it was: {message}"));
         }
@@ -327,6 +328,15 @@ impl<'a> Runner<'a> {
         };
         let message = format!("{}{bounded}{stale}{why}", path.display());
         Ok(Outcome { samples_per_pixel, ..Outcome::new(Status::Wrote, message) })
+    }
+}
+
+/// Returns a message after the FLIP error, which says what a viewer sees and decides nothing. Images that cannot be
+/// compared have none.
+fn with_flip(image: &Image, reference: &Image, message: &str) -> String {
+    match flip(image, reference, DynamicRange::High) {
+        Ok(map) => format!("FLIP {:.4}; {message}", mean_flip(&map)),
+        Err(_) => message.to_owned(),
     }
 }
 

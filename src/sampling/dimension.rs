@@ -21,8 +21,16 @@ const FIRST: [(&str, Domain); 6] = [
     ("light_direction", Domain::Light),
 ];
 /// Names of the dimensions of a bounce, by their offset in its block.
-const OF_BOUNCE: [&str; 7] =
-    ["unused", "emitter_point", "bsdf_lobe", "bsdf_direction", "roulette", "free_flight", "connection"];
+const OF_BOUNCE: [&str; 8] = [
+    "unused",
+    "emitter_point",
+    "bsdf_lobe",
+    "bsdf_direction",
+    "roulette",
+    "free_flight",
+    "connection",
+    "equiangular",
+];
 
 impl Dimension {
     /// Position in the pixel (a pair).
@@ -70,6 +78,11 @@ impl Dimension {
     /// Choice of the vertex of a light path to which a camera path is connected.
     pub const fn connection(bounce: u32) -> Dimension {
         Dimension::of_bounce(bounce, 6)
+    }
+
+    /// Distance of a point near an emitter in a participating medium.
+    pub const fn equiangular(bounce: u32) -> Dimension {
+        Dimension::of_bounce(bounce, 7)
     }
 
     /// Returns the same dimension for the `i`-th of several samples (at most 2^28) that a path draws at one vertex.
@@ -133,7 +146,7 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
-    fn of_bounce(bounce: u32) -> [Dimension; 6] {
+    fn of_bounce(bounce: u32) -> [Dimension; 7] {
         [
             Dimension::emitter_point(bounce),
             Dimension::bsdf_lobe(bounce),
@@ -141,6 +154,7 @@ mod tests {
             Dimension::roulette(bounce),
             Dimension::free_flight(bounce),
             Dimension::connection(bounce),
+            Dimension::equiangular(bounce),
         ]
     }
 
@@ -170,7 +184,8 @@ mod tests {
         assert_eq!(first.collect::<Vec<_>>().join(", "), expected);
         let domains = of_bounce(0).map(|d| format!("{d} {}", d.domain())).join(", ");
         let expected = "emitter_point[0] light, bsdf_lobe[0] bsdf, \
-                        bsdf_direction[0] bsdf, roulette[0] roulette, free_flight[0] hemisphere, connection[0] hemisphere";
+                        bsdf_direction[0] bsdf, roulette[0] roulette, free_flight[0] hemisphere, \
+                        connection[0] hemisphere, equiangular[0] hemisphere";
         assert_eq!(domains, expected);
         assert_eq!(Dimension::bsdf_direction(3).domain(), Domain::Hemisphere);
         assert_eq!(Dimension::emitter_point(3).repeat(2).to_string(), "emitter_point[3] of sample 2");

@@ -11,6 +11,18 @@ pub fn power_heuristic(pdf: f32, other: f32) -> f32 {
     weighted_power_heuristic(1.0, pdf, 1.0, other)
 }
 
+/// Returns the power heuristic with exponent 2 for one sample of each of three techniques: the weight of the one with
+/// the density `pdf`.
+#[inline]
+pub fn power_heuristic_of_three(pdf: f32, others: [f32; 2]) -> f32 {
+    let [a, b] = others.map(|other| other / pdf);
+    match pdf {
+        f32::INFINITY => 1.0,
+        _ if pdf > 0.0 => 1.0 / (1.0 + a * a + b * b),
+        _ => 0.0,
+    }
+}
+
 /// Returns the power heuristic for `n` samples drawn with `pdf` and `other_n` with `other`. [Veach 1997, Eq. 9.13]
 #[inline]
 pub fn weighted_power_heuristic(n: f32, pdf: f32, other_n: f32, other: f32) -> f32 {

@@ -1,7 +1,7 @@
 //! The participating media of a scene, and the surfaces that bound them.
 
 use super::{CompileOptions, SurfaceInteraction};
-use crate::accel::{self, Accel, Assembly, Geometry, Hit};
+use crate::accel::{self, Accel, Assembly, Coherence, Geometry, Hit};
 use crate::error::{Error, Result};
 use crate::ids::{MediumId, ShapeId};
 use crate::math::{Ray, Vec3};
@@ -41,10 +41,14 @@ impl SceneMedia {
         self.list.iter().any(Medium::scatters)
     }
 
-    /// Returns the nearest boundary that a ray may pass without being scattered. The hit is in the terms of
+    /// Returns the nearest boundaries that rays may pass without being scattered. Hits are in the terms of
     /// [`Scene::accel`](super::Scene::accel).
-    pub fn passed(&self, ray: &Ray) -> Option<Hit> {
-        self.passed.as_ref()?.intersect(ray)
+    pub fn passed(&self, rays: &[Ray]) -> Vec<Option<Hit>> {
+        let mut hits = vec![None; rays.len()];
+        if let Some(passed) = &self.passed {
+            passed.intersect_wave(rays, &mut hits, Coherence::Incoherent);
+        }
+        hits
     }
 
     /// Returns the medium on the side of a surface towards which the direction `w` points: `current` if the surface is

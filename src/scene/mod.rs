@@ -405,7 +405,7 @@ impl Scene {
 
     /// Samples a direction to an emitter that a selection has chosen.
     #[inline]
-    fn sample_chosen(
+    pub fn sample_chosen(
         &self,
         selection: &LightSelection,
         emitter: usize,

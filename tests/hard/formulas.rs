@@ -156,3 +156,28 @@ fn discs_have_their_share_of_the_image() {
     }
     assert_expected("energy/corridor.xml", "200 reflections", 0.99f64.powi(200));
 }
+
+#[test]
+fn media_absorb_and_scatter_by_their_optical_depth() {
+    for (scene, case, depth) in [
+        ("media/slab.xml", "optical depth 1e-6", 1e-6f64),
+        ("media/slab.xml", "optical depth 80", 80.0),
+        ("media/slab.xml", "optical depth 1e4", 1e4),
+        ("media/boundary.xml", "camera on the boundary", 1.0),
+        ("media/boundary.xml", "camera in the middle", 0.5),
+        ("media/grid.xml", "density equal to its bound", 1.0),
+        ("media/grid.xml", "density far below its bound, optical depth 1e-4", 1e-4),
+    ] {
+        assert_expected(scene, case, (-depth).exp());
+    }
+    // Light of intensity 1 at the distance h from the middle of a ray's part of length 1, scattered once.
+    for (sigma, h, name) in [
+        (1e-6f64, 1e-2f64, "optical depth 1e-6, emitter 0.01"),
+        (1e-6, 0.3, "optical depth 1e-6, emitter 0.3"),
+        (1e-6, 1e-4, "optical depth 1e-6, emitter 0.0001"),
+        (1e-3, 1e-2, "optical depth 1e-3, emitter 0.01"),
+    ] {
+        let scattered = sigma / (4.0 * PI * h) * 2.0 * (0.5 / h).atan();
+        assert_expected("media/thin.xml", &format!("{name} beside the ray"), scattered);
+    }
+}

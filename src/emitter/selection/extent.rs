@@ -4,7 +4,7 @@ use super::{Cone, LightBounds};
 use crate::accel::Instance;
 use crate::color::Rgb;
 use crate::emitter::area::{EmitterSurface, front_of};
-use crate::emitter::{AreaEmitter, Light};
+use crate::emitter::{AreaEmitter, BoundingSphere, Light};
 use crate::math::{Bounds, Vec3};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -25,6 +25,16 @@ impl Light {
                 (excess > 0.0).then(|| Extent::Infinite(PI * brightness(Rgb::splat(excess))))
             }
             _ => Some(self.extent()),
+        }
+    }
+
+    /// Returns a sphere around the emitter; `None` if it is at infinity.
+    pub fn bounding_sphere(&self) -> Option<BoundingSphere> {
+        match self.extent() {
+            Extent::Finite(LightBounds { bounds, .. }) => {
+                Some(BoundingSphere { center: bounds.center(), radius: bounds.radius() })
+            }
+            Extent::Infinite(_) => None,
         }
     }
 

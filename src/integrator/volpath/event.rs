@@ -1,17 +1,18 @@
 //! One event of a path: scattering in a medium or at a surface, and the light found there.
 
-use super::flight::{Collision, follow, transmittance};
+use super::equiangular::{Leg, LegPoint};
+use super::flight::{Collision, Entry, Journey, before_end, follow, surfaces};
 use super::{Path, Shadow};
 use crate::accel::{Coherence, Hit};
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
-use crate::emitter::{EmitterSample, LightSelection, ShadowTarget};
+use crate::emitter::{BoundingSphere, EmitterSample, LightSelection, ShadowTarget};
 use crate::ids::MediumId;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::{PathLimits, Radiance, RadianceQuery, Worker};
 use crate::math::{Ray, Vec2, Vec3};
-use crate::medium::{FreeFlight, Stream};
-use crate::sampling::mis::power_heuristic;
+use crate::medium::{FreeFlight, Medium, Stream};
+use crate::sampling::mis::{power_heuristic, power_heuristic_of_three};
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
 use bumpalo::Bump;
 use std::time::Instant;
@@ -26,6 +27,8 @@ pub struct Tracer<'a> {
     pub limits: PathLimits,
     /// The light to find.
     pub query: RadianceQuery,
+    /// A sphere around each emitter; `None` at infinity.
+    pub spheres: &'a [Option<BoundingSphere>],
 }
 
 /// The random numbers of an event.
@@ -41,59 +44,115 @@ pub struct EventNumbers {
     pub direction: Vec2,
     /// Russian roulette.
     pub roulette: f32,
+    /// Choice of an emitter and position on it, and the distance of a point near it.
+    pub near_emitter: Option<(Vec2, f32)>,
     /// The flight through heterogeneous media.
     pub flight_stream: Stream,
-    /// The transmittance of heterogeneous media up to the emitter.
-    pub shadow_stream: Stream,
+    /// The transmittance of heterogeneous media up to the emitter, and up to the one near which there is a point.
+    pub shadow_streams: [Stream; 2],
+}
+
+/// Where the first part of a ray is that is in a medium that scatters.
+#[derive(Clone, Copy)]
+enum First {
+    /// Not reached yet.
+    Ahead,
+    /// Here, and points near emitters are sampled on it.
+    Here(Leg),
+    /// Reached, and no such points are sampled from here on.
+    Behind,
+}
+
+/// An emitter sample and the choice of the emitter.
+struct Chosen {
+    emitter: usize,
+    /// The probability of the choice.
+    pmf: f32,
+    /// The sample; its density includes the choice.
+    sample: EmitterSample,
 }
 
 impl Tracer<'_> {
-    /// Follows a path to its next event, which is at the surface `hit` if the ray is not scattered before. Adds the
-    /// light that it finds and the shadow ray of the event. Returns the path after the event, if it goes on.
-    pub fn event(
+    /// Follows paths to their next events, at the surfaces that `hits` tells if a ray is not scattered before. Adds the
+    /// light that they find and the shadow rays of the events. Returns the paths after the events that go on.
+    pub fn events(
         &self,
-        mut path: Path,
-        hit: Option<&Hit>,
+        paths: &[Path],
+        hits: &[Option<Hit>],
+        numbers: impl Fn(usize) -> EventNumbers,
+        arena: &mut Bump,
+        shadows: &mut Vec<Shadow>,
+        out: &mut [Radiance],
+    ) -> Vec<Path> {
+        let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
+        let surfaces = surfaces(self.scene, &rays, hits);
+        let end = |i: usize| hits[i].as_ref().map_or(f32::INFINITY, |hit| hit.t);
+        let depart = |(i, path): (usize, &Path)| {
+            let EventNumbers { free_flight, flight_stream, .. } = numbers(i);
+            // Where paths end, scattering in media is loss.
+            let flight = match self.scatters(path) {
+                true => FreeFlight::sampled(path.beta, free_flight, path.ray.o, flight_stream),
+                false => FreeFlight::unscattered(flight_stream),
+            };
+            Journey::new(Ray { t_max: end(i), ..path.ray }, path.medium, flight)
+        };
+        let mut journeys: Vec<Journey> = paths.iter().enumerate().map(depart).collect();
+        let mut firsts = vec![First::Ahead; paths.len()];
+        let enter = |i: usize, entry: &Entry<'_>, flight: &FreeFlight| {
+            if flight.is_sampled() && entry.medium.scatters() {
+                firsts[i] = match firsts[i] {
+                    First::Ahead => self.light_near_emitter(&paths[i], entry, flight, &numbers(i), shadows),
+                    First::Here(_) | First::Behind => First::Behind,
+                };
+            }
+        };
+        let collisions = follow(self.scene, self.media, &mut journeys, |i| surfaces[i].as_ref(), enter);
+        let arrive = |(i, collision): (usize, Option<Collision<'_>>)| {
+            let (mut path, Journey { medium, flight, .. }) = (paths[i], journeys[i]);
+            let (numbers, radiance) = (numbers(i), &mut out[path.slot]);
+            path.medium = medium;
+            if path.depth == 0 {
+                let length = collision.as_ref().map_or(end(i), |collision| collision.t);
+                radiance.distance = path.passed + length;
+            }
+            path.beta *= match &collision {
+                Some(collision) => flight.scattered(collision.medium),
+                None => flight.passed(),
+            };
+            if path.beta.is_black() {
+                return None;
+            }
+            arena.reset();
+            match collision {
+                Some(collision) => self.scatter_in_medium(path, &collision, firsts[i], &numbers, shadows),
+                None => self.meet_surface(path, surfaces[i].as_ref(), &numbers, arena, shadows, radiance),
+            }
+        };
+        collisions.into_iter().enumerate().filter_map(arrive).collect()
+    }
+
+    /// Adds the light at the end of a path's ray that no medium has scattered, and scatters the path at the surface, if
+    /// there is one.
+    fn meet_surface(
+        &self,
+        path: Path,
+        surface: Option<&SurfaceInteraction>,
         numbers: &EventNumbers,
         arena: &Bump,
         shadows: &mut Vec<Shadow>,
         radiance: &mut Radiance,
     ) -> Option<Path> {
-        if !path.beta.is_valid() {
-            // The sample is counted as invalid.
-            radiance.value += path.beta;
-            return None;
-        }
-        let surface = hit.map(|hit| self.scene.interaction(&path.ray, hit));
-        // Where paths end, scattering in media is loss.
-        let mut flight = match self.scatters(&path) {
-            true => FreeFlight::sampled(path.beta, numbers.free_flight, path.ray.o, numbers.flight_stream),
-            false => FreeFlight::unscattered(numbers.flight_stream),
-        };
-        let end = (hit.map_or(f32::INFINITY, |hit| hit.t), surface.as_ref());
-        let collision = follow(self.scene, self.media, &path.ray, end, &mut path.medium, &mut flight);
-        if path.depth == 0 {
-            radiance.distance = path.passed + collision.as_ref().map_or(end.0, |collision| collision.t);
-        }
-        path.beta *= match &collision {
-            Some(collision) => flight.scattered(collision.medium),
-            None => flight.passed(),
-        };
-        if path.beta.is_black() {
-            return None;
-        }
-        match (collision, surface) {
-            (Some(collision), _) => self.scatter_in_medium(path, &collision, numbers, shadows),
-            (None, Some(at)) => {
+        match surface {
+            Some(at) => {
                 if self.adds_emission(&path) {
-                    radiance.value += path.beta * self.emitted(&path, &at);
+                    radiance.value += path.beta * self.emitted(&path, at);
                 }
-                if path.depth == 0 && self.limits.hide_emitters && self.emits(&at) {
-                    return Some(self.pass(path, &at));
+                if path.depth == 0 && self.limits.hide_emitters && self.emits(at) {
+                    return Some(self.pass(path, at));
                 }
-                self.scatter_at_surface(path, &at, numbers, arena, shadows)
+                self.scatter_at_surface(path, at, numbers, arena, shadows)
             }
-            (None, None) => {
+            None => {
                 if self.adds_emission(&path) {
                     radiance.value += path.beta * self.environment(&path);
                 }
@@ -113,15 +172,25 @@ impl Tracer<'_> {
     }
 
     /// Samples a direction to an emitter at the path's next event, which is at `p`; `None` if its light is not wanted.
-    fn sample_emitter(&self, path: &Path, p: Vec3, numbers: &EventNumbers) -> Option<EmitterSample> {
+    fn sample_emitter(&self, path: &Path, p: Vec3, numbers: &EventNumbers) -> Option<Chosen> {
         if !self.query.wants(path.depth + 2) {
             return None;
         }
-        self.scene.sample_emitter(self.selection(), p, numbers.emitter_point, path.ray.time)
+        let choice = self.selection().sample(p, numbers.emitter_point.x)?;
+        let u = Vec2::new(choice.u, numbers.emitter_point.y);
+        self.sample_chosen(path, choice.emitter, choice.pmf, p, u)
     }
 
+    /// Samples a direction from `p` to an emitter that was chosen with the probability `pmf`.
+    fn sample_chosen(&self, path: &Path, emitter: usize, pmf: f32, p: Vec3, u: Vec2) -> Option<Chosen> {
+        let sample = self.scene.sample_chosen(self.selection(), emitter, p, u, path.ray.time)?;
+        Some(Chosen { emitter, pmf, sample: EmitterSample { pdf: sample.pdf * pmf, ..sample } })
+    }
+
+    /// Returns the choice among the emitters. A direction is sampled at every event, too, so emitter samples may omit
+    /// light that those find well.
     fn selection(&self) -> &LightSelection {
-        &self.scene.light_selection
+        self.scene.compensated_selection.as_ref().unwrap_or(&self.scene.light_selection)
     }
 
     fn emits(&self, at: &SurfaceInteraction) -> bool {
@@ -136,7 +205,57 @@ impl Tracer<'_> {
             return radiance;
         }
         let other = self.scene.emitter_pdf(self.selection(), emitter, path.from, path.ray.o, at);
-        radiance * power_heuristic(path.pdf, other)
+        let factor = path.on_leg.map_or(0.0, |point| {
+            let pmf = self.selection().pmf(emitter.index(), path.from);
+            self.relative_density(&point, emitter.index(), pmf)
+        });
+        radiance * power_heuristic_of_three(path.pdf, [other, other * factor])
+    }
+
+    /// Returns [`LegPoint::relative_density`] for an emitter; 0 if it is at infinity.
+    fn relative_density(&self, point: &LegPoint, emitter: usize, pmf: f32) -> f32 {
+        let sphere = self.spheres.get(emitter).copied().flatten();
+        sphere.map_or(0.0, |sphere| point.relative_density(self.selection(), emitter, &sphere, pmf))
+    }
+
+    /// Adds the shadow ray of a point near an emitter in the first medium that scatters, if such points are sampled
+    /// there.
+    fn light_near_emitter(
+        &self,
+        path: &Path,
+        entry: &Entry<'_>,
+        flight: &FreeFlight,
+        numbers: &EventNumbers,
+        shadows: &mut Vec<Shadow>,
+    ) -> First {
+        let near = numbers.near_emitter.filter(|_| self.query.wants(path.depth + 2));
+        let (Some((u_emitter, u_distance)), Medium::Homogeneous(medium)) = (near, entry.medium) else {
+            return First::Behind;
+        };
+        let leg = Leg::new(medium, &entry.segment, flight);
+        let mut light = || {
+            let choice = self.selection().sample(leg.reference(), u_emitter.x)?;
+            let sphere = self.spheres[choice.emitter]?;
+            let (distance, density) = leg.sample(&sphere, u_distance)?;
+            let p = before_end(leg.at(distance), entry.ahead, path.ray.d);
+            let u = Vec2::new(choice.u, u_emitter.y);
+            let Chosen { sample, .. } = self.sample_chosen(path, choice.emitter, choice.pmf, p, u)?;
+            let phase = medium.phase.eval(path.ray.d.dot(sample.wi));
+            let flights = leg.flight_density(distance) as f32;
+            // The densities of the other techniques at this point, relative to the emitter sample.
+            let pmf = self.selection().pmf(choice.emitter, p);
+            let others =
+                [flights * pmf / choice.pmf, if sample.delta { 0.0 } else { flights * phase / sample.pdf }];
+            let weight = power_heuristic_of_three(density as f32, others);
+            let scattered = flight.passed() * leg.transmittance(distance) * medium.sigma_s;
+            let value =
+                path.beta * scattered * sample.radiance * (phase * weight / (sample.pdf * density as f32));
+            let ray = || shadow_ray(p, &sample, path.ray.time);
+            push_shadow(shadows, value, ray, Some(entry.id), path.slot, numbers.shadow_streams[1]);
+            Some(())
+        };
+        light();
+        First::Here(leg)
     }
 
     /// Returns the weighted radiance of the environment and the sun.
@@ -197,13 +316,13 @@ impl Tracer<'_> {
         let wo = at.frame.to_local(-d);
         let bsdf = self.scene.bsdf(at, Some(wo), arena);
         let emitter = if bsdf.is_specular() { None } else { self.sample_emitter(&path, at.p, numbers) };
-        if let Some(sample) = emitter {
+        if let Some(Chosen { sample, .. }) = emitter {
             let wi = at.frame.to_local(sample.wi);
             let eval = bsdf.eval(wo, wi);
-            let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf);
+            let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf, 0.0);
             let medium = self.medium_after(at, d, sample.wi, path.medium);
             let ray = || self.scene.shadow_ray(at, &sample);
-            push_shadow(shadows, value, ray, medium, path.slot, numbers.shadow_stream);
+            push_shadow(shadows, value, ray, medium, path.slot, numbers.shadow_streams[0]);
         }
         let sample = bsdf.sample(wo, numbers.lobe, numbers.direction)?;
         let wi = at.frame.to_world(sample.wi);
@@ -220,6 +339,7 @@ impl Tracer<'_> {
             beta: path.beta * sample.weight,
             eta: path.eta * sample.eta,
             depth: path.depth + 1,
+            on_leg: None,
             ..path
         };
         self.survivor(next, numbers)
@@ -229,19 +349,22 @@ impl Tracer<'_> {
         &self,
         path: Path,
         collision: &Collision<'_>,
+        first: First,
         numbers: &EventNumbers,
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase());
-        if let Some(sample) = self.sample_emitter(&path, p, numbers) {
+        let on_leg = match first {
+            First::Here(leg) => Some(LegPoint::new(leg, collision.distance)),
+            First::Ahead | First::Behind => None,
+        };
+        if let Some(Chosen { emitter, pmf, sample }) = self.sample_emitter(&path, p, numbers) {
             let density = phase.eval(d.dot(sample.wi));
-            let value = path.beta * density * weighted(&sample, density);
-            let ray = || match sample.target {
-                ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
-                ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
-            };
-            push_shadow(shadows, value, ray, path.medium, path.slot, numbers.shadow_stream);
+            let factor = on_leg.map_or(0.0, |point| self.relative_density(&point, emitter, pmf));
+            let value = path.beta * density * weighted(&sample, density, factor);
+            let ray = || shadow_ray(p, &sample, time);
+            push_shadow(shadows, value, ray, path.medium, path.slot, numbers.shadow_streams[0]);
         }
         let wi = phase.sample(d, numbers.direction);
         let next = Path {
@@ -249,6 +372,7 @@ impl Tracer<'_> {
             from: p,
             pdf: phase.eval(d.dot(wi)),
             depth: path.depth + 1,
+            on_leg,
             ..path
         };
         self.survivor(next, numbers)
@@ -282,21 +406,34 @@ impl Tracer<'_> {
         self.scene.accel.occluded_wave(&rays, &mut occluded, coherence);
         worker.counters.occlusion_time += started.elapsed();
         worker.counters.occlusion_rays += rays.len() as u64;
-        for (shadow, occluded) in shadows.drain(..).zip(occluded) {
-            if !occluded {
-                let Shadow { ray, medium, slot, value, random } = shadow;
-                out[slot].value += value * transmittance(self.scene, self.media, &ray, medium, random);
-            }
+        let mut occluded = occluded.into_iter();
+        shadows.retain(|_| occluded.next() == Some(false));
+        let depart =
+            |shadow: &Shadow| Journey::new(shadow.ray, shadow.medium, FreeFlight::unscattered(shadow.random));
+        let mut journeys: Vec<Journey> = shadows.iter().map(depart).collect();
+        follow(self.scene, self.media, &mut journeys, |_| None, |_, _, _| {});
+        for (Shadow { slot, value, .. }, journey) in shadows.drain(..).zip(&journeys) {
+            out[slot].value += value * journey.flight.passed();
         }
     }
 }
 
 /// Returns the radiance of an emitter sample, divided by its density and weighted. `other` is the density per unit
-/// solid angle with which the BSDF or the phase function samples its direction.
-fn weighted(sample: &EmitterSample, other: f32) -> Rgb {
-    let weight = if sample.delta { 1.0 } else { power_heuristic(sample.pdf, other) };
+/// solid angle with which the BSDF or the phase function samples its direction. Points near emitters find the same
+/// light with `factor` times the density of the sample.
+fn weighted(sample: &EmitterSample, other: f32, factor: f32) -> Rgb {
+    let other = if sample.delta { 0.0 } else { other };
+    let weight = power_heuristic_of_three(sample.pdf, [other, factor * sample.pdf]);
     // A direction without density carries nothing.
     if sample.pdf > 0.0 { sample.radiance * (weight / sample.pdf) } else { Rgb::BLACK }
+}
+
+/// Returns the ray from a point in a medium to that of an emitter sample.
+fn shadow_ray(p: Vec3, sample: &EmitterSample, time: f32) -> Ray {
+    match sample.target {
+        ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
+        ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
+    }
 }
 
 /// Adds a shadow ray, if it may carry light.

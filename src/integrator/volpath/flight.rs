@@ -1,10 +1,10 @@
 //! The flight along a ray through media and their boundaries.
 
-use crate::color::Rgb;
+use crate::accel::Hit;
 use crate::ids::MediumId;
 use crate::math::ray::offset_origin;
-use crate::math::{Ray, Vec3};
-use crate::medium::{FreeFlight, Medium, Segment, Stream};
+use crate::math::{LANES, Ray, RayX16, Vec3};
+use crate::medium::{FreeFlight, Medium, Segment};
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
 
 /// A scattering event in a medium.
@@ -15,60 +15,114 @@ pub struct Collision<'a> {
     pub p: Vec3,
     /// The ray parameter.
     pub t: f32,
+    /// The distance from where the ray entered the medium.
+    pub distance: f64,
 }
 
-/// Follows a ray up to the parameter `t_end`, through boundaries of media that do not scatter it. `end` is the surface
-/// at `t_end`, if there is one. `current` is the medium in which the ray starts, and is replaced by the one in which it
-/// ends. Returns the scattering event in a medium, if `flight` ends before.
-pub fn follow<'a>(
-    scene: &Scene,
-    media: &'a SceneMedia,
-    ray: &Ray,
-    (t_end, end): (f32, Option<&SurfaceInteraction>),
-    current: &mut Option<MediumId>,
-    flight: &mut FreeFlight,
-) -> Option<Collision<'a>> {
-    let speed = f64::from(ray.d.length());
-    let mut leg = Ray { t_max: t_end, ..*ray };
-    let mut before = 0.0;
-    loop {
-        let boundary = media.passed(&leg).map(|hit| (hit.t, scene.interaction(&leg, &hit)));
-        let boundary = boundary.filter(|(_, at)| !end.is_some_and(|end| is_reached_first(end, at, ray.d)));
-        let length = boundary.as_ref().map_or(leg.t_max, |(t, _)| *t).max(0.0);
-        let segment = Segment {
-            origin: leg.o,
-            direction: (ray.d.as_dvec3() / speed).as_vec3(),
-            length: f64::from(length) * speed,
-        };
-        let mut flown = |medium: &Medium| flight.advance(medium, &segment);
-        let medium = media.get(*current);
-        if let Some((medium, distance)) = medium.and_then(|medium| Some((medium, flown(medium)?))) {
-            let t = (distance / speed) as f32;
-            let ahead = boundary.as_ref().map(|(_, at)| at).or(end);
-            let p = leg.o + leg.d * t;
-            let p = ahead.map_or(p, |at| before_surface(p, at, ray.d));
-            return Some(Collision { medium, p, t: before + t });
+/// A part of a ray in a medium.
+pub struct Entry<'a> {
+    /// The medium.
+    pub id: MediumId,
+    /// The medium.
+    pub medium: &'a Medium,
+    /// The part of the ray.
+    pub segment: Segment,
+    /// The surface at its end, if there is one.
+    pub ahead: Option<&'a SurfaceInteraction>,
+}
+
+/// A ray on its way through media, from one boundary to the next.
+#[derive(Clone, Copy, Debug)]
+pub struct Journey {
+    /// The medium in which the ray is.
+    pub medium: Option<MediumId>,
+    /// The flight along it.
+    pub flight: FreeFlight,
+    /// The rest of the ray.
+    leg: Ray,
+    /// The ray parameter of its start.
+    before: f32,
+}
+
+impl Journey {
+    /// Starts on a ray in a medium.
+    pub fn new(ray: Ray, medium: Option<MediumId>, flight: FreeFlight) -> Self {
+        Journey { medium, flight, leg: ray, before: 0.0 }
+    }
+
+    /// Goes on to the next `boundary`, unless the surface `end` is reached before. Returns whether the journey goes on;
+    /// if it ends in a medium, `collision` is the event.
+    fn step<'a>(
+        &mut self,
+        scene: &Scene,
+        media: &'a SceneMedia,
+        (boundary, end): (Option<&SurfaceInteraction>, Option<&SurfaceInteraction>),
+        enter: impl FnOnce(&Entry<'_>, &FreeFlight),
+        collision: &mut Option<Collision<'a>>,
+    ) -> bool {
+        let Ray { o, d, t_max, time } = self.leg;
+        let speed = f64::from(d.length());
+        let boundary = boundary.filter(|at| !end.is_some_and(|end| is_reached_first(end, at, d)));
+        if let Some((id, medium)) = self.medium.and_then(|id| Some((id, media.get(Some(id))?))) {
+            let length = boundary.map_or(t_max, |at| at.hit.t).max(0.0);
+            let direction = (d.as_dvec3() / speed).as_vec3();
+            let segment = Segment { origin: o, direction, length: f64::from(length) * speed };
+            let ahead = boundary.or(end);
+            enter(&Entry { id, medium, segment, ahead }, &self.flight);
+            if let Some(distance) = self.flight.advance(medium, &segment) {
+                let t = (distance / speed) as f32;
+                let p = before_end(o + d * t, ahead, d);
+                *collision = Some(Collision { medium, p, t: self.before + t, distance });
+                return false;
+            }
         }
-        let (t, at) = boundary?;
-        *current = media.beside(&at, ray.d, *current);
-        before += t;
-        leg = Ray { t_max: leg.t_max - t, ..scene.spawn_ray(&at, ray.d, ray.time) };
+        let Some(at) = boundary else { return false };
+        self.medium = media.beside(at, d, self.medium);
+        self.before += at.hit.t;
+        self.leg = Ray { t_max: t_max - at.hit.t, ..scene.spawn_ray(at, d, time) };
+        true
     }
 }
 
-/// Returns the transmittance of the media along a ray that starts in `medium`; in heterogeneous media, an unbiased
-/// estimate of it.
-pub fn transmittance(
+/// Follows rays up to the surfaces that `end` returns, or their greatest parameter, through boundaries of media that do
+/// not scatter them. Returns the scattering events in media of those whose flight ends before. `enter` is called for
+/// each part of a ray that is in a medium, before the flight through it.
+pub fn follow<'a, 's>(
     scene: &Scene,
-    media: &SceneMedia,
-    ray: &Ray,
-    medium: Option<MediumId>,
-    random: Stream,
-) -> Rgb {
-    let mut flight = FreeFlight::unscattered(random);
-    let mut current = medium;
-    follow(scene, media, ray, (ray.t_max, None), &mut current, &mut flight);
-    flight.passed()
+    media: &'a SceneMedia,
+    journeys: &mut [Journey],
+    end: impl Fn(usize) -> Option<&'s SurfaceInteraction>,
+    mut enter: impl FnMut(usize, &Entry<'_>, &FreeFlight),
+) -> Vec<Option<Collision<'a>>> {
+    let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
+    let mut active: Vec<usize> = (0..journeys.len()).collect();
+    while !active.is_empty() {
+        let legs: Vec<Ray> = active.iter().map(|&i| journeys[i].leg).collect();
+        let boundaries = surfaces(scene, &legs, &media.passed(&legs));
+        let mut boundaries = boundaries.iter();
+        active.retain(|&i| {
+            let boundary = boundaries.next().and_then(Option::as_ref);
+            let enter = |entry: &Entry<'_>, flight: &FreeFlight| enter(i, entry, flight);
+            journeys[i].step(scene, media, (boundary, end(i)), enter, &mut collisions[i])
+        });
+    }
+    collisions
+}
+
+/// Returns the surface points that rays hit.
+pub fn surfaces(scene: &Scene, rays: &[Ray], hits: &[Option<Hit>]) -> Vec<Option<SurfaceInteraction>> {
+    let mut found: Vec<_> = hits.iter().map(|_| None).collect();
+    let hitting: Vec<usize> = (0..hits.len()).filter(|&i| hits[i].is_some()).collect();
+    for block in hitting.chunks(LANES) {
+        let lane = |k: usize| block[k.min(block.len() - 1)];
+        let of_block: [Ray; LANES] = std::array::from_fn(|k| rays[lane(k)]);
+        let hits: [Hit; LANES] = std::array::from_fn(|k| hits[lane(k)].expect("a hit"));
+        let at = scene.interactions(&RayX16::load(&of_block, 0), &hits);
+        for (k, &i) in block.iter().enumerate() {
+            found[i] = Some(at.lane(k));
+        }
+    }
+    found
 }
 
 /// Returns the unit normal of a surface in the hemisphere of `d`.
@@ -83,9 +137,10 @@ fn is_reached_first(end: &SurfaceInteraction, at: &SurfaceInteraction, d: Vec3) 
     (end.p - behind).dot(normal_along(at, d)) <= 0.0
 }
 
-/// Returns a point on a ray in the direction `d`, which is before the surface `at` but for rounding, such that rays
+/// Returns a point on a ray in the direction `d`, which is before the surface `ahead` but for rounding, such that rays
 /// from it start before the surface.
-fn before_surface(p: Vec3, at: &SurfaceInteraction, d: Vec3) -> Vec3 {
+pub fn before_end(p: Vec3, ahead: Option<&SurfaceInteraction>, d: Vec3) -> Vec3 {
+    let Some(at) = ahead else { return p };
     let n = normal_along(at, d);
     let beyond = (p - offset_origin(at.p, at.error, at.ng, -d)).dot(n);
     if beyond > 0.0 { p - n * beyond } else { p }

@@ -3,17 +3,21 @@
 //! A wave of paths advances one scattering event at a time. The ray of a path goes through boundaries of media that do
 //! not scatter it (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flight`]). At each
 //! event an emitter is sampled, with the transmittance of the media up to it, and a direction, by the BSDF or the phase
-//! function. Both are weighted by the power heuristic ([`event`]). Without media, the integrator is `path`.
+//! function. Both are weighted by the power heuristic ([`event`]). In thin homogeneous media, a third technique samples
+//! points near emitters ([`equiangular`]). Without media, the integrator is `path`.
 
+mod equiangular;
 mod event;
 mod flight;
 
+use self::equiangular::LegPoint;
 use self::event::{EventNumbers, Tracer};
 use super::settings::{PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
-use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
+use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::color::Rgb;
+use crate::emitter::{BoundingSphere, Light};
 use crate::error::{Error, Result};
 use crate::ids::MediumId;
 use crate::math::{Ray, Vec2, Vec3};
@@ -26,6 +30,8 @@ use crate::scene::Scene;
 pub struct VolpathIntegrator {
     limits: PathLimits,
     without_media: PathIntegrator,
+    /// A sphere around each emitter; `None` at infinity.
+    spheres: Vec<Option<BoundingSphere>>,
 }
 
 /// A path up to its last event.
@@ -51,6 +57,8 @@ struct Path {
     depth: u32,
     /// The length of the path's part before the ray, while no event has scattered it.
     passed: f32,
+    /// The point of the last event on the ray before it, if points near emitters were sampled there.
+    on_leg: Option<LegPoint>,
 }
 
 /// A shadow ray and its contribution without the transmittance.
@@ -67,7 +75,8 @@ struct Shadow {
 impl VolpathIntegrator {
     /// Creates the integrator.
     pub fn new(limits: PathLimits) -> Self {
-        VolpathIntegrator { limits, without_media: PathIntegrator::new(PathSettings::independent(limits)) }
+        let without_media = PathIntegrator::new(PathSettings::independent(limits));
+        VolpathIntegrator { limits, without_media, spheres: Vec::new() }
     }
 }
 
@@ -112,6 +121,18 @@ impl Integrator for VolpathIntegrator {
         }
     }
 
+    fn prepares(&self) -> bool {
+        true
+    }
+
+    fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
+        let scene = preparation.scene;
+        if scene.media.as_ref().is_some_and(|media| media.scatters()) {
+            self.spheres = scene.lights.iter().map(Light::bounding_sphere).collect();
+        }
+        Ok(())
+    }
+
     fn li(
         &self,
         scene: &Scene,
@@ -124,7 +145,7 @@ impl Integrator for VolpathIntegrator {
             return self.without_media.li(scene, wave, query, worker, out);
         };
         out.fill(Radiance::NONE);
-        let tracer = Tracer { scene, media, limits: self.limits, query };
+        let tracer = Tracer { scene, media, limits: self.limits, query, spheres: &self.spheres };
         let start = |(slot, (ray, key)): (usize, (&Ray, &SampleKey))| Path {
             key: *key,
             slot,
@@ -136,31 +157,28 @@ impl Integrator for VolpathIntegrator {
             eta: 1.0,
             depth: 0,
             passed: 0.0,
+            on_leg: None,
         };
         let mut paths: Vec<Path> = wave.rays.iter().zip(wave.keys).enumerate().map(start).collect();
-        let (mut next, mut shadows) = (Vec::new(), Vec::new());
-        let mut numbers = WaveNumbers::default();
+        let mut shadows = Vec::new();
+        let has_near = self.spheres.iter().any(Option::is_some);
+        let near_emitter = has_near.then(Default::default);
+        let mut numbers = WaveNumbers { near_emitter, ..WaveNumbers::default() };
         let mut bounce = 0;
         while !paths.is_empty() && self.limits.allows(1) && !worker.interrupt.is_raised() {
+            paths.retain(|path| {
+                // The sample is counted as invalid.
+                let invalid = (!path.beta.is_valid()).then_some(path.beta);
+                out[path.slot].value += invalid.unwrap_or(Rgb::BLACK);
+                invalid.is_none()
+            });
             let coherence = if bounce == 0 { wave.coherence } else { Coherence::Incoherent };
             let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
             intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
             numbers.draw(bounce, &paths, worker);
-            for (i, (path, hit)) in paths.drain(..).zip(&worker.hits).enumerate() {
-                worker.arena.reset();
-                let numbers = numbers.of(i, bounce);
-                let radiance = &mut out[path.slot];
-                next.extend(tracer.event(
-                    path,
-                    hit.as_ref(),
-                    &numbers,
-                    &worker.arena,
-                    &mut shadows,
-                    radiance,
-                ));
-            }
+            let numbers = |i: usize| numbers.of(i, bounce);
+            paths = tracer.events(&paths, &worker.hits, numbers, &mut worker.arena, &mut shadows, out);
             tracer.add_shadows(&mut shadows, coherence, worker, out);
-            std::mem::swap(&mut paths, &mut next);
             bounce += 1;
         }
     }
@@ -175,6 +193,8 @@ struct WaveNumbers {
     direction: [Vec<f32>; 2],
     roulette: Vec<f32>,
     free_flight: [Vec<f32>; 2],
+    /// If there are emitters that are not at infinity.
+    near_emitter: Option<([Vec<f32>; 2], Vec<f32>)>,
 }
 
 impl WaveNumbers {
@@ -185,6 +205,10 @@ impl WaveNumbers {
         self.keys.extend(paths.iter().map(|path| path.key));
         draw_2d(sampler, Dimension::free_flight(bounce), &self.keys, &mut self.free_flight);
         draw_2d(sampler, Dimension::emitter_point(bounce), &self.keys, &mut self.emitter_point);
+        if let Some((point, distance)) = &mut self.near_emitter {
+            draw_2d(sampler, Dimension::emitter_point(bounce).repeat(1), &self.keys, point);
+            draw_1d(sampler, Dimension::equiangular(bounce), &self.keys, distance);
+        }
         draw_1d(sampler, Dimension::bsdf_lobe(bounce), &self.keys, &mut self.lobe);
         draw_2d(sampler, Dimension::bsdf_direction(bounce), &self.keys, &mut self.direction);
         draw_1d(sampler, Dimension::roulette(bounce), &self.keys, &mut self.roulette);
@@ -193,16 +217,17 @@ impl WaveNumbers {
     /// Returns the random numbers of path `i`.
     fn of(&self, i: usize, bounce: u32) -> EventNumbers {
         let key = self.keys[i];
-        let stream = |domain: u32| Stream::new([combine(key.scramble, 2 * bounce + domain), key.index]);
+        let stream = |domain: u32| Stream::new([combine(key.scramble, 3 * bounce + domain), key.index]);
         let pair = |pair: &[Vec<f32>; 2]| Vec2::new(pair[0][i], pair[1][i]);
         EventNumbers {
             free_flight: pair(&self.free_flight),
             emitter_point: pair(&self.emitter_point),
+            near_emitter: self.near_emitter.as_ref().map(|(point, distance)| (pair(point), distance[i])),
             lobe: self.lobe[i],
             direction: pair(&self.direction),
             roulette: self.roulette[i],
             flight_stream: stream(0),
-            shadow_stream: stream(1),
+            shadow_streams: [stream(1), stream(2)],
         }
     }
 }
