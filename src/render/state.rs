@@ -83,11 +83,11 @@ impl RenderState {
             while tiles.next_if(|tile| !tile.rect.overlaps(other.rect)).is_some() {}
             tiles.peek_mut().expect("the region is inside").merge(other);
         }
-        self.elapsed += part.elapsed;
+        self.elapsed = self.elapsed.saturating_add(part.elapsed);
         self.counters.merge(&part.counters);
         self.invalid.extend(part.invalid);
         self.invalid.sort_by_key(|s| (s.y, s.x, s.sample));
-        self.invalid_count += part.invalid_count;
+        self.invalid_count = self.invalid_count.saturating_add(part.invalid_count);
     }
 }
 

@@ -10,6 +10,7 @@ use crate::color::Rgb;
 use crate::emitter::{BoundingSphere, LightSelection};
 use crate::math::{DVec3, Vec3};
 use crate::medium::{FreeFlight, Homogeneous, Segment};
+use crate::sampling::hash::lower_digits;
 
 /// The greatest optical distance of an emitter from the ray, and of the nearest point on the ray from its start. Beyond
 /// them, flights end where the light is as often.
@@ -74,7 +75,8 @@ impl Leg {
     /// Returns the distance of a point for an emitter, and its density per unit length; `None` if the emitter has none.
     pub fn sample(&self, emitter: &BoundingSphere, u: f32) -> Option<(f64, f64)> {
         let angles = self.angles(emitter)?;
-        let angle = angles.first + f64::from(u) * (angles.last - angles.first);
+        let u = f64::from(u) + f64::from(lower_digits(u, self.origin.as_vec3()));
+        let angle = angles.first + u * (angles.last - angles.first);
         let distance = (angles.nearest + angles.apart * angle.tan()).clamp(0.0, self.length);
         Some((distance, angles.density(distance)))
     }
@@ -116,7 +118,8 @@ impl LegPoint {
         pmf: f32,
     ) -> f32 {
         let density = self.leg.density(sphere, self.distance);
-        if density == 0.0 {
+        // An emitter that is never chosen has no density by either.
+        if density == 0.0 || pmf <= 0.0 {
             return 0.0;
         }
         let own = f64::from(selection.pmf(emitter, self.leg.reference())) * density;

@@ -209,7 +209,8 @@ impl Tracer<'_> {
             let pmf = self.selection().pmf(emitter.index(), path.from);
             self.relative_density(&point, emitter.index(), pmf)
         });
-        radiance * power_heuristic_of_three(path.pdf, [other, other * factor])
+        let near = if factor > 0.0 { other * factor } else { 0.0 };
+        radiance * power_heuristic_of_three(path.pdf, [other, near])
     }
 
     /// Returns [`LegPoint::relative_density`] for an emitter; 0 if it is at infinity.
@@ -423,7 +424,8 @@ impl Tracer<'_> {
 /// light with `factor` times the density of the sample.
 fn weighted(sample: &EmitterSample, other: f32, factor: f32) -> Rgb {
     let other = if sample.delta { 0.0 } else { other };
-    let weight = power_heuristic_of_three(sample.pdf, [other, factor * sample.pdf]);
+    let near = if factor > 0.0 { factor * sample.pdf } else { 0.0 };
+    let weight = power_heuristic_of_three(sample.pdf, [other, near]);
     // A direction without density carries nothing.
     if sample.pdf > 0.0 { sample.radiance * (weight / sample.pdf) } else { Rgb::BLACK }
 }

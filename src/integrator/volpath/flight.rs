@@ -77,9 +77,14 @@ impl Journey {
             }
         }
         let Some(at) = boundary else { return false };
+        let next = scene.spawn_ray(at, d, time);
+        // Where the numbers have no step that is small enough, a ray cannot pass the boundary.
+        if next.o == o {
+            return false;
+        }
         self.medium = media.beside(at, d, self.medium);
         self.before += at.hit.t;
-        self.leg = Ray { t_max: t_max - at.hit.t, ..scene.spawn_ray(at, d, time) };
+        self.leg = Ray { t_max: t_max - at.hit.t, ..next };
         true
     }
 }

@@ -112,7 +112,9 @@ fn whole(regions: &[Part<'_>]) -> Result<(PixelRect, Vec<Range<u64>>)> {
 
 /// Joins adjacent ranges of samples, which are in order and come from files.
 fn joined(ranges: Vec<(Range<u64>, &Path)>) -> Result<Vec<Range<u64>>> {
-    if let Some([(other, file), (range, path)]) = ranges.array_windows().find(|[a, b]| b.0.start < a.0.end) {
+    if let Some([(other, file), (range, path)]) =
+        ranges.windows(2).find(|pair| pair[1].0.start < pair[0].0.end)
+    {
         let [ours, theirs] = [range, other].map(|range| list(std::slice::from_ref(range)));
         let why = format!("has the samples {ours}; {} also has {theirs}", file.display());
         return Err(refuse(path, &why));

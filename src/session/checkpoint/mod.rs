@@ -83,7 +83,10 @@ impl Checkpoint {
     }
 }
 
-/// Formats ranges of samples: "0..64, 128..192".
+/// Formats ranges of samples: "0..64, 128..192", or "none".
 pub fn list(ranges: &[Range<u64>]) -> String {
+    if ranges.is_empty() {
+        return "none".into();
+    }
     ranges.iter().map(|range| format!("{}..{}", range.start, range.end)).collect::<Vec<_>>().join(", ")
 }
