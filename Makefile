@@ -92,7 +92,7 @@ test-docs: deps book ## check the links and commands of the documentation, and t
 	cargo run --locked --quiet --example check_book -- out/book
 
 # A tiny bench, for the page's sake; its figures mean nothing. The screenshots stay in out/page.
-test-page: deps ## open pages of `buffon bench` and `buffon render --watch` in headless Chromium, and check that they work
+test-page: deps ## open pages of `bench` and `render --watch` in headless Chromium, and check that they work
 	@.ci/deps chromium
 	@mkdir -p out/page
 	XDG_CACHE_HOME=$(CURDIR)/out/cache cargo run --locked --quiet -- bench scenes/cornell-box/cornell-box.xml --size 64x64 \
