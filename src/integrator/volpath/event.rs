@@ -241,16 +241,20 @@ impl Tracer<'_> {
             let p = before_end(leg.at(distance), entry.ahead, path.ray.d);
             let u = Vec2::new(choice.u, u_emitter.y);
             let Chosen { sample, .. } = self.sample_chosen(path, choice.emitter, choice.pmf, p, u)?;
+            let density = density as f32;
+            // As in `weighted`: what has no density carries nothing.
+            if sample.pdf * density <= 0.0 {
+                return None;
+            }
             let phase = medium.phase.eval(path.ray.d.dot(sample.wi));
             let flights = leg.flight_density(distance) as f32;
             // The densities of the other techniques at this point, relative to the emitter sample.
             let pmf = self.selection().pmf(choice.emitter, p);
             let others =
                 [flights * pmf / choice.pmf, if sample.delta { 0.0 } else { flights * phase / sample.pdf }];
-            let weight = power_heuristic_of_three(density as f32, others);
+            let weight = power_heuristic_of_three(density, others);
             let scattered = flight.passed() * leg.transmittance(distance) * medium.sigma_s;
-            let value =
-                path.beta * scattered * sample.radiance * (phase * weight / (sample.pdf * density as f32));
+            let value = path.beta * scattered * sample.radiance * (phase * weight / (sample.pdf * density));
             let ray = || shadow_ray(p, &sample, path.ray.time);
             push_shadow(shadows, value, ray, Some(entry.id), path.slot, numbers.shadow_streams[1]);
             Some(())
