@@ -1,6 +1,6 @@
 //! The choice of emitters for glossy lobes has no bias, and less noise than the choice by irradiance alone.
 
-use crate::path_reuse::{blocks, expect_same_of, from_xml, limited};
+use crate::path_reuse::{blocks, expect_reference, from_xml, limited, reference};
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{DirectSettings, PathLimits, PathSettings, WhenPays};
 
@@ -54,9 +54,10 @@ fn lobes_do_not_change_the_expectation() {
     for ((name, bsdf), (count, others)) in bsdfs.into_iter().zip(emitters.into_iter().cycle()) {
         let scene = from_xml(&format!("{}{}{others}", floor(&bsdf), lamps(count)), 16);
         let bdpt = Settings::by_name("bdpt", limited(3)).expect("it exists");
+        let reference = reference(&scene, &bdpt, 16, 32);
         for reuse in [WhenPays::Never, WhenPays::Always] {
-            let both = [path(reuse, limited(3)), bdpt.clone()];
-            expect_same_of(&format!("{name}, {count} lamps, reuse {reuse:?}"), &scene, &both, 16, 32);
+            let (name, path) = (format!("{name}, {count} lamps, reuse {reuse:?}"), path(reuse, limited(3)));
+            expect_reference(&name, &scene, &path, &reference, 16, 32);
         }
     }
 }

@@ -79,14 +79,32 @@ fn expect_same(name: &str, scene: &Scene, limits: PathLimits, size: usize, spp: 
     expect_same_of(name, scene, &both, size, spp);
 }
 
+/// The number of images of each way to render a scene.
+const SEEDS: u64 = 48;
+
 /// Asserts the same for two ways to render a scene.
 pub fn expect_same_of(name: &str, scene: &Scene, both: &[Settings; 2], size: usize, spp: u64) {
-    const SEEDS: u64 = 48;
-    let reused = blocks(scene, &both[0], size, 0..SEEDS, spp);
-    let independent = blocks(scene, &both[1], size, SEEDS..2 * SEEDS, spp);
+    expect_reference(name, scene, &both[0], &reference(scene, &both[1], size, spp), size, spp);
+}
+
+/// Returns the blocks with which [`expect_reference`] compares.
+pub fn reference(scene: &Scene, settings: &Settings, size: usize, spp: u64) -> Vec<[f64; 2]> {
+    blocks(scene, settings, size, SEEDS..2 * SEEDS, spp)
+}
+
+/// Asserts the same for a way to render a scene and a reference.
+pub fn expect_reference(
+    name: &str,
+    scene: &Scene,
+    settings: &Settings,
+    reference: &[[f64; 2]],
+    size: usize,
+    spp: u64,
+) {
+    let tested = blocks(scene, settings, size, 0..SEEDS, spp);
     let (mut difference, mut variance) = (0.0, 0.0);
     let mut largest = 0.0f64;
-    for ([a, v], [b, w]) in reused.iter().zip(&independent) {
+    for ([a, v], [b, w]) in tested.iter().zip(reference) {
         (difference, variance) = (difference + a - b, variance + v + w);
         if v + w > 0.0 {
             largest = largest.max((a - b).abs() / (v + w + (3e-5 * b).powi(2)).sqrt());
@@ -94,15 +112,15 @@ pub fn expect_same_of(name: &str, scene: &Scene, both: &[Settings; 2], size: usi
             assert!((a - b).abs() <= 1e-5 * b.abs(), "{name}: {a} {b}");
         }
     }
-    let total: f64 = independent.iter().map(|[b, _]| b).sum();
+    let total: f64 = reference.iter().map(|[b, _]| b).sum();
     let z = difference / variance.sqrt().max(3e-5 * total);
     println!(
         "{name}: mean {:.5}, difference {:+.2e} of it, z {z:.2}, largest block {largest:.2}",
-        total / independent.len() as f64,
+        total / reference.len() as f64,
         difference / total
     );
     // Student's distribution with about 90 degrees of freedom has heavier tails than the normal distribution.
-    assert!(normal_tail(0.92 * largest) > sidak(1e-3, independent.len()), "{name}: block {largest}");
+    assert!(normal_tail(0.92 * largest) > sidak(1e-3, reference.len()), "{name}: block {largest}");
     assert!(z.abs() < 4.0, "{name}: the mean differs by {difference} of {total}, z {z}");
 }
 

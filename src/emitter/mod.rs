@@ -28,7 +28,7 @@ pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
 pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
-pub use selection::{ChoiceX16, Gloss, GlossX16, LightSelection, Receiver, ReceiverX16};
+pub use selection::{ChoiceX16, Cone, Gloss, GlossX16, LightSelection, Receiver, ReceiverX16};
 pub use spot::SpotEmitter;
 pub use start::StartDensity;
 pub use sun::SunEmitter;
@@ -168,6 +168,16 @@ pub struct LightRay {
     pub power: Rgb,
     /// Cosine between the emitting surface's normal and the ray; 1 if there is no surface.
     pub cosine: f32,
+}
+
+/// The points near an emitter that it may light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LitRegion {
+    /// A sphere around the emitter.
+    pub sphere: BoundingSphere,
+    /// The directions from the centre of the sphere to the points; at most half of all directions. `None` if they are
+    /// not bounded.
+    pub cone: Option<Cone>,
 }
 
 /// A sphere around everything that light from infinity can hit, or around an emitter.

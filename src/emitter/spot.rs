@@ -7,7 +7,7 @@ use crate::color::Rgb;
 use crate::math::{DAffine3, Mat3, Ray, Vec2, Vec3};
 use crate::sampling::warp;
 use crate::texture::Texture;
-use std::f32::consts::TAU;
+use std::f32::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 
 /// A point that emits into a cone around its axis. The intensity is constant in the beam and then falls linearly with
@@ -21,6 +21,8 @@ pub struct SpotEmitter {
     texture: Option<Arc<Texture>>,
     cutoff_angle: f32,
     beam_width: f32,
+    /// A tangent beyond which angles are greater than `cutoff_angle`.
+    outside: f32,
 }
 
 impl SpotEmitter {
@@ -44,6 +46,7 @@ impl SpotEmitter {
             texture,
             cutoff_angle,
             beam_width,
+            outside: if cutoff_angle < FRAC_PI_2 { cutoff_angle.tan() * (1.0 + 1e-5) } else { f32::INFINITY },
         }
     }
 
@@ -67,7 +70,12 @@ impl SpotEmitter {
 
     /// Returns the radiant intensity in the local direction `d`, W·sr⁻¹.
     fn intensity(&self, d: Vec3) -> Rgb {
-        let angle = d.x.hypot(d.y).atan2(d.z);
+        // In front, tangents are compared first: most points are outside of the cone.
+        let across = (d.x * d.x + d.y * d.y).sqrt();
+        if d.z > 0.0 && across > self.outside * d.z {
+            return Rgb::BLACK;
+        }
+        let angle = across.atan2(d.z);
         if angle >= self.cutoff_angle {
             return Rgb::BLACK;
         }
@@ -75,6 +83,9 @@ impl SpotEmitter {
             true => 1.0,
             false => (self.cutoff_angle - angle) / (self.cutoff_angle - self.beam_width),
         };
+        if self.texture.is_none() {
+            return self.intensity * falloff;
+        }
         let width = d.z * self.cutoff_angle.tan();
         let uv = Vec2::splat(0.5) + Vec2::new(d.x, d.y) * (0.5 / width);
         textured(self.intensity, self.texture.as_ref(), uv) * falloff

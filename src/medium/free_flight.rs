@@ -171,16 +171,31 @@ impl FreeFlight {
     pub fn scattered(&self, medium: &Medium) -> Rgb {
         let Medium::Homogeneous(medium) = medium else { return self.passed() };
         let sigma_t = medium.sigma_t.to_array().map(f64::from);
-        let density: f64 = (0..3).map(|c| self.choice[c] * sigma_t[c] * (-self.scattering[c]).exp()).sum();
+        let [scattering, total] = self.transmittances();
+        let density: f64 = (0..3).map(|c| self.choice[c] * sigma_t[c] * scattering[c]).sum();
         let sigma_s = medium.sigma_s.to_array().map(f64::from);
-        [0, 1, 2].map(|c| (self.factors[c] * sigma_s[c] * (-self.total[c]).exp() / density) as f32).into()
+        [0, 1, 2].map(|c| (self.factors[c] * sigma_s[c] * total[c] / density) as f32).into()
     }
 
     /// Returns the factor of the throughput if the flight has not ended: the transmittance, divided by the probability.
     pub fn passed(&self) -> Rgb {
-        let probability: f64 = (0..3).map(|c| self.choice[c] * (-self.scattering[c]).exp()).sum();
-        [0, 1, 2].map(|c| (self.factors[c] * (-self.total[c]).exp() / probability) as f32).into()
+        let [scattering, total] = self.transmittances();
+        let probability: f64 = (0..3).map(|c| self.choice[c] * scattering[c]).sum();
+        [0, 1, 2].map(|c| (self.factors[c] * total[c] / probability) as f32).into()
     }
+
+    /// Returns the transmittances over the media that scatter, and over all homogeneous media.
+    fn transmittances(&self) -> [[f64; 3]; 2] {
+        let scattering = exponentials(self.scattering.map(|depth| -depth));
+        let only = self.scattering == self.total;
+        [scattering, if only { scattering } else { exponentials(self.total.map(|depth| -depth)) }]
+    }
+}
+
+/// Returns the exponentials of three numbers, which are often the same.
+pub fn exponentials([a, b, c]: [f64; 3]) -> [f64; 3] {
+    let first = a.exp();
+    [first, if b == a { first } else { b.exp() }, if c == a { first } else { c.exp() }]
 }
 
 /// Returns the optical depth of a length, which may be infinite.

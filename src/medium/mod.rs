@@ -10,7 +10,7 @@ mod phase;
 mod presets;
 mod volume;
 
-pub use free_flight::{FreeFlight, Stream};
+pub use free_flight::{FreeFlight, Stream, exponentials};
 pub use heterogeneous::{Heterogeneous, Segment};
 pub use homogeneous::Homogeneous;
 pub use phase::{Phase, Tabulated};

@@ -4,7 +4,7 @@ use super::{Cone, LightBounds};
 use crate::accel::Instance;
 use crate::color::Rgb;
 use crate::emitter::area::{EmitterSurface, front_of};
-use crate::emitter::{AreaEmitter, BoundingSphere, Light};
+use crate::emitter::{AreaEmitter, BoundingSphere, Light, LitRegion};
 use crate::math::{Bounds, Vec3};
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -28,14 +28,16 @@ impl Light {
         }
     }
 
-    /// Returns a sphere around the emitter; `None` if it is at infinity.
-    pub fn bounding_sphere(&self) -> Option<BoundingSphere> {
-        match self.extent() {
-            Extent::Finite(LightBounds { bounds, .. }) => {
-                Some(BoundingSphere { center: bounds.center(), radius: bounds.radius() })
-            }
-            Extent::Infinite(_) => None,
-        }
+    /// Returns the points that the emitter may light; `None` if it is at infinity.
+    pub fn lit_region(&self) -> Option<LitRegion> {
+        let Extent::Finite(LightBounds { bounds, normals, emission_angle, .. }) = self.extent() else {
+            return None;
+        };
+        let sphere = BoundingSphere { center: bounds.center(), radius: bounds.radius() };
+        let angle = normals.angle + emission_angle;
+        // The light of a point, or that of a plane on one side. Other emitters light more than a cone at their centres.
+        let is_cone = sphere.radius == 0.0 && angle < FRAC_PI_2 || normals.angle == 0.0 && angle == FRAC_PI_2;
+        Some(LitRegion { sphere, cone: is_cone.then_some(Cone { axis: normals.axis, angle }) })
     }
 
     /// Returns the origin of the light.

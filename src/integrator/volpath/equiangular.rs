@@ -2,14 +2,14 @@
 //!
 //! In a thin medium a flight seldom ends near an emitter, where most of the light is scattered. So a ray draws a second
 //! point in the first homogeneous medium that it meets: it chooses an emitter, and a distance such that directions from
-//! the emitter to the point have a uniform angle. The point scatters light of that emitter once; the path does not go
-//! on from it. Its weight is that of the power heuristic over all techniques that find the same light: this one, the
+//! the emitter to the point have a uniform angle, among those into which it emits. The point scatters light of that
+//! emitter once; the path does not go on from it. Its weight is that of the power heuristic over all techniques that find the same light: this one, the
 //! flight with an emitter sample, and the flight with a direction that hits the emitter.
 
 use crate::color::Rgb;
-use crate::emitter::{BoundingSphere, LightSelection};
+use crate::emitter::{Cone, LightSelection, LitRegion};
 use crate::math::{DVec3, Vec3};
-use crate::medium::{FreeFlight, Homogeneous, Segment};
+use crate::medium::{FreeFlight, Homogeneous, Segment, exponentials};
 use crate::sampling::hash::lower_digits;
 
 /// The greatest optical distance of an emitter from the ray, and of the nearest point on the ray from its start. Beyond
@@ -25,13 +25,17 @@ pub struct Leg {
     /// The extinction coefficients, and the probabilities with which a flight is sampled by them.
     sigma_t: [f64; 3],
     choice: [f64; 3],
+    /// An emitter, and its angles.
+    found: Option<(usize, Option<Angles>)>,
 }
 
 /// The point of a leg at which a flight ended.
 #[derive(Clone, Copy, Debug)]
 pub struct LegPoint {
-    leg: Leg,
-    distance: f64,
+    /// The leg.
+    pub leg: Leg,
+    /// The distance of the point from its start.
+    pub distance: f64,
 }
 
 impl Leg {
@@ -43,6 +47,7 @@ impl Leg {
             length: segment.length,
             sigma_t: medium.sigma_t.to_array().map(f64::from),
             choice: flight.choice(),
+            found: None,
         }
     }
 
@@ -59,25 +64,33 @@ impl Leg {
 
     /// Returns the transmittance from the start to a distance.
     pub fn transmittance(&self, distance: f64) -> Rgb {
-        self.sigma_t.map(|sigma| (-sigma * distance).exp() as f32).into()
+        exponentials(self.sigma_t.map(|sigma| -sigma * distance)).map(|t| t as f32).into()
     }
 
     /// Returns the density per unit length with which flights end at a distance.
     pub fn flight_density(&self, distance: f64) -> f64 {
-        (0..3).map(|c| self.choice[c] * self.sigma_t[c] * (-self.sigma_t[c] * distance).exp()).sum()
+        let transmittance = exponentials(self.sigma_t.map(|sigma| -sigma * distance));
+        (0..3).map(|c| self.choice[c] * self.sigma_t[c] * transmittance[c]).sum()
     }
 
     /// Returns the density per unit length of points for an emitter at a distance; 0 if it has none.
-    pub fn density(&self, emitter: &BoundingSphere, distance: f64) -> f64 {
-        self.angles(emitter).map_or(0.0, |angles| angles.density(distance))
+    pub fn density(&self, emitter: usize, region: &LitRegion, distance: f64) -> f64 {
+        let angles = match self.found {
+            Some((found, angles)) if found == emitter => angles,
+            _ => self.angles(region),
+        };
+        angles.map_or(0.0, |angles| angles.density(distance))
     }
 
     /// Returns the distance of a point for an emitter, and its density per unit length; `None` if the emitter has none.
-    pub fn sample(&self, emitter: &BoundingSphere, u: f32) -> Option<(f64, f64)> {
-        let angles = self.angles(emitter)?;
+    pub fn sample(&mut self, emitter: usize, region: &LitRegion, u: f32) -> Option<(f64, f64)> {
+        let angles = self.angles(region);
+        self.found = Some((emitter, angles));
+        let angles = angles?;
         let u = f64::from(u) + f64::from(lower_digits(u, self.origin.as_vec3()));
         let angle = angles.first + u * (angles.last - angles.first);
-        let distance = (angles.nearest + angles.apart * angle.tan()).clamp(0.0, self.length);
+        let distance =
+            (angles.nearest + angles.apart * angle.tan()).clamp(angles.within[0], angles.within[1]);
         Some((distance, angles.density(distance)))
     }
 
@@ -86,7 +99,8 @@ impl Leg {
         self.sigma_t.into_iter().fold(f64::INFINITY, f64::min)
     }
 
-    fn angles(&self, emitter: &BoundingSphere) -> Option<Angles> {
+    fn angles(&self, region: &LitRegion) -> Option<Angles> {
+        let emitter = &region.sphere;
         let to_center = emitter.center.as_dvec3() - self.origin;
         let nearest = to_center.dot(self.direction);
         // The points of an emitter are as far apart as its radius. Rounding moves them, too.
@@ -97,27 +111,40 @@ impl Leg {
         let least = (apart * apart + (nearest - on_leg) * (nearest - on_leg)).sqrt();
         let is_near = self.sigma() * least < FARTHEST[0] && self.sigma() * on_leg < FARTHEST[1];
         let angle = |distance: f64| ((distance - nearest) / apart).atan();
-        let (first, last) = (angle(0.0), angle(self.length));
-        (is_near && apart > 0.0 && first < last).then_some(Angles { nearest, apart, first, last })
+        let (mut first, mut last) = (angle(0.0), angle(self.length));
+        let mut within = [0.0, self.length];
+        if let Some(Cone { axis, angle }) = region.cone.filter(|_| is_near) {
+            let axis = axis.as_dvec3();
+            // At the angle φ, the cosine of the angle to the axis is along·cos φ + across·sin φ.
+            let along = axis.dot(self.direction * nearest - to_center) / apart;
+            let across = axis.dot(self.direction);
+            let middle = across.atan2(along);
+            let half = (f64::from(angle).cos() / along.hypot(across)).min(1.0).acos();
+            if middle - half > first {
+                first = middle - half;
+                within[0] = (nearest + apart * first.tan()).clamp(0.0, self.length);
+            }
+            if middle + half < last {
+                last = middle + half;
+                within[1] = (nearest + apart * last.tan()).clamp(0.0, self.length);
+            }
+        }
+        let has_points = is_near && apart > 0.0 && first < last && within[0] <= within[1];
+        has_points.then_some(Angles { nearest, apart, first, last, within })
     }
 }
 
 impl LegPoint {
-    /// Returns the point of a leg at a distance from its start.
-    pub fn new(leg: Leg, distance: f64) -> Self {
-        LegPoint { leg, distance }
-    }
-
     /// Returns the factor from the density with which this technique chooses the point and the emitter, to that with
     /// which a flight and the choice among the emitters there do. `pmf` is the probability of that choice.
     pub fn relative_density(
         &self,
         selection: &LightSelection,
         emitter: usize,
-        sphere: &BoundingSphere,
+        region: &LitRegion,
         pmf: f32,
     ) -> f32 {
-        let density = self.leg.density(sphere, self.distance);
+        let density = self.leg.density(emitter, region, self.distance);
         // An emitter that is never chosen has no density by either.
         if density == 0.0 || pmf <= 0.0 {
             return 0.0;
@@ -127,7 +154,8 @@ impl LegPoint {
     }
 }
 
-/// The angles from an emitter to the points of a leg, from the perpendicular.
+/// The angles from an emitter to the points of a leg that it may light, from the perpendicular.
+#[derive(Clone, Copy, Debug)]
 struct Angles {
     /// The distance of the nearest point from the start of the ray; negative behind it.
     nearest: f64,
@@ -135,10 +163,15 @@ struct Angles {
     apart: f64,
     first: f64,
     last: f64,
+    /// The distances of these points from the start of the ray.
+    within: [f64; 2],
 }
 
 impl Angles {
     fn density(&self, distance: f64) -> f64 {
+        if !(self.within[0]..=self.within[1]).contains(&distance) {
+            return 0.0;
+        }
         let x = distance - self.nearest;
         self.apart / ((self.last - self.first) * (self.apart * self.apart + x * x))
     }
@@ -147,6 +180,7 @@ impl Angles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::emitter::BoundingSphere;
 
     fn leg(sigma: f64, length: f64) -> Leg {
         Leg {
@@ -155,35 +189,79 @@ mod tests {
             length,
             sigma_t: [sigma; 3],
             choice: [0.5, 0.25, 0.25],
+            found: None,
         }
+    }
+
+    fn region(x: f32, y: f32, radius: f32, cone: Option<Cone>) -> LitRegion {
+        LitRegion { sphere: BoundingSphere { center: Vec3::new(x, y, 1.0), radius }, cone }
+    }
+
+    /// Returns the length on which points are found for an emitter, from its samples.
+    fn length_with_points(leg: &Leg, region: &LitRegion) -> Option<f64> {
+        const N: u32 = 2000;
+        let mut sum = 0.0;
+        for i in 0..N {
+            let mut sampled = *leg;
+            let (distance, density) = sampled.sample(0, region, (i as f32 + 0.5) / N as f32)?;
+            assert!((0.0..=leg.length).contains(&distance));
+            assert!(
+                density == leg.density(0, region, distance)
+                    && density == sampled.density(0, region, distance)
+            );
+            sum += 1.0 / density / f64::from(N);
+        }
+        Some(sum)
     }
 
     #[test]
     fn samples_follow_their_density() {
-        let leg = leg(0.1, 5.0);
         for (x, radius) in [(-1.0, 0.0), (2.0, 0.0), (2.0, 0.5), (7.0, 0.1)] {
-            let sphere = BoundingSphere { center: Vec3::new(x, 0.3, 1.0), radius };
-            const N: u32 = 2000;
-            let mut sum = 0.0;
-            for i in 0..N {
-                let (distance, density) = leg.sample(&sphere, (i as f32 + 0.5) / N as f32).expect("a point");
-                assert!((0.0..=5.0).contains(&distance) && density == leg.density(&sphere, distance));
-                sum += 1.0 / density / f64::from(N);
-            }
             // ∫ 1 = the length.
-            assert!((sum - 5.0).abs() < 1e-3, "{x} {radius}: {sum}");
+            let found = length_with_points(&leg(0.1, 5.0), &region(x, 0.3, radius, None)).expect("points");
+            assert!((found - 5.0).abs() < 1e-3, "{x} {radius}: {found}");
+        }
+    }
+
+    #[test]
+    fn cones_have_all_of_the_points_in_them() {
+        for (x, axis, angle) in [
+            (2.0, Vec3::NEG_Y, 0.4f32),
+            (2.0, Vec3::new(0.6, -0.8, 0.0), 0.3),
+            (2.0, Vec3::new(-0.6, -0.64, 0.48), 0.7),
+            (-1.0, Vec3::X, 0.5),
+            (6.0, Vec3::new(-0.8, -0.6, 0.0), 1.4),
+            (2.0, Vec3::Y, 0.5),
+            (2.0, Vec3::NEG_Y, std::f32::consts::FRAC_PI_2),
+            (2.0, Vec3::X, std::f32::consts::FRAC_PI_2),
+        ] {
+            let region = region(x, 0.3, 0.0, Some(Cone { axis, angle }));
+            let is_lit = |t: f64| {
+                let from = Vec3::new(t as f32 - x, -0.3, 0.0);
+                from.normalize().dot(axis) >= angle.cos()
+            };
+            let expected = (0..50_000).filter(|i| is_lit((f64::from(*i) + 0.5) * 1e-4)).count() as f64 * 1e-4;
+            let found = length_with_points(&leg(0.1, 5.0), &region).unwrap_or(0.0);
+            assert!((found - expected).abs() < 2e-3, "{x} {axis} {angle}: {found}, expected {expected}");
+            for i in 0..500 {
+                let t = (f64::from(i) + 0.5) * 0.01;
+                let is_near_border = [-1e-3, 1e-3].iter().any(|d| is_lit(t + d) != is_lit(t));
+                assert!(is_near_border || (leg(0.1, 5.0).density(0, &region, t) > 0.0) == is_lit(t), "{t}");
+            }
         }
     }
 
     #[test]
     fn far_emitters_have_no_points() {
-        let at = |x: f32, y: f32| BoundingSphere { center: Vec3::new(x, y, 1.0), radius: 0.0 };
-        assert!(leg(1.0, 50.0).sample(&at(3.0, 0.5), 0.5).is_some());
-        assert!(leg(1.0, 50.0).sample(&at(3.0, 1.5), 0.5).is_none());
-        assert!(leg(1.0, 50.0).sample(&at(5.0, 0.5), 0.5).is_none());
+        let sample = |sigma: f64, length: f64, x: f32, y: f32| {
+            leg(sigma, length).sample(0, &region(x, y, 0.0, None), 0.5)
+        };
+        assert!(sample(1.0, 50.0, 3.0, 0.5).is_some());
+        assert!(sample(1.0, 50.0, 3.0, 1.5).is_none());
+        assert!(sample(1.0, 50.0, 5.0, 0.5).is_none());
         // On the ray, and at its start.
         for x in [3.0, 0.0] {
-            let (distance, density) = leg(1.0, f64::INFINITY).sample(&at(x, 0.0), 0.5).expect("a point");
+            let (distance, density) = sample(1.0, f64::INFINITY, x, 0.0).expect("a point");
             assert!(distance >= 0.0 && density.is_finite());
         }
     }

@@ -6,7 +6,7 @@ use super::{Path, Shadow};
 use crate::accel::{Coherence, Hit};
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
-use crate::emitter::{BoundingSphere, EmitterSample, LightSelection, ShadowTarget};
+use crate::emitter::{EmitterSample, LightSelection, LitRegion, ShadowTarget};
 use crate::ids::MediumId;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::{PathLimits, Radiance, RadianceQuery, Worker};
@@ -27,8 +27,19 @@ pub struct Tracer<'a> {
     pub limits: PathLimits,
     /// The light to find.
     pub query: RadianceQuery,
-    /// A sphere around each emitter; `None` at infinity.
-    pub spheres: &'a [Option<BoundingSphere>],
+    /// The points that each emitter may light; `None` at infinity.
+    pub regions: &'a [Option<LitRegion>],
+    /// The points of the last events at which points near emitters were sampled.
+    pub leg_points: &'a [LegPoint],
+}
+
+/// What the events of a wave leave to be done.
+#[derive(Default)]
+pub struct Found {
+    /// The shadow rays.
+    pub shadows: Vec<Shadow>,
+    /// The points of the events at which points near emitters were sampled.
+    pub leg_points: Vec<LegPoint>,
 }
 
 /// The random numbers of an event.
@@ -57,8 +68,8 @@ pub struct EventNumbers {
 enum First {
     /// Not reached yet.
     Ahead,
-    /// Here, and points near emitters are sampled on it.
-    Here(Leg),
+    /// Here, and points near emitters are sampled on it. The index is that of its point.
+    Here(u32),
     /// Reached, and no such points are sampled from here on.
     Behind,
 }
@@ -74,16 +85,19 @@ struct Chosen {
 
 impl Tracer<'_> {
     /// Follows paths to their next events, at the surfaces that `hits` tells if a ray is not scattered before. Adds the
-    /// light that they find and the shadow rays of the events. Returns the paths after the events that go on.
+    /// light that they find to `out`, and shadow rays and points to `found`. Returns the paths after the events that go
+    /// on.
     pub fn events(
         &self,
         paths: &[Path],
         hits: &[Option<Hit>],
         numbers: impl Fn(usize) -> EventNumbers,
         arena: &mut Bump,
-        shadows: &mut Vec<Shadow>,
+        found: &mut Found,
         out: &mut [Radiance],
     ) -> Vec<Path> {
+        let Found { shadows, leg_points } = found;
+        leg_points.clear();
         let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
         let surfaces = surfaces(self.scene, &rays, hits);
         let end = |i: usize| hits[i].as_ref().map_or(f32::INFINITY, |hit| hit.t);
@@ -101,7 +115,13 @@ impl Tracer<'_> {
         let enter = |i: usize, entry: &Entry<'_>, flight: &FreeFlight| {
             if flight.is_sampled() && entry.medium.scatters() {
                 firsts[i] = match firsts[i] {
-                    First::Ahead => self.light_near_emitter(&paths[i], entry, flight, &numbers(i), shadows),
+                    First::Ahead => {
+                        let leg = self.light_near_emitter(&paths[i], entry, flight, &numbers(i), shadows);
+                        leg.map_or(First::Behind, |leg| {
+                            leg_points.push(LegPoint { leg, distance: 0.0 });
+                            First::Here(leg_points.len() as u32 - 1)
+                        })
+                    }
                     First::Here(_) | First::Behind => First::Behind,
                 };
             }
@@ -124,8 +144,27 @@ impl Tracer<'_> {
             }
             arena.reset();
             match collision {
-                Some(collision) => self.scatter_in_medium(path, &collision, firsts[i], &numbers, shadows),
-                None => self.meet_surface(path, surfaces[i].as_ref(), &numbers, arena, shadows, radiance),
+                Some(collision) => {
+                    path.on_leg = None;
+                    if let First::Here(index) = firsts[i] {
+                        leg_points[index as usize].distance = collision.distance;
+                        path.on_leg = Some(index);
+                    }
+                    let leg_point = path.on_leg.map(|index| &leg_points[index as usize]);
+                    self.scatter_in_medium(path, &collision, leg_point, &numbers, shadows)
+                }
+                None => {
+                    let next =
+                        self.meet_surface(path, surfaces[i].as_ref(), &numbers, arena, shadows, radiance);
+                    // A path that passes the surface keeps its last event.
+                    next.map(|mut path| {
+                        path.on_leg = path.on_leg.map(|index| {
+                            leg_points.push(self.leg_points[index as usize]);
+                            leg_points.len() as u32 - 1
+                        });
+                        path
+                    })
+                }
             }
         };
         collisions.into_iter().enumerate().filter_map(arrive).collect()
@@ -207,7 +246,7 @@ impl Tracer<'_> {
         let other = self.scene.emitter_pdf(self.selection(), emitter, path.from, path.ray.o, at);
         let factor = path.on_leg.map_or(0.0, |point| {
             let pmf = self.selection().pmf(emitter.index(), path.from);
-            self.relative_density(&point, emitter.index(), pmf)
+            self.relative_density(&self.leg_points[point as usize], emitter.index(), pmf)
         });
         let near = if factor > 0.0 { other * factor } else { 0.0 };
         radiance * power_heuristic_of_three(path.pdf, [other, near])
@@ -215,12 +254,12 @@ impl Tracer<'_> {
 
     /// Returns [`LegPoint::relative_density`] for an emitter; 0 if it is at infinity.
     fn relative_density(&self, point: &LegPoint, emitter: usize, pmf: f32) -> f32 {
-        let sphere = self.spheres.get(emitter).copied().flatten();
-        sphere.map_or(0.0, |sphere| point.relative_density(self.selection(), emitter, &sphere, pmf))
+        let region = self.regions.get(emitter).and_then(Option::as_ref);
+        region.map_or(0.0, |region| point.relative_density(self.selection(), emitter, region, pmf))
     }
 
-    /// Adds the shadow ray of a point near an emitter in the first medium that scatters, if such points are sampled
-    /// there.
+    /// Adds the shadow ray of a point near an emitter in the first medium that scatters, and returns the part of the ray
+    /// in that medium; `None` if no such points are sampled there.
     fn light_near_emitter(
         &self,
         path: &Path,
@@ -228,16 +267,16 @@ impl Tracer<'_> {
         flight: &FreeFlight,
         numbers: &EventNumbers,
         shadows: &mut Vec<Shadow>,
-    ) -> First {
+    ) -> Option<Leg> {
         let near = numbers.near_emitter.filter(|_| self.query.wants(path.depth + 2));
         let (Some((u_emitter, u_distance)), Medium::Homogeneous(medium)) = (near, entry.medium) else {
-            return First::Behind;
+            return None;
         };
-        let leg = Leg::new(medium, &entry.segment, flight);
+        let mut leg = Leg::new(medium, &entry.segment, flight);
         let mut light = || {
             let choice = self.selection().sample(leg.reference(), u_emitter.x)?;
-            let sphere = self.spheres[choice.emitter]?;
-            let (distance, density) = leg.sample(&sphere, u_distance)?;
+            let region = self.regions[choice.emitter].as_ref()?;
+            let (distance, density) = leg.sample(choice.emitter, region, u_distance)?;
             let p = before_end(leg.at(distance), entry.ahead, path.ray.d);
             let u = Vec2::new(choice.u, u_emitter.y);
             let Chosen { sample, .. } = self.sample_chosen(path, choice.emitter, choice.pmf, p, u)?;
@@ -260,7 +299,7 @@ impl Tracer<'_> {
             Some(())
         };
         light();
-        First::Here(leg)
+        Some(leg)
     }
 
     /// Returns the weighted radiance of the environment and the sun.
@@ -354,19 +393,15 @@ impl Tracer<'_> {
         &self,
         path: Path,
         collision: &Collision<'_>,
-        first: First,
+        leg_point: Option<&LegPoint>,
         numbers: &EventNumbers,
         shadows: &mut Vec<Shadow>,
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase());
-        let on_leg = match first {
-            First::Here(leg) => Some(LegPoint::new(leg, collision.distance)),
-            First::Ahead | First::Behind => None,
-        };
         if let Some(Chosen { emitter, pmf, sample }) = self.sample_emitter(&path, p, numbers) {
             let density = phase.eval(d.dot(sample.wi));
-            let factor = on_leg.map_or(0.0, |point| self.relative_density(&point, emitter, pmf));
+            let factor = leg_point.map_or(0.0, |point| self.relative_density(point, emitter, pmf));
             let value = path.beta * density * weighted(&sample, density, factor);
             let ray = || shadow_ray(p, &sample, time);
             push_shadow(shadows, value, ray, path.medium, path.slot, numbers.shadow_streams[0]);
@@ -377,7 +412,6 @@ impl Tracer<'_> {
             from: p,
             pdf: phase.eval(d.dot(wi)),
             depth: path.depth + 1,
-            on_leg,
             ..path
         };
         self.survivor(next, numbers)

@@ -10,14 +10,13 @@ mod equiangular;
 mod event;
 mod flight;
 
-use self::equiangular::LegPoint;
-use self::event::{EventNumbers, Tracer};
+use self::event::{EventNumbers, Found, Tracer};
 use super::settings::{PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::color::Rgb;
-use crate::emitter::{BoundingSphere, Light};
+use crate::emitter::{Light, LitRegion};
 use crate::error::{Error, Result};
 use crate::ids::MediumId;
 use crate::math::{Ray, Vec2, Vec3};
@@ -30,8 +29,8 @@ use crate::scene::Scene;
 pub struct VolpathIntegrator {
     limits: PathLimits,
     without_media: PathIntegrator,
-    /// A sphere around each emitter; `None` at infinity.
-    spheres: Vec<Option<BoundingSphere>>,
+    /// The points that each emitter may light; `None` at infinity.
+    regions: Vec<Option<LitRegion>>,
 }
 
 /// A path up to its last event.
@@ -57,8 +56,8 @@ struct Path {
     depth: u32,
     /// The length of the path's part before the ray, while no event has scattered it.
     passed: f32,
-    /// The point of the last event on the ray before it, if points near emitters were sampled there.
-    on_leg: Option<LegPoint>,
+    /// The index of the last event's point on the ray before it, if points near emitters were sampled there.
+    on_leg: Option<u32>,
 }
 
 /// A shadow ray and its contribution without the transmittance.
@@ -76,7 +75,7 @@ impl VolpathIntegrator {
     /// Creates the integrator.
     pub fn new(limits: PathLimits) -> Self {
         let without_media = PathIntegrator::new(PathSettings::independent(limits));
-        VolpathIntegrator { limits, without_media, spheres: Vec::new() }
+        VolpathIntegrator { limits, without_media, regions: Vec::new() }
     }
 }
 
@@ -128,7 +127,7 @@ impl Integrator for VolpathIntegrator {
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         let scene = preparation.scene;
         if scene.media.as_ref().is_some_and(|media| media.scatters()) {
-            self.spheres = scene.lights.iter().map(Light::bounding_sphere).collect();
+            self.regions = scene.lights.iter().map(Light::lit_region).collect();
         }
         Ok(())
     }
@@ -145,7 +144,6 @@ impl Integrator for VolpathIntegrator {
             return self.without_media.li(scene, wave, query, worker, out);
         };
         out.fill(Radiance::NONE);
-        let tracer = Tracer { scene, media, limits: self.limits, query, spheres: &self.spheres };
         let start = |(slot, (ray, key)): (usize, (&Ray, &SampleKey))| Path {
             key: *key,
             slot,
@@ -160,10 +158,11 @@ impl Integrator for VolpathIntegrator {
             on_leg: None,
         };
         let mut paths: Vec<Path> = wave.rays.iter().zip(wave.keys).enumerate().map(start).collect();
-        let mut shadows = Vec::new();
-        let has_near = self.spheres.iter().any(Option::is_some);
+        let mut found = Found::default();
+        let has_near = self.regions.iter().any(Option::is_some);
         let near_emitter = has_near.then(Default::default);
         let mut numbers = WaveNumbers { near_emitter, ..WaveNumbers::default() };
+        let mut leg_points = Vec::new();
         let mut bounce = 0;
         while !paths.is_empty() && self.limits.allows(1) && !worker.interrupt.is_raised() {
             paths.retain(|path| {
@@ -177,8 +176,11 @@ impl Integrator for VolpathIntegrator {
             intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
             numbers.draw(bounce, &paths, worker);
             let numbers = |i: usize| numbers.of(i, bounce);
-            paths = tracer.events(&paths, &worker.hits, numbers, &mut worker.arena, &mut shadows, out);
-            tracer.add_shadows(&mut shadows, coherence, worker, out);
+            std::mem::swap(&mut leg_points, &mut found.leg_points);
+            let (limits, regions, leg_points) = (self.limits, &self.regions, &leg_points);
+            let tracer = Tracer { scene, media, limits, query, regions, leg_points };
+            paths = tracer.events(&paths, &worker.hits, numbers, &mut worker.arena, &mut found, out);
+            tracer.add_shadows(&mut found.shadows, coherence, worker, out);
             bounce += 1;
         }
     }
