@@ -28,14 +28,14 @@ pub use environment_map::{EnvMap, EnvMapSample};
 pub use lanes::EmitterSampleX16;
 pub use point::PointEmitter;
 pub use projector::ProjectorEmitter;
-pub use selection::{ChoiceX16, Cone, Gloss, GlossX16, LightSelection, Receiver, ReceiverX16};
+pub use selection::{ChoiceX16, Gloss, GlossX16, LightSelection, Receiver, ReceiverX16};
 pub use spot::SpotEmitter;
 pub use start::StartDensity;
 pub use sun::SunEmitter;
 
 use crate::color::Rgb;
 use crate::ids::TextureId;
-use crate::math::{DAffine3, Ray, Vec2, Vec3, Vec3x16, f32x16};
+use crate::math::{DAffine3, DVec3, Ray, Vec2, Vec3, Vec3x16, f32x16};
 use crate::texture::Texture;
 use std::sync::Arc;
 
@@ -175,9 +175,9 @@ pub struct LightRay {
 pub struct LitRegion {
     /// A sphere around the emitter.
     pub sphere: BoundingSphere,
-    /// The directions from the centre of the sphere to the points; at most half of all directions. `None` if they are
-    /// not bounded.
-    pub cone: Option<Cone>,
+    /// The unit axis and the cosine of the half angle, at most a right one, of the cone from the centre of the sphere
+    /// that contains the points; `None` if they may be anywhere.
+    pub cone: Option<(DVec3, f64)>,
 }
 
 /// A sphere around everything that light from infinity can hit, or around an emitter.

@@ -23,6 +23,8 @@ pub struct SpotEmitter {
     beam_width: f32,
     /// A tangent beyond which angles are greater than `cutoff_angle`.
     outside: f32,
+    /// A tangent up to which angles are less than `beam_width`.
+    inside: f32,
 }
 
 impl SpotEmitter {
@@ -47,6 +49,7 @@ impl SpotEmitter {
             cutoff_angle,
             beam_width,
             outside: if cutoff_angle < FRAC_PI_2 { cutoff_angle.tan() * (1.0 + 1e-5) } else { f32::INFINITY },
+            inside: if beam_width < FRAC_PI_2 { beam_width.tan() * (1.0 - 1e-5) } else { 0.0 },
         }
     }
 
@@ -74,6 +77,9 @@ impl SpotEmitter {
         let across = (d.x * d.x + d.y * d.y).sqrt();
         if d.z > 0.0 && across > self.outside * d.z {
             return Rgb::BLACK;
+        }
+        if across <= self.inside * d.z && self.texture.is_none() {
+            return self.intensity;
         }
         let angle = across.atan2(d.z);
         if angle >= self.cutoff_angle {

@@ -36,8 +36,12 @@ impl Light {
         let sphere = BoundingSphere { center: bounds.center(), radius: bounds.radius() };
         let angle = normals.angle + emission_angle;
         // The light of a point, or that of a plane on one side. Other emitters light more than a cone at their centres.
-        let is_cone = sphere.radius == 0.0 && angle < FRAC_PI_2 || normals.angle == 0.0 && angle == FRAC_PI_2;
-        Some(LitRegion { sphere, cone: is_cone.then_some(Cone { axis: normals.axis, angle }) })
+        let cosine = match angle {
+            angle if angle == FRAC_PI_2 && normals.angle == 0.0 => Some(0.0),
+            angle if angle < FRAC_PI_2 && sphere.radius == 0.0 => Some(f64::from(angle).cos()),
+            _ => None,
+        };
+        Some(LitRegion { sphere, cone: cosine.map(|cosine| (normals.axis.as_dvec3().normalize(), cosine)) })
     }
 
     /// Returns the origin of the light.

@@ -7,7 +7,7 @@
 //! flight with an emitter sample, and the flight with a direction that hits the emitter.
 
 use crate::color::Rgb;
-use crate::emitter::{Cone, LightSelection, LitRegion};
+use crate::emitter::{LightSelection, LitRegion};
 use crate::math::{DVec3, Vec3};
 use crate::medium::{FreeFlight, Homogeneous, Segment, exponentials};
 use crate::sampling::hash::lower_digits;
@@ -110,27 +110,19 @@ impl Leg {
         let on_leg = nearest.clamp(0.0, self.length);
         let least = (apart * apart + (nearest - on_leg) * (nearest - on_leg)).sqrt();
         let is_near = self.sigma() * least < FARTHEST[0] && self.sigma() * on_leg < FARTHEST[1];
-        let angle = |distance: f64| ((distance - nearest) / apart).atan();
-        let (mut first, mut last) = (angle(0.0), angle(self.length));
-        let mut within = [0.0, self.length];
-        if let Some(Cone { axis, angle }) = region.cone.filter(|_| is_near) {
-            let axis = axis.as_dvec3();
-            // At the angle φ, the cosine of the angle to the axis is along·cos φ + across·sin φ.
-            let along = axis.dot(self.direction * nearest - to_center) / apart;
-            let across = axis.dot(self.direction);
-            let middle = across.atan2(along);
-            let half = (f64::from(angle).cos() / along.hypot(across)).min(1.0).acos();
-            if middle - half > first {
-                first = middle - half;
-                within[0] = (nearest + apart * first.tan()).clamp(0.0, self.length);
-            }
-            if middle + half < last {
-                last = middle + half;
-                within[1] = (nearest + apart * last.tan()).clamp(0.0, self.length);
-            }
+        if !(is_near && apart > 0.0) {
+            return None;
         }
-        let has_points = is_near && apart > 0.0 && first < last && within[0] <= within[1];
-        has_points.then_some(Angles { nearest, apart, first, last, within })
+        let [mut start, mut end] = [0.0, self.length];
+        if let Some(cone) = region.cone {
+            let [least, greatest] =
+                lit_tangents(cone, self.direction, (self.direction * nearest - to_center) / apart)?;
+            start = (nearest + apart * least).max(start);
+            end = (nearest + apart * greatest).min(end);
+        }
+        let angle = |distance: f64| ((distance - nearest) / apart).atan();
+        let (first, last) = (angle(start), angle(end));
+        (start <= end && first < last).then_some(Angles { nearest, apart, first, last, within: [start, end] })
     }
 }
 
@@ -152,6 +144,28 @@ impl LegPoint {
         let own = f64::from(selection.pmf(emitter, self.leg.reference())) * density;
         (own / (f64::from(pmf) * self.leg.flight_density(self.distance))) as f32
     }
+}
+
+/// Returns the bounds of the tangents of the angles at which a line in the direction `d` is in a cone, seen from its
+/// apex. Angles are from the perpendicular `foot` to the line, whose length is at most 1: it is the unit of distances.
+fn lit_tangents((axis, cosine): (DVec3, f64), d: DVec3, foot: DVec3) -> Option<[f64; 2]> {
+    // At the angle φ, the cosine of the angle to the axis is along·cos φ + across·sin φ = r·cos (φ − middle).
+    let (along, across) = (axis.dot(foot), axis.dot(d));
+    let r = (along * along + across * across).sqrt();
+    if r <= cosine {
+        return None;
+    }
+    let (cos, sin) = (along / r, across / r);
+    let half_cos = cosine / r;
+    let half_sin = (1.0 - half_cos * half_cos).max(0.0).sqrt();
+    let least = [cos * half_cos + sin * half_sin, sin * half_cos - cos * half_sin];
+    let greatest = [cos * half_cos - sin * half_sin, sin * half_cos + cos * half_sin];
+    // The half is at most a right angle. So a border behind the apex is on the side of the middle, or no point is lit.
+    let tangent = |[cos, sin]: [f64; 2], beyond: f64| match cos > 0.0 {
+        true => Some(sin / cos),
+        false => (sin * beyond > 0.0).then_some(beyond),
+    };
+    Some([tangent(least, f64::NEG_INFINITY)?, tangent(greatest, f64::INFINITY)?])
 }
 
 /// The angles from an emitter to the points of a leg that it may light, from the perpendicular.
@@ -193,7 +207,7 @@ mod tests {
         }
     }
 
-    fn region(x: f32, y: f32, radius: f32, cone: Option<Cone>) -> LitRegion {
+    fn region(x: f32, y: f32, radius: f32, cone: Option<(DVec3, f64)>) -> LitRegion {
         LitRegion { sphere: BoundingSphere { center: Vec3::new(x, y, 1.0), radius }, cone }
     }
 
@@ -226,18 +240,20 @@ mod tests {
     #[test]
     fn cones_have_all_of_the_points_in_them() {
         for (x, axis, angle) in [
-            (2.0, Vec3::NEG_Y, 0.4f32),
+            (2.0, Vec3::NEG_Y, 0.4f64),
             (2.0, Vec3::new(0.6, -0.8, 0.0), 0.3),
             (2.0, Vec3::new(-0.6, -0.64, 0.48), 0.7),
             (-1.0, Vec3::X, 0.5),
             (6.0, Vec3::new(-0.8, -0.6, 0.0), 1.4),
             (2.0, Vec3::Y, 0.5),
-            (2.0, Vec3::NEG_Y, std::f32::consts::FRAC_PI_2),
-            (2.0, Vec3::X, std::f32::consts::FRAC_PI_2),
+            (2.0, Vec3::NEG_Y, std::f64::consts::FRAC_PI_2),
+            (2.0, Vec3::X, std::f64::consts::FRAC_PI_2),
+            (2.0, Vec3::new(0.8, 0.6, 0.0), 1.5),
         ] {
-            let region = region(x, 0.3, 0.0, Some(Cone { axis, angle }));
+            let axis = axis.as_dvec3();
+            let region = region(x, 0.3, 0.0, Some((axis, angle.cos())));
             let is_lit = |t: f64| {
-                let from = Vec3::new(t as f32 - x, -0.3, 0.0);
+                let from = DVec3::new(t - f64::from(x), -0.3, 0.0);
                 from.normalize().dot(axis) >= angle.cos()
             };
             let expected = (0..50_000).filter(|i| is_lit((f64::from(*i) + 0.5) * 1e-4)).count() as f64 * 1e-4;
