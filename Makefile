@@ -4,7 +4,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help deps demo test test-all test-rest rust-alone agreement claims test-page test-farm fuzz memcheck lint
+.PHONY: help deps demo test test-all test-rest rust-alone agreement longest test-page test-farm fuzz memcheck lint
 .PHONY: bench bench-check scenes book gallery test-docs shell-files deb static wheel test-python lint-workflows clean
 
 # Rust's installer puts cargo here; the shell of a CI system may lack it in its PATH.
@@ -22,6 +22,9 @@ SPEED := scenes/speed/lights-10000.xml
 RUST_ALONE := -p buffon --no-default-features
 # Without the examples, which clippy compiles, and which take minutes to build.
 TESTS := --locked --workspace --lib --bins --tests
+# Each of these takes most of a minute or more, and they have company in what they test.
+LONGEST := a_hundred_renders_are_killed a_hundred_thousand_lamps a_seed_decides_the_numbers every_experiment_runs \
+    irradiance_from_beforehand light_does_not_pass_below_a_wall_with_millions pictures_of_more_seeds refuted_with_any_seed
 # What is tested with both: traversal, images, and the command line over them.
 TWICE := parity watertight self_intersection image_ texture_files cli:: determinism own_scenes plugins:: memory
 
@@ -59,12 +62,12 @@ test: lint ## what must hold, in minutes
 
 # The tests marked `ignore`, the tests of what depends on the libraries without these, random scenes on which all
 # estimators must agree, and the experiments with many seeds.
-test-all: test test-docs test-rest rust-alone agreement claims test-python lint-workflows ## everything that must hold
+test-all: test test-docs test-rest rust-alone agreement longest test-python lint-workflows ## everything that must hold
 
 test-rest: deps
 	@.ci/deps parallel
 	cargo clippy --locked $(RUST_ALONE) --all-targets -- -D warnings
-	cargo test $(TESTS) -- --ignored --skip refuted_with_any_seed
+	cargo test $(TESTS) -- --ignored $(LONGEST:%=--skip %)
 	cargo test --locked $(RUST_ALONE) --test tests -- --include-ignored $(TWICE)
 
 # `make test` runs nearly the same code, so continuous integration does without these.
@@ -72,8 +75,8 @@ rust-alone: deps ## run the unit tests and build the documentation of Buffon wit
 	cargo test --locked $(RUST_ALONE) --lib
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked $(RUST_ALONE) --no-deps
 
-claims: deps ## run the experiments of `buffon lab` with many seeds: no true claim may be refuted
-	cargo test --locked -p buffon --test tests -- --ignored refuted_with_any_seed
+longest: deps ## run the tests that take longest, and the experiments of `buffon lab` with many seeds
+	cargo test --locked -p buffon --test tests -- --ignored $(LONGEST)
 
 agreement: deps ## compare all estimators on 300 random scenes
 	cargo run --release --locked --quiet --example agreement -- 300
