@@ -1,11 +1,14 @@
 //! glTF files: the loaded description.
 
 use crate::support::gltf::{Model, data_uri, load_bytes, png};
+use crate::support::scenes;
+use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::loader::{LoadOptions, Loaded, load};
 use buffon::material::{Input, Mask, Material, MaterialPoint, Materials, NormalMap};
 use buffon::math::{DAffine3, DVec3, Frame, Vec2, Vec3};
+use buffon::sampling::SamplerKind;
 use buffon::scene::description::PlacedShape;
 use buffon::sensor::{FovAxis, Projection};
 use buffon::shape::{Mesh, Shape};
@@ -183,6 +186,70 @@ fn metal_and_roughness_become_the_principled_model() {
     assert!(matches!(material(&plain), Material::TwoSided(_)));
     assert_eq!(principled(&plain).metallic, Input::Constant(1.0));
     assert_eq!(principled(&plain).eta, 1.5);
+}
+
+/// Returns two squares that face away from each other, of one mesh or of two: the faces of a pane of thickness 1/2.
+fn pane(meshes: [usize; 2], volume: serde_json::Value) -> Model {
+    let mut model = Model::new(json!([
+        { "mesh": meshes[0] },
+        { "mesh": meshes[1], "translation": [0, 0, -0.5], "rotation": [0, 1, 0, 0] },
+        { "camera": 0, "translation": [0, 0, 5] }
+    ]));
+    let perspective = json!({ "yfov": 0.01, "aspectRatio": 1.0, "znear": 0.25, "zfar": 50.0 });
+    model.add("cameras", json!({ "type": "perspective", "perspective": perspective }));
+    let material = model.add(
+        "materials",
+        json!({
+            "pbrMetallicRoughness": { "metallicFactor": 0, "roughnessFactor": 0 },
+            "extensions": {
+                "KHR_materials_transmission": { "transmissionFactor": 1 },
+                "KHR_materials_volume": volume
+            }
+        }),
+    );
+    for _ in 0..=meshes[1] {
+        let mut square = model.square();
+        square["material"] = json!(material);
+        model.mesh(square);
+    }
+    model
+}
+
+/// In a white environment, a pane of the reflectance F that lets the share T pass once has the radiance
+/// F + (1 − F)² T / (1 − F T).
+#[test]
+fn bodies_that_transmit_light_absorb_it() {
+    let volume =
+        json!({ "thicknessFactor": 1, "attenuationDistance": 0.5, "attenuationColor": [0.5, 0.25, 1.0] });
+    for meshes in [[0, 1], [0, 0]] {
+        let mut loaded = pane(meshes, volume.clone()).loaded();
+        assert!(loaded.approximations.is_empty() && loaded.warnings.is_empty(), "{loaded:?}");
+        let film = &mut loaded.description.sensors[0].film;
+        (film.width, film.height) = (8, 8);
+        let settings = loaded.integrator.clone();
+        let scene = scenes::compiled(loaded.description, AccelKind::default());
+        let rendered = scenes::render(&scene, &settings, SamplerKind::Sobol, 256, 0);
+        let (mean, _) = scenes::mean(&rendered);
+        for (found, t) in mean.into_iter().zip([0.5, 0.25, 1.0]) {
+            let f = 0.04;
+            let expected = f + (1.0 - f) * (1.0 - f) * t / (1.0 - f * t);
+            assert!((found - expected).abs() < 0.01, "{meshes:?}: {mean:?}, expected {expected}");
+        }
+    }
+}
+
+#[test]
+fn thin_walls_and_clear_bodies_absorb_nothing() {
+    for (volume, notes) in [
+        (json!({ "attenuationDistance": 0.5, "attenuationColor": [0.5, 0.25, 1.0] }), [1, 0]),
+        (json!({ "thicknessFactor": 1 }), [0, 0]),
+        (json!({ "thicknessFactor": 1, "attenuationDistance": 2 }), [0, 0]),
+        (json!({ "thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [2, 1, 1] }), [0, 1]),
+    ] {
+        let mut loaded = pane([0, 1], volume).loaded();
+        assert!(loaded.description.media.is_empty() && loaded.integrator.path_mut().is_some());
+        assert_eq!([loaded.approximations.len(), loaded.warnings.len()], notes, "{:?}", loaded.warnings);
+    }
 }
 
 #[test]

@@ -5,8 +5,9 @@ use super::meshes::{ALPHA, COLOR};
 use super::textures::{Plane, TextureUse};
 use crate::color::Rgb;
 use crate::error::Result;
-use crate::ids::MaterialId;
+use crate::ids::{MaterialId, MediumId};
 use crate::material::{Bending, Input, Mask, NormalMap, Principled, TwoSided};
+use crate::medium::{Homogeneous, Medium, MediumBoundary, Phase};
 use crate::texture::{Adjusted, MeshAttribute, Texture};
 use gltf::material::AlphaMode;
 use std::sync::Arc;
@@ -25,6 +26,8 @@ pub struct Surface {
     pub emission: Option<Input<Rgb>>,
     /// The set of texture coordinates that the textures use.
     pub uv_set: u32,
+    /// The medium behind it.
+    pub boundary: MediumBoundary,
 }
 
 /// The vertex colours of a primitive.
@@ -57,6 +60,7 @@ impl Builder<'_> {
         let emission = self.emission(material, &thing)?;
         let principled = self.principled(material, vertex, &thing)?;
         let transmits = principled.spec_trans != Input::Constant(0.0);
+        let boundary = if transmits { self.volume(material, &thing) } else { MediumBoundary::default() };
         let mut id = self.loaded.description.add_material(Box::new(principled));
         if let Some(normals) = material.normal_texture() {
             id = self.normal_map(&normals, id)?;
@@ -70,7 +74,7 @@ impl Builder<'_> {
         let name = material.name().unwrap_or_default();
         let material = self.mask(material, vertex, id)?;
         self.loaded.description.name_material(material, name);
-        let surface = Surface { material, emission, uv_set };
+        let surface = Surface { material, emission, uv_set, boundary };
         self.surfaces.insert(key, surface);
         Ok(surface)
     }
@@ -124,7 +128,7 @@ impl Builder<'_> {
                 transmission.push(self.bitmap(&TextureUse::new(&info), Plane::Channel(0))?);
             }
         }
-        if factor > 0.0 {
+        if factor > 0.0 && !is_solid(material) {
             self.approximate(
                 "light that is transmitted is refracted, as by solid bodies: walls are not taken as thin",
             );
@@ -144,6 +148,28 @@ impl Builder<'_> {
             clearcoat: zero,
             clearcoat_gloss: zero,
         })
+    }
+
+    /// Returns the medium behind a surface that transmits light: it absorbs. [KHR_materials_volume]
+    fn volume(&mut self, material: &gltf::Material<'_>, thing: &str) -> MediumBoundary {
+        let Some(volume) = material.volume().filter(|_| is_solid(material)) else {
+            return MediumBoundary::default();
+        };
+        let (color, distance) = (Rgb::from(volume.attenuation_color()), volume.attenuation_distance());
+        if !color.is_valid() || color.max_component() > 1.0 || distance.is_nan() || distance <= 0.0 {
+            let message = "expected an attenuation colour from 0 to 1 and a distance greater than 0: nothing is absorbed";
+            self.warn(thing, message);
+            return MediumBoundary::default();
+        }
+        // The colour is what the distance lets through. Black would be an infinite coefficient.
+        let sigma_t = color.map(|c| -c.max(f32::MIN_POSITIVE).ln() / distance);
+        if sigma_t.is_black() || !sigma_t.is_valid() {
+            return MediumBoundary::default();
+        }
+        let media = &mut self.loaded.description.media;
+        let medium = Homogeneous { sigma_t, sigma_s: Rgb::BLACK, phase: Phase::Isotropic };
+        media.push(Medium::Homogeneous(medium));
+        MediumBoundary { interior: Some(MediumId::from(media.len() - 1)), exterior: None }
     }
 
     /// Returns the index of refraction.
@@ -239,6 +265,11 @@ impl Builder<'_> {
         self.note("emission, in nits, is taken as radiance in W/(m² sr), number for number");
         Ok(Some(self.product(textures, factor)))
     }
+}
+
+/// Returns whether the material is that of solid bodies, not that of thin walls. [KHR_materials_volume]
+fn is_solid(material: &gltf::Material<'_>) -> bool {
+    material.volume().is_some_and(|volume| volume.thickness_factor() > 0.0)
 }
 
 /// Clamps a number to [0, 1].

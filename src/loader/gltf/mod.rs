@@ -15,8 +15,9 @@ mod uri;
 use super::{Loaded, framing};
 use crate::error::Result;
 use crate::image::{TextureImage, TextureLayers};
+use crate::integrator::Settings;
+use crate::integrator::settings::PathLimits;
 use crate::math::{DAffine3, DMat4, DQuat, DVec3};
-use crate::medium::MediumBoundary;
 use crate::memory::Budget;
 use crate::scene::description::{Description, PlacedGroup, PlacedShape};
 use crate::shape::Shape;
@@ -240,7 +241,7 @@ impl Builder<'_> {
                     flip_normals: false,
                     material: surface.material,
                     emission: surface.emission,
-                    boundary: MediumBoundary::default(),
+                    boundary: surface.boundary,
                 });
             }
         }
@@ -295,8 +296,11 @@ fn viewer(to_world: &DAffine3) -> Option<DAffine3> {
     Some(framing::frame(to_world.translation, left, direction))
 }
 
-/// Adds an emitter and a camera to a scene without one.
+/// Adds an emitter and a camera to a scene without one, and the integrator for media to a scene with any.
 fn complete(loaded: &mut Loaded, file: &File) -> Result<()> {
+    if !loaded.description.media.is_empty() {
+        loaded.integrator = Settings::Volpath(PathLimits::default());
+    }
     let Description { shapes, emitters, sensors, .. } = &loaded.description;
     let (lacks_emitter, lacks_sensor) =
         (emitters.is_empty() && shapes.iter().all(|s| s.emission.is_none()), sensors.is_empty());
