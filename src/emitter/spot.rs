@@ -78,7 +78,7 @@ impl SpotEmitter {
         if d.z > 0.0 && across > self.outside * d.z {
             return Rgb::BLACK;
         }
-        if across <= self.inside * d.z && self.texture.is_none() {
+        if d.z > 0.0 && across <= self.inside * d.z && self.texture.is_none() {
             return self.intensity;
         }
         let angle = across.atan2(d.z);

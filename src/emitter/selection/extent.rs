@@ -38,7 +38,7 @@ impl Light {
         // The light of a point, or that of a plane on one side. Other emitters light more than a cone at their centres.
         let cosine = match angle {
             angle if angle == FRAC_PI_2 && normals.angle == 0.0 => Some(0.0),
-            angle if angle < FRAC_PI_2 && sphere.radius == 0.0 => Some(f64::from(angle).cos()),
+            angle if angle <= FRAC_PI_2 && sphere.radius == 0.0 => Some(f64::from(angle).cos().max(0.0)),
             _ => None,
         };
         Some(LitRegion { sphere, cone: cosine.map(|cosine| (normals.axis.as_dvec3().normalize(), cosine)) })

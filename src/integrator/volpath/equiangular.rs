@@ -3,8 +3,9 @@
 //! In a thin medium a flight seldom ends near an emitter, where most of the light is scattered. So a ray draws a second
 //! point in the first homogeneous medium that it meets: it chooses an emitter, and a distance such that directions from
 //! the emitter to the point have a uniform angle, among those into which it emits. The point scatters light of that
-//! emitter once; the path does not go on from it. Its weight is that of the power heuristic over all techniques that find the same light: this one, the
-//! flight with an emitter sample, and the flight with a direction that hits the emitter.
+//! emitter once; the path does not go on from it. Its weight is that of the power heuristic over all techniques that
+//! find the same light: this one, the flight with an emitter sample, and the flight with a direction that hits the
+//! emitter.
 
 use crate::color::Rgb;
 use crate::emitter::{LightSelection, LitRegion};
@@ -160,10 +161,12 @@ fn lit_tangents((axis, cosine): (DVec3, f64), d: DVec3, foot: DVec3) -> Option<[
     let half_sin = (1.0 - half_cos * half_cos).max(0.0).sqrt();
     let least = [cos * half_cos + sin * half_sin, sin * half_cos - cos * half_sin];
     let greatest = [cos * half_cos - sin * half_sin, sin * half_cos + cos * half_sin];
-    // The half is at most a right angle. So a border behind the apex is on the side of the middle, or no point is lit.
+    // The half is at most a right angle. So a border behind the apex is beyond the end of the line on the side of the
+    // middle. A line across the axis is on neither side.
+    let reaches = |beyond: f64| if across == 0.0 { along > 0.0 } else { across * beyond > 0.0 };
     let tangent = |[cos, sin]: [f64; 2], beyond: f64| match cos > 0.0 {
         true => Some(sin / cos),
-        false => (sin * beyond > 0.0).then_some(beyond),
+        false => reaches(beyond).then_some(beyond),
     };
     Some([tangent(least, f64::NEG_INFINITY)?, tangent(greatest, f64::INFINITY)?])
 }
@@ -239,22 +242,29 @@ mod tests {
 
     #[test]
     fn cones_have_all_of_the_points_in_them() {
-        for (x, axis, angle) in [
-            (2.0, Vec3::NEG_Y, 0.4f64),
-            (2.0, Vec3::new(0.6, -0.8, 0.0), 0.3),
-            (2.0, Vec3::new(-0.6, -0.64, 0.48), 0.7),
-            (-1.0, Vec3::X, 0.5),
-            (6.0, Vec3::new(-0.8, -0.6, 0.0), 1.4),
-            (2.0, Vec3::Y, 0.5),
-            (2.0, Vec3::NEG_Y, std::f64::consts::FRAC_PI_2),
-            (2.0, Vec3::X, std::f64::consts::FRAC_PI_2),
-            (2.0, Vec3::new(0.8, 0.6, 0.0), 1.5),
+        let right = std::f64::consts::FRAC_PI_2;
+        for (x, axis, angle, radius) in [
+            (2.0, Vec3::NEG_Y, 0.4, 0.0),
+            (2.0, Vec3::new(0.6, -0.8, 0.0), 0.3, 0.0),
+            (2.0, Vec3::new(-0.6, -0.64, 0.48), 0.7, 0.0),
+            (-1.0, Vec3::X, 0.5, 0.0),
+            (6.0, Vec3::new(-0.8, -0.6, 0.0), 1.4, 0.0),
+            (2.0, Vec3::Y, 0.5, 0.0),
+            (2.0, Vec3::new(0.8, 0.6, 0.0), 1.5, 0.0),
+            (2.0, Vec3::new(-0.8, 0.6, 0.0), 1.5, 0.0),
+            // Half-spaces: the nearest point is in front, behind, and on the border.
+            (2.0, Vec3::NEG_Y, right, 0.0),
+            (2.0, Vec3::Y, right, 0.0),
+            (2.0, Vec3::X, right, 0.0),
+            (2.0, Vec3::new(0.6, 0.8, 0.0), right, 0.4),
+            (2.0, Vec3::new(-0.6, 0.8, 0.0), right, 0.4),
+            (2.0, Vec3::new(0.6, -0.8, 0.0), right, 0.4),
         ] {
-            let axis = axis.as_dvec3();
-            let region = region(x, 0.3, 0.0, Some((axis, angle.cos())));
+            let (axis, cosine) = (axis.as_dvec3(), if angle == right { 0.0 } else { f64::cos(angle) });
+            let region = region(x, 0.3, radius, Some((axis, cosine)));
             let is_lit = |t: f64| {
                 let from = DVec3::new(t - f64::from(x), -0.3, 0.0);
-                from.normalize().dot(axis) >= angle.cos()
+                from.normalize().dot(axis) >= cosine
             };
             let expected = (0..50_000).filter(|i| is_lit((f64::from(*i) + 0.5) * 1e-4)).count() as f64 * 1e-4;
             let found = length_with_points(&leg(0.1, 5.0), &region).unwrap_or(0.0);

@@ -258,8 +258,8 @@ impl Tracer<'_> {
         region.map_or(0.0, |region| point.relative_density(self.selection(), emitter, region, pmf))
     }
 
-    /// Adds the shadow ray of a point near an emitter in the first medium that scatters, and returns the part of the ray
-    /// in that medium; `None` if no such points are sampled there.
+    /// Adds the shadow ray of a point near an emitter in the first medium that scatters, and returns the part of the
+    /// ray in that medium; `None` if no such points are sampled there.
     fn light_near_emitter(
         &self,
         path: &Path,
