@@ -246,7 +246,7 @@ fn thin_walls_and_clear_bodies_absorb_nothing() {
         (json!({ "thicknessFactor": 1, "attenuationDistance": 2 }), [0, 0]),
         (json!({ "thicknessFactor": 1, "attenuationDistance": 2, "attenuationColor": [2, 1, 1] }), [0, 1]),
     ] {
-        let mut loaded = pane([0, 1], volume).loaded();
+        let mut loaded = pane([0, 1], volume).load().expect("the scene loads");
         assert!(loaded.description.media.is_empty() && loaded.integrator.path_mut().is_some());
         assert_eq!([loaded.approximations.len(), loaded.warnings.len()], notes, "{:?}", loaded.warnings);
     }
