@@ -144,7 +144,7 @@ $(SPEED): examples/speed_scenes.rs | deps
 book: $(MDBOOK) ## build the documentation as a book with search: out/book/index.html
 	rm -rf out/book-src out/book
 	@mkdir -p out/book-src
-	cp --parents $$(find *.md LICENSE-* docs scenes -name '*.md' -o -name 'LICENSE-*' -o -path 'docs/*' -type f \
+	cp --parents $$(find *.md LICENSE-* docs scenes python/README.md -name '*.md' -o -name 'LICENSE-*' -o -path 'docs/*' -type f \
 	    -o -path 'scenes/*.xml' -o -path 'scenes/*.toml') out/book-src
 	mv out/book-src/docs/book.toml out/book-src
 	sed -e 's|](\.\./|](|' -e t -e 's|](|](docs/|' docs/SUMMARY.md >out/book-src/SUMMARY.md
