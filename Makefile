@@ -22,9 +22,10 @@ SPEED := scenes/speed/lights-10000.xml
 RUST_ALONE := -p buffon --no-default-features
 # Without the examples, which clippy compiles, and which take minutes to build.
 TESTS := --locked --workspace --lib --bins --tests
-# Each of these takes most of a minute or more, and they have company in what they test.
+# Tests that take too long for continuous integration.
 LONGEST := a_hundred_renders_are_killed a_hundred_thousand_lamps a_seed_decides_the_numbers every_experiment_runs \
-    irradiance_from_beforehand light_does_not_pass_below_a_wall_with_millions pictures_of_more_seeds refuted_with_any_seed
+    irradiance_from_beforehand light_does_not_pass_below_a_wall_with_millions pictures_of_more_seeds \
+    refuted_with_any_seed
 # What is tested with both: traversal, images, and the command line over them.
 TWICE := parity watertight self_intersection image_ texture_files cli:: determinism own_scenes plugins:: memory
 
@@ -144,7 +145,8 @@ $(SPEED): examples/speed_scenes.rs | deps
 book: $(MDBOOK) ## build the documentation as a book with search: out/book/index.html
 	rm -rf out/book-src out/book
 	@mkdir -p out/book-src
-	cp --parents $$(find *.md LICENSE-* docs scenes python/README.md -name '*.md' -o -name 'LICENSE-*' -o -path 'docs/*' -type f \
+	cp --parents $$(find *.md LICENSE-* docs scenes python/README.md \
+	    -name '*.md' -o -name 'LICENSE-*' -o -path 'docs/*' -type f \
 	    -o -path 'scenes/*.xml' -o -path 'scenes/*.toml') out/book-src
 	mv out/book-src/docs/book.toml out/book-src
 	sed -e 's|](\.\./|](|' -e t -e 's|](|](docs/|' docs/SUMMARY.md >out/book-src/SUMMARY.md

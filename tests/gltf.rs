@@ -238,6 +238,24 @@ fn bodies_that_transmit_light_absorb_it() {
     }
 }
 
+/// Only `volpath` renders media: with another integrator the user is told.
+#[test]
+fn bodies_that_absorb_nothing_because_of_the_integrator_are_noted() {
+    let volume =
+        json!({ "thicknessFactor": 1, "attenuationDistance": 0.5, "attenuationColor": [0.5, 0.25, 1.0] });
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("pane.gltf");
+    std::fs::write(&path, pane([0, 1], volume).text()).expect("the file is written");
+    for (integrator, noted) in
+        [(None, false), (Some("volpath"), false), (Some("auto"), false), (Some("path"), true)]
+    {
+        let options = LoadOptions { integrator: integrator.map(str::to_owned), ..LoadOptions::default() };
+        let loaded = load(&path, &options).expect("the scene loads");
+        let found = loaded.notes.iter().any(|note| note.contains("every medium is vacuum"));
+        assert_eq!(found, noted, "{integrator:?}: {:?}", loaded.notes);
+    }
+}
+
 #[test]
 fn thin_walls_and_clear_bodies_absorb_nothing() {
     for (volume, notes) in [

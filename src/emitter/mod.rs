@@ -175,8 +175,8 @@ pub struct LightRay {
 pub struct LitRegion {
     /// A sphere around the emitter.
     pub sphere: BoundingSphere,
-    /// The unit axis and the cosine of the half angle, at most a right one, of the cone from the centre of the sphere
-    /// that contains the points; `None` if they may be anywhere.
+    /// The cone that contains the points: its unit axis, and the cosine of its half angle, which is not negative. Its
+    /// apex is the centre of the sphere. `None` if the points may be anywhere.
     pub cone: Option<(DVec3, f64)>,
 }
 

@@ -138,3 +138,31 @@ impl SpotEmitter {
         self.intensity * mean * (2.0 * TAU * half * half)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With and without the comparison of tangents, for narrow and wide cones, and on the axis behind the spot.
+    #[test]
+    fn the_intensity_falls_linearly_with_the_angle() {
+        for (cutoff, beam) in
+            [(0.4, 0.3), (0.4, 0.0), (0.4, 0.4), (FRAC_PI_2, 1.0), (2.5, 2.0), (2.5, 0.0), (1.0, 0.999)]
+        {
+            let spot = SpotEmitter::new(&DAffine3::IDENTITY, Rgb::WHITE, None, cutoff, beam);
+            for i in 0..=3000 {
+                let angle = i as f32 / 3000.0 * std::f32::consts::PI;
+                let d = Vec3::new(angle.sin(), 0.0, angle.cos());
+                let expected = ((cutoff - angle) / (cutoff - beam).max(1e-6)).clamp(0.0, 1.0);
+                // Steep borders move by the rounding of the angle.
+                let tolerance = 1e-5 + 1e-6 / (cutoff - beam).max(1e-6);
+                let found = spot.intensity(d).g;
+                assert!((found - expected).abs() < tolerance, "{cutoff} {beam}, at {angle}: {found}");
+            }
+            assert!(
+                spot.intensity(Vec3::NEG_Z).is_black()
+                    && spot.intensity(Vec3::new(0.0, -0.0, -1.0)).is_black()
+            );
+        }
+    }
+}

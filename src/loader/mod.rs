@@ -15,7 +15,8 @@ mod mitsuba;
 mod volume;
 
 use crate::error::{Error, Kind, Place, Result};
-use crate::integrator;
+use crate::integrator::settings::AUTO;
+use crate::integrator::{self, Plugin, VolpathIntegrator};
 use crate::memory::{Budget, Limit, Reservation};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
@@ -109,19 +110,39 @@ pub const EXTENSIONS: [&str; 5] = ["xml", "gltf", "glb", "obj", "ply"];
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let memory = Budget::open(options.memory);
-    let loaded =
-        match extension.as_str() {
-            "xml" => mitsuba::load(path, options, &memory),
-            "gltf" | "glb" => gltf::load(path, &options.search_paths, &memory)
-                .map(|loaded| warn_of_defines(loaded, options)),
-            "obj" | "ply" => bare::load(path, &options.search_paths, &memory)
-                .map(|loaded| warn_of_defines(loaded, options)),
-            _ => {
-                let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
-                Err(Error::scene(expected).in_file(path))
-            }
-        }?;
+    let loaded = match extension.as_str() {
+        "xml" => mitsuba::load(path, options, &memory),
+        "gltf" | "glb" => gltf::load(path, &options.search_paths, &memory)
+            .map(|loaded| warn_of_defines(note_media(loaded, options), options)),
+        "obj" | "ply" => {
+            bare::load(path, &options.search_paths, &memory).map(|loaded| warn_of_defines(loaded, options))
+        }
+        _ => {
+            let expected = "expected a scene (.xml, .gltf, .glb) or a mesh (.obj, .ply)";
+            Err(Error::scene(expected).in_file(path))
+        }
+    }?;
     Ok(Loaded { memory, ..loaded })
+}
+
+/// The note about media that are not rendered.
+const NO_MEDIA: &str = "the scene has media, which are not rendered: every medium is vacuum";
+
+/// Returns whether the media of a file are rendered by its integrator, or by the one that the user names instead.
+fn renders_media(integrator: &integrator::Settings, replacement: Option<&str>) -> bool {
+    match replacement {
+        Some(name) if !["aov", AUTO].contains(&name) => name == VolpathIntegrator::NAME,
+        _ => integrator.renders_media(),
+    }
+}
+
+/// Adds a note if the user's integrator does not render the media of a file.
+fn note_media(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
+    let rendered = renders_media(&loaded.integrator, options.integrator.as_deref());
+    if !loaded.description.media.is_empty() && !rendered {
+        loaded.notes.push(NO_MEDIA.to_owned());
+    }
+    loaded
 }
 
 /// Adds a warning for each parameter that the user defines; the files of these formats have none.

@@ -35,11 +35,12 @@ impl Light {
         };
         let sphere = BoundingSphere { center: bounds.center(), radius: bounds.radius() };
         let angle = normals.angle + emission_angle;
-        // The light of a point, or that of a plane on one side. Other emitters light more than a cone at their centres.
-        let cosine = match angle {
-            angle if angle == FRAC_PI_2 && normals.angle == 0.0 => Some(0.0),
-            angle if angle <= FRAC_PI_2 && sphere.radius == 0.0 => Some(f64::from(angle).cos().max(0.0)),
-            _ => None,
+        let (is_point, is_plane) = (sphere.radius == 0.0, normals.angle == 0.0);
+        // A plane lights what is in front of it. Other emitters that have a size also light points outside of the cone.
+        let cosine = if is_plane && angle == FRAC_PI_2 {
+            Some(0.0)
+        } else {
+            (is_point && angle <= FRAC_PI_2).then(|| f64::from(angle).cos().max(0.0))
         };
         Some(LitRegion { sphere, cone: cosine.map(|cosine| (normals.axis.as_dvec3().normalize(), cosine)) })
     }

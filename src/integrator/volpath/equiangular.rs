@@ -161,8 +161,8 @@ fn lit_tangents((axis, cosine): (DVec3, f64), d: DVec3, foot: DVec3) -> Option<[
     let half_sin = (1.0 - half_cos * half_cos).max(0.0).sqrt();
     let least = [cos * half_cos + sin * half_sin, sin * half_cos - cos * half_sin];
     let greatest = [cos * half_cos - sin * half_sin, sin * half_cos + cos * half_sin];
-    // The half is at most a right angle. So a border behind the apex is beyond the end of the line on the side of the
-    // middle. A line across the axis is on neither side.
+    // A border with a cosine that is not positive is beyond an end of the line. The cone then contains the end that is
+    // on the side of the middle. A line at right angles to the axis is lit as a whole, or nowhere.
     let reaches = |beyond: f64| if across == 0.0 { along > 0.0 } else { across * beyond > 0.0 };
     let tangent = |[cos, sin]: [f64; 2], beyond: f64| match cos > 0.0 {
         true => Some(sin / cos),

@@ -33,7 +33,7 @@ pub struct Tracer<'a> {
     pub leg_points: &'a [LegPoint],
 }
 
-/// What the events of a wave leave to be done.
+/// What the events of a wave produce besides paths.
 #[derive(Default)]
 pub struct Found {
     /// The shadow rays.

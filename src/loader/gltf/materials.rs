@@ -157,13 +157,13 @@ impl Builder<'_> {
         };
         let (color, distance) = (Rgb::from(volume.attenuation_color()), volume.attenuation_distance());
         if !color.is_valid() || color.max_component() > 1.0 || distance.is_nan() || distance <= 0.0 {
-            let message = "expected an attenuation colour from 0 to 1 and a distance greater than 0: nothing is absorbed";
-            self.warn(thing, message);
+            let expected = "expected an attenuation colour from 0 to 1 and a distance greater than 0";
+            self.warn(thing, &format!("{expected}: nothing is absorbed"));
             return MediumBoundary::default();
         }
-        // The colour is what the distance lets through. Black would be an infinite coefficient.
-        let sigma_t = color.map(|c| -c.max(f32::MIN_POSITIVE).ln() / distance);
-        if sigma_t.is_black() || !sigma_t.is_valid() {
+        // The colour is the transmittance of the distance. Coefficients are finite.
+        let sigma_t = color.map(|c| (-c.max(f32::MIN_POSITIVE).ln() / distance).min(f32::MAX));
+        if sigma_t.is_black() {
             return MediumBoundary::default();
         }
         let media = &mut self.loaded.description.media;

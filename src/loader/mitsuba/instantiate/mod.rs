@@ -22,10 +22,8 @@ use crate::emitter::Emitter;
 use crate::error::{Error, Kind, Result};
 use crate::ids::{MaterialId, MediumId, TextureId};
 use crate::image::TextureImage;
-use crate::integrator::settings::AUTO;
-use crate::integrator::{Plugin, VolpathIntegrator};
 use crate::loader::files::Folders;
-use crate::loader::{LoadOptions, Loaded, Tolerance, framing, tolerated};
+use crate::loader::{LoadOptions, Loaded, NO_MEDIA, Tolerance, framing, renders_media, tolerated};
 use crate::memory::Budget;
 use crate::sensor::SensorSettings;
 use crate::util::wording;
@@ -108,12 +106,9 @@ impl<'g> Builder<'g> {
         } else if replacement.is_none() {
             self.note("the scene names no integrator: path is used");
         }
-        self.renders_media = match replacement {
-            Some(name) if !["aov", AUTO].contains(&name) => name == VolpathIntegrator::NAME,
-            _ => self.loaded.integrator.renders_media(),
-        };
+        self.renders_media = renders_media(&self.loaded.integrator, replacement);
         if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
-            self.note("the scene has media, which are not rendered: every medium is vacuum");
+            self.note(NO_MEDIA);
         }
         for (i, sensor) in self.once(&props, "sensor").into_iter().enumerate() {
             let added = match self.sensor(sensor, None) {
