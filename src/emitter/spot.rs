@@ -154,8 +154,8 @@ mod tests {
                 let angle = i as f32 / 3000.0 * std::f32::consts::PI;
                 let d = Vec3::new(angle.sin(), 0.0, angle.cos());
                 let expected = ((cutoff - angle) / (cutoff - beam).max(1e-6)).clamp(0.0, 1.0);
-                // Steep borders move by the rounding of the angle.
-                let tolerance = 1e-5 + 1e-6 / (cutoff - beam).max(1e-6);
+                // Where the intensity falls steeply, the rounding of the angle counts. No angle here is on a border.
+                let tolerance = (1e-5 + 1e-6 / (cutoff - beam).max(1e-6)).min(2e-3);
                 let found = spot.intensity(d).g;
                 assert!((found - expected).abs() < tolerance, "{cutoff} {beam}, at {angle}: {found}");
             }
