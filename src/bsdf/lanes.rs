@@ -132,7 +132,7 @@ fn all_equal(bsdfs: &[&Bsdf<'_>; LANES]) -> bool {
 macro_rules! kernels {
     ($($name:ident($kernel:ty),)*) => {
         /// A kernel of any kind.
-        #[expect(clippy::large_enum_variant, reason = "one is on the stack, for the time of one call")]
+        #[expect(clippy::large_enum_variant, reason = "there are as many as a block has kinds of BSDFs")]
         enum AnyKernel<'a> {
             $($name($kernel),)*
         }
@@ -152,11 +152,38 @@ macro_rules! kernels {
             fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
                 match self { $(AnyKernel::$name(kernel) => kernel.eval(wo, wi),)* }
             }
+        }
 
-            #[inline(always)]
-            fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
-                match self { $(AnyKernel::$name(kernel) => kernel.sample(wo, u_lobe, u),)* }
-            }
+        // A kernel is large: these use one where it was made.
+
+        /// Computes [`Bsdf::eval`] in those lanes of the mask `rest` that are like the lane `first`. Returns their
+        /// mask, too; `None` if no kernel is of its kind.
+        #[inline(always)]
+        fn eval_like<'a>(
+            first: usize,
+            bsdfs: &[&'a Bsdf<'a>; LANES],
+            rest: u32,
+            [wo, wi]: [&Vec3x16; 2],
+        ) -> Option<(u32, BsdfEvalX16)> {
+            $(if let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest) {
+                return Some((lanes, kernel.eval(wo, wi)));
+            })*
+            None
+        }
+
+        /// Computes [`Bsdf::sample`] as [`eval_like`] does.
+        #[inline(always)]
+        fn sample_like<'a>(
+            first: usize,
+            bsdfs: &[&'a Bsdf<'a>; LANES],
+            rest: u32,
+            wo: &Vec3x16,
+            (u_lobe, u): (f32x16, [f32x16; 2]),
+        ) -> Option<(u32, BsdfSampleX16)> {
+            $(if let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest) {
+                return Some((lanes, kernel.sample(wo, u_lobe, u)));
+            })*
+            None
         }
     };
 }
@@ -219,8 +246,8 @@ fn eval_or<'a>(
     let mut rest = others & active;
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, kernel)) = AnyKernel::like(i, bsdfs, rest) {
-            eval.set_lanes(lanes, &kernel.eval(wo, wi));
+        if let Some((lanes, of_kernel)) = eval_like(i, bsdfs, rest, [wo, wi]) {
+            eval.set_lanes(lanes, &of_kernel);
             rest &= !lanes;
         } else {
             eval.set_lane(i, &one(i));
@@ -341,8 +368,8 @@ fn sample_or<'a>(
     let (mut rest, mut in_lanes) = (others & active, active);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, kernel)) = AnyKernel::like(i, bsdfs, rest) {
-            samples.set_lanes(lanes, &kernel.sample(wo, u_lobe, u));
+        if let Some((lanes, of_kernel)) = sample_like(i, bsdfs, rest, wo, (u_lobe, u)) {
+            samples.set_lanes(lanes, &of_kernel);
             rest &= !lanes;
         } else {
             samples.set_lane(i, one(i));

@@ -28,13 +28,23 @@ pub struct FilterSampler {
 /// A density on [−radius, radius] that is piecewise constant in [`CELLS`] equal cells.
 #[derive(Clone, Debug)]
 struct TabulatedDensity {
-    radius: f32,
-    /// The cumulative distribution at the cells' boundaries, from 0 to 1.
-    cdf: Vec<f32>,
+    cells: Vec<Cell>,
     /// A lookup table for the inversion: the cell at the lower end of each of equal intervals of the random number.
     guide: Vec<u32>,
-    /// For each cell, the filter's sign times the integral of its magnitude divided by its integral.
-    weights: Option<Vec<f32>>,
+    has_weights: bool,
+}
+
+/// A cell of a [`TabulatedDensity`].
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    /// The cumulative distribution at the lower boundary.
+    cdf: f32,
+    /// The offset there.
+    offset: f32,
+    /// The offset per probability.
+    slope: f32,
+    /// The filter's sign times the integral of its magnitude divided by its integral: 1 if it has one sign.
+    weight: f32,
 }
 
 /// The number of cells of a tabulated filter.
@@ -98,7 +108,7 @@ impl FilterSampler {
 
     /// Returns whether any sample has a weight other than 1.
     pub fn has_weights(&self) -> bool {
-        self.table.as_ref().is_some_and(|t| t.weights.is_some())
+        self.table.as_ref().is_some_and(|t| t.has_weights)
     }
 
     /// Returns half the width, in pixels.
@@ -155,24 +165,29 @@ impl TabulatedDensity {
         let cell_of = |u: f32| cdf.partition_point(|&c| c <= u).saturating_sub(1).min(CELLS - 1) as u32;
         let guide = (0..CELLS).map(|i| cell_of(i as f32 / CELLS as f32)).collect();
         let total: f64 = parts.iter().sum();
-        let weights = parts
-            .iter()
-            .any(|&part| part < 0.0)
-            .then(|| parts.iter().map(|part| (sums[CELLS] / total).copysign(*part) as f32).collect());
-        TabulatedDensity { radius: radius as f32, cdf, guide, weights }
+        let (radius, width) = (radius as f32, 2.0 * radius as f32 / CELLS as f32);
+        let cell = |(i, part): (usize, &f64)| Cell {
+            cdf: cdf[i],
+            offset: i as f32 * width - radius,
+            slope: if cdf[i + 1] > cdf[i] { width / (cdf[i + 1] - cdf[i]) } else { 0.0 },
+            weight: (sums[CELLS] / total).copysign(*part) as f32,
+        };
+        let cells = parts.iter().enumerate().map(cell).collect();
+        TabulatedDensity { cells, guide, has_weights: parts.iter().any(|&part| part < 0.0) }
     }
 
     /// Returns the offset and its weight for a random number.
     #[inline]
     fn invert(&self, u: f32) -> (f32, f32) {
-        let mut cell = self.guide[((u * CELLS as f32) as usize).min(CELLS - 1)] as usize;
-        while cell + 1 < CELLS && self.cdf[cell + 1] <= u {
+        let first = self.guide[((u * CELLS as f32) as usize).min(CELLS - 1)] as usize;
+        let begins_before = |cell: usize| self.cells.get(cell).is_some_and(|cell| cell.cdf <= u);
+        // One step is nearly always enough; as a sum, it is no branch.
+        let mut cell = first + usize::from(begins_before(first + 1));
+        while begins_before(cell + 1) {
             cell += 1;
         }
-        let width = self.cdf[cell + 1] - self.cdf[cell];
-        let fraction = if width > 0.0 { (u - self.cdf[cell]) / width } else { 0.5 };
-        let offset = self.radius * (2.0 * (cell as f32 + fraction) / CELLS as f32 - 1.0);
-        (offset, self.weights.as_ref().map_or(1.0, |weights| weights[cell]))
+        let Cell { cdf, offset, slope, weight } = self.cells[cell];
+        (offset + (u - cdf) * slope, weight)
     }
 }
 

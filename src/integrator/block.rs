@@ -69,14 +69,31 @@ impl<'a> ShadingBlock<'a> {
         for (lane, hit) in all.iter_mut().zip(hits) {
             *lane = hit.expect("rays without a hit were removed");
         }
-        let at = scene.interactions(&rays, &all);
-        let wo = at.frame.to_local(-rays.d);
-        let bsdfs = match scene.needs.varying_materials {
-            false => each_lane(|i| scene.constant_bsdf(at.material[i])),
-            true => scene.bsdfs(&at, from_viewer.then_some(&wo), arena),
+        // Built in place: a block is larger than the registers can move.
+        let mut block = ShadingBlock {
+            first,
+            active,
+            at: scene.interactions(&rays, &all),
+            rays,
+            bsdfs: [&Bsdf::Null; LANES],
+            finite: 0,
+            wo: Vec3x16::default(),
+            gloss: None,
         };
-        let finite = bsdfs.iter().enumerate().fold(0, |bits, (i, b)| bits | u32::from(!b.is_specular()) << i);
-        ShadingBlock { first, active, rays, at, bsdfs, finite: finite & active, wo, gloss: None }
+        block.wo = block.at.frame.to_local(-block.rays.d);
+        block.bsdfs = match scene.needs.varying_materials {
+            false => each_lane(|i| scene.constant_bsdf(block.at.material[i])),
+            true => scene.bsdfs(&block.at, from_viewer.then_some(&block.wo), arena),
+        };
+        let mut is_finite = false;
+        for (i, bsdf) in block.bsdfs.iter().enumerate() {
+            if i == 0 || !std::ptr::eq(*bsdf, block.bsdfs[i - 1]) {
+                is_finite = !bsdf.is_specular();
+            }
+            block.finite |= u32::from(is_finite) << i;
+        }
+        block.finite &= active;
+        block
     }
 
     /// Finds the glossy lobes, so that emitters are chosen for them.

@@ -2,6 +2,7 @@
 
 use crate::accel::Hit;
 use crate::ids::{MaterialId, ShapeId};
+use crate::math::lanes::mask_from_bits;
 use crate::math::ray::{plane_error, plane_error_x16};
 use crate::math::robust::gamma;
 use crate::math::{Frame, FrameX16, LANES, Vec3, Vec3x16, f32x16};
@@ -101,6 +102,18 @@ pub(super) struct SurfaceX16 {
     pub ns: Vec3x16,
 }
 
+impl SurfaceX16 {
+    /// Replaces the lanes in the mask `lanes` by those of `other`.
+    #[inline(always)]
+    pub fn set_lanes(&mut self, lanes: u32, other: &Self) {
+        let mask = mask_from_bits(lanes);
+        self.p = Vec3x16::select(mask, other.p, self.p);
+        self.error = mask.select(other.error, self.error);
+        self.ng = Vec3x16::select(mask, other.ng, self.ng);
+        self.ns = Vec3x16::select(mask, other.ns, self.ns);
+    }
+}
+
 impl CornersX16 {
     /// Creates an empty set.
     #[inline(always)]
@@ -149,11 +162,38 @@ impl CornersX16 {
     }
 }
 
-/// Moves a point at or near `p` onto the sphere.
-pub(super) fn sphere_point(center: Vec3, radius: f32, inward: bool, p: Vec3) -> AnalyticPoint {
-    let n = (p - center).normalize_or(Vec3::Z);
-    let error = plane_error((center.abs() + Vec3::splat(radius)) * gamma(8), n);
-    AnalyticPoint::new(center + n * radius, error, if inward { -n } else { n })
+/// Sixteen spheres.
+#[derive(Default)]
+pub(super) struct SpheresX16 {
+    center: [[f32; LANES]; 3],
+    radius: [f32; LANES],
+    /// −1 where the front side is the inside, otherwise 1.
+    side: [f32; LANES],
+}
+
+impl SpheresX16 {
+    /// Sets the sphere of lane `i`.
+    #[inline(always)]
+    pub fn set_lane(&mut self, i: usize, center: Vec3, radius: f32, inward: bool) {
+        let [x, y, z] = &mut self.center;
+        (x[i], y[i], z[i]) = (center.x, center.y, center.z);
+        self.radius[i] = radius;
+        self.side[i] = if inward { -1.0 } else { 1.0 };
+    }
+
+    /// Moves points at or near `p` onto the spheres.
+    #[inline(always)]
+    pub fn surface(&self, p: Vec3x16) -> SurfaceX16 {
+        let [x, y, z] = self.center.map(f32x16::new);
+        let (center, radius) = (Vec3x16::new(x, y, z), f32x16::new(self.radius));
+        let n = (p - center).normalize_or_zero();
+        let usable = n.length_squared().simd_gt(f32x16::ZERO);
+        let n = Vec3x16::select(usable, n, Vec3x16::splat(Vec3::Z));
+        let reach = center.abs() + Vec3x16::new(radius, radius, radius);
+        let error = plane_error_x16(reach * f32x16::splat(gamma(8)), n);
+        let ng = n * f32x16::new(self.side);
+        SurfaceX16 { p: center + n * radius, error, ng, ns: ng }
+    }
 }
 
 /// Returns the point of a disk with the coordinates `u`, `v` along `du` and `dv`.

@@ -33,7 +33,7 @@ use crate::sampling::Distribution1D;
 use crate::sensor::Camera;
 use crate::shape::{Placement, WorldShape};
 use bumpalo::Bump;
-use interaction::{CornersX16, SurfaceX16};
+use interaction::{CornersX16, SpheresX16, SurfaceX16};
 use std::sync::Arc;
 
 /// A shape of the compiled scene.
@@ -102,15 +102,20 @@ impl Scene {
     /// Computes [`interaction`](Self::interaction) for sixteen rays.
     #[inline]
     pub fn interactions(&self, rays: &RayX16, hits: &[Hit; LANES]) -> SurfaceInteractionX16 {
-        let mut corners = CornersX16::new();
+        let (mut corners, mut spheres) = (CornersX16::new(), SpheresX16::default());
         let (mut u, mut v) = ([0.0; LANES], [0.0; LANES]);
-        let (mut analytic, mut two_sided, mut emitters, mut tangents, mut placed) = (0, 0, 0, 0, 0);
+        let (mut in_spheres, mut analytic, mut two_sided, mut emitters, mut tangents, mut placed) =
+            (0, 0, 0, 0, 0, 0);
         let mut material = [MaterialId(0); LANES];
         for (i, hit) in hits.iter().enumerate() {
             let shape = &self.shapes[hit.geometry as usize];
             match &shape.world {
                 WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => {
                     corners.set_lane(i, mesh, hit.primitive);
+                }
+                WorldShape::Sphere { center, radius, inward, .. } => {
+                    spheres.set_lane(i, *center, *radius, *inward);
+                    in_spheres |= 1 << i;
                 }
                 _ => analytic |= 1 << i,
             }
@@ -122,13 +127,20 @@ impl Scene {
             tangents |= u32::from(surface.tangents) << i;
             placed |= u32::from(hit.instance != NO_INSTANCE) << i;
         }
-        let SurfaceX16 { mut p, mut error, mut ng, mut ns } = corners.surface(f32x16::new(u), f32x16::new(v));
+        let mut surface = corners.surface(f32x16::new(u), f32x16::new(v));
+        let mut near = Vec3x16::default();
+        if in_spheres | analytic != 0 {
+            near = rays.o + rays.d * f32x16::new(hits.map(|hit| hit.t));
+            for i in bits((in_spheres | analytic) & placed) {
+                near.set_lane(i, self.local_point(&hits[i], rays.time.as_array()[i], near.lane(i)));
+            }
+        }
+        if in_spheres != 0 {
+            surface.set_lanes(in_spheres, &spheres.surface(near));
+        }
+        let SurfaceX16 { mut p, mut error, mut ng, mut ns } = surface;
         for i in bits(analytic) {
-            let at = || {
-                let p = rays.o.lane(i) + rays.d.lane(i) * hits[i].t;
-                self.local_point(&hits[i], rays.time.as_array()[i], p)
-            };
-            let surface = self.analytic_surface(&hits[i], &at);
+            let surface = self.analytic_surface(&hits[i], near.lane(i));
             p.set_lane(i, surface.p);
             error.as_mut_array()[i] = surface.error;
             ng.set_lane(i, surface.ng);
@@ -161,21 +173,21 @@ impl Scene {
         SurfaceInteractionX16 { p, error, ng, frame, emitting, hit: *hits, time: rays.time, material }
     }
 
-    /// Returns the point of an analytic surface; `at` computes the ray's point at the hit.
-    fn analytic_surface(&self, hit: &Hit, at: &dyn Fn() -> Vec3) -> interaction::AnalyticPoint {
+    /// Returns the point of an analytic surface that is no sphere; `p` is the ray's point at the hit, in the space of
+    /// the shape.
+    fn analytic_surface(&self, hit: &Hit, p: Vec3) -> interaction::AnalyticPoint {
         match &self.shapes[hit.geometry as usize].world {
-            WorldShape::Sphere { center, radius, inward, .. } => {
-                interaction::sphere_point(*center, *radius, *inward, at())
-            }
             WorldShape::Disk { center, du, dv, normal } => {
                 interaction::disk_point(*center, *du, *dv, *normal, hit.u, hit.v)
             }
             WorldShape::Cylinder { p0, p1, side, inward } => {
-                interaction::cylinder_point([*p0, *p1], *side, *inward, at())
+                interaction::cylinder_point([*p0, *p1], *side, *inward, p)
             }
-            WorldShape::Curves(curves) => interaction::curve_point(curves, hit, at()),
-            WorldShape::SdfGrid(grid) => interaction::sdf_point(grid, hit, at()),
-            WorldShape::Mesh(_) | WorldShape::Rectangle { .. } => unreachable!("a mesh is not analytic"),
+            WorldShape::Curves(curves) => interaction::curve_point(curves, hit, p),
+            WorldShape::SdfGrid(grid) => interaction::sdf_point(grid, hit, p),
+            WorldShape::Mesh(_) | WorldShape::Rectangle { .. } | WorldShape::Sphere { .. } => {
+                unreachable!("computed in lanes")
+            }
         }
     }
 

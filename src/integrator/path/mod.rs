@@ -22,7 +22,7 @@ use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, Shadow
 use super::{
     Integrator, LightTracer, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission,
 };
-use crate::accel::{Coherence, Hit};
+use crate::accel::Coherence;
 use crate::bsdf;
 use crate::error::Result;
 use crate::math::lanes::{LANES, bits, f32x16, load, mask_from_bits};
@@ -342,7 +342,10 @@ impl<'a> PathBounce<'a> {
             let Some((reuse, kept)) =
                 reuse.as_mut().filter(|(reuse, _)| scatter && reuse.has_single(first, paths))
             else {
-                let block = self.block(arena, paths, hits, first);
+                let mut block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
+                if self.scene.needs.gloss {
+                    block.find_gloss();
+                }
                 self.add_emitted(&block, paths, specular_only, caustics.as_ref(), out, block.active);
                 if scatter {
                     let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
@@ -363,7 +366,10 @@ impl<'a> PathBounce<'a> {
                 }
                 continue;
             };
-            let block = self.block(kept, paths, hits, first);
+            let mut block = ShadingBlock::new(self.scene, kept, &paths.rays, hits, first);
+            if self.scene.needs.gloss {
+                block.find_gloss();
+            }
             let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
             // The directions at shared points and towards them have the density of the BSDF alone.
             let single = reuse.single(&block, paths) & !guided.as_ref().map_or(0, |guided| guided.lanes);
@@ -391,25 +397,6 @@ impl<'a> PathBounce<'a> {
             alive = paths.compact(first, alive, &next, survivors);
         }
         paths.truncate(alive);
-    }
-
-    /// Returns the block of sixteen paths from `first` on.
-    #[inline(always)]
-    fn block<'b>(
-        &self,
-        arena: &'b Bump,
-        paths: &PathWave,
-        hits: &[Option<Hit>],
-        first: usize,
-    ) -> ShadingBlock<'b>
-    where
-        'a: 'b,
-    {
-        let mut block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
-        if self.scene.needs.gloss {
-            block.find_gloss();
-        }
-        block
     }
 
     /// Adds the light of the emitters that the paths of a block hit, for the lanes in a mask.
