@@ -26,12 +26,12 @@ use std::f64::consts::PI;
 const SIGMA: [f32; 3] = [0.25, 1.0, 2.5];
 const HG: Phase = Phase::HenyeyGreenstein { g: 0.6 };
 
-fn volpath(max_depth: Option<u32>) -> Settings {
+pub fn volpath(max_depth: Option<u32>) -> Settings {
     Settings::Volpath(PathLimits { max_depth, ..PathLimits::default() })
 }
 
 /// Adds a medium with the given extinction and albedo.
-fn medium(scene: &mut Description, sigma_t: [f32; 3], albedo: [f32; 3], phase: Phase) -> MediumId {
+pub fn medium(scene: &mut Description, sigma_t: [f32; 3], albedo: [f32; 3], phase: Phase) -> MediumId {
     let sigma_s = [0, 1, 2].map(|c| sigma_t[c] * albedo[c]);
     let medium = Homogeneous { sigma_t: sigma_t.into(), sigma_s: sigma_s.into(), phase };
     scene.media.push(Medium::Homogeneous(medium));
@@ -39,7 +39,13 @@ fn medium(scene: &mut Description, sigma_t: [f32; 3], albedo: [f32; 3], phase: P
 }
 
 /// Adds a shape around a medium.
-fn filled(scene: &mut Description, shape: Shape, to_world: DAffine3, material: Material, inside: MediumId) {
+pub fn filled(
+    scene: &mut Description,
+    shape: Shape,
+    to_world: DAffine3,
+    material: Material,
+    inside: MediumId,
+) {
     let id = add(scene, shape, to_world, material);
     scene.shapes[id].boundary = MediumBoundary { interior: Some(inside), exterior: None };
 }
@@ -171,7 +177,7 @@ fn glass_absorbs_between_its_reflections() {
     }
 }
 
-fn glass(eta: f32) -> Material {
+pub fn glass(eta: f32) -> Material {
     let interface = Interface { int_ior: eta, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
     Material::Dielectric(Dielectric { interface, specular_transmittance: Rgb::WHITE.into() })
 }
@@ -295,7 +301,7 @@ fn blend() -> Phase {
 }
 
 /// Returns the value of a phase function by its formula, sr⁻¹.
-fn density(phase: &Phase, cos: f64) -> f64 {
+pub fn density(phase: &Phase, cos: f64) -> f64 {
     match phase {
         Phase::Isotropic => 0.25 / PI,
         Phase::HenyeyGreenstein { g } => {

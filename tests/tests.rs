@@ -57,6 +57,7 @@ mod loader_plugin_errors;
 mod loader_plugins;
 mod loader_robustness;
 mod media;
+mod media_limits;
 mod memory;
 mod mesh_robustness;
 mod meshes;

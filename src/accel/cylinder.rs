@@ -37,15 +37,17 @@ pub(super) fn intersect(
     line: &RayF64,
     mut accept: impl FnMut(&PrimitiveHit) -> bool,
 ) -> Option<PrimitiveHit> {
-    let [x, y, axis] = cylinder_frame(p0, p1);
-    let height = p0.as_dvec3().distance(p1.as_dvec3());
     let from_p0 = line.o - p0.as_dvec3();
+    let along = p1.as_dvec3() - p0.as_dvec3();
+    let height = along.length();
+    let axis = along * height.recip();
     let across = |v: DVec3| v - axis * v.dot(axis);
     let roots = circle(across(from_p0), across(line.d), radius.into())?;
     let hit = |t: f64| {
         let p = from_p0 + line.d * t;
         let v = p.dot(axis) / height;
         let t = line.within(t).filter(|_| (0.0..=1.0).contains(&v))?;
+        let (x, y) = axis.any_orthonormal_pair();
         let turn = p.dot(y).atan2(p.dot(x)) / TAU;
         let u = (if turn < 0.0 { turn + 1.0 } else { turn }) as f32;
         Some(PrimitiveHit { t, u: if u < 1.0 { u } else { 0.0 }, v: v as f32 })

@@ -51,7 +51,7 @@ impl Stream {
     }
 
     /// Returns the next number, in (0, 1).
-    fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         let [a, b, _] = pcg3d(self.seed[0], self.seed[1], self.count);
         self.count = self.count.wrapping_add(1);
         (f64::from(a) + (f64::from(b >> 12) + 0.5) * 2f64.powi(-20)) * 2f64.powi(-32)

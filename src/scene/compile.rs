@@ -227,7 +227,7 @@ impl SceneCompiler {
         let absent = emitter.is_none() && self.materials.get(material).is_absent();
         if !boundary.is_none() {
             let passed = emitter.is_none() && self.materials.get(material).holes;
-            self.media.add(id, boundary, passed.then(|| world.geometry()));
+            self.media.add(id, boundary, emitter.is_some(), passed.then(|| world.geometry()));
         }
         self.assembly.geometry.push(if absent { Geometry::nothing() } else { world.geometry() });
         self.shapes.push(SceneShape { world, material, emitter });

@@ -12,6 +12,8 @@ use std::collections::HashMap;
 /// The media of a scene.
 pub struct SceneMedia {
     list: Vec<Medium>,
+    /// For each medium, whether it is [sealed](Self::is_sealed).
+    sealed: Vec<bool>,
     /// The shapes that bound media.
     boundaries: HashMap<ShapeId, MediumBoundary>,
     /// The boundaries of media that rays may pass without being scattered: `null`, and masks with holes. Rays of
@@ -34,6 +36,14 @@ impl SceneMedia {
             Medium::Homogeneous(_) | Medium::Heterogeneous(_) => None,
             Medium::Unsupported(reason) => Some(reason.as_str()),
         })
+    }
+
+    /// Returns whether a medium is the interior of all its boundaries, none of which rays pass without being scattered,
+    /// and which do not emit. If they enclose it, light cannot reach it from an emitter on a straight line, unless the
+    /// emitter is inside.
+    #[inline]
+    pub fn is_sealed(&self, id: MediumId) -> bool {
+        self.sealed[id.index()]
     }
 
     /// Returns whether some medium scatters light.
@@ -66,14 +76,18 @@ impl SceneMedia {
 #[derive(Default)]
 pub(super) struct MediaCompiler {
     boundaries: HashMap<ShapeId, MediumBoundary>,
+    /// The media that light may reach on a straight line from outside.
+    open: Vec<MediumId>,
     /// The geometry of the boundaries that rays may pass.
     passed: Vec<(ShapeId, Geometry)>,
 }
 
 impl MediaCompiler {
     /// Adds a boundary, with its geometry if rays may pass it without being scattered.
-    pub fn add(&mut self, shape: ShapeId, boundary: MediumBoundary, passed: Option<Geometry>) {
+    pub fn add(&mut self, shape: ShapeId, boundary: MediumBoundary, emits: bool, passed: Option<Geometry>) {
         self.boundaries.insert(shape, boundary);
+        self.open.extend(boundary.exterior);
+        self.open.extend(boundary.interior.filter(|_| emits || passed.is_some()));
         self.passed.extend(passed.map(|geometry| (shape, geometry)));
     }
 
@@ -98,6 +112,10 @@ impl MediaCompiler {
         if list.is_empty() {
             return Ok(None);
         }
+        let mut sealed = vec![true; list.len()];
+        for id in std::mem::take(&mut self.open).into_iter().chain(sensor) {
+            sealed[id.index()] = false;
+        }
         let mut passed = None;
         if !self.passed.is_empty() {
             let mut geometry: Vec<Geometry> = assembly.geometry.iter().map(|_| Geometry::nothing()).collect();
@@ -108,6 +126,6 @@ impl MediaCompiler {
             let assembly = Assembly { geometry, groups, instances, filter: None };
             passed = Some(accel::build_within(options.accel, assembly, options.threads, true, memory)?.accel);
         }
-        Ok(Some(Box::new(SceneMedia { list, boundaries, passed, sensor })))
+        Ok(Some(Box::new(SceneMedia { list, sealed, boundaries, passed, sensor })))
     }
 }

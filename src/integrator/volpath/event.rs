@@ -17,6 +17,10 @@ use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
 use bumpalo::Bump;
 use std::time::Instant;
 
+/// The probability with which an emitter is sampled in a [sealed](SceneMedia::is_sealed) medium. It is not 0, because
+/// the boundaries may have a hole, or an emitter inside.
+const SEALED_SHARE: f32 = 1.0 / 8.0;
+
 /// What all paths share.
 pub struct Tracer<'a> {
     /// The scene.
@@ -244,6 +248,7 @@ impl Tracer<'_> {
             return radiance;
         }
         let other = self.scene.emitter_pdf(self.selection(), emitter, path.from, path.ray.o, at);
+        let other = other * path.emitter_share;
         let factor = path.on_leg.map_or(0.0, |point| {
             let pmf = self.selection().pmf(emitter.index(), path.from);
             self.relative_density(&self.leg_points[point as usize], emitter.index(), pmf)
@@ -268,7 +273,8 @@ impl Tracer<'_> {
         numbers: &EventNumbers,
         shadows: &mut Vec<Shadow>,
     ) -> Option<Leg> {
-        let near = numbers.near_emitter.filter(|_| self.query.wants(path.depth + 2));
+        let useful = self.query.wants(path.depth + 2) && !self.media.is_sealed(entry.id);
+        let near = numbers.near_emitter.filter(|_| useful);
         let (Some((u_emitter, u_distance)), Medium::Homogeneous(medium)) = (near, entry.medium) else {
             return None;
         };
@@ -312,6 +318,7 @@ impl Tracer<'_> {
             if path.pdf.is_finite() {
                 let pmf = self.selection().pmf(emitter.index(), path.from);
                 let other = pmf * self.scene.distant_density(self.selection(), emitter, d);
+                let other = other * path.emitter_share;
                 radiance *= power_heuristic(path.pdf, other);
             }
             sum += radiance;
@@ -380,6 +387,7 @@ impl Tracer<'_> {
             medium: self.medium_after(at, d, wi, path.medium),
             from: at.p,
             pdf: sample.pdf,
+            emitter_share: 1.0,
             beta: path.beta * sample.weight,
             eta: path.eta * sample.eta,
             depth: path.depth + 1,
@@ -399,18 +407,25 @@ impl Tracer<'_> {
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase());
-        if let Some(Chosen { emitter, pmf, sample }) = self.sample_emitter(&path, p, numbers) {
+        let mut random = numbers.shadow_streams[0];
+        let sealed = path.medium.is_some_and(|id| self.media.is_sealed(id));
+        let emitter_share = if sealed { SEALED_SHARE } else { 1.0 };
+        let looks = !sealed || random.uniform() < f64::from(SEALED_SHARE);
+        let emitter = if looks { self.sample_emitter(&path, p, numbers) } else { None };
+        if let Some(Chosen { emitter, pmf, mut sample }) = emitter {
+            sample.pdf *= emitter_share;
             let density = phase.eval(d.dot(sample.wi));
             let factor = leg_point.map_or(0.0, |point| self.relative_density(point, emitter, pmf));
             let value = path.beta * density * weighted(&sample, density, factor);
             let ray = || shadow_ray(p, &sample, time);
-            push_shadow(shadows, value, ray, path.medium, path.slot, numbers.shadow_streams[0]);
+            push_shadow(shadows, value, ray, path.medium, path.slot, random);
         }
         let wi = phase.sample(d, numbers.direction);
         let next = Path {
             ray: Ray { time, ..Ray::new(p, wi) },
             from: p,
             pdf: phase.eval(d.dot(wi)),
+            emitter_share,
             depth: path.depth + 1,
             ..path
         };

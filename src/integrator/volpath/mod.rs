@@ -48,6 +48,8 @@ struct Path {
     from: Vec3,
     /// Density per unit solid angle of the ray's direction; infinite after the camera or a Dirac delta.
     pdf: f32,
+    /// The probability with which an emitter is sampled at the last event.
+    emitter_share: f32,
     /// The product of the weights so far.
     beta: Rgb,
     /// The product of the relative indices of refraction.
@@ -151,6 +153,7 @@ impl Integrator for VolpathIntegrator {
             medium: media.sensor,
             from: ray.o,
             pdf: f32::INFINITY,
+            emitter_share: 1.0,
             beta: Rgb::WHITE,
             eta: 1.0,
             depth: 0,

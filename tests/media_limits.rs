@@ -1,0 +1,119 @@
+//! Light in bodies of scattering media: single scattering in a sphere, and the diffusion through a thick slab.
+//!
+//! Each group of comparisons has a significance of 1 % with fixed seeds.
+
+use crate::media::{density, filled, glass, medium, volpath};
+use crate::support::expect::Means;
+use crate::support::quadrature::over_square;
+use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, sphere};
+use buffon::accel::AccelKind;
+use buffon::color::Rgb;
+use buffon::emitter::Emitter;
+use buffon::integrator::Settings;
+use buffon::integrator::settings::PathLimits;
+use buffon::material::{Material, Null};
+use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
+use buffon::medium::{MediumBoundary, Phase};
+use buffon::sampling::SamplerKind;
+use buffon::scene::Description;
+use buffon::shape::Shape;
+
+const SIGMA: [f32; 3] = [0.25, 1.0, 2.5];
+const ALBEDO: [f32; 3] = [0.9, 0.6, 0.3];
+
+/// Light of a point emitter that a ball scatters once, by quadrature over the camera ray through its centre. The
+/// emitter is outside, inside, and just inside behind the boundary.
+#[test]
+fn single_scattering_in_a_ball_is_its_integral() {
+    let lights = [DVec3::new(1.4, 0.6, 0.8), DVec3::new(0.3, -0.2, 0.4), DVec3::new(0.0, 0.999, 0.0)];
+    let phase = Phase::HenyeyGreenstein { g: 0.6 };
+    let group = Means::of_images(lights.len() * AccelKind::CHOICES.len(), 1e-2);
+    for light in lights {
+        let mut scene = Description::default();
+        scene.sensors.push(camera(DVec3::Z * 3.0, DVec3::ZERO, 1e-3, 8));
+        let fog = medium(&mut scene, SIGMA, ALBEDO, phase.clone());
+        filled(&mut scene, sphere(1.0), DAffine3::IDENTITY, Material::Null(Null), fog);
+        scene.emitters.push(Emitter::Point { position: light.as_vec3(), intensity: Rgb::splat(2.0) });
+        let exact = [0, 1, 2].map(|c| {
+            let (sigma, albedo) = (f64::from(SIGMA[c]), f64::from(ALBEDO[c]));
+            over_square(|[x, _]| {
+                let p = DVec3::Z * (1.0 - 2.0 * x);
+                let to_light = light - p;
+                let distance = to_light.length();
+                let w = to_light / distance;
+                let to_boundary = -p.dot(w) + (p.dot(w).powi(2) + 1.0 - p.length_squared()).sqrt();
+                let depth = sigma * (2.0 * x + to_boundary.min(distance));
+                2.0 * sigma * albedo * density(&phase, -w.z) * 2.0 * (-depth).exp() / distance.powi(2)
+            })
+        });
+        for &accel in AccelKind::CHOICES {
+            let rendered =
+                render(&compiled(scene.clone(), accel), &volpath(Some(2)), SamplerKind::Sobol, 2048, 5);
+            group.expect(&format!("{light}, {accel}"), &rendered, exact);
+        }
+    }
+}
+
+/// The radiance that a thick slab without absorption transmits along its normal, if its other side is lit by the
+/// radiance 1 from all directions. The hemispherical transmittance is 4/3 / (τ + 2·0.710446), the directions are those
+/// of Milne's problem, (√3/4)·H(1) with H(1) = 2.9078 [Chandrasekhar 1960, 3.25 and table XI]. Both are exact but for
+/// terms like e^−τ.
+#[test]
+fn light_diffuses_through_a_thick_slab() {
+    // Roulette would only make the few paths that get through heavier.
+    let settings = Settings::Volpath(PathLimits { max_depth: None, rr_depth: 1000, ..PathLimits::default() });
+    let depths = [5.0, 10.0];
+    let group = Means::of_images(depths.len() * AccelKind::CHOICES.len(), 2e-2);
+    for depth in depths {
+        let mut scene = Description::default();
+        scene.sensors.push(camera(DVec3::Z * 3.0, DVec3::ZERO, 1e-3, 8));
+        let fog = medium(&mut scene, [depth; 3], [1.0; 3], Phase::Isotropic);
+        let placed = |scale: DVec3, z: f64| {
+            DAffine3::from_scale_rotation_translation(scale, DQuat::IDENTITY, DVec3::Z * z)
+        };
+        let slab = placed(DVec3::new(1e3, 1e3, 0.5), 0.5);
+        filled(&mut scene, Shape::Cube, slab, Material::Null(Null), fog);
+        let below = placed(DVec3::splat(1e3), -1e-3);
+        let lamp = add(&mut scene, Shape::Rectangle, below, diffuse(0.0));
+        scene.shapes[lamp].emission = Some(Rgb::WHITE.into());
+        let transmittance = 4.0 / 3.0 / (f64::from(depth) + 2.0 * 0.710446);
+        let exact = 3f64.sqrt() / 4.0 * 2.9078 * transmittance;
+        for &accel in AccelKind::CHOICES {
+            let rendered = render(&compiled(scene.clone(), accel), &settings, SamplerKind::Sobol, 1024, 7);
+            group.expect(&format!("{depth}, {accel}"), &rendered, [exact; 3]);
+        }
+    }
+}
+
+/// Fog behind glass to which light gets on a straight line all the same, because a lamp is inside or because the glass
+/// has a hole, has the same light if a surface far away shows that the fog is not sealed.
+#[test]
+fn light_in_fog_that_seems_sealed_is_not_lost() {
+    let group = Means::of_images(2 * AccelKind::CHOICES.len(), 2e-2);
+    for (name, shape) in [
+        ("lamp inside", sphere(1.0)),
+        ("open tube", Shape::Cylinder { p0: -Vec3::Y, p1: Vec3::Y, radius: 1.0 }),
+    ] {
+        let mut scene = Description::default();
+        scene.sensors.push(camera(DVec3::new(0.5, 0.6, 4.0), DVec3::ZERO, 30.0, 12));
+        let fog = medium(&mut scene, SIGMA, ALBEDO, Phase::Isotropic);
+        let has_hole = matches!(shape, Shape::Cylinder { .. });
+        filled(&mut scene, shape, DAffine3::IDENTITY, glass(1.3), fog);
+        if has_hole {
+            scene.emitters.push(constant(1.0));
+        } else {
+            let inside = DAffine3::from_translation(DVec3::new(0.2, 0.3, 0.0));
+            let lamp = add(&mut scene, sphere(0.25), inside, diffuse(0.0));
+            scene.shapes[lamp].emission = Some(Rgb::splat(5.0).into());
+        }
+        let mut open = scene.clone();
+        let far = add(&mut open, sphere(1e-3), DAffine3::from_translation(DVec3::X * -50.0), diffuse(0.0));
+        open.shapes[far].boundary = MediumBoundary { interior: None, exterior: Some(fog) };
+        for &accel in AccelKind::CHOICES {
+            let [sealed, open] = [(&scene, 1), (&open, 2)].map(|(scene, seed)| {
+                render(&compiled(scene.clone(), accel), &volpath(Some(8)), SamplerKind::Sobol, 1024, seed)
+            });
+            group.expect_same(&format!("{name}, {accel}"), &sealed, &open);
+        }
+    }
+}
