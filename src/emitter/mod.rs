@@ -108,6 +108,11 @@ impl Emitter {
         matches!(self, Emitter::Constant { .. } | Emitter::EnvironmentMap(_) | Emitter::Sky(_))
     }
 
+    /// Returns whether the light comes from a point of space.
+    pub fn is_at_a_point(&self) -> bool {
+        matches!(self, Emitter::Point { .. } | Emitter::Spot { .. } | Emitter::Projector { .. })
+    }
+
     /// Returns whether the emitter is the sun; a scene has at most one, beside an environment.
     pub fn is_sun(&self) -> bool {
         matches!(self, Emitter::Sun { .. })

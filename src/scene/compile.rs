@@ -270,7 +270,9 @@ impl SceneCompiler {
         memory: &Budget,
     ) -> Result<(Scene, CompileReport)> {
         let around = sensors.get(options.sensor).and_then(|sensor| sensor.medium);
-        let media = self.media.finish(media, around, &self.assembly, options, memory)?;
+        // A lamp without size that is inside a body could be found by emitter samples only.
+        let may_seal = !emitters.iter().any(Emitter::is_at_a_point);
+        let media = self.media.finish(media, (around, may_seal), &self.assembly, options, memory)?;
         self.filter();
         let (holes, instances) = (self.assembly.filter.is_some(), self.assembly.instances.clone());
         let started = Instant::now();

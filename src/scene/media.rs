@@ -39,8 +39,8 @@ impl SceneMedia {
     }
 
     /// Returns whether a medium is the interior of all its boundaries, none of which rays pass without being scattered,
-    /// and which do not emit. If they enclose it, light cannot reach it from an emitter on a straight line, unless the
-    /// emitter is inside.
+    /// and which do not emit. It is not around the sensor, and no emitter of the scene is at a point. If the boundaries
+    /// enclose it, light cannot reach it from an emitter on a straight line, unless the emitter is inside.
     #[inline]
     pub fn is_sealed(&self, id: MediumId) -> bool {
         self.sealed[id.index()]
@@ -91,15 +91,15 @@ impl MediaCompiler {
         self.passed.extend(passed.map(|geometry| (shape, geometry)));
     }
 
-    /// Returns the media of the scene; `None` if there are none. `assembly` is that of the scene's shapes, and `sensor`
-    /// the medium around the sensor.
+    /// Returns the media of the scene; `None` if there are none. `assembly` is that of the scene's shapes, `sensor` the
+    /// medium around the sensor. Media are sealed only if `may_seal` is true.
     ///
     /// # Errors
     /// If an index is out of range, and the errors of [`build_within`](accel::build_within).
     pub fn finish(
         &mut self,
         list: Vec<Medium>,
-        sensor: Option<MediumId>,
+        (sensor, may_seal): (Option<MediumId>, bool),
         assembly: &Assembly,
         options: CompileOptions,
         memory: &Budget,
@@ -112,7 +112,7 @@ impl MediaCompiler {
         if list.is_empty() {
             return Ok(None);
         }
-        let mut sealed = vec![true; list.len()];
+        let mut sealed = vec![may_seal; list.len()];
         for id in std::mem::take(&mut self.open).into_iter().chain(sensor) {
             sealed[id.index()] = false;
         }

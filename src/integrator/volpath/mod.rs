@@ -4,7 +4,8 @@
 //! not scatter it (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flight`]). At each
 //! event an emitter is sampled, with the transmittance of the media up to it, and a direction, by the BSDF or the phase
 //! function. Both are weighted by the power heuristic ([`event`]). In thin homogeneous media, a third technique samples
-//! points near emitters ([`equiangular`]). Without media, the integrator is `path`.
+//! points near emitters ([`equiangular`]). In sealed media there are fewer emitter samples. Without media, the integrator
+//! is `path`.
 
 mod equiangular;
 mod event;
@@ -48,7 +49,7 @@ struct Path {
     from: Vec3,
     /// Density per unit solid angle of the ray's direction; infinite after the camera or a Dirac delta.
     pdf: f32,
-    /// The probability with which an emitter is sampled at the last event.
+    /// The probability with which an emitter is sampled at the last event, if its direction has a density.
     emitter_share: f32,
     /// The product of the weights so far.
     beta: Rgb,
