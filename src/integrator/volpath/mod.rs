@@ -6,7 +6,6 @@
 //! function. Both are weighted by the power heuristic ([`event`]). In thin homogeneous media, a third technique samples
 //! points near emitters ([`equiangular`]). In sealed media there are fewer emitter samples. Without media, the
 //! integrator is `path`.
-//! is `path`.
 
 mod equiangular;
 mod event;
