@@ -23,7 +23,7 @@ use buffon::sensor::Projection;
 use buffon::shape::Shape;
 use std::f64::consts::PI;
 
-const SIGMA: [f32; 3] = [0.25, 1.0, 2.5];
+pub const SIGMA: [f32; 3] = [0.25, 1.0, 2.5];
 const HG: Phase = Phase::HenyeyGreenstein { g: 0.6 };
 
 pub fn volpath(max_depth: Option<u32>) -> Settings {

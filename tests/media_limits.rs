@@ -1,24 +1,26 @@
-//! Light in bodies of scattering media: single scattering in a sphere, and the diffusion through a thick slab.
+//! Light in bodies of scattering media: single scattering in a ball, diffusion through a thick slab, and light in
+//! bodies that seem to be sealed.
 //!
 //! Each group of comparisons has a significance of 1 % with fixed seeds.
 
-use crate::media::{density, filled, glass, medium, volpath};
+use crate::media::{SIGMA, density, filled, glass, medium, volpath};
 use crate::support::expect::Means;
 use crate::support::quadrature::over_square;
 use crate::support::scenes::{add, camera, compiled, diffuse, render, sphere};
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
+use buffon::ids::MediumId;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathLimits;
 use buffon::material::{Material, Null};
-use buffon::math::{DAffine3, DQuat, DVec3};
+use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
 use buffon::medium::{MediumBoundary, Phase};
 use buffon::sampling::SamplerKind;
 use buffon::scene::Description;
 use buffon::shape::Shape;
+use std::f64::consts::FRAC_PI_2;
 
-const SIGMA: [f32; 3] = [0.25, 1.0, 2.5];
 const ALBEDO: [f32; 3] = [0.9, 0.6, 0.3];
 
 /// Light of a point emitter that a ball scatters once, by quadrature over the camera ray through its centre. The
@@ -85,24 +87,50 @@ fn light_diffuses_through_a_thick_slab() {
     }
 }
 
-/// A lamp in fog in a ball of glass has the same light as if a surface far away shows that the fog is not sealed.
-#[test]
-fn a_lamp_in_sealed_fog_is_not_lost() {
-    let group = Means::of_images(AccelKind::CHOICES.len(), 2e-2);
-    let mut sealed = Description::default();
-    sealed.sensors.push(camera(DVec3::new(0.5, 0.6, 4.0), DVec3::ZERO, 30.0, 12));
-    let fog = medium(&mut sealed, SIGMA, ALBEDO, Phase::Isotropic);
-    filled(&mut sealed, sphere(1.0), DAffine3::IDENTITY, glass(1.3), fog);
-    let inside = DAffine3::from_translation(DVec3::new(0.2, 0.3, 0.0));
-    let lamp = add(&mut sealed, sphere(0.25), inside, diffuse(0.0));
-    sealed.shapes[lamp].emission = Some(Rgb::splat(5.0).into());
-    let mut open = sealed.clone();
+/// Renders a scene as it is, and with a surface far away that shows that the fog is not sealed, and expects the same
+/// light.
+fn expect_the_same_unsealed(group: Means, name: &str, scene: &Description, fog: MediumId) {
+    let mut open = scene.clone();
     let far = add(&mut open, sphere(1e-3), DAffine3::from_translation(DVec3::X * -50.0), diffuse(0.0));
     open.shapes[far].boundary = MediumBoundary { interior: None, exterior: Some(fog) };
     for &accel in AccelKind::CHOICES {
-        let [sealed, open] = [(&sealed, 1), (&open, 2)].map(|(scene, seed)| {
+        let [sealed, open] = [(scene, 1), (&open, 2)].map(|(scene, seed)| {
             render(&compiled(scene.clone(), accel), &volpath(Some(8)), SamplerKind::Sobol, 1024, seed)
         });
-        group.expect_same(&format!("{accel}"), &sealed, &open);
+        group.expect_same(&format!("{name}, {accel}"), &sealed, &open);
+    }
+}
+
+/// Light reaches fog behind glass on straight lines from a lamp inside, and through a hole from the sky.
+#[test]
+fn light_in_fog_that_seems_sealed_is_not_lost() {
+    let far_emitters = [
+        ("directional", Emitter::Directional { direction: -Vec3::Y, irradiance: Rgb::splat(3.0) }),
+        (
+            "wide sun",
+            Emitter::Sun { direction: Vec3::Y, half_angle: 0.7, up: Vec3::Y, radiance: Rgb::splat(2.0) },
+        ),
+    ];
+    let group = Means::of_images((1 + far_emitters.len()) * AccelKind::CHOICES.len(), 2e-2);
+    let start = |shape: Shape| {
+        let mut scene = Description::default();
+        scene.sensors.push(camera(DVec3::new(0.5, 0.6, 4.0), DVec3::ZERO, 30.0, 12));
+        let fog = medium(&mut scene, SIGMA, ALBEDO, Phase::Isotropic);
+        filled(&mut scene, shape, DAffine3::IDENTITY, glass(1.3), fog);
+        (scene, fog)
+    };
+    let (mut scene, fog) = start(sphere(1.0));
+    let inside = DAffine3::from_translation(DVec3::new(0.2, 0.3, 0.0));
+    let lamp = add(&mut scene, sphere(0.25), inside, diffuse(0.0));
+    scene.shapes[lamp].emission = Some(Rgb::splat(5.0).into());
+    expect_the_same_unsealed(group, "lamp inside", &scene, fog);
+    for (name, emitter) in far_emitters {
+        let (mut scene, fog) = start(Shape::Cylinder { p0: -Vec3::Y, p1: Vec3::Y, radius: 1.0 });
+        // The disk does not name the fog below it. Above it is vacuum.
+        let clear = medium(&mut scene, [1e-3; 3], [0.0; 3], Phase::Isotropic);
+        let up = DAffine3::from_translation(DVec3::Y) * DAffine3::from_rotation_x(-FRAC_PI_2);
+        filled(&mut scene, Shape::Disk, up, Material::Null(Null), clear);
+        scene.emitters.push(emitter);
+        expect_the_same_unsealed(group, name, &scene, fog);
     }
 }

@@ -10,14 +10,21 @@ use std::f64::consts::TAU;
 /// The point with the coordinates u and v is `p0 + v·(p1 − p0) + radius·(cos(2πu)·x + sin(2πu)·y)`. x and y depend on
 /// the axis alone. [Duff 2017]
 pub fn cylinder_frame(p0: Vec3, p1: Vec3) -> [DVec3; 3] {
-    let axis = (p1.as_dvec3() - p0.as_dvec3()).normalize();
+    let (axis, _) = axis(p0, p1);
     let (x, y) = axis.any_orthonormal_pair();
     [x, y, axis]
 }
 
+/// Returns the unit axis and the height.
+fn axis(p0: Vec3, p1: Vec3) -> (DVec3, f64) {
+    let along = p1.as_dvec3() - p0.as_dvec3();
+    let height = along.length();
+    (along * height.recip(), height)
+}
+
 /// Returns a box around the cylinder, before rounding.
 pub(super) fn bounds(p0: Vec3, p1: Vec3, radius: f32) -> (DVec3, DVec3) {
-    let w = cylinder_frame(p0, p1)[2];
+    let (w, _) = axis(p0, p1);
     // The sine of the angle between the axis and each coordinate axis, without cancellation.
     let sine = DVec3::new(w.y.hypot(w.z), w.z.hypot(w.x), w.x.hypot(w.y));
     let extent = sine * f64::from(radius) * (1.0 + 4.0 * f64::EPSILON);
@@ -38,15 +45,14 @@ pub(super) fn intersect(
     mut accept: impl FnMut(&PrimitiveHit) -> bool,
 ) -> Option<PrimitiveHit> {
     let from_p0 = line.o - p0.as_dvec3();
-    let along = p1.as_dvec3() - p0.as_dvec3();
-    let height = along.length();
-    let axis = along * height.recip();
+    let (axis, height) = axis(p0, p1);
     let across = |v: DVec3| v - axis * v.dot(axis);
     let roots = circle(across(from_p0), across(line.d), radius.into())?;
     let hit = |t: f64| {
         let p = from_p0 + line.d * t;
         let v = p.dot(axis) / height;
         let t = line.within(t).filter(|_| (0.0..=1.0).contains(&v))?;
+        // As in `cylinder_frame`. Most rays do not get here.
         let (x, y) = axis.any_orthonormal_pair();
         let turn = p.dot(y).atan2(p.dot(x)) / TAU;
         let u = (if turn < 0.0 { turn + 1.0 } else { turn }) as f32;

@@ -181,7 +181,7 @@ impl TabulatedDensity {
     fn invert(&self, u: f32) -> (f32, f32) {
         let first = self.guide[((u * CELLS as f32) as usize).min(CELLS - 1)] as usize;
         let begins_before = |cell: usize| self.cells.get(cell).is_some_and(|cell| cell.cdf <= u);
-        // One step is nearly always enough; as a sum, it is no branch.
+        // Nearly all offsets need one step at most, and a sum is no branch.
         let mut cell = first + usize::from(begins_before(first + 1));
         while begins_before(cell + 1) {
             cell += 1;

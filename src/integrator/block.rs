@@ -69,7 +69,7 @@ impl<'a> ShadingBlock<'a> {
         for (lane, hit) in all.iter_mut().zip(hits) {
             *lane = hit.expect("rays without a hit were removed");
         }
-        // Built in place: a block is larger than the registers can move.
+        // Its parts are filled in place, because a move of a block is a call of `memcpy`.
         let mut block = ShadingBlock {
             first,
             active,
@@ -96,8 +96,11 @@ impl<'a> ShadingBlock<'a> {
         block
     }
 
-    /// Finds the glossy lobes, so that emitters are chosen for them.
-    pub fn find_gloss(&mut self) {
+    /// Finds the glossy lobes, so that emitters are chosen for them, if the scene may have any.
+    pub fn find_gloss(&mut self, scene: &Scene) {
+        if !scene.needs.gloss {
+            return;
+        }
         self.gloss = GlossX16::of_lanes(self.finite, |i| {
             let wo = self.wo.lane(i);
             self.bsdfs[i].gloss(wo).map_or(Gloss::NONE, |(alpha, share)| Gloss {

@@ -4,7 +4,6 @@ use crate::color::Rgb;
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DVec3, Vec3};
 use crate::texture::{FilterType, WrapMode};
-use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// A colour as a function of the point. A grid is in a box, which is the unit cube in local coordinates, and continues
@@ -118,22 +117,13 @@ impl Grid {
             let cells = self.size[axis] as i64;
             if last - first >= 2 * cells { 0..=cells - 1 } else { first..=last }
         };
-        let (columns, [width, height, _]) = (range(0), self.size);
-        let of_columns = |columns: RangeInclusive<usize>| {
-            self.channels * columns.start()..self.channels * (columns.end() + 1)
-        };
-        let contiguous = *columns.start() >= 0 && *columns.end() < width as i64;
+        let [columns, rows, slices] =
+            [0, 1, 2].map(|axis| range(axis).map(|i| self.wrapped(i, axis)).collect::<Vec<_>>());
         let mut largest = 0.0f32;
-        for z in range(2) {
-            for y in range(1) {
-                let row = self.wrapped(z, 2) * height + self.wrapped(y, 1);
-                let row = &self.values[self.channels * width * row..][..self.channels * width];
-                let mut add =
-                    |columns| row[of_columns(columns)].iter().for_each(|v| largest = largest.max(*v));
-                if contiguous {
-                    add(*columns.start() as usize..=*columns.end() as usize);
-                } else {
-                    columns.clone().map(|x| self.wrapped(x, 0)).for_each(|x| add(x..=x));
+        for &z in &slices {
+            for &y in &rows {
+                for &x in &columns {
+                    largest = largest.max(self.cell([x, y, z]).max_component());
                 }
             }
         }

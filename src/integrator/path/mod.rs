@@ -343,9 +343,7 @@ impl<'a> PathBounce<'a> {
                 reuse.as_mut().filter(|(reuse, _)| scatter && reuse.has_single(first, paths))
             else {
                 let mut block = ShadingBlock::new(self.scene, arena, &paths.rays, hits, first);
-                if self.scene.needs.gloss {
-                    block.find_gloss();
-                }
+                block.find_gloss(self.scene);
                 self.add_emitted(&block, paths, specular_only, caustics.as_ref(), out, block.active);
                 if scatter {
                     let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
@@ -367,9 +365,7 @@ impl<'a> PathBounce<'a> {
                 continue;
             };
             let mut block = ShadingBlock::new(self.scene, kept, &paths.rays, hits, first);
-            if self.scene.needs.gloss {
-                block.find_gloss();
-            }
+            block.find_gloss(self.scene);
             let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
             // The directions at shared points and towards them have the density of the BSDF alone.
             let single = reuse.single(&block, paths) & !guided.as_ref().map_or(0, |guided| guided.lanes);

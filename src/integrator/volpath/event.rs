@@ -410,8 +410,8 @@ impl Tracer<'_> {
         let mut random = numbers.shadow_streams[0];
         let sealed = path.medium.is_some_and(|id| self.media.is_sealed(id));
         let emitter_share = if sealed { SEALED_SHARE } else { 1.0 };
-        let looks = !sealed || random.uniform() < f64::from(SEALED_SHARE);
-        let emitter = if looks { self.sample_emitter(&path, p, numbers) } else { None };
+        let samples = !sealed || random.uniform() < f64::from(SEALED_SHARE);
+        let emitter = if samples { self.sample_emitter(&path, p, numbers) } else { None };
         if let Some(Chosen { emitter, pmf, mut sample }) = emitter {
             sample.pdf *= emitter_share;
             let density = phase.eval(d.dot(sample.wi));
