@@ -11,6 +11,7 @@ pub mod depth;
 pub mod direct;
 pub mod distribution;
 pub mod emission;
+pub mod flight;
 pub mod guiding;
 pub mod interrupt;
 pub mod irrcache;

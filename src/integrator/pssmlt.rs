@@ -62,6 +62,7 @@ impl Pssmlt {
                 query,
                 margin,
                 merged,
+                media: None,
                 caustics: None,
             },
         }

@@ -214,7 +214,7 @@ impl Settings {
     /// Returns whether the image shows participating media. Other integrators ignore them.
     pub fn renders_media(&self) -> bool {
         match self {
-            Settings::Volpath(_) => true,
+            Settings::Volpath(_) | Settings::Bdpt(_) => true,
             Settings::Aov(aov) => aov.image.as_ref().is_some_and(|image| image.renders_media()),
             _ => false,
         }

@@ -193,6 +193,7 @@ impl Integrator for Vcm {
             techniques: Techniques::All,
             beyond: 2,
             merged: pass.merged(),
+            media: None,
             caustics: false,
         };
         trace_both(scene, camera, light, Some(&pass), wave, query, worker, out);

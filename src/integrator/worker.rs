@@ -1,6 +1,7 @@
 //! The data of one thread: sampler, counters and buffers.
 
 use super::emission::skip_emitters;
+use super::flight::{Departure, Journey, follow};
 use super::{Interrupt, Radiance};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
@@ -50,6 +51,8 @@ pub struct ShadowQueue {
     rays: Vec<Ray>,
     pending: Vec<(u32, Rgb)>,
     occluded: Vec<bool>,
+    /// If media are rendered: where each ray starts in them.
+    departures: Vec<Departure>,
 }
 
 impl ShadowQueue {
@@ -71,6 +74,42 @@ impl ShadowQueue {
     pub fn push_one(&mut self, ray: Ray, slot: u32, value: Rgb) {
         self.rays.push(ray);
         self.pending.push((slot, value));
+    }
+
+    /// Adds one ray through media; its value times the transmittance is added to entry `slot` if the ray is unoccluded.
+    pub fn push_through_media(&mut self, ray: Ray, slot: u32, value: Rgb, departure: Departure) {
+        self.push_one(ray, slot, value);
+        self.departures.push(departure);
+    }
+
+    /// Calls `add` for each entry whose ray is unoccluded, in the order of the queue, and empties the queue.
+    fn finish(
+        &mut self,
+        scene: &Scene,
+        occluded: impl Iterator<Item = bool>,
+        mut add: impl FnMut(usize, Rgb),
+    ) {
+        let through_media = !self.departures.is_empty();
+        let mut journeys = Vec::new();
+        for (i, ((slot, value), _)) in
+            self.pending.iter().zip(occluded).enumerate().filter(|(_, (_, occluded))| !occluded)
+        {
+            match through_media {
+                false => add(*slot as usize, *value),
+                true => journeys.push((i, self.departures[i].unscattered(self.rays[i]))),
+            }
+        }
+        if let (true, Some(media)) = (through_media, &scene.media) {
+            let (entries, mut journeys): (Vec<usize>, Vec<Journey>) = journeys.into_iter().unzip();
+            follow(scene, media, &mut journeys, |_| None, |_, _, _| {});
+            for (i, journey) in entries.into_iter().zip(&journeys) {
+                let (slot, value) = self.pending[i];
+                add(slot as usize, value * journey.flight.passed());
+            }
+        }
+        self.rays.clear();
+        self.pending.clear();
+        self.departures.clear();
     }
 }
 
@@ -383,37 +422,27 @@ impl Worker {
     }
 
     /// Traces the queued shadow rays, calls `add` for the unoccluded ones in queue order, and empties the queue.
-    pub fn trace_shadows(&mut self, scene: &Scene, coherence: Coherence, mut add: impl FnMut(usize, Rgb)) {
-        let ShadowQueue { rays, pending, occluded } = &mut self.shadows;
+    pub fn trace_shadows(&mut self, scene: &Scene, coherence: Coherence, add: impl FnMut(usize, Rgb)) {
+        let mut occluded = std::mem::take(&mut self.shadows.occluded);
+        let rays = &self.shadows.rays;
         occluded.clear();
         occluded.resize(rays.len(), false);
         let started = Instant::now();
-        scene.accel.occluded_wave(rays, occluded, coherence);
+        scene.accel.occluded_wave(rays, &mut occluded, coherence);
         self.counters.occlusion_time += started.elapsed();
         self.counters.occlusion_rays += rays.len() as u64;
-        for ((slot, value), occluded) in pending.iter().zip(occluded.iter()) {
-            if !occluded {
-                add(*slot as usize, *value);
-            }
-        }
-        rays.clear();
-        pending.clear();
+        self.shadows.finish(scene, occluded.iter().copied(), add);
+        self.shadows.occluded = occluded;
     }
 }
 
 impl Worker {
     /// Computes [`trace_shadows`](Self::trace_shadows) for rays that pass through emitting shapes.
-    pub fn trace_shadows_past_emitters(&mut self, scene: &Scene, mut add: impl FnMut(usize, Rgb)) {
-        let Worker { shadows: ShadowQueue { rays, pending, .. }, hits, counters, .. } = self;
-        intersect(scene, rays, Coherence::Incoherent, hits, counters);
-        skip_emitters(scene, rays, hits, counters);
-        for ((slot, value), hit) in pending.iter().zip(hits.iter()) {
-            if hit.is_none() {
-                add(*slot as usize, *value);
-            }
-        }
-        rays.clear();
-        pending.clear();
+    pub fn trace_shadows_past_emitters(&mut self, scene: &Scene, add: impl FnMut(usize, Rgb)) {
+        let Worker { shadows, hits, counters, .. } = self;
+        intersect(scene, &shadows.rays, Coherence::Incoherent, hits, counters);
+        skip_emitters(scene, &mut shadows.rays.clone(), hits, counters);
+        shadows.finish(scene, hits.iter().map(Option::is_some), add);
     }
 }
 

@@ -16,7 +16,7 @@ mod volume;
 
 use crate::error::{Error, Kind, Place, Result};
 use crate::integrator::settings::AUTO;
-use crate::integrator::{self, Plugin, VolpathIntegrator};
+use crate::integrator::{self, Bdpt, Plugin, VolpathIntegrator};
 use crate::memory::{Budget, Limit, Reservation};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
@@ -131,7 +131,7 @@ const NO_MEDIA: &str = "the scene has media, which are not rendered: every mediu
 /// Returns whether the media of a file are rendered by its integrator, or by the one that the user names instead.
 fn renders_media(integrator: &integrator::Settings, replacement: Option<&str>) -> bool {
     match replacement {
-        Some(name) if !["aov", AUTO].contains(&name) => name == VolpathIntegrator::NAME,
+        Some(name) if !["aov", AUTO].contains(&name) => [VolpathIntegrator::NAME, Bdpt::NAME].contains(&name),
         _ => integrator.renders_media(),
     }
 }

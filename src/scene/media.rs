@@ -1,6 +1,6 @@
 //! The participating media of a scene, and the surfaces that bound them.
 
-use super::{CompileOptions, SurfaceInteraction};
+use super::{CompileOptions, Scene, SurfaceInteraction};
 use crate::accel::{self, Accel, Assembly, Coherence, Geometry, Hit};
 use crate::error::{Error, Result};
 use crate::ids::{MediumId, ShapeId};
@@ -23,6 +23,19 @@ pub struct SceneMedia {
     pub sensor: Option<MediumId>,
 }
 
+impl Scene {
+    /// Checks that all media can be rendered.
+    ///
+    /// # Errors
+    /// If one cannot, with the reason.
+    pub fn check_media(&self) -> Result<()> {
+        match self.media.as_ref().and_then(|media| media.unsupported()) {
+            Some(reason) => Err(Error::scene(reason)),
+            None => Ok(()),
+        }
+    }
+}
+
 impl SceneMedia {
     /// Returns a medium; `None` for vacuum.
     #[inline]
@@ -31,7 +44,7 @@ impl SceneMedia {
     }
 
     /// Returns the reason why the media cannot be rendered, if there is one.
-    pub fn unsupported(&self) -> Option<&str> {
+    fn unsupported(&self) -> Option<&str> {
         self.list.iter().find_map(|medium| match medium {
             Medium::Homogeneous(_) | Medium::Heterogeneous(_) => None,
             Medium::Unsupported(reason) => Some(reason.as_str()),
@@ -59,6 +72,16 @@ impl SceneMedia {
             passed.intersect_wave(rays, &mut hits, Coherence::Incoherent);
         }
         hits
+    }
+
+    /// Returns whether a shape is a boundary of media.
+    pub fn bounds(&self, shape: ShapeId) -> bool {
+        self.boundaries.contains_key(&shape)
+    }
+
+    /// Returns the medium on the geometric front side of a shape, if the description tells.
+    pub fn exterior(&self, shape: ShapeId) -> Option<MediumId> {
+        self.boundaries.get(&shape)?.exterior
     }
 
     /// Returns the medium on the side of a surface towards which the direction `w` points: `current` if the surface is

@@ -38,6 +38,11 @@ const CANDIDATES: [Candidate; 4] = [
     Candidate { name: "vcm", cost: 2.35, unbiased: false },
 ];
 const SECOND: usize = 3;
+/// The candidates for scenes with media that are rendered. The costs are those of decision 0084.
+const IN_MEDIA: [Candidate; 2] = [
+    Candidate { name: "volpath", cost: 1.0, unbiased: true },
+    Candidate { name: "bdpt", cost: 1.0, unbiased: true },
+];
 /// The samples of each pixel of a pilot.
 const SAMPLES: u64 = 16;
 /// The share of the samples of the image that the pilot of one candidate takes.
@@ -110,16 +115,14 @@ struct Pilot {
 type Blocks = Vec<[[f64; 2]; 3]>;
 
 impl Session {
-    /// Chooses the integrator for a render with the given choices, whose own integrator does not count. A scene with
-    /// media that are rendered has only one candidate.
+    /// Chooses the integrator for a render with the given choices, whose own integrator does not count.
     ///
     /// # Errors
     /// If no candidate can render the scene, or the memory limit is exceeded.
     pub fn decide(&self, choices: &Choices) -> Result<Decision> {
-        if self.defaults.integrator.renders_media() {
-            return Ok(Decision { integrator: "volpath", trials: Vec::new(), elapsed: Duration::ZERO });
-        }
         let started = Instant::now();
+        let renders_media = self.scene.media.is_some() && self.defaults.integrator.renders_media();
+        let candidates: &[Candidate] = if renders_media { &IN_MEDIA } else { &CANDIDATES };
         let film = &self.camera().film;
         // A crop has the integrator of the whole image, so that its pixels are the same.
         let area = film.full_area() as f64;
@@ -138,15 +141,15 @@ impl Session {
         // The square of the error of a density estimate within a radius is proportional to the fourth power of that.
         let bias = scale.powi(4);
         let mut pilots = Vec::new();
-        for candidate in &CANDIDATES {
+        for candidate in candidates {
             if pilots.len() == SECOND
-                && choose(&efforts(&pilots, bias)).is_some_and(|(chosen, _)| chosen == 0)
+                && choose(&efforts(&pilots, candidates, bias)).is_some_and(|(chosen, _)| chosen == 0)
             {
                 break;
             }
             pilots.push(self.pilot(candidate, choices, &camera));
         }
-        let efforts = efforts(&pilots, bias);
+        let efforts = efforts(&pilots, candidates, bias);
         let Some((chosen, least)) = choose(&efforts) else {
             return Err(pilots.into_iter().find_map(Result::err).expect("without a pilot there is an error"));
         };
@@ -157,8 +160,8 @@ impl Session {
             effort: effort.map(|effort| if least > 0.0 { effort / least } else { 1.0 }),
             refused: pilot.err().map(|error| error.message),
         };
-        let trials = pilots.into_iter().zip(efforts).zip(&CANDIDATES).map(trial).collect();
-        Ok(Decision { integrator: CANDIDATES[chosen].name, trials, elapsed: started.elapsed() })
+        let trials = pilots.into_iter().zip(efforts).zip(candidates).map(trial).collect();
+        Ok(Decision { integrator: candidates[chosen].name, trials, elapsed: started.elapsed() })
     }
 
     /// Renders the pilot of a candidate.
@@ -183,15 +186,15 @@ impl Session {
 }
 
 /// Returns the product of error and cost of each pilot. `bias` scales the squared biases to those of the image.
-fn efforts(pilots: &[Result<Pilot>], bias: f64) -> Vec<Option<f64>> {
+fn efforts(pilots: &[Result<Pilot>], candidates: &[Candidate], bias: f64) -> Vec<Option<f64>> {
     let all =
-        || pilots.iter().zip(&CANDIDATES).filter_map(|(p, c)| Some((&p.as_ref().ok()?.blocks, c.unbiased)));
+        || pilots.iter().zip(candidates).filter_map(|(p, c)| Some((&p.as_ref().ok()?.blocks, c.unbiased)));
     let effort = |(pilot, candidate): (&Result<Pilot>, &Candidate)| {
         let pilot = pilot.as_ref().ok()?;
         let unknown = all().map(|other| unknown_error((&pilot.blocks, candidate.unbiased), other, bias));
         Some((pilot.relmse? + unknown.fold(0.0, f64::max)) * pilot.cost)
     };
-    pilots.iter().zip(&CANDIDATES).map(effort).collect()
+    pilots.iter().zip(candidates).map(effort).collect()
 }
 
 /// Returns the index of the chosen candidate, and the least effort; `None` if all efforts are unknown.

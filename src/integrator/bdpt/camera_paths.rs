@@ -7,9 +7,10 @@ use super::weights::{Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
 use crate::bsdf;
 use crate::color::Rgb;
-use crate::ids::EmitterId;
+use crate::ids::{EmitterId, MediumId};
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::emission::skip_emitters;
+use crate::integrator::flight::medium_after;
 use crate::integrator::light_path::LightVertex;
 use crate::integrator::photon::EmissionGuide;
 use crate::integrator::roulette::Roulette;
@@ -19,7 +20,7 @@ use crate::integrator::{Radiance, RadianceQuery, Wave};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::math::{Ray, Vec3};
 use crate::sampling::{Dimension, SampleKey};
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneMedia};
 use crate::sensor::Camera;
 
 /// The camera paths of a wave, and the light paths to which they are connected.
@@ -36,6 +37,8 @@ pub struct CameraPaths<'a> {
     pub light: LightPaths<'a>,
     /// The light path of each camera path.
     pub light_path: Vec<u32>,
+    /// The media, if they are rendered.
+    pub media: Option<&'a SceneMedia>,
     /// The light paths with which camera paths are merged.
     pub merging: Option<&'a Merging>,
 }
@@ -43,17 +46,19 @@ pub struct CameraPaths<'a> {
 /// The state of a camera path between two vertices.
 #[derive(Clone, Copy)]
 pub(super) struct Subpath {
-    key: SampleKey,
+    pub key: SampleKey,
     pub slot: u32,
     pub ray: Ray,
     /// The last vertex. The ray starts beside it.
-    from: Vec3,
+    pub from: Vec3,
+    /// The medium in which the ray starts.
+    pub medium: Option<MediumId>,
     /// The product of the weights so far.
     pub beta: Rgb,
     /// The product of the relative indices of refraction.
-    eta: f32,
+    pub eta: f32,
     /// The partial weight; `None` before the first vertex.
-    partial: Option<Partial>,
+    pub partial: Option<Partial>,
 }
 
 /// The vertices of up to sixteen camera paths. The `wo` of the block point to the viewer.
@@ -76,6 +81,7 @@ impl CameraPaths<'_> {
             slot: slot as u32,
             ray: *ray,
             from: ray.o,
+            medium: self.media.and_then(|media| media.sensor),
             beta: Rgb::WHITE,
             eta: 1.0,
             partial: None,
@@ -85,8 +91,8 @@ impl CameraPaths<'_> {
         let mut depth = 0;
         while !subpaths.is_empty() && self.limits.allows(depth + 1) && !worker.interrupt.is_raised() {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
-            let mut rays: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
-            let mut hits = Vec::new();
+            let whole: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
+            let (mut rays, mut hits) = (whole.clone(), Vec::new());
             intersect(self.scene, &rays, coherence, &mut hits, &mut worker.counters);
             if depth == 0 {
                 self.first_hits(&mut rays, &mut hits, worker, out);
@@ -94,9 +100,11 @@ impl CameraPaths<'_> {
                     path.ray = *ray;
                 }
             }
+            let scattered = self.fly(depth, &whole, &mut subpaths, &mut hits, worker, out);
             let mut alive = 0;
             for i in 0..subpaths.len() {
                 match hits[i] {
+                    None if subpaths[i].beta.is_black() => {}
                     None => self.add_environment(&subpaths[i], depth, out),
                     Some(_) => {
                         (subpaths[alive], rays[alive], hits[alive]) = (subpaths[i], rays[i], hits[i]);
@@ -108,6 +116,7 @@ impl CameraPaths<'_> {
             rays.truncate(alive);
             hits.truncate(alive);
             self.shade(depth, &subpaths, &rays, &hits, worker, &mut next, out);
+            self.scatter_in_media(depth, &scattered, worker, &mut next);
             worker.trace_shadows(self.scene, coherence, |slot, value| out[slot].value += value);
             std::mem::swap(&mut subpaths, &mut next);
             next.clear();
@@ -131,6 +140,11 @@ impl CameraPaths<'_> {
             let before = passed.get(i).copied().unwrap_or(0.0);
             out.distance = hit.map_or(f32::INFINITY, |h| before + h.t);
         }
+    }
+
+    /// Returns whether paths may be scattered after `depth` scatterings.
+    pub fn goes_on(&self, depth: u32) -> bool {
+        self.limits.allows(depth + 2) && (self.query.direct || self.query.indirect)
     }
 
     /// Returns whether emission at a vertex after `depth` scatterings counts.
@@ -157,7 +171,7 @@ impl CameraPaths<'_> {
 
     /// Returns the densities of an emitter that emits in the direction `d` with the cosine `cosine` at its surface, for
     /// sampling from the point `from`.
-    fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
+    pub fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
         let (scene, i) = (self.scene, emitter.index());
         let (sampled, started) =
             (scene.light_selection.pmf(i, from), typical_start_density(scene, self.guide, i));
@@ -176,7 +190,7 @@ impl CameraPaths<'_> {
         next: &mut Vec<Subpath>,
         out: &mut [Radiance],
     ) {
-        let go_on = self.limits.allows(depth + 2) && (self.query.direct || self.query.indirect);
+        let go_on = self.goes_on(depth);
         let mut connection = Vec::new();
         if go_on {
             let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
@@ -228,15 +242,18 @@ impl CameraPaths<'_> {
         let mut partials = [Partial::of_camera(1.0, merged); LANES];
         for ((i, path), partial) in paths.iter().enumerate().zip(&mut partials) {
             let (distance, cos) = (f64::from(block.at.hit[i].t), f64::from(cosines[i]));
-            *partial = match path.partial {
-                Some(partial) => partial.at_next(distance * distance, cos),
-                None => {
-                    let density = self.camera.density(block.at.p.lane(i), path.ray.d, path.ray.time) * cos;
-                    Partial::of_camera(density, merged)
-                }
-            };
+            *partial = self.arrive_at(path, block.at.p.lane(i), distance, cos, merged);
         }
         partials
+    }
+
+    /// Returns the partial weight of a path at the point `p`, at the distance `distance`, where `cos` is the cosine of
+    /// the ray with the geometric normal, or 1 in a medium.
+    pub fn arrive_at(&self, path: &Subpath, p: Vec3, distance: f64, cos: f64, merged: Merged) -> Partial {
+        match path.partial {
+            Some(partial) => partial.at_next(distance * distance, cos),
+            None => Partial::of_camera(self.camera.density(p, path.ray.d, path.ray.time) * cos, merged),
+        }
     }
 
     /// Returns the weighted contribution of the vertex of lane `i`, whose shape emits.
@@ -290,7 +307,11 @@ impl CameraPaths<'_> {
                 _ => partials[i].scattered(pdf[i].into(), reverse[i].into(), cos),
             };
             let (ray, from) = (rays[i], block.at.p.lane(i));
-            next.push(Subpath { ray, from, beta, eta, partial: Some(partial), ..paths[i] });
+            let d = block.rays.d.lane(i);
+            let medium = self.media.and_then(|media| {
+                medium_after(self.scene, media, &block.at.lane(i), (d, ray.d), paths[i].medium)
+            });
+            next.push(Subpath { ray, from, medium, beta, eta, partial: Some(partial), ..paths[i] });
         }
     }
 }

@@ -1,14 +1,21 @@
 //! Connections of the vertices of camera paths with emitters and with the vertices of light paths.
 
-use super::camera_paths::{CameraPaths, CameraVertices};
+use super::camera_paths::{CameraPaths, CameraVertices, Subpath};
 use super::light_paths::{StoredVertex, typical_start_density};
+use super::vertex::Vertex;
 use super::weights::{self, End, Start};
 use crate::bsdf::lanes::{eval_x16, pdf_adjoint_x16};
 use crate::color::Rgb;
+use crate::integrator::flight::{Departure, medium_after, stream};
+use crate::integrator::light_path::LightVertex;
 use crate::integrator::worker::ShadowQueue;
 use crate::math::lanes::{LANES, bits, each_lane, f32x16};
-use crate::math::ray::{end_error, offset_origin};
 use crate::math::{Ray, RayX16, Vec3, Vec3x16};
+
+/// The least cosine in the estimate of a contribution: shading normals and lobes may be anywhere.
+const LEAST_COSINE: f32 = 0.05;
+/// What stands for the cosine at a point in a medium: the isotropic phase function relative to a diffuse BSDF.
+pub(super) const IN_MEDIUM: f32 = 0.25;
 
 impl CameraPaths<'_> {
     /// Samples an emitter at each vertex with a finite lobe. Queues shadow rays with the weighted contributions.
@@ -47,7 +54,7 @@ impl CameraPaths<'_> {
         });
         let factor = wi.z.abs() / sample.pdf * weights;
         value = value.map(|channel| channel * factor);
-        push(shadows, vertices, lanes, &rays, value);
+        self.push(shadows, vertices, lanes, (&rays, 1), value);
     }
 
     /// Connects each vertex with a finite lobe to one vertex of its light path. Queues shadow rays with the weighted
@@ -58,7 +65,13 @@ impl CameraPaths<'_> {
         let at = &block.at;
         let mut chosen = [None; LANES];
         for i in bits(block.finite) {
-            chosen[i] = self.choose(vertices, i, u[i]);
+            let (path, p, ng) = (&vertices.paths[i], at.p.lane(i), at.ng.lane(i));
+            chosen[i] = self.choose(path, *depth, p, |wi| wi.dot(ng).abs().max(LEAST_COSINE), u[i]);
+            if let Some(connection @ (StoredVertex { vertex: Vertex::Medium(_), .. }, _)) = chosen[i] {
+                let vertex = Vertex::Surface(LightVertex::new(block, i));
+                self.connect_one(path, &vertex, (partials[i], *depth), connection, shadows);
+                chosen[i] = None;
+            }
         }
         let lanes =
             chosen.iter().enumerate().fold(0, |lanes, (i, choice)| lanes | u32::from(choice.is_some()) << i);
@@ -71,7 +84,7 @@ impl CameraPaths<'_> {
             lights.iter().enumerate().for_each(|(i, light)| all.set_lane(i, vector(light)));
             all
         };
-        let way = vectors(&|light| light.vertex.at.p) - at.p;
+        let way = vectors(&|light| light.vertex.surface().at.p) - at.p;
         let distance2 = way.length_squared();
         let wi = way * (f32x16::ONE / distance2.sqrt());
         let local = at.frame.to_local(wi);
@@ -81,18 +94,19 @@ impl CameraPaths<'_> {
             return;
         }
         // At the light path's end.
-        let bsdfs = lights.map(|light| light.vertex.bsdf);
-        let (wo, ng) = (vectors(&|light| light.vertex.wo), vectors(&|light| light.vertex.at.ng));
+        let bsdfs = lights.map(|light| light.vertex.surface().bsdf);
+        let (wo, ng) =
+            (vectors(&|light| light.vertex.surface().wo), vectors(&|light| light.vertex.surface().at.ng));
         let mut to_viewer = Vec3x16::default();
         for i in bits(lanes) {
-            to_viewer.set_lane(i, lights[i].vertex.at.frame.to_local(-wi.lane(i)));
+            to_viewer.set_lane(i, lights[i].vertex.surface().at.frame.to_local(-wi.lane(i)));
         }
         let emerging = eval_x16(&bsdfs, &to_viewer, &wo, lanes);
         let lanes = lanes & some(&emerging.f);
         if lanes == 0 {
             return;
         }
-        let wo_ng = f32x16::new(each_lane(|i| lights[i].vertex.wo_ng));
+        let wo_ng = f32x16::new(each_lane(|i| lights[i].vertex.surface().wo_ng));
         let corrected = (wi.dot(ng) * wo.z / wo_ng).abs();
         let forward_of_light = pdf_adjoint_x16(&bsdfs, &wo, &to_viewer, lanes).to_array();
         let reverse_of_camera = pdf_adjoint_x16(&block.bsdfs, &local, &block.wo, lanes).to_array();
@@ -121,30 +135,30 @@ impl CameraPaths<'_> {
         let value = std::array::from_fn(|c| scattered.f[c] * emerging.f[c] * powers[c] * factor);
         let mut targets = Vec3x16::default();
         for i in bits(lanes) {
-            let (to, way) = (&lights[i].vertex.at, way.lane(i));
-            targets.set_lane(i, offset_origin(to.p, to.error + end_error(way), to.ng, -way));
+            targets.set_lane(i, lights[i].vertex.target(way.lane(i)));
         }
         let rays = self.scene.shadow_rays_to(at, targets, wi, block.rays.time);
-        push(shadows, vertices, lanes, &rays, value);
+        self.push(shadows, vertices, lanes, (&rays, 2), value);
     }
 
-    /// Chooses the vertex of the light path to which the vertex of lane `i` is connected. Returns it with the
-    /// reciprocal of its probability.
-    fn choose(
+    /// Chooses the vertex of the light path to which a path is connected at the point `p` after `depth` scatterings.
+    /// `scatters` estimates how much light is scattered there from a direction, relative to a diffuse surface. Returns
+    /// it with the reciprocal of its probability.
+    pub(super) fn choose(
         &self,
-        vertices: &CameraVertices<'_>,
-        i: usize,
+        path: &Subpath,
+        depth: u32,
+        p: Vec3,
+        scatters: impl Fn(Vec3) -> f32,
         mut u: f32,
     ) -> Option<(&StoredVertex<'_>, f32)> {
-        let CameraVertices { block, paths, depth, .. } = vertices;
-        let (p, ng) = (block.at.p.lane(i), block.at.ng.lane(i));
         let (mut sum, mut chosen) = (0.0f32, None);
-        for light in self.light.of(self.light_path[paths[i].slot as usize] as usize) {
+        for light in self.light.of(self.light_path[path.slot as usize] as usize) {
             let edges = depth + light.edges + 2;
             if !self.limits.allows(edges) || !self.query.wants(edges) {
                 continue;
             }
-            let importance = importance(p, ng, light);
+            let importance = importance(p, &scatters, light);
             if importance == 0.0 {
                 continue;
             }
@@ -159,20 +173,52 @@ impl CameraPaths<'_> {
         }
         chosen.map(|(light, importance)| (light, sum / importance))
     }
+
+    /// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the paths.
+    /// `purpose` is that of the random numbers for their transmittance.
+    fn push(
+        &self,
+        shadows: &mut ShadowQueue,
+        vertices: &CameraVertices<'_>,
+        lanes: u32,
+        (rays, purpose): (&RayX16, u32),
+        value: [f32x16; 3],
+    ) {
+        let CameraVertices { block, paths, depth, .. } = vertices;
+        let rays: [Ray; LANES] = rays.to_rays();
+        let [r, g, b] = value.map(f32x16::to_array);
+        for i in bits(lanes) {
+            let (path, ray) = (&paths[i], rays[i]);
+            let value = path.beta * Rgb::new(r[i], g[i], b[i]);
+            if value.is_black() {
+                continue;
+            }
+            let Some(media) = self.media else {
+                shadows.push_one(ray, path.slot, value);
+                continue;
+            };
+            let directions = (block.rays.d.lane(i), ray.d);
+            let medium = medium_after(self.scene, media, &block.at.lane(i), directions, path.medium);
+            let random = stream(path.key, *depth, purpose);
+            shadows.push_through_media(ray, path.slot, value, Departure { medium, random });
+        }
+    }
 }
 
 /// Returns an estimate of the contribution of a connection, which is positive if the contribution is: that of diffuse
-/// surfaces. Shading normals and lobes may be anywhere, so the cosines have a least value.
-fn importance(p: Vec3, ng: Vec3, light: &StoredVertex<'_>) -> f32 {
-    const LEAST: f32 = 0.05;
-    let way = light.vertex.at.p - p;
+/// surfaces and isotropic media without absorption.
+fn importance(p: Vec3, scatters: impl Fn(Vec3) -> f32, light: &StoredVertex<'_>) -> f32 {
+    let way = light.vertex.p() - p;
     let distance2 = way.length_squared();
     if distance2 == 0.0 {
         return 0.0;
     }
     let wi = way / distance2.sqrt();
-    let cosines = wi.dot(ng).abs().max(LEAST) * wi.dot(light.vertex.at.ng).abs().max(LEAST);
-    light.power.max_component() * cosines / distance2
+    let emerging = match &light.vertex {
+        Vertex::Surface(surface) => wi.dot(surface.at.ng).abs().max(LEAST_COSINE),
+        Vertex::Medium(_) => IN_MEDIUM,
+    };
+    light.power.max_component() * scatters(wi) * emerging / distance2
 }
 
 /// Returns a mask of the lanes in which a colour is not black.
@@ -188,23 +234,4 @@ fn each_active(lanes: u32, number: impl Fn(usize) -> f32) -> f32x16 {
         numbers[i] = number(i);
     }
     f32x16::new(numbers)
-}
-
-/// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the paths.
-fn push(
-    shadows: &mut ShadowQueue,
-    vertices: &CameraVertices<'_>,
-    lanes: u32,
-    rays: &RayX16,
-    value: [f32x16; 3],
-) {
-    let rays: [Ray; LANES] = rays.to_rays();
-    let [r, g, b] = value.map(f32x16::to_array);
-    for i in bits(lanes) {
-        let path = &vertices.paths[i];
-        let value = path.beta * Rgb::new(r[i], g[i], b[i]);
-        if !value.is_black() {
-            shadows.push_one(rays[i], path.slot, value);
-        }
-    }
 }

@@ -1,26 +1,32 @@
 //! Light subpaths, whose vertices are kept.
 
+use super::emitter_media::EmitterMedia;
 use super::technique::Techniques;
+use super::vertex::{MediumPoint, Vertex};
 use super::weights::{Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
 use crate::bsdf::lanes::{eval_x16, sample_adjoint_x16};
 use crate::color::Rgb;
+use crate::ids::MediumId;
 use crate::integrator::block::ShadingBlock;
+use crate::integrator::flight::{Collision, Landing, fly, medium_after, stream, surfaces};
 use crate::integrator::light_path::{EmissionNumbers, LightVertex};
 use crate::integrator::photon::EmissionGuide;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{RandomNumbers, Worker, draw_1d, draw_2d, intersect};
-use crate::math::Ray;
 use crate::math::lanes::{LANES, bits, f32x16, load};
+use crate::math::{Ray, Vec2, Vec3};
+use crate::medium::{FreeFlight, Medium};
 use crate::sampling::{Dimension, SampleKey};
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneMedia};
 use bumpalo::Bump;
 
 /// A vertex of a light path with a finite lobe.
 pub struct StoredVertex<'a> {
-    /// The surface point.
-    pub vertex: LightVertex<'a>,
+    pub vertex: Vertex<'a>,
+    /// The medium in which the path arrives.
+    pub medium: Option<MediumId>,
     /// The power that arrives, W.
     pub power: Rgb,
     /// The partial weight at the vertex.
@@ -47,10 +53,27 @@ struct Subpath {
     key: SampleKey,
     index: u32,
     ray: Ray,
+    /// The medium in which the ray starts.
+    medium: Option<MediumId>,
     power: Rgb,
     /// The product of the weights at the vertices, for Russian roulette.
     beta: Rgb,
     state: State,
+}
+
+impl Subpath {
+    /// Returns the partial weight at the point `p`, at the distance `distance`, where `cos` is the cosine of the ray
+    /// with the geometric normal, or 1 in a medium.
+    fn arrive(&self, scene: &Scene, merged: Merged, p: Vec3, distance: f64, cos: f64) -> Partial {
+        match self.state {
+            State::Started(emitter, start) => {
+                let chosen = scene.light_selection.pmf(emitter, p);
+                let start = Start { sampled: start.sampled * f64::from(chosen), ..start };
+                Partial::of_light(start, distance * distance, cos, merged)
+            }
+            State::Scattered(partial) => partial.at_next(distance * distance, cos),
+        }
+    }
 }
 
 /// The weights of a light path between two vertices.
@@ -60,6 +83,31 @@ enum State {
     Started(usize, Start),
     /// After a vertex.
     Scattered(Partial),
+}
+
+/// The media that are rendered.
+#[derive(Clone, Copy)]
+pub struct RenderedMedia<'a> {
+    pub list: &'a SceneMedia,
+    /// The media in which light paths start.
+    pub of_emitters: &'a EmitterMedia,
+}
+
+impl RenderedMedia<'_> {
+    /// Returns the share of the light from infinity that arrives through a medium. Heterogeneous media are bounded.
+    fn transmittance_from_infinity(&self, medium: Option<MediumId>) -> Rgb {
+        match self.list.get(medium) {
+            Some(Medium::Homogeneous(medium)) => {
+                medium.sigma_t.map(|sigma| if sigma > 0.0 { 0.0 } else { 1.0 })
+            }
+            _ => Rgb::WHITE,
+        }
+    }
+}
+
+/// Returns the key of a light path for streams of random numbers, which its camera path may have, too.
+pub fn of_light_path(key: SampleKey) -> SampleKey {
+    SampleKey { scramble: !key.scramble, ..key }
 }
 
 /// The light paths to trace.
@@ -73,6 +121,8 @@ pub struct LightPathSettings<'a> {
     /// The least number of edges with which a path reaches the camera from a vertex.
     pub beyond: u32,
     pub merged: Merged,
+    /// The media, if they are rendered.
+    pub media: Option<RenderedMedia<'a>>,
     /// Whether only caustics are traced, that a camera path can find too: emitters are no Dirac deltas, and a path ends
     /// at its first vertex with a finite lobe, which is kept unless it is the first of all.
     pub caustics: bool,
@@ -90,7 +140,7 @@ impl<'a> LightPaths<'a> {
     pub fn trace(
         scene: &'a Scene,
         arena: &'a Bump,
-        settings: LightPathSettings<'_>,
+        settings: LightPathSettings<'a>,
         keys: &[SampleKey],
         worker: &mut Worker,
     ) -> Self {
@@ -103,6 +153,9 @@ impl<'a> LightPaths<'a> {
             intersect(scene, &rays, Coherence::Incoherent, &mut worker.hits, &mut worker.counters);
             let ends = |hit: &Hit| settings.caustics && edges == 1 && !scene.has_deltas(hit);
             worker.hits.iter_mut().for_each(|hit| *hit = hit.filter(|hit| !ends(hit)));
+            if let Some(media) = settings.media {
+                paths.fly(scene, media.list, settings, edges, &mut subpaths, worker, &mut next);
+            }
             let mut hits = worker.hits.iter();
             subpaths.retain(|_| hits.next().is_some_and(Option::is_some));
             worker.hits.retain(Option::is_some);
@@ -118,6 +171,79 @@ impl<'a> LightPaths<'a> {
     pub fn of(&self, path: usize) -> impl Iterator<Item = &StoredVertex<'a>> {
         let at = |i: u32| &self.vertices[i as usize];
         std::iter::successors(self.last[path].map(at), move |vertex| vertex.previous.map(at))
+    }
+
+    /// Lets subpaths fly through media up to the surfaces that they hit. Those that a medium scatters have no hit
+    /// afterwards: keeps their vertices, and adds their continuations to `next`.
+    #[expect(clippy::too_many_arguments, reason = "the state of a wave")]
+    fn fly(
+        &mut self,
+        scene: &Scene,
+        media: &'a SceneMedia,
+        settings: LightPathSettings<'_>,
+        edges: u32,
+        subpaths: &mut [Subpath],
+        worker: &mut Worker,
+        next: &mut Vec<Subpath>,
+    ) {
+        let rays: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
+        let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
+        let (mut flights, mut directions, mut roulettes) =
+            (Default::default(), Default::default(), Vec::new());
+        draw_2d(worker.sampler, Dimension::free_flight(edges - 1).repeat(1), &keys, &mut flights);
+        draw_2d(worker.sampler, Dimension::bsdf_direction(edges - 1).repeat(1), &keys, &mut directions);
+        draw_1d(worker.sampler, Dimension::roulette(edges - 1).repeat(1), &keys, &mut roulettes);
+        let pair = |numbers: &[Vec<f32>; 2], i: usize| Vec2::new(numbers[0][i], numbers[1][i]);
+        let start = |i: usize| {
+            let path = &subpaths[i];
+            let random = stream(of_light_path(path.key), edges, 0);
+            let flight = FreeFlight::sampled(path.power * path.beta, pair(&flights, i), path.ray.o, random);
+            (path.medium, flight)
+        };
+        let surfaces = surfaces(scene, &rays, &worker.hits);
+        let end = |i: usize| surfaces[i].as_ref().map(|at| (at, at.hit.t));
+        let landings = fly(scene, media, &rays, end, start);
+        let roulette = Roulette::at(edges, 1);
+        for (i, Landing { medium, weight, collision }) in landings.into_iter().enumerate() {
+            let path = &mut subpaths[i];
+            (path.medium, path.beta) = (medium, path.beta * weight);
+            if collision.is_some() || path.beta.is_black() {
+                worker.hits[i] = None;
+            }
+            let Some(Collision { p, t, medium, .. }) = collision.filter(|_| !path.beta.is_black()) else {
+                continue;
+            };
+            let point = MediumPoint { p, d: path.ray.d, time: path.ray.time, phase: medium.phase() };
+            let partial = path.arrive(scene, settings.merged, p, f64::from(t), 1.0);
+            self.keep(path, Vertex::Medium(point), partial, edges);
+            if !settings.allows(edges + 1) {
+                continue;
+            }
+            let mut beta = path.beta;
+            if let Some(roulette) = roulette {
+                let Some(on) = roulette.play(beta, 1.0, roulettes[i]) else { continue };
+                beta = on;
+            }
+            let wi = point.phase.sample(point.d, pair(&directions, i));
+            let density = point.density(wi).into();
+            let state = State::Scattered(partial.scattered(density, density, 1.0));
+            next.push(Subpath { beta, ray: Ray { time: point.time, ..Ray::new(p, wi) }, state, ..*path });
+        }
+    }
+
+    /// Keeps a vertex.
+    fn keep(&mut self, path: &Subpath, vertex: Vertex<'a>, partial: Partial, edges: u32) {
+        let previous = self.last[path.index as usize].replace(self.vertices.len() as u32);
+        let (power, medium) = (path.power * path.beta, path.medium);
+        self.vertices.push(StoredVertex {
+            vertex,
+            medium,
+            power,
+            partial,
+            edges,
+            path: path.index,
+            previous,
+        });
     }
 
     /// Keeps the vertices of all subpaths, and adds their continuations to `next`.
@@ -149,21 +275,11 @@ impl<'a> LightPaths<'a> {
             let paths = &subpaths[first..hits.len().min(first + LANES)];
             let partials = arrive(scene, settings.merged, &block, paths);
             if go_on {
-                scatter(scene, &block, paths, &partials, roulette, numbers, settings.caustics, next);
+                scatter(scene, &block, paths, &partials, roulette, numbers, settings, next);
             }
             let kept = if settings.caustics && edges == 1 { 0 } else { block.finite };
             for i in bits(kept) {
-                let (path, vertex) = (&paths[i], LightVertex::new(&block, i));
-                let last = &mut self.last[path.index as usize];
-                let previous = last.replace(self.vertices.len() as u32);
-                self.vertices.push(StoredVertex {
-                    vertex,
-                    power: path.power * path.beta,
-                    partial: partials[i],
-                    edges,
-                    path: path.index,
-                    previous,
-                });
+                self.keep(&paths[i], Vertex::Surface(LightVertex::new(&block, i)), partials[i], edges);
             }
         }
     }
@@ -174,14 +290,7 @@ fn arrive(scene: &Scene, merged: Merged, block: &ShadingBlock<'_>, paths: &[Subp
     let cosines = block.rays.d.dot(block.at.ng).abs().to_array();
     let partial = |(i, path): (usize, &Subpath)| {
         let (distance, cos) = (f64::from(block.at.hit[i].t), f64::from(cosines[i]));
-        match path.state {
-            State::Started(emitter, start) => {
-                let chosen = scene.light_selection.pmf(emitter, block.at.p.lane(i));
-                let start = Start { sampled: start.sampled * f64::from(chosen), ..start };
-                Partial::of_light(start, distance * distance, cos, merged)
-            }
-            State::Scattered(partial) => partial.at_next(distance * distance, cos),
-        }
+        path.arrive(scene, merged, block.at.p.lane(i), distance, cos)
     };
     paths.iter().enumerate().map(partial).collect()
 }
@@ -195,7 +304,7 @@ fn scatter(
     partials: &[Partial],
     roulette: Option<Roulette>,
     numbers: &RandomNumbers,
-    deltas_only: bool,
+    settings: LightPathSettings<'_>,
     next: &mut Vec<Subpath>,
 ) {
     let (at, first) = (&block.at, block.first);
@@ -204,7 +313,8 @@ fn scatter(
     let sample = sample_adjoint_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
     let mut valid = sample.valid.to_bitmask() & block.active;
     let mut finite = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
-    if deltas_only {
+    let LightPathSettings { caustics, media, .. } = settings;
+    if caustics {
         (valid, finite) = (valid & !finite, 0);
         if valid == 0 {
             return;
@@ -237,7 +347,12 @@ fn scatter(
             0 => partials[i].reflected(cos),
             _ => partials[i].scattered(pdf[i].into(), reverse[i].into(), cos),
         });
-        next.push(Subpath { beta, ray: rays[i], state, ..paths[i] });
+        let (d, on) = (block.rays.d.lane(i), rays[i].d);
+        let medium = match media {
+            Some(media) => medium_after(scene, media.list, &at.lane(i), (d, on), paths[i].medium),
+            None => None,
+        };
+        next.push(Subpath { beta, ray: rays[i], medium, state, ..paths[i] });
     }
 }
 
@@ -254,7 +369,7 @@ fn start(
     keys: &[SampleKey],
     worker: &Worker,
 ) -> Vec<Subpath> {
-    let LightPathSettings { guide, caustics, .. } = settings;
+    let LightPathSettings { guide, caustics, media, .. } = settings;
     let mut numbers = EmissionNumbers::default();
     numbers.draw(scene, keys, worker);
     let mut subpaths = Vec::with_capacity(keys.len());
@@ -267,8 +382,15 @@ fn start(
             continue;
         }
         let state = State::Started(emitter.index(), start);
-        let (ray, power) = (light.ray, light.power);
-        subpaths.push(Subpath { key: *key, index: i as u32, ray, power, beta: Rgb::WHITE, state });
+        let medium = media.and_then(|media| media.of_emitters.of(emitter));
+        let (ray, mut power) = (light.ray, light.power);
+        if let (true, Some(media)) = (start.distant, media) {
+            power *= media.transmittance_from_infinity(medium);
+        }
+        if power.is_black() {
+            continue;
+        }
+        subpaths.push(Subpath { key: *key, index: i as u32, ray, medium, power, beta: Rgb::WHITE, state });
     }
     subpaths
 }

@@ -44,7 +44,7 @@ impl Positioned for PathEnd {
 impl PathEnd {
     /// Returns the end of a light path at a vertex, if its values are finite.
     fn of(scene: &Scene, stored: &StoredVertex<'_>) -> Option<Self> {
-        let LightVertex { at, wo, wo_ng, .. } = &stored.vertex;
+        let LightVertex { at, wo, wo_ng, .. } = stored.vertex.surface();
         // Paths from both ends hit a surface with holes with the same probability, which must count once.
         let power = stored.power * ((wo.z / wo_ng).abs() / scene.hit_probability(at));
         let valid = at.p.is_finite() && power.is_valid();
@@ -113,6 +113,7 @@ impl LightPass<'_> {
             query,
             margin,
             merged,
+            media: None,
             caustics: None,
         };
         let batch = |batch: u64| {

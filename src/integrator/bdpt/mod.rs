@@ -7,17 +7,23 @@
 
 mod camera_paths;
 mod connections;
+mod emitter_media;
+mod in_media;
 mod light_paths;
 pub(super) mod merging;
 pub mod technique;
+mod vertex;
 pub(super) mod weights;
 
 use self::camera_paths::CameraPaths;
-pub(super) use self::light_paths::LightPathSettings;
-use self::light_paths::{LightPaths, StoredVertex};
+use self::emitter_media::EmitterMedia;
+pub(super) use self::light_paths::{LightPathSettings, RenderedMedia};
+use self::light_paths::{LightPaths, StoredVertex, of_light_path};
 use self::merging::Merging;
 use self::technique::Techniques;
+use self::vertex::Vertex;
 use self::weights::Merged;
+use super::flight::{Departure, stream};
 use super::photon::{EmissionGuide, VisibleSurfaces};
 use super::preparation::Statistic;
 use super::ptracer::{LightTracer, Splat};
@@ -49,6 +55,14 @@ pub struct Bdpt {
     /// The camera to which light paths are connected.
     camera: Option<Camera>,
     guide: Option<EmissionGuide>,
+    of_emitters: EmitterMedia,
+}
+
+impl Bdpt {
+    /// Returns the media of a scene.
+    fn media<'a>(&'a self, scene: &'a Scene) -> Option<RenderedMedia<'a>> {
+        scene.media.as_deref().map(|list| RenderedMedia { list, of_emitters: &self.of_emitters })
+    }
 }
 
 impl Plugin for Bdpt {
@@ -70,7 +84,12 @@ impl Plugin for Bdpt {
     }
 
     fn create(settings: &BdptSettings) -> Box<dyn Integrator> {
-        Box::new(Bdpt { settings: *settings, camera: None, guide: None })
+        Box::new(Bdpt {
+            settings: *settings,
+            camera: None,
+            guide: None,
+            of_emitters: EmitterMedia::default(),
+        })
     }
 }
 
@@ -91,9 +110,20 @@ impl Integrator for Bdpt {
         Some(self)
     }
 
+    fn check(&self, scene: &Scene) -> Result<()> {
+        scene.check_media()
+    }
+
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        let visible_surfaces = VisibleSurfaces::of(preparation);
-        self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.settings.limits);
+        let Preparation { scene, camera, .. } = *preparation;
+        if let Some(media) = &scene.media {
+            self.of_emitters = EmitterMedia::find(scene, media, camera)?;
+        }
+        // A guide knows only light on surfaces.
+        if !scene.media.as_ref().is_some_and(|media| media.scatters()) {
+            let visible_surfaces = VisibleSurfaces::of(preparation);
+            self.guide = EmissionGuide::towards(&visible_surfaces, preparation, self.settings.limits);
+        }
         self.camera = Some(preparation.camera.clone());
         Ok(())
     }
@@ -121,6 +151,7 @@ impl Integrator for Bdpt {
             techniques: self.settings.techniques,
             beyond: 2,
             merged: Merged::default(),
+            media: self.media(scene),
             caustics: false,
         };
         trace_both(scene, camera, light, None, wave, query, worker, out);
@@ -139,10 +170,18 @@ impl LightTracer for Bdpt {
     ) {
         let BdptSettings { limits, techniques } = self.settings;
         let (query, merged) = (RadianceQuery::ALL, Merged::default());
-        let guide = self.guide.as_ref();
-        let caustics = None;
-        let lens =
-            LensConnections { scene, camera, guide, limits, techniques, query, margin, merged, caustics };
+        let lens = LensConnections {
+            scene,
+            camera,
+            guide: self.guide.as_ref(),
+            limits,
+            techniques,
+            query,
+            margin,
+            merged,
+            media: self.media(scene),
+            caustics: None,
+        };
         lens.splat(keys, worker, |splat, _| out.push(splat));
     }
 }
@@ -166,8 +205,10 @@ pub(super) fn trace_both(
     arena.reset();
     let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
     let light = LightPaths::trace(scene, &arena, settings, &keys, worker);
-    let LightPathSettings { limits, guide, techniques, .. } = settings;
-    let paths = CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, merging };
+    let LightPathSettings { limits, guide, techniques, media, .. } = settings;
+    let media = media.map(|media| media.list);
+    let paths =
+        CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, media, merging };
     paths.trace(wave, worker, out);
     drop(paths);
     worker.kept_arena = arena;
@@ -199,6 +240,8 @@ pub(super) struct LensConnections<'a> {
     /// The extent of the reconstruction filter beyond the image, in pixels.
     pub margin: f64,
     pub merged: Merged,
+    /// The media, if they are rendered.
+    pub media: Option<RenderedMedia<'a>>,
     /// If only caustics are traced: the density of light paths relative to one for each camera path.
     pub caustics: Option<f64>,
 }
@@ -227,6 +270,7 @@ impl<'a> LensConnections<'a> {
             techniques: self.techniques,
             beyond: 1,
             merged: self.merged,
+            media: self.media,
             caustics: self.caustics.is_some(),
         };
         LightPaths::trace(self.scene, arena, settings, keys, worker)
@@ -241,14 +285,24 @@ impl<'a> LensConnections<'a> {
         let lens = lens_numbers(self.camera, keys, paths, worker);
         let mut points = Vec::new();
         for (i, stored) in paths.vertices.iter().enumerate() {
-            let emits = self.scene.shapes[stored.vertex.at.shape().index()].emitter.is_some();
-            if (self.hides_emitters() && emits) || !self.query.wants(stored.edges + 1) {
+            let emits = || match &stored.vertex {
+                Vertex::Surface(surface) => self.scene.shapes[surface.at.shape().index()].emitter.is_some(),
+                Vertex::Medium(_) => false,
+            };
+            if (self.hides_emitters() && emits()) || !self.query.wants(stored.edges + 1) {
                 continue;
             }
             let u = lens.get(i).copied().unwrap_or_default();
             if let Some((ray, point, value)) = self.connect(stored, u) {
-                worker.shadows.push_one(ray, points.len() as u32, value);
+                let slot = points.len() as u32;
                 points.push(point);
+                let Some(RenderedMedia { list: media, .. }) = self.media else {
+                    worker.shadows.push_one(ray, slot, value);
+                    continue;
+                };
+                let medium = stored.vertex.medium_towards(self.scene, media, ray.d, stored.medium);
+                let random = stream(of_light_path(keys[stored.path as usize]), stored.edges, 1);
+                worker.shadows.push_through_media(ray, slot, value, Departure { medium, random });
             }
         }
         points
@@ -273,7 +327,8 @@ impl<'a> LensConnections<'a> {
         out: &mut [Radiance],
         mut add: impl FnMut(u32, Splat),
     ) {
-        let LensConnections { scene, camera, guide, limits, techniques, query, .. } = *self;
+        let LensConnections { scene, camera, guide, limits, techniques, query, media, .. } = *self;
+        let media = media.map(|media| media.list);
         out.fill(Radiance::NONE);
         let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
@@ -281,8 +336,19 @@ impl<'a> LensConnections<'a> {
         let points = self.queue(&light, wave.keys, worker);
         self.trace(&points, worker, |point, splat| add(point.path, splat));
         let light_path = (0..wave.keys.len() as u32).collect();
-        let paths =
-            CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, merging: None };
+        let merging = None;
+        let paths = CameraPaths {
+            scene,
+            camera,
+            guide,
+            limits,
+            techniques,
+            query,
+            light,
+            light_path,
+            media,
+            merging,
+        };
         paths.trace(wave, worker, out);
         drop(paths);
         worker.kept_arena = arena;
@@ -290,18 +356,18 @@ impl<'a> LensConnections<'a> {
 
     /// Returns the ray from a vertex to the camera, the connection and its contribution.
     fn connect(&self, stored: &StoredVertex<'_>, u_lens: Vec2) -> Option<(Ray, LensPoint, Rgb)> {
-        let at = &stored.vertex.at;
-        let seen = self.camera.importance(at.p, u_lens, at.time, self.margin)?;
-        let (scattered, reverse) = stored.vertex.eval_with_density(seen.wi);
+        let vertex = &stored.vertex;
+        let seen = self.camera.importance(vertex.p(), u_lens, vertex.time(), self.margin)?;
+        let (scattered, reverse) = vertex.emerging_with_reverse(seen.wi);
         if scattered.is_black() {
             return None;
         }
-        let density = f64::from(seen.weight * seen.wi.dot(at.ng).abs()) / self.caustics.unwrap_or(1.0);
+        let density = f64::from(seen.weight * vertex.cosine(seen.wi)) / self.caustics.unwrap_or(1.0);
         let weight = stored.partial.of_camera_connection(density, reverse.into(), self.merged);
         let weight = self.techniques.weight(stored.edges + 1, 1, weight);
         let value = stored.power * scattered * (seen.weight * weight as f32);
         let point = LensPoint { film: seen.film, path: stored.path, weight };
-        Some((self.scene.shadow_ray_to(at, seen.target, seen.wi), point, value))
+        Some((vertex.ray_to(self.scene, seen.target, seen.wi), point, value))
     }
 }
 

@@ -222,6 +222,7 @@ impl CausticTracer {
             query: RadianceQuery::ALL,
             margin,
             merged: Merged::default(),
+            media: None,
             caustics: Some(relative),
         }
     }

@@ -1,21 +1,22 @@
 //! One event of a path: scattering in a medium or at a surface, and the light found there.
 
+use super::Path;
 use super::equiangular::{Leg, LegPoint};
-use super::flight::{Collision, Entry, Journey, before_end, follow, surfaces};
-use super::{Path, Shadow};
-use crate::accel::{Coherence, Hit};
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
-use crate::emitter::{EmitterSample, LightSelection, LitRegion, ShadowTarget};
+use crate::emitter::{EmitterSample, LightSelection, LitRegion};
 use crate::ids::MediumId;
+use crate::integrator::flight::{
+    Collision, Departure, Entry, Journey, before_end, follow, medium_after, ray_to_emitter, surfaces,
+};
 use crate::integrator::roulette::Roulette;
+use crate::integrator::worker::ShadowQueue;
 use crate::integrator::{PathLimits, Radiance, RadianceQuery, Worker};
 use crate::math::{Ray, Vec2, Vec3};
 use crate::medium::{FreeFlight, Medium, Stream};
 use crate::sampling::mis::{power_heuristic, power_heuristic_of_three};
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
 use bumpalo::Bump;
-use std::time::Instant;
 
 /// The probability with which an emitter is sampled in a [sealed](SceneMedia::is_sealed) medium. It is not 0, because
 /// the boundaries may have a hole, or an emitter inside.
@@ -35,15 +36,6 @@ pub struct Tracer<'a> {
     pub regions: &'a [Option<LitRegion>],
     /// The points of the last events at which points near emitters were sampled.
     pub leg_points: &'a [LegPoint],
-}
-
-/// What the events of a wave produce besides paths.
-#[derive(Default)]
-pub struct Found {
-    /// The shadow rays.
-    pub shadows: Vec<Shadow>,
-    /// The points of the events at which points near emitters were sampled.
-    pub leg_points: Vec<LegPoint>,
 }
 
 /// The random numbers of an event.
@@ -88,19 +80,18 @@ struct Chosen {
 }
 
 impl Tracer<'_> {
-    /// Follows paths to their next events, at the surfaces that `hits` tells if a ray is not scattered before. Adds the
-    /// light that they find to `out`, and shadow rays and points to `found`. Returns the paths after the events that go
-    /// on.
+    /// Follows paths to their next events, at the surfaces that the worker's hits tell if a ray is not scattered before.
+    /// Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to `leg_points`. Returns the paths after
+    /// the events that go on.
     pub fn events(
         &self,
         paths: &[Path],
-        hits: &[Option<Hit>],
         numbers: impl Fn(usize) -> EventNumbers,
-        arena: &mut Bump,
-        found: &mut Found,
+        worker: &mut Worker,
+        leg_points: &mut Vec<LegPoint>,
         out: &mut [Radiance],
     ) -> Vec<Path> {
-        let Found { shadows, leg_points } = found;
+        let Worker { hits, arena, shadows, .. } = worker;
         leg_points.clear();
         let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
         let surfaces = surfaces(self.scene, &rays, hits);
@@ -182,7 +173,7 @@ impl Tracer<'_> {
         surface: Option<&SurfaceInteraction>,
         numbers: &EventNumbers,
         arena: &Bump,
-        shadows: &mut Vec<Shadow>,
+        shadows: &mut ShadowQueue,
         radiance: &mut Radiance,
     ) -> Option<Path> {
         match surface {
@@ -271,7 +262,7 @@ impl Tracer<'_> {
         entry: &Entry<'_>,
         flight: &FreeFlight,
         numbers: &EventNumbers,
-        shadows: &mut Vec<Shadow>,
+        shadows: &mut ShadowQueue,
     ) -> Option<Leg> {
         let useful = self.query.wants(path.depth + 2) && !self.media.is_sealed(entry.id);
         let near = numbers.near_emitter.filter(|_| useful);
@@ -300,7 +291,7 @@ impl Tracer<'_> {
             let weight = power_heuristic_of_three(density, others);
             let scattered = flight.passed() * leg.transmittance(distance) * medium.sigma_s;
             let value = path.beta * scattered * sample.radiance * (phase * weight / (sample.pdf * density));
-            let ray = || shadow_ray(p, &sample, path.ray.time);
+            let ray = || ray_to_emitter(p, &sample, path.ray.time);
             push_shadow(shadows, value, ray, Some(entry.id), path.slot, numbers.shadow_streams[1]);
             Some(())
         };
@@ -338,27 +329,13 @@ impl Tracer<'_> {
         }
     }
 
-    /// Returns the medium in which light starts in the direction `wi` at a surface that the ray `d` hits in `medium`.
-    fn medium_after(
-        &self,
-        at: &SurfaceInteraction,
-        d: Vec3,
-        wi: Vec3,
-        medium: Option<MediumId>,
-    ) -> Option<MediumId> {
-        let crosses = (at.ng.dot(d) < 0.0) == (at.ng.dot(wi) < 0.0);
-        // Nothing is transmitted by a two-sided material. Its normals are turned to the ray.
-        let crosses = crosses && !self.scene.materials.get(at.material).two_sided;
-        if crosses { self.media.beside(at, wi, medium) } else { medium }
-    }
-
     fn scatter_at_surface(
         &self,
         path: Path,
         at: &SurfaceInteraction,
         numbers: &EventNumbers,
         arena: &Bump,
-        shadows: &mut Vec<Shadow>,
+        shadows: &mut ShadowQueue,
     ) -> Option<Path> {
         if !self.scatters(&path) {
             return None;
@@ -371,7 +348,7 @@ impl Tracer<'_> {
             let wi = at.frame.to_local(sample.wi);
             let eval = bsdf.eval(wo, wi);
             let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf, 0.0);
-            let medium = self.medium_after(at, d, sample.wi, path.medium);
+            let medium = medium_after(self.scene, self.media, at, (d, sample.wi), path.medium);
             let ray = || self.scene.shadow_ray(at, &sample);
             push_shadow(shadows, value, ray, medium, path.slot, numbers.shadow_streams[0]);
         }
@@ -384,7 +361,7 @@ impl Tracer<'_> {
         }
         let next = Path {
             ray: self.scene.spawn_ray(at, wi, time),
-            medium: self.medium_after(at, d, wi, path.medium),
+            medium: medium_after(self.scene, self.media, at, (d, wi), path.medium),
             from: at.p,
             pdf: sample.pdf,
             emitter_share: 1.0,
@@ -403,7 +380,7 @@ impl Tracer<'_> {
         collision: &Collision<'_>,
         leg_point: Option<&LegPoint>,
         numbers: &EventNumbers,
-        shadows: &mut Vec<Shadow>,
+        shadows: &mut ShadowQueue,
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase());
@@ -417,7 +394,7 @@ impl Tracer<'_> {
             let density = phase.eval(d.dot(sample.wi));
             let factor = leg_point.map_or(0.0, |point| self.relative_density(point, emitter, pmf));
             let value = path.beta * density * weighted(&sample, density, factor);
-            let ray = || shadow_ray(p, &sample, time);
+            let ray = || ray_to_emitter(p, &sample, time);
             push_shadow(shadows, value, ray, path.medium, path.slot, random);
         }
         let wi = phase.sample(d, numbers.direction);
@@ -445,31 +422,6 @@ impl Tracer<'_> {
             }
         }
     }
-
-    /// Traces shadow rays, adds the contributions of the unoccluded ones and empties the list.
-    pub fn add_shadows(
-        &self,
-        shadows: &mut Vec<Shadow>,
-        coherence: Coherence,
-        worker: &mut Worker,
-        out: &mut [Radiance],
-    ) {
-        let rays: Vec<Ray> = shadows.iter().map(|shadow| shadow.ray).collect();
-        let mut occluded = vec![false; rays.len()];
-        let started = Instant::now();
-        self.scene.accel.occluded_wave(&rays, &mut occluded, coherence);
-        worker.counters.occlusion_time += started.elapsed();
-        worker.counters.occlusion_rays += rays.len() as u64;
-        let mut occluded = occluded.into_iter();
-        shadows.retain(|_| occluded.next() == Some(false));
-        let depart =
-            |shadow: &Shadow| Journey::new(shadow.ray, shadow.medium, FreeFlight::unscattered(shadow.random));
-        let mut journeys: Vec<Journey> = shadows.iter().map(depart).collect();
-        follow(self.scene, self.media, &mut journeys, |_| None, |_, _, _| {});
-        for (Shadow { slot, value, .. }, journey) in shadows.drain(..).zip(&journeys) {
-            out[slot].value += value * journey.flight.passed();
-        }
-    }
 }
 
 /// Returns the radiance of an emitter sample, divided by its density and weighted. `other` is the density per unit
@@ -483,17 +435,9 @@ fn weighted(sample: &EmitterSample, other: f32, factor: f32) -> Rgb {
     if sample.pdf > 0.0 { sample.radiance * (weight / sample.pdf) } else { Rgb::BLACK }
 }
 
-/// Returns the ray from a point in a medium to that of an emitter sample.
-fn shadow_ray(p: Vec3, sample: &EmitterSample, time: f32) -> Ray {
-    match sample.target {
-        ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
-        ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
-    }
-}
-
 /// Adds a shadow ray, if it may carry light.
 fn push_shadow(
-    shadows: &mut Vec<Shadow>,
+    shadows: &mut ShadowQueue,
     value: Rgb,
     ray: impl Fn() -> Ray,
     medium: Option<MediumId>,
@@ -501,6 +445,6 @@ fn push_shadow(
     random: Stream,
 ) {
     if !value.is_black() {
-        shadows.push(Shadow { ray: ray(), medium, slot, value, random });
+        shadows.push_through_media(ray(), slot as u32, value, Departure { medium, random });
     }
 }

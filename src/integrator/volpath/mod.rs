@@ -1,28 +1,27 @@
 //! Path tracing in participating media. [Kajiya 1986; Veach 1997; Miller 2019]
 //!
 //! A wave of paths advances one scattering event at a time. The ray of a path goes through boundaries of media that do
-//! not scatter it (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flight`]). At each
-//! event an emitter is sampled, with the transmittance of the media up to it, and a direction, by the BSDF or the phase
-//! function. Both are weighted by the power heuristic ([`event`]). In thin homogeneous media, a third technique samples
-//! points near emitters ([`equiangular`]). In sealed media there are fewer emitter samples. Without media, the
-//! integrator is `path`.
+//! not scatter it (`null`, holes of a mask) until it is scattered in a medium or hits a surface
+//! ([`flight`](super::flight)). At each event an emitter is sampled, with the transmittance of the media up to it, and a
+//! direction, by the BSDF or the phase function. Both are weighted by the power heuristic ([`event`]). In thin
+//! homogeneous media, a third technique samples points near emitters ([`equiangular`]). In sealed media there are fewer
+//! emitter samples. Without media, the integrator is `path`.
 
 mod equiangular;
 mod event;
-mod flight;
 
-use self::event::{EventNumbers, Found, Tracer};
+use self::equiangular::LegPoint;
+use self::event::{EventNumbers, Tracer};
+use super::flight::stream;
 use super::settings::{PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::emitter::{Light, LitRegion};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::ids::MediumId;
 use crate::math::{Ray, Vec2, Vec3};
-use crate::medium::Stream;
-use crate::sampling::hash::combine;
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::Scene;
 
@@ -61,17 +60,6 @@ struct Path {
     passed: f32,
     /// The index of the last event's point on the ray before it, if points near emitters were sampled there.
     on_leg: Option<u32>,
-}
-
-/// A shadow ray and its contribution without the transmittance.
-struct Shadow {
-    ray: Ray,
-    /// The medium in which the ray starts.
-    medium: Option<MediumId>,
-    slot: usize,
-    value: Rgb,
-    /// The random numbers of heterogeneous media.
-    random: Stream,
 }
 
 impl VolpathIntegrator {
@@ -117,10 +105,7 @@ impl Integrator for VolpathIntegrator {
     }
 
     fn check(&self, scene: &Scene) -> Result<()> {
-        match scene.media.as_ref().and_then(|media| media.unsupported()) {
-            Some(reason) => Err(Error::scene(reason)),
-            None => Ok(()),
-        }
+        scene.check_media()
     }
 
     fn prepares(&self) -> bool {
@@ -162,11 +147,10 @@ impl Integrator for VolpathIntegrator {
             on_leg: None,
         };
         let mut paths: Vec<Path> = wave.rays.iter().zip(wave.keys).enumerate().map(start).collect();
-        let mut found = Found::default();
         let has_near = self.regions.iter().any(Option::is_some);
         let near_emitter = has_near.then(Default::default);
         let mut numbers = WaveNumbers { near_emitter, ..WaveNumbers::default() };
-        let mut leg_points = Vec::new();
+        let (mut leg_points, mut last_leg_points) = (Vec::<LegPoint>::new(), Vec::new());
         let mut bounce = 0;
         while !paths.is_empty() && self.limits.allows(1) && !worker.interrupt.is_raised() {
             paths.retain(|path| {
@@ -180,11 +164,11 @@ impl Integrator for VolpathIntegrator {
             intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
             numbers.draw(bounce, &paths, worker);
             let numbers = |i: usize| numbers.of(i, bounce);
-            std::mem::swap(&mut leg_points, &mut found.leg_points);
-            let (limits, regions, leg_points) = (self.limits, &self.regions, &leg_points);
-            let tracer = Tracer { scene, media, limits, query, regions, leg_points };
-            paths = tracer.events(&paths, &worker.hits, numbers, &mut worker.arena, &mut found, out);
-            tracer.add_shadows(&mut found.shadows, coherence, worker, out);
+            std::mem::swap(&mut leg_points, &mut last_leg_points);
+            let (limits, regions) = (self.limits, &self.regions);
+            let tracer = Tracer { scene, media, limits, query, regions, leg_points: &last_leg_points };
+            paths = tracer.events(&paths, numbers, worker, &mut leg_points, out);
+            worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             bounce += 1;
         }
     }
@@ -223,7 +207,6 @@ impl WaveNumbers {
     /// Returns the random numbers of path `i`.
     fn of(&self, i: usize, bounce: u32) -> EventNumbers {
         let key = self.keys[i];
-        let stream = |domain: u32| Stream::new([combine(key.scramble, 3 * bounce + domain), key.index]);
         let pair = |pair: &[Vec<f32>; 2]| Vec2::new(pair[0][i], pair[1][i]);
         EventNumbers {
             free_flight: pair(&self.free_flight),
@@ -232,8 +215,8 @@ impl WaveNumbers {
             lobe: self.lobe[i],
             direction: pair(&self.direction),
             roulette: self.roulette[i],
-            flight_stream: stream(0),
-            shadow_streams: [stream(1), stream(2)],
+            flight_stream: stream(key, bounce, 0),
+            shadow_streams: [1, 2].map(|purpose| stream(key, bounce, purpose)),
         }
     }
 }

@@ -1,11 +1,31 @@
 //! The flight along a ray through media and their boundaries.
 
 use crate::accel::Hit;
+use crate::color::Rgb;
+use crate::emitter::{EmitterSample, ShadowTarget};
 use crate::ids::MediumId;
 use crate::math::ray::offset_origin;
 use crate::math::{LANES, Ray, RayX16, Vec3};
-use crate::medium::{FreeFlight, Medium, Segment};
+use crate::medium::{FreeFlight, Medium, Segment, Stream};
+use crate::sampling::SampleKey;
+use crate::sampling::hash::combine;
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
+
+/// The start of a ray that nothing scatters.
+#[derive(Clone, Copy, Debug)]
+pub struct Departure {
+    /// The medium in which the ray starts.
+    pub medium: Option<MediumId>,
+    /// The random numbers of heterogeneous media.
+    pub random: Stream,
+}
+
+impl Departure {
+    /// Starts on a ray.
+    pub fn unscattered(self, ray: Ray) -> Journey {
+        Journey::new(ray, self.medium, FreeFlight::unscattered(self.random))
+    }
+}
 
 /// A scattering event in a medium.
 pub struct Collision<'a> {
@@ -112,6 +132,70 @@ pub fn follow<'a, 's>(
         });
     }
     collisions
+}
+
+/// The end of a flight.
+pub struct Landing<'a> {
+    /// The medium in which it ends.
+    pub medium: Option<MediumId>,
+    /// The factor of the throughput.
+    pub weight: Rgb,
+    /// The scattering event, if the flight ends in the medium.
+    pub collision: Option<Collision<'a>>,
+}
+
+/// Follows rays up to the surfaces that `end` returns, beside the ray parameter there, or to infinity. `start` returns
+/// the medium in which a ray starts, and its flight.
+pub fn fly<'a, 's>(
+    scene: &Scene,
+    media: &'a SceneMedia,
+    rays: &[Ray],
+    end: impl Fn(usize) -> Option<(&'s SurfaceInteraction, f32)>,
+    start: impl Fn(usize) -> (Option<MediumId>, FreeFlight),
+) -> Vec<Landing<'a>> {
+    let depart = |(i, ray): (usize, &Ray)| {
+        let (medium, flight) = start(i);
+        let t_max = end(i).map_or(ray.t_max, |(_, t)| t);
+        Journey::new(Ray { t_max, ..*ray }, medium, flight)
+    };
+    let mut journeys: Vec<Journey> = rays.iter().enumerate().map(depart).collect();
+    let end = |i: usize| Some(end(i)?.0);
+    let collisions = follow(scene, media, &mut journeys, end, |_, _, _| {});
+    let land = |(Journey { medium, flight, .. }, collision): (Journey, Option<Collision<'a>>)| {
+        let weight = match &collision {
+            Some(collision) => flight.scattered(collision.medium),
+            None => flight.passed(),
+        };
+        Landing { medium, weight, collision }
+    };
+    journeys.into_iter().zip(collisions).map(land).collect()
+}
+
+/// Returns a stream of random numbers for the event of a path after `bounce` others. `purpose` is 0, 1 or 2.
+pub fn stream(key: SampleKey, bounce: u32, purpose: u32) -> Stream {
+    Stream::new([combine(key.scramble, 3 * bounce + purpose), key.index])
+}
+
+/// Returns the medium in which light starts in the direction `wi` at a surface that the ray `d` hits in `medium`.
+pub fn medium_after(
+    scene: &Scene,
+    media: &SceneMedia,
+    at: &SurfaceInteraction,
+    (d, wi): (Vec3, Vec3),
+    medium: Option<MediumId>,
+) -> Option<MediumId> {
+    let crosses = (at.ng.dot(d) < 0.0) == (at.ng.dot(wi) < 0.0);
+    // Nothing is transmitted by a two-sided material. Its normals are turned to the ray.
+    let crosses = crosses && !scene.materials.get(at.material).two_sided;
+    if crosses { media.beside(at, wi, medium) } else { medium }
+}
+
+/// Returns the ray from a point in a medium to that of an emitter sample.
+pub fn ray_to_emitter(p: Vec3, sample: &EmitterSample, time: f32) -> Ray {
+    match sample.target {
+        ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
+        ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
+    }
 }
 
 /// Returns the surface points that rays hit.

@@ -1,0 +1,203 @@
+//! The vertices of camera paths in participating media.
+//!
+//! Free flights have the same density in both directions, but for the ends of an edge. The weights leave the
+//! transmittance out. So they are not those of the power heuristic, but their sum is still 1: all techniques of a path
+//! compute the same.
+
+use super::camera_paths::{CameraPaths, Subpath};
+use super::connections::IN_MEDIUM;
+use super::light_paths::{StoredVertex, typical_start_density};
+use super::vertex::{MediumPoint, Vertex};
+use super::weights::{self, End, Merged, Partial, Start};
+use crate::accel::Hit;
+use crate::color::Rgb;
+use crate::emitter::ShadowTarget;
+use crate::integrator::Radiance;
+use crate::integrator::flight::{Collision, Departure, Landing, fly, ray_to_emitter, stream, surfaces};
+use crate::integrator::roulette::Roulette;
+use crate::integrator::worker::{ShadowQueue, Worker, draw_1d, draw_2d};
+use crate::math::{Ray, Vec2, Vec3};
+use crate::medium::FreeFlight;
+use crate::sampling::{Dimension, SampleKey};
+
+/// The vertex of a camera path in a medium.
+pub(super) struct ScatteredPath<'a> {
+    path: Subpath,
+    point: MediumPoint<'a>,
+    partial: Partial,
+}
+
+impl<'a> CameraPaths<'a> {
+    /// Lets paths fly through media up to the surfaces that they hit. Those that a medium scatters have no hit and are
+    /// black afterwards: returns their vertices. `rays` are the whole rays; those of the paths begin behind hidden
+    /// emitters.
+    pub fn fly(
+        &self,
+        depth: u32,
+        rays: &[Ray],
+        subpaths: &mut [Subpath],
+        hits: &mut [Option<Hit>],
+        worker: &Worker,
+        out: &mut [Radiance],
+    ) -> Vec<ScatteredPath<'a>> {
+        let Some(media) = self.media else { return Vec::new() };
+        let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
+        let last: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
+        let surfaces = surfaces(self.scene, &last, hits);
+        let end = |i: usize| {
+            let at = surfaces[i].as_ref()?;
+            let whole = if depth == 0 { out[subpaths[i].slot as usize].distance } else { at.hit.t };
+            Some((at, whole))
+        };
+        let mut flights = Default::default();
+        draw_2d(worker.sampler, Dimension::free_flight(depth), &keys, &mut flights);
+        let start = |i: usize| {
+            let Subpath { beta, medium, key, .. } = subpaths[i];
+            let random = stream(key, depth, 0);
+            // Where paths end, scattering in media is loss.
+            let flight = match self.goes_on(depth) {
+                true => FreeFlight::sampled(beta, Vec2::new(flights[0][i], flights[1][i]), rays[i].o, random),
+                false => FreeFlight::unscattered(random),
+            };
+            (medium, flight)
+        };
+        let mut scattered = Vec::new();
+        let landings = fly(self.scene, media, rays, end, start);
+        for (i, Landing { medium, weight, collision }) in landings.into_iter().enumerate() {
+            let path = &mut subpaths[i];
+            (path.medium, path.beta) = (medium, path.beta * weight);
+            if let Some(Collision { p, t, medium, .. }) = collision {
+                if depth == 0 {
+                    out[path.slot as usize].distance = t;
+                }
+                if !path.beta.is_black() {
+                    let point = MediumPoint { p, d: path.ray.d, time: path.ray.time, phase: medium.phase() };
+                    let partial = self.arrive_at(path, p, t.into(), 1.0, Merged::default());
+                    scattered.push(ScatteredPath { path: *path, point, partial });
+                }
+                path.beta = Rgb::BLACK;
+            }
+            if path.beta.is_black() {
+                hits[i] = None;
+            }
+        }
+        scattered
+    }
+
+    /// Samples an emitter at each vertex in a medium, and connects it to a vertex of its light path: queues shadow rays
+    /// with the weighted contributions. Adds the continuations of the paths to `next`.
+    pub fn scatter_in_media(
+        &self,
+        depth: u32,
+        scattered: &[ScatteredPath<'_>],
+        worker: &mut Worker,
+        next: &mut Vec<Subpath>,
+    ) {
+        if scattered.is_empty() {
+            return;
+        }
+        let keys: Vec<SampleKey> = scattered.iter().map(|vertex| vertex.path.key).collect();
+        let Worker { numbers, sampler, shadows, .. } = worker;
+        let mut connection = Vec::new();
+        draw_2d(*sampler, Dimension::emitter_point(depth), &keys, &mut numbers.emitter_point);
+        draw_1d(*sampler, Dimension::connection(depth), &keys, &mut connection);
+        draw_2d(*sampler, Dimension::bsdf_direction(depth), &keys, &mut numbers.bsdf_direction);
+        draw_1d(*sampler, Dimension::roulette(depth), &keys, &mut numbers.roulette);
+        let roulette = Roulette::at(depth + 1, self.limits.rr_depth);
+        let pair = |numbers: &[Vec<f32>; 2], i: usize| Vec2::new(numbers[0][i], numbers[1][i]);
+        for (i, vertex) in scattered.iter().enumerate() {
+            let ScatteredPath { path, point, partial } = vertex;
+            if self.query.wants(depth + 2) {
+                self.sample_emitter(vertex, depth, pair(&numbers.emitter_point, i), shadows);
+            }
+            if let Some(chosen) = self.choose(path, depth, point.p, |_| IN_MEDIUM, connection[i]) {
+                self.connect_one(path, &Vertex::Medium(*point), (*partial, depth), chosen, shadows);
+            }
+            let mut beta = path.beta;
+            if let Some(roulette) = roulette {
+                let Some(on) = roulette.play(beta, path.eta * path.eta, numbers.roulette[i]) else {
+                    continue;
+                };
+                beta = on;
+            }
+            let wi = point.phase.sample(point.d, pair(&numbers.bsdf_direction, i));
+            let density = point.density(wi).into();
+            let partial = Some(partial.scattered(density, density, 1.0));
+            let ray = Ray { time: point.time, ..Ray::new(point.p, wi) };
+            next.push(Subpath { ray, from: point.p, beta, partial, ..*path });
+        }
+    }
+
+    /// Samples an emitter at a vertex in a medium. Queues a shadow ray with the weighted contribution.
+    fn sample_emitter(&self, vertex: &ScatteredPath<'_>, depth: u32, u: Vec2, shadows: &mut ShadowQueue) {
+        let (scene, ScatteredPath { path, point, partial }) = (self.scene, vertex);
+        let selection = &scene.light_selection;
+        let Some(choice) = selection.sample(point.p, u.x) else { return };
+        let u = Vec2::new(choice.u, u.y);
+        let Some(sample) = scene.sample_chosen(selection, choice.emitter, point.p, u, point.time) else {
+            return;
+        };
+        let density = point.density(sample.wi);
+        // A direction without density carries nothing.
+        if sample.pdf <= 0.0 || density == 0.0 {
+            return;
+        }
+        let started = typical_start_density(scene, self.guide, choice.emitter);
+        let light = &scene.lights[choice.emitter];
+        let start = Start::new(light, -sample.wi, sample.cosine, choice.pmf, started);
+        let distance2 = match sample.target {
+            ShadowTarget::Point(target) => f64::from((target - point.p).length_squared()),
+            ShadowTarget::Infinity => 1.0,
+        };
+        let weight = partial.of_emitter_sample(start, distance2, 1.0, density.into(), density.into());
+        let weight = self.techniques.weight(1, depth + 2, weight) as f32;
+        let value = path.beta * sample.radiance * (density * weight / (sample.pdf * choice.pmf));
+        if !value.is_black() {
+            let ray = ray_to_emitter(point.p, &sample, point.time);
+            let departure = Departure { medium: path.medium, random: stream(path.key, depth, 1) };
+            shadows.push_through_media(ray, path.slot, value, departure);
+        }
+    }
+
+    /// Connects a vertex of a camera path to a vertex of its light path, of which one at least is in a medium. `chosen`
+    /// is the latter with the reciprocal of its probability. Queues a shadow ray with the weighted contribution.
+    pub fn connect_one(
+        &self,
+        path: &Subpath,
+        vertex: &Vertex<'_>,
+        (partial, depth): (Partial, u32),
+        (light, inverse_pmf): (&StoredVertex<'_>, f32),
+        shadows: &mut ShadowQueue,
+    ) {
+        let Some(media) = self.media else { return };
+        let way = light.vertex.p() - vertex.p();
+        let distance2 = way.length_squared();
+        let wi: Vec3 = way / distance2.sqrt();
+        let (incident, emerging) = (vertex.incident(wi), light.vertex.emerging(-wi));
+        let value = path.beta * incident.value * emerging.value * light.power;
+        if value.is_black() {
+            return;
+        }
+        let per_area = |pdf: f32, cosine: f32| f64::from(pdf) * f64::from(cosine) / f64::from(distance2);
+        let weight = weights::of_connection(
+            &End {
+                partial,
+                to_other: per_area(incident.forward, light.vertex.cosine(wi)),
+                reverse: incident.reverse.into(),
+            },
+            &End {
+                partial: light.partial,
+                to_other: per_area(emerging.forward, vertex.cosine(wi)),
+                reverse: emerging.reverse.into(),
+            },
+        );
+        let weight = self.techniques.weight(light.edges + 1, depth + 2, weight) as f32;
+        let value = value * (weight * inverse_pmf / distance2);
+        if !value.is_black() {
+            let ray = vertex.ray_to(self.scene, light.vertex.target(way), wi);
+            let medium = vertex.medium_towards(self.scene, media, wi, path.medium);
+            let random = stream(path.key, depth, 2);
+            shadows.push_through_media(ray, path.slot, value, Departure { medium, random });
+        }
+    }
+}
