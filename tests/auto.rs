@@ -1,5 +1,6 @@
 //! `--integrator auto` chooses by measurement, and then renders as the chosen integrator does.
 
+use crate::bidirectional_media::glass_in_fog;
 use crate::support::cli::Folder;
 use buffon::image;
 use serde_json::Value;
@@ -72,8 +73,13 @@ fn what_cannot_render_the_scene_is_no_candidate() {
     assert_eq!(refused.count(), trials.as_array().expect("trials").len() - 1, "{trials}");
 }
 
+/// A lamp behind glass in fog is left to light paths.
 #[test]
-fn media_have_one_candidate() {
+fn media_are_left_to_camera_paths_or_to_both_ends() {
     let (name, trials) = decide("plugins/medium/homogeneous.xml", "--spp 4 --size 16x16");
-    assert_eq!((name.as_str(), trials.as_array().expect("trials").len()), ("volpath", 0));
+    let names: Vec<&Value> =
+        trials.as_array().expect("trials").iter().map(|trial| &trial["integrator"]).collect();
+    assert_eq!((name.as_str(), names), ("volpath", vec![&"volpath".into(), &"bdpt".into()]));
+    let folder = Folder::with(&glass_in_fog("<integrator type='volpath'/>"));
+    assert_eq!(decide_in(&folder, "s.xml", "--spp 64 --size 64x64").0, "bdpt");
 }

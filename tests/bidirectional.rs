@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 /// Renders a scene with two integrators and checks that the images differ by noise alone.
 #[track_caller]
-fn agree(folder: &Folder, common: &str, integrators: [&str; 2]) {
+pub fn agree(folder: &Folder, common: &str, integrators: [&str; 2]) {
     for (i, name) in integrators.iter().enumerate() {
         let options = format!("--aov variance --integrator {name} --seed {i} -o {i}.exr");
         folder.render(&format!("s.xml -q --sampler scene {common} {options}"));
@@ -65,13 +65,12 @@ fn check_depths(depths: RangeInclusive<u32>) {
 #[test]
 fn images_are_the_same_bits() {
     for integrator in ["bdpt", "vcm", "pssmlt"] {
-        check_bits(integrator);
+        check_bits(&Folder::of_scene("light-tracing", "lights.xml"), integrator);
     }
 }
 
 #[track_caller]
-fn check_bits(integrator: &str) {
-    let folder = Folder::of_scene("light-tracing", "lights.xml");
+pub fn check_bits(folder: &Folder, integrator: &str) {
     let common = &format!("s.xml -q --integrator {integrator} --size 32x24");
     let data = |name: &str| buffon::image::read(&folder.path(name)).expect("an image").data;
     for threads in [1, 2, 5] {

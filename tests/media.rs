@@ -12,6 +12,7 @@ use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::ids::MediumId;
 use buffon::integrator::Settings;
+use buffon::integrator::bdpt::BdptSettings;
 use buffon::integrator::settings::PathLimits;
 use buffon::material::{Dielectric, Interface, Mask, Material, Null};
 use buffon::math::{DAffine3, DQuat, DVec3, Vec2, Vec3};
@@ -28,6 +29,13 @@ const HG: Phase = Phase::HenyeyGreenstein { g: 0.6 };
 
 pub fn volpath(max_depth: Option<u32>) -> Settings {
     Settings::Volpath(PathLimits { max_depth, ..PathLimits::default() })
+}
+
+/// The integrators that render media.
+pub fn integrators(max_depth: Option<u32>) -> [(&'static str, Settings); 2] {
+    let limits = PathLimits { max_depth, ..PathLimits::default() };
+    let bdpt = BdptSettings { limits, ..BdptSettings::default() };
+    [("volpath", volpath(max_depth)), ("bdpt", Settings::Bdpt(bdpt))]
 }
 
 /// Adds a medium with the given extinction and albedo.
@@ -129,14 +137,14 @@ fn slabs() -> Vec<Case> {
 #[test]
 fn a_slab_transmits_by_its_thickness() {
     let cases = slabs();
-    let group = Means::of_images(cases.len() * AccelKind::CHOICES.len() * 2, 2e-2);
+    let group = Means::of_images(cases.len() * AccelKind::CHOICES.len() * 4, 2e-2);
     for (name, scene, exact) in cases {
         for &accel in AccelKind::CHOICES {
             let compiled = compiled(scene.clone(), accel);
-            for depth in [Some(1), None] {
+            for (integrator, settings) in [Some(1), None].into_iter().flat_map(integrators) {
                 let spp = if name == "a mask" { 16_384 } else { 16 };
-                let rendered = render(&compiled, &volpath(depth), SamplerKind::Sobol, spp, 1);
-                group.expect(&format!("{name}, {accel}, {depth:?}"), &rendered, exact);
+                let rendered = render(&compiled, &settings, SamplerKind::Sobol, spp, 1);
+                group.expect(&format!("{name}, {accel}, {integrator}"), &rendered, exact);
             }
         }
     }
@@ -226,7 +234,7 @@ fn light_and_view_pass_fog_that_rests_on_a_floor() {
 /// In a uniform environment, a medium that absorbs nothing is invisible.
 #[test]
 fn media_without_absorption_conserve_energy() {
-    let group = Means::of_images(5 * AccelKind::CHOICES.len(), 2e-2);
+    let group = Means::of_images(10 * AccelKind::CHOICES.len(), 2e-2);
     let white = [1.0; 3];
     for (name, material, sigma, phase) in [
         ("null", Material::Null(Null), SIGMA, Phase::Isotropic),
@@ -240,9 +248,11 @@ fn media_without_absorption_conserve_energy() {
         let fog = medium(&mut scene, sigma, white, phase);
         filled(&mut scene, sphere(1.0), DAffine3::IDENTITY, material, fog);
         for &accel in AccelKind::CHOICES {
-            let rendered =
-                render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 512, 3);
-            group.expect(&format!("{name}, {accel}"), &rendered, [1.0; 3]);
+            let compiled = compiled(scene.clone(), accel);
+            for (integrator, settings) in integrators(None) {
+                let rendered = render(&compiled, &settings, SamplerKind::Sobol, 512, 3);
+                group.expect(&format!("{name}, {accel}, {integrator}"), &rendered, [1.0; 3]);
+            }
         }
     }
 }
@@ -250,7 +260,7 @@ fn media_without_absorption_conserve_energy() {
 /// In a closed room with walls of emission 1/2 and reflectance 1/2, the radiance is 1 also in scattering fog.
 #[test]
 fn fog_in_a_furnace_is_invisible() {
-    let group = Means::of_images(AccelKind::CHOICES.len(), 1e-2);
+    let group = Means::of_images(2 * AccelKind::CHOICES.len(), 1e-2);
     let mut scene = Description::default();
     let room = add(&mut scene, sphere(1.0), DAffine3::IDENTITY, diffuse(0.5));
     scene.shapes[room].emission = Some(Rgb::splat(0.5).into());
@@ -260,8 +270,11 @@ fn fog_in_a_furnace_is_invisible() {
     scene.sensors.push(camera(DVec3::new(0.2, 0.1, -0.3), DVec3::new(-0.3, 0.4, 0.5), 90.0, 12));
     scene.sensors[0].medium = Some(fog);
     for &accel in AccelKind::CHOICES {
-        let rendered = render(&compiled(scene.clone(), accel), &volpath(None), SamplerKind::Sobol, 256, 3);
-        group.expect(&format!("{accel}"), &rendered, [1.0; 3]);
+        let compiled = compiled(scene.clone(), accel);
+        for (integrator, settings) in integrators(None) {
+            let rendered = render(&compiled, &settings, SamplerKind::Sobol, 256, 3);
+            group.expect(&format!("{accel}, {integrator}"), &rendered, [1.0; 3]);
+        }
     }
 }
 
@@ -270,7 +283,7 @@ fn fog_in_a_furnace_is_invisible() {
 #[test]
 fn single_scattering_of_a_half_space_does_not_depend_on_its_density() {
     let sigmas = [1.0, 60.0, 1e3, 1e4];
-    let group = Means::of_images(sigmas.len() * AccelKind::CHOICES.len(), 1e-2);
+    let group = Means::of_images(2 * sigmas.len() * AccelKind::CHOICES.len(), 1e-2);
     let albedo = [0.9, 0.6, 0.3];
     // ϖ/2 · ∫ μ/(1 + μ) dμ over [0, 1].
     let exact = albedo.map(|albedo| 0.5 * f64::from(albedo) * (1.0 - 2f64.ln()));
@@ -284,9 +297,11 @@ fn single_scattering_of_a_half_space_does_not_depend_on_its_density() {
         );
         filled(&mut scene, Shape::Cube, below, Material::Null(Null), fog);
         for &accel in AccelKind::CHOICES {
-            let rendered =
-                render(&compiled(scene.clone(), accel), &volpath(Some(2)), SamplerKind::Sobol, 2048, 6);
-            group.expect(&format!("{sigma}, {accel}"), &rendered, exact);
+            let compiled = compiled(scene.clone(), accel);
+            for (integrator, settings) in integrators(Some(2)) {
+                let rendered = render(&compiled, &settings, SamplerKind::Sobol, 2048, 6);
+                group.expect(&format!("{sigma}, {accel}, {integrator}"), &rendered, exact);
+            }
         }
     }
 }
@@ -323,7 +338,7 @@ pub fn density(phase: &Phase, cos: f64) -> f64 {
 fn single_scattering_of_a_point_emitter_is_its_integral() {
     let albedo = [0.9f32, 0.6, 0.3];
     let phases = [Phase::Isotropic, HG, Phase::Rayleigh, table(), blend()];
-    let group = Means::of_images(phases.len() * AccelKind::CHOICES.len(), 1e-2);
+    let group = Means::of_images(2 * phases.len() * AccelKind::CHOICES.len(), 1e-2);
     for phase in phases {
         let mut scene = Description::default();
         scene.sensors.push(camera(DVec3::ZERO, -DVec3::Z, 1e-3, 8));
@@ -345,9 +360,11 @@ fn single_scattering_of_a_point_emitter_is_its_integral() {
                 })
         });
         for &accel in AccelKind::CHOICES {
-            let rendered =
-                render(&compiled(scene.clone(), accel), &volpath(Some(2)), SamplerKind::Sobol, 2048, 5);
-            group.expect(&format!("{phase:?}, {accel}"), &rendered, exact);
+            let compiled = compiled(scene.clone(), accel);
+            for (integrator, settings) in integrators(Some(2)) {
+                let rendered = render(&compiled, &settings, SamplerKind::Sobol, 2048, 5);
+                group.expect(&format!("{phase:?}, {accel}, {integrator}"), &rendered, exact);
+            }
         }
     }
 }
@@ -414,9 +431,11 @@ const FOG: &str = "<scene version='3.0.0'><integrator type='volpath'/>
 #[test]
 fn threads_change_no_bit_of_media() {
     let folder = Folder::with(FOG);
-    for (name, options) in [("one", "-t 1"), ("two", "-t 2"), ("again", "-t 2")] {
-        folder.render(&format!("s.xml -q --spp 9 -o {name}.pfm {options}"));
+    for (integrator, _) in integrators(None) {
+        for (name, options) in [("one", "-t 1"), ("two", "-t 2"), ("again", "-t 2")] {
+            folder.render(&format!("s.xml -q --integrator {integrator} --spp 9 -o {name}.pfm {options}"));
+        }
+        assert_eq!(folder.read("one.pfm"), folder.read("two.pfm"));
+        assert_eq!(folder.read("one.pfm"), folder.read("again.pfm"));
     }
-    assert_eq!(folder.read("one.pfm"), folder.read("two.pfm"));
-    assert_eq!(folder.read("one.pfm"), folder.read("again.pfm"));
 }

@@ -3,7 +3,7 @@
 //!
 //! Each group of comparisons has a significance of 1 % with fixed seeds.
 
-use crate::media::{SIGMA, density, filled, glass, medium, volpath};
+use crate::media::{SIGMA, density, filled, glass, integrators, medium, volpath};
 use crate::support::expect::Means;
 use crate::support::quadrature::over_square;
 use crate::support::scenes::{add, camera, compiled, diffuse, render, sphere};
@@ -29,7 +29,7 @@ const ALBEDO: [f32; 3] = [0.9, 0.6, 0.3];
 fn single_scattering_in_a_ball_is_its_integral() {
     let lights = [DVec3::new(1.4, 0.6, 0.8), DVec3::new(0.3, -0.2, 0.4), DVec3::new(0.0, 0.999, 0.0)];
     let phase = Phase::HenyeyGreenstein { g: 0.6 };
-    let group = Means::of_images(lights.len() * AccelKind::CHOICES.len(), 1e-2);
+    let group = Means::of_images(2 * lights.len() * AccelKind::CHOICES.len(), 1e-2);
     for light in lights {
         let mut scene = Description::default();
         scene.sensors.push(camera(DVec3::Z * 3.0, DVec3::ZERO, 1e-3, 8));
@@ -49,9 +49,11 @@ fn single_scattering_in_a_ball_is_its_integral() {
             })
         });
         for &accel in AccelKind::CHOICES {
-            let rendered =
-                render(&compiled(scene.clone(), accel), &volpath(Some(2)), SamplerKind::Sobol, 2048, 5);
-            group.expect(&format!("{light}, {accel}"), &rendered, exact);
+            let compiled = compiled(scene.clone(), accel);
+            for (integrator, settings) in integrators(Some(2)) {
+                let rendered = render(&compiled, &settings, SamplerKind::Sobol, 2048, 5);
+                group.expect(&format!("{light}, {accel}, {integrator}"), &rendered, exact);
+            }
         }
     }
 }

@@ -4,6 +4,7 @@ mod auto;
 mod bare_meshes;
 mod bench;
 mod bidirectional;
+mod bidirectional_media;
 mod cameras;
 mod check;
 mod checkpoints;

@@ -4,7 +4,7 @@ use super::{CompileOptions, Scene, SurfaceInteraction};
 use crate::accel::{self, Accel, Assembly, Coherence, Geometry, Hit};
 use crate::error::{Error, Result};
 use crate::ids::{MediumId, ShapeId};
-use crate::math::{Ray, Vec3};
+use crate::math::{Bounds, Ray, Vec3};
 use crate::medium::{Medium, MediumBoundary};
 use crate::memory::Budget;
 use std::collections::HashMap;
@@ -64,6 +64,11 @@ impl SceneMedia {
         self.list.iter().any(Medium::scatters)
     }
 
+    /// Returns the bounds of the boundaries that rays may pass without being scattered.
+    pub fn bounds_of_passed(&self) -> Bounds {
+        self.passed.as_ref().map_or(Bounds::EMPTY, |passed| passed.bounds())
+    }
+
     /// Returns the nearest boundaries that rays may pass without being scattered. Hits are in the terms of
     /// [`Scene::accel`](super::Scene::accel).
     pub fn passed(&self, rays: &[Ray]) -> Vec<Option<Hit>> {
@@ -75,7 +80,7 @@ impl SceneMedia {
     }
 
     /// Returns whether a shape is a boundary of media.
-    pub fn bounds(&self, shape: ShapeId) -> bool {
+    pub fn is_boundary(&self, shape: ShapeId) -> bool {
         self.boundaries.contains_key(&shape)
     }
 

@@ -41,7 +41,7 @@ const SECOND: usize = 3;
 /// The candidates for scenes with media that are rendered. The costs are those of decision 0084.
 const IN_MEDIA: [Candidate; 2] = [
     Candidate { name: "volpath", cost: 1.0, unbiased: true },
-    Candidate { name: "bdpt", cost: 1.0, unbiased: true },
+    Candidate { name: "bdpt", cost: 1.1, unbiased: true },
 ];
 /// The samples of each pixel of a pilot.
 const SAMPLES: u64 = 16;

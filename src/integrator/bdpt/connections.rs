@@ -174,8 +174,8 @@ impl CameraPaths<'_> {
         chosen.map(|(light, importance)| (light, sum / importance))
     }
 
-    /// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the paths.
-    /// `purpose` is that of the random numbers for their transmittance.
+    /// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the
+    /// paths. `purpose` is that of the random numbers for their transmittance.
     fn push(
         &self,
         shadows: &mut ShadowQueue,

@@ -85,7 +85,7 @@ fn around(
                 return false;
             };
             let transmits = scene.materials.get(at.material).transmits;
-            if transmits && media.bounds(at.shape()) {
+            if transmits && media.is_boundary(at.shape()) {
                 *votes.entry(media.beside(&at, -ray.d, None)).or_default() += 1;
                 return false;
             }

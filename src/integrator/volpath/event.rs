@@ -80,9 +80,9 @@ struct Chosen {
 }
 
 impl Tracer<'_> {
-    /// Follows paths to their next events, at the surfaces that the worker's hits tell if a ray is not scattered before.
-    /// Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to `leg_points`. Returns the paths after
-    /// the events that go on.
+    /// Follows paths to their next events, at the surfaces that the worker's hits tell if a ray is not scattered
+    /// before. Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to
+    /// `leg_points`. Returns the paths after the events that go on.
     pub fn events(
         &self,
         paths: &[Path],
