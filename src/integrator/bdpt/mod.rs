@@ -4,6 +4,7 @@
 //! path is a possible end: it may lie on an emitter, it samples an emitter, and it is connected to one vertex of the
 //! light path, which is chosen by an estimate of its contribution. The light paths of a second set, as many as there
 //! are pixels, are connected to the camera. The techniques are combined by multiple importance sampling ([`weights`]).
+//! Both kinds of paths may be scattered in participating media ([`in_media`], [`light_paths`]).
 
 mod camera_paths;
 mod connections;

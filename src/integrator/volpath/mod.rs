@@ -2,8 +2,8 @@
 //!
 //! A wave of paths advances one scattering event at a time. The ray of a path goes through boundaries of media that do
 //! not scatter it (`null`, holes of a mask) until it is scattered in a medium or hits a surface
-//! ([`flight`](super::flight)). At each event an emitter is sampled, with the transmittance of the media up to it, and a
-//! direction, by the BSDF or the phase function. Both are weighted by the power heuristic ([`event`]). In thin
+//! ([`flight`](super::flight)). At each event an emitter is sampled, with the transmittance of the media up to it, and
+//! a direction, by the BSDF or the phase function. Both are weighted by the power heuristic ([`event`]). In thin
 //! homogeneous media, a third technique samples points near emitters ([`equiangular`]). In sealed media there are fewer
 //! emitter samples. Without media, the integrator is `path`.
 
