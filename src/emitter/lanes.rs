@@ -65,6 +65,23 @@ impl EmitterSampleX16 {
         self.valid = mask.select(other.valid, self.valid);
     }
 
+    /// Returns the sample of one lane.
+    pub fn lane(&self, i: usize) -> Option<EmitterSample> {
+        let is_set = |mask: &f32x16| mask.as_array()[i].to_bits() != 0;
+        let target = match is_set(&self.at_infinity) {
+            true => ShadowTarget::Infinity,
+            false => ShadowTarget::Point(self.target.lane(i)),
+        };
+        is_set(&self.valid).then(|| EmitterSample {
+            wi: self.wi.lane(i),
+            target,
+            radiance: self.radiance.each_ref().map(|channel| channel.as_array()[i]).into(),
+            pdf: self.pdf.as_array()[i],
+            delta: is_set(&self.delta),
+            cosine: self.cosine.as_array()[i],
+        })
+    }
+
     /// Replaces the sample of one lane.
     fn set_lane(&mut self, i: usize, sample: Option<EmitterSample>) {
         let mask = |set: bool| f32::from_bits(if set { u32::MAX } else { 0 });

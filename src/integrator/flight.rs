@@ -40,7 +40,7 @@ pub struct Collision<'a> {
 }
 
 /// A part of a ray in a medium.
-pub struct Entry<'a> {
+pub struct Entry<'a, 's> {
     /// The medium.
     pub id: MediumId,
     /// The medium.
@@ -48,7 +48,7 @@ pub struct Entry<'a> {
     /// The part of the ray.
     pub segment: Segment,
     /// The surface at its end, if there is one.
-    pub ahead: Option<&'a SurfaceInteraction>,
+    pub ahead: Option<&'s SurfaceInteraction>,
 }
 
 /// A ray on its way through media, from one boundary to the next.
@@ -77,7 +77,7 @@ impl Journey {
         scene: &Scene,
         media: &'a SceneMedia,
         (boundary, end): (Option<&SurfaceInteraction>, Option<&SurfaceInteraction>),
-        enter: impl FnOnce(&Entry<'_>, &FreeFlight),
+        enter: impl FnOnce(&Entry<'a, '_>, &FreeFlight),
         collision: &mut Option<Collision<'a>>,
     ) -> bool {
         let Ray { o, d, t_max, time } = self.leg;
@@ -117,7 +117,7 @@ pub fn follow<'a, 's>(
     media: &'a SceneMedia,
     journeys: &mut [Journey],
     end: impl Fn(usize) -> Option<&'s SurfaceInteraction>,
-    mut enter: impl FnMut(usize, &Entry<'_>, &FreeFlight),
+    mut enter: impl FnMut(usize, &Entry<'a, '_>, &FreeFlight),
 ) -> Vec<Option<Collision<'a>>> {
     let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
     let mut active: Vec<usize> = (0..journeys.len()).collect();
@@ -127,7 +127,7 @@ pub fn follow<'a, 's>(
         let mut boundaries = boundaries.iter();
         active.retain(|&i| {
             let boundary = boundaries.next().and_then(Option::as_ref);
-            let enter = |entry: &Entry<'_>, flight: &FreeFlight| enter(i, entry, flight);
+            let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
             journeys[i].step(scene, media, (boundary, end(i)), enter, &mut collisions[i])
         });
     }

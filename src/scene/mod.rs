@@ -459,13 +459,25 @@ impl Scene {
     ) -> Option<(ChoiceX16, EmitterSampleX16)> {
         let choice = selection.sample_x16(from, u[0], active)?;
         let ChoiceX16 { emitters, pmf, u: rest } = choice;
-        let from = from.p;
-        let one =
-            |i: usize, u| self.sample_chosen(selection, emitters[i], from.lane(i), u, time.as_array()[i]);
-        let (u, compensated) = ([rest, u[1]], selection.is_compensated());
-        let mut samples = self.light_lanes.sample(&emitters, compensated, from, u, active, one);
+        let mut samples = self.sample_chosen_x16(selection, &emitters, from.p, [rest, u[1]], time, active);
         samples.pdf *= pmf;
         Some((choice, samples))
+    }
+
+    /// Computes [`sample_chosen`](Self::sample_chosen) for sixteen points, for the lanes in the mask `active`.
+    #[inline]
+    pub fn sample_chosen_x16(
+        &self,
+        selection: &LightSelection,
+        emitters: &[usize; LANES],
+        from: Vec3x16,
+        u: [f32x16; 2],
+        time: f32x16,
+        active: u32,
+    ) -> EmitterSampleX16 {
+        let one =
+            |i: usize, u| self.sample_chosen(selection, emitters[i], from.lane(i), u, time.as_array()[i]);
+        self.light_lanes.sample(emitters, selection.is_compensated(), from, u, active, one)
     }
 
     /// Returns shadow rays from surface points to emitters. They end short of the emitter by at most the rounding

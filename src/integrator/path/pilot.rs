@@ -41,8 +41,8 @@ const EXPONENT: f64 = 0.7;
 /// The share of the pixels that count as fireflies, if they have the largest errors, where caustics are compared.
 const FIREFLIES: f64 = 0.01;
 /// The least efficiency of reuse relative to independent paths. Errors of pixels that share paths are correlated, so
-/// they are worth a little less.
-const LEAST_GAIN: f64 = 1.1;
+/// they are worth a little less; and the pilot, with few samples, is too favourable to reuse.
+const LEAST_GAIN: f64 = 1.3;
 
 /// The errors and the cost of a cell in one of the [`MODES`].
 #[derive(Default)]

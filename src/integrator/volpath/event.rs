@@ -1,16 +1,13 @@
 //! One event of a path: scattering in a medium or at a surface, and the light found there.
 
 use super::Path;
+use super::emitter_samples::{Competitors, PendingSample, Scatterer};
 use super::equiangular::{Leg, LegPoint};
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
-use crate::emitter::{EmitterSample, LightSelection, LitRegion};
-use crate::ids::MediumId;
-use crate::integrator::flight::{
-    Collision, Departure, Entry, Journey, before_end, follow, medium_after, ray_to_emitter, surfaces,
-};
+use crate::emitter::{LightSelection, LitRegion};
+use crate::integrator::flight::{Collision, Entry, Journey, before_end, follow, medium_after, surfaces};
 use crate::integrator::roulette::Roulette;
-use crate::integrator::worker::ShadowQueue;
 use crate::integrator::{PathLimits, Radiance, RadianceQuery, Worker};
 use crate::math::{Ray, Vec2, Vec3};
 use crate::medium::{FreeFlight, Medium, Stream};
@@ -70,16 +67,7 @@ enum First {
     Behind,
 }
 
-/// An emitter sample and the choice of the emitter.
-struct Chosen {
-    emitter: usize,
-    /// The probability of the choice.
-    pmf: f32,
-    /// The sample; its density includes the choice.
-    sample: EmitterSample,
-}
-
-impl Tracer<'_> {
+impl<'a> Tracer<'a> {
     /// Follows paths to their next events, at the surfaces that the worker's hits tell if a ray is not scattered
     /// before. Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to
     /// `leg_points`. Returns the paths after the events that go on.
@@ -92,6 +80,7 @@ impl Tracer<'_> {
         out: &mut [Radiance],
     ) -> Vec<Path> {
         let Worker { hits, arena, shadows, .. } = worker;
+        arena.reset();
         leg_points.clear();
         let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
         let surfaces = surfaces(self.scene, &rays, hits);
@@ -107,11 +96,13 @@ impl Tracer<'_> {
         };
         let mut journeys: Vec<Journey> = paths.iter().enumerate().map(depart).collect();
         let mut firsts = vec![First::Ahead; paths.len()];
-        let enter = |i: usize, entry: &Entry<'_>, flight: &FreeFlight| {
+        let mut samples = Vec::new();
+        let enter = |i: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| {
             if flight.is_sampled() && entry.medium.scatters() {
                 firsts[i] = match firsts[i] {
                     First::Ahead => {
-                        let leg = self.light_near_emitter(&paths[i], entry, flight, &numbers(i), shadows);
+                        let leg =
+                            self.light_near_emitter(&paths[i], entry, flight, &numbers(i), &mut samples);
                         leg.map_or(First::Behind, |leg| {
                             leg_points.push(LegPoint { leg, distance: 0.0 });
                             First::Here(leg_points.len() as u32 - 1)
@@ -122,7 +113,7 @@ impl Tracer<'_> {
             }
         };
         let collisions = follow(self.scene, self.media, &mut journeys, |i| surfaces[i].as_ref(), enter);
-        let arrive = |(i, collision): (usize, Option<Collision<'_>>)| {
+        let arrive = |(i, collision): (usize, Option<Collision<'a>>)| {
             let (mut path, Journey { medium, flight, .. }) = (paths[i], journeys[i]);
             let (numbers, radiance) = (numbers(i), &mut out[path.slot]);
             path.medium = medium;
@@ -137,7 +128,6 @@ impl Tracer<'_> {
             if path.beta.is_black() {
                 return None;
             }
-            arena.reset();
             match collision {
                 Some(collision) => {
                     path.on_leg = None;
@@ -146,11 +136,17 @@ impl Tracer<'_> {
                         path.on_leg = Some(index);
                     }
                     let leg_point = path.on_leg.map(|index| &leg_points[index as usize]);
-                    self.scatter_in_medium(path, &collision, leg_point, &numbers, shadows)
+                    self.scatter_in_medium(path, &collision, leg_point, &numbers, &mut samples)
                 }
                 None => {
-                    let next =
-                        self.meet_surface(path, surfaces[i].as_ref(), &numbers, arena, shadows, radiance);
+                    let next = self.meet_surface(
+                        path,
+                        surfaces[i].as_ref(),
+                        &numbers,
+                        arena,
+                        &mut samples,
+                        radiance,
+                    );
                     // A path that passes the surface keeps its last event.
                     next.map(|mut path| {
                         path.on_leg = path.on_leg.map(|index| {
@@ -162,18 +158,20 @@ impl Tracer<'_> {
                 }
             }
         };
-        collisions.into_iter().enumerate().filter_map(arrive).collect()
+        let paths = collisions.into_iter().enumerate().filter_map(arrive).collect();
+        self.sample_emitters(&samples, shadows);
+        paths
     }
 
     /// Adds the light at the end of a path's ray that no medium has scattered, and scatters the path at the surface, if
     /// there is one.
-    fn meet_surface(
-        &self,
+    fn meet_surface<'e>(
+        &'e self,
         path: Path,
-        surface: Option<&SurfaceInteraction>,
+        surface: Option<&'e SurfaceInteraction>,
         numbers: &EventNumbers,
-        arena: &Bump,
-        shadows: &mut ShadowQueue,
+        arena: &'e Bump,
+        samples: &mut Vec<PendingSample<'e>>,
         radiance: &mut Radiance,
     ) -> Option<Path> {
         match surface {
@@ -184,7 +182,7 @@ impl Tracer<'_> {
                 if path.depth == 0 && self.limits.hide_emitters && self.emits(at) {
                     return Some(self.pass(path, at));
                 }
-                self.scatter_at_surface(path, at, numbers, arena, shadows)
+                self.scatter_at_surface(path, at, numbers, arena, samples)
             }
             None => {
                 if self.adds_emission(&path) {
@@ -205,25 +203,38 @@ impl Tracer<'_> {
         self.query.wants(path.depth + 1) && !(path.depth == 0 && self.limits.hide_emitters)
     }
 
-    /// Samples a direction to an emitter at the path's next event, which is at `p`; `None` if its light is not wanted.
-    fn sample_emitter(&self, path: &Path, p: Vec3, numbers: &EventNumbers) -> Option<Chosen> {
+    /// Chooses an emitter to be sampled at the path's next event, which is at `p`; `None` if its light is not wanted.
+    fn sample_emitter<'e>(
+        &self,
+        path: &Path,
+        p: Vec3,
+        scatterer: Scatterer<'e>,
+        numbers: &EventNumbers,
+    ) -> Option<PendingSample<'e>> {
         if !self.query.wants(path.depth + 2) {
             return None;
         }
-        let choice = self.selection().sample(p, numbers.emitter_point.x)?;
-        let u = Vec2::new(choice.u, numbers.emitter_point.y);
-        self.sample_chosen(path, choice.emitter, choice.pmf, p, u)
-    }
-
-    /// Samples a direction from `p` to an emitter that was chosen with the probability `pmf`.
-    fn sample_chosen(&self, path: &Path, emitter: usize, pmf: f32, p: Vec3, u: Vec2) -> Option<Chosen> {
-        let sample = self.scene.sample_chosen(self.selection(), emitter, p, u, path.ray.time)?;
-        Some(Chosen { emitter, pmf, sample: EmitterSample { pdf: sample.pdf * pmf, ..sample } })
+        let u = numbers.emitter_point;
+        let choice = self.selection().sample(p, u.x)?;
+        Some(PendingSample {
+            p,
+            scatterer,
+            d: path.ray.d,
+            medium: path.medium,
+            beta: path.beta,
+            slot: path.slot,
+            time: path.ray.time,
+            emitter: choice.emitter,
+            pmf: choice.pmf,
+            u: Vec2::new(choice.u, u.y),
+            random: numbers.shadow_streams[0],
+            competitors: Competitors::OfEvent { share: 1.0, near: 0.0 },
+        })
     }
 
     /// Returns the choice among the emitters. A direction is sampled at every event, too, so emitter samples may omit
     /// light that those find well.
-    fn selection(&self) -> &LightSelection {
+    pub fn selection(&self) -> &LightSelection {
         self.scene.compensated_selection.as_ref().unwrap_or(&self.scene.light_selection)
     }
 
@@ -254,15 +265,15 @@ impl Tracer<'_> {
         region.map_or(0.0, |region| point.relative_density(self.selection(), emitter, region, pmf))
     }
 
-    /// Adds the shadow ray of a point near an emitter in the first medium that scatters, and returns the part of the
+    /// Adds a sample of an emitter from a point near it in the first medium that scatters, and returns the part of the
     /// ray in that medium; `None` if no such points are sampled there.
-    fn light_near_emitter(
+    fn light_near_emitter<'e>(
         &self,
         path: &Path,
-        entry: &Entry<'_>,
+        entry: &Entry<'e, '_>,
         flight: &FreeFlight,
         numbers: &EventNumbers,
-        shadows: &mut ShadowQueue,
+        samples: &mut Vec<PendingSample<'e>>,
     ) -> Option<Leg> {
         let useful = self.query.wants(path.depth + 2) && !self.media.is_sealed(entry.id);
         let near = numbers.near_emitter.filter(|_| useful);
@@ -270,32 +281,34 @@ impl Tracer<'_> {
             return None;
         };
         let mut leg = Leg::new(medium, &entry.segment, flight);
-        let mut light = || {
+        let mut sample = || {
             let choice = self.selection().sample(leg.reference(), u_emitter.x)?;
             let region = self.regions[choice.emitter].as_ref()?;
             let (distance, density) = leg.sample(choice.emitter, region, u_distance)?;
             let p = before_end(leg.at(distance), entry.ahead, path.ray.d);
-            let u = Vec2::new(choice.u, u_emitter.y);
-            let Chosen { sample, .. } = self.sample_chosen(path, choice.emitter, choice.pmf, p, u)?;
-            let density = density as f32;
-            // As in `weighted`: what has no density carries nothing.
-            if sample.pdf * density <= 0.0 {
-                return None;
-            }
-            let phase = medium.phase.eval(path.ray.d.dot(sample.wi));
-            let flights = leg.flight_density(distance) as f32;
-            // The densities of the other techniques at this point, relative to the emitter sample.
-            let pmf = self.selection().pmf(choice.emitter, p);
-            let others =
-                [flights * pmf / choice.pmf, if sample.delta { 0.0 } else { flights * phase / sample.pdf }];
-            let weight = power_heuristic_of_three(density, others);
             let scattered = flight.passed() * leg.transmittance(distance) * medium.sigma_s;
-            let value = path.beta * scattered * sample.radiance * (phase * weight / (sample.pdf * density));
-            let ray = || ray_to_emitter(p, &sample, path.ray.time);
-            push_shadow(shadows, value, ray, Some(entry.id), path.slot, numbers.shadow_streams[1]);
+            let competitors = Competitors::OfPointNearEmitter {
+                density: density as f32,
+                flights: leg.flight_density(distance) as f32,
+                pmf: self.selection().pmf(choice.emitter, p),
+            };
+            samples.push(PendingSample {
+                p,
+                scatterer: Scatterer::Medium(&medium.phase),
+                d: path.ray.d,
+                medium: Some(entry.id),
+                beta: path.beta * scattered,
+                slot: path.slot,
+                time: path.ray.time,
+                emitter: choice.emitter,
+                pmf: choice.pmf,
+                u: Vec2::new(choice.u, u_emitter.y),
+                random: numbers.shadow_streams[1],
+                competitors,
+            });
             Some(())
         };
-        light();
+        sample();
         Some(leg)
     }
 
@@ -329,13 +342,13 @@ impl Tracer<'_> {
         }
     }
 
-    fn scatter_at_surface(
-        &self,
+    fn scatter_at_surface<'e>(
+        &'e self,
         path: Path,
-        at: &SurfaceInteraction,
+        at: &'e SurfaceInteraction,
         numbers: &EventNumbers,
-        arena: &Bump,
-        shadows: &mut ShadowQueue,
+        arena: &'e Bump,
+        samples: &mut Vec<PendingSample<'e>>,
     ) -> Option<Path> {
         if !self.scatters(&path) {
             return None;
@@ -343,14 +356,9 @@ impl Tracer<'_> {
         let Ray { d, time, .. } = path.ray;
         let wo = at.frame.to_local(-d);
         let bsdf = self.scene.bsdf(at, Some(wo), arena);
-        let emitter = if bsdf.is_specular() { None } else { self.sample_emitter(&path, at.p, numbers) };
-        if let Some(Chosen { sample, .. }) = emitter {
-            let wi = at.frame.to_local(sample.wi);
-            let eval = bsdf.eval(wo, wi);
-            let value = path.beta * eval.f * wi.z.abs() * weighted(&sample, eval.pdf, 0.0);
-            let medium = medium_after(self.scene, self.media, at, (d, sample.wi), path.medium);
-            let ray = || self.scene.shadow_ray(at, &sample);
-            push_shadow(shadows, value, ray, medium, path.slot, numbers.shadow_streams[0]);
+        if !bsdf.is_specular() {
+            let scatterer = Scatterer::Surface(at, bsdf, wo);
+            samples.extend(self.sample_emitter(&path, at.p, scatterer, numbers));
         }
         let sample = bsdf.sample(wo, numbers.lobe, numbers.direction)?;
         let wi = at.frame.to_world(sample.wi);
@@ -374,35 +382,34 @@ impl Tracer<'_> {
         self.survivor(next, numbers)
     }
 
-    fn scatter_in_medium(
+    /// Adds a sample of an emitter at the path's next event, which is in a medium, and scatters the path there.
+    fn scatter_in_medium<'e>(
         &self,
         path: Path,
-        collision: &Collision<'_>,
+        collision: &Collision<'e>,
         leg_point: Option<&LegPoint>,
         numbers: &EventNumbers,
-        shadows: &mut ShadowQueue,
+        samples: &mut Vec<PendingSample<'e>>,
     ) -> Option<Path> {
         let Ray { d, time, .. } = path.ray;
         let (p, phase) = (collision.p, collision.medium.phase());
         let mut random = numbers.shadow_streams[0];
         let sealed = path.medium.is_some_and(|id| self.media.is_sealed(id));
-        let emitter_share = if sealed { SEALED_SHARE } else { 1.0 };
-        let samples = !sealed || random.uniform() < f64::from(SEALED_SHARE);
-        let emitter = if samples { self.sample_emitter(&path, p, numbers) } else { None };
-        if let Some(Chosen { emitter, pmf, mut sample }) = emitter {
-            sample.pdf *= emitter_share;
-            let density = phase.eval(d.dot(sample.wi));
-            let factor = leg_point.map_or(0.0, |point| self.relative_density(point, emitter, pmf));
-            let value = path.beta * density * weighted(&sample, density, factor);
-            let ray = || ray_to_emitter(p, &sample, time);
-            push_shadow(shadows, value, ray, path.medium, path.slot, random);
+        let share = if sealed { SEALED_SHARE } else { 1.0 };
+        if !sealed || random.uniform() < f64::from(SEALED_SHARE) {
+            let sample = self.sample_emitter(&path, p, Scatterer::Medium(phase), numbers);
+            samples.extend(sample.map(|sample| {
+                let near = |point| self.relative_density(point, sample.emitter, sample.pmf);
+                let competitors = Competitors::OfEvent { share, near: leg_point.map_or(0.0, near) };
+                PendingSample { competitors, random, ..sample }
+            }));
         }
         let wi = phase.sample(d, numbers.direction);
         let next = Path {
             ray: Ray { time, ..Ray::new(p, wi) },
             from: p,
             pdf: phase.eval(d.dot(wi)),
-            emitter_share,
+            emitter_share: share,
             depth: path.depth + 1,
             ..path
         };
@@ -421,30 +428,5 @@ impl Tracer<'_> {
                 Some(Path { beta, ..path })
             }
         }
-    }
-}
-
-/// Returns the radiance of an emitter sample, divided by its density and weighted. `other` is the density per unit
-/// solid angle with which the BSDF or the phase function samples its direction. Points near emitters find the same
-/// light with `factor` times the density of the sample.
-fn weighted(sample: &EmitterSample, other: f32, factor: f32) -> Rgb {
-    let other = if sample.delta { 0.0 } else { other };
-    let near = if factor > 0.0 { factor * sample.pdf } else { 0.0 };
-    let weight = power_heuristic_of_three(sample.pdf, [other, near]);
-    // A direction without density carries nothing.
-    if sample.pdf > 0.0 { sample.radiance * (weight / sample.pdf) } else { Rgb::BLACK }
-}
-
-/// Adds a shadow ray, if it may carry light.
-fn push_shadow(
-    shadows: &mut ShadowQueue,
-    value: Rgb,
-    ray: impl Fn() -> Ray,
-    medium: Option<MediumId>,
-    slot: usize,
-    random: Stream,
-) {
-    if !value.is_black() {
-        shadows.push_through_media(ray(), slot as u32, value, Departure { medium, random });
     }
 }

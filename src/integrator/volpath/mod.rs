@@ -7,6 +7,7 @@
 //! homogeneous media, a third technique samples points near emitters ([`equiangular`]). In sealed media there are fewer
 //! emitter samples. Without media, the integrator is `path`.
 
+mod emitter_samples;
 mod equiangular;
 mod event;
 
