@@ -147,7 +147,7 @@ fn light_paths_start_in_the_medium_around_their_emitter() {
     };
     let turned =
         ["<rotate y='1' angle='90'/>", "<rotate y='1' angle='-90'/>", "", "<rotate x='1' angle='90'/>"];
-    let walls: String = turned.into_iter().map(|turn| wall(turn)).collect();
+    let walls: String = turned.into_iter().map(wall).collect();
     let front = "<shape type='rectangle'><transform name='to_world'><scale value='1.5'/><translate y='1.5' z='1.5'/></transform>
         <bsdf type='null'/><ref id='m' name='interior'/></shape>";
     let bulb = BULB.replace("x='1.2'", "x='.6'");
