@@ -69,12 +69,37 @@ fn paths_from_both_ends_agree_with_camera_paths_in_media() {
         <transform name='to_world'><scale value='2'/><translate x='-1' y='.1' z='-1'/></transform></volume>
         <volume name='albedo' type='constvolume'><rgb name='value' value='.9,.8,.7'/></volume></medium>";
     let in_fog = format!("{PINHOLE}<ref id='m' name='medium'/>");
+    let turns = [
+        "y='1' angle='90'",
+        "y='1' angle='-90'",
+        "y='1' angle='0'",
+        "y='1' angle='180'",
+        "x='1' angle='-90'",
+    ];
+    let side = |turn: &str| {
+        format!(
+            "<shape type='rectangle'><transform name='to_world'><translate z='1'/><rotate {turn}/><translate y='1'/></transform>
+            {NULL}</shape>"
+        )
+    };
+    let sides: String = turns.into_iter().map(side).collect();
     for (name, sensor, medium, contents) in [
         ("lamp above fog", LENS, &chromatic, cube(1.05) + LAMP),
         ("point and sky", PINHOLE, &chromatic, cube(1.05) + POINT + SKY),
         ("fog in glass", PINHOLE, &chromatic, ball(1.0, "<ref id='m' name='interior'/>") + LAMP),
         ("absorption", PINHOLE, &fog(".5, 1, 2", "0, 0, 0"), cube(1.05) + LAMP),
         ("grid", PINHOLE, &grid.to_owned(), cube(1.05) + LAMP + POINT),
+        (
+            "grid around the sensor",
+            in_fog.as_str(),
+            &grid
+                .replace("value='2'/>", "value='20'/>")
+                .replace("x='-1'", "x='-10'")
+                .replace("y='.1' z='-1'", "y='-5' z='-10'")
+                .replace("value='3'/>", "value='.1'/>"),
+            SKY.to_owned(),
+        ),
+        ("fog without a bottom", PINHOLE, &chromatic, sides + SKY),
         ("sensor in fog", in_fog.as_str(), &fog(".2, .15, .1", ".8, .9, .9"), BULB.to_owned()),
     ] {
         let folder = Folder::with(&scene("<integrator type='volpath'/>", sensor, medium, &contents));
@@ -135,8 +160,8 @@ fn media_change_no_bit_of_paths_from_both_ends() {
     check_bits(&Folder::with(&scene), "bdpt");
 }
 
-/// Light paths start in the medium around their emitter. The room has no boundary but its open front, so its walls do
-/// not tell what is inside.
+/// Light paths start in the medium around their emitter, inside and outside of a room of fog. The room has no boundary
+/// but its open front, so its walls do not tell what is inside.
 #[test]
 fn light_paths_start_in_the_medium_around_their_emitter() {
     let wall = |turn: &str| {
@@ -150,18 +175,17 @@ fn light_paths_start_in_the_medium_around_their_emitter() {
     let walls: String = turned.into_iter().map(wall).collect();
     let front = "<shape type='rectangle'><transform name='to_world'><scale value='1.5'/><translate y='1.5' z='1.5'/></transform>
         <bsdf type='null'/><ref id='m' name='interior'/></shape>";
-    let bulb = BULB.replace("x='1.2'", "x='.6'");
-    let folder = Folder::with(&scene(
-        "<integrator type='volpath'><integer name='max_depth' value='5'/></integrator>",
-        PINHOLE,
-        &fog(".3, .3, .3", ".9, .8, .7"),
-        &(walls + front + &bulb),
-    ));
-    agree(&folder, "--spp 512", ["volpath", "bdpt"]);
+    let room = walls + front;
+    for emitter in [BULB.replace("x='1.2'", "x='.6'"), BULB.replace("x='1.2'", "x='3.2'"), SKY.to_owned()] {
+        let integrator = "<integrator type='volpath'><integer name='max_depth' value='5'/></integrator>";
+        let contents = format!("{room}{emitter}");
+        let folder = Folder::with(&scene(integrator, PINHOLE, &fog(".3, .3, .3", ".9, .8, .7"), &contents));
+        agree(&folder, "--spp 512", ["volpath", "bdpt"]);
+    }
 }
 
 #[test]
-fn an_emitter_in_several_media_is_refused() {
+fn emitters_in_several_media_and_hidden_ones_around_media_are_refused() {
     let lamp = "<shape type='rectangle'><transform name='to_world'><translate x='1' y='1'/></transform>
         <emitter type='area'/></shape>";
     let contents = format!("<shape type='cube'>{NULL}</shape>{lamp}");
@@ -170,4 +194,10 @@ fn an_emitter_in_several_media_is_refused() {
     let run = folder.run("render s.xml -q --spp 1 -o a.exr");
     assert_eq!(run.code, 3, "{run:?}");
     assert!(run.stderr.contains("emitter 0 is in several media"), "{run:?}");
+    let hidden = "<integrator type='bdpt'><boolean name='hide_emitters' value='true'/></integrator>";
+    let contents = format!("<shape type='cube'>{NULL}<emitter type='area'/></shape>");
+    folder.write("s.xml", scene(hidden, PINHOLE, &fog("1, 1, 1", ".5, .5, .5"), &contents).as_bytes());
+    let run = folder.run("render s.xml -q --spp 1 -o a.exr");
+    assert_eq!(run.code, 3, "{run:?}");
+    assert!(run.stderr.contains("cannot hide an emitting shape that bounds a medium"), "{run:?}");
 }

@@ -441,7 +441,12 @@ impl Worker {
     pub fn trace_shadows_past_emitters(&mut self, scene: &Scene, add: impl FnMut(usize, Rgb)) {
         let Worker { shadows, hits, counters, .. } = self;
         intersect(scene, &shadows.rays, Coherence::Incoherent, hits, counters);
-        skip_emitters(scene, &mut shadows.rays.clone(), hits, counters);
+        // The whole rays go through media.
+        let mut last = match shadows.departures.is_empty() {
+            true => std::mem::take(&mut shadows.rays),
+            false => shadows.rays.clone(),
+        };
+        skip_emitters(scene, &mut last, hits, counters);
         shadows.finish(scene, hits.iter().map(Option::is_some), add);
     }
 }

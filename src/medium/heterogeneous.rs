@@ -2,7 +2,7 @@
 
 use super::{Phase, Volume};
 use crate::color::Rgb;
-use crate::math::{DVec3, Vec3};
+use crate::math::{self, DVec3, Vec3};
 
 /// The number of cells of a grid that share a bound of the extinction, along each axis.
 const SHARED: usize = 8;
@@ -68,6 +68,11 @@ impl Heterogeneous {
     pub fn new(sigma_t: Volume, albedo: Volume, scale: f32, phase: Phase) -> Self {
         let bounds = Bounds::of(&sigma_t, scale);
         Heterogeneous { sigma_t, albedo, scale, phase, bounds }
+    }
+
+    /// Returns the box of the medium in world space.
+    pub fn world_box(&self) -> math::Bounds {
+        math::Bounds::of(self.bounds.world.map(|p| p.as_vec3()))
     }
 
     /// Returns whether the coefficients are finite.

@@ -280,8 +280,8 @@ impl SceneCompiler {
         self.report.build_seconds = started.elapsed().as_secs_f64();
         self.report.dropped_primitives = built.dropped;
         let bounds = built.accel.bounds();
-        let passed = media.as_ref().map_or(Bounds::EMPTY, |media| media.bounds_of_passed());
-        let DistantEmitters { environment, sun } = self.add_emitters(emitters, bounds.union(passed))?;
+        let of_media = media.as_ref().map_or(Bounds::EMPTY, |media| media.bounds());
+        let DistantEmitters { environment, sun } = self.add_emitters(emitters, bounds.union(of_media))?;
         let light_choice = choice_among(&self.lights)?;
         let camera = |(i, sensor): (usize, &SensorSettings)| match sensor.projection {
             // The others are not used.

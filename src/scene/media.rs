@@ -19,6 +19,7 @@ pub struct SceneMedia {
     /// The boundaries of media that rays may pass without being scattered: `null`, and masks with holes. Rays of
     /// [`Scene::accel`](super::Scene::accel) do not hit `null`, nor the holes of a mask.
     passed: Option<Box<dyn Accel>>,
+    bounds: Bounds,
     /// The medium around the sensor to render.
     pub sensor: Option<MediumId>,
 }
@@ -64,9 +65,10 @@ impl SceneMedia {
         self.list.iter().any(Medium::scatters)
     }
 
-    /// Returns the bounds of the boundaries that rays may pass without being scattered.
-    pub fn bounds_of_passed(&self) -> Bounds {
-        self.passed.as_ref().map_or(Bounds::EMPTY, |passed| passed.bounds())
+    /// Returns bounds of the boundaries that rays may pass without being scattered, and of grids that no boundary
+    /// encloses.
+    pub fn bounds(&self) -> Bounds {
+        self.bounds
     }
 
     /// Returns the nearest boundaries that rays may pass without being scattered. Hits are in the terms of
@@ -154,6 +156,13 @@ impl MediaCompiler {
             let assembly = Assembly { geometry, groups, instances, filter: None };
             passed = Some(accel::build_within(options.accel, assembly, options.threads, true, memory)?.accel);
         }
-        Ok(Some(Box::new(SceneMedia { list, sealed, boundaries, passed, sensor })))
+        let around = boundaries.values().filter_map(|boundary| boundary.exterior).chain(sensor);
+        let grids = around.filter_map(|id| match &list[id.index()] {
+            Medium::Heterogeneous(medium) => Some(medium.world_box()),
+            Medium::Homogeneous(_) | Medium::Unsupported(_) => None,
+        });
+        let of_passed = passed.as_ref().map_or(Bounds::EMPTY, |passed| passed.bounds());
+        let bounds = grids.fold(of_passed, Bounds::union);
+        Ok(Some(Box::new(SceneMedia { list, sealed, boundaries, passed, bounds, sensor })))
     }
 }

@@ -33,10 +33,11 @@ use super::worker::draw_2d;
 use super::{Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::color::Rgb;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::ids::ShapeId;
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneMedia};
 use crate::sensor::Camera;
 use bumpalo::Bump;
 use std::collections::HashMap;
@@ -112,13 +113,22 @@ impl Integrator for Bdpt {
     }
 
     fn check(&self, scene: &Scene) -> Result<()> {
-        scene.check_media()
+        scene.check_media()?;
+        let bounds_media = |media: &SceneMedia| {
+            let emitting = (0..scene.shapes.len()).filter(|&i| scene.shapes[i].emitter.is_some());
+            emitting.map(ShapeId::from).any(|shape| media.is_boundary(shape))
+        };
+        if self.settings.limits.hide_emitters && scene.media.as_deref().is_some_and(bounds_media) {
+            let message = "cannot hide an emitting shape that bounds a medium; use volpath";
+            return Err(Error::scene(message).about(Self::NAME));
+        }
+        Ok(())
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
-        let Preparation { scene, camera, .. } = *preparation;
+        let scene = preparation.scene;
         if let Some(media) = &scene.media {
-            self.of_emitters = EmitterMedia::find(scene, media, camera)?;
+            self.of_emitters = EmitterMedia::find(scene, media)?;
         }
         // A guide knows only light on surfaces.
         if !scene.media.as_ref().is_some_and(|media| media.scatters()) {

@@ -67,7 +67,7 @@ impl<'a> Vertex<'a> {
         }
     }
 
-    /// Returns the surface point.
+    /// Returns the surface point, where no vertex is in a medium.
     ///
     /// # Panics
     /// If it is a point in a medium.

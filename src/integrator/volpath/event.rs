@@ -84,7 +84,7 @@ impl<'a> Tracer<'a> {
         leg_points.clear();
         let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
         let surfaces = surfaces(self.scene, &rays, hits);
-        let end = |i: usize| hits[i].as_ref().map_or(f32::INFINITY, |hit| hit.t);
+        let end = |i: usize| hits[i].as_ref().map_or(rays[i].t_max, |hit| hit.t);
         let depart = |(i, path): (usize, &Path)| {
             let EventNumbers { free_flight, flight_stream, .. } = numbers(i);
             // Where paths end, scattering in media is loss.
@@ -118,7 +118,8 @@ impl<'a> Tracer<'a> {
             let (numbers, radiance) = (numbers(i), &mut out[path.slot]);
             path.medium = medium;
             if path.depth == 0 {
-                let length = collision.as_ref().map_or(end(i), |collision| collision.t);
+                let to_surface = hits[i].as_ref().map_or(f32::INFINITY, |hit| hit.t);
+                let length = collision.as_ref().map_or(to_surface, |collision| collision.t);
                 radiance.distance = path.passed + length;
             }
             path.beta *= match &collision {
