@@ -155,7 +155,7 @@ fn every_technique_alone_finds_the_light_of_its_length_in_fog() {
 /// Threads, interruptions and ranges change no bit.
 #[test]
 fn media_change_no_bit_of_paths_from_both_ends() {
-    let contents = cube(1.05) + &ball(0.5, "") + BULB + POINT;
+    let contents = cube(1.05) + &ball(0.5, "") + LAMP + POINT;
     let scene = scene("<integrator type='bdpt'/>", PINHOLE, &fog(".8, 1, 1.2", ".9, .8, .7"), &contents);
     check_bits(&Folder::with(&scene), "bdpt");
 }
