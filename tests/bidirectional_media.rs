@@ -13,7 +13,8 @@ const BULB: &str =
 const POINT: &str = "<emitter type='point'><point name='position' x='1' y='2.4' z='.5'/>
     <rgb name='intensity' value='8,8,9'/></emitter>";
 const SKY: &str = "<emitter type='constant'><rgb name='radiance' value='.6,.7,.9'/></emitter>
-    <emitter type='directional'><vector name='direction' x='-.4' y='-1' z='-.3'/><float name='irradiance' value='3'/></emitter>";
+    <emitter type='directional'><vector name='direction' x='-.4' y='-1' z='-.3'/>
+    <float name='irradiance' value='3'/></emitter>";
 
 /// Returns a scene with a diffuse floor, and with the medium `m`.
 fn scene(integrator: &str, sensor: &str, medium: &str, contents: &str) -> String {
@@ -69,6 +70,7 @@ fn paths_from_both_ends_agree_with_camera_paths_in_media() {
         <transform name='to_world'><scale value='2'/><translate x='-1' y='.1' z='-1'/></transform></volume>
         <volume name='albedo' type='constvolume'><rgb name='value' value='.9,.8,.7'/></volume></medium>";
     let in_fog = format!("{PINHOLE}<ref id='m' name='medium'/>");
+    let ends = format!("{in_fog}<float name='far_clip' value='6.5'/>");
     let turns = [
         "y='1' angle='90'",
         "y='1' angle='-90'",
@@ -78,7 +80,8 @@ fn paths_from_both_ends_agree_with_camera_paths_in_media() {
     ];
     let side = |turn: &str| {
         format!(
-            "<shape type='rectangle'><transform name='to_world'><translate z='1'/><rotate {turn}/><translate y='1'/></transform>
+            "<shape type='rectangle'><transform name='to_world'><translate z='1'/><rotate {turn}/><translate y='1'/>
+            </transform>
             {NULL}</shape>"
         )
     };
@@ -100,6 +103,7 @@ fn paths_from_both_ends_agree_with_camera_paths_in_media() {
             SKY.to_owned(),
         ),
         ("fog without a bottom", PINHOLE, &chromatic, sides + SKY),
+        ("fog up to the far plane", ends.as_str(), &fog(".2, .15, .1", ".8, .9, .9"), BULB.to_owned()),
         ("sensor in fog", in_fog.as_str(), &fog(".2, .15, .1", ".8, .9, .9"), BULB.to_owned()),
     ] {
         let folder = Folder::with(&scene("<integrator type='volpath'/>", sensor, medium, &contents));
@@ -166,14 +170,17 @@ fn media_change_no_bit_of_paths_from_both_ends() {
 fn light_paths_start_in_the_medium_around_their_emitter() {
     let wall = |turn: &str| {
         format!(
-            "<shape type='rectangle'><transform name='to_world'><scale value='1.5'/><translate z='-1.5'/>{turn}<translate y='1.5'/></transform>
+            "<shape type='rectangle'><transform name='to_world'><scale value='1.5'/><translate z='-1.5'/>{turn}
+            <translate y='1.5'/></transform>
             <bsdf type='twosided'><bsdf type='diffuse'/></bsdf></shape>"
         )
     };
     let turned =
         ["<rotate y='1' angle='90'/>", "<rotate y='1' angle='-90'/>", "", "<rotate x='1' angle='90'/>"];
     let walls: String = turned.into_iter().map(wall).collect();
-    let front = "<shape type='rectangle'><transform name='to_world'><scale value='1.5'/><translate y='1.5' z='1.5'/></transform>
+    let front =
+        "<shape type='rectangle'><transform name='to_world'><scale value='1.5'/><translate y='1.5' z='1.5'/>
+        </transform>
         <bsdf type='null'/><ref id='m' name='interior'/></shape>";
     let room = walls + front;
     for emitter in [BULB.replace("x='1.2'", "x='.6'"), BULB.replace("x='1.2'", "x='3.2'"), SKY.to_owned()] {

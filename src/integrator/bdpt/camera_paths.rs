@@ -171,7 +171,7 @@ impl CameraPaths<'_> {
 
     /// Returns the densities of an emitter that emits in the direction `d` with the cosine `cosine` at its surface, for
     /// sampling from the point `from`.
-    pub fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
+    fn start(&self, emitter: EmitterId, from: Vec3, d: Vec3, cosine: f32) -> Start {
         let (scene, i) = (self.scene, emitter.index());
         let (sampled, started) =
             (scene.light_selection.pmf(i, from), typical_start_density(scene, self.guide, i));

@@ -94,7 +94,7 @@ pub struct RenderedMedia<'a> {
 }
 
 impl RenderedMedia<'_> {
-    /// Returns the share of the light from infinity that arrives through a medium. Heterogeneous media are bounded.
+    /// Returns the share of the light from infinity that arrives through a medium without end. Grids have an end.
     fn transmittance_from_infinity(&self, medium: Option<MediumId>) -> Rgb {
         match self.list.get(medium) {
             Some(Medium::Homogeneous(medium)) => {

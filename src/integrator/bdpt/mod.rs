@@ -57,6 +57,7 @@ pub struct Bdpt {
     /// The camera to which light paths are connected.
     camera: Option<Camera>,
     guide: Option<EmissionGuide>,
+    /// The media in which light paths start.
     of_emitters: EmitterMedia,
 }
 
