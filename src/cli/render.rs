@@ -60,6 +60,10 @@ pub struct RenderArgs {
     /// [default: the scene's, or auto]
     #[arg(long, value_name = "WHEN")]
     pub path_reuse: Option<WhenPays>,
+    /// Whether path takes several samples of emitters and directions at the first surface of a camera path: auto,
+    /// always, never; auto: if a pilot finds that it pays [default: the scene's, or auto]
+    #[arg(long, value_name = "WHEN")]
+    pub path_splitting: Option<WhenPays>,
     /// Whether light paths find caustics for path, beside its camera paths: auto, always, never; auto: if a pilot finds
     /// that it pays. It adds no bias [default: the scene's, or auto]
     #[arg(long, value_name = "WHEN")]
@@ -411,6 +415,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         aov: args.aov.iter().filter(|name| *name != STRATEGIES).cloned().collect(),
         adaptive: args.adaptive,
         path_reuse: args.path_reuse,
+        path_splitting: args.path_splitting,
         path_guiding: args.path_guiding,
         path_caustics: args.path_caustics,
         cache: args.cache.as_ref().zip(origin).map(cache),

@@ -27,6 +27,11 @@ impl TechniqueCounts {
     /// One sample of each technique at every point, so that emitter samples may omit light.
     pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0, compensated: true };
 
+    /// Creates the given counts for points that all have BSDF samples, so that emitter samples may omit light.
+    pub fn compensated(emitter: u32, bsdf: u32) -> Self {
+        TechniqueCounts { compensated: true, ..TechniqueCounts::new(emitter, bsdf) }
+    }
+
     /// One sample of each technique at most. Some points have no BSDF sample, so emitter samples omit no light.
     pub const UNCOMPENSATED: TechniqueCounts =
         TechniqueCounts { compensated: false, ..TechniqueCounts::ONE_EACH };

@@ -155,6 +155,11 @@ pub trait Integrator: Send + Sync {
         None
     }
 
+    /// Returns the greatest number of paths that begin with the same camera ray, after the preparation.
+    fn paths_per_ray(&self) -> u32 {
+        1
+    }
+
     /// Returns whether noisier cells of the image get more samples if the user does not choose.
     fn adapts(&self) -> bool {
         false

@@ -12,6 +12,7 @@ use crate::sampling::{Dimension, SampleKey, Sampler};
 use crate::scene::Scene;
 use bumpalo::Bump;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 /// The counters of one worker, merged at the end.
@@ -129,6 +130,8 @@ pub struct Worker {
     pub sort_buffers: SortBuffers,
     /// Random numbers of the current wave.
     pub numbers: RandomNumbers,
+    /// Random numbers of the samples at a surface where paths are split.
+    pub split_numbers: Vec<RandomNumbers>,
     /// For each entry of the output, whether the path has had specular lobes only. Empty if unused.
     pub specular_only: Vec<bool>,
     /// The ratios of densities of the caustics of a wave of paths.
@@ -258,6 +261,37 @@ impl PathWave {
         self.gloss.truncate(n);
         self.pdf.truncate(n);
         self.eta.truncate(n);
+    }
+
+    /// Makes room for more paths behind the others, up to `n`.
+    pub fn make_room(&mut self, n: usize) {
+        let (Some(&ray), Some(&key)) = (self.rays.last(), self.keys.last()) else { return };
+        self.rays.resize(n, ray);
+        self.keys.resize(n, key);
+        self.slots.resize(n, 0);
+        self.beta.iter_mut().for_each(|channel| channel.resize(n, 0.0));
+        self.from.resize(n, Vec3::ZERO);
+        if !self.gloss.is_empty() {
+            self.gloss.resize(n, Gloss::NONE);
+        }
+        self.pdf.resize(n, 0.0);
+        self.eta.resize(n, 0.0);
+    }
+
+    /// Removes a range of paths.
+    pub fn remove(&mut self, range: Range<usize>) {
+        self.rays.drain(range.clone());
+        self.keys.drain(range.clone());
+        self.slots.drain(range.clone());
+        for channel in &mut self.beta {
+            channel.drain(range.clone());
+        }
+        self.from.drain(range.clone());
+        if !self.gloss.is_empty() {
+            self.gloss.drain(range.clone());
+        }
+        self.pdf.drain(range.clone());
+        self.eta.drain(range);
     }
 
     /// Sorts the paths by the bucket of the shape that each has hit. Paths of a bucket keep their order.
@@ -398,6 +432,7 @@ impl Worker {
             paths: PathWave::default(),
             sort_buffers: SortBuffers::default(),
             numbers: RandomNumbers::default(),
+            split_numbers: Vec::new(),
             specular_only: Vec::new(),
             caustic_ratios: Vec::new(),
             probing: Vec::new(),

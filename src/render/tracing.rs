@@ -73,6 +73,11 @@ pub struct CameraWorker {
 /// The number of dropped samples that each thread records.
 const REMEMBERED: usize = 16;
 
+/// Returns the number of camera rays of a wave without groups.
+fn rays_per_wave(job: &Job<'_>) -> usize {
+    (WAVE / job.integrator.paths_per_ray() as usize).max(1)
+}
+
 impl CameraWorker {
     /// Creates a worker with empty buffers.
     pub fn new(worker: Worker) -> Self {
@@ -113,7 +118,7 @@ impl CameraWorker {
                 .map(move |x| (Some(((y - rect.y) * rect.width + x - rect.x) as usize), (x, y)))
         });
         let pixels: Vec<_> = inside.chain(outside.iter().map(|&position| (None, position))).collect();
-        let wave = if groups.is_some() { GROUPED_WAVE } else { WAVE };
+        let wave = if groups.is_some() { GROUPED_WAVE } else { rays_per_wave(job) };
         let per_wave = (wave / pixels.len()).max(1) as u64;
         let mut first = samples.start;
         while first < samples.end && !job.progress.is_interrupted() {
@@ -145,7 +150,8 @@ impl CameraWorker {
             return;
         }
         self.spans.clear();
-        let mut free = WAVE as u64;
+        let wave = rays_per_wave(job) as u64;
+        let mut free = wave;
         for pixel in 0..tile.pixel_count() {
             let position = tile.position(pixel);
             let Range { start: mut first, end: last } = samples(position);
@@ -157,7 +163,7 @@ impl CameraWorker {
                 if free == 0 {
                     self.render_wave(job, tile);
                     self.spans.clear();
-                    free = WAVE as u64;
+                    free = wave;
                 }
             }
         }

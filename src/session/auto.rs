@@ -174,6 +174,7 @@ impl Session {
             cache: None,
             samples: None,
             path_reuse: choices.path_reuse.filter(|_| candidate.name == PathIntegrator::NAME),
+            path_splitting: choices.path_splitting.filter(|_| candidate.name == PathIntegrator::NAME),
             path_caustics: choices.path_caustics.filter(|_| candidate.name == PathIntegrator::NAME),
             path_guiding: choices.path_guiding && candidate.name == PathIntegrator::NAME,
             ..choices.clone()

@@ -30,6 +30,8 @@ pub struct Choices {
     pub adaptive: WhenPays,
     /// Whether paths are reused; `None` leaves it to the scene.
     pub path_reuse: Option<WhenPays>,
+    /// Whether paths are split at the first surface; `None` leaves it to the scene.
+    pub path_splitting: Option<WhenPays>,
     /// Whether paths are guided, whatever the scene says.
     pub path_guiding: bool,
     /// Whether light paths find caustics for `path`; the scene decides if it is `None`.
@@ -134,7 +136,7 @@ impl Session {
         Ok(plan)
     }
 
-    /// Sets whether paths are reused and guided, and whether light paths find caustics. Pixels whose variances are
+    /// Sets whether paths are reused, split and guided, and whether light paths find caustics. Pixels whose variances are
     /// stated for z-tests keep independent errors.
     fn choose_paths(&self, integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
         let name = integrator.name();
@@ -144,6 +146,7 @@ impl Session {
             };
             return match choices {
                 Choices { path_reuse: Some(_), .. } => refuse("--path-reuse", "reused"),
+                Choices { path_splitting: Some(_), .. } => refuse("--path-splitting", "split"),
                 Choices { path_guiding: true, .. } => refuse("--path-guiding", "guided"),
                 Choices { path_caustics: Some(_), .. } => refuse("--path-caustics", "added for caustics"),
                 _ => Ok(()),
@@ -151,6 +154,7 @@ impl Session {
         };
         path.guided |= choices.path_guiding;
         path.reuse = choices.path_reuse.unwrap_or(path.reuse);
+        path.splitting = choices.path_splitting.unwrap_or(path.splitting);
         path.caustics = choices.path_caustics.unwrap_or(path.caustics);
         if states_variances(layers) {
             if path.reuse == WhenPays::Always {

@@ -13,6 +13,8 @@
 //! Light paths do not pay in every scene. A pilot decides how many there are, or none. Emitters that no camera path can
 //! hit are left out, so the expected image does not depend on that.
 
+use super::pilot::EMITTER_COST;
+use super::splitting::Splitting;
 use crate::accel::Hit;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::ids::EmitterId;
@@ -78,6 +80,8 @@ pub struct CausticTracer {
     /// The number of light paths for each camera path. It is infinite before it is chosen: then camera paths have the
     /// weight 0.
     share: f64,
+    /// The number of directions of each camera path at its first surface, which is where caustics fall.
+    directions: f64,
 }
 
 /// The result of the pilot.
@@ -113,7 +117,7 @@ impl CausticTracer {
         };
         let guide =
             EmissionGuide::learn(&tracer, &paths, until, seed, |i| !scene.lights[i].is_delta(), seen)?;
-        Some(CausticTracer { camera: camera.clone(), guide, limits, share: f64::INFINITY })
+        Some(CausticTracer { camera: camera.clone(), guide, limits, share: f64::INFINITY, directions: 1.0 })
     }
 
     /// Returns the number of light paths for each camera path.
@@ -121,23 +125,33 @@ impl CausticTracer {
         self.share
     }
 
-    /// Chooses the number of light paths by a pilot; returns whether they pay.
+    /// Chooses the number of light paths, and the splitting of camera paths among those that are known, by a pilot.
+    /// Returns whether light paths are traced, which they are if `always` is true or if they pay, and the splitting.
     pub(super) fn choose_share(
         &mut self,
         preparation: &Preparation<'_>,
-        camera_paths: CameraPathPilot,
-    ) -> bool {
+        camera_paths: &[(Splitting, CameraPathPilot)],
+        always: bool,
+    ) -> (bool, Splitting) {
         let pilot = self.pilot(preparation);
-        let errors = self.errors(&pilot, camera_paths.mean);
-        let effort = |share: f64, error: f64| {
-            let cost = CAMERA_PATH_COST + camera_paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
-            (camera_paths.error + error) * cost
+        let best = |shares: &[f64]| {
+            let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
+                let errors = self.errors(&pilot, paths.mean, f64::from(splitting.directions));
+                let effort = |share: f64| {
+                    let samples = CAMERA_PATH_COST + EMITTER_COST * f64::from(splitting.emitters - 1);
+                    let cost = samples + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
+                    (paths.error + errors(share)) * cost
+                };
+                shares.iter().map(|&share| (*splitting, share, effort(share))).collect::<Vec<_>>()
+            });
+            efforts.min_by(|a, b| a.2.total_cmp(&b.2)).expect("some")
         };
-        let without = effort(0.0, errors(0.0));
-        let efforts = SHARES.map(|share| (share, effort(share, errors(share))));
-        let (share, least) = efforts.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("some");
+        let (without, _, effort_without) = best(&[0.0]);
+        let (splitting, share, least) = best(&SHARES);
         self.share = share;
-        least < PAYS * without
+        self.directions = f64::from(splitting.directions);
+        let traced = always || least < PAYS * effort_without;
+        (traced, if traced { splitting } else { without })
     }
 
     /// Traces some light paths.
@@ -171,8 +185,9 @@ impl CausticTracer {
     }
 
     /// Returns the relative mean squared error of the caustics in one sample of a pixel, as a function of the number of
-    /// light paths for each camera path. `mean` is that of the other light.
-    fn errors<'a>(&self, pilot: &'a LightPilot, mean: f64) -> impl Fn(f64) -> f64 + use<'a> {
+    /// light paths for each camera path, each of which has the given number of directions. `mean` is that of the other
+    /// light.
+    fn errors(&self, pilot: &LightPilot, mean: f64, directions: f64) -> impl Fn(f64) -> f64 + use<> {
         let LightPilot { caustics, paths, .. } = pilot;
         let size = [self.camera.film.width, self.camera.film.height].map(f64::from);
         let block = move |splat: &Splat| {
@@ -189,7 +204,7 @@ impl CausticTracer {
             .iter()
             .map(|Caustic { splat, ratio }| {
                 let mean = means[block(splat)];
-                [grey(splat).powi(2) / (mean * mean + RELATIVE_FLOOR) / paths, *ratio]
+                [grey(splat).powi(2) / (mean * mean + RELATIVE_FLOOR) / paths, *ratio / directions]
             })
             .filter(|[square, ratio]| square.is_finite() && ratio.is_finite())
             .collect();
@@ -204,8 +219,8 @@ impl CausticTracer {
         }
     }
 
-    /// Returns the connections to a camera. `relative` is the density of light paths relative to one for each camera
-    /// path.
+    /// Returns the connections to a camera. `relative` is the density of light paths relative to one for each direction
+    /// of a camera path.
     fn connections<'a>(
         &'a self,
         scene: &'a Scene,
@@ -256,7 +271,7 @@ impl LightTracer for CausticTracer {
         // Neighbours in the sequence are well distributed, so the first ones are traced.
         let traced = ((keys.len() as f64 * self.share).ceil() as usize).min(keys.len());
         let factor = keys.len() as f32 / traced as f32;
-        let connections = self.connections(scene, camera, margin, self.share);
+        let connections = self.connections(scene, camera, margin, self.share / self.directions);
         connections.splat(&keys[..traced], worker, |splat, _| {
             out.push(Splat { value: splat.value * factor, ..splat });
         });
@@ -268,6 +283,9 @@ pub(super) struct CausticWave<'a> {
     tracer: &'a CausticTracer,
     /// The camera rays.
     rays: &'a [Ray],
+    /// The number of light paths for each camera path, divided by that of emitter samples at the first surface, which
+    /// are in the densities of directions there.
+    share: f64,
     /// For each entry of the output, the density of light paths relative to that of camera paths, without the density
     /// of the emitter: positive for a path that was scattered by a finite lobe and then by Dirac deltas only, at least
     /// one. It is negative, and without the density of the camera ray, if the delta is still to come.
@@ -275,12 +293,19 @@ pub(super) struct CausticWave<'a> {
 }
 
 impl<'a> CausticWave<'a> {
-    /// Creates the state before the first bounce. Entries of the output behind those of the rays have no caustics.
-    pub fn new(tracer: &'a CausticTracer, rays: &'a [Ray], entries: usize, mut buffer: Vec<f32>) -> Self {
+    /// Creates the state before the first bounce. Entries of the output behind those of the split paths have no
+    /// caustics.
+    pub fn new(
+        tracer: &'a CausticTracer,
+        rays: &'a [Ray],
+        splitting: Splitting,
+        entries: usize,
+        mut buffer: Vec<f32>,
+    ) -> Self {
         buffer.clear();
-        buffer.resize(rays.len(), BEGUN);
+        buffer.resize(splitting.directions as usize * rays.len(), BEGUN);
         buffer.resize(entries, NO_CAUSTIC);
-        CausticWave { tracer, rays, ratios: buffer }
+        CausticWave { tracer, rays, share: tracer.share / f64::from(splitting.emitters), ratios: buffer }
     }
 
     /// Returns the buffer, for another wave.
@@ -294,26 +319,28 @@ impl<'a> CausticWave<'a> {
         self.ratios[slot as usize] > 0.0
     }
 
-    /// Updates the ratios of the paths of a block that continue.
+    /// Updates the ratios of the paths of a block that continue. Those of split paths are `entries` behind those of
+    /// the paths from which they are split.
     pub fn scatter(
         &mut self,
         block: &ShadingBlock<'_>,
         paths: &PathWave,
         next: &Continuation,
         survivors: u32,
+        entries: u32,
     ) {
         let cosines = next.rays.d.dot(block.at.ng).abs() / block.rays.d.dot(block.at.ng).abs();
         let pdf = next.pdf.as_array();
         for i in bits(survivors) {
             let path = block.first + i;
-            let slot = paths.slots[path] as usize;
+            let slot = (paths.slots[path] + entries) as usize;
             let (ratio, cosines) = (self.ratios[slot], cosines.as_array()[i]);
             self.ratios[slot] = match pdf[i].is_finite() {
                 true if ratio == BEGUN => -cosines / pdf[i],
                 false if ratio < 0.0 && ratio != BEGUN => {
-                    let ray = &self.rays[slot];
+                    let ray = &self.rays[slot % self.rays.len()];
                     let of_camera = self.tracer.camera.density(paths.from[path], ray.d, ray.time);
-                    (-f64::from(ratio * cosines) * self.tracer.share / of_camera) as f32
+                    (-f64::from(ratio * cosines) * self.share / of_camera) as f32
                 }
                 false if ratio > 0.0 => ratio * cosines,
                 _ => NO_CAUSTIC,

@@ -9,10 +9,12 @@ pub mod groups;
 mod links;
 mod pilot;
 mod reuse;
+mod splitting;
 
 use self::caustics::{CausticTracer, CausticWave};
 use self::groups::CellSide;
 use self::reuse::Reuse;
+use self::splitting::Splitting;
 use super::block::ShadingBlock;
 use super::guiding::{GuidedBlock, GuidingField};
 use super::lighting::{self, TechniqueCounts};
@@ -37,6 +39,8 @@ pub struct PathSettings {
     /// Whether the paths of neighbouring pixels are reused for each other. They are not if surfaces or the camera move,
     /// because a point is found at one time only.
     pub reuse: WhenPays,
+    /// Whether paths that are not reused are split at the first surface.
+    pub splitting: WhenPays,
     /// Whether paths are guided by photons.
     pub guided: bool,
     /// Whether light paths find caustics; not if camera paths are guided.
@@ -46,7 +50,8 @@ pub struct PathSettings {
 impl PathSettings {
     /// Returns the settings for independent unguided paths from the camera alone, with the given limits.
     pub fn independent(limits: PathLimits) -> Self {
-        PathSettings { limits, reuse: WhenPays::Never, guided: false, caustics: WhenPays::Never }
+        let never = WhenPays::Never;
+        PathSettings { limits, reuse: never, splitting: never, guided: false, caustics: never }
     }
 }
 
@@ -60,10 +65,13 @@ impl From<PathLimits> for PathSettings {
 pub struct PathIntegrator {
     settings: PathLimits,
     reuse: WhenPays,
+    when_split: WhenPays,
     guided: bool,
     light_paths: WhenPays,
     /// The cells in which paths are reused, as decided by the settings or the pilot.
     cells: Option<CellSide>,
+    /// The samples at the first surface of paths that are not reused.
+    splitting: Splitting,
     /// The densities that guide paths.
     field: Option<GuidingField>,
     /// The light paths that find caustics.
@@ -73,6 +81,8 @@ pub struct PathIntegrator {
 /// The state shared by all paths of a bounce.
 struct PathBounce<'a> {
     scene: &'a Scene,
+    /// The samples at each surface of this bounce.
+    splitting: Splitting,
     /// The densities that guide paths.
     field: Option<&'a GuidingField>,
     /// Whether emitters are sampled at this bounce.
@@ -87,13 +97,15 @@ struct PathBounce<'a> {
 
 impl PathIntegrator {
     /// Creates the integrator.
-    pub fn new(PathSettings { limits, reuse, guided, caustics }: PathSettings) -> Self {
+    pub fn new(PathSettings { limits, reuse, splitting, guided, caustics }: PathSettings) -> Self {
         PathIntegrator {
             settings: limits,
             reuse,
+            when_split: splitting,
             guided,
             light_paths: if guided { WhenPays::Never } else { caustics },
             cells: (reuse == WhenPays::Always).then_some(CellSide::Eight),
+            splitting: Splitting::NONE,
             field: None,
             caustics: None,
         }
@@ -112,9 +124,10 @@ impl Plugin for PathIntegrator {
     fn read(source: &mut dyn Source) -> Result<PathSettings> {
         let limits = PathLimits::read(source)?;
         let reuse = source.choice("path_reuse", &WhenPays::NAMES, WhenPays::Auto)?;
+        let splitting = source.choice("path_splitting", &WhenPays::NAMES, WhenPays::Auto)?;
         let guided = source.boolean("path_guiding", false)?;
         let caustics = source.choice("path_caustics", &WhenPays::NAMES, WhenPays::Auto)?;
-        Ok(PathSettings { limits, reuse, guided, caustics })
+        Ok(PathSettings { limits, reuse, splitting, guided, caustics })
     }
 
     fn with_limits(limits: PathLimits) -> PathSettings {
@@ -143,12 +156,17 @@ impl Integrator for PathIntegrator {
         self.cells
     }
 
+    fn paths_per_ray(&self) -> u32 {
+        self.splitting.directions
+    }
+
     fn adapts(&self) -> bool {
         true
     }
 
     fn prepares(&self) -> bool {
-        self.reuse != WhenPays::Never || self.guided || self.light_paths != WhenPays::Never
+        let choices = [self.reuse, self.when_split, self.light_paths];
+        self.guided || choices.into_iter().any(|choice| choice != WhenPays::Never)
     }
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
@@ -157,16 +175,18 @@ impl Integrator for PathIntegrator {
             .then(|| CausticTracer::learn(preparation, self.settings))
             .flatten();
         let reuse = if preparation.scene.needs.time { WhenPays::Never } else { self.reuse };
+        let split = if reuse == WhenPays::Always { WhenPays::Never } else { self.when_split };
+        let pilots = [reuse, split].into_iter().any(|choice| choice != WhenPays::Never);
         let pilot =
-            (reuse != WhenPays::Never || self.caustics.is_some()).then(|| pilot::run(self, preparation));
-        self.cells = pilot.as_ref().and_then(|pilot| match reuse {
-            WhenPays::Never => None,
-            WhenPays::Always => Some(pilot.cells()),
-            WhenPays::Auto => pilot.cells_that_pay(),
-        });
+            (pilots || self.caustics.is_some()).then(|| pilot::run(self, [reuse, split], preparation));
+        if let Some(pilot) = &pilot {
+            (self.cells, self.splitting) = (pilot.cells, pilot.splitting);
+        }
         if let (Some(caustics), Some(pilot)) = (&mut self.caustics, &pilot) {
-            let pay = caustics.choose_share(preparation, pilot.of_paths(self.cells));
-            if !pay && self.light_paths == WhenPays::Auto {
+            let always = self.light_paths == WhenPays::Always;
+            let (traced, splitting) = caustics.choose_share(preparation, &pilot.known, always);
+            self.splitting = splitting;
+            if !traced {
                 self.caustics = None;
             }
         }
@@ -181,6 +201,8 @@ impl Integrator for PathIntegrator {
         let cells = self.field.as_ref().map_or(0, GuidingField::len);
         vec![
             Statistic { name: "path_reuse", value: self.cells.map_or(0.0, |side| f64::from(side as u8)) },
+            Statistic { name: "emitter_samples", value: f64::from(self.splitting.emitters) },
+            Statistic { name: "directions", value: f64::from(self.splitting.directions) },
             Statistic { name: "guided_cells", value: cells as f64 },
             Statistic {
                 name: "caustic_light_paths",
@@ -199,8 +221,7 @@ impl Integrator for PathIntegrator {
     ) {
         // A point that moves is found at one time only.
         if wave.groups.is_empty() || query != RadianceQuery::ALL || scene.needs.time {
-            out.fill(Radiance::NONE);
-            return self.trace(scene, wave, query, worker, out, None);
+            return self.trace_split(scene, wave, (query, self.splitting), worker, out);
         }
         // The BSDFs of shared points are used until they are connected.
         let mut arena = std::mem::take(&mut worker.kept_arena);
@@ -208,7 +229,7 @@ impl Integrator for PathIntegrator {
         all.clear();
         all.resize(2 * out.len(), Radiance::NONE);
         let mut reuse = Reuse::new(wave.groups, out.len(), &arena);
-        self.trace(scene, wave, query, worker, &mut all, Some((&mut reuse, &arena)));
+        self.trace(scene, wave, (query, Splitting::NONE), worker, &mut all, Some((&mut reuse, &arena)));
         out.copy_from_slice(&all[..out.len()]);
         reuse.finish(&all, out);
         drop(reuse);
@@ -218,20 +239,44 @@ impl Integrator for PathIntegrator {
 }
 
 impl PathIntegrator {
-    /// Traces the paths of a wave. With reuse, the second half of `out` is for tails.
+    /// Estimates the radiance along the rays of a wave, with paths that are not reused.
+    fn trace_split(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        (query, splitting): (RadianceQuery, Splitting),
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        if splitting.directions == 1 {
+            out.fill(Radiance::NONE);
+            return self.trace(scene, wave, (query, splitting), worker, out, None);
+        }
+        let mut all = std::mem::take(&mut worker.radiance);
+        all.clear();
+        all.resize(splitting.directions as usize * out.len(), Radiance::NONE);
+        self.trace(scene, wave, (query, splitting), worker, &mut all, None);
+        splitting::gather(&all, out);
+        worker.radiance = all;
+    }
+
+    /// Traces the paths of a wave. With reuse, the second half of `out` is for tails. If paths are split, `out` has an
+    /// entry for each direction of each path.
     fn trace<'a>(
         &'a self,
         scene: &'a Scene,
         wave: Wave<'_>,
-        query: RadianceQuery,
+        (query, splitting): (RadianceQuery, Splitting),
         worker: &mut Worker,
         out: &mut [Radiance],
         mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
     ) {
         worker.paths.begin(wave.rays, wave.keys);
         let buffer = std::mem::take(&mut worker.caustic_ratios);
-        let mut caustics =
-            self.caustics.as_ref().map(|tracer| CausticWave::new(tracer, wave.rays, out.len(), buffer));
+        let mut caustics = self
+            .caustics
+            .as_ref()
+            .map(|tracer| CausticWave::new(tracer, wave.rays, splitting, out.len(), buffer));
         worker.specular_only.clear();
         worker.specular_only.resize(if query.separates_caustics() { out.len() } else { 0 }, true);
         let samples_emitters = TechniqueCounts::ONE_EACH.samples_emitters(scene);
@@ -244,13 +289,15 @@ impl PathIntegrator {
             }
             let bounce = PathBounce {
                 scene,
+                splitting: if depth == 0 { splitting } else { Splitting::NONE },
                 field: self.field.as_ref(),
                 next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
             };
-            let Worker { paths, hits, numbers, specular_only, sampler, sort_buffers, .. } = &mut *worker;
+            let Worker { paths, hits, numbers, split_numbers, specular_only, sampler, sort_buffers, .. } =
+                &mut *worker;
             if let Some(caustics) = caustics.as_ref().filter(|_| bounce.add_emission) {
                 caustics.add_missed(scene, paths, hits, out);
             }
@@ -277,7 +324,10 @@ impl PathIntegrator {
                     direction: true,
                     roulette: bounce.roulette.is_some(),
                 };
-                numbers.draw(uses, depth, *sampler, &paths.keys);
+                match bounce.splitting {
+                    Splitting::NONE => numbers.draw(uses, depth, *sampler, &paths.keys),
+                    splitting => splitting.draw(uses, *sampler, &paths.keys, split_numbers),
+                }
             }
             match &mut reuse {
                 Some((reuse, arena)) => {
@@ -335,8 +385,19 @@ impl<'a> PathBounce<'a> {
         caustics: &mut Option<CausticWave<'_>>,
         mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
     ) {
-        let Worker { hits, shadows, paths, numbers, arena, specular_only, .. } = worker;
-        let mut alive = 0;
+        let Worker { hits, shadows, paths, numbers, split_numbers, arena, specular_only, sampler, .. } =
+            worker;
+        let Splitting { emitters, directions } = self.splitting;
+        let numbers = match self.splitting {
+            Splitting::NONE => std::slice::from_ref(numbers),
+            _ => &split_numbers[..],
+        };
+        // The paths that are split off follow the others.
+        let (mut alive, count) = (0, hits.len());
+        let mut end = count;
+        if scatter {
+            paths.make_room(count * directions as usize);
+        }
         for first in (0..hits.len()).step_by(LANES) {
             arena.reset();
             let Some((reuse, kept)) =
@@ -348,19 +409,35 @@ impl<'a> PathBounce<'a> {
                 if scatter {
                     let guided = self.field.and_then(|field| GuidedBlock::new(field, self.scene, &block));
                     if self.next_event && block.finite != 0 {
-                        self.light(&block, paths, numbers, shadows, guided.as_ref());
-                    }
-                    let (next, survivors) = self.scatter(&block, paths, numbers, guided.as_ref(), [0; 2]);
-                    if !specular_only.is_empty() {
-                        for i in bits(survivors) {
-                            let only = &mut specular_only[paths.slots[first + i] as usize];
-                            *only &= next.pdf.as_array()[i].is_infinite();
+                        for numbers in &numbers[..emitters as usize] {
+                            self.light(&block, paths, numbers, shadows, guided.as_ref());
                         }
                     }
-                    if let Some(caustics) = caustics {
-                        caustics.scatter(&block, paths, &next, survivors);
+                    // The first one takes the place of the path.
+                    for number in (0..directions).rev() {
+                        let numbers = &numbers[number as usize];
+                        let (next, survivors) = self.scatter(&block, paths, numbers, guided.as_ref(), [0; 2]);
+                        // The entries of the output for the others follow those of the first.
+                        let entries = number * (out.len() as u32 / directions);
+                        if !specular_only.is_empty() {
+                            for i in bits(survivors) {
+                                let only = &mut specular_only[(paths.slots[first + i] + entries) as usize];
+                                *only &= next.pdf.as_array()[i].is_infinite();
+                            }
+                        }
+                        if let Some(caustics) = caustics {
+                            caustics.scatter(&block, paths, &next, survivors, entries);
+                        }
+                        let to = if number == 0 { &mut alive } else { &mut end };
+                        let written = *to;
+                        *to = paths.compact(first, *to, &next, survivors);
+                        if directions > 1 {
+                            for i in written..*to {
+                                paths.keys[i] = sampler.split(paths.keys[i], directions, number);
+                                paths.slots[i] += entries;
+                            }
+                        }
                     }
-                    alive = paths.compact(first, alive, &next, survivors);
                 }
                 continue;
             };
@@ -370,6 +447,7 @@ impl<'a> PathBounce<'a> {
             // The directions at shared points and towards them have the density of the BSDF alone.
             let single = reuse.single(&block, paths) & !guided.as_ref().map_or(0, |guided| guided.lanes);
             let shared = reuse.shareable(&block, paths, single);
+            let numbers = &numbers[0];
             self.add_emitted(&block, paths, specular_only, caustics.as_ref(), out, !shared);
             if self.next_event && block.finite != 0 {
                 self.light_with_reuse(&block, paths, numbers, shadows, guided.as_ref(), (reuse, shared));
@@ -388,11 +466,12 @@ impl<'a> PathBounce<'a> {
                 reuse.set_tail(paths.slots[first + i], wi, path);
             }
             if let Some(caustics) = caustics {
-                caustics.scatter(&block, paths, &next, survivors);
+                caustics.scatter(&block, paths, &next, survivors, 0);
             }
             alive = paths.compact(first, alive, &next, survivors);
         }
-        paths.truncate(alive);
+        paths.truncate(end);
+        paths.remove(alive..count);
     }
 
     /// Adds the light of the emitters that the paths of a block hit, for the lanes in a mask.
@@ -460,7 +539,7 @@ impl<'a> PathBounce<'a> {
         guided: Option<&GuidedBlock<'_>>,
     ) {
         let u_point = [0, 1].map(|k| load(&numbers.emitter_point[k], block.first));
-        let counts = TechniqueCounts::ONE_EACH;
+        let counts = self.splitting.counts();
         let sample = lighting::draw_emitters(self.scene, block, u_point, counts);
         let sampled = lighting::reflect_emitters(self.scene, block, &sample, counts, guided, block.finite);
         let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
@@ -496,10 +575,15 @@ impl<'a> PathBounce<'a> {
             beta = std::array::from_fn(|c| spared.select(beta[c], played[c]));
             alive &= on | spared;
         }
+        let mut pdf = sample.pdf;
+        if self.splitting != Splitting::NONE {
+            pdf *= f32x16::splat(self.splitting.density());
+            beta = beta.map(|channel| channel / f32x16::splat(self.splitting.directions as f32));
+        }
         let wi = block.at.frame.to_world(sample.wi);
         let rays = self.scene.spawn_rays(&block.at, wi, block.rays.time);
         (
-            Continuation { rays, from: block.at.p, gloss: block.gloss, beta, pdf: sample.pdf, eta },
+            Continuation { rays, from: block.at.p, gloss: block.gloss, beta, pdf, eta },
             alive.to_bitmask() & block.active,
         )
     }

@@ -1,18 +1,22 @@
-//! The choice between independent paths and reuse in cells of either size, by a pilot.
+//! The choice among independent paths, split paths, and reuse in cells of either size, by a pilot.
 //!
 //! Reuse multiplies the cost of a path by about 2. It divides the variance of indirect light by up to 16, but it does
-//! not reduce the noise of emitter samples at the first surface, of edges, and of specular paths. The pilot traces
-//! some cells of the image in each way and compares error × cost. Its samples are not part of the image. Costs are
-//! numbers of rays, so the choice is the same on every machine.
+//! not reduce the noise of emitter samples at the first surface, of edges, and of specular paths. Splitting divides the
+//! noise of one part of the path at the cost of that part. The pilot traces some cells of the image in several ways and
+//! compares error × cost. Its samples are not part of the image. Costs are numbers of rays, so the choice is the same
+//! on every machine.
 
 use super::PathIntegrator;
 use super::caustics::CameraPathPilot;
 use super::groups::{CellSide, PixelGroups};
+use super::splitting::Splitting;
 use crate::estimate::metrics::RELATIVE_FLOOR;
-use crate::integrator::Worker;
 use crate::integrator::pilot::PilotRays;
 use crate::integrator::preparation::{Preparation, Workers};
+use crate::integrator::settings::WhenPays;
+use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::sampling::hash::combine;
+use crate::scene::Scene;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -23,10 +27,8 @@ const CELL: u32 = CellSide::Eight as u32;
 /// the direct light of emitters would be noisier beside indirect light than in an image, because samples of few
 /// dimensions become exact sooner.
 const SAMPLES: usize = 16;
-/// The ways in which each cell is traced; `None`: with independent paths.
-const MODES: [Option<CellSide>; 3] = [None, Some(CellSide::Eight), Some(CellSide::Four)];
-/// Another round of cells is traced, up to [`ROUNDS`], if the effort of reuse relative to that of independent paths is
-/// in this range.
+/// Another round of cells is traced, up to [`ROUNDS`], if the effort of reuse relative to that of paths without reuse
+/// is in this range.
 const UNCLEAR: Range<f64> = 0.7..1.4;
 const ROUNDS: u64 = 3;
 /// The noise of small cells is blocks of 4 × 4 pixels. They are chosen if their effort, relative to that of large
@@ -40,11 +42,41 @@ const STREAM: u64 = 0x7069_6c6f_7470_6174;
 const EXPONENT: f64 = 0.7;
 /// The share of the pixels that count as fireflies, if they have the largest errors, where caustics are compared.
 const FIREFLIES: f64 = 0.01;
-/// The least efficiency of reuse relative to independent paths. Errors of pixels that share paths are correlated, so
+/// The least efficiency of reuse relative to paths without reuse. Errors of pixels that share paths are correlated, so
 /// they are worth a little less; and the pilot, with few samples, is too favourable to reuse.
 const LEAST_GAIN: f64 = 1.3;
 
-/// The errors and the cost of a cell in one of the [`MODES`].
+/// The number of samples of the part of a path that is split in the pilot, and the numbers that may be chosen.
+const SPLIT: u32 = 4;
+const COUNTS: [u32; 3] = [1, 2, 4];
+/// The least error that splitting is expected to leave.
+const LEAST_ERROR: f64 = 0.05;
+/// The least efficiency of split paths relative to others.
+const LEAST_GAIN_OF_SPLITTING: f64 = 1.05;
+/// The cost of a camera path without its rays, and that of an emitter sample, in nearest-hit queries.
+const CAMERA_COST: f64 = 0.5;
+pub(super) const EMITTER_COST: f64 = 0.3;
+
+/// A way to trace the paths of a cell.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Way {
+    cells: Option<CellSide>,
+    splitting: Splitting,
+}
+
+impl Way {
+    const INDEPENDENT: Way = Way { cells: None, splitting: Splitting::NONE };
+    const SPLIT_EMITTERS: Way = Way::split(SPLIT, 1);
+    const SPLIT_DIRECTIONS: Way = Way::split(1, SPLIT);
+    const LARGE_CELLS: Way = Way { cells: Some(CellSide::Eight), splitting: Splitting::NONE };
+    const SMALL_CELLS: Way = Way { cells: Some(CellSide::Four), splitting: Splitting::NONE };
+
+    const fn split(emitters: u32, directions: u32) -> Way {
+        Way { cells: None, splitting: Splitting { emitters, directions } }
+    }
+}
+
+/// The errors and the cost of a cell in one of the ways.
 #[derive(Default)]
 struct Trial {
     /// The squared relative error of each pixel, times a constant.
@@ -54,77 +86,255 @@ struct Trial {
     sum: f64,
 }
 
-/// The result of the pilot.
-pub struct Efforts {
-    /// The cost at which each of the [`MODES`] is expected to reach a given error, in arbitrary units.
-    efforts: [f64; MODES.len()],
-    of_paths: [CameraPathPilot; MODES.len()],
+/// What the pilot has found about a way.
+#[derive(Clone, Copy)]
+struct Found {
+    /// The error of a sample, for comparisons, in arbitrary units.
+    error: f64,
+    paths: CameraPathPilot,
 }
 
-impl Efforts {
-    /// Returns what is known of the paths that are reused in the given cells.
-    pub(super) fn of_paths(&self, cells: Option<CellSide>) -> CameraPathPilot {
-        self.of_paths[MODES.iter().position(|mode| *mode == cells).expect("one of the modes")]
-    }
-
-    /// Returns the better cells for reuse.
-    pub fn cells(&self) -> CellSide {
-        let [_, large, small] = self.efforts;
-        if small < SMALL_CELLS * large { CellSide::Four } else { CellSide::Eight }
-    }
-
-    /// Returns the effort of reuse in large cells relative to that of independent paths. The same pixels tell both, so
-    /// much of the noise of the pilot cancels.
-    fn relative(&self) -> f64 {
-        let [independent, large, _] = self.efforts;
-        large / independent
-    }
-
-    /// Returns the better cells, if reuse pays.
-    pub fn cells_that_pay(&self) -> Option<CellSide> {
-        (LEAST_GAIN * self.relative() < 1.0).then(|| self.cells())
+impl Found {
+    /// Returns the cost of an error, in arbitrary units.
+    fn effort(&self) -> f64 {
+        self.error * self.paths.cost
     }
 }
 
-/// Runs the pilot.
-pub fn run(integrator: &PathIntegrator, preparation: &Preparation<'_>) -> Efforts {
-    let film = &preparation.camera.film;
-    let (columns, rows) = (film.width.div_ceil(CELL), film.height.div_ceil(CELL));
-    let cells = u64::from(columns) * u64::from(rows);
-    let count = cells.min(CELLS);
+/// The choice of the pilot.
+pub(super) struct Choice {
+    /// The cells in which paths are reused.
+    pub cells: Option<CellSide>,
+    /// The samples at the first surface.
+    pub splitting: Splitting,
+    /// What is known of the paths, also with other numbers of samples. A choice that knows more may be among them.
+    pub known: Vec<(Splitting, CameraPathPilot)>,
+}
+
+/// The paths of an integrator with another splitting.
+struct WithSplitting<'a>(&'a PathIntegrator, Splitting);
+
+impl Integrator for WithSplitting<'_> {
+    fn name(&self) -> &'static str {
+        self.0.name()
+    }
+
+    fn li(
+        &self,
+        scene: &Scene,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        match wave.groups {
+            [] => self.0.trace_split(scene, wave, (query, self.1), worker, out),
+            _ => self.0.li(scene, wave, query, worker, out),
+        }
+    }
+}
+
+/// The pilot: cells that have been traced in some ways.
+struct Pilot<'a> {
+    integrator: &'a PathIntegrator,
+    preparation: &'a Preparation<'a>,
+    workers: Workers,
+    /// Whether paths are split even if it does not pay.
+    must_split: bool,
+    ways: Vec<Way>,
+    /// For each way, one trial for each cell.
+    trials: Vec<Vec<Trial>>,
+    rounds: u64,
+}
+
+/// Runs the pilot. `reuse` and `split` tell whether paths are reused, and whether others are split.
+pub(super) fn run(
+    integrator: &PathIntegrator,
+    [reuse, split]: [WhenPays; 2],
+    preparation: &Preparation<'_>,
+) -> Choice {
+    let mut ways = vec![Way::INDEPENDENT];
+    if split != WhenPays::Never {
+        ways.extend([Way::SPLIT_EMITTERS, Way::SPLIT_DIRECTIONS]);
+    }
+    if reuse != WhenPays::Never {
+        ways.push(Way::LARGE_CELLS);
+    }
     let workers = Workers::new(preparation.pool, preparation.sampler, preparation.interrupt);
-    let mut trials: Vec<[Trial; MODES.len()]> = Vec::new();
-    let mut round = 0;
-    loop {
+    let trials = ways.iter().map(|_| Vec::new()).collect();
+    let must_split = split == WhenPays::Always;
+    let mut pilot = Pilot { integrator, preparation, workers, must_split, ways, trials, rounds: 0 };
+    pilot.trace();
+    while reuse == WhenPays::Auto && pilot.is_unclear() {
+        pilot.trace();
+    }
+    let (splitting, split) = pilot.best_splitting();
+    let known = pilot.splittings().into_iter().map(|(splitting, found)| (splitting, found.paths)).collect();
+    let without = Choice { cells: None, splitting, known };
+    if reuse == WhenPays::Never {
+        return without;
+    }
+    let large = pilot.found(Way::LARGE_CELLS);
+    if reuse == WhenPays::Auto && LEAST_GAIN * large.effort() >= split.effort() {
+        return without;
+    }
+    pilot.trace_way(Way::SMALL_CELLS);
+    let small = pilot.found(Way::SMALL_CELLS);
+    let (cells, found) = match small.effort() < SMALL_CELLS * large.effort() {
+        true => (CellSide::Four, small),
+        false => (CellSide::Eight, large),
+    };
+    let known = vec![(Splitting::NONE, found.paths)];
+    Choice { cells: Some(cells), splitting: Splitting::NONE, known }
+}
+
+impl Pilot<'_> {
+    /// Traces another round of cells in all ways.
+    fn trace(&mut self) {
+        let round = self.round(&self.ways, self.rounds);
+        self.trials.iter_mut().zip(round).for_each(|(trials, new)| trials.extend(new));
+        self.rounds += 1;
+    }
+
+    /// Traces the same cells in another way.
+    fn trace_way(&mut self, way: Way) {
+        let trials = (0..self.rounds).flat_map(|round| self.round(&[way], round)).flatten().collect();
+        self.ways.push(way);
+        self.trials.push(trials);
+    }
+
+    /// Traces the cells of a round. Returns the trials of each way.
+    fn round(&self, ways: &[Way], round: u64) -> Vec<Vec<Trial>> {
+        let film = &self.preparation.camera.film;
+        let columns = u64::from(film.width.div_ceil(CELL));
+        let (cells, count) = (self.cells(), self.cells().min(CELLS));
         let trial = |i: u64| {
             // One cell in each of as many stretches of the image.
             let (first, end) = (i * cells / count, (i + 1) * cells / count);
-            let random = u64::from(combine(preparation.seed as u32, (round * CELLS + i) as u32));
+            let random = u64::from(combine(self.preparation.seed as u32, (round * CELLS + i) as u32));
             let cell = first + ((random * (end - first)) >> 32);
-            let (x, y) =
-                ((cell % u64::from(columns)) as u32 * CELL, (cell / u64::from(columns)) as u32 * CELL);
-            workers.with(|worker| try_cell(integrator, preparation, (x, y), random, worker))
+            let place = ((cell % columns) as u32 * CELL, (cell / columns) as u32 * CELL);
+            self.workers.with(|worker| self.try_cell(ways, place, random, worker))
         };
-        trials.extend(preparation.pool.install(|| (0..count).into_par_iter().map(trial).collect::<Vec<_>>()));
-        let squares = |mode: usize| trials.iter().map(move |trial| &trial[mode].squares[..]);
-        let sum = |of: &dyn Fn(&Trial) -> f64, mode: usize| {
-            trials.iter().map(|trial| of(&trial[mode])).sum::<f64>()
-        };
-        // The number of camera paths in each way.
-        let paths: [f64; MODES.len()] =
-            std::array::from_fn(|mode| SAMPLES as f64 * sum(&|trial| trial.squares.len() as f64, mode));
-        let of_paths = std::array::from_fn(|mode| CameraPathPilot {
-            error: without_fireflies(squares(mode)) / (3.0 * paths[mode]),
-            cost: sum(&|trial| trial.cost, mode) / paths[mode],
-            mean: sum(&|trial| trial.sum, mode) / (3.0 * paths[mode]),
-        });
-        let efforts = std::array::from_fn(|mode| error(squares(mode)) / paths[mode] * of_paths[mode].cost);
-        let efforts = Efforts { efforts, of_paths };
-        round += 1;
-        // In a small image, another round would trace the same cells.
-        if round == ROUNDS || cells <= CELLS || !UNCLEAR.contains(&efforts.relative()) {
-            return efforts;
+        let pool = self.preparation.pool;
+        let cells: Vec<Vec<Trial>> = pool.install(|| (0..count).into_par_iter().map(trial).collect());
+        let mut of_ways: Vec<Vec<Trial>> = ways.iter().map(|_| Vec::new()).collect();
+        for trials in cells {
+            of_ways.iter_mut().zip(trials).for_each(|(of_way, trial)| of_way.push(trial));
         }
+        of_ways
+    }
+
+    /// Returns the number of cells of the image.
+    fn cells(&self) -> u64 {
+        let film = &self.preparation.camera.film;
+        u64::from(film.width.div_ceil(CELL)) * u64::from(film.height.div_ceil(CELL))
+    }
+
+    /// Returns whether another round of cells may change the choice whether paths are reused. In a small image, it
+    /// would trace the same cells.
+    fn is_unclear(&self) -> bool {
+        let relative = self.found(Way::LARGE_CELLS).effort() / self.best_splitting().1.effort();
+        self.rounds < ROUNDS && self.cells() > CELLS && UNCLEAR.contains(&relative)
+    }
+
+    /// Returns what is known of a way that was traced.
+    fn found(&self, way: Way) -> Found {
+        let trials =
+            &self.trials[self.ways.iter().position(|other| *other == way).expect("a way that was traced")];
+        let sum = |of: &dyn Fn(&Trial) -> f64| trials.iter().map(of).sum::<f64>();
+        let squares = trials.iter().map(|trial| &trial.squares[..]);
+        // The number of camera paths.
+        let paths = SAMPLES as f64 * sum(&|trial| trial.squares.len() as f64);
+        Found {
+            error: error(squares.clone()) / paths,
+            paths: CameraPathPilot {
+                error: without_fireflies(squares) / (3.0 * paths),
+                cost: sum(&|trial| trial.cost) / paths,
+                mean: sum(&|trial| trial.sum) / (3.0 * paths),
+            },
+        }
+    }
+
+    /// Returns what is expected of each splitting, without which nothing is split.
+    fn splittings(&self) -> Vec<(Splitting, Found)> {
+        let none = self.found(Way::INDEPENDENT);
+        if !self.ways.contains(&Way::SPLIT_EMITTERS) {
+            return vec![(Splitting::NONE, none)];
+        }
+        // The variance of a part is in inverse proportion to its samples, and its cost in proportion.
+        let most = f64::from(SPLIT);
+        let parts = [Way::SPLIT_EMITTERS, Way::SPLIT_DIRECTIONS].map(|way| {
+            let part = self.found(way);
+            let left = (part.error / none.error).max(part.paths.error / none.paths.error);
+            // Also if there is no error at all.
+            let gone = if left < 1.0 { (1.0 - left) * most / (most - 1.0) } else { 0.0 };
+            (gone, (part.paths.cost - none.paths.cost) / (most - 1.0))
+        });
+        let expected = |splitting: Splitting| {
+            let (mut left, mut cost) = (1.0, none.paths.cost);
+            for ((gone, added), count) in parts.into_iter().zip([splitting.emitters, splitting.directions]) {
+                left -= gone * (1.0 - 1.0 / f64::from(count));
+                cost += added * f64::from(count - 1);
+            }
+            let left = left.max(LEAST_ERROR);
+            let paths = CameraPathPilot { error: left * none.paths.error, cost, ..none.paths };
+            (splitting, Found { error: left * none.error, paths })
+        };
+        COUNTS
+            .iter()
+            .flat_map(|&emitters| COUNTS.map(|directions| expected(Splitting { emitters, directions })))
+            .filter(|(splitting, _)| !self.must_split || *splitting != Splitting::NONE)
+            .collect()
+    }
+
+    /// Returns the best numbers of samples at the first surface, and what is expected of them.
+    fn best_splitting(&self) -> (Splitting, Found) {
+        let effort = |(splitting, found): &(Splitting, Found)| {
+            let gain = if *splitting == Splitting::NONE { LEAST_GAIN_OF_SPLITTING } else { 1.0 };
+            let samples = CAMERA_COST + EMITTER_COST * f64::from(splitting.emitters);
+            found.error * (found.paths.cost + samples) / gain
+        };
+        self.splittings().into_iter().min_by(|a, b| effort(a).total_cmp(&effort(b))).expect("some")
+    }
+
+    /// Traces the [`SAMPLES`] of each pixel of one group in each of the ways. The pixels are in the cell whose first
+    /// pixel is `first`.
+    fn try_cell(&self, ways: &[Way], first: (u32, u32), number: u64, worker: &mut Worker) -> Vec<Trial> {
+        let Preparation { scene, camera, seed, .. } = *self.preparation;
+        let size = [camera.film.width, camera.film.height];
+        let trace = |way: &Way| {
+            let cells = way.cells.unwrap_or(CellSide::Eight);
+            let pixels = PixelGroups::one_of(cells, seed, size, first, number);
+            let rays = PilotRays::new(self.preparation, pixels.into_iter(), SAMPLES, STREAM);
+            let integrator = WithSplitting(self.integrator, way.splitting);
+            let (radiance, cost) = rays.trace(scene, &integrator, SAMPLES, way.cells.is_some(), worker);
+            let values: Vec<[f64; 3]> =
+                radiance.iter().map(|radiance| radiance.value.to_array().map(f64::from)).collect();
+            (values, cost)
+        };
+        let traced: Vec<_> = ways.iter().map(trace).collect();
+        // The mean of the group stands for the true image, because a pixel's own mean is as noisy as its error. Among
+        // the ways, the one that comes last is the least noisy.
+        let (least_noisy, _) = traced.last().expect("some ways");
+        let mean = [0, 1, 2]
+            .map(|c| least_noisy.iter().map(|value| value[c]).sum::<f64>() / least_noisy.len() as f64);
+        let trial = |(values, cost): (Vec<[f64; 3]>, f64)| Trial {
+            squares: values
+                .chunks(SAMPLES)
+                .map(|samples| {
+                    let square = |c: usize| {
+                        let difference =
+                            samples.as_chunks::<2>().0.iter().map(|[a, b]| a[c] - b[c]).sum::<f64>();
+                        difference.powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR)
+                    };
+                    square(0) + square(1) + square(2)
+                })
+                .collect(),
+            sum: values.iter().flatten().sum(),
+            cost,
+        };
+        traced.into_iter().map(trial).collect()
     }
 }
 
@@ -141,41 +351,4 @@ fn without_fireflies<'a>(cells: impl Iterator<Item = &'a [f64]>) -> f64 {
     squares.sort_by(f64::total_cmp);
     let kept = squares.len() - (FIREFLIES * squares.len() as f64) as usize;
     squares[..kept].iter().sum()
-}
-
-/// Traces the [`SAMPLES`] of each pixel of one group in each of the [`MODES`]. The pixels are in the cell whose first
-/// pixel is `first`.
-fn try_cell(
-    integrator: &PathIntegrator,
-    preparation: &Preparation<'_>,
-    first: (u32, u32),
-    number: u64,
-    worker: &mut Worker,
-) -> [Trial; MODES.len()] {
-    let Preparation { scene, camera, seed, .. } = *preparation;
-    let size = [camera.film.width, camera.film.height];
-    let values = MODES.map(|mode| {
-        let pixels = PixelGroups::one_of(mode.unwrap_or(CellSide::Eight), seed, size, first, number);
-        let rays = PilotRays::new(preparation, pixels.into_iter(), SAMPLES, STREAM);
-        let (radiance, cost) = rays.trace(scene, integrator, SAMPLES, mode.is_some(), worker);
-        (radiance.iter().map(|radiance| radiance.value.to_array().map(f64::from)).collect::<Vec<_>>(), cost)
-    });
-    let mut trials = MODES.map(|_| Trial::default());
-    for (mode, trial) in trials.iter_mut().enumerate() {
-        let (own, cost) = &values[mode];
-        // The mean of a group that reuses its paths stands for the true image, because a pixel's own mean is as noisy
-        // as its error.
-        let shared = &values[mode.max(1)].0;
-        let mean = [0, 1, 2].map(|c| shared.iter().map(|value| value[c]).sum::<f64>() / shared.len() as f64);
-        trial.cost = *cost;
-        trial.sum = own.iter().flatten().sum();
-        trial.squares.extend(own.chunks(SAMPLES).map(|samples| {
-            let square = |c: usize| {
-                let difference = samples.as_chunks::<2>().0.iter().map(|[a, b]| a[c] - b[c]).sum::<f64>();
-                difference.powi(2) / (mean[c] * mean[c] + RELATIVE_FLOOR)
-            };
-            square(0) + square(1) + square(2)
-        }));
-    }
-    trials
 }

@@ -137,6 +137,20 @@ impl Sampler {
         key.in_replicate(self.replicate(sample))
     }
 
+    /// Returns the key of one of `count` samples into which a sample is split for all that follows. The split samples
+    /// of a pixel are stratified together, except with `zsobol`, where they are independent. With more than
+    /// 2^32 / `count` points in a half, the same numbers return.
+    #[inline]
+    pub fn split(self, key: SampleKey, count: u32, number: u32) -> SampleKey {
+        match self.points {
+            PointSet::Zsobol { .. } if number > 0 => {
+                SampleKey { scramble: combine(key.scramble, number), ..key }
+            }
+            PointSet::Zsobol { .. } => key,
+            _ => SampleKey { index: key.index.wrapping_mul(count).wrapping_add(number), ..key },
+        }
+    }
+
     /// Returns whether the dimension is held at 1/2.
     #[inline]
     fn is_fixed(self, dimension: Dimension) -> bool {
