@@ -155,6 +155,7 @@
 //!   images. Eurographics short papers.
 //! - `[Appleby 2011]` MurmurHash3.
 //! - `[Arvo 1986]` Backward ray tracing. SIGGRAPH course notes.
+//! - `[Arvo and Kirk 1990]` Particle transport and image synthesis. SIGGRAPH.
 //! - `[Arya and Mount 1993]` Algorithms for fast vector quantization. Data Compression Conference.
 //! - `[Astronomical Almanac 2010]` The Astronomical Almanac for the Year 2010. US Naval Observatory, HM Nautical
 //!   Almanac Office.

@@ -5,25 +5,25 @@ use crate::support::cli::Folder;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
 
-const FLOOR: &str = "<shape type='rectangle'>\
+pub const FLOOR: &str = "<shape type='rectangle'>\
     <transform name='to_world'><rotate x='1' angle='-90'/><scale value='2'/></transform>\
     <bsdf type='roughplastic'><float name='alpha' value='0.3'/></bsdf></shape>";
-const GLASS: &str = "<shape type='sphere'><point name='center' x='0' y='0.7' z='0'/><float name='radius' value='0.4'/>\
+pub const GLASS: &str = "<shape type='sphere'><point name='center' x='0' y='0.7' z='0'/><float name='radius' value='0.4'/>\
     <bsdf type='dielectric'/></shape>";
 /// Surfaces with a Dirac delta beside a finite lobe, or a mirror on one side.
-const OTHERS: &str = "<shape type='sphere'><point name='center' x='-0.8' y='0.3' z='0.3'/>\
+pub const OTHERS: &str = "<shape type='sphere'><point name='center' x='-0.8' y='0.3' z='0.3'/>\
     <float name='radius' value='0.3'/><bsdf type='plastic'/></shape>\
     <shape type='rectangle'><transform name='to_world'><scale x='0.5' y='0.4'/><rotate y='1' angle='-60'/>\
     <translate x='1.1' y='0.5'/></transform><bsdf type='twosided'><bsdf type='conductor'/>\
     <bsdf type='diffuse'/></bsdf></shape>\
     <shape type='rectangle'><transform name='to_world'><scale value='0.3'/><translate x='-0.6' y='0.7' z='-0.8'/>\
     </transform><bsdf type='thindielectric'/></shape>";
-const LAMP: &str = "<shape type='sphere'><point name='center' x='0.3' y='2.4' z='0'/>\
+pub const LAMP: &str = "<shape type='sphere'><point name='center' x='0.3' y='2.4' z='0'/>\
     <float name='radius' value='0.25'/><emitter type='area'><rgb name='radiance' value='20, 15, 10'/></emitter>\
     </shape>";
 
 fn path(reuse: WhenPays, caustics: WhenPays, limits: PathLimits) -> Settings {
-    Settings::Path(PathSettings { limits, reuse, guided: false, caustics })
+    Settings::Path(PathSettings { reuse, caustics, ..PathSettings::independent(limits) })
 }
 
 /// Area emitters of two kinds, an environment that is brighter above, and a point light whose caustics no camera path

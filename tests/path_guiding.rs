@@ -17,7 +17,7 @@ const CAUSTIC: &str = "<shape type='rectangle'>\
     <emitter type='area'><rgb name='radiance' value='20'/></emitter></shape>";
 
 fn path(guided: bool, reuse: WhenPays, limits: PathLimits) -> Settings {
-    Settings::Path(PathSettings { limits, reuse, guided, caustics: WhenPays::Never })
+    Settings::Path(PathSettings { reuse, guided, ..PathSettings::independent(limits) })
 }
 
 /// With reuse, because guided points and shared points are then side by side.

@@ -269,13 +269,13 @@ fn independent_pixels_exclude_reuse() {
         let reuses = stats["prepared"]["path_reuse"].as_f64().expect("a number");
         // Only pilots take time.
         let prepared = stats["seconds"]["prepare"].as_f64().expect("a number");
-        if options.contains("--path-caustics never") {
+        if options.contains("--path-splitting never") {
             assert_eq!(prepared, 0.0, "{options}");
         }
         reuses
     };
     assert_eq!(used("--path-reuse never"), 0.0);
-    assert_eq!(used("--path-reuse never --adaptive=never --path-caustics never"), 0.0);
+    assert_eq!(used("--path-reuse never --adaptive=never --path-splitting never --path-caustics never"), 0.0);
     assert!([4.0, 8.0].contains(&used("--path-reuse always")));
     assert_eq!(used("--aov variance"), 0.0);
     assert!([4.0, 8.0].contains(&used("--path-reuse always --adaptive")));

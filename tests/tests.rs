@@ -73,6 +73,7 @@ mod parity_instances;
 mod path_caustics;
 mod path_guiding;
 mod path_reuse;
+mod path_splitting;
 mod photon_maps;
 mod photons;
 mod plugins;

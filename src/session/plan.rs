@@ -136,8 +136,8 @@ impl Session {
         Ok(plan)
     }
 
-    /// Sets whether paths are reused, split and guided, and whether light paths find caustics. Pixels whose variances are
-    /// stated for z-tests keep independent errors.
+    /// Sets whether paths are reused, split and guided, and whether light paths find caustics. Pixels with
+    /// variances for z-tests keep independent errors.
     fn choose_paths(&self, integrator: &mut Settings, choices: &Choices, layers: &[Layer]) -> Result<()> {
         let name = integrator.name();
         let Some(path) = integrator.path_mut() else {

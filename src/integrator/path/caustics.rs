@@ -125,7 +125,7 @@ impl CausticTracer {
         self.share
     }
 
-    /// Chooses the number of light paths, and the splitting of camera paths among those that are known, by a pilot.
+    /// Chooses the number of light paths by a pilot, and the splitting of camera paths among those that are known.
     /// Returns whether light paths are traced, which they are if `always` is true or if they pay, and the splitting.
     pub(super) fn choose_share(
         &mut self,
@@ -134,7 +134,7 @@ impl CausticTracer {
         always: bool,
     ) -> (bool, Splitting) {
         let pilot = self.pilot(preparation);
-        let best = |shares: &[f64]| {
+        let best = |camera_paths: &[(Splitting, CameraPathPilot)], shares: &[f64]| {
             let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
                 let errors = self.errors(&pilot, paths.mean, f64::from(splitting.directions));
                 let effort = |share: f64| {
@@ -142,16 +142,16 @@ impl CausticTracer {
                     let cost = samples + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
                     (paths.error + errors(share)) * cost
                 };
-                shares.iter().map(|&share| (*splitting, share, effort(share))).collect::<Vec<_>>()
+                shares.iter().map(|&share| (effort(share), *splitting, share)).collect::<Vec<_>>()
             });
-            efforts.min_by(|a, b| a.2.total_cmp(&b.2)).expect("some")
+            efforts.min_by(|a, b| a.0.total_cmp(&b.0)).expect("some")
         };
-        let (without, _, effort_without) = best(&[0.0]);
-        let (splitting, share, least) = best(&SHARES);
-        self.share = share;
-        self.directions = f64::from(splitting.directions);
-        let traced = always || least < PAYS * effort_without;
-        (traced, if traced { splitting } else { without })
+        // The error of caustics is the least certain, so it decides with one splitting whether light paths pay.
+        let first = &camera_paths[..1];
+        let traced = always || best(first, &SHARES).0 < PAYS * best(first, &[0.0]).0;
+        let (_, splitting, share) = best(camera_paths, if traced { &SHARES } else { &[0.0] });
+        (self.share, self.directions) = (share, f64::from(splitting.directions));
+        (traced, splitting)
     }
 
     /// Traces some light paths.
