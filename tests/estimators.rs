@@ -348,7 +348,7 @@ fn light_paths_are_clipped_where_camera_rays_are() {
     agree(
         &folder,
         "--integrator path --spp 1024 --sampler sobol",
-        "--integrator ptracer --spp 4096 --sampler sobol",
+        "--integrator ptracer --spp 8192 --sampler sobol",
     );
 }
 

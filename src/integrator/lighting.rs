@@ -27,11 +27,6 @@ impl TechniqueCounts {
     /// One sample of each technique at every point, so that emitter samples may omit light.
     pub const ONE_EACH: TechniqueCounts = TechniqueCounts { emitter: 1.0, bsdf: 1.0, compensated: true };
 
-    /// Creates the given counts for points that all have BSDF samples, so that emitter samples may omit light.
-    pub fn compensated(emitter: u32, bsdf: u32) -> Self {
-        TechniqueCounts { compensated: true, ..TechniqueCounts::new(emitter, bsdf) }
-    }
-
     /// One sample of each technique at most. Some points have no BSDF sample, so emitter samples omit no light.
     pub const UNCOMPENSATED: TechniqueCounts =
         TechniqueCounts { compensated: false, ..TechniqueCounts::ONE_EACH };
@@ -39,6 +34,12 @@ impl TechniqueCounts {
     /// Creates the given counts. Emitter samples omit light if there are at least as many BSDF samples.
     pub fn new(emitter: u32, bsdf: u32) -> Self {
         TechniqueCounts { emitter: emitter as f32, bsdf: bsdf as f32, compensated: bsdf >= emitter }
+    }
+
+    /// Creates the given counts for points at which emitters are chosen as with [`ONE_EACH`](Self::ONE_EACH), even if there
+    /// are fewer BSDF samples.
+    pub fn like_one_each(emitter: u32, bsdf: u32) -> Self {
+        TechniqueCounts { compensated: true, ..TechniqueCounts::new(emitter, bsdf) }
     }
 
     /// Creates the given counts for techniques of which some points lack one, so that emitter samples omit no light.

@@ -33,11 +33,11 @@ const RADII: [usize; 4] = [4, 2, 1, 0];
 /// A neighbourhood with this effective number of pixels determines a half of the estimate.
 const TRUSTED: f64 = 8.0;
 /// One of at least this number of cells, and at most this number in all, decide whether rates pay: if the efficiency
-/// would be at least [`LEAST_GAIN`], or [`LEAST_GAIN_OF_REUSED`] with path reuse, whose pilots promise too much.
+/// would be at least [`LEAST_GAIN`], or [`LEAST_GAIN_OF_SPLIT`] if paths are split, whose pilots promise less.
 const LEAST_PART: usize = 4;
 const MOST_DECIDE: usize = 4096;
-const LEAST_GAIN: f64 = 1.3;
-const LEAST_GAIN_OF_REUSED: f64 = 1.6;
+const LEAST_GAIN: f64 = 1.6;
+const LEAST_GAIN_OF_SPLIT: f64 = 1.3;
 /// The cost of a sample without its rays, in nearest-hit queries.
 const SAMPLE_COST: f64 = 4.0;
 /// The weight of the mean over the cells in the estimate from a half of a cell.
@@ -80,7 +80,7 @@ impl Rates {
             preparation.pool.install(|| cells.into_par_iter().map(measure).collect())
         };
         let mut noise = measure_all(true);
-        let least = if integrator.reuse_cells().is_some() { LEAST_GAIN_OF_REUSED } else { LEAST_GAIN };
+        let least = if integrator.paths_per_ray() > 1 { LEAST_GAIN_OF_SPLIT } else { LEAST_GAIN };
         if adaptive == WhenPays::Auto && gain(&noise) < least {
             return None;
         }

@@ -13,7 +13,7 @@
 //! Light paths do not pay in every scene. A pilot decides how many there are, or none. Emitters that no camera path can
 //! hit are left out, so the expected image does not depend on that.
 
-use super::pilot::EMITTER_COST;
+use super::pilot::{CAMERA_PATH_COST, handicap};
 use super::splitting::Splitting;
 use crate::accel::Hit;
 use crate::estimate::metrics::RELATIVE_FLOOR;
@@ -57,9 +57,8 @@ const STREAM: u32 = 7;
 const BLOCKS: usize = 32;
 /// The scale of the ratios of densities in the pilot, so that weights are not rounded to 1.
 const SCALE: f64 = 1e-4;
-/// The cost of a light path and of a camera path without their rays, in nearest-hit queries.
+/// The cost of a light path without its rays, in nearest-hit queries.
 const LIGHT_PATH_COST: f64 = 3.0;
-const CAMERA_PATH_COST: f64 = 1.0;
 
 /// What a pilot knows about camera paths without caustics.
 #[derive(Clone, Copy, Debug)]
@@ -138,15 +137,14 @@ impl CausticTracer {
             let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
                 let errors = self.errors(&pilot, paths.mean, f64::from(splitting.directions));
                 let effort = |share: f64| {
-                    let samples = CAMERA_PATH_COST + EMITTER_COST * f64::from(splitting.emitters - 1);
-                    let cost = samples + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
-                    (paths.error + errors(share)) * cost
+                    let cost = CAMERA_PATH_COST + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
+                    (paths.error + errors(share)) * cost * handicap(*splitting)
                 };
                 shares.iter().map(|&share| (effort(share), *splitting, share)).collect::<Vec<_>>()
             });
             efforts.min_by(|a, b| a.0.total_cmp(&b.0)).expect("some")
         };
-        // The error of caustics is the least certain, so it decides with one splitting whether light paths pay.
+        // The error of caustics is the least certain: whether light paths pay does not depend on other choices.
         let first = &camera_paths[..1];
         let traced = always || best(first, &SHARES).0 < PAYS * best(first, &[0.0]).0;
         let (_, splitting, share) = best(camera_paths, if traced { &SHARES } else { &[0.0] });

@@ -2,7 +2,7 @@
 //!
 //! A wave of paths advances one bounce at a time: it finds all nearest hits, then shades in blocks of sixteen, then
 //! traces all shadow rays. In shading, each path adds at most one shadow ray with its pending contribution and at
-//! most one next ray, and terminated paths are removed.
+//! most one next ray, or several at the first surface if paths are [split](splitting); terminated paths are removed.
 
 pub mod caustics;
 pub mod groups;
@@ -179,9 +179,8 @@ impl Integrator for PathIntegrator {
         let pilots = [reuse, split].into_iter().any(|choice| choice != WhenPays::Never);
         let pilot =
             (pilots || self.caustics.is_some()).then(|| pilot::run(self, [reuse, split], preparation));
-        if let Some(pilot) = &pilot {
-            (self.cells, self.splitting) = (pilot.cells, pilot.splitting);
-        }
+        self.cells = pilot.as_ref().and_then(|pilot| pilot.cells);
+        self.splitting = pilot.as_ref().map_or(Splitting::NONE, |pilot| pilot.splitting);
         if let (Some(caustics), Some(pilot)) = (&mut self.caustics, &pilot) {
             let always = self.light_paths == WhenPays::Always;
             let (traced, splitting) = caustics.choose_share(preparation, &pilot.known, always);

@@ -52,10 +52,10 @@ const COUNTS: [u32; 3] = [1, 2, 4];
 /// The least error that splitting is expected to leave.
 const LEAST_ERROR: f64 = 0.05;
 /// The least efficiency of split paths relative to others.
-const LEAST_GAIN_OF_SPLITTING: f64 = 1.05;
-/// The cost of a camera path without its rays, and that of an emitter sample, in nearest-hit queries.
-const CAMERA_COST: f64 = 0.5;
-pub(super) const EMITTER_COST: f64 = 0.3;
+const LEAST_GAIN_OF_SPLITTING: f64 = 1.1;
+/// The cost of a camera path without its rays, and that of another emitter sample, in nearest-hit queries.
+pub(super) const CAMERA_PATH_COST: f64 = 1.0;
+const EMITTER_SAMPLE_COST: f64 = 0.3;
 
 /// A way to trace the paths of a cell.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -107,7 +107,8 @@ pub(super) struct Choice {
     pub cells: Option<CellSide>,
     /// The samples at the first surface.
     pub splitting: Splitting,
-    /// What is known of the paths, also with other numbers of samples. A choice that knows more may be among them.
+    /// What is known of the paths, also with other numbers of samples, for a choice that knows more. The first has the
+    /// fewest samples.
     pub known: Vec<(Splitting, CameraPathPilot)>,
 }
 
@@ -256,7 +257,8 @@ impl Pilot<'_> {
         }
     }
 
-    /// Returns what is expected of each splitting, without which nothing is split.
+    /// Returns what is expected of each splitting that may be chosen. The first is that which splits nothing, unless
+    /// paths must be split.
     fn splittings(&self) -> Vec<(Splitting, Found)> {
         let none = self.found(Way::INDEPENDENT);
         if !self.ways.contains(&Way::SPLIT_EMITTERS) {
@@ -277,6 +279,7 @@ impl Pilot<'_> {
                 left -= gone * (1.0 - 1.0 / f64::from(count));
                 cost += added * f64::from(count - 1);
             }
+            cost += EMITTER_SAMPLE_COST * f64::from(splitting.emitters - 1);
             let left = left.max(LEAST_ERROR);
             let paths = CameraPathPilot { error: left * none.paths.error, cost, ..none.paths };
             (splitting, Found { error: left * none.error, paths })
@@ -291,9 +294,7 @@ impl Pilot<'_> {
     /// Returns the best numbers of samples at the first surface, and what is expected of them.
     fn best_splitting(&self) -> (Splitting, Found) {
         let effort = |(splitting, found): &(Splitting, Found)| {
-            let gain = if *splitting == Splitting::NONE { LEAST_GAIN_OF_SPLITTING } else { 1.0 };
-            let samples = CAMERA_COST + EMITTER_COST * f64::from(splitting.emitters);
-            found.error * (found.paths.cost + samples) / gain
+            found.error * (found.paths.cost + CAMERA_PATH_COST) * handicap(*splitting)
         };
         self.splittings().into_iter().min_by(|a, b| effort(a).total_cmp(&effort(b))).expect("some")
     }
@@ -309,13 +310,16 @@ impl Pilot<'_> {
             let rays = PilotRays::new(self.preparation, pixels.into_iter(), SAMPLES, STREAM);
             let integrator = WithSplitting(self.integrator, way.splitting);
             let (radiance, cost) = rays.trace(scene, &integrator, SAMPLES, way.cells.is_some(), worker);
-            let values: Vec<[f64; 3]> =
-                radiance.iter().map(|radiance| radiance.value.to_array().map(f64::from)).collect();
+            // Invalid samples are black, as in the image.
+            let value = |Radiance { value, .. }: &Radiance| {
+                if value.is_valid() { value.to_array().map(f64::from) } else { [0.0; 3] }
+            };
+            let values: Vec<[f64; 3]> = radiance.iter().map(value).collect();
             (values, cost)
         };
         let traced: Vec<_> = ways.iter().map(trace).collect();
-        // The mean of the group stands for the true image, because a pixel's own mean is as noisy as its error. Among
-        // the ways, the one that comes last is the least noisy.
+        // The mean of the group stands for the true image, because a pixel's own mean is as noisy as its error. The
+        // way that comes last, with reuse or four directions, is the least noisy.
         let (least_noisy, _) = traced.last().expect("some ways");
         let mean = [0, 1, 2]
             .map(|c| least_noisy.iter().map(|value| value[c]).sum::<f64>() / least_noisy.len() as f64);
@@ -336,6 +340,11 @@ impl Pilot<'_> {
         };
         traced.into_iter().map(trial).collect()
     }
+}
+
+/// Returns the factor of the effort of a splitting in comparisons, so that small gains do not count.
+pub(super) fn handicap(splitting: Splitting) -> f64 {
+    if splitting == Splitting::NONE { 1.0 / LEAST_GAIN_OF_SPLITTING } else { 1.0 }
 }
 
 /// Returns an error from the squared errors of the pixels of each cell: a power mean, so that it is about the mean, but

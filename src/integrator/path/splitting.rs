@@ -26,7 +26,7 @@ impl Splitting {
     /// Returns the counts for the weights of emitter samples.
     #[inline]
     pub fn counts(self) -> TechniqueCounts {
-        TechniqueCounts::compensated(self.emitters, self.directions)
+        TechniqueCounts::like_one_each(self.emitters, self.directions)
     }
 
     /// Returns the density of directions relative to emitter samples, if there were one of each. With it, a direction
@@ -45,17 +45,20 @@ impl Splitting {
         sets: &mut Vec<RandomNumbers>,
     ) {
         sets.resize_with(self.emitters.max(self.directions) as usize, RandomNumbers::default);
-        let split = |count: u32, number: usize| -> Vec<SampleKey> {
-            keys.iter().map(|key| sampler.split(*key, count, number as u32)).collect()
+        let mut buffer = Vec::with_capacity(keys.len());
+        let mut draw = |set: &mut RandomNumbers, uses, count: u32, number: usize| {
+            buffer.clear();
+            buffer.extend(keys.iter().map(|key| sampler.split(*key, count, number as u32)));
+            set.draw(uses, 0, sampler, &buffer);
         };
         for (number, set) in sets.iter_mut().enumerate() {
             if uses.next_event && number < self.emitters as usize {
                 let uses = BounceNumbers { lobe: false, direction: false, roulette: false, ..uses };
-                set.draw(uses, 0, sampler, &split(self.emitters, number));
+                draw(set, uses, self.emitters, number);
             }
             if number < self.directions as usize {
                 let uses = BounceNumbers { next_event: false, ..uses };
-                set.draw(uses, 0, sampler, &split(self.directions, number));
+                draw(set, uses, self.directions, number);
             }
         }
     }
