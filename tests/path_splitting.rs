@@ -124,7 +124,8 @@ fn other_integrators_refuse_the_option() {
 fn nothing_is_reused_in_motion() {
     let moving = "<shape type='sphere'><animation name='to_world'><transform time='0'><translate x='0' y='0.5'/>\
         </transform><transform time='1'><translate x='0.5' y='0.5'/></transform></animation></shape>";
-    let folder = Folder::with(&format!("<scene version='3.0.0'>{FLOOR}{moving}{SKY}</scene>"));
+    let sensor = "<sensor type='perspective'><float name='shutter_close' value='1'/></sensor>";
+    let folder = Folder::with(&format!("<scene version='3.0.0'>{sensor}{FLOOR}{moving}{SKY}</scene>"));
     for splitting in ["never", "auto"] {
         let options = format!("--path-reuse always --path-splitting {splitting} --path-caustics never");
         folder.render(&format!("s.xml --spp 4 --size 32x24 -q -o a.pfm --stats a.json {options}"));

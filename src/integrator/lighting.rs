@@ -36,8 +36,8 @@ impl TechniqueCounts {
         TechniqueCounts { emitter: emitter as f32, bsdf: bsdf as f32, compensated: bsdf >= emitter }
     }
 
-    /// Creates the given counts for points at which emitters are chosen as with [`ONE_EACH`](Self::ONE_EACH), even if there
-    /// are fewer BSDF samples.
+    /// Creates the given counts for points at which emitters are chosen as with [`ONE_EACH`](Self::ONE_EACH), even if
+    /// there are fewer BSDF samples.
     pub fn like_one_each(emitter: u32, bsdf: u32) -> Self {
         TechniqueCounts { compensated: true, ..TechniqueCounts::new(emitter, bsdf) }
     }
