@@ -47,7 +47,7 @@ fn the_limits_of_paths_hold_for_split_paths() {
     }
 }
 
-/// Half the directions would leave half the variance, if there were no other noise.
+/// Two directions would halve the variance if all noise came from the directions.
 #[test]
 fn split_paths_have_less_noise() {
     let scene = from_xml(&format!("{FLOOR}{SKY}"), 16);

@@ -33,7 +33,7 @@ const RADII: [usize; 4] = [4, 2, 1, 0];
 /// A neighbourhood with this effective number of pixels determines a half of the estimate.
 const TRUSTED: f64 = 8.0;
 /// One of at least this number of cells, and at most this number in all, decide whether rates pay: if the efficiency
-/// would be at least [`LEAST_GAIN`], or [`LEAST_GAIN_OF_SPLIT`] if paths are split, whose pilots promise less.
+/// would be at least [`LEAST_GAIN`], or [`LEAST_GAIN_OF_SPLIT`] if paths share camera rays, whose pilots promise less.
 const LEAST_PART: usize = 4;
 const MOST_DECIDE: usize = 4096;
 const LEAST_GAIN: f64 = 1.6;
