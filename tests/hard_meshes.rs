@@ -238,7 +238,7 @@ fn a_scene_of_spoiled_meshes_renders_as_the_clean_one() {
                 add(&mut scene, mesh, place, radiance);
             }
             scene.sensors.push(scenes::camera(DVec3::new(0.0, -5.0, 1.5), DVec3::Z * 0.5, 40.0, 16));
-            let options = CompileOptions { accel, threads: 1, sensor: 0 };
+            let options = CompileOptions { accel, threads: 1, sensor: 0, passes_panes: false };
             let (scene, report) = compile(scene, options).expect("it compiles");
             assert_eq!(report.dropped_primitives, invalid, "{accel}");
             for from in [Vec3::ZERO, Vec3::new(0.5, 0.5, 1.0)] {

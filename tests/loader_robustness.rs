@@ -98,7 +98,7 @@ proptest! {
         for sensor in &mut loaded.description.sensors {
             (sensor.film.width, sensor.film.height, sensor.film.crop) = (4, 3, None);
         }
-        let options = CompileOptions { accel: AccelKind::default(), threads: 1, sensor: 0 };
+        let options = CompileOptions { accel: AccelKind::default(), threads: 1, sensor: 0, passes_panes: false };
         let Ok((scene, _)) = compile(loaded.description, options) else { return Ok(()) };
         if !scene.sensors.is_empty() {
             let path = Settings::Path(PathLimits { max_depth: Some(4), ..PathLimits::default() }.into());

@@ -37,13 +37,18 @@ pub fn own(name: &str, size: u32) -> Scene {
 
 /// Returns a scene from XML, in a folder of its own.
 pub fn from_xml(body: &str, size: u32) -> Scene {
+    compiled(described(body, size), AccelKind::default())
+}
+
+/// Returns the description of a scene from XML, in a folder of its own.
+pub fn described(body: &str, size: u32) -> Description {
     let sensor = "<sensor type='perspective'><float name='fov' value='45'/><transform name='to_world'>\
         <lookat origin='0.4, 1.2, 3.2' target='0, 0.3, 0' up='0, 1, 0'/></transform></sensor>";
     let folder = Folder::with(&format!("<scene version='3.0.0'>{sensor}{body}</scene>"));
     let mut loaded = loader::load(&folder.path("s.xml"), &Default::default()).expect("the scene loads");
     let film = &mut loaded.description.sensors[0].film;
     (film.width, film.height) = (size, size);
-    compiled(loaded.description, AccelKind::default())
+    loaded.description
 }
 
 /// The sums over blocks of pixels and channels: mean and variance of the mean over several seeds.

@@ -60,7 +60,12 @@ fn dielectrics() {
         for (specular_reflectance, specular_transmittance) in COLORS.into_iter().zip(COLORS.into_iter().rev())
         {
             check(
-                &Bsdf::ThinDielectric(ThinDielectric { eta, specular_reflectance, specular_transmittance }),
+                &Bsdf::ThinDielectric(ThinDielectric {
+                    eta,
+                    specular_reflectance,
+                    specular_transmittance,
+                    passing: 0.0,
+                }),
                 true,
             );
             for distribution in [Distribution::Beckmann, Distribution::Ggx] {

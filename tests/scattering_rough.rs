@@ -160,6 +160,7 @@ proptest! {
             eta: log_eta.exp(),
             specular_reflectance: Rgb::WHITE,
             specular_transmittance: Rgb::WHITE,
+            passing: 0.0,
         });
         let energy = scattered_energy(&bsdf, Vec3::new((1.0 - z * z).sqrt(), 0.0, z)).r;
         prop_assert!((energy - 1.0).abs() < 1e-5, "{bsdf:?} {z}: {energy}");

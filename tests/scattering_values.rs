@@ -327,6 +327,7 @@ fn thin_dielectric() {
             eta,
             specular_reflectance: SPECULAR_REFLECTANCE,
             specular_transmittance: SPECULAR_TRANSMITTANCE,
+            passing: 0.0,
         };
         let wo = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
         let below = bsdf.sample(wo, r - 1e-5).unwrap();

@@ -68,6 +68,7 @@ mod mistakes;
 mod nothing_lost;
 mod options;
 mod own_scenes;
+mod panes;
 mod parity;
 mod parity_instances;
 mod path_caustics;

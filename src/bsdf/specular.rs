@@ -127,6 +127,7 @@ mod tests {
             eta: 1.5,
             specular_reflectance: Rgb::WHITE,
             specular_transmittance: Rgb::new(1.0, 0.5, 0.25),
+            passing: 0.0,
         });
         let solid = Bsdf::Dielectric(glass());
         let plastic = Bsdf::Plastic(Plastic::new(Rgb::new(0.5, 0.2, 0.1), Rgb::WHITE, 1.5, false));

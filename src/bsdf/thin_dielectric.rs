@@ -14,6 +14,9 @@ pub struct ThinDielectric {
     pub specular_reflectance: Rgb,
     /// A factor on the transmission.
     pub specular_transmittance: Rgb,
+    /// The fraction of the transmitted light that passes through holes, so that rays do not hit the sheet: at most
+    /// each channel of the factor. The BSDF has the rest of the light, divided by the probability of a hit.
+    pub passing: f32,
 }
 
 impl ThinDielectric {
@@ -23,9 +26,26 @@ impl ThinDielectric {
         2.0 * r / (1.0 + r)
     }
 
+    /// Returns the probability that a ray hits the sheet, for the cosine of its angle.
+    pub fn opacity(&self, cos: f32) -> f32 {
+        1.0 - (1.0 - self.reflectance(cos)) * self.passing
+    }
+
+    /// Returns reflectance and transmittance at a hit, without their factors.
+    fn shares(&self, cos: f32) -> [f32; 2] {
+        let (r, opacity) = (self.reflectance(cos), self.opacity(cos));
+        // Not NaN if nothing is reflected.
+        if opacity > 0.0 { [(r / opacity).min(1.0), (1.0 - r) / opacity] } else { [1.0, 0.0] }
+    }
+
+    /// Returns the factor on the transmission of rays that hit the sheet.
+    fn transmitted(&self) -> Rgb {
+        self.specular_transmittance - Rgb::WHITE * self.passing
+    }
+
     /// Returns the probability with which [`sample`](Self::sample) reflects.
     pub(super) fn reflection_probability(&self, wo: Vec3) -> f32 {
-        probability_below(self.reflectance(wo.z.abs()))
+        probability_below(self.shares(wo.z.abs())[0])
     }
 
     /// Reflects with the probability of the reflectance, otherwise passes.
@@ -34,18 +54,18 @@ impl ThinDielectric {
         if wo.z == 0.0 {
             return None;
         }
-        let (r, probability) = (self.reflectance(wo.z.abs()), self.reflection_probability(wo));
+        let ([r, t], probability) = (self.shares(wo.z.abs()), self.reflection_probability(wo));
         let (wi, weight) = if u_lobe < probability {
             (Vec3::new(-wo.x, -wo.y, wo.z), self.specular_reflectance * (r / probability))
         } else {
-            (-wo, self.specular_transmittance * ((1.0 - r) / (1.0 - probability)))
+            (-wo, self.transmitted() * (t / (1.0 - probability)))
         };
         Some(BsdfSample { wi, weight, pdf: f32::INFINITY, lobe: Lobe::Specular, eta: 1.0 })
     }
 
     /// Returns reflectance plus transmittance at normal incidence.
     pub fn albedo(&self) -> Rgb {
-        let r = self.reflectance(1.0);
-        self.specular_reflectance * r + self.specular_transmittance * (1.0 - r)
+        let [r, t] = self.shares(1.0);
+        self.specular_reflectance * r + self.transmitted() * t
     }
 }

@@ -113,6 +113,11 @@ impl Emitter {
         matches!(self, Emitter::Point { .. } | Emitter::Spot { .. } | Emitter::Projector { .. })
     }
 
+    /// Returns whether no scattered ray can hit the emitter, because it is a point or its light is parallel.
+    pub fn is_delta(&self) -> bool {
+        self.is_at_a_point() || matches!(self, Emitter::Directional { .. })
+    }
+
     /// Returns whether the emitter is the sun; a scene has at most one, beside an environment.
     pub fn is_sun(&self) -> bool {
         matches!(self, Emitter::Sun { .. })

@@ -210,7 +210,33 @@ integrators! {
     Pssmlt(Pssmlt),
 }
 
+/// The least limit on the edges of paths at which rays pass thin panes: an edge more or less makes no difference then.
+const MANY_EDGES: u32 = 16;
+
 impl Settings {
+    /// Returns whether rays pass thin panes as they pass holes, without a bounce. Trees of rays follow both the
+    /// reflection and the transmission, layers show panes, and short paths count each passage as an edge.
+    pub fn passes_panes(&self) -> bool {
+        let long = self.limits().max_depth.is_none_or(|edges| edges >= MANY_EDGES);
+        match self {
+            Settings::Path(_)
+            | Settings::Volpath(_)
+            | Settings::Bdpt(_)
+            | Settings::Vcm(_)
+            | Settings::Pssmlt(_)
+            | Settings::Ptracer(_)
+            | Settings::Sppm(_)
+            | Settings::Photonmapper(_)
+            | Settings::Irrcache(_) => long,
+            Settings::Direct(_)
+            | Settings::Whitted(_)
+            | Settings::Distribution(_)
+            | Settings::Ao(_)
+            | Settings::Depth(_)
+            | Settings::Aov(_) => false,
+        }
+    }
+
     /// Returns whether the image shows participating media. Other integrators ignore them.
     pub fn renders_media(&self) -> bool {
         match self {

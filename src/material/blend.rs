@@ -36,9 +36,9 @@ impl Plugin for Blend {
         &self.inner
     }
 
-    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>) -> f32 {
+    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>, cosine: f32) -> f32 {
         let w = all.inputs(point).share(&self.weight);
-        let [a, b] = self.inner.map(|id| all.opacity(id, point));
+        let [a, b] = self.inner.map(|id| all.opacity(id, point, cosine));
         (1.0 - w) * a + w * b
     }
 

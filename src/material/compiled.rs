@@ -31,6 +31,8 @@ pub struct SceneMaterial {
     pub tangents: bool,
     /// Whether light may pass through the surface without scattering.
     pub holes: bool,
+    /// Whether the surface is a pane that rays may pass, with a probability that depends on their direction.
+    pub pane: bool,
     /// Whether light may pass through the surface, at some of its points at least.
     pub transmits: bool,
     /// The sampling of directions. Holes are not lobes here: see [`lobes_of`](Self::lobes_of).
@@ -125,6 +127,7 @@ impl Materials {
                 two_sided,
                 tangents: is(outer, Material::has_tangents),
                 holes: is(outer, Material::has_holes),
+                pane: matches!(outer, Material::ThinDielectric(sheet) if sheet.passed),
                 transmits: is(outer, Material::transmits),
                 sampling: Sampling::default(),
             });
@@ -205,9 +208,10 @@ impl Materials {
         Inputs { textures: &self.textures, point }
     }
 
-    /// Returns the opacity of a material at a point.
-    pub fn opacity(&self, id: MaterialId, point: &TexturePoint<'_>) -> f32 {
-        self.get(id).material.opacity(self, point)
+    /// Returns the opacity of a material at a point, for a ray that makes an angle with the given cosine, in [0, 1],
+    /// with the shading normal.
+    pub fn opacity(&self, id: MaterialId, point: &TexturePoint<'_>, cosine: f32) -> f32 {
+        self.get(id).material.opacity(self, point, cosine)
     }
 
     /// Returns the BSDF and opacity at a point. The arena holds inner BSDFs.

@@ -38,8 +38,8 @@ impl Plugin for Mask {
         self.opacity.constant().is_none_or(|opacity| opacity < 1.0)
     }
 
-    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>) -> f32 {
-        all.inputs(point).share(&self.opacity) * all.opacity(self.inner, point)
+    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>, cosine: f32) -> f32 {
+        all.inputs(point).share(&self.opacity) * all.opacity(self.inner, point, cosine)
     }
 
     fn sampling(&self, _: &Prepared, all: &Materials) -> Sampling {

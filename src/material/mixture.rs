@@ -38,8 +38,9 @@ impl Plugin for Mixture {
         &self.inner
     }
 
-    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>) -> f32 {
-        let holes = self.weights.iter().zip(&self.inner).map(|(w, id)| w * (1.0 - all.opacity(*id, point)));
+    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>, cosine: f32) -> f32 {
+        let holes =
+            self.weights.iter().zip(&self.inner).map(|(w, id)| w * (1.0 - all.opacity(*id, point, cosine)));
         1.0 - holes.sum::<f32>()
     }
 

@@ -159,8 +159,9 @@ pub trait Plugin: Sized {
         Prepared::default()
     }
 
-    /// Returns the opacity of the surface at a point.
-    fn opacity(&self, _materials: &Materials, _point: &TexturePoint<'_>) -> f32 {
+    /// Returns the opacity of the surface at a point, for a ray that makes an angle with the given cosine, in [0, 1],
+    /// with the shading normal.
+    fn opacity(&self, _materials: &Materials, _point: &TexturePoint<'_>, _cosine: f32) -> f32 {
         1.0
     }
 
@@ -244,8 +245,8 @@ macro_rules! plugins {
                 match self { $(Material::$name(plugin) => plugin.prepare(),)* }
             }
 
-            fn opacity(&self, materials: &Materials, point: &TexturePoint<'_>) -> f32 {
-                match self { $(Material::$name(plugin) => plugin.opacity(materials, point),)* }
+            fn opacity(&self, materials: &Materials, point: &TexturePoint<'_>, cosine: f32) -> f32 {
+                match self { $(Material::$name(plugin) => plugin.opacity(materials, point, cosine),)* }
             }
 
             fn sampling(&self, prepared: &Prepared, materials: &Materials) -> Sampling {

@@ -46,8 +46,8 @@ impl Plugin for NormalMap {
         true
     }
 
-    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>) -> f32 {
-        all.opacity(self.inner, point)
+    fn opacity(&self, all: &Materials, point: &TexturePoint<'_>, cosine: f32) -> f32 {
+        all.opacity(self.inner, point, cosine)
     }
 
     fn sampling(&self, _: &Prepared, all: &Materials) -> Sampling {

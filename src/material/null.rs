@@ -24,7 +24,7 @@ impl Plugin for Null {
         true
     }
 
-    fn opacity(&self, _: &Materials, _: &TexturePoint<'_>) -> f32 {
+    fn opacity(&self, _: &Materials, _: &TexturePoint<'_>, _: f32) -> f32 {
         0.0
     }
 

@@ -213,20 +213,21 @@ impl BilinearDistribution2D {
             let (first, second) = rows(i);
             one_minus_t[i] * first[column] + t[i] * second[column]
         };
-        let wanted = (u[0] * f32x16::new(each_lane(|i| until(i, last)))).to_array();
+        let wanted = u[0] * f32x16::new(each_lane(|i| until(i, last)));
         let (mut columns, mut size) = ([0; LANES], last);
         while size > 1 {
             let half = size / 2;
+            // All lanes in step and without branches, half of which would be predicted wrongly.
+            let below = f32x16::new(each_lane(|i| until(i, columns[i] + half)));
+            let reached = wanted.simd_ge(below).to_bitmask() as usize;
             for (i, column) in columns.iter_mut().enumerate() {
-                if until(i, *column + half) <= wanted[i] {
-                    *column += half;
-                }
+                *column += half & (reached >> i & 1).wrapping_neg();
             }
             size -= half;
         }
         let (low, high) = (each_lane(|i| until(i, columns[i])), each_lane(|i| until(i, columns[i] + 1)));
         let (low, high) = (f32x16::new(low), f32x16::new(high));
-        let (t, s) = (f32x16::new(t), (f32x16::new(wanted) - low) / (high - low));
+        let (t, s) = (f32x16::new(t), (wanted - low) / (high - low));
         let mut points = PointsX16 { bands, columns, s, t };
         let [a, b] = self.sides_x16(&points);
         points.s = linear_quantile_x16([a, b], s);

@@ -5,6 +5,7 @@ use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::OpacityFilter;
 use super::media::MediaCompiler;
 use super::meter::surface_of;
+use super::names;
 use super::{Materials, Needs, Scene, SceneNames, SceneShape};
 use crate::accel::{self, AccelKind, Assembly, Geometry, GeometryFilter, Instance, MAX_STEPS};
 use crate::bsdf::{Bsdf, Lobes};
@@ -15,8 +16,8 @@ use crate::emitter::{
     PointEmitter, ProjectorEmitter, SpotEmitter, SunEmitter,
 };
 use crate::error::{Error, Place, Result};
-use crate::ids::{EmitterId, ShapeId, TextureId};
-use crate::material::Input;
+use crate::ids::{EmitterId, MaterialId, ShapeId, TextureId};
+use crate::material::{Input, Material, ThinDielectric};
 use crate::math::{Bounds, DAffine3, Motion, Vec3};
 use crate::medium::Medium;
 use crate::memory::Budget;
@@ -24,7 +25,7 @@ use crate::sampling::Distribution1D;
 use crate::sensor::{Camera, Projection, SensorSettings};
 use crate::shape::{Shape, WorldShape};
 use crate::texture::Texture;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -37,6 +38,8 @@ pub struct CompileOptions {
     pub threads: usize,
     /// The index of the sensor whose shutter interval is used for motion.
     pub sensor: usize,
+    /// Whether rays pass thin panes as they pass holes. If not, panes scatter them.
+    pub passes_panes: bool,
 }
 
 /// The diagnostics of compilation.
@@ -71,9 +74,16 @@ pub fn compile_within(
     options: CompileOptions,
     memory: &Budget,
 ) -> Result<(Scene, CompileReport)> {
+    let Description { mut materials, mut material_names, .. } = description;
+    // In Mitsuba, the light of emitters that no ray can hit does not pass panes.
+    let mut panes = HashMap::new();
+    if options.passes_panes && !description.emitters.iter().any(Emitter::is_delta) {
+        panes = add_panes(&mut materials, &mut material_names);
+    }
     let mut builder = SceneCompiler {
         names: SceneNames::default(),
-        materials: Arc::new(Materials::new(description.materials, description.textures)?),
+        materials: Arc::new(Materials::new(materials, description.textures)?),
+        panes,
         shutter: description.sensors.get(options.sensor).map_or([0.0; 2], |sensor| sensor.shutter),
         shapes: Vec::new(),
         assembly: Assembly::default(),
@@ -82,7 +92,7 @@ pub fn compile_within(
         media: MediaCompiler::default(),
         report: CompileReport::default(),
     };
-    builder.names.set_materials(&description.material_names, builder.materials.len());
+    builder.names.set_materials(&material_names, builder.materials.len());
     for placed in description.shapes {
         builder.shape(placed)?;
     }
@@ -96,10 +106,32 @@ pub fn compile_within(
     builder.finish(&description.emitters, &description.sensors, description.media, options, memory)
 }
 
+/// Adds a pane that rays pass for each thin dielectric, with the same name. Returns it for each.
+fn add_panes(
+    materials: &mut Vec<Material>,
+    names: &mut Vec<(MaterialId, String)>,
+) -> HashMap<MaterialId, MaterialId> {
+    let mut panes = HashMap::new();
+    for i in 0..materials.len() {
+        if let Material::ThinDielectric(sheet) = &materials[i] {
+            let pane = ThinDielectric { passed: true, ..sheet.clone() };
+            let (id, pane_id) = (MaterialId::from(i), MaterialId::from(materials.len()));
+            materials.push(pane.into());
+            panes.insert(id, pane_id);
+            let name = names.iter().find(|(named, name)| *named == id && !name.is_empty());
+            let name = name.map_or_else(|| names::of_index("material", i), |(_, name)| name.clone());
+            names.push((pane_id, name));
+        }
+    }
+    panes
+}
+
 /// A scene under construction.
 struct SceneCompiler {
     names: SceneNames,
     materials: Arc<Materials>,
+    /// For each thin dielectric, that which rays pass.
+    panes: HashMap<MaterialId, MaterialId>,
     /// The times at which the shutter opens and closes.
     shutter: [f64; 2],
     shapes: Vec<SceneShape>,
@@ -116,7 +148,8 @@ impl SceneCompiler {
     fn shape(&mut self, placed: PlacedShape) -> Result<()> {
         let steps = self.steps(&placed.to_world);
         if let [to_world] = steps[..] {
-            self.add_shape(placed, &to_world, None)?;
+            let material = self.material_of(&placed);
+            self.add_shape(PlacedShape { material, ..placed }, &to_world, None)?;
             return Ok(());
         }
         check_finite(&steps).map_err(|e| locate(e, &placed.name, placed.place.as_ref()))?;
@@ -131,6 +164,15 @@ impl SceneCompiler {
         self.assembly.instances.push(instance);
         self.names.instances.push(String::new());
         Ok(())
+    }
+
+    /// Returns the material of a shape in world space: that of a pane which rays pass, if it can be. Panes that emit or
+    /// bound media scatter all rays.
+    fn material_of(&self, placed: &PlacedShape) -> MaterialId {
+        let is_surface = !matches!(placed.shape, Shape::Curves(_) | Shape::SdfGrid(_));
+        let may_be_passed = is_surface && placed.emission.is_none() && placed.boundary.is_none();
+        let pane = self.panes.get(&placed.material).filter(|_| may_be_passed);
+        pane.copied().unwrap_or(placed.material)
     }
 
     /// Adds a group of shapes without an instance.

@@ -20,7 +20,8 @@ impl HitFilter for OpacityFilter {
     fn accepts(&self, id: u32, ray: &Ray, hit: &Hit) -> bool {
         let Some((shape, material)) = &self.shapes[hit.geometry as usize] else { return true };
         let p = ray.o + ray.d * hit.t;
-        let opacity = self.materials.opacity(*material, &shape.texture_point(hit, p));
+        let cosine = if self.materials.get(*material).pane { cosine(shape, hit, p, ray.d) } else { 1.0 };
+        let opacity = self.materials.opacity(*material, &shape.texture_point(hit, p), cosine);
         if opacity <= 0.0 || opacity >= 1.0 {
             return opacity > 0.0;
         }
@@ -31,6 +32,20 @@ impl HitFilter for OpacityFilter {
         let u = (f64::from(hash) + f64::from(mix(hash ^ 0x68bc_21eb)) * 2f64.powi(-32)) * 2f64.powi(-32);
         u < f64::from(opacity)
     }
+}
+
+/// Returns the cosine, in [0, 1], of the angle between a direction and the shading normal.
+fn cosine(shape: &WorldShape, hit: &Hit, p: Vec3, d: Vec3) -> f32 {
+    let n = match shape {
+        WorldShape::Mesh(mesh) | WorldShape::Rectangle { mesh, .. } => mesh.shading_normal(hit),
+        WorldShape::Sphere { center, .. } => p - *center,
+        WorldShape::Disk { normal, .. } => *normal,
+        WorldShape::Cylinder { p0, p1, .. } => (p - *p0).reject_from(*p1 - *p0),
+        WorldShape::Curves(_) | WorldShape::SdfGrid(_) => unreachable!("these are never panes"),
+    };
+    let cosine = d.dot(n).abs() / (d.length() * n.length());
+    // NaN where there is no normal.
+    if cosine < 1.0 { cosine } else { 1.0 }
 }
 
 /// Distinguishes the two hits of a ray with a curved surface.

@@ -311,7 +311,8 @@ impl Scene {
             return 1.0;
         }
         let point = shape.world.texture_point(&at.hit, self.local_point(&at.hit, at.time, at.p));
-        self.materials.opacity(at.material, &point)
+        // Nothing is stored on a pane, which scatters by Dirac deltas only.
+        self.materials.opacity(at.material, &point, 1.0)
     }
 
     /// Returns the texture coordinates of a surface point.

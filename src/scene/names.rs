@@ -29,5 +29,10 @@ impl SceneNames {
 }
 
 fn or_index(name: &str, kind: &str, index: usize) -> String {
-    if name.is_empty() { format!("{kind}.{index}") } else { name.to_owned() }
+    if name.is_empty() { of_index(kind, index) } else { name.to_owned() }
+}
+
+/// Returns the name of something that has none.
+pub(super) fn of_index(kind: &str, index: usize) -> String {
+    format!("{kind}.{index}")
 }

@@ -159,7 +159,8 @@ impl SceneFile {
     /// # Errors
     /// If the scene cannot be compiled.
     pub fn compile(self, accel: AccelKind, threads: usize) -> Result<Session> {
-        let options = CompileOptions { accel, threads, sensor: self.sensor };
+        let passes_panes = self.defaults.integrator.passes_panes();
+        let options = CompileOptions { accel, threads, sensor: self.sensor, passes_panes };
         let (scene, report) = compile_within(self.description, options, &self.memory)?;
         let mut warnings = report.warnings.clone();
         if report.dropped_primitives > 0 {

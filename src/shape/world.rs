@@ -1,7 +1,7 @@
 //! Shapes in world space, after transforms have been applied.
 
 use super::{Mesh, Shape, WorldCurves, WorldSdfGrid};
-use crate::accel::{Geometry, Primitive, VertexBuffer};
+use crate::accel::{Geometry, Hit, Primitive, VertexBuffer};
 use crate::error::{Error, Result};
 use crate::math::{DAffine3, DMat3, DVec3, Frame, Mat3, Vec2, Vec3};
 use crate::texture::Attribute;
@@ -26,6 +26,19 @@ impl TriangleMesh {
     #[inline]
     pub fn triangle(&self, i: usize) -> [Vec3; 3] {
         self.indices[i].map(|v| self.positions[v as usize])
+    }
+
+    /// Returns the shading normal at a hit, not of unit length: interpolated, or that of the triangle.
+    pub fn shading_normal(&self, hit: &Hit) -> Vec3 {
+        let i = hit.primitive as usize;
+        let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+        let of_vertex = |v: u32| self.normals.get(v as usize).copied().unwrap_or(Vec3::ZERO);
+        let n: Vec3 = self.indices[i].into_iter().zip(weights).map(|(v, weight)| of_vertex(v) * weight).sum();
+        if n != Vec3::ZERO {
+            return n;
+        }
+        let [a, b, c] = self.triangle(i);
+        (b - a).cross(c - a)
     }
 
     /// Returns the bytes of the arrays.

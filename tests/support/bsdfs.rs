@@ -233,6 +233,7 @@ pub fn simple_models() -> Vec<Bsdf<'static>> {
             eta: 1.5,
             specular_reflectance: white,
             specular_transmittance: white,
+            passing: 0.0,
         }),
         Bsdf::Plastic(Plastic::new(white, white, 1.5, true)),
         Bsdf::Principled(Principled {

@@ -83,9 +83,11 @@ pub fn camera(eye: DVec3, target: DVec3, fov_degrees: f64, size: u32) -> SensorS
     }
 }
 
-/// Compiles a scene.
+/// Compiles a scene in which panes scatter all rays.
 pub fn compiled(description: Description, accel: AccelKind) -> Scene {
-    compile(description, CompileOptions { accel, threads: 2, sensor: 0 }).expect("the test scene compiles").0
+    compile(description, CompileOptions { accel, threads: 2, sensor: 0, passes_panes: false })
+        .expect("the test scene compiles")
+        .0
 }
 
 /// Renders the scene's first sensor. Paths are reused and light paths find caustics only if the settings say `always`,

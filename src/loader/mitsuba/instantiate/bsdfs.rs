@@ -69,7 +69,7 @@ impl Builder<'_> {
             }
         };
         let interface = Interface { int_ior: 1.0, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() };
-        Ok(ThinDielectric { interface, specular_transmittance })
+        Ok(ThinDielectric { interface, specular_transmittance, passed: false })
     }
 
     /// Returns the material of shapes that name none, as in Mitsuba: diffuse with reflectance 0.5, and black if they

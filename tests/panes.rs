@@ -1,0 +1,97 @@
+//! Thin panes that rays pass as they pass holes: the same images as with panes that scatter all rays.
+
+use crate::path_caustics::LAMP;
+use crate::path_reuse::{described, expect_reference, from_xml, reference};
+use crate::support::expect::Means;
+use crate::support::scenes::render;
+use buffon::accel::AccelKind;
+use buffon::integrator::Settings;
+use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
+use buffon::sampling::SamplerKind;
+use buffon::scene::{CompileOptions, Scene, compile};
+
+const FLOOR: &str = "<shape type='rectangle'><transform name='to_world'><rotate x='1' angle='-90'/><scale value='3'/>\
+    </transform><bsdf type='diffuse'/></shape>";
+const SKY: &str = "<emitter type='constant'><rgb name='radiance' value='0.3, 0.4, 0.5'/></emitter>";
+/// Panes of every shape, clear and tinted, one of them a mesh with interpolated normals.
+const PANES: &str = "<shape type='rectangle'><transform name='to_world'><rotate x='1' angle='70'/><scale value='0.6'/>\
+    <translate x='-0.5' y='1.2' z='0.3'/></transform><bsdf type='thindielectric'>\
+    <rgb name='specular_transmittance' value='0.9, 0.6, 0.3'/></bsdf></shape>\
+    <shape type='sphere'><point name='center' x='0.6' y='0.7' z='0.2'/><float name='radius' value='0.4'/>\
+    <bsdf type='thindielectric'><rgb name='specular_reflectance' value='0.5'/></bsdf></shape>\
+    <shape type='cylinder'><point name='p0' x='-1' y='0.2' z='0.6'/><point name='p1' x='0' y='0.4' z='0.9'/>\
+    <float name='radius' value='0.2'/><bsdf type='thindielectric'><float name='int_ior' value='2'/></bsdf></shape>\
+    <shape type='disk'><transform name='to_world'><scale value='0.4'/><translate x='0.1' y='0.5' z='1.2'/>\
+    </transform><bsdf type='mask'><float name='opacity' value='0.7'/><bsdf type='thindielectric'/></bsdf></shape>\
+    <shape type='cube'><transform name='to_world'><scale value='0.15'/><rotate y='1' angle='30'/>\
+    <translate x='1' y='0.2' z='0.9'/></transform><bsdf type='thindielectric'/></shape>";
+
+/// Returns a scene in which rays pass panes.
+fn passing(body: &str, size: u32) -> Scene {
+    let options = CompileOptions { accel: AccelKind::default(), threads: 2, sensor: 0, passes_panes: true };
+    compile(described(body, size), options).expect("the scene compiles").0
+}
+
+#[test]
+fn passing_panes_does_not_change_the_expectation() {
+    let body = format!("{FLOOR}{PANES}{LAMP}{SKY}");
+    let [passed, scattering] = [passing(&body, 16), from_xml(&body, 16)];
+    assert!(passed.needs.holes);
+    let limits = PathLimits::default();
+    let path = PathSettings::independent(limits);
+    let expected = reference(&scattering, &Settings::Path(path), 16, 256);
+    let always = WhenPays::Always;
+    let by_name = |name: &str| Settings::by_name(name, limits).expect("an integrator");
+    for (name, settings) in [
+        ("path", Settings::Path(path)),
+        ("reuse", Settings::Path(PathSettings { reuse: always, ..path })),
+        ("splitting", Settings::Path(PathSettings { splitting: always, ..path })),
+        ("caustics", Settings::Path(PathSettings { caustics: always, ..path })),
+        ("bdpt", by_name("bdpt")),
+        ("volpath", by_name("volpath")),
+    ] {
+        expect_reference(name, &passed, &settings, &expected, 16, 64);
+    }
+}
+
+/// A lamp behind a tinted pane under an angle of 45°, and nothing else: its radiance times the transmittance with all
+/// internal reflections.
+#[test]
+fn a_pane_transmits_what_fresnel_says() {
+    let tint = [1.0, 0.6, 0.2];
+    let body = "<shape type='rectangle'><transform name='to_world'><scale value='9'/><translate z='-2'/></transform>\
+        <emitter type='area'><rgb name='radiance' value='3'/></emitter></shape>\
+        <shape type='rectangle'><transform name='to_world'><scale value='9'/><rotate y='1' angle='45'/></transform>\
+        <bsdf type='thindielectric'><float name='int_ior' value='1.5'/><float name='ext_ior' value='1'/>\
+        <rgb name='specular_transmittance' value='1, 0.6, 0.2'/></bsdf></shape>";
+    let mut description = described(body, 4);
+    let straight = crate::support::scenes::camera(glam::DVec3::Z * 4.0, glam::DVec3::ZERO, 0.01, 4);
+    description.sensors[0] = straight;
+    let options = CompileOptions { accel: AccelKind::default(), threads: 2, sensor: 0, passes_panes: true };
+    let (scene, _) = compile(description, options).expect("the scene compiles");
+    let (sin, eta) = (0.5f64.sqrt(), 1.5);
+    let (inside, outside) = ((1.0 - (sin / eta).powi(2)).sqrt(), sin);
+    let parallel = (eta * outside - inside) / (eta * outside + inside);
+    let perpendicular = (outside - eta * inside) / (outside + eta * inside);
+    let r = 0.5 * (parallel.powi(2) + perpendicular.powi(2));
+    let transmitted = 1.0 - 2.0 * r / (1.0 + r);
+    let path = Settings::Path(PathSettings::independent(PathLimits::default()));
+    let rendered = render(&scene, &path, SamplerKind::Independent, 1 << 14, 1);
+    Means::of_images(1, 0.01).expect("a pane", &rendered, tint.map(|c| 3.0 * c * transmitted));
+}
+
+/// As in Mitsuba, panes stop the light of emitters that no ray can hit, and panes that emit or bound media are hit by
+/// all rays.
+#[test]
+fn some_panes_are_not_passed() {
+    let glass = "<bsdf type='thindielectric'/>";
+    let point = "<emitter type='point'><rgb name='intensity' value='1'/></emitter>";
+    let sun = "<emitter type='directional'><rgb name='irradiance' value='1'/></emitter>";
+    let emitting = format!("<shape type='rectangle'>{glass}<emitter type='area'/></shape>");
+    let filled = format!("<shape type='sphere'>{glass}<medium type='homogeneous' name='interior'/></shape>");
+    let pane = format!("<shape type='rectangle'>{glass}</shape>");
+    for body in [format!("{pane}{point}"), format!("{pane}{sun}"), emitting, filled] {
+        assert!(!passing(&format!("{FLOOR}{body}"), 4).needs.holes, "{body}");
+    }
+    assert!(passing(&format!("{FLOOR}{pane}{SKY}"), 4).needs.holes);
+}
