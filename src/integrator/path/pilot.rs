@@ -49,8 +49,6 @@ const LEAST_GAIN: f64 = 1.3;
 /// The number of samples of the part of a path that is split in the pilot, and the numbers that may be chosen.
 const SPLIT: u32 = 4;
 const COUNTS: [u32; 3] = [1, 2, 4];
-/// The least error that splitting is expected to leave.
-const LEAST_ERROR: f64 = 0.05;
 /// The least efficiency of split paths relative to others.
 const LEAST_GAIN_OF_SPLITTING: f64 = 1.1;
 /// The cost of a camera path without its rays, and that of another emitter sample, in nearest-hit queries.
@@ -266,13 +264,16 @@ impl Pilot<'_> {
         }
         // The variance of a part is in inverse proportion to its samples, and its cost in proportion.
         let most = f64::from(SPLIT);
-        let parts = [Way::SPLIT_EMITTERS, Way::SPLIT_DIRECTIONS].map(|way| {
+        let mut parts = [Way::SPLIT_EMITTERS, Way::SPLIT_DIRECTIONS].map(|way| {
             let part = self.found(way);
             let left = (part.error / none.error).max(part.paths.error / none.paths.error);
             // Also if there is no error at all.
             let gone = if left < 1.0 { (1.0 - left) * most / (most - 1.0) } else { 0.0 };
             (gone, (part.paths.cost - none.paths.cost) / (most - 1.0))
         });
+        // Together they are at most the whole variance, though each is found with an error.
+        let sum = parts[0].0 + parts[1].0;
+        parts.iter_mut().for_each(|(gone, _)| *gone /= f64::max(sum, 1.0));
         let expected = |splitting: Splitting| {
             let (mut left, mut cost) = (1.0, none.paths.cost);
             for ((gone, added), count) in parts.into_iter().zip([splitting.emitters, splitting.directions]) {
@@ -280,7 +281,6 @@ impl Pilot<'_> {
                 cost += added * f64::from(count - 1);
             }
             cost += EMITTER_SAMPLE_COST * f64::from(splitting.emitters - 1);
-            let left = left.max(LEAST_ERROR);
             let paths = CameraPathPilot { error: left * none.paths.error, cost, ..none.paths };
             (splitting, Found { error: left * none.error, paths })
         };
