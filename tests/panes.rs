@@ -2,6 +2,7 @@
 
 use crate::path_caustics::LAMP;
 use crate::path_reuse::{described, expect_reference, from_xml, reference};
+use crate::support::cli::Folder;
 use crate::support::expect::Means;
 use crate::support::scenes::render;
 use buffon::accel::AccelKind;
@@ -9,6 +10,7 @@ use buffon::integrator::Settings;
 use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
 use buffon::sampling::SamplerKind;
 use buffon::scene::{CompileOptions, Scene, compile};
+use buffon::session::{SceneChoices, SceneFile};
 
 const FLOOR: &str = "<shape type='rectangle'><transform name='to_world'><rotate x='1' angle='-90'/><scale value='3'/>\
     </transform><bsdf type='diffuse'/></shape>";
@@ -94,4 +96,32 @@ fn some_panes_are_not_passed() {
         assert!(!passing(&format!("{FLOOR}{body}"), 4).needs.holes, "{body}");
     }
     assert!(passing(&format!("{FLOOR}{pane}{SKY}"), 4).needs.holes);
+}
+
+/// Panes are passed only if all integrators that render the scene allow it, and if paths may be long.
+#[test]
+fn integrators_decide_whether_panes_are_passed() {
+    let passes = |depth: i32, integrators: &[&str]| {
+        let body =
+            "<sensor type='perspective'/><shape type='rectangle'><bsdf type='thindielectric'/></shape>";
+        let path =
+            format!("<integrator type='path'><integer name='max_depth' value='{depth}'/></integrator>");
+        let folder = Folder::with(&format!("<scene version='3.0.0'>{path}{body}{SKY}</scene>"));
+        let file = SceneFile::load(&folder.path("s.xml"), &SceneChoices::default());
+        let mut file = file.expect("the scene loads");
+        file.pass_panes(integrators.iter().copied());
+        file.compile(AccelKind::default(), 1).expect("the scene compiles").scene.needs.holes
+    };
+    for (depth, integrators, expected) in [
+        (-1, &[][..], true),
+        (16, &[], true),
+        (15, &[], false),
+        (-1, &["auto"], true),
+        (15, &["auto"], false),
+        (-1, &["volpath", "bdpt"], true),
+        (-1, &["path", "whitted"], false),
+        (-1, &["distribution"], false),
+    ] {
+        assert_eq!(passes(depth, integrators), expected, "{depth} {integrators:?}");
+    }
 }

@@ -178,7 +178,8 @@ fn bench_scene(
     tell: &dyn Fn(&str),
 ) -> Result<Option<SceneReport>> {
     let name = path.display();
-    let file = load(path, options)?;
+    let mut file = load(path, options)?;
+    file.pass_panes(options.integrators.iter().map(String::as_str));
     file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
     file.approximations.iter().chain(&file.notes).for_each(|note| tell(&format!("note: {note}")));
     let key = cache::key(&file);

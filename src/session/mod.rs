@@ -23,7 +23,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{Image, Value};
-use crate::integrator::settings::{Aov, WhenPays};
+use crate::integrator::settings::{AUTO, Aov, WhenPays};
 use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
@@ -76,6 +76,8 @@ pub struct SceneFile {
     pub memory: Budget,
     /// Whether the user chose the size of the image.
     pub sized_by_user: bool,
+    /// Whether rays pass thin panes as they pass holes (see [`pass_panes`](Self::pass_panes)).
+    passes_panes: bool,
 }
 
 /// The render settings of a scene file.
@@ -106,6 +108,7 @@ impl SceneFile {
             load_seconds: 0.0,
             memory: loaded.memory,
             sized_by_user: false,
+            passes_panes: false,
         }
     }
 
@@ -154,13 +157,28 @@ impl SceneFile {
         SceneHashes::of(&self.description, self.sensor)
     }
 
+    /// Lets rays pass thin panes as they pass holes, if the integrators that will render the scene allow that: those
+    /// with the given names, or that of the file if there are none.
+    pub fn pass_panes<'a>(&mut self, integrators: impl IntoIterator<Item = &'a str>) {
+        let of_file = &self.defaults.integrator;
+        let settings = |name| match name {
+            AUTO => Some(Settings::Path(of_file.limits().into())),
+            _ => Settings::by_name(name, of_file.limits()),
+        };
+        let mut named = integrators.into_iter().peekable();
+        self.passes_panes = match named.peek() {
+            None => of_file.passes_panes(),
+            Some(_) => named.all(|name| settings(name).is_some_and(|settings| settings.passes_panes())),
+        };
+    }
+
     /// Compiles the scene for an accelerator, with the given number of threads.
     ///
     /// # Errors
     /// If the scene cannot be compiled.
     pub fn compile(self, accel: AccelKind, threads: usize) -> Result<Session> {
-        let passes_panes = self.defaults.integrator.passes_panes();
-        let options = CompileOptions { accel, threads, sensor: self.sensor, passes_panes };
+        let SceneFile { sensor, passes_panes, .. } = self;
+        let options = CompileOptions { accel, threads, sensor, passes_panes };
         let (scene, report) = compile_within(self.description, options, &self.memory)?;
         let mut warnings = report.warnings.clone();
         if report.dropped_primitives > 0 {
