@@ -215,9 +215,11 @@ const MANY_EDGES: u32 = 16;
 
 impl Settings {
     /// Returns whether rays pass thin panes as they pass holes, without a bounce. Trees of rays follow both the
-    /// reflection and the transmission, layers show panes, and short paths count each passage as an edge.
+    /// reflection and the transmission, layers show panes, and short paths count each passage as an edge. Hidden
+    /// emitters would be hidden behind panes, too, and files of caches do not tell whether panes were passed.
     pub fn passes_panes(&self) -> bool {
-        let long = self.limits().max_depth.is_none_or(|edges| edges >= MANY_EDGES);
+        let limits = self.limits();
+        let long = !limits.hide_emitters && limits.max_depth.is_none_or(|edges| edges >= MANY_EDGES);
         match self {
             Settings::Path(_)
             | Settings::Volpath(_)
@@ -225,10 +227,10 @@ impl Settings {
             | Settings::Vcm(_)
             | Settings::Pssmlt(_)
             | Settings::Ptracer(_)
-            | Settings::Sppm(_)
-            | Settings::Photonmapper(_)
-            | Settings::Irrcache(_) => long,
-            Settings::Direct(_)
+            | Settings::Sppm(_) => long,
+            Settings::Photonmapper(_)
+            | Settings::Irrcache(_)
+            | Settings::Direct(_)
             | Settings::Whitted(_)
             | Settings::Distribution(_)
             | Settings::Ao(_)

@@ -29,7 +29,8 @@ impl ThinDielectric {
             eta: self.interface.eta(),
             specular_reflectance: inputs.color(&self.interface.specular_reflectance),
             specular_transmittance,
-            passing: if self.passed { r.min(g).min(b).clamp(0.0, 1.0) } else { 0.0 },
+            // Values outside of [0, 1], from a texture, are left to the BSDF.
+            passing: if self.passed && r.max(g).max(b) <= 1.0 { r.min(g).min(b).max(0.0) } else { 0.0 },
         }
     }
 }
