@@ -49,7 +49,8 @@ pub struct GeometryFilter {
     pub geometry: Vec<bool>,
 }
 
-/// Returns the ray's identifier for [`HitFilter`]: a hash of the bits of its origin and direction in world space.
+/// Returns the ray's identifier for [`HitFilter`]: a hash of the bits of its origin and direction in world space, and of
+/// its time.
 /// [Appleby 2011, "MurmurHash3", 32 bits]
 #[inline]
 pub fn ray_id(ray: &Ray) -> u32 {
@@ -58,7 +59,7 @@ pub fn ray_id(ray: &Ray) -> u32 {
         let k = x.to_bits().wrapping_mul(0xcc9e_2d51).rotate_left(15).wrapping_mul(0x1b87_3593);
         (h ^ k).rotate_left(13).wrapping_mul(5).wrapping_add(0xe654_6b64)
     };
-    let mut h = words.into_iter().fold(0, mix) ^ 24;
+    let mut h = words.into_iter().fold(0, mix) ^ 24 ^ ray.time.to_bits();
     h = (h ^ (h >> 16)).wrapping_mul(0x85eb_ca6b);
     h = (h ^ (h >> 13)).wrapping_mul(0xc2b2_ae35);
     h ^ (h >> 16)

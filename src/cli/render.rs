@@ -393,10 +393,7 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
     let origin = kept_beyond.then(|| file.origin());
     let threads = args.resources.threads();
     image::set_threads(threads);
-    // Layers show panes.
-    if args.aov.iter().all(|name| name == STRATEGIES) {
-        file.pass_panes(args.method.integrator.as_deref());
-    }
+    file.pass_panes(args.method.integrator.as_deref());
     let mut session = file.compile(args.method.accel.unwrap_or_default(), threads)?;
     warn(args, std::mem::take(&mut session.warnings))?;
     let build = session.report.build_seconds;

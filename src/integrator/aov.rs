@@ -260,7 +260,7 @@ impl Aov {
             Aov::Uv => out.copy_from_slice(&scene.uv(&at).to_array()),
             Aov::PrimitiveIndex => out[0] = hit.primitive as f32,
             Aov::ShapeIndex => out[0] = hit.geometry as f32,
-            Aov::MaterialIndex => out[0] = scene.shapes[hit.geometry as usize].material.index() as f32,
+            Aov::MaterialIndex => out[0] = scene.shapes[hit.geometry as usize].described.index() as f32,
             Aov::Variance | Aov::StandardError | Aov::BlockVariance => {}
             Aov::Samples | Aov::RecordRadius => {}
         }

@@ -210,33 +210,27 @@ integrators! {
     Pssmlt(Pssmlt),
 }
 
-/// The least limit on the edges of paths at which rays pass thin panes: an edge more or less makes no difference then.
+/// The least limit on the edges of paths at which rays pass thin panes: light of longer paths is weak.
 const MANY_EDGES: u32 = 16;
 
 impl Settings {
-    /// Returns whether rays pass thin panes as they pass holes, without a bounce. Trees of rays follow both the
-    /// reflection and the transmission, layers show panes, and short paths count each passage as an edge. Hidden
-    /// emitters would be hidden behind panes, too, and files of caches do not tell whether panes were passed.
+    /// Returns whether rays pass thin panes as they pass holes, without a bounce. Only integrators whose paths are long
+    /// do so: a short path counts each passage as an edge, and a tree of rays follows the reflection and the
+    /// transmission. Hidden emitters would be hidden behind panes, too. A file of a cache does not tell whether panes
+    /// were passed, so integrators with such files do not pass them.
     pub fn passes_panes(&self) -> bool {
-        let limits = self.limits();
-        let long = !limits.hide_emitters && limits.max_depth.is_none_or(|edges| edges >= MANY_EDGES);
-        match self {
+        let limits = match self {
             Settings::Path(_)
             | Settings::Volpath(_)
             | Settings::Bdpt(_)
             | Settings::Vcm(_)
             | Settings::Pssmlt(_)
             | Settings::Ptracer(_)
-            | Settings::Sppm(_) => long,
-            Settings::Photonmapper(_)
-            | Settings::Irrcache(_)
-            | Settings::Direct(_)
-            | Settings::Whitted(_)
-            | Settings::Distribution(_)
-            | Settings::Ao(_)
-            | Settings::Depth(_)
-            | Settings::Aov(_) => false,
-        }
+            | Settings::Sppm(_) => self.limits(),
+            Settings::Aov(aov) => return aov.image.as_ref().is_some_and(|image| image.passes_panes()),
+            _ => return false,
+        };
+        !limits.hide_emitters && limits.max_depth.is_none_or(|edges| edges >= MANY_EDGES)
     }
 
     /// Returns whether the image shows participating media. Other integrators ignore them.

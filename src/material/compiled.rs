@@ -31,8 +31,6 @@ pub struct SceneMaterial {
     pub tangents: bool,
     /// Whether light may pass through the surface without scattering.
     pub holes: bool,
-    /// Whether the surface is a pane that rays may pass, with a probability that depends on their direction.
-    pub pane: bool,
     /// Whether light may pass through the surface, at some of its points at least.
     pub transmits: bool,
     /// The sampling of directions. Holes are not lobes here: see [`lobes_of`](Self::lobes_of).
@@ -127,7 +125,6 @@ impl Materials {
                 two_sided,
                 tangents: is(outer, Material::has_tangents),
                 holes: is(outer, Material::has_holes),
-                pane: matches!(outer, Material::ThinDielectric(sheet) if sheet.passed),
                 transmits: is(outer, Material::transmits),
                 sampling: Sampling::default(),
             });
@@ -333,6 +330,11 @@ impl SceneMaterial {
     /// Returns whether the material is [`Material::Null`].
     pub fn is_absent(&self) -> bool {
         matches!(self.material, Material::Null(_))
+    }
+
+    /// Returns whether the surface is a pane that rays may pass, with a probability that depends on their direction.
+    pub fn is_pane(&self) -> bool {
+        matches!(&self.material, Material::ThinDielectric(sheet) if sheet.passed)
     }
 
     /// Returns the name of the plugin in the scene language.

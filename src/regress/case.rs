@@ -186,11 +186,16 @@ impl Variants {
         warnings: &mut Vec<Error>,
     ) -> Result<Variants> {
         let mut variants = Variants { sessions: Vec::new(), others: Vec::new() };
-        let file = runner.load(scene, &case.defines, warnings)?;
+        let load = |defines: &[(String, String)], warnings: &mut Vec<Error>| {
+            let mut file = runner.load(scene, defines, warnings)?;
+            file.pass_panes(case.integrators.iter().map(String::as_str));
+            Result::Ok(file)
+        };
+        let file = load(&case.defines, warnings)?;
         let other = match &case.claim {
             Claim::SameAs { defines, .. } => {
                 let defines = [case.defines.as_slice(), defines.as_slice()].concat();
-                Some(runner.load(scene, &defines, warnings)?)
+                Some(load(&defines, warnings)?)
             }
             _ => None,
         };

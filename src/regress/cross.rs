@@ -19,7 +19,8 @@ const RMS: f64 = 0.5;
 
 /// Renders a scene on both traversals with the same random numbers, and compares the images.
 pub(super) fn test(runner: &Runner<'_>, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Outcome> {
-    let file = runner.load(scene, &[], warnings)?;
+    let mut file = runner.load(scene, &[], warnings)?;
+    file.pass_panes(runner.options.choices.integrator.as_deref());
     let mut pictures = Vec::new();
     let mut holes = false;
     for &kind in AccelKind::ALL {

@@ -137,8 +137,9 @@ impl<'a> Runner<'a> {
 
     /// Loads a scene and compiles it for the selected traversal.
     fn open(&self, scene: &FoundScene, warnings: &mut Vec<Error>) -> Result<Session> {
-        let mut session =
-            self.load(scene, &[], warnings)?.compile(self.options.accel, self.options.threads)?;
+        let mut file = self.load(scene, &[], warnings)?;
+        file.pass_panes(self.options.choices.integrator.as_deref());
+        let mut session = file.compile(self.options.accel, self.options.threads)?;
         self.warn(&mut session.warnings, warnings)?;
         Ok(session)
     }

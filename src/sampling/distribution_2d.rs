@@ -217,7 +217,7 @@ impl BilinearDistribution2D {
         let (mut columns, mut size) = ([0; LANES], last);
         while size > 1 {
             let half = size / 2;
-            // All lanes in step and without branches, half of which would be predicted wrongly.
+            // In step and without branches, because nothing predicts the direction of a search.
             let below = f32x16::new(each_lane(|i| until(i, columns[i] + half)));
             let reached = wanted.simd_ge(below).to_bitmask() as usize;
             for (i, column) in columns.iter_mut().enumerate() {

@@ -149,7 +149,7 @@ impl SceneCompiler {
         let steps = self.steps(&placed.to_world);
         if let [to_world] = steps[..] {
             let material = self.material_of(&placed);
-            self.add_shape(PlacedShape { material, ..placed }, &to_world, None)?;
+            self.add_shape(placed, material, &to_world, None)?;
             return Ok(());
         }
         check_finite(&steps).map_err(|e| locate(e, &placed.name, placed.place.as_ref()))?;
@@ -159,7 +159,8 @@ impl SceneCompiler {
         let faceted = matches!(&placed.shape, Shape::Mesh(mesh) if mesh.normals.is_empty());
         let mirrored = steps[0].matrix3.determinant() < 0.0;
         let placed = PlacedShape { flip_normals: placed.flip_normals != (faceted && mirrored), ..placed };
-        let id = self.add_shape(placed, &DAffine3::IDENTITY, Some(&instance))?;
+        let material = placed.material;
+        let id = self.add_shape(placed, material, &DAffine3::IDENTITY, Some(&instance))?;
         self.assembly.groups.push(vec![id.0]);
         self.assembly.instances.push(instance);
         self.names.instances.push(String::new());
@@ -187,7 +188,8 @@ impl SceneCompiler {
                 let error = Error::scene("a shape inside a group cannot emit light");
                 return Err(locate(error, &placed.name, placed.place.as_ref()));
             }
-            members.push(self.add_shape(placed, &to_world, None)?.0);
+            let material = placed.material;
+            members.push(self.add_shape(placed, material, &to_world, None)?.0);
         }
         self.assembly.groups.push(members);
         Ok(())
@@ -209,14 +211,15 @@ impl SceneCompiler {
         motion.steps(open, close, MOTION_TOLERANCE, MAX_STEPS)
     }
 
-    /// Adds a shape to the list; `motion` is that of the shape's space.
+    /// Adds a shape to the list, with the given material; `motion` is that of the shape's space.
     fn add_shape(
         &mut self,
         placed: PlacedShape,
+        material: MaterialId,
         to_world: &DAffine3,
         motion: Option<&Instance>,
     ) -> Result<ShapeId> {
-        let PlacedShape { name, place, shape, flip_normals, material, emission, boundary, .. } = placed;
+        let PlacedShape { name, place, shape, flip_normals, emission, boundary, .. } = placed;
         let locate = |e: Error| locate(e, &name, place.as_ref());
         check_finite(std::slice::from_ref(to_world)).map_err(locate)?;
         if material.index() >= self.materials.len() {
@@ -272,7 +275,7 @@ impl SceneCompiler {
             self.media.add(id, boundary, emitter.is_some(), passed.then(|| world.geometry()));
         }
         self.assembly.geometry.push(if absent { Geometry::nothing() } else { world.geometry() });
-        self.shapes.push(SceneShape { world, material, emitter });
+        self.shapes.push(SceneShape { world, material, described: placed.material, emitter });
         self.names.add_shape(&name);
         Ok(id)
     }
@@ -337,8 +340,10 @@ impl SceneCompiler {
         let sensors: Vec<Camera> = sensors.iter().enumerate().map(camera).collect::<Result<_>>()?;
         let camera_moves = sensors.get(options.sensor).is_some_and(Camera::is_moving);
         let motion = instances.iter().any(Instance::is_moving);
+        let has_one_ray = sensors.get(options.sensor).is_some_and(Camera::has_one_ray);
         let needs = Needs {
-            time: camera_moves || motion,
+            // Where all samples share a ray, its time tells for which of them it passes a hole.
+            time: camera_moves || motion || (holes && has_one_ray),
             motion,
             holes,
             instances: !instances.is_empty(),

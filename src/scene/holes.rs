@@ -20,7 +20,7 @@ impl HitFilter for OpacityFilter {
     fn accepts(&self, id: u32, ray: &Ray, hit: &Hit) -> bool {
         let Some((shape, material)) = &self.shapes[hit.geometry as usize] else { return true };
         let p = ray.o + ray.d * hit.t;
-        let cosine = if self.materials.get(*material).pane { cosine(shape, hit, p, ray.d) } else { 1.0 };
+        let cosine = if self.materials.get(*material).is_pane() { cosine(shape, hit, p, ray.d) } else { 1.0 };
         let opacity = self.materials.opacity(*material, &shape.texture_point(hit, p), cosine);
         if opacity <= 0.0 || opacity >= 1.0 {
             return opacity > 0.0;

@@ -42,6 +42,8 @@ pub struct SceneShape {
     pub world: WorldShape,
     /// The material.
     pub material: MaterialId,
+    /// The material in the description, which is another one for a pane that rays pass.
+    pub described: MaterialId,
     /// The emitter, if the front side emits.
     pub emitter: Option<EmitterId>,
 }

@@ -265,6 +265,11 @@ impl Camera {
         self.fixed.is_none() && self.shutter[0] < self.shutter[1]
     }
 
+    /// Returns whether all samples have the same ray, if the camera does not move.
+    pub fn has_one_ray(&self) -> bool {
+        self.lines == Lines::Axial { radius: 0.0 }
+    }
+
     /// Returns the ray through the film position `p`, in pixels from the top left corner of the full image, at a time
     /// in [0, 1] over the shutter interval. `u` selects the position on the aperture. The ray of a perspective or
     /// orthographic camera starts on the near clipping plane and ends on the far one.

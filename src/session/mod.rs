@@ -158,7 +158,7 @@ impl SceneFile {
     }
 
     /// Lets rays pass thin panes as they pass holes, if the integrators that will render the scene allow that: those
-    /// with the given names, or that of the file if there are none.
+    /// with the given names, or that of the file if there are none. Otherwise panes scatter all rays.
     pub fn pass_panes<'a>(&mut self, integrators: impl IntoIterator<Item = &'a str>) {
         let of_file = &self.defaults.integrator;
         let settings = |name| match name {

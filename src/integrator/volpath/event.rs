@@ -363,9 +363,13 @@ impl<'a> Tracer<'a> {
         }
         let sample = bsdf.sample(wo, numbers.lobe, numbers.direction)?;
         let wi = at.frame.to_world(sample.wi);
-        let material = self.scene.materials.get(at.material);
+        let emits = self.scene.shapes[at.shape().index()].emitter.is_some();
         // Rays hit an emitter with holes everywhere. To pass a hole is not an event.
-        if material.holes && sample.lobe == Lobe::Specular && sample.wi == -wo {
+        if emits
+            && self.scene.materials.get(at.material).holes
+            && sample.lobe == Lobe::Specular
+            && sample.wi == -wo
+        {
             return Some(Path { beta: path.beta * sample.weight, pdf: sample.pdf, ..self.pass(path, at) });
         }
         let next = Path {
