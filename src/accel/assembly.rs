@@ -49,7 +49,7 @@ pub struct GeometryFilter {
     pub geometry: Vec<bool>,
 }
 
-/// Returns the ray's identifier for [`HitFilter`]: a hash of the bits of its origin and direction in world space, and of
+/// Returns the ray's identifier for [`HitFilter`]: a hash of the bits of its origin and direction in world space and of
 /// its time.
 /// [Appleby 2011, "MurmurHash3", 32 bits]
 #[inline]

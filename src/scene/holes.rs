@@ -26,7 +26,9 @@ impl HitFilter for OpacityFilter {
             return opacity > 0.0;
         }
         let side = u32::from(enters(shape, hit, p, ray.d));
-        let words = [hit.geometry, hit.primitive, hit.instance, side];
+        // A ray through the diagonal of a rectangle hits both triangles.
+        let primitive = if matches!(shape, WorldShape::Rectangle { .. }) { 0 } else { hit.primitive };
+        let words = [hit.geometry, primitive, hit.instance, side];
         let hash = words.into_iter().fold(id, |h, word| mix(h ^ mix(word.wrapping_add(0x9e37_79b9))));
         // Very small opacities need more than 32 random bits.
         let u = (f64::from(hash) + f64::from(mix(hash ^ 0x68bc_21eb)) * 2f64.powi(-32)) * 2f64.powi(-32);
