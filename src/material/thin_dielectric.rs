@@ -15,7 +15,8 @@ pub struct ThinDielectric {
     pub interface: Interface,
     /// A factor on the transmission; 1 is physical.
     pub specular_transmittance: Input<Rgb>,
-    /// Whether light passes it as through a hole, as much as is transmitted in the least channel.
+    /// Whether light passes it as through a hole, as much as is transmitted in the least channel. False in a description:
+    /// compilation decides.
     #[serde(skip)]
     pub passed: bool,
 }

@@ -110,7 +110,8 @@ mod tests {
         }
         let left_out: Vec<_> = all.difference(&hashed).collect();
         // A place has a file, a line, a column and a text. Matrices are arrays in the encoding. The bounds of a medium
-        // have a local and a world-space box. Names of materials are not in the pixels.
+        // have a local and a world-space box. Names of materials are not in the pixels. A pane is passed in compiled
+        // scenes only.
         let expected = [
             "bounds",
             "column",
@@ -120,6 +121,7 @@ mod tests {
             "material_names",
             "matrix2",
             "matrix3",
+            "passed",
             "place",
             "text",
             "translation",
