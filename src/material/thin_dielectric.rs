@@ -15,8 +15,8 @@ pub struct ThinDielectric {
     pub interface: Interface,
     /// A factor on the transmission; 1 is physical.
     pub specular_transmittance: Input<Rgb>,
-    /// Whether light passes it as through a hole, as much as is transmitted in the least channel. False in a description:
-    /// compilation decides.
+    /// Whether light passes it as through a hole, as much as is transmitted in the least channel. It is false in a
+    /// description, because compilation decides.
     #[serde(skip)]
     pub passed: bool,
 }
