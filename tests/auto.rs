@@ -83,3 +83,115 @@ fn media_are_left_to_camera_paths_or_to_both_ends() {
     let folder = Folder::with(&glass_in_fog("<integrator type='volpath'/>"));
     assert_eq!(decide_in(&folder, "s.xml", "--spp 64 --size 64x64").0, "bdpt");
 }
+
+/// A room whose image takes 10^8 rays. Only a corner of it is rendered.
+const ROOM: &str = "--integrator auto --size 1100x1100 --crop 512,512,16,16 --spp 16 -q";
+
+#[test]
+fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
+    let (folder, scene) =
+        (Folder::new(), concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box/cornell-box.xml"));
+    let trials = |options: &str| {
+        folder.render(&format!("{scene} {ROOM} {options} -o a.exr --stats s.json"));
+        let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+        (stats["auto"]["trials"].clone(), stats)
+    };
+    let (all, _) = trials("--allow-bias 0.1");
+    let irrcache = all.as_array().expect("trials").iter().find(|trial| trial["integrator"] == "irrcache");
+    let bias = irrcache.expect("a trial")["bias"].as_f64().expect("a bias");
+    assert!(bias > 0.0 && bias < 0.05, "{all}");
+    assert_eq!(all[0]["bias"], 0.0);
+    // Below that, and without the option, it is no candidate.
+    let (all, stats) = trials(&format!("--allow-bias {}", 0.5 * bias));
+    assert!(all.to_string().contains("is allowed"), "{all}");
+    assert_eq!((&stats["integrator"], &stats["bias"]), (&"path".into(), &Value::Null));
+    assert!(!trials("").0.to_string().contains("irrcache"));
+    // If its rays cost little, it is chosen.
+    folder.write("costs.json", br#"{"surfaces": {"irrcache": 0.01}}"#);
+    let options = "--allow-bias 0.1 --auto-costs costs.json --checkpoint c";
+    let (_, stats) = trials(options);
+    assert_eq!(stats["integrator"], "irrcache", "{stats}");
+    let stated = stats["bias"].as_f64().expect("a bias");
+    assert!((stated / bias - 1.0).abs() < 1e-12, "{stated} {bias}");
+    let error = |stats: &Value| stats["relmse_interval"][1].as_f64().expect("an error");
+    folder.render(&format!("{scene} {} -o b.exr --stats s.json", ROOM.replace("auto", "irrcache")));
+    let without: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+    assert_eq!(without["bias"], Value::Null);
+    assert!((error(&stats) - error(&without) - stated * stated).abs() < 1e-9, "{stats} {without}");
+    let [a, b] = ["a.exr", "b.exr"].map(|name| image::read(&folder.path(name)).expect("an image"));
+    assert!(a.data == b.data);
+    // Resumed and merged renders know it.
+    let (_, resumed) = trials(&format!("{options} --resume"));
+    assert_eq!((&resumed["auto"], &resumed["bias"]), (&Value::Null, &stats["bias"]));
+    assert_eq!(folder.run("merge c -o merged.exr -q").code, 0);
+    let merged = image::read(&folder.path("merged.exr")).expect("an image");
+    let known = |image: &image::Image| image.metadata.get("buffon:bias").cloned();
+    assert!(known(&merged).is_some() && known(&merged) == known(&a) && known(&b).is_none());
+}
+
+#[test]
+fn a_scene_may_ask_for_the_choice() {
+    let scene = crate::support::cli::SCENE;
+    let auto = |parameters: &str| {
+        scene.replace(
+            r#"<integrator type="path"><integer name="max_depth" value="6"/></integrator>"#,
+            &format!(
+                r#"<integrator type="auto"><integer name="max_depth" value="6"/>{parameters}</integrator>"#
+            ),
+        )
+    };
+    let folder = Folder::with(&auto(r#"<float name="allow_bias" value="0.01"/>"#));
+    folder.write("path.xml", scene.as_bytes());
+    folder.render("s.xml -q -o a.exr --stats s.json");
+    folder.render("path.xml --integrator auto --allow-bias 0.01 -q -o b.exr");
+    folder.render("s.xml --integrator path -q -o c.exr");
+    folder.render("path.xml -q -o d.exr");
+    let [a, b, c, d] = ["a", "b", "c", "d"]
+        .map(|name| image::read(&folder.path(&format!("{name}.exr"))).expect("an image").data);
+    assert!(a == b && c == d);
+    let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+    let refused = "the image takes fewer rays than its preparation";
+    assert_eq!(stats["auto"]["trials"].to_string().matches(refused).count(), 2, "{stats}");
+    assert!(folder.run("info s.xml --no-pilot").stdout.contains("auto"));
+    for (parameters, sentence) in [
+        (r#"<float name="allow_bias" value="2"/>"#, "expected a number between 0 and 1"),
+        (r#"<float name="alow_bias" value=".1"/>"#, "did you mean \"allow_bias\"?"),
+    ] {
+        folder.write("wrong.xml", auto(parameters).as_bytes());
+        let run = folder.run("render wrong.xml -o e.exr --strict");
+        assert!(run.code != 0 && run.stderr.contains(sentence), "{run:?}");
+    }
+    let nested = auto("")
+        .replace("type=\"auto\"", "type=\"moment\"")
+        .replace("<integer name=\"max_depth\" value=\"6\"/>", "<integrator type=\"auto\"/>");
+    folder.write("wrong.xml", nested.as_bytes());
+    let run = folder.run("render wrong.xml -o e.exr");
+    assert!(run.code != 0 && run.stderr.contains("is not inside another one"), "{run:?}");
+}
+
+#[test]
+fn wrong_options_of_the_choice_are_explained() {
+    let folder = Folder::new();
+    for (name, text) in [
+        ("text.json", "path 1"),
+        ("name.json", r#"{"surfaces": {"pth": 1}}"#),
+        ("zero.json", r#"{"media": {"bdpt": 0}}"#),
+        ("table.json", r#"{"surface": {}}"#),
+    ] {
+        folder.write(name, text.as_bytes());
+    }
+    for (options, sentence) in [
+        ("--allow-bias 0.01", "--allow-bias: only --integrator auto measures a bias"),
+        ("--integrator irrcache --allow-bias 0.01", "--allow-bias: only --integrator auto measures a bias"),
+        ("--integrator auto --allow-bias 1", "expected a number between 0 and 1"),
+        ("--integrator auto --cache c", "--cache: expected the name of an integrator, found auto"),
+        ("--integrator auto --auto-costs none.json", "none.json: cannot be read"),
+        ("--integrator auto --auto-costs text.json", "text.json: is no table of costs"),
+        ("--integrator auto --auto-costs name.json", "never chosen (did you mean \"path\"?)"),
+        ("--integrator auto --auto-costs zero.json", "expected a positive number"),
+        ("--integrator auto --auto-costs table.json", "is no table of costs"),
+    ] {
+        let run = folder.run(&format!("render s.xml -o a.exr {options}"));
+        assert!(run.code == 2 && run.stderr.contains(sentence), "{options}: {run:?}");
+    }
+}

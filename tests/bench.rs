@@ -214,3 +214,20 @@ fn what_means_nothing_is_refused_with_a_sentence() {
         assert_eq!(run(&folder, arguments).code, 2, "{arguments}");
     }
 }
+
+#[test]
+fn a_calibration_is_a_file_for_the_automatic_choice() {
+    let folder = Folder::new();
+    let options = "s.xml --calibrate costs.json --budgets 2 --runs 1 -q";
+    let stdout = bench(&folder, options).stdout;
+    assert!(stdout.starts_with("s: ") && stdout.contains("relative to that: path 1.00, bdpt "), "{stdout}");
+    let costs = json(&folder, "costs.json");
+    assert_eq!((&costs["surfaces"]["path"], &costs["media"]["volpath"]), (&1.0.into(), &1.0.into()));
+    for name in ["bdpt", "sppm", "vcm", "irrcache", "photonmapper"] {
+        assert!(costs["surfaces"][name].as_f64().is_some_and(|cost| cost > 0.0), "{name}: {costs}");
+    }
+    folder.render("s.xml --integrator auto --auto-costs costs.json -q -o a.exr");
+    let both = "s.xml --integrators path,auto --allow-bias 0.01 --auto-costs costs.json --accels auto";
+    let text = bench(&folder, &format!("{both} --budgets 2 --runs 1 --reference-time 0.3s -q")).stdout;
+    assert!(text.contains("auto"), "{text}");
+}

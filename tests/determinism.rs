@@ -215,7 +215,8 @@ fn passes_change_no_bit() {
             let progress = Progress::new();
             let stop = StopRules { samples: Some(64), ..StopRules::default() };
             let sampler = Sampler::new(kind, Some(64));
-            let settings = JobSettings { sampler, seed: 5, threads: 1, stop, layers: Vec::new() };
+            let settings =
+                JobSettings { sampler, seed: 5, threads: 1, stop, layers: Vec::new(), squared_bias: None };
             let job = Job::new(&scene, integrator.as_ref(), &scene.sensors[0], settings, &progress);
             let at_once = sums(&job, &[64]);
             for passes in [&[2, 2, 4, 8, 16, 32][..], &[1, 1, 1, 5, 55, 1], &[63, 1]] {

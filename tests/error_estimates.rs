@@ -34,7 +34,7 @@ fn render(
 ) -> Rendered {
     let integrator = settings.create();
     let sampler = Sampler::new(sampler, stop.samples);
-    let job = JobSettings { sampler, seed, threads: 2, stop, layers: Vec::new() };
+    let job = JobSettings { sampler, seed, threads: 2, stop, layers: Vec::new(), squared_bias: None };
     let progress = Progress::new();
     let job = Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress);
     if !adaptive {

@@ -5,6 +5,7 @@
 
 mod budget;
 mod cache;
+mod calibration;
 mod handicaps;
 mod measure;
 mod output;
@@ -14,6 +15,7 @@ mod summary;
 mod tables;
 
 pub use budget::Budget;
+pub use calibration::{Calibration, calibrate, text as calibration_text};
 pub use measure::Measurement;
 pub use output::{csv, json};
 pub use page::page;
@@ -25,9 +27,10 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelFormat;
 use crate::image::Image;
+use crate::integrator::settings::AUTO;
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
-use crate::session::{Choices, SceneChoices, SceneFile, Session};
+use crate::session::{Choices, Costs, SceneChoices, SceneFile, Session};
 use measure::Candidate;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -41,6 +44,10 @@ pub struct Options {
     pub choices: SceneChoices,
     /// Names of integrators; if empty, each scene's own is used.
     pub integrators: Vec<String>,
+    /// The greatest bias of an integrator that `auto` may choose; none if `None`.
+    pub allow_bias: Option<f64>,
+    /// What a ray of each candidate of `auto` costs.
+    pub costs: Costs,
     /// Samplers; if empty, each scene's own is used.
     pub samplers: Vec<SamplerKind>,
     /// The traversals.
@@ -112,14 +119,19 @@ pub struct SceneReport {
 }
 
 impl SceneReport {
-    /// Returns the scene's name: that of its file, or of its folder if the file is called `scene`.
+    /// Returns the scene's name.
     pub fn name(&self) -> String {
-        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
-        let folder = self.path.parent().and_then(Path::file_name).map(|f| f.to_string_lossy());
-        match folder {
-            Some(folder) if stem == "scene" => folder.into_owned(),
-            _ => stem.into_owned(),
-        }
+        name_of(&self.path)
+    }
+}
+
+/// Returns the name of a scene: that of its file, or of its folder if the file is called `scene`.
+fn name_of(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let folder = path.parent().and_then(Path::file_name).map(|f| f.to_string_lossy());
+    match folder {
+        Some(folder) if stem == "scene" => folder.into_owned(),
+        _ => stem.into_owned(),
     }
 }
 
@@ -200,6 +212,8 @@ fn bench_scene(
             for (accel, session) in &sessions {
                 let choices = Choices {
                     integrator: integrator.clone(),
+                    allow_bias: options.allow_bias.filter(|_| integrator.as_deref() == Some(AUTO)),
+                    costs: options.costs.clone(),
                     sampler,
                     replace_independent: true,
                     seed: options.seed,

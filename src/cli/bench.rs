@@ -1,6 +1,6 @@
 //! `buffon bench`: error against time.
 
-use super::shared::{SceneArgs, ViewArgs, accels, integrators, samplers};
+use super::shared::{AutoArgs, SceneArgs, ViewArgs, accels, integrators, samplers};
 use super::{signals, values};
 use crate::accel::AccelKind;
 use crate::bench::{self, Budget, Options};
@@ -36,6 +36,13 @@ pub struct BenchArgs {
         integrators()
     ))]
     pub integrators: Vec<String>,
+    /// The choice by auto.
+    #[command(flatten)]
+    pub auto: AutoArgs,
+    /// Instead of all that, measure what a ray of each integrator costs in the scenes on this machine, with the first
+    /// budget, and write a file for --auto-costs
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["integrators", "samplers", "accels", "reference", "output", "auto_costs", "allow_bias"])]
+    pub calibrate: Option<PathBuf>,
     /// Samplers.
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
         "Samplers, separated by commas, of {} [default: the scene's, and sobol instead of independent]",
@@ -83,17 +90,13 @@ pub struct BenchArgs {
 /// If the command line, a scene, the reference or the output has an error.
 pub fn run(args: &BenchArgs) -> Result<u8> {
     let options = options(args)?;
+    if let Some(file) = &args.calibrate {
+        return calibrate(args, &options, file);
+    }
     let files = ["index.html", "bench.csv", "bench.json"].map(|name| args.output.join(name));
     make_folder(&args.output)?;
     files.iter().try_for_each(|file| util::check_replaceable(file))?;
-    image::set_threads(options.threads);
-    let progress = Arc::new(Progress::new());
-    signals::interrupt(&progress, None)?;
-    let tell = |line: &str| {
-        if !args.quiet {
-            super::report!("buffon: {line}");
-        }
-    };
+    let (progress, tell) = begin(args, options.threads)?;
     let report = bench::run(options, &progress, &tell)?;
     super::print(&bench::text(&report))?;
     if !report.scenes.is_empty() {
@@ -104,6 +107,35 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
         tell(&format!("wrote {}", page.display()));
     }
     Ok(signals::exit_code().unwrap_or(0))
+}
+
+/// Writes the costs of integrators.
+fn calibrate(args: &BenchArgs, options: &Options, file: &Path) -> Result<u8> {
+    util::check_replaceable(file)?;
+    let (progress, tell) = begin(args, options.threads)?;
+    match bench::calibrate(options, &progress, &tell)? {
+        Some(calibration) => {
+            super::print(&bench::calibration_text(&calibration))?;
+            util::replace(file, calibration.costs.to_json().as_bytes())?;
+            tell(&format!("wrote {}", file.display()));
+        }
+        None => super::report!("buffon: interrupted: {} is left as it was", file.display()),
+    }
+    Ok(signals::exit_code().unwrap_or(0))
+}
+
+/// Prepares for measurements: returns their progress, and what tells the user about each step.
+fn begin(args: &BenchArgs, threads: usize) -> Result<(Arc<Progress>, impl Fn(&str) + use<>)> {
+    image::set_threads(threads);
+    let progress = Arc::new(Progress::new());
+    signals::interrupt(&progress, None)?;
+    let quiet = args.quiet;
+    let tell = move |line: &str| {
+        if !quiet {
+            super::report!("buffon: {line}");
+        }
+    };
+    Ok((progress, tell))
 }
 
 fn options(args: &BenchArgs) -> Result<Options> {
@@ -122,6 +154,8 @@ fn options(args: &BenchArgs) -> Result<Options> {
             crop: None,
         },
         integrators,
+        allow_bias: args.auto.allow_bias,
+        costs: args.auto.costs()?,
         samplers,
         accels,
         budgets,

@@ -61,14 +61,18 @@ impl Checkpointing {
         Ok(Some(Checkpointing { path, label, first, resumed, quiet: args.quiet }))
     }
 
-    /// Lets a resumed render with the integrator `auto` keep the one that was chosen when it began.
+    /// Lets a resumed render with the integrator `auto` keep the one that was chosen when it began, and its bias.
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn keep_integrator(args: &RenderArgs, choices: &mut Choices) -> Result<()> {
+    pub fn keep_integrator(args: &RenderArgs, session: &Session, choices: &mut Choices) -> Result<()> {
         let begun = args.checkpoint.as_ref().filter(|path| args.resume && path.exists());
-        if let Some(path) = begun.filter(|_| choices.integrator.as_deref() == Some(AUTO)) {
-            choices.integrator = Some(file::load(path)?.label.identity.integrator);
+        let name = choices.integrator.as_deref().unwrap_or_else(|| session.defaults.integrator_name());
+        if let Some(path) = begun.filter(|_| name == AUTO) {
+            let CheckpointLabel { identity, image_description, .. } = file::label(path)?;
+            choices.integrator = Some(identity.integrator);
+            choices.squared_bias = image_description.squared_bias;
+            choices.allow_bias = None;
         }
         Ok(())
     }

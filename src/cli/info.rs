@@ -116,7 +116,7 @@ fn describe_scene(args: &InfoArgs) -> Result<String> {
         let smaller = |n: u32| (f64::from(n) / scale.max(1.0)).ceil() as u32;
         (film.width, film.height, film.crop) = (smaller(film.width), smaller(film.height), None);
     }
-    let mut lines = vec![("integrator", file.defaults.integrator.name().to_owned())];
+    let mut lines = vec![("integrator", file.defaults.integrator_name().to_owned())];
     lines.extend(settings.iter().map(|sensor| ("sensor", describe_sensor(sensor))));
     match file.compile(args.accel.unwrap_or_default(), args.resources.threads()) {
         Ok(mut session) => {

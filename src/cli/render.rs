@@ -6,7 +6,7 @@ use super::outputs::{default_output, is_piped, named, refuse, write_piped, writt
 use super::photon_notes::photon_notes;
 use super::progress::ProgressKind;
 use super::sampling::{sample, write_options};
-use super::shared::{DisplayArgs, MethodArgs, SceneArgs, ViewArgs};
+use super::shared::{AutoArgs, DisplayArgs, MethodArgs, SceneArgs, ViewArgs};
 use super::signals::{self, EarlyExit};
 use super::stats::{Account, Seconds};
 use super::summary::{summary, warn, warn_of_values};
@@ -71,6 +71,9 @@ pub struct RenderArgs {
     /// Let path sample directions from which photons come, which can pay for caustics. It adds no bias
     #[arg(long)]
     pub path_guiding: bool,
+    /// The choice by --integrator auto.
+    #[command(flatten)]
+    pub auto: AutoArgs,
     /// Definitions, folders, memory and threads.
     #[command(flatten)]
     pub resources: SceneArgs,
@@ -219,8 +222,8 @@ fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
         util::check_replaceable(path)?;
     }
     let (session, origin, mut seconds) = open(args)?;
-    let mut choices = choices(args, origin);
-    Checkpointing::keep_integrator(args, &mut choices)?;
+    let mut choices = choices(args, origin)?;
+    Checkpointing::keep_integrator(args, &session, &mut choices)?;
     let mut plan = session.plan(&choices)?;
     if let Some(decision) = plan.decision.as_ref().filter(|_| !args.quiet) {
         super::report!("buffon: note: auto: {decision}");
@@ -401,14 +404,17 @@ fn open(args: &RenderArgs) -> Result<(Session, Option<SceneHashes>, Seconds)> {
 }
 
 /// Returns the choices of the command line.
-fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
+fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Result<Choices> {
     let cache = |(path, SceneHashes { scene, view }): (&PathBuf, SceneHashes)| CacheFile {
         path: path.clone(),
         scene,
         view,
     };
-    Choices {
+    Ok(Choices {
         integrator: args.method.integrator.clone(),
+        allow_bias: args.auto.allow_bias,
+        costs: args.auto.costs()?,
+        squared_bias: None,
         sampler: args.method.sampler(),
         replace_independent: args.method.replaces_independent(true),
         stop: StopRules { samples: args.spp, time: args.time, error: args.target_error },
@@ -421,5 +427,5 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Choices {
         path_caustics: args.path_caustics,
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
-    }
+    })
 }

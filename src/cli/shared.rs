@@ -9,7 +9,7 @@ use crate::integrator::settings::AUTO;
 use crate::loader::{LoadOptions, Tolerance};
 use crate::memory::Limit;
 use crate::sampling::SamplerKind;
-use crate::session::default_threads;
+use crate::session::{Costs, default_threads};
 use crate::util::wording::did_you_mean;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -56,6 +56,29 @@ impl SceneArgs {
     /// Returns the number of threads.
     pub fn threads(&self) -> usize {
         self.threads.map_or_else(default_threads, |n| n as usize)
+    }
+}
+
+/// The options for the choice of an integrator by pilots.
+#[derive(Clone, Debug, Args)]
+pub struct AutoArgs {
+    /// Let --integrator auto choose irrcache or photonmapper, too, if their bias in a pilot is at most this (0.01 is
+    /// 1 %: a root mean square of relative differences). The bias is part of the error that is reported
+    #[arg(long, value_name = "BIAS", value_parser = values::fraction)]
+    pub allow_bias: Option<f64>,
+    /// What a ray of each integrator costs, for --integrator auto: a file that `buffon bench --calibrate` has written
+    /// [default: a table of the program]
+    #[arg(long, value_name = "FILE")]
+    pub auto_costs: Option<PathBuf>,
+}
+
+impl AutoArgs {
+    /// Returns the costs of integrators.
+    ///
+    /// # Errors
+    /// As [`Costs::read`].
+    pub fn costs(&self) -> Result<Costs> {
+        Ok(self.auto_costs.as_deref().map(Costs::read).transpose()?.unwrap_or_default())
     }
 }
 

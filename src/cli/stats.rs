@@ -101,6 +101,7 @@ impl Account<'_> {
             "invalid_samples": rendered.invalid_count,
             "relmse_estimate": rendered.relmse,
             "relmse_interval": rendered.relmse_interval,
+            "bias": plan.job.squared_bias.map(f64::sqrt),
             "peak_memory_bytes": peak_memory(),
             "planned_memory_bytes": session.memory.peak(),
             "memory_limit_bytes": session.memory.limit(),

@@ -109,6 +109,14 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Parses a number between 0 and 1.
+pub fn fraction(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v < 1.0 => Ok(v),
+        _ => Err("expected a number between 0 and 1, such as 0.01 for 1 %".into()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -116,6 +116,14 @@ pub struct ErrorEstimate {
     pub interval: [f64; 2],
 }
 
+impl ErrorEstimate {
+    /// Adds the squared bias of the expected image, which may be smaller: the lower end of the interval stays.
+    pub fn with_bias(self, squared_bias: f64) -> Self {
+        let ErrorEstimate { relmse, interval: [low, high] } = self;
+        ErrorEstimate { relmse: relmse + squared_bias, interval: [low, high + squared_bias] }
+    }
+}
+
 impl PixelBlock {
     /// Creates a black block without errors, of an image with the given number of replicates.
     ///

@@ -49,6 +49,16 @@ pub struct Statistic {
     pub value: f64,
 }
 
+/// The name of the number of rays that a preparation has traced.
+pub const PREPARATION_RAYS: &str = "preparation_rays";
+
+impl Statistic {
+    /// Returns the sum of the values with a name.
+    pub fn total(statistics: &[Statistic], name: &str) -> f64 {
+        statistics.iter().filter(|statistic| statistic.name == name).map(|statistic| statistic.value).sum()
+    }
+}
+
 /// One worker for each thread of a pool.
 pub struct Workers {
     workers: Vec<Mutex<Worker>>,

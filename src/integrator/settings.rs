@@ -34,6 +34,28 @@ pub const MAX_SAMPLES: u32 = 65_536;
 /// The greatest number of light paths in a pass, and of photons in a map.
 pub const MAX_PHOTONS: u32 = 100_000_000;
 
+/// How pilots choose the integrator.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AutoSettings {
+    /// The greatest root mean square of relative bias of an integrator; only those without a bias that remains if
+    /// `None`.
+    pub allow_bias: Option<f64>,
+}
+
+impl AutoSettings {
+    /// Reads the parameters, and the limits of paths.
+    ///
+    /// # Errors
+    /// If a parameter has another type or is out of range.
+    pub fn read(source: &mut dyn Source) -> Result<(Self, PathLimits)> {
+        let allow_bias = source.float("allow_bias")?;
+        if allow_bias.is_some_and(|bias| !(bias > 0.0 && bias < 1.0)) {
+            return Err(source.refusal("allow_bias", "expected a number between 0 and 1"));
+        }
+        Ok((AutoSettings { allow_bias }, PathLimits::read(source)?))
+    }
+}
+
 /// An object of a scene file that describes an integrator.
 pub trait Source: Parameters {
     /// Reads the integrator inside the object.

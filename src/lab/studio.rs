@@ -94,6 +94,7 @@ impl Studio {
             threads: self.session.threads,
             stop: StopRules { samples: Some(sampling.spp), ..StopRules::default() },
             layers: Vec::new(),
+            squared_bias: None,
         };
         let plan = Plan {
             decision: None,

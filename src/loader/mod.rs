@@ -15,7 +15,7 @@ mod mitsuba;
 mod volume;
 
 use crate::error::{Error, Kind, Place, Result};
-use crate::integrator::settings::AUTO;
+use crate::integrator::settings::{AUTO, AutoSettings};
 use crate::integrator::{self, Bdpt, Plugin, VolpathIntegrator};
 use crate::memory::{Budget, Limit, Reservation};
 use crate::sampling::SamplerKind;
@@ -74,8 +74,10 @@ fn tolerated(error: Error, consequence: &str) -> Error {
 pub struct Loaded {
     /// The scene.
     pub description: Description,
-    /// The integrator that the file specifies.
+    /// The integrator that the file specifies. If pilots choose it, its limits count.
     pub integrator: integrator::Settings,
+    /// How pilots choose the integrator, if the file asks for that.
+    pub auto: Option<AutoSettings>,
     /// The sampler that the file specifies, mapped to one of Buffon's; `None` if it specifies none.
     pub sampler: Option<SamplerKind>,
     /// The samples per pixel that the file specifies.

@@ -219,7 +219,7 @@ impl Variants {
     fn integrators(&self, case: &Case, chosen: Option<&str>) -> Vec<String> {
         let mut names = case.integrators.clone();
         if let Some((_, session)) = self.sessions.first().filter(|_| names.is_empty()) {
-            names.push(session.defaults.integrator.name().to_owned());
+            names.push(session.defaults.integrator_name().to_owned());
         }
         names.retain(|name| chosen.is_none_or(|chosen| chosen == name));
         names

@@ -28,6 +28,8 @@ pub struct JobSettings {
     pub stop: StopRules,
     /// The layers in addition to the image.
     pub layers: Vec<Layer>,
+    /// The mean squared relative bias of the integrator, if it is known. It is part of the estimated error.
+    pub squared_bias: Option<f64>,
 }
 
 /// A render before it starts.

@@ -254,7 +254,7 @@ impl<'j, 'a> Passes<'j, 'a> {
 
     fn estimate(&mut self) {
         let prepared = Instant::now();
-        self.error = state::estimate(&self.now.tiles, &self.pool);
+        self.error = state::estimate(&self.now.tiles, &self.pool, self.job.settings.squared_bias);
         self.estimating += prepared.elapsed();
     }
 

@@ -92,8 +92,12 @@ impl RenderState {
 }
 
 /// Estimates the error of an image. Sums are computed in the order of the tiles; `None` without samples in two
-/// replicates.
-pub fn estimate(tiles: &[Tile], pool: &rayon::ThreadPool) -> Option<ErrorEstimate> {
+/// replicates. A bias that is known is part of the error.
+pub fn estimate(
+    tiles: &[Tile],
+    pool: &rayon::ThreadPool,
+    squared_bias: Option<f64>,
+) -> Option<ErrorEstimate> {
     if !tiles.iter().any(Tile::has_replicates) {
         return None;
     }
@@ -101,5 +105,6 @@ pub fn estimate(tiles: &[Tile], pool: &rayon::ThreadPool) -> Option<ErrorEstimat
     let mut sums = ErrorSums::new(tiles[0].replicates());
     parts.iter().for_each(|part| sums.merge(part));
     let filled = |r: &usize| tiles.iter().any(|tile| tile.replicate_mean(0, *r, 0).is_some());
-    sums.estimate((0..tiles[0].replicates()).filter(filled).count())
+    let estimate = sums.estimate((0..tiles[0].replicates()).filter(filled).count())?;
+    Some(estimate.with_bias(squared_bias.unwrap_or(0.0)))
 }

@@ -21,6 +21,8 @@ pub struct ImageDescription {
     pub camera: [[f32; 16]; 2],
     /// The integrator's name.
     pub integrator: String,
+    /// The mean squared relative bias of the integrator, if it is known.
+    pub squared_bias: Option<f64>,
     /// The seed.
     pub seed: u64,
 }
@@ -39,6 +41,7 @@ impl Session {
             layers: plan.job.layers.clone(),
             camera: output::camera_matrices(self.camera()),
             integrator: plan.integrator.name().into(),
+            squared_bias: plan.job.squared_bias,
             seed: plan.job.seed,
         }
     }
@@ -68,6 +71,9 @@ impl ImageDescription {
         if let Some([low, high]) = rendered.relmse_interval {
             metadata.set("buffon:relmse_low", Value::Float(low as f32));
             metadata.set("buffon:relmse_high", Value::Float(high as f32));
+        }
+        if let Some(squared_bias) = self.squared_bias {
+            metadata.set("buffon:bias", Value::Float(squared_bias.sqrt() as f32));
         }
         output::noise_metadata(rendered, &mut metadata);
         for (name, matrix) in MATRICES.into_iter().zip(self.camera).filter(|(_, m)| *m != [0.0; 16]) {

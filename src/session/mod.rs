@@ -13,7 +13,7 @@ mod plan;
 mod scene_hashes;
 mod techniques;
 
-pub use auto::Decision;
+pub use auto::{Costs, Decision};
 pub use image_description::ImageDescription;
 pub use memory::RenderMemory;
 pub use plan::{Choices, Plan};
@@ -23,7 +23,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelRect;
 use crate::image::{Image, Value};
-use crate::integrator::settings::{AUTO, Aov, WhenPays};
+use crate::integrator::settings::{AUTO, Aov, AutoSettings, WhenPays};
 use crate::integrator::{Preparation, Settings};
 use crate::loader::{self, LoadOptions, Loaded};
 use crate::memory::Budget;
@@ -83,24 +83,33 @@ pub struct SceneFile {
 /// The render settings of a scene file.
 #[derive(Clone, Debug, Default)]
 pub struct Defaults {
-    /// The integrator.
+    /// The integrator. If pilots choose it, its limits count.
     pub integrator: Settings,
+    /// How pilots choose the integrator, if the file asks for that.
+    pub auto: Option<AutoSettings>,
     /// The sampler; `None` if the file names none.
     pub sampler: Option<SamplerKind>,
     /// Samples per pixel.
     pub samples_per_pixel: Option<u64>,
 }
 
+impl Defaults {
+    /// Returns the name of the integrator.
+    pub fn integrator_name(&self) -> &'static str {
+        if self.auto.is_some() { AUTO } else { self.integrator.name() }
+    }
+}
+
 impl SceneFile {
     /// Returns the content of a scene file, with its first sensor.
     pub fn of(path: &Path, loaded: Loaded) -> Self {
-        let Loaded { integrator, sampler, .. } = loaded;
+        let Loaded { integrator, auto, sampler, .. } = loaded;
         let samples_per_pixel = loaded.samples_per_pixel.map(u64::from);
         SceneFile {
             path: path.to_owned(),
             description: loaded.description,
             sensor: 0,
-            defaults: Defaults { integrator, sampler, samples_per_pixel },
+            defaults: Defaults { integrator, auto, sampler, samples_per_pixel },
             warnings: loaded.warnings,
             approximations: loaded.approximations,
             notes: loaded.notes,

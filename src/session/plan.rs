@@ -1,9 +1,11 @@
 //! The settings of a render, from the user's choices and the scene file.
 
-use super::{Decision, Session};
+use super::{Costs, Decision, Session};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
-use crate::integrator::settings::{AUTO, Aov, AovSettings, IrrcacheSettings, Layer, PathSettings, WhenPays};
+use crate::integrator::settings::{
+    AUTO, Aov, AovSettings, AutoSettings, IrrcacheSettings, Layer, PathSettings, WhenPays,
+};
 use crate::integrator::{self, Integrator, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
@@ -16,6 +18,12 @@ use std::ops::Range;
 pub struct Choices {
     /// The name of the integrator, or `auto`.
     pub integrator: Option<String>,
+    /// The greatest root mean square of relative bias of an integrator that `auto` may choose; none if `None`.
+    pub allow_bias: Option<f64>,
+    /// What a ray of each candidate of `auto` costs.
+    pub costs: Costs,
+    /// The mean squared relative bias of the integrator, if it was measured when the render began.
+    pub squared_bias: Option<f64>,
     /// The sampler.
     pub sampler: Option<SamplerKind>,
     /// Whether the default sampler replaces the scene's if that is `independent`, which most exporters write.
@@ -89,10 +97,7 @@ impl Session {
     /// If the integrator or a layer does not exist, a layer occurs twice, the integrator does not support adaptive
     /// sampling, or the image exceeds the memory limit.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
-        let decision = match choices.integrator.as_deref() {
-            Some(AUTO) => Some(self.decide(choices)?),
-            _ => None,
-        };
+        let decision = self.auto(choices)?.map(|auto| self.decide(choices, auto)).transpose()?;
         let name = decision.as_ref().map(|decision| decision.integrator).or(choices.integrator.as_deref());
         let mut integrator = choose_integrator(name, self.defaults.integrator.clone())?;
         let mut stop = choices.stop;
@@ -115,7 +120,12 @@ impl Session {
             Some(range) => restrict(range, &mut stop)?,
             None => 0,
         };
-        let job = JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers };
+        let squared_bias = match &decision {
+            Some(decision) => decision.squared_bias,
+            None => choices.squared_bias,
+        };
+        let job =
+            JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers, squared_bias };
         let adaptive = match (choices.adaptive, obstacle_to_rates(created.as_ref(), kind)) {
             (WhenPays::Always, Some(why)) => return Err(Error::usage(format!("--adaptive: {why}"))),
             (WhenPays::Auto, None) if created.adapts() && !kind.is_grid() && stop.time.is_none() => {
@@ -134,6 +144,26 @@ impl Session {
         let plan = Plan { integrator, decision, job, adaptive, cache, first, target };
         drop(self.reserve(&plan)?);
         Ok(plan)
+    }
+
+    /// Returns how pilots choose the integrator, if the user or else the scene asks for that.
+    fn auto(&self, choices: &Choices) -> Result<Option<AutoSettings>> {
+        let of_scene = self.defaults.auto;
+        let auto = match choices.integrator.as_deref() {
+            None => of_scene,
+            Some(AUTO) => Some(of_scene.unwrap_or_default()),
+            Some(_) => None,
+        };
+        let Some(auto) = auto else {
+            return match choices.allow_bias {
+                None => Ok(None),
+                Some(_) => Err(Error::usage("--allow-bias: only --integrator auto measures a bias")),
+            };
+        };
+        if choices.cache.is_some() {
+            return Err(Error::usage("--cache: expected the name of an integrator, found auto"));
+        }
+        Ok(Some(AutoSettings { allow_bias: choices.allow_bias.or(auto.allow_bias) }))
     }
 
     /// Sets whether paths are reused, split and guided, and whether light paths find caustics. Pixels with

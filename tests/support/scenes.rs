@@ -123,6 +123,7 @@ pub fn render(scene: &Scene, settings: &Settings, sampler: SamplerKind, spp: u64
         threads: 2,
         stop: StopRules { samples: Some(spp), ..StopRules::default() },
         layers: Vec::new(),
+        squared_bias: None,
     };
     Job::new(scene, integrator.as_ref(), &scene.sensors[0], job, &progress).run_with(pool)
 }

@@ -27,10 +27,11 @@ pub mod record;
 mod shading;
 pub mod weight;
 
-use super::preparation::reject_motion;
+use super::preparation::{PREPARATION_RAYS, reject_motion};
 use super::settings::{Aov, PathLimits, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source};
 use super::{
-    Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker,
+    Counters, Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic,
+    Wave, Worker,
 };
 use crate::accel::Hit;
 use crate::color::Rgb;
@@ -209,9 +210,9 @@ impl IrradianceCache {
         widened
     }
 
-    /// Adds the records that the view needs. The coarse ones come first, because the hemispheres of the fine ones use
-    /// them.
-    fn extend(&self, contents: &mut CacheContents, preparation: &Preparation<'_>) {
+    /// Adds the records that the view needs, and returns the number of rays. The coarse records come first, because the
+    /// hemispheres of the fine ones use them.
+    fn extend(&self, contents: &mut CacheContents, preparation: &Preparation<'_>) -> u64 {
         let bounds = preparation.scene.bounds;
         let replicates = preparation.sampler.replicates();
         contents.fine.resize(replicates as usize, Vec::new());
@@ -219,14 +220,18 @@ impl IrradianceCache {
         let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
         // All replicates run at the same time, so that threads stay busy while one replicate has little parallel
         // work.
-        let all = |settings: &IrrcacheSettings,
-                   child: &dyn Integrator,
-                   level: RecordLevel,
-                   known: Vec<Vec<Record>>| {
+        let mut rays = 0;
+        let mut all = |settings: &IrrcacheSettings,
+                       child: &dyn Integrator,
+                       level: RecordLevel,
+                       known: Vec<Vec<Record>>| {
             let run =
                 |(replicate, known)| overture::run(preparation, settings, child, replicate, level, known);
             let known: Vec<_> = (0..replicates).zip(known).collect();
-            preparation.pool.install(|| known.into_par_iter().map(run).collect::<Vec<_>>())
+            let added = preparation.pool.install(|| known.into_par_iter().map(run).collect::<Vec<_>>());
+            let (records, counters): (Vec<_>, Vec<_>) = added.into_iter().unzip();
+            rays += counters.iter().map(Counters::rays).sum::<u64>();
+            records
         };
         contents.coarse =
             all(&settings, self.child.as_ref(), RecordLevel::Coarse, std::mem::take(&mut contents.coarse));
@@ -235,6 +240,7 @@ impl IrradianceCache {
         let caustics = self.fine.caustics.clone();
         let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
         contents.fine = all(&self.settings, &traced, RecordLevel::Fine, std::mem::take(&mut contents.fine));
+        rays
     }
 }
 
@@ -314,8 +320,10 @@ impl Integrator for IrradianceCache {
         self.pixel = [(b.o - a.o).length(), (b.d - a.d).length()];
         let mut contents = self.contents(preparation)?;
         let view = preparation.cache.as_ref().map_or(0, |file| file.view);
+        let of_child = self.child.statistics();
+        let mut rays = Statistic::total(&of_child, PREPARATION_RAYS);
         if self.settings.overture && !contents.views.contains(&view) {
-            self.extend(&mut contents, preparation);
+            rays += self.extend(&mut contents, preparation) as f64;
             contents.views.push(view);
             if let Some(file) = preparation.cache.as_ref().filter(|_| !preparation.interrupt.is_raised()) {
                 file::save(&file.path, &contents)?;
@@ -333,8 +341,9 @@ impl Integrator for IrradianceCache {
             Statistic { name: "irradiance_records", value: count as f64 },
             Statistic { name: "irradiance_records_coarse", value: coarse_count as f64 },
             Statistic { name: "irradiance_cache_bytes", value: bytes as f64 },
+            Statistic { name: PREPARATION_RAYS, value: rays },
         ];
-        self.statistics.extend(self.child.statistics());
+        self.statistics.extend(of_child.into_iter().filter(|of_child| of_child.name != PREPARATION_RAYS));
         Ok(())
     }
 

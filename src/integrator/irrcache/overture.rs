@@ -9,7 +9,7 @@ use crate::accel::{Coherence, Hit};
 use crate::integrator::preparation::Workers;
 use crate::integrator::settings::IrrcacheSettings;
 use crate::integrator::worker::intersect;
-use crate::integrator::{Integrator, Preparation, Worker};
+use crate::integrator::{Counters, Integrator, Preparation, Worker};
 use crate::math::{DVec2, Frame, Ray, Vec2};
 use crate::sampling::hash::{combine, pcg3d, to_unit};
 use crate::sampling::{SampleKey, warp};
@@ -39,7 +39,8 @@ impl RecordLevel {
     }
 }
 
-/// Adds the records that the view needs to the existing records of a replicate's cache. Returns all records.
+/// Adds the records that the view needs to the existing records of a replicate's cache. Returns all records, and the
+/// rays that were traced for them.
 pub fn run(
     preparation: &Preparation<'_>,
     settings: &IrrcacheSettings,
@@ -47,7 +48,7 @@ pub fn run(
     replicate: u32,
     level: RecordLevel,
     known: Vec<Record>,
-) -> Vec<Record> {
+) -> (Vec<Record>, Counters) {
     let Preparation { scene, pool, seed, sampler, .. } = *preparation;
     let seed =
         combine(combine(combine(seed as u32, (seed >> 32) as u32), replicate), 0x6972_7263 + level as u32);
@@ -72,7 +73,7 @@ pub fn run(
             }
         }
     });
-    overture.records
+    (overture.records, overture.workers.counters())
 }
 
 struct Overture<'a> {

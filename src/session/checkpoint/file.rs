@@ -32,6 +32,8 @@ struct Header {
     /// The names and contents of the layers.
     layers: Vec<[String; 2]>,
     camera: [[f32; 16]; 2],
+    #[serde(default)]
+    squared_bias: Option<f64>,
     replicates: usize,
     samples: Vec<[u64; 2]>,
     target: Option<u64>,
@@ -129,6 +131,7 @@ impl Header {
             component_format: name_of(&ComponentFormat::NAMES, image_description.component_format),
             layers: image_description.layers.iter().map(layer).collect(),
             camera: image_description.camera,
+            squared_bias: image_description.squared_bias,
             replicates: state.tiles.first().map_or(0, Tile::replicates),
             samples: samples.iter().map(|range| [range.start, range.end]).collect(),
             target: *target,
@@ -172,6 +175,7 @@ impl Header {
             layers,
             camera: self.camera,
             integrator: self.identity.integrator.clone(),
+            squared_bias: self.squared_bias,
             seed: self.identity.seed,
         })
     }

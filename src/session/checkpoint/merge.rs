@@ -153,7 +153,8 @@ impl Checkpoint {
     /// If threads cannot be started.
     pub fn rendered(&self, threads: usize) -> Result<Rendered> {
         let pool = crate::render::thread_pool(threads)?;
-        let error = crate::render::state::estimate(&self.state.tiles, &pool);
+        let squared_bias = self.label.image_description.squared_bias;
+        let error = crate::render::state::estimate(&self.state.tiles, &pool, squared_bias);
         let layers = self.label.image_description.layers.clone();
         let alpha = self.label.image_description.pixel_format.has_alpha();
         let rendered = Rendered::new(self.state.clone(), self.label.image_description.rect, layers, alpha);

@@ -9,6 +9,7 @@ use crate::integrator::photon::{
     PhotonMap, PhotonPaths,
 };
 
+use crate::integrator::preparation::PREPARATION_RAYS;
 use crate::integrator::settings::{PathLimits, PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Counters, Preparation, Statistic};
 use crate::math::Vec3;
@@ -192,7 +193,7 @@ impl MapStatistics {
             ("caustic_photons", self.photons[1]),
             ("caustic_light_paths", self.emitted[1]),
             ("photon_map_bytes", self.bytes),
-            ("preparation_rays", counters.closest_rays as f64),
+            (PREPARATION_RAYS, counters.rays() as f64),
         ]
         .map(|(name, value)| Statistic { name, value })
         .to_vec()

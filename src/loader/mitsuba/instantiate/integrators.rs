@@ -2,6 +2,7 @@
 
 use super::{Builder, ObjectSource, unknown_plugin};
 use crate::error::Result;
+use crate::integrator::settings::{AUTO, AutoSettings};
 use crate::integrator::{PathLimits, Plugin, Settings, Source, VolpathIntegrator, aov};
 use crate::loader::mitsuba::graph::ObjectId;
 use crate::loader::mitsuba::props::Props;
@@ -36,7 +37,11 @@ impl Builder<'_> {
         object: ObjectId,
         replacement: Option<&str>,
     ) -> Result<Settings> {
-        match self.integrator(object) {
+        let settings = match Props::new(self.graph, object).object.plugin.as_str() {
+            AUTO => self.automatic(object),
+            _ => self.integrator(object),
+        };
+        match settings {
             Err(error) if replacement.is_some() => {
                 self.note(format!("the integrator of the scene is not used: {}", error.message));
             }
@@ -49,6 +54,15 @@ impl Builder<'_> {
         }
         let limits = PathLimits::read(&mut ObjectSource { builder: self, props: &props });
         Ok(Settings::Path(limits.unwrap_or_default().into()))
+    }
+
+    /// Leaves the choice of the integrator to pilots; returns what renders media and has its limits.
+    fn automatic(&mut self, object: ObjectId) -> Result<Settings> {
+        let props = Props::new(self.graph, object);
+        let (auto, limits) = AutoSettings::read(&mut ObjectSource { builder: self, props: &props })?;
+        self.finish(props);
+        self.loaded.auto = Some(auto);
+        Ok(Settings::Volpath(limits))
     }
 
     /// Returns the settings of an integrator.
@@ -71,9 +85,13 @@ impl Builder<'_> {
             false => NEAREST.iter().find(|(other, _)| *other == plugin).map(|(_, nearest)| *nearest),
         };
         let name = nearest.unwrap_or(plugin);
+        if name == AUTO {
+            let message = "auto chooses the integrator of the whole scene, and is not inside another one";
+            return Err(props.object.error(message));
+        }
         let read = Settings::read(name, &mut ObjectSource { builder: self, props: &props })?;
         let Some(settings) = read else {
-            let names = [Settings::NAMES, &[aov::MOMENT]].concat();
+            let names = [Settings::NAMES, &[aov::MOMENT, AUTO]].concat();
             return Err(unknown_plugin(props.object, &names, &MITSUBA));
         };
         if let Some(nearest) = nearest {

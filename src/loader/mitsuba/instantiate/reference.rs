@@ -2,6 +2,7 @@
 //! up and with their defaults, and every example loads without a warning.
 
 use super::{bsdfs, emitters, films, media, samplers, sensors, shapes, textures};
+use crate::integrator::settings::AUTO;
 use crate::integrator::{Settings, aov};
 use crate::loader::mitsuba::props::RECORD;
 use crate::loader::{LoadOptions, Loaded, load};
@@ -122,8 +123,8 @@ fn loaded(example: &str) -> Loaded {
 
 /// Returns what a scene means.
 fn meaning(loaded: &Loaded) -> (u64, String) {
-    let Loaded { description, integrator, sampler, samples_per_pixel, .. } = loaded;
-    (digest(description), format!("{integrator:?} {sampler:?} {samples_per_pixel:?}"))
+    let Loaded { description, integrator, auto, sampler, samples_per_pixel, .. } = loaded;
+    (digest(description), format!("{integrator:?} {auto:?} {sampler:?} {samples_per_pixel:?}"))
 }
 
 /// Returns the element that sets a parameter to its default.
@@ -193,7 +194,7 @@ fn the_reference_has_all_parameters_and_their_defaults() {
         ("bsdf", [Material::NAMES, &filters].concat()),
         ("emitter", emitters::SUPPORTED.to_vec()),
         ("film", films::SUPPORTED.to_vec()),
-        ("integrator", [Settings::NAMES, &[aov::MOMENT]].concat()),
+        ("integrator", [Settings::NAMES, &[aov::MOMENT, AUTO]].concat()),
         ("medium", media::MEDIA.to_vec()),
         ("rfilter", films::SUPPORTED_FILTERS.to_vec()),
         ("sampler", [&SamplerKind::ALL.map(SamplerKind::name)[..], &mapped].concat()),

@@ -1,0 +1,351 @@
+//! `--integrator auto`: the choice of an integrator by measurement.
+//!
+//! Each candidate renders a small image of the same view, its pilot. The candidate with the smallest product of error
+//! and cost renders the image. Pilots are thrown away. Costs are numbers of rays, weighted by what a ray of the
+//! candidate costs as a whole, so the choice is the same on every machine and in every run.
+//!
+//! The halves of a pilot show its error, but a pilot that has not found some light does not know that it is missing:
+//! before its first firefly, a caustic is a black, exact pixel. So the pilots are compared with each other in blocks of
+//! pixels. A block that is darker in one pilot than in another, by more than both know, adds to the error of the darker
+//! one. Candidates that are only consistent may be biased. What their blocks differ from those of unbiased candidates,
+//! in either direction, adds to their own error, scaled to the photon radii of the image.
+//!
+//! If the user allows a bias, `irrcache` and `photonmapper` take part, whose bias remains with any number of samples.
+//! It is measured in the same blocks, and is part of the error of the image.
+
+mod blocks;
+mod costs;
+
+pub use costs::Costs;
+
+use super::{Choices, Session};
+use crate::error::{Error, Result};
+use crate::integrator::preparation::PREPARATION_RAYS;
+use crate::integrator::settings::{AutoSettings, Plugin, WhenPays};
+use crate::integrator::{IrradianceCache, PathIntegrator, Photonmapper, Statistic};
+use crate::render::{Progress, Sinks, StopRules};
+use crate::sensor::Camera;
+use blocks::{Bias, Blocks};
+use std::fmt;
+use std::time::{Duration, Instant};
+
+/// An integrator that may be chosen.
+struct Candidate {
+    name: &'static str,
+    bias: Bias,
+    /// The exponent of the side of the image in the cost of the preparation.
+    preparation: i32,
+}
+
+impl Candidate {
+    const fn new(name: &'static str, bias: Bias) -> Self {
+        Candidate { name, bias, preparation: 0 }
+    }
+}
+
+/// The candidates. The first one is kept unless another one is clearly better. Those from [`SECOND`] on have a pilot
+/// only if it is not kept so far.
+const CANDIDATES: [Candidate; 4] = [
+    Candidate::new("path", Bias::None),
+    Candidate::new("bdpt", Bias::None),
+    Candidate::new("sppm", Bias::Vanishing),
+    Candidate::new("vcm", Bias::Vanishing),
+];
+const SECOND: usize = 3;
+/// The candidates for scenes with media that are rendered.
+const IN_MEDIA: [Candidate; 2] = [Candidate::new("volpath", Bias::None), Candidate::new("bdpt", Bias::None)];
+/// The candidates in addition if a bias is allowed. There are as many photons for all sizes of an image, and about as
+/// many irradiance records as the side of the image has pixels.
+const BIASED: [Candidate; 2] = [
+    Candidate { name: IrradianceCache::NAME, bias: Bias::Remaining, preparation: 1 },
+    Candidate { name: Photonmapper::NAME, bias: Bias::Remaining, preparation: 0 },
+];
+/// The least cost of the image, in nearest-hit queries, at which candidates with a bias have pilots: their preparation
+/// alone has some 10^7.
+const WORTH_A_PREPARATION: f64 = 1e8;
+/// The greatest share of the cost of the image that a preparation may take.
+const LARGEST_PREPARATION: f64 = 0.5;
+/// The samples of each pixel of a pilot.
+const SAMPLES: u64 = 16;
+/// The share of the samples of the image that the pilot of one candidate takes.
+const SHARE: f64 = 0.008;
+/// The numbers of pixels of a pilot. Fewer show too little of the image.
+const FEWEST_PIXELS: f64 = 3072.0;
+const MOST_PIXELS: f64 = 24576.0;
+/// The samples per pixel of the image if only its error is given, and the samples of pixels in a second if only its
+/// time is. They set the size of the pilots; the clock would make them different in each run.
+const USUAL_SAMPLES: f64 = 256.0;
+const USUAL_RATE: f64 = 1e6;
+/// Another candidate than the first one is chosen if its effort is below this share of the first one's.
+const CLEARLY: f64 = 0.8;
+
+/// How a candidate did in its pilot.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Trial {
+    /// The name of the integrator.
+    pub integrator: &'static str,
+    /// The relMSE of the pilot, with the light that it lacks. The bias is not part of it if that remains.
+    pub relmse: Option<f64>,
+    /// The cost of the pilot in nearest-hit queries of `path`, without its preparation.
+    pub cost: Option<f64>,
+    /// The bias that remains with any number of samples, as a root mean square of relative differences; 0 if there is
+    /// none.
+    pub bias: Option<f64>,
+    /// The cost at which it is expected to reach the error of the best candidate, relative to that candidate.
+    pub effort: Option<f64>,
+    /// Why it cannot render the scene, or is not tried.
+    pub refused: Option<String>,
+}
+
+/// The chosen integrator, and what was tried.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Decision {
+    /// The name of the integrator.
+    pub integrator: &'static str,
+    /// Its mean squared relative bias, if one remains with any number of samples.
+    pub squared_bias: Option<f64>,
+    /// All candidates.
+    pub trials: Vec<Trial>,
+    /// The wall-clock time of the pilots.
+    #[serde(skip)]
+    pub elapsed: Duration,
+}
+
+impl fmt::Display for Decision {
+    /// Writes the choice with all efforts: `sppm (effort to the same error: path 3.10, bdpt 4.20, sppm 1.00)`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let effort = |t: &Trial| t.effort.map(|effort| format!("{} {effort:.2}", t.integrator));
+        let mut efforts: Vec<String> = self.trials.iter().filter_map(effort).collect();
+        if let Some(bias) = self.squared_bias {
+            efforts.push(format!("bias {:.2} %, which is part of the error", 100.0 * bias.sqrt()));
+        }
+        match efforts.is_empty() {
+            true => write!(f, "{}", self.integrator),
+            false => write!(f, "{} (effort to the same error: {})", self.integrator, efforts.join(", ")),
+        }
+    }
+}
+
+/// A pilot that was rendered.
+struct Pilot {
+    relmse: Option<f64>,
+    /// The cost in nearest-hit queries of `path`, and that of the preparation.
+    cost: f64,
+    preparation: f64,
+    /// The mean squared relative bias that remains.
+    squared_bias: f64,
+    blocks: Blocks,
+}
+
+/// A candidate with its pilot, or the reason why there is none.
+type Tried = (&'static Candidate, Result<Pilot>);
+
+/// The size of the pilots, and the samples of the image.
+#[derive(Clone, Copy)]
+struct Scale {
+    /// The ratio of the sides of the pilot to those of the image.
+    side: f64,
+    /// The ratio of the samples of a pixel of the image to those of the pilot.
+    samples: f64,
+}
+
+impl Session {
+    /// Returns the names of all candidates, the first of which is the unit of costs, and whether they render media.
+    pub fn candidates(&self) -> (Vec<&'static str>, bool) {
+        let in_media = self.renders_media();
+        let biased: &[Candidate] = if in_media { &[] } else { &BIASED };
+        let all = Self::consistent_candidates(in_media).iter().chain(biased);
+        (all.map(|candidate| candidate.name).collect(), in_media)
+    }
+
+    /// Chooses the integrator for a render with the given choices, whose own integrator does not count. If a
+    /// bias is allowed, candidates whose bias is at most that take part, too.
+    ///
+    /// # Errors
+    /// If no candidate can render the scene, or the memory limit is exceeded.
+    pub fn decide(&self, choices: &Choices, auto: AutoSettings) -> Result<Decision> {
+        let started = Instant::now();
+        let in_media = self.renders_media();
+        let film = &self.camera().film;
+        // A crop has the integrator of the whole image, so that its pixels are the same.
+        let area = film.full_area() as f64;
+        let StopRules { samples, time, error } = choices.stop;
+        let of_scene = || self.defaults.samples_per_pixel.filter(|_| time.is_none() && error.is_none());
+        let samples = match (samples.or_else(of_scene), time) {
+            (Some(samples), _) => samples as f64,
+            (None, Some(time)) => time.as_secs_f64() * USUAL_RATE / area,
+            (None, None) => USUAL_SAMPLES,
+        };
+        let pixels = (area * samples * SHARE / SAMPLES as f64).clamp(FEWEST_PIXELS, MOST_PIXELS);
+        let side = (pixels / area).sqrt().min(1.0);
+        let length = |length: u32| ((f64::from(length) * side).round() as u32).max(1);
+        let mut camera = self.camera().with_size(length(film.width), length(film.height));
+        camera.film.crop = None;
+        let scale = Scale { side, samples: samples / SAMPLES as f64 };
+        let mut tried: Vec<Tried> = Vec::new();
+        for candidate in Self::consistent_candidates(in_media) {
+            if tried.len() == SECOND && choose(&efforts(&tried, scale)).is_some_and(|(chosen, _)| chosen == 0)
+            {
+                break;
+            }
+            tried.push((candidate, self.pilot(candidate, in_media, choices, &camera)));
+        }
+        if let Some(most) = auto.allow_bias.filter(|_| !in_media) {
+            for candidate in &BIASED {
+                let pilot = || self.pilot(candidate, false, choices, &camera);
+                let pilot = Self::judge(candidate, pilot, (most, error), &tried, scale);
+                tried.push((candidate, pilot));
+            }
+        }
+        let efforts = efforts(&tried, scale);
+        let Some((chosen, least)) = choose(&efforts) else {
+            let why = tried.into_iter().find_map(|(_, pilot)| pilot.err());
+            return Err(why.expect("without a pilot there is an error"));
+        };
+        let squared_bias = match &tried[chosen] {
+            (Candidate { bias: Bias::Remaining, .. }, Ok(pilot)) => Some(pilot.squared_bias),
+            _ => None,
+        };
+        let errors = errors(&tried, scale);
+        let trial = |(i, (candidate, pilot)): (usize, (&Candidate, Result<Pilot>))| Trial {
+            integrator: candidate.name,
+            relmse: errors[i],
+            cost: pilot.as_ref().ok().map(|pilot| pilot.cost),
+            bias: pilot.as_ref().ok().map(|pilot| pilot.squared_bias.sqrt()),
+            effort: efforts[i].map(|effort| if least > 0.0 { effort / least } else { 1.0 }),
+            refused: pilot.err().map(|error| error.message),
+        };
+        let integrator = tried[chosen].0.name;
+        let trials = tried.into_iter().enumerate().map(trial).collect();
+        Ok(Decision { integrator, squared_bias, trials, elapsed: started.elapsed() })
+    }
+
+    fn renders_media(&self) -> bool {
+        self.scene.media.is_some() && self.defaults.integrator.renders_media()
+    }
+
+    /// Returns the candidates without a bias that remains.
+    fn consistent_candidates(in_media: bool) -> &'static [Candidate] {
+        if in_media { &IN_MEDIA } else { &CANDIDATES }
+    }
+
+    /// Returns the pilot of a candidate with its bias, or the reason why it is no candidate. `most` is the greatest
+    /// bias, and the greatest relMSE of the image if there is a limit.
+    fn judge(
+        candidate: &Candidate,
+        pilot: impl FnOnce() -> Result<Pilot>,
+        (most, target): (f64, Option<f64>),
+        tried: &[Tried],
+        scale: Scale,
+    ) -> Result<Pilot> {
+        let efforts = efforts(tried, scale);
+        let unbiased = (0..tried.len()).filter(|&i| tried[i].0.bias == Bias::None);
+        let known = unbiased.filter_map(|i| Some((efforts[i]?, tried[i].1.as_ref().ok()?)));
+        let Some((_, exact)) = known.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+            return Err(Error::scene("its bias is unknown: no unbiased integrator can render the scene"));
+        };
+        let image = exact.cost * scale.samples;
+        if image / (scale.side * scale.side) < WORTH_A_PREPARATION {
+            return Err(Error::scene("the image takes fewer rays than its preparation"));
+        }
+        let pilot = pilot()?;
+        let share = scale.preparation(candidate, &pilot) / image;
+        if share > LARGEST_PREPARATION {
+            let percent = 100.0 * share;
+            return Err(Error::scene(format!(
+                "its preparation costs {percent:.0} % of the image without it"
+            )));
+        }
+        let [square, error] = pilot.blocks.squared_bias(&exact.blocks);
+        // What the pilots cannot exclude counts.
+        let squared_bias = square.max(0.0) + error;
+        let bias = squared_bias.sqrt();
+        if bias > most {
+            let [bias, most] = [bias, most].map(|bias| 100.0 * bias);
+            return Err(Error::scene(format!("its bias is up to {bias:.2} %, and {most} % is allowed")));
+        }
+        if target.is_some_and(|target| squared_bias > target / 2.0) {
+            return Err(Error::scene(format!(
+                "its squared bias, {squared_bias:.2e}, is near the target error"
+            )));
+        }
+        Ok(Pilot { squared_bias, ..pilot })
+    }
+
+    /// Renders the pilot of a candidate.
+    fn pilot(
+        &self,
+        candidate: &Candidate,
+        in_media: bool,
+        choices: &Choices,
+        camera: &Camera,
+    ) -> Result<Pilot> {
+        let is_path = candidate.name == PathIntegrator::NAME;
+        let choices = Choices {
+            integrator: Some(candidate.name.into()),
+            allow_bias: None,
+            stop: StopRules { samples: Some(SAMPLES), ..StopRules::default() },
+            adaptive: WhenPays::Never,
+            aov: Vec::new(),
+            samples: None,
+            path_reuse: choices.path_reuse.filter(|_| is_path),
+            path_splitting: choices.path_splitting.filter(|_| is_path),
+            path_caustics: choices.path_caustics.filter(|_| is_path),
+            path_guiding: choices.path_guiding && is_path,
+            ..choices.clone()
+        };
+        let plan = self.plan(&choices)?;
+        let rendered = self.render_through(camera, &plan, &Progress::new(), None, Sinks::default())?;
+        let of_ray = choices.costs.of(candidate.name, in_media);
+        Ok(Pilot {
+            relmse: rendered.relmse,
+            cost: of_ray * rendered.counters.cost(&self.scene),
+            preparation: of_ray * Statistic::total(&rendered.statistics, PREPARATION_RAYS),
+            squared_bias: 0.0,
+            blocks: Blocks::of(&rendered),
+        })
+    }
+}
+
+impl Scale {
+    /// Returns the cost of the preparation for the image, for each pixel of the pilot.
+    fn preparation(self, candidate: &Candidate, pilot: &Pilot) -> f64 {
+        pilot.preparation * self.side.powi(2 - candidate.preparation)
+    }
+}
+
+/// Returns the error of each pilot, with the light that it lacks.
+fn errors(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
+    // The square of the error of a density estimate within a radius is proportional to the fourth power of that.
+    let vanishing = scale.side.powi(4);
+    let all = || tried.iter().filter_map(|(c, pilot)| Some((&pilot.as_ref().ok()?.blocks, c.bias)));
+    let error = |(candidate, pilot): &Tried| {
+        let pilot = pilot.as_ref().ok()?;
+        let unknown = all().map(|other| pilot.blocks.unknown_error(candidate.bias, other, vanishing));
+        Some(pilot.relmse? + unknown.fold(0.0, f64::max))
+    };
+    tried.iter().map(error).collect()
+}
+
+/// Returns the product of error and cost of each candidate at the cost of the image by the first one, to the scale of
+/// the pilots. A preparation takes a part of that cost, and a bias does not decrease with it.
+fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
+    let first = tried.iter().find_map(|(_, pilot)| pilot.as_ref().ok());
+    let image = first.map_or(0.0, |pilot| pilot.cost * scale.samples);
+    let effort = |((candidate, pilot), error): (&Tried, Option<f64>)| {
+        let pilot = pilot.as_ref().ok()?;
+        let left = match candidate.bias {
+            Bias::Remaining => 1.0 - (scale.preparation(candidate, pilot) / image).min(LARGEST_PREPARATION),
+            Bias::None | Bias::Vanishing => 1.0,
+        };
+        Some(error? * pilot.cost / left + pilot.squared_bias * image)
+    };
+    tried.iter().zip(errors(tried, scale)).map(effort).collect()
+}
+
+/// Returns the index of the chosen candidate, and the least effort; `None` if all efforts are unknown.
+fn choose(efforts: &[Option<f64>]) -> Option<(usize, f64)> {
+    let known = efforts.iter().enumerate().filter_map(|(i, effort)| Some((i, (*effort)?)));
+    let (best, least) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some((if efforts[0].is_some_and(|first| least >= CLEARLY * first) { 0 } else { best }, least))
+}
