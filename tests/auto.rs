@@ -85,7 +85,7 @@ fn media_are_left_to_camera_paths_or_to_both_ends() {
 }
 
 /// A room whose image takes 10^8 rays. Only a corner of it is rendered.
-const ROOM: &str = "--integrator auto --size 1100x1100 --crop 512,512,16,16 --spp 16 -q";
+const ROOM: &str = "--integrator auto --size 640x640 --crop 312,312,16,16 --spp 64 -q";
 
 #[test]
 fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
