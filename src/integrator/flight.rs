@@ -70,6 +70,11 @@ impl Journey {
         Journey { medium, flight, leg: ray, before: 0.0 }
     }
 
+    /// Ends the journey at a ray parameter.
+    pub fn end_at(&mut self, t_max: f32) {
+        self.leg.t_max = t_max;
+    }
+
     /// Goes on to the next `boundary`, unless the surface `end` is reached before. Returns whether the journey goes on;
     /// if it ends in a medium, `collision` is the event.
     fn step<'a>(
@@ -120,6 +125,13 @@ pub fn follow<'a, 's>(
     mut enter: impl FnMut(usize, &Entry<'a, '_>, &FreeFlight),
 ) -> Vec<Option<Collision<'a>>> {
     let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
+    if !media.has_passed() {
+        for (i, (journey, collision)) in journeys.iter_mut().zip(&mut collisions).enumerate() {
+            let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
+            journey.step(scene, media, (None, end(i)), enter, collision);
+        }
+        return collisions;
+    }
     let mut active: Vec<usize> = (0..journeys.len()).collect();
     while !active.is_empty() {
         let legs: Vec<Ray> = active.iter().map(|&i| journeys[i].leg).collect();

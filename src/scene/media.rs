@@ -71,6 +71,11 @@ impl SceneMedia {
         self.bounds
     }
 
+    /// Returns whether there are boundaries that rays may pass without being scattered.
+    pub fn has_passed(&self) -> bool {
+        self.passed.is_some()
+    }
+
     /// Returns the nearest boundaries that rays may pass without being scattered. Hits are in the terms of
     /// [`Scene::accel`](super::Scene::accel).
     pub fn passed(&self, rays: &[Ray]) -> Vec<Option<Hit>> {

@@ -6,6 +6,7 @@ use super::equiangular::{Leg, LegPoint};
 use crate::bsdf::Lobe;
 use crate::color::Rgb;
 use crate::emitter::{LightSelection, LitRegion};
+use crate::ids::MediumId;
 use crate::integrator::flight::{Collision, Entry, Journey, before_end, follow, medium_after, surfaces};
 use crate::integrator::roulette::Roulette;
 use crate::integrator::{PathLimits, Radiance, RadianceQuery, Worker};
@@ -31,6 +32,8 @@ pub struct Tracer<'a> {
     pub query: RadianceQuery,
     /// The points that each emitter may light; `None` at infinity.
     pub regions: &'a [Option<LitRegion>],
+    /// Whether there are emitters that are not at infinity.
+    pub has_near: bool,
     /// The points of the last events at which points near emitters were sampled.
     pub leg_points: &'a [LegPoint],
 }
@@ -68,12 +71,52 @@ enum First {
 }
 
 impl<'a> Tracer<'a> {
+    /// Returns the journeys of paths from their last events, and the rays along which to find their nearest surfaces.
+    pub fn depart(
+        &self,
+        paths: &[Path],
+        numbers: impl Fn(usize) -> EventNumbers,
+    ) -> (Vec<Journey>, Vec<Ray>) {
+        let journey = |(i, path): (usize, &Path)| {
+            let EventNumbers { free_flight, flight_stream, .. } = numbers(i);
+            // Where paths end, scattering in media is loss.
+            let flight = match self.scatters(path) {
+                true => FreeFlight::sampled(path.beta, free_flight, path.ray.o, flight_stream),
+                false => FreeFlight::unscattered(flight_stream),
+            };
+            Journey::new(path.ray, path.medium, flight)
+        };
+        let journeys: Vec<Journey> = paths.iter().enumerate().map(journey).collect();
+        let rays =
+            paths.iter().zip(&journeys).map(|(path, journey)| self.ray(path, &journey.flight)).collect();
+        (journeys, rays)
+    }
+
+    /// Returns the ray of a path, shortened if surfaces behind the end of its flight do not matter. Twice the distance
+    /// leaves room for rounding.
+    fn ray(&self, path: &Path, flight: &FreeFlight) -> Ray {
+        let leaves_only_at_surfaces = |id| !self.media.has_passed() && !self.lights_near_emitters(id);
+        let medium = path.medium.filter(|id| leaves_only_at_surfaces(*id));
+        let end = medium.and_then(|id| flight.reach(self.media.get(Some(id))?));
+        let t_max = end.map(|end| (2.0 * end / f64::from(path.ray.d.length())) as f32);
+        match t_max.filter(|t_max| (f32::MIN_POSITIVE..path.ray.t_max).contains(t_max)) {
+            Some(t_max) => Ray { t_max, ..path.ray },
+            None => path.ray,
+        }
+    }
+
+    /// Returns whether points near emitters may be sampled in a medium.
+    fn lights_near_emitters(&self, medium: MediumId) -> bool {
+        self.has_near && !self.media.is_sealed(medium)
+    }
+
     /// Follows paths to their next events, at the surfaces that the worker's hits tell if a ray is not scattered
-    /// before. Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to
+    /// before. The journeys and rays are those of [`depart`](Self::depart). Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to
     /// `leg_points`. Returns the paths after the events that go on.
     pub fn events(
         &self,
         paths: &[Path],
+        (mut journeys, rays): (Vec<Journey>, &[Ray]),
         numbers: impl Fn(usize) -> EventNumbers,
         worker: &mut Worker,
         leg_points: &mut Vec<LegPoint>,
@@ -82,19 +125,10 @@ impl<'a> Tracer<'a> {
         let Worker { hits, arena, shadows, .. } = worker;
         arena.reset();
         leg_points.clear();
-        let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
-        let surfaces = surfaces(self.scene, &rays, hits);
-        let end = |i: usize| hits[i].as_ref().map_or(rays[i].t_max, |hit| hit.t);
-        let depart = |(i, path): (usize, &Path)| {
-            let EventNumbers { free_flight, flight_stream, .. } = numbers(i);
-            // Where paths end, scattering in media is loss.
-            let flight = match self.scatters(path) {
-                true => FreeFlight::sampled(path.beta, free_flight, path.ray.o, flight_stream),
-                false => FreeFlight::unscattered(flight_stream),
-            };
-            Journey::new(Ray { t_max: end(i), ..path.ray }, path.medium, flight)
-        };
-        let mut journeys: Vec<Journey> = paths.iter().enumerate().map(depart).collect();
+        let surfaces = surfaces(self.scene, rays, hits);
+        for ((journey, hit), ray) in journeys.iter_mut().zip(&*hits).zip(rays) {
+            journey.end_at(hit.as_ref().map_or(ray.t_max, |hit| hit.t));
+        }
         let mut firsts = vec![First::Ahead; paths.len()];
         let mut samples = Vec::new();
         let enter = |i: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| {
@@ -276,7 +310,7 @@ impl<'a> Tracer<'a> {
         numbers: &EventNumbers,
         samples: &mut Vec<PendingSample<'e>>,
     ) -> Option<Leg> {
-        let useful = self.query.wants(path.depth + 2) && !self.media.is_sealed(entry.id);
+        let useful = self.query.wants(path.depth + 2) && self.lights_near_emitters(entry.id);
         let near = numbers.near_emitter.filter(|_| useful);
         let (Some((u_emitter, u_distance)), Medium::Homogeneous(medium)) = (near, entry.medium) else {
             return None;

@@ -161,14 +161,15 @@ impl Integrator for VolpathIntegrator {
                 invalid.is_none()
             });
             let coherence = if bounce == 0 { wave.coherence } else { Coherence::Incoherent };
-            let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
-            intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
             numbers.draw(bounce, &paths, worker);
             let numbers = |i: usize| numbers.of(i, bounce);
             std::mem::swap(&mut leg_points, &mut last_leg_points);
             let (limits, regions) = (self.limits, &self.regions);
-            let tracer = Tracer { scene, media, limits, query, regions, leg_points: &last_leg_points };
-            paths = tracer.events(&paths, numbers, worker, &mut leg_points, out);
+            let tracer =
+                Tracer { scene, media, limits, query, regions, has_near, leg_points: &last_leg_points };
+            let (journeys, rays) = tracer.depart(&paths, numbers);
+            intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
+            paths = tracer.events(&paths, (journeys, &rays), numbers, worker, &mut leg_points, out);
             worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
             bounce += 1;
         }
