@@ -30,7 +30,7 @@ fn the_image_is_that_of_the_chosen_integrator_for_all_threads() {
     assert!(whole.data == chosen.data);
     assert_eq!(decide_in(&folder, "s.xml", "--spp 16 -t 3"), (name.clone(), trials));
     let run = folder.render("s.xml --integrator auto --spp 16 -o auto.exr");
-    let note = format!("buffon: note: auto: {name} (effort to the same error: path ");
+    let note = format!("buffon: note: auto: {name} (error at the same cost: path ");
     assert!(run.stderr.contains(&note), "{run:?}");
 }
 
@@ -127,6 +127,37 @@ fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
     let merged = image::read(&folder.path("merged.exr")).expect("an image");
     let known = |image: &image::Image| image.metadata.get("buffon:bias").cloned();
     assert!(known(&merged).is_some() && known(&merged) == known(&a) && known(&b).is_none());
+    assert!(folder.run("info c").stdout.contains(", bias "));
+    let target =
+        folder.run(&format!("render {scene} {ROOM} --target-error 1e-9 --checkpoint c --resume -o d.exr"));
+    assert!(target.code == 2 && target.stderr.contains("is above half of it"), "{target:?}");
+    // A part whose bias nobody has measured does not hide that of the others.
+    for (name, integrator) in [("d", "auto --allow-bias 0.1 --auto-costs costs.json"), ("e", "irrcache")] {
+        let range = if name == "d" { "0..32" } else { "32..64" };
+        folder.render(&format!(
+            "{scene} {} --sample-range {range} --checkpoint {name} -o {name}.exr",
+            ROOM.replace("auto", integrator)
+        ));
+    }
+    for order in ["d e", "e d"] {
+        assert_eq!(folder.run(&format!("merge {order} -o both.exr -q")).code, 0);
+        assert_eq!(known(&image::read(&folder.path("both.exr")).expect("an image")), known(&a), "{order}");
+    }
+}
+
+/// Rays pass panes with other candidates.
+#[test]
+fn behind_panes_nothing_with_a_bias_is_chosen() {
+    let pane = r#"<shape type="rectangle"><transform name="to_world"><translate z="1"/></transform>
+        <bsdf type="thindielectric"/></shape></scene>"#;
+    let scene = crate::support::cli::SCENE;
+    let emitter = scene.find("<emitter type=\"point\">").expect("a point emitter");
+    let end = emitter + scene[emitter..].find("</emitter>").expect("its end") + "</emitter>".len();
+    let scene = format!("{}{}", &scene[..emitter], &scene[end..]).replace(r#"value="6""#, r#"value="32""#);
+    let folder = Folder::with(&scene.replace("</scene>", pane));
+    let (name, trials) = decide_in(&folder, "s.xml", "--allow-bias 0.5 --spp 65536 --sample-range 0..2");
+    assert!(!["irrcache", "photonmapper"].contains(&name.as_str()));
+    assert_eq!(trials.to_string().matches("do not pass thin panes").count(), 2, "{trials}");
 }
 
 #[test]
@@ -177,6 +208,8 @@ fn wrong_options_of_the_choice_are_explained() {
         ("name.json", r#"{"surfaces": {"pth": 1}}"#),
         ("zero.json", r#"{"media": {"bdpt": 0}}"#),
         ("table.json", r#"{"surface": {}}"#),
+        ("unit.json", r#"{"surfaces": {"path": 2}}"#),
+        ("empty.json", "{}"),
     ] {
         folder.write(name, text.as_bytes());
     }
@@ -185,6 +218,9 @@ fn wrong_options_of_the_choice_are_explained() {
         ("--integrator irrcache --allow-bias 0.01", "--allow-bias: only --integrator auto measures a bias"),
         ("--integrator auto --allow-bias 1", "expected a number between 0 and 1"),
         ("--integrator auto --cache c", "--cache: expected the name of an integrator, found auto"),
+        ("--integrator auto --allow-bias -0.1", "expected a number between 0 and 1"),
+        ("--integrator path --auto-costs empty.json", "--auto-costs: only --integrator auto compares costs"),
+        ("--integrator auto --auto-costs unit.json", "of path, which is the unit: expected 1"),
         ("--integrator auto --auto-costs none.json", "none.json: cannot be read"),
         ("--integrator auto --auto-costs text.json", "text.json: is no table of costs"),
         ("--integrator auto --auto-costs name.json", "never chosen (did you mean \"path\"?)"),

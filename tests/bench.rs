@@ -230,4 +230,16 @@ fn a_calibration_is_a_file_for_the_automatic_choice() {
     let both = "s.xml --integrators path,auto --allow-bias 0.01 --auto-costs costs.json --accels auto";
     let text = bench(&folder, &format!("{both} --budgets 2 --runs 1 --reference-time 0.3s -q")).stdout;
     assert!(text.contains("auto"), "{text}");
+    for (options, sentence) in [
+        ("s.xml --calibrate s.xml", "--calibrate s.xml: it is a file of a scene"),
+        ("s.xml none.xml --calibrate a.json", "none.xml"),
+        ("s.xml --integrators path --allow-bias 0.1", "--allow-bias: only the integrator auto uses it"),
+        (
+            "s.xml --integrators path --auto-costs costs.json",
+            "--auto-costs: only the integrator auto uses it",
+        ),
+    ] {
+        let run = run(&folder, &format!("bench {options} -q"));
+        assert!(run.code != 0 && run.stderr.contains(sentence), "{options}: {run:?}");
+    }
 }

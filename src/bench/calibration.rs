@@ -1,11 +1,14 @@
 //! `buffon bench --calibrate`: what a ray of each integrator costs on this machine.
 
-use super::{Options, load};
+use super::{Options, load, warn};
 use crate::accel::AccelKind;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::integrator::settings::AUTO;
 use crate::render::{Progress, StopReason};
 use crate::session::{Choices, Costs, Session};
+use crate::util::is_same_file;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// The costs for each ray in one scene.
 pub struct SceneCosts {
@@ -31,13 +34,28 @@ pub struct Calibration {
 /// returns `None` if interrupted. Only the time of sampling counts.
 ///
 /// # Errors
-/// If a scene cannot be loaded or compiled.
-pub fn calibrate(options: &Options, progress: &Progress, tell: &dyn Fn(&str)) -> Result<Option<Calibration>> {
-    let mut scenes = Vec::new();
+/// If a scene cannot be loaded or compiled, or `output` is one of its files.
+pub fn calibrate(
+    options: &Options,
+    output: &Path,
+    progress: &Progress,
+    tell: &dyn Fn(&str),
+) -> Result<Option<Calibration>> {
+    // An error in the last scene is reported at the start.
     for path in &options.scenes {
         let file = load(path, options)?;
+        if file.files.iter().chain([path]).any(|part| is_same_file(part, output)) {
+            return Err(Error::usage(format!("--calibrate {}: it is a file of a scene", output.display())));
+        }
+    }
+    let mut scenes = Vec::new();
+    for path in &options.scenes {
+        let mut file = load(path, options)?;
+        file.pass_panes([AUTO]);
+        warn(&file, tell);
         tell(&format!("{}: calibrating", path.display()));
         let session = file.compile(AccelKind::Auto, options.threads)?;
+        session.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
         let name = super::name_of(path);
         let Some(scene) = measure(name, &session, options, progress)? else { return Ok(None) };
         scenes.push(scene);
@@ -76,7 +94,7 @@ fn measure(
                 ..Choices::default()
             };
             let Ok(plan) = session.plan(&choices) else { continue };
-            let rendered = session.render(&plan, progress)?;
+            let Ok(rendered) = session.render(&plan, progress) else { continue };
             if rendered.stop_reason == StopReason::Interrupted {
                 return Ok(None);
             }

@@ -46,8 +46,8 @@ pub struct Options {
     pub integrators: Vec<String>,
     /// The greatest bias of an integrator that `auto` may choose; none if `None`.
     pub allow_bias: Option<f64>,
-    /// What a ray of each candidate of `auto` costs.
-    pub costs: Costs,
+    /// What a ray of each candidate of `auto` costs; the table of the program if `None`.
+    pub costs: Option<Costs>,
     /// Samplers; if empty, each scene's own is used.
     pub samplers: Vec<SamplerKind>,
     /// The traversals.
@@ -182,6 +182,12 @@ fn load(path: &Path, options: &Options) -> Result<SceneFile> {
     Ok(file)
 }
 
+/// Tells what is wrong with a scene file, or not rendered as it asks for.
+fn warn(file: &SceneFile, tell: &dyn Fn(&str)) {
+    file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
+    file.approximations.iter().chain(&file.notes).for_each(|note| tell(&format!("note: {note}")));
+}
+
 /// Measures one scene; returns `None` if it was interrupted before the first measurement.
 fn bench_scene(
     path: &Path,
@@ -192,8 +198,15 @@ fn bench_scene(
     let name = path.display();
     let mut file = load(path, options)?;
     file.pass_panes(options.integrators.iter().map(String::as_str));
-    file.warnings.iter().for_each(|w| tell(&format!("warning: {w}")));
-    file.approximations.iter().chain(&file.notes).for_each(|note| tell(&format!("note: {note}")));
+    warn(&file, tell);
+    let of_scene = file.defaults.integrator_name();
+    let is_auto = |integrator: &Option<String>| integrator.as_deref().unwrap_or(of_scene) == AUTO;
+    let integrators = some_or_default(&options.integrators);
+    let Options { allow_bias, costs, .. } = options;
+    if !integrators.iter().any(is_auto) && (allow_bias.is_some() || costs.is_some()) {
+        let option = if allow_bias.is_some() { "--allow-bias" } else { "--auto-costs" };
+        return Err(Error::usage(format!("{option}: only the integrator auto uses it")));
+    }
     let key = cache::key(&file);
     let mut sessions: Vec<_> = options
         .accels
@@ -207,13 +220,13 @@ fn bench_scene(
         sessions.retain(|(accel, s)| *accel != AccelKind::Auto || !s.as_ref().is_ok_and(is_tree));
     }
     let mut candidates = Vec::new();
-    for integrator in some_or_default(&options.integrators) {
+    for integrator in integrators {
         for sampler in some_or_default(&options.samplers) {
             for (accel, session) in &sessions {
                 let choices = Choices {
                     integrator: integrator.clone(),
-                    allow_bias: options.allow_bias.filter(|_| integrator.as_deref() == Some(AUTO)),
-                    costs: options.costs.clone(),
+                    allow_bias: allow_bias.filter(|_| is_auto(&integrator)),
+                    costs: costs.clone().filter(|_| is_auto(&integrator)),
                     sampler,
                     replace_independent: true,
                     seed: options.seed,

@@ -113,7 +113,7 @@ pub fn run(args: &BenchArgs) -> Result<u8> {
 fn calibrate(args: &BenchArgs, options: &Options, file: &Path) -> Result<u8> {
     util::check_replaceable(file)?;
     let (progress, tell) = begin(args, options.threads)?;
-    match bench::calibrate(options, &progress, &tell)? {
+    match bench::calibrate(options, file, &progress, &tell)? {
         Some(calibration) => {
             super::print(&bench::calibration_text(&calibration))?;
             util::replace(file, calibration.costs.to_json().as_bytes())?;

@@ -61,18 +61,20 @@ impl Checkpointing {
         Ok(Some(Checkpointing { path, label, first, resumed, quiet: args.quiet }))
     }
 
-    /// Lets a resumed render with the integrator `auto` keep the one that was chosen when it began, and its bias.
+    /// Lets a resumed render keep the bias that is known. With `auto` it keeps the integrator that was chosen when it
+    /// began.
     ///
     /// # Errors
     /// If the file cannot be read.
     pub fn keep_integrator(args: &RenderArgs, session: &Session, choices: &mut Choices) -> Result<()> {
         let begun = args.checkpoint.as_ref().filter(|path| args.resume && path.exists());
+        let Some(path) = begun else { return Ok(()) };
+        let CheckpointLabel { identity, image_description, .. } = file::label(path)?;
         let name = choices.integrator.as_deref().unwrap_or_else(|| session.defaults.integrator_name());
-        if let Some(path) = begun.filter(|_| name == AUTO) {
-            let CheckpointLabel { identity, image_description, .. } = file::label(path)?;
+        choices.squared_bias = image_description.squared_bias;
+        if name == AUTO {
             choices.integrator = Some(identity.integrator);
-            choices.squared_bias = image_description.squared_bias;
-            choices.allow_bias = None;
+            (choices.allow_bias, choices.costs) = (None, None);
         }
         Ok(())
     }

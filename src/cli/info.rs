@@ -14,7 +14,7 @@ use crate::render::Progress;
 use crate::scene::Scene;
 use crate::sensor::SensorSettings;
 use crate::session::checkpoint::{self, Checkpoint, CheckpointLabel};
-use crate::session::{Choices, RenderMemory, SceneFile, Session};
+use crate::session::{Choices, RenderMemory, SceneFile, Session, percent};
 use crate::shape::WorldShape;
 use clap::Args;
 use std::collections::BTreeMap;
@@ -88,10 +88,12 @@ fn describe_checkpoint(checkpoint: &Checkpoint) -> String {
     let rect = image_description.rect;
     let of = target.map_or_else(String::new, |n| format!(" of {}", counted(n, "sample", "samples")));
     let seconds = checkpoint.state.elapsed.as_secs_f64();
+    let bias = image_description.squared_bias.map(|square| format!(", bias {}", percent(square.sqrt())));
+    let bias = bias.unwrap_or_default();
     let lines = [
         ("made by", format!("Buffon {}", identity.version)),
         ("scene", format!("{:016x}, view {:016x}", identity.scene, identity.view)),
-        ("integrator", format!("{}, settings {:016x}", identity.integrator, identity.settings)),
+        ("integrator", format!("{}, settings {:016x}{bias}", identity.integrator, identity.settings)),
         ("sampler", format!("{}, seed {}", identity.sampler, identity.seed)),
         ("traversal", identity.accel.clone()),
         ("image", format!("{}x{} at ({}, {})", rect.width, rect.height, rect.x, rect.y)),

@@ -64,7 +64,7 @@ impl SceneArgs {
 pub struct AutoArgs {
     /// Let --integrator auto choose irrcache or photonmapper, too, if their bias in a pilot is at most this (0.01 is
     /// 1 %: a root mean square of relative differences). The bias is part of the error that is reported
-    #[arg(long, value_name = "BIAS", value_parser = values::fraction)]
+    #[arg(long, value_name = "BIAS", allow_negative_numbers = true, value_parser = values::fraction)]
     pub allow_bias: Option<f64>,
     /// What a ray of each integrator costs, for --integrator auto: a file that `buffon bench --calibrate` has written
     /// [default: a table of the program]
@@ -77,8 +77,8 @@ impl AutoArgs {
     ///
     /// # Errors
     /// As [`Costs::read`].
-    pub fn costs(&self) -> Result<Costs> {
-        Ok(self.auto_costs.as_deref().map(Costs::read).transpose()?.unwrap_or_default())
+    pub fn costs(&self) -> Result<Option<Costs>> {
+        self.auto_costs.as_deref().map(Costs::read).transpose()
     }
 }
 

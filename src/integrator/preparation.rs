@@ -49,13 +49,26 @@ pub struct Statistic {
     pub value: f64,
 }
 
-/// The name of the number of rays that a preparation has traced.
-pub const PREPARATION_RAYS: &str = "preparation_rays";
+/// The names of the numbers of rays that a preparation has traced: nearest-hit and occlusion queries.
+const RAYS: [&str; 2] = ["preparation_rays", "preparation_shadow_rays"];
 
 impl Statistic {
-    /// Returns the sum of the values with a name.
-    pub fn total(statistics: &[Statistic], name: &str) -> f64 {
-        statistics.iter().filter(|statistic| statistic.name == name).map(|statistic| statistic.value).sum()
+    /// Returns the statistics of the rays of a preparation.
+    pub fn of_rays(counters: &Counters) -> [Statistic; 2] {
+        let [closest, occlusion] = [counters.closest_rays, counters.occlusion_rays].map(|rays| rays as f64);
+        [Statistic { name: RAYS[0], value: closest }, Statistic { name: RAYS[1], value: occlusion }]
+    }
+
+    /// Returns the numbers of rays of a preparation, from its statistics.
+    pub fn rays(statistics: &[Statistic]) -> Counters {
+        let rays =
+            |name| statistics.iter().filter(|of| of.name == name).map(|of| of.value as u64).sum::<u64>();
+        Counters { closest_rays: rays(RAYS[0]), occlusion_rays: rays(RAYS[1]), ..Counters::default() }
+    }
+
+    /// Returns whether it is a number of rays.
+    pub fn is_rays(&self) -> bool {
+        RAYS.contains(&self.name)
     }
 }
 

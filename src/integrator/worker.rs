@@ -31,11 +31,6 @@ pub struct Counters {
 }
 
 impl Counters {
-    /// Returns the number of rays.
-    pub fn rays(&self) -> u64 {
-        self.closest_rays + self.occlusion_rays
-    }
-
     /// Returns the cost of the rays in nearest-hit queries, the same on every machine.
     pub fn cost(&self, scene: &Scene) -> f64 {
         self.closest_rays as f64 + scene.occlusion_cost * self.occlusion_rays as f64

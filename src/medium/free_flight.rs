@@ -97,8 +97,8 @@ impl FreeFlight {
         self.end.is_finite()
     }
 
-    /// Returns the distance at which the flight ends in a medium that has no end; `None` if it does not end there, or if
-    /// that is not known beforehand.
+    /// Returns the distance at which the flight ends in a medium that has no end; `None` if it does not end there, or
+    /// if that is not known beforehand.
     pub fn reach(&self, medium: &Medium) -> Option<f64> {
         let Medium::Homogeneous(medium) = medium else { return None };
         let distance = (self.end - self.scattering[self.channel]) / f64::from(medium.sigma_t[self.channel]);

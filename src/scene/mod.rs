@@ -214,6 +214,11 @@ impl Scene {
         }
     }
 
+    /// Returns whether rays pass thin panes as they pass holes.
+    pub fn passes_panes(&self) -> bool {
+        self.materials.iter().any(SceneMaterial::is_pane)
+    }
+
     /// Returns the BSDF at a surface point for the direction `wo` to the viewer, in the point's frame; without `wo`,
     /// for light scattered towards unknown viewers (see [`Bsdf::sample_adjoint`]). A BSDF that varies over the
     /// surface is allocated in the arena.

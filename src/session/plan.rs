@@ -1,6 +1,7 @@
 //! The settings of a render, from the user's choices and the scene file.
 
-use super::{Costs, Decision, Session};
+use super::Session;
+use super::auto::{Costs, Decision, leaves_room, percent};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
@@ -20,8 +21,8 @@ pub struct Choices {
     pub integrator: Option<String>,
     /// The greatest root mean square of relative bias of an integrator that `auto` may choose; none if `None`.
     pub allow_bias: Option<f64>,
-    /// What a ray of each candidate of `auto` costs.
-    pub costs: Costs,
+    /// What a ray of each candidate of `auto` costs; the table of the program if `None`.
+    pub costs: Option<Costs>,
     /// The mean squared relative bias of the integrator, if it was measured when the render began.
     pub squared_bias: Option<f64>,
     /// The sampler.
@@ -75,7 +76,7 @@ pub(super) fn states_variances(layers: &[Layer]) -> bool {
 }
 
 /// The samples per pixel if neither the scene nor the user sets them.
-const DEFAULT_SPP: u64 = 64;
+pub(super) const DEFAULT_SPP: u64 = 64;
 /// The integrators that need only rays of a camera: neither light paths to it nor the extent of its pixels.
 const RAYS_ONLY: [&str; 8] = ["path", "volpath", "direct", "whitted", "distribution", "ao", "depth", "aov"];
 
@@ -124,6 +125,15 @@ impl Session {
             Some(decision) => decision.squared_bias,
             None => choices.squared_bias,
         };
+        if let (Some(squared_bias), Some(target)) = (squared_bias, stop.error)
+            && !leaves_room(squared_bias, target)
+        {
+            let bias = percent(squared_bias.sqrt());
+            return Err(Error::usage(format!(
+                "--target-error {target}: the squared bias of {}, which is {bias}, is above half of it",
+                integrator.name()
+            )));
+        }
         let job =
             JobSettings { sampler, seed: choices.seed, threads: self.threads, stop, layers, squared_bias };
         let adaptive = match (choices.adaptive, obstacle_to_rates(created.as_ref(), kind)) {
@@ -155,9 +165,14 @@ impl Session {
             Some(_) => None,
         };
         let Some(auto) = auto else {
-            return match choices.allow_bias {
-                None => Ok(None),
-                Some(_) => Err(Error::usage("--allow-bias: only --integrator auto measures a bias")),
+            return match choices {
+                Choices { allow_bias: Some(_), .. } => {
+                    Err(Error::usage("--allow-bias: only --integrator auto measures a bias"))
+                }
+                Choices { costs: Some(_), .. } => {
+                    Err(Error::usage("--auto-costs: only --integrator auto compares costs"))
+                }
+                _ => Ok(None),
             };
         };
         if choices.cache.is_some() {

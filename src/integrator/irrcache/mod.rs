@@ -27,7 +27,7 @@ pub mod record;
 mod shading;
 pub mod weight;
 
-use super::preparation::{PREPARATION_RAYS, reject_motion};
+use super::preparation::reject_motion;
 use super::settings::{Aov, PathLimits, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source};
 use super::{
     Counters, Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic,
@@ -210,9 +210,9 @@ impl IrradianceCache {
         widened
     }
 
-    /// Adds the records that the view needs, and returns the number of rays. The coarse records come first, because the
+    /// Adds the records that the view needs, and counts the rays. The coarse records come first, because the
     /// hemispheres of the fine ones use them.
-    fn extend(&self, contents: &mut CacheContents, preparation: &Preparation<'_>) -> u64 {
+    fn extend(&self, contents: &mut CacheContents, preparation: &Preparation<'_>, rays: &mut Counters) {
         let bounds = preparation.scene.bounds;
         let replicates = preparation.sampler.replicates();
         contents.fine.resize(replicates as usize, Vec::new());
@@ -220,7 +220,6 @@ impl IrradianceCache {
         let settings = IrrcacheSettings { quality: COARSE * self.settings.quality, ..self.settings.clone() };
         // All replicates run at the same time, so that threads stay busy while one replicate has little parallel
         // work.
-        let mut rays = 0;
         let mut all = |settings: &IrrcacheSettings,
                        child: &dyn Integrator,
                        level: RecordLevel,
@@ -230,7 +229,7 @@ impl IrradianceCache {
             let known: Vec<_> = (0..replicates).zip(known).collect();
             let added = preparation.pool.install(|| known.into_par_iter().map(run).collect::<Vec<_>>());
             let (records, counters): (Vec<_>, Vec<_>) = added.into_iter().unzip();
-            rays += counters.iter().map(Counters::rays).sum::<u64>();
+            counters.iter().for_each(|counters| rays.merge(counters));
             records
         };
         contents.coarse =
@@ -240,7 +239,6 @@ impl IrradianceCache {
         let caustics = self.fine.caustics.clone();
         let traced = CachedPath { caches, path, only_cached: false, caustics, far_only: true };
         contents.fine = all(&self.settings, &traced, RecordLevel::Fine, std::mem::take(&mut contents.fine));
-        rays
     }
 }
 
@@ -321,9 +319,9 @@ impl Integrator for IrradianceCache {
         let mut contents = self.contents(preparation)?;
         let view = preparation.cache.as_ref().map_or(0, |file| file.view);
         let of_child = self.child.statistics();
-        let mut rays = Statistic::total(&of_child, PREPARATION_RAYS);
+        let mut rays = Statistic::rays(&of_child);
         if self.settings.overture && !contents.views.contains(&view) {
-            rays += self.extend(&mut contents, preparation) as f64;
+            self.extend(&mut contents, preparation, &mut rays);
             contents.views.push(view);
             if let Some(file) = preparation.cache.as_ref().filter(|_| !preparation.interrupt.is_raised()) {
                 file::save(&file.path, &contents)?;
@@ -341,9 +339,9 @@ impl Integrator for IrradianceCache {
             Statistic { name: "irradiance_records", value: count as f64 },
             Statistic { name: "irradiance_records_coarse", value: coarse_count as f64 },
             Statistic { name: "irradiance_cache_bytes", value: bytes as f64 },
-            Statistic { name: PREPARATION_RAYS, value: rays },
         ];
-        self.statistics.extend(of_child.into_iter().filter(|of_child| of_child.name != PREPARATION_RAYS));
+        self.statistics.extend(Statistic::of_rays(&rays));
+        self.statistics.extend(of_child.into_iter().filter(|of_child| !of_child.is_rays()));
         Ok(())
     }
 

@@ -111,8 +111,9 @@ impl<'a> Tracer<'a> {
     }
 
     /// Follows paths to their next events, at the surfaces that the worker's hits tell if a ray is not scattered
-    /// before. The journeys and rays are those of [`depart`](Self::depart). Adds the light that they find to `out`, shadow rays to the worker, and points near emitters to
-    /// `leg_points`. Returns the paths after the events that go on.
+    /// before. The journeys and rays are those of [`depart`](Self::depart). Adds the light that they find to `out`,
+    /// shadow rays to the worker, and points near emitters to `leg_points`. Returns the paths after the events that go
+    /// on.
     pub fn events(
         &self,
         paths: &[Path],

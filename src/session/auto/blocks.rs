@@ -11,6 +11,9 @@ const LACKS: f64 = 8.0;
 /// The number of standard errors by which a block may be wrong.
 const DEVIATIONS: f64 = 2.0;
 
+/// The least number of blocks that show the standard error of a bias.
+const FEWEST_BLOCKS: usize = 16;
+
 /// What the expected image of a candidate differs by from the exact one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bias {
@@ -52,10 +55,14 @@ impl Blocks {
         Blocks(blocks)
     }
 
-    /// Returns the relMSE that the halves of this pilot do not show but another pilot does. `scale` is the factor from
-    /// a squared bias of the pilot that vanishes to that of the image.
+    /// Returns the relMSE that the halves of this pilot do not show but another pilot does, as far as it is not a bias
+    /// that remains: [`squared_bias`](Self::squared_bias) has that. `scale` is the factor from a squared bias of the
+    /// pilot that vanishes to that of the image.
     pub fn unknown_error(&self, bias: Bias, (other, other_bias): (&Self, Bias), scale: f64) -> f64 {
         let exact = |bias| bias == Bias::None;
+        if other_bias == Bias::Remaining || (bias == Bias::Remaining && exact(other_bias)) {
+            return 0.0;
+        }
         // No sample of a block has found the light, or too few. If pixels are independent, the variance of a pixel is
         // that of the block times their number. The photons of a block are the same for all of its pixels.
         let of_light = if exact(bias) { f64::from(BLOCK * BLOCK) } else { 1.0 };
@@ -79,8 +86,12 @@ impl Blocks {
     }
 
     /// Returns an estimate of the mean squared relative difference of the expected image from that of an unbiased
-    /// pilot, and its standard error. Without a difference, the expected estimate is 0.
-    pub fn squared_bias(&self, exact: &Self) -> [f64; 2] {
+    /// pilot, and its standard error; `None` if there are too few blocks for that. The pilots have independent random
+    /// numbers. Without a difference, the expected estimate is 0.
+    pub fn squared_bias(&self, exact: &Self) -> Option<[f64; 2]> {
+        if self.0.len() < FEWEST_BLOCKS {
+            return None;
+        }
         let of_block = |(mine, theirs): (&[[f64; 2]; 3], &[[f64; 2]; 3])| {
             let of_channel = |c: usize| {
                 let ([mine, my_error], [theirs, their_error]) = (mine[c], theirs[c]);
@@ -95,7 +106,7 @@ impl Blocks {
         let n = squares.len() as f64;
         let mean = squares.iter().sum::<f64>() / n;
         let variance = squares.iter().map(|square| (square - mean) * (square - mean)).sum::<f64>();
-        [mean, (variance / (n * (n - 1.0).max(1.0))).sqrt()]
+        Some([mean, (variance / (n * (n - 1.0))).sqrt()])
     }
 }
 
@@ -122,7 +133,6 @@ mod tests {
             (Bias::None, Bias::None, 64.0),
             (Bias::None, Bias::Vanishing, 64.0),
             (Bias::Vanishing, Bias::None, 1.0),
-            (Bias::Remaining, Bias::None, 1.0),
         ] {
             let found = unknown(&dark, bias, &bright, other);
             assert!((found / (pixels * expected) - 1.0).abs() < 1e-9, "{found}");
@@ -144,9 +154,12 @@ mod tests {
         assert!((found - 0.25 * 0.01 / 1.01).abs() < 1e-9, "{found}");
         assert_eq!(unknown(&exact, Bias::None, &biased, Bias::Vanishing), 0.0);
         assert_eq!(unknown(&biased, Bias::Vanishing, &exact, Bias::Vanishing), 0.0);
-        // One that remains is measured by itself.
+        // One that remains is measured by itself, with some blocks at least, and is no witness.
         assert_eq!(unknown(&biased, Bias::Remaining, &exact, Bias::None), 0.0);
-        assert!((grey(&biased).squared_bias(&grey(&exact))[0] - 0.01 / 1.01).abs() < 1e-9);
+        assert_eq!(unknown(&[[0.0, 0.0]], Bias::None, &[[1.0, 0.0]], Bias::Remaining), 0.0);
+        let [many, of_exact] = [biased, exact].map(|blocks| grey(&blocks.repeat(8)));
+        assert!((many.squared_bias(&of_exact).expect("a bias")[0] - 0.01 / 1.01).abs() < 1e-9);
+        assert_eq!(grey(&biased).squared_bias(&grey(&exact)), None);
     }
 
     /// Blocks with noise of known standard deviation, and standard errors from two halves.
@@ -165,7 +178,7 @@ mod tests {
             grey(&(0..N).map(block).collect::<Vec<_>>())
         };
         for bias in [0.0, 0.05] {
-            let [found, error] = blocks(1, bias).squared_bias(&blocks(2, 0.0));
+            let [found, error] = blocks(1, bias).squared_bias(&blocks(2, 0.0)).expect("many blocks");
             let expected = bias * bias / 1.01;
             assert!((found - expected).abs() < 4.0 * error + 1e-4, "{bias}: {found} +- {error}");
             assert!(error < 1e-3, "{bias}: {error}");

@@ -14,6 +14,9 @@ const SURFACES: [(&str, f64); 6] =
 /// The table for scenes with media, relative to `volpath`: means over the scenes of decision 0084.
 const MEDIA: [(&str, f64); 2] = [("volpath", 1.0), ("bdpt", 1.1)];
 
+/// The integrators whose cost is 1, each in its table.
+const UNITS: [&str; 2] = ["path", "volpath"];
+
 /// What everything costs for each unit of the cost of the rays, by the names of integrators.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -53,6 +56,11 @@ impl Costs {
                 };
                 if !(cost > 0.0 && cost.is_finite()) {
                     return Err(refuse(format!("has the cost {cost} of {name}, expected a positive number")));
+                }
+                if UNITS.contains(&name.as_str()) && cost != 1.0 {
+                    return Err(refuse(format!(
+                        "has the cost {cost} of {name}, which is the unit: expected 1"
+                    )));
                 }
                 *own = cost;
             }

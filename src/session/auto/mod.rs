@@ -18,9 +18,9 @@ mod costs;
 
 pub use costs::Costs;
 
+use super::plan::DEFAULT_SPP;
 use super::{Choices, Session};
 use crate::error::{Error, Result};
-use crate::integrator::preparation::PREPARATION_RAYS;
 use crate::integrator::settings::{AutoSettings, Plugin, WhenPays};
 use crate::integrator::{IrradianceCache, PathIntegrator, Photonmapper, Statistic};
 use crate::render::{Progress, Sinks, StopRules};
@@ -60,6 +60,8 @@ const BIASED: [Candidate; 2] = [
     Candidate { name: IrradianceCache::NAME, bias: Bias::Remaining, preparation: 1 },
     Candidate { name: Photonmapper::NAME, bias: Bias::Remaining, preparation: 0 },
 ];
+/// Makes the random numbers of pilots whose bias is measured others than those of the pilots beside them.
+const OTHER_SEED: u64 = 0x6269_6173;
 /// The least cost of the image, in nearest-hit queries, at which candidates with a bias have pilots: their preparation
 /// alone has some 10^7.
 const WORTH_A_PREPARATION: f64 = 1e8;
@@ -84,14 +86,15 @@ const CLEARLY: f64 = 0.8;
 pub struct Trial {
     /// The name of the integrator.
     pub integrator: &'static str,
-    /// The relMSE of the pilot, with the light that it lacks. The bias is not part of it if that remains.
+    /// The relMSE of the pilot, with the light that it lacks. A bias that remains is not part of it.
     pub relmse: Option<f64>,
     /// The cost of the pilot in nearest-hit queries of `path`, without its preparation.
     pub cost: Option<f64>,
     /// The bias that remains with any number of samples, as a root mean square of relative differences; 0 if there is
     /// none.
     pub bias: Option<f64>,
-    /// The cost at which it is expected to reach the error of the best candidate, relative to that candidate.
+    /// The error at the same cost, that of the image by the first candidate, relative to the best candidate. Without a
+    /// bias it is also the cost to the same error.
     pub effort: Option<f64>,
     /// Why it cannot render the scene, or is not tried.
     pub refused: Option<String>,
@@ -112,18 +115,25 @@ pub struct Decision {
 }
 
 impl fmt::Display for Decision {
-    /// Writes the choice with all efforts: `sppm (effort to the same error: path 3.10, bdpt 4.20, sppm 1.00)`.
+    /// Writes the choice with all efforts: `sppm (error at the same cost: path 3.10, bdpt 4.20, sppm 1.00)`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let effort = |t: &Trial| t.effort.map(|effort| format!("{} {effort:.2}", t.integrator));
-        let mut efforts: Vec<String> = self.trials.iter().filter_map(effort).collect();
-        if let Some(bias) = self.squared_bias {
-            efforts.push(format!("bias {:.2} %, which is part of the error", 100.0 * bias.sqrt()));
+        let efforts: Vec<String> = self.trials.iter().filter_map(effort).collect();
+        f.write_str(self.integrator)?;
+        if !efforts.is_empty() {
+            write!(f, " (error at the same cost: {})", efforts.join(", "))?;
         }
-        match efforts.is_empty() {
-            true => write!(f, "{}", self.integrator),
-            false => write!(f, "{} (effort to the same error: {})", self.integrator, efforts.join(", ")),
+        if let Some(square) = self.squared_bias {
+            write!(f, "; its bias, {}, is part of the error", percent(square.sqrt()))?;
         }
+        Ok(())
     }
+}
+
+/// Returns a number as a percentage.
+pub fn percent(x: f64) -> String {
+    let percent = 100.0 * x;
+    if percent >= 0.01 { format!("{percent:.2} %") } else { format!("{percent:.1e} %") }
 }
 
 /// A pilot that was rendered.
@@ -171,20 +181,24 @@ impl Session {
         let area = film.full_area() as f64;
         let StopRules { samples, time, error } = choices.stop;
         let of_scene = || self.defaults.samples_per_pixel.filter(|_| time.is_none() && error.is_none());
-        let samples = match (samples.or_else(of_scene), time) {
-            (Some(samples), _) => samples as f64,
-            (None, Some(time)) => time.as_secs_f64() * USUAL_RATE / area,
-            (None, None) => USUAL_SAMPLES,
+        let samples = match (samples.or_else(of_scene), time, error) {
+            (Some(samples), ..) => samples as f64,
+            (None, Some(time), _) => time.as_secs_f64() * USUAL_RATE / area,
+            (None, None, Some(_)) => USUAL_SAMPLES,
+            (None, None, None) => DEFAULT_SPP as f64,
         };
         let pixels = (area * samples * SHARE / SAMPLES as f64).clamp(FEWEST_PIXELS, MOST_PIXELS);
         let side = (pixels / area).sqrt().min(1.0);
         let length = |length: u32| ((f64::from(length) * side).round() as u32).max(1);
         let mut camera = self.camera().with_size(length(film.width), length(film.height));
         camera.film.crop = None;
+        // The sides are whole numbers.
+        let side = (camera.film.full_area() as f64 / area).sqrt();
         let scale = Scale { side, samples: samples / SAMPLES as f64 };
         let mut tried: Vec<Tried> = Vec::new();
         for candidate in Self::consistent_candidates(in_media) {
-            if tried.len() == SECOND && choose(&efforts(&tried, scale)).is_some_and(|(chosen, _)| chosen == 0)
+            if tried.len() == SECOND
+                && choose(&tried, &efforts(&tried, scale)).is_some_and(|(chosen, _)| chosen == 0)
             {
                 break;
             }
@@ -192,13 +206,12 @@ impl Session {
         }
         if let Some(most) = auto.allow_bias.filter(|_| !in_media) {
             for candidate in &BIASED {
-                let pilot = || self.pilot(candidate, false, choices, &camera);
-                let pilot = Self::judge(candidate, pilot, (most, error), &tried, scale);
+                let pilot = self.pilot_with_bias(candidate, choices, &camera, (most, error), &tried, scale);
                 tried.push((candidate, pilot));
             }
         }
         let efforts = efforts(&tried, scale);
-        let Some((chosen, least)) = choose(&efforts) else {
+        let Some((chosen, least)) = choose(&tried, &efforts) else {
             let why = tried.into_iter().find_map(|(_, pilot)| pilot.err());
             return Err(why.expect("without a pilot there is an error"));
         };
@@ -229,45 +242,51 @@ impl Session {
         if in_media { &IN_MEDIA } else { &CANDIDATES }
     }
 
-    /// Returns the pilot of a candidate with its bias, or the reason why it is no candidate. `most` is the greatest
-    /// bias, and the greatest relMSE of the image if there is a limit.
-    fn judge(
+    /// Renders the pilot of a candidate and measures its bias, unless there is a reason not to choose it. `most` is the
+    /// greatest bias, `target` the greatest relMSE of the image if there is a limit.
+    fn pilot_with_bias(
+        &self,
         candidate: &Candidate,
-        pilot: impl FnOnce() -> Result<Pilot>,
+        choices: &Choices,
+        camera: &Camera,
         (most, target): (f64, Option<f64>),
         tried: &[Tried],
         scale: Scale,
     ) -> Result<Pilot> {
+        let refuse = |why: String| Err(Error::scene(why));
+        if self.scene.passes_panes() {
+            return refuse(format!(
+                "rays do not pass thin panes with it: choose it by --integrator {}",
+                candidate.name
+            ));
+        }
         let efforts = efforts(tried, scale);
         let unbiased = (0..tried.len()).filter(|&i| tried[i].0.bias == Bias::None);
         let known = unbiased.filter_map(|i| Some((efforts[i]?, tried[i].1.as_ref().ok()?)));
         let Some((_, exact)) = known.min_by(|a, b| a.0.total_cmp(&b.0)) else {
-            return Err(Error::scene("its bias is unknown: no unbiased integrator can render the scene"));
+            return refuse("its bias is unknown: no unbiased integrator can render the scene".into());
         };
-        let image = exact.cost * scale.samples;
+        let image = cost_of_image(tried, scale);
         if image / (scale.side * scale.side) < WORTH_A_PREPARATION {
-            return Err(Error::scene("the image takes fewer rays than its preparation"));
+            return refuse("the image takes fewer rays than its preparation".into());
         }
-        let pilot = pilot()?;
+        let choices = Choices { seed: choices.seed ^ OTHER_SEED, ..choices.clone() };
+        let pilot = self.pilot(candidate, false, &choices, camera)?;
         let share = scale.preparation(candidate, &pilot) / image;
         if share > LARGEST_PREPARATION {
-            let percent = 100.0 * share;
-            return Err(Error::scene(format!(
-                "its preparation costs {percent:.0} % of the image without it"
-            )));
+            return refuse(format!("its preparation costs {:.0} % of the image without it", 100.0 * share));
         }
-        let [square, error] = pilot.blocks.squared_bias(&exact.blocks);
+        let Some([square, error]) = pilot.blocks.squared_bias(&exact.blocks) else {
+            return refuse("its bias is unknown: the image has too few pixels".into());
+        };
         // What the pilots cannot exclude counts.
         let squared_bias = square.max(0.0) + error;
         let bias = squared_bias.sqrt();
         if bias > most {
-            let [bias, most] = [bias, most].map(|bias| 100.0 * bias);
-            return Err(Error::scene(format!("its bias is up to {bias:.2} %, and {most} % is allowed")));
+            return refuse(format!("its bias is up to {}, and {} is allowed", percent(bias), percent(most)));
         }
-        if target.is_some_and(|target| squared_bias > target / 2.0) {
-            return Err(Error::scene(format!(
-                "its squared bias, {squared_bias:.2e}, is near the target error"
-            )));
+        if target.is_some_and(|target| !leaves_room(squared_bias, target)) {
+            return refuse(format!("its squared bias, {squared_bias:.2e}, is too near to the target error"));
         }
         Ok(Pilot { squared_bias, ..pilot })
     }
@@ -280,10 +299,13 @@ impl Session {
         choices: &Choices,
         camera: &Camera,
     ) -> Result<Pilot> {
+        let of_ray = choices.costs.clone().unwrap_or_default().of(candidate.name, in_media);
         let is_path = candidate.name == PathIntegrator::NAME;
         let choices = Choices {
             integrator: Some(candidate.name.into()),
             allow_bias: None,
+            costs: None,
+            squared_bias: None,
             stop: StopRules { samples: Some(SAMPLES), ..StopRules::default() },
             adaptive: WhenPays::Never,
             aov: Vec::new(),
@@ -296,11 +318,10 @@ impl Session {
         };
         let plan = self.plan(&choices)?;
         let rendered = self.render_through(camera, &plan, &Progress::new(), None, Sinks::default())?;
-        let of_ray = choices.costs.of(candidate.name, in_media);
         Ok(Pilot {
             relmse: rendered.relmse,
             cost: of_ray * rendered.counters.cost(&self.scene),
-            preparation: of_ray * Statistic::total(&rendered.statistics, PREPARATION_RAYS),
+            preparation: of_ray * Statistic::rays(&rendered.statistics).cost(&self.scene),
             squared_bias: 0.0,
             blocks: Blocks::of(&rendered),
         })
@@ -327,15 +348,25 @@ fn errors(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
     tried.iter().map(error).collect()
 }
 
+/// Returns the cost of the image by the first candidate, to the scale of the pilots.
+fn cost_of_image(tried: &[Tried], scale: Scale) -> f64 {
+    let first = tried.iter().find_map(|(_, pilot)| pilot.as_ref().ok());
+    first.map_or(0.0, |pilot| pilot.cost * scale.samples)
+}
+
+/// Returns whether a squared bias leaves a part of a target error to noise.
+pub fn leaves_room(squared_bias: f64, target: f64) -> bool {
+    squared_bias <= target / 2.0
+}
+
 /// Returns the product of error and cost of each candidate at the cost of the image by the first one, to the scale of
 /// the pilots. A preparation takes a part of that cost, and a bias does not decrease with it.
 fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
-    let first = tried.iter().find_map(|(_, pilot)| pilot.as_ref().ok());
-    let image = first.map_or(0.0, |pilot| pilot.cost * scale.samples);
+    let image = cost_of_image(tried, scale);
     let effort = |((candidate, pilot), error): (&Tried, Option<f64>)| {
         let pilot = pilot.as_ref().ok()?;
         let left = match candidate.bias {
-            Bias::Remaining => 1.0 - (scale.preparation(candidate, pilot) / image).min(LARGEST_PREPARATION),
+            Bias::Remaining => 1.0 - scale.preparation(candidate, pilot) / image,
             Bias::None | Bias::Vanishing => 1.0,
         };
         Some(error? * pilot.cost / left + pilot.squared_bias * image)
@@ -343,9 +374,15 @@ fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
     tried.iter().zip(errors(tried, scale)).map(effort).collect()
 }
 
-/// Returns the index of the chosen candidate, and the least effort; `None` if all efforts are unknown.
-fn choose(efforts: &[Option<f64>]) -> Option<(usize, f64)> {
-    let known = efforts.iter().enumerate().filter_map(|(i, effort)| Some((i, (*effort)?)));
-    let (best, least) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some((if efforts[0].is_some_and(|first| least >= CLEARLY * first) { 0 } else { best }, least))
+/// Returns the index of the chosen candidate, and the least effort; `None` if all efforts are unknown. The first
+/// candidate, and those without a bias that remains, are preferred.
+fn choose(tried: &[Tried], efforts: &[Option<f64>]) -> Option<(usize, f64)> {
+    let best = |of: &dyn Fn(usize) -> bool| {
+        let known = (0..tried.len()).filter(|&i| of(i)).filter_map(|i| Some((i, efforts[i]?)));
+        known.min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let (all, least) = best(&|_| true)?;
+    let preferred: [&dyn Fn(usize) -> bool; 2] = [&|i| i == 0, &|i| tried[i].0.bias != Bias::Remaining];
+    let kept = preferred.into_iter().filter_map(best).find(|(_, effort)| least >= CLEARLY * effort);
+    Some((kept.map_or(all, |(i, _)| i), least))
 }

@@ -32,6 +32,8 @@ pub fn merge(paths: &[PathBuf]) -> Result<Checkpoint> {
         let other = file::label(path)?;
         comparable(first, &label, path, &other)?;
         label.target = label.target.max(other.target);
+        let biases = [&label, &other].map(|label| label.image_description.squared_bias);
+        label.image_description.squared_bias = biases.into_iter().flatten().reduce(f64::max);
         parts.push(Part { path, rect: other.image_description.rect, samples: other.samples });
     }
     (label.image_description.rect, label.samples) = whole(&regions(parts)?)?;

@@ -9,7 +9,6 @@ use crate::integrator::photon::{
     PhotonMap, PhotonPaths,
 };
 
-use crate::integrator::preparation::PREPARATION_RAYS;
 use crate::integrator::settings::{PathLimits, PhotonDebug, PhotonmapperSettings};
 use crate::integrator::{Counters, Preparation, Statistic};
 use crate::math::Vec3;
@@ -193,10 +192,11 @@ impl MapStatistics {
             ("caustic_photons", self.photons[1]),
             ("caustic_light_paths", self.emitted[1]),
             ("photon_map_bytes", self.bytes),
-            (PREPARATION_RAYS, counters.rays() as f64),
         ]
         .map(|(name, value)| Statistic { name, value })
-        .to_vec()
+        .into_iter()
+        .chain(Statistic::of_rays(counters))
+        .collect()
     }
 }
 
