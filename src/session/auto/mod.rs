@@ -78,7 +78,8 @@ const MOST_PIXELS: f64 = 24576.0;
 /// time is. They set the size of the pilots; the clock would make them different in each run.
 const USUAL_SAMPLES: f64 = 256.0;
 const USUAL_RATE: f64 = 1e6;
-/// Another candidate than the first one is chosen if its effort is below this share of the first one's.
+/// The first candidate is kept unless the effort of another one is below this share of its own, and the best one without
+/// a bias that remains unless that of one with a bias is.
 const CLEARLY: f64 = 0.8;
 
 /// How a candidate did in its pilot.
@@ -168,8 +169,8 @@ impl Session {
         (all.map(|candidate| candidate.name).collect(), in_media)
     }
 
-    /// Chooses the integrator for a render with the given choices, whose own integrator does not count. If a
-    /// bias is allowed, candidates whose bias is at most that take part, too.
+    /// Chooses the integrator for a render with the given choices, whose own integrator does not count. If a bias is
+    /// allowed, candidates whose bias is at most that take part, too.
     ///
     /// # Errors
     /// If no candidate can render the scene, or the memory limit is exceeded.

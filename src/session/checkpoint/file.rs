@@ -32,8 +32,9 @@ struct Header {
     /// The names and contents of the layers.
     layers: Vec<[String; 2]>,
     camera: [[f32; 16]; 2],
+    /// As bits, because JSON is read with a rounding error.
     #[serde(default)]
-    squared_bias: Option<f64>,
+    squared_bias_bits: Option<u64>,
     replicates: usize,
     samples: Vec<[u64; 2]>,
     target: Option<u64>,
@@ -131,7 +132,7 @@ impl Header {
             component_format: name_of(&ComponentFormat::NAMES, image_description.component_format),
             layers: image_description.layers.iter().map(layer).collect(),
             camera: image_description.camera,
-            squared_bias: image_description.squared_bias,
+            squared_bias_bits: image_description.squared_bias.map(f64::to_bits),
             replicates: state.tiles.first().map_or(0, Tile::replicates),
             samples: samples.iter().map(|range| [range.start, range.end]).collect(),
             target: *target,
@@ -175,7 +176,7 @@ impl Header {
             layers,
             camera: self.camera,
             integrator: self.identity.integrator.clone(),
-            squared_bias: self.squared_bias,
+            squared_bias: self.squared_bias_bits.map(f64::from_bits),
             seed: self.identity.seed,
         })
     }
