@@ -78,8 +78,8 @@ const MOST_PIXELS: f64 = 24576.0;
 /// time is. They set the size of the pilots; the clock would make them different in each run.
 const USUAL_SAMPLES: f64 = 256.0;
 const USUAL_RATE: f64 = 1e6;
-/// The first candidate is kept unless the effort of another one is below this share of its own, and the best one without
-/// a bias that remains unless that of one with a bias is.
+/// The first candidate is kept unless the effort of another one is below this share of its own. So is the best one
+/// without a bias that remains, beside those with one.
 const CLEARLY: f64 = 0.8;
 
 /// How a candidate did in its pilot.
