@@ -75,7 +75,7 @@ pub fn calibrate(
     Ok(Some(Calibration { scenes, costs }))
 }
 
-/// Measures one scene. A candidate that cannot render it is left out.
+/// Measures one scene. A candidate that cannot render it is left out, unless it is the first one, the unit of costs.
 fn measure(
     name: String,
     session: &Session,
@@ -105,8 +105,12 @@ fn measure(
         found.sort_by(f64::total_cmp);
         Some((name, *found.get(found.len() / 2)?))
     };
+    let unit = all[0].0;
     let medians: Vec<_> = all.into_iter().filter_map(median).filter(|(_, cost)| *cost > 0.0).collect();
-    let seconds = medians.first().map_or(f64::NAN, |(_, cost)| *cost);
+    let Some(&(_, seconds)) = medians.first().filter(|(name, _)| *name == unit) else {
+        return Err(Error::scene(format!("--calibrate: {unit}, the unit of costs, cannot render it"))
+            .in_file(&session.path));
+    };
     let relative = medians.into_iter().map(|(name, cost)| (name, cost / seconds)).collect();
     Ok(Some(SceneCosts { name, in_media, seconds, relative }))
 }

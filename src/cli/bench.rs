@@ -41,7 +41,7 @@ pub struct BenchArgs {
     pub auto: AutoArgs,
     /// Instead of all that, measure what a ray of each integrator costs in the scenes on this machine, with the first
     /// budget, and write a file for --auto-costs
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["integrators", "samplers", "accels", "reference", "output", "auto_costs", "allow_bias"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = OF_COMPARISONS)]
     pub calibrate: Option<PathBuf>,
     /// Samplers.
     #[arg(long, value_name = "LIST", value_delimiter = ',', help = format!(
@@ -83,6 +83,10 @@ pub struct BenchArgs {
     #[arg(short, long)]
     pub quiet: bool,
 }
+
+/// The options that a calibration does not use.
+const OF_COMPARISONS: [&str; 7] =
+    ["integrators", "samplers", "accels", "reference", "output", "auto_costs", "allow_bias"];
 
 /// Measures, prints the table and writes the files.
 ///

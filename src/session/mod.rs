@@ -13,7 +13,7 @@ mod plan;
 mod scene_hashes;
 mod techniques;
 
-pub use auto::{Costs, Decision, percent};
+pub use auto::{Costs, Decision};
 pub use image_description::ImageDescription;
 pub use memory::RenderMemory;
 pub use plan::{Choices, Plan};

@@ -1,7 +1,7 @@
 //! The settings of a render, from the user's choices and the scene file.
 
 use super::Session;
-use super::auto::{Costs, Decision, leaves_room, percent};
+use super::auto::{Costs, Decision, leaves_room};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
@@ -11,7 +11,7 @@ use crate::integrator::{self, Integrator, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::sensor::Camera;
-use crate::util::wording::did_you_mean;
+use crate::util::wording::{did_you_mean, percent};
 use std::ops::Range;
 
 /// The user's choices for a render. A setting that is not chosen is that of the scene file, or else the default.
@@ -130,7 +130,7 @@ impl Session {
         {
             let bias = percent(squared_bias.sqrt());
             return Err(Error::usage(format!(
-                "--target-error {target}: the squared bias of {}, which is {bias}, is above half of it",
+                "--target-error {target}: the bias of {}, {bias}, has a square that is above half of it",
                 integrator.name()
             )));
         }

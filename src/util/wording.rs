@@ -27,6 +27,12 @@ fn nearest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<
     (best <= 1 + name.len().min(found.len()) / 4).then_some(name)
 }
 
+/// Returns a number as a percentage: `0.40 %`.
+pub fn percent(x: f64) -> String {
+    let percent = 100.0 * x;
+    if percent >= 0.01 { format!("{percent:.2} %") } else { format!("{percent:.1e} %") }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

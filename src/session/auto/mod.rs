@@ -25,6 +25,7 @@ use crate::integrator::settings::{AutoSettings, Plugin, WhenPays};
 use crate::integrator::{IrradianceCache, PathIntegrator, Photonmapper, Statistic};
 use crate::render::{Progress, Sinks, StopRules};
 use crate::sensor::Camera;
+use crate::util::wording::percent;
 use blocks::{Bias, Blocks};
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -62,8 +63,8 @@ const BIASED: [Candidate; 2] = [
 ];
 /// Makes the random numbers of pilots whose bias is measured others than those of the pilots beside them.
 const OTHER_SEED: u64 = 0x6269_6173;
-/// The least cost of the image, in nearest-hit queries, at which candidates with a bias have pilots: their preparation
-/// alone has some 10^7.
+/// The least cost of the image, in nearest-hit queries, at which candidates with a bias have pilots: the preparation of
+/// a pilot costs some 10^7.
 const WORTH_A_PREPARATION: f64 = 1e8;
 /// The greatest share of the cost of the image that a preparation may take.
 const LARGEST_PREPARATION: f64 = 0.5;
@@ -129,12 +130,6 @@ impl fmt::Display for Decision {
         }
         Ok(())
     }
-}
-
-/// Returns a number as a percentage.
-pub fn percent(x: f64) -> String {
-    let percent = 100.0 * x;
-    if percent >= 0.01 { format!("{percent:.2} %") } else { format!("{percent:.1e} %") }
 }
 
 /// A pilot that was rendered.
@@ -269,7 +264,7 @@ impl Session {
         };
         let image = cost_of_image(tried, scale);
         if image / (scale.side * scale.side) < WORTH_A_PREPARATION {
-            return refuse("the image takes fewer rays than its preparation".into());
+            return refuse("the image takes too few rays to pay for a pilot of it".into());
         }
         let choices = Choices { seed: choices.seed ^ OTHER_SEED, ..choices.clone() };
         let pilot = self.pilot(candidate, false, &choices, camera)?;
