@@ -1,7 +1,8 @@
 //! The input of an accelerator: geometries, groups of geometries, instances of the groups, and a filter of hits.
 
+use super::geometry::{self, CheckedGeometry};
 use super::instance::{Instance, check_reach};
-use super::{COORDINATE_LIMIT, Geometry, Hit, geometry};
+use super::{COORDINATE_LIMIT, Geometry, Hit};
 use crate::error::{Error, Result};
 use crate::math::{Bounds, Ray};
 use std::sync::Arc;
@@ -103,6 +104,8 @@ pub(super) struct CheckedAssembly {
     pub dropped: usize,
     /// The bounding box of everything in world space, over all times.
     pub bounds: Bounds,
+    /// For each geometry, the bounding box of its valid primitives.
+    pub geometry: Vec<Bounds>,
     /// The indices of the geometries that are in no group.
     pub world: Vec<u32>,
     /// For each instance, its bounding box in world space over all times.
@@ -136,14 +139,18 @@ impl Assembly {
         let mut checked = CheckedAssembly {
             dropped: 0,
             bounds: Bounds::EMPTY,
+            geometry: Vec::new(),
             world: (0..).zip(&grouped).filter(|(_, grouped)| !**grouped).map(|(i, _)| i).collect(),
             instances: Vec::with_capacity(self.instances.len()),
             ray_limit: COORDINATE_LIMIT,
         };
-        let each: Vec<_> = self.geometry.iter_mut().map(geometry::check).collect();
-        let around =
-            |list: &[u32]| list.iter().map(|&i| each[i as usize].bounds).fold(Bounds::EMPTY, Bounds::union);
-        checked.dropped = each.iter().map(|c| c.dropped).sum();
+        for of_list in &mut self.geometry {
+            let CheckedGeometry { dropped, bounds } = geometry::check(of_list);
+            checked.dropped += dropped;
+            checked.geometry.push(bounds);
+        }
+        let each = std::mem::take(&mut checked.geometry);
+        let around = |list: &[u32]| list.iter().map(|&i| each[i as usize]).fold(Bounds::EMPTY, Bounds::union);
         checked.bounds = around(&checked.world);
         let groups: Vec<Bounds> = self.groups.iter().map(|group| around(group)).collect();
         for (i, instance) in self.instances.iter().enumerate() {
@@ -161,6 +168,7 @@ impl Assembly {
             checked.bounds = checked.bounds.union(bounds);
             checked.instances.push(bounds);
         }
+        checked.geometry = each;
         Ok(checked)
     }
 }

@@ -47,10 +47,15 @@ impl List {
     /// Creates the list of a checked assembly that has no instances, no filter, no [`Geometry::Surfaces`], no very thin
     /// triangles and a small total cost. Returns `None` for any other assembly.
     pub(super) fn new(assembly: &Assembly, checked: &CheckedAssembly) -> Option<Self> {
+        Self::within(MAX_COST, assembly, checked)
+    }
+
+    /// As [`new`](Self::new), with a total cost of at most `max_cost`.
+    pub(super) fn within(max_cost: usize, assembly: &Assembly, checked: &CheckedAssembly) -> Option<Self> {
         let count: usize = assembly.geometry.iter().map(Geometry::len).sum();
         let simple = assembly.groups.is_empty() && assembly.instances.is_empty() && assembly.filter.is_none();
         let many = assembly.geometry.iter().any(|g| matches!(g, Geometry::Surfaces(_)));
-        if !simple || many || count > 2 * MAX_COST || checked.bounds.is_empty() {
+        if !simple || many || count > 2 * max_cost || checked.bounds.is_empty() {
             return None;
         }
         let center = checked.bounds.center();
@@ -58,7 +63,7 @@ impl List {
         let (quads, single) = facets(triangles(assembly), reach)?;
         let surfaces: Vec<BoundedSurface> = surfaces(assembly, reach).collect();
         let cost = FACET_COST * (quads.len() + single.len()) + SURFACE_COST * surfaces.len();
-        let usable = cost <= MAX_COST && reach.is_finite() && reach < checked.ray_limit;
+        let usable = cost <= max_cost && reach.is_finite() && reach < checked.ray_limit;
         usable.then(|| List {
             quads: quads.len(),
             facets: quads.into_iter().chain(single).collect(),

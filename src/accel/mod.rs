@@ -10,6 +10,7 @@ pub mod bvh;
 mod cylinder;
 #[cfg(feature = "embree")]
 pub mod embree;
+mod fronted;
 mod geometry;
 pub mod instance;
 pub mod list;
@@ -123,8 +124,8 @@ fn is_valid_ray(ray: &Ray, limit: f32) -> bool {
 /// The back ends that a scene can be rendered with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AccelKind {
-    /// The [`list`] for a scene of a few dozen surfaces; otherwise Embree, if it is compiled in, or the pure-Rust
-    /// BVH.
+    /// The [`list`] for a scene of a few dozen surfaces; otherwise Embree, if it is compiled in, or the pure-Rust BVH,
+    /// behind a list of the largest simple surfaces.
     #[default]
     Auto,
     /// Embree 3.
@@ -222,7 +223,16 @@ pub fn build_within(
     let list = if kind == AccelKind::Auto { list::List::new(&assembly, &checked) } else { None };
     let accel: Box<dyn Accel> = match (list, kind) {
         (Some(list), _) => Box::new(list),
-        (None, AccelKind::Auto) => tree(AccelKind::ALL[0], assembly, &checked, threads, robust, memory)?,
+        (None, AccelKind::Auto) => {
+            let kind = AccelKind::ALL[0];
+            match fronted::part(assembly, checked) {
+                Ok(fronted::Parts { list, rest, checked }) => {
+                    let tree = tree(kind, rest, &checked, threads, robust, memory)?;
+                    Box::new(fronted::Fronted::new(list, tree))
+                }
+                Err((assembly, checked)) => tree(kind, assembly, &checked, threads, robust, memory)?,
+            }
+        }
         (None, kind) => tree(kind, assembly, &checked, threads, robust, memory)?,
     };
     Ok(BuiltAccel { accel, dropped })

@@ -19,8 +19,8 @@ pub(super) fn of(accel: AccelKind, threads: usize) -> String {
     match accel {
         AccelKind::Auto => format!(
             "auto: for a scene of a few dozen surfaces a list of them, eight rays at a time in Rust compiled for \
-             {COMPILED_FOR} (the processor has {detected}), watertight; any other scene as the first of those below; \
-             {threads} threads."
+             {COMPILED_FOR} (the processor has {detected}), watertight; in any other scene such a list of its largest \
+             simple surfaces, in front of the first of those below; {threads} threads."
         ),
         #[cfg(feature = "embree")]
         AccelKind::Embree => format!(

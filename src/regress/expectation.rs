@@ -90,7 +90,7 @@ impl Known {
 
     /// Returns whether the failure applies to a traversal.
     pub fn is_on(&self, accel: &str) -> bool {
-        self.accels.is_empty() || self.accels.iter().any(|a| a == accel)
+        self.accels.is_empty() || accel.split('+').any(|part| self.accels.iter().any(|a| a == part))
     }
 }
 
