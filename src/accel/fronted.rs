@@ -9,7 +9,7 @@ use super::list::List;
 use super::{Accel, Coherence, Geometry, Hit};
 use crate::math::lanes::{LANES, bits, f32x16};
 use crate::math::robust::gamma;
-use crate::math::{Bounds, Ray, RayX16};
+use crate::math::{Bounds, Ray, RayX16, Vec3};
 
 /// The greatest cost of the list.
 const MAX_COST: usize = 16;
@@ -17,6 +17,8 @@ const MAX_COST: usize = 16;
 const MAX_PRIMITIVES: usize = 12;
 /// The greatest number of geometries that are tried for the list.
 const MAX_CANDIDATES: usize = 64;
+/// The least share that the box of a surface in the list has of the area of all boxes that are not larger.
+const MIN_SHARE: f64 = 1.0 / 32.0;
 /// The number of rays that pass from the list to the tree at once.
 const CHUNK: usize = 256;
 
@@ -51,17 +53,29 @@ pub(super) fn part(
         let few = (1..=MAX_PRIMITIVES).contains(&of_list.len());
         few && !matches!(of_list, Geometry::Surfaces(_)) && !bounds.is_empty() && !marked(i)
     };
-    let area = |i: usize| {
-        let size = checked.geometry[i].max - checked.geometry[i].min;
+    let area = |bounds: &Bounds| {
+        let size = (bounds.max - bounds.min).max(Vec3::ZERO);
         size.x * size.y + size.y * size.z + size.z * size.x
     };
     let world = checked.world.iter().map(|&i| i as usize);
-    let mut candidates: Vec<(f32, usize)> = world.filter(|&i| is_simple(i)).map(|i| (area(i), i)).collect();
-    candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let of_world = world.map(|i| (area(&checked.geometry[i]), is_simple(i).then_some(i)));
+    let of_instances = checked.instances.iter().map(|bounds| (area(bounds), None));
+    let mut boxes: Vec<(f32, Option<usize>)> = of_world.chain(of_instances).collect();
+    boxes.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let mut not_larger: f64 = boxes.iter().map(|&(area, _)| f64::from(area)).sum();
+    let mut candidates = Vec::new();
+    for (area, simple) in boxes {
+        match simple {
+            Some(i) if f64::from(area) >= MIN_SHARE * not_larger => candidates.push(i),
+            Some(_) => break,
+            None => {}
+        }
+        not_larger -= f64::from(area);
+    }
     candidates.truncate(MAX_CANDIDATES);
     let mut front = Assembly::from(vec![Geometry::nothing(); assembly.geometry.len()]);
     let (mut list, mut checked) = (None, checked);
-    for (_, i) in candidates {
+    for i in candidates {
         std::mem::swap(&mut front.geometry[i], &mut assembly.geometry[i]);
         match List::within(MAX_COST, &front, &checked) {
             Some(longer) => list = Some(longer),
@@ -198,7 +212,6 @@ impl Accel for Fronted {
 mod tests {
     use super::*;
     use crate::accel::{AccelKind, GeometryFilter, HitFilter, Primitive, build};
-    use crate::math::Vec3;
     use std::sync::Arc;
 
     fn ball(x: f32, radius: f32) -> Geometry {
@@ -241,6 +254,11 @@ mod tests {
         with_holes.filter = Some(GeometryFilter { filter: Arc::new(All), geometry: marks });
         assert_eq!(listed(with_holes), [1, 7, 8, 9, 10, 11, 12, 13]);
         assert_eq!(listed(vec![triangles(100, Vec3::ZERO)].into()), [0; 0]);
+        // Of many equal balls, none is worth a test of each ray. A floor below them is.
+        let mut many: Vec<Geometry> = (0..40).map(|i| ball(i as f32, 0.3)).collect();
+        assert_eq!(listed(many.clone().into()), [0; 0]);
+        many.push(ball(0.0, 50.0));
+        assert_eq!(listed(many.into()), [40]);
     }
 
     /// Rays along axes that start in the planes of the tree's box, beside it, and far away: single rays, which are not
