@@ -12,7 +12,7 @@
 //! that each is within rounding of a vertex.
 
 use crate::meshes::{Mesh, Random, cube, sphere};
-use buffon::accel::{Accel, AccelKind, Assembly, Coherence, Instance, build};
+use buffon::accel::{Accel, AccelKind, Assembly, Coherence, Geometry, Instance, Primitive, build};
 use buffon::math::{DAffine3, DQuat, DVec3, Ray, Vec3};
 
 const RAYS: usize = 1_000_000;
@@ -131,4 +131,32 @@ fn no_ray_escapes_from_an_instance_of_a_closed_mesh() {
             }
         }
     }
+}
+
+/// A closed box of one mesh for each wall, one of which is too large for the list in front of the tree: all walls are
+/// in the tree then, because the list and Embree round edges differently. A ball is in the list.
+#[test]
+fn no_ray_escapes_between_the_list_and_the_tree() {
+    let turned = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, 3.0).normalize(), 1.0);
+    let mesh = cube().map(|p| (turned * p.as_dvec3()).as_vec3());
+    let wall = |i: usize| {
+        let corners = [2 * i, 2 * i + 1].map(|triangle| mesh.corners(triangle));
+        let repeats = if i == 0 { 8 } else { 1 };
+        let positions: Vec<Vec3> = corners.into_iter().flatten().collect();
+        Mesh { positions, indices: [[0, 1, 2], [3, 4, 5]].repeat(repeats) }.geometry()
+    };
+    let mut geometry: Vec<Geometry> = (0..6).map(wall).collect();
+    geometry.push(Geometry::Analytic(Primitive::Sphere { center: Vec3::X * 60.0, radius: 9.0 }));
+    // Too many for a list of all.
+    geometry.push(sphere(8, 8).map(|p| p * 0.1 - Vec3::Z * 50.0).geometry());
+    let accel = build(AccelKind::Auto, geometry, 0, true).expect("built").accel;
+    assert!(accel.name().starts_with("list+"), "{}", accel.name());
+    let mut random = Random(5);
+    let rays: Vec<Ray> =
+        (0..200_000).map(|_| aimed_ray(&mesh, Vec3::ZERO, Vec3::splat(0.5), &mut random)).collect();
+    let mut hits = vec![None; rays.len()];
+    accel.intersect_wave(&rays, &mut hits, Coherence::Incoherent);
+    let escaped = rays.iter().zip(&hits).filter(|(_, hit)| hit.is_none_or(|hit| hit.geometry > 5));
+    let at_edges = escaped.filter(|(ray, _)| !passes_a_vertex(&mesh, ray)).count();
+    assert_eq!(at_edges, 0, "rays escape at edges");
 }

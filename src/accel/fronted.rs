@@ -10,6 +10,7 @@ use super::{Accel, Coherence, Geometry, Hit};
 use crate::math::lanes::{LANES, bits, f32x16};
 use crate::math::robust::gamma;
 use crate::math::{Bounds, Ray, RayX16, Vec3};
+use std::collections::HashMap;
 
 /// The greatest cost of the list.
 const MAX_COST: usize = 16;
@@ -73,20 +74,95 @@ pub(super) fn part(
         not_larger -= f64::from(area);
     }
     candidates.truncate(MAX_CANDIDATES);
-    let mut front = Assembly::from(vec![Geometry::nothing(); assembly.geometry.len()]);
-    let (mut list, mut checked) = (None, checked);
-    for i in candidates {
-        std::mem::swap(&mut front.geometry[i], &mut assembly.geometry[i]);
-        match List::within(MAX_COST, &front, &checked) {
-            Some(longer) => list = Some(longer),
-            None => std::mem::swap(&mut front.geometry[i], &mut assembly.geometry[i]),
+    let corners = SharedCorners::of(&assembly, &checked, &candidates);
+    let mut stays = corners.of_others(&assembly, &checked, &candidates);
+    let mut checked = checked;
+    let list = loop {
+        let mut front = Assembly::from(vec![Geometry::nothing(); assembly.geometry.len()]);
+        let mut list = None;
+        for (&i, stays) in candidates.iter().zip(&mut stays).filter(|(_, stays)| !**stays) {
+            front.geometry[i] = assembly.geometry[i].clone();
+            match List::within(MAX_COST, &front, &checked) {
+                Some(longer) => list = Some(longer),
+                None => {
+                    front.geometry[i] = Geometry::nothing();
+                    *stays = true;
+                }
+            }
         }
-    }
+        if !corners.spread(&mut stays) {
+            break list;
+        }
+    };
     let Some(list) = list else { return Err((assembly, checked)) };
+    for (&i, _) in candidates.iter().zip(&stays).filter(|(_, stays)| !**stays) {
+        assembly.geometry[i] = Geometry::nothing();
+    }
     let left = checked.world.iter().map(|&i| i as usize).filter(|&i| !assembly.geometry[i].is_empty());
     let behind = left.map(|i| checked.geometry[i]).chain(checked.instances.iter().copied());
     checked.bounds = behind.fold(Bounds::EMPTY, Bounds::union);
     Ok(Parts { list, rest: assembly, checked })
+}
+
+/// The corners of the candidates for the list, each with the indices of the candidates that have it.
+///
+/// The list and Embree round the edges of triangles differently, so a ray may pass between two triangles with a common
+/// edge if one is in the list and the other in the tree. Meshes with common corners are therefore in the same part.
+struct SharedCorners(HashMap<[u32; 3], Vec<usize>>);
+
+impl SharedCorners {
+    fn of(assembly: &Assembly, checked: &CheckedAssembly, candidates: &[usize]) -> Self {
+        let mut corners: HashMap<[u32; 3], Vec<usize>> = HashMap::new();
+        for (k, &i) in candidates.iter().enumerate() {
+            let Geometry::Triangles { positions, .. } = &assembly.geometry[i] else { continue };
+            for &p in positions.iter().filter(|&&p| checked.geometry[i].contains(p)) {
+                let of_corner = corners.entry(key(p)).or_default();
+                if of_corner.last() != Some(&k) {
+                    of_corner.push(k);
+                }
+            }
+        }
+        SharedCorners(corners)
+    }
+
+    /// Returns for each candidate whether it has a corner in common with a mesh that is none.
+    fn of_others(&self, assembly: &Assembly, checked: &CheckedAssembly, candidates: &[usize]) -> Vec<bool> {
+        let mut stays = vec![false; candidates.len()];
+        for i in checked.world.iter().map(|&i| i as usize).filter(|i| !candidates.contains(i)) {
+            let Geometry::Triangles { positions, .. } = &assembly.geometry[i] else { continue };
+            if !self
+                .0
+                .keys()
+                .any(|&corner| checked.geometry[i].contains(Vec3::from(corner.map(f32::from_bits))))
+            {
+                continue;
+            }
+            for p in positions.iter() {
+                for &k in self.0.get(&key(*p)).into_iter().flatten() {
+                    stays[k] = true;
+                }
+            }
+        }
+        stays
+    }
+
+    /// Marks the candidates that have a corner in common with one that stays in the tree. Returns whether it marked any.
+    fn spread(&self, stays: &mut [bool]) -> bool {
+        let mut found = false;
+        for of_corner in self.0.values() {
+            if of_corner.iter().any(|&k| stays[k]) {
+                for &k in of_corner {
+                    found |= !std::mem::replace(&mut stays[k], true);
+                }
+            }
+        }
+        found
+    }
+}
+
+/// Returns the bits of a point, which are equal for 0 and −0.
+fn key(p: Vec3) -> [u32; 3] {
+    p.to_array().map(|c| (c + 0.0).to_bits())
 }
 
 impl Fronted {
@@ -245,7 +321,7 @@ mod tests {
 
     #[test]
     fn the_largest_surfaces_are_in_the_list_up_to_its_cost_but_not_those_with_holes() {
-        let mut geometry = vec![triangles(100, Vec3::ZERO), triangles(2, Vec3::Z), triangles(13, Vec3::Z)];
+        let mut geometry = vec![triangles(100, Vec3::ZERO), triangles(2, Vec3::Z), triangles(13, -Vec3::Z)];
         geometry.extend((1..=12).map(|i| ball(3.0 * i as f32, 0.05 * i as f32)));
         // A ball costs 2, two equal triangles cost 2.
         assert_eq!(listed(geometry.clone().into()), [1, 8, 9, 10, 11, 12, 13, 14]);
@@ -254,6 +330,9 @@ mod tests {
         with_holes.filter = Some(GeometryFilter { filter: Arc::new(All), geometry: marks });
         assert_eq!(listed(with_holes), [1, 7, 8, 9, 10, 11, 12, 13]);
         assert_eq!(listed(vec![triangles(100, Vec3::ZERO)].into()), [0; 0]);
+        // A mesh with a corner of one that stays in the tree stays there, too, and so does its neighbour.
+        let neighbours = vec![triangles(100, Vec3::ZERO), triangles(2, Vec3::X), triangles(2, Vec3::X * 2.0)];
+        assert_eq!(listed([neighbours, vec![ball(20.0, 9.0)]].concat().into()), [3]);
         // Of many equal balls, none is worth a test of each ray. A floor below them is.
         let mut many: Vec<Geometry> = (0..40).map(|i| ball(i as f32, 0.3)).collect();
         assert_eq!(listed(many.clone().into()), [0; 0]);

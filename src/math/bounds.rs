@@ -35,6 +35,11 @@ impl Bounds {
         !(self.min.x <= self.max.x && self.min.y <= self.max.y && self.min.z <= self.max.z)
     }
 
+    /// Returns whether the point is in the box or on its border.
+    pub fn contains(&self, p: Vec3) -> bool {
+        (self.min.cmple(p) & p.cmple(self.max)).all()
+    }
+
     /// Returns the centre; zero for the empty box.
     pub fn center(&self) -> Vec3 {
         if self.is_empty() { Vec3::ZERO } else { self.min * 0.5 + self.max * 0.5 }

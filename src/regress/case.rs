@@ -31,7 +31,7 @@ pub struct CaseResult {
 /// The measurement on one traversal.
 #[derive(Clone, Debug)]
 pub struct Measured {
-    /// The traversal: `embree`, `obvhs` or `list`.
+    /// The name of the traversal, such as `embree` or `list+embree`.
     pub accel: String,
     /// The measured part of the image, if it could be measured.
     pub region: Option<Region>,
