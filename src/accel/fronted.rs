@@ -146,7 +146,7 @@ impl SharedCorners {
         stays
     }
 
-    /// Marks the candidates that have a corner in common with one that stays in the tree. Returns whether it marked any.
+    /// Marks the candidates with a corner in common with one that stays in the tree. Returns whether it marked any.
     fn spread(&self, stays: &mut [bool]) -> bool {
         let mut found = false;
         for of_corner in self.0.values() {
