@@ -43,7 +43,7 @@ pub(super) struct Parts {
 }
 
 /// Takes the largest simple surfaces out of an assembly, by the area of their boxes. Returns it as it is if there are
-/// none, or nothing else.
+/// none.
 pub(super) fn part(
     mut assembly: Assembly,
     checked: CheckedAssembly,
@@ -130,15 +130,10 @@ impl SharedCorners {
         let mut stays = vec![false; candidates.len()];
         for i in checked.world.iter().map(|&i| i as usize).filter(|i| !candidates.contains(i)) {
             let Geometry::Triangles { positions, .. } = &assembly.geometry[i] else { continue };
-            if !self
-                .0
-                .keys()
-                .any(|&corner| checked.geometry[i].contains(Vec3::from(corner.map(f32::from_bits))))
-            {
-                continue;
-            }
-            for p in positions.iter() {
-                for &k in self.0.get(&key(*p)).into_iter().flatten() {
+            let is_in_box =
+                |corner: &[u32; 3]| checked.geometry[i].contains(corner.map(f32::from_bits).into());
+            if self.0.keys().any(is_in_box) {
+                for &k in positions.iter().filter_map(|&p| self.0.get(&key(p))).flatten() {
                     stays[k] = true;
                 }
             }
@@ -184,21 +179,18 @@ impl Fronted {
             (rays.o.z, rays.d.z, min.z, max.z),
         ];
         for (o, d, min, max) in axes {
-            // A distance of 0 must not be divided by a slope of 0.
-            let steep = d.abs().simd_gt(f32x16::splat(MIN_SLOPE));
-            let per_slope = f32x16::ONE / steep.select(d, f32x16::splat(MIN_SLOPE));
+            let per_slope = f32x16::ONE / d;
             let (a, b) = ((f32x16::splat(min) - o) * per_slope, (f32x16::splat(max) - o) * per_slope);
-            near = near.fast_max(a.fast_min(b));
-            far = far.fast_min(a.fast_max(b));
+            // A ray along the planes of the axis meets them nowhere or everywhere: they do not exclude it.
+            let meets_planes = d.abs().simd_ge(f32x16::splat(f32::MIN_POSITIVE));
+            near = meets_planes.select(near.fast_max(a.fast_min(b)), near);
+            far = meets_planes.select(far.fast_min(a.fast_max(b)), far);
         }
         let wider = f32x16::splat(1.0 + 2.0 * gamma(3));
         let meets = near.simd_le(far * wider) & far.simd_ge(f32x16::ZERO) & near.simd_le(t_max * wider);
         meets.to_bitmask()
     }
 }
-
-/// A direction with a smaller component is as good as parallel to the planes across its axis.
-const MIN_SLOPE: f32 = 1e-30;
 
 /// The rays of a chunk that go on to the tree.
 struct Queue {

@@ -210,7 +210,7 @@ fn sampler_help() -> String {
 /// Returns the help of the traversal.
 pub fn accel_help() -> String {
     format!(
-        "The ray traversal: {} [default: auto, a list of few surfaces, in front of a tree for the rest of larger scenes]",
+        "The ray traversal: {} [default: auto, a list of a few surfaces, in front of a tree if there are more]",
         accels()
     )
 }
