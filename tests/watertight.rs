@@ -153,7 +153,7 @@ fn no_ray_escapes_between_the_list_and_the_tree() {
     assert!(accel.name().starts_with("list+"), "{}", accel.name());
     let mut random = Random(5);
     let rays: Vec<Ray> =
-        (0..200_000).map(|_| aimed_ray(&mesh, Vec3::ZERO, Vec3::splat(0.5), &mut random)).collect();
+        (0..RAYS).map(|_| aimed_ray(&mesh, Vec3::ZERO, Vec3::splat(0.5), &mut random)).collect();
     let mut hits = vec![None; rays.len()];
     accel.intersect_wave(&rays, &mut hits, Coherence::Incoherent);
     let escaped = rays.iter().zip(&hits).filter(|(_, hit)| hit.is_none_or(|hit| hit.geometry > 5));
