@@ -5,21 +5,25 @@
 //! list, and only if it meets the tree's bounding box.
 
 use super::assembly::{Assembly, CheckedAssembly};
+use super::geometry::valid_triangle;
 use super::list::List;
 use super::{Accel, Coherence, Geometry, Hit};
 use crate::math::lanes::{LANES, bits, f32x16};
 use crate::math::robust::gamma;
 use crate::math::{Bounds, Ray, RayX16, Vec3};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// The greatest cost of the list.
-const MAX_COST: usize = 16;
+const MAX_COST: usize = 32;
 /// The greatest number of primitives of a geometry in the list.
 const MAX_PRIMITIVES: usize = 12;
 /// The greatest number of geometries that are tried for the list.
 const MAX_CANDIDATES: usize = 64;
-/// The least share that the box of a surface in the list has of the area of all boxes that are not larger.
+/// The least share that boxes of the list have, on average, of the area of all boxes that are not in it.
 const MIN_SHARE: f64 = 1.0 / 32.0;
+/// The greatest number of analytic surfaces that are in the list however small they are, because Embree calls back for
+/// each box of them that a ray meets.
+const FEW_ANALYTIC: usize = 4;
 /// The number of rays that pass from the list to the tree at once.
 const CHUNK: usize = 256;
 
@@ -56,103 +60,95 @@ pub(super) fn part(
     };
     let area = |bounds: &Bounds| {
         let size = (bounds.max - bounds.min).max(Vec3::ZERO);
-        size.x * size.y + size.y * size.z + size.z * size.x
+        f64::from(size.x * size.y + size.y * size.z + size.z * size.x)
     };
-    let world = checked.world.iter().map(|&i| i as usize);
-    let of_world = world.map(|i| (area(&checked.geometry[i]), is_simple(i).then_some(i)));
-    let of_instances = checked.instances.iter().map(|bounds| (area(bounds), None));
-    let mut boxes: Vec<(f32, Option<usize>)> = of_world.chain(of_instances).collect();
-    boxes.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let mut not_larger: f64 = boxes.iter().map(|&(area, _)| f64::from(area)).sum();
-    let mut candidates = Vec::new();
-    for (area, simple) in boxes {
-        match simple {
-            Some(i) if f64::from(area) >= MIN_SHARE * not_larger => candidates.push(i),
-            Some(_) => break,
-            None => {}
-        }
-        not_larger -= f64::from(area);
-    }
+    let world = || checked.world.iter().map(|&i| i as usize);
+    let boxes = world().map(|i| &checked.geometry[i]).chain(&checked.instances);
+    let mut area_left: f64 = boxes.map(area).sum();
+    let mut candidates: Vec<(f64, usize)> =
+        world().filter(|&i| is_simple(i)).map(|i| (area(&checked.geometry[i]), i)).collect();
+    candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     candidates.truncate(MAX_CANDIDATES);
-    let corners = SharedCorners::of(&assembly, &checked, &candidates);
-    let mut stays = corners.of_others(&assembly, &checked, &candidates);
-    let mut checked = checked;
-    let list = loop {
-        let mut front = Assembly::from(vec![Geometry::nothing(); assembly.geometry.len()]);
-        let mut list = None;
-        for (&i, stays) in candidates.iter().zip(&mut stays).filter(|(_, stays)| !**stays) {
-            front.geometry[i] = assembly.geometry[i].clone();
-            match List::within(MAX_COST, &front, &checked) {
-                Some(longer) => list = Some(longer),
-                None => {
-                    front.geometry[i] = Geometry::nothing();
-                    *stays = true;
-                }
-            }
+    let candidates: Vec<usize> = candidates.into_iter().map(|(_, i)| i).collect();
+    let mut front = Assembly::from(vec![Geometry::nothing(); assembly.geometry.len()]);
+    let analytic = assembly.geometry.iter().filter(|g| matches!(g, Geometry::Analytic(_)));
+    let few_analytic = analytic.count() <= FEW_ANALYTIC;
+    let mut list = None;
+    for members in connected(&assembly, &checked, &candidates) {
+        let area: f64 = members.iter().map(|&i| area(&checked.geometry[i])).sum();
+        let is_analytic = |&i: &usize| matches!(assembly.geometry[i], Geometry::Analytic(_));
+        let free = few_analytic && members.iter().all(is_analytic);
+        if !free && area < MIN_SHARE * members.len() as f64 * area_left {
+            continue;
         }
-        if !corners.spread(&mut stays) {
-            break list;
+        let exchange = |a: &mut Assembly, b: &mut Assembly| {
+            members.iter().for_each(|&i| std::mem::swap(&mut a.geometry[i], &mut b.geometry[i]));
+        };
+        exchange(&mut assembly, &mut front);
+        match List::within(MAX_COST, &front, &checked) {
+            Some(longer) => (list, area_left) = (Some(longer), area_left - area),
+            None => exchange(&mut assembly, &mut front),
         }
-    };
-    let Some(list) = list else { return Err((assembly, checked)) };
-    for (&i, _) in candidates.iter().zip(&stays).filter(|(_, stays)| !**stays) {
-        assembly.geometry[i] = Geometry::nothing();
     }
+    let Some(list) = list else { return Err((assembly, checked)) };
+    let mut checked = checked;
     let left = checked.world.iter().map(|&i| i as usize).filter(|&i| !assembly.geometry[i].is_empty());
     let behind = left.map(|i| checked.geometry[i]).chain(checked.instances.iter().copied());
     checked.bounds = behind.fold(Bounds::EMPTY, Bounds::union);
     Ok(Parts { list, rest: assembly, checked })
 }
 
-/// The corners of the candidates for the list, each with the indices of the candidates that have it.
+/// Returns the candidates for the list, those with common edges together, without those that may have an edge in common
+/// with any other mesh. The order is that of the first of each.
 ///
 /// The list and Embree round the edges of triangles differently, so a ray may pass between two triangles with a common
-/// edge if one is in the list and the other in the tree. Meshes with common corners are therefore in the same part.
-struct SharedCorners(HashMap<[u32; 3], Vec<usize>>);
-
-impl SharedCorners {
-    fn of(assembly: &Assembly, checked: &CheckedAssembly, candidates: &[usize]) -> Self {
-        let mut corners: HashMap<[u32; 3], Vec<usize>> = HashMap::new();
-        for (k, &i) in candidates.iter().enumerate() {
-            let Geometry::Triangles { positions, .. } = &assembly.geometry[i] else { continue };
-            for &p in positions.iter().filter(|&&p| checked.geometry[i].contains(p)) {
-                let of_corner = corners.entry(key(p)).or_default();
-                if of_corner.last() != Some(&k) {
-                    of_corner.push(k);
-                }
+/// edge if one is in the list and the other in the tree. Meshes with common edges are therefore in the same part.
+fn connected(assembly: &Assembly, checked: &CheckedAssembly, candidates: &[usize]) -> Vec<Vec<usize>> {
+    // For each candidate, the first one that is connected with it; none if it is connected with another mesh.
+    let mut first: Vec<Option<usize>> = (0..candidates.len()).map(Some).collect();
+    let join = |first: &mut [Option<usize>], a: Option<usize>, b: Option<usize>| {
+        first.iter_mut().filter(|f| **f == a || **f == b).for_each(|f| *f = a.min(b));
+    };
+    let mut owners: HashMap<[[u32; 3]; 2], usize> = HashMap::new();
+    for (k, &i) in candidates.iter().enumerate() {
+        for edge in edges(&assembly.geometry[i]) {
+            let owner = *owners.entry(edge).or_insert(k);
+            let (a, b) = (first[k], first[owner]);
+            join(&mut first, a, b);
+        }
+    }
+    let corners: HashSet<[u32; 3]> = owners.keys().flatten().copied().collect();
+    for i in checked.world.iter().map(|&i| i as usize).filter(|i| !candidates.contains(i)) {
+        let Geometry::Triangles { positions, .. } = &assembly.geometry[i] else { continue };
+        let is_in_box = |corner: &[u32; 3]| checked.geometry[i].contains(corner.map(f32::from_bits).into());
+        if !corners.iter().any(is_in_box) {
+            continue;
+        }
+        let common: HashSet<_> = positions.iter().map(|&p| key(p)).filter(|p| corners.contains(p)).collect();
+        for (edge, &owner) in &owners {
+            if edge.iter().all(|corner| common.contains(corner)) {
+                let a = first[owner];
+                join(&mut first, a, None);
             }
         }
-        SharedCorners(corners)
     }
+    let mut groups = vec![Vec::new(); candidates.len()];
+    for (first, &i) in first.iter().zip(candidates) {
+        first.iter().for_each(|&first| groups[first].push(i));
+    }
+    groups.retain(|members| !members.is_empty());
+    groups
+}
 
-    /// Returns for each candidate whether it has a corner in common with a mesh that is none.
-    fn of_others(&self, assembly: &Assembly, checked: &CheckedAssembly, candidates: &[usize]) -> Vec<bool> {
-        let mut stays = vec![false; candidates.len()];
-        for i in checked.world.iter().map(|&i| i as usize).filter(|i| !candidates.contains(i)) {
-            let Geometry::Triangles { positions, .. } = &assembly.geometry[i] else { continue };
-            let is_in_box =
-                |corner: &[u32; 3]| checked.geometry[i].contains(corner.map(f32::from_bits).into());
-            if self.0.keys().any(is_in_box) {
-                for &k in positions.iter().filter_map(|&p| self.0.get(&key(p))).flatten() {
-                    stays[k] = true;
-                }
-            }
-        }
-        stays
-    }
-
-    /// Marks the candidates with a corner in common with one that stays in the tree. Returns whether it marked any.
-    fn spread(&self, stays: &mut [bool]) -> bool {
-        let mut found = false;
-        for of_corner in self.0.values() {
-            if of_corner.iter().any(|&k| stays[k]) {
-                for &k in of_corner {
-                    found |= !std::mem::replace(&mut stays[k], true);
-                }
-            }
-        }
-        found
-    }
+/// Returns both corners of each edge of the valid triangles, in an order that is the same for all triangles.
+fn edges(geometry: &Geometry) -> Vec<[[u32; 3]; 2]> {
+    let Geometry::Triangles { positions, indices } = geometry else { return Vec::new() };
+    let corners = indices.iter().filter_map(|&triangle| valid_triangle(positions, triangle));
+    let of_triangle = |corners: [Vec3; 3]| {
+        let [a, b, c] = corners.map(key);
+        [[a, b], [b, c], [c, a]].map(|[p, q]| [p.min(q), p.max(q)])
+    };
+    corners.flat_map(of_triangle).collect()
 }
 
 /// Returns the bits of a point, which are equal for 0 and −0.
@@ -287,7 +283,11 @@ mod tests {
     }
 
     fn triangles(count: usize, at: Vec3) -> Geometry {
-        let corners = [at, at + Vec3::X, at + Vec3::Y];
+        mesh(count, [at, at + Vec3::X, at + Vec3::Y])
+    }
+
+    /// Returns a triangle that is repeated.
+    fn mesh(count: usize, corners: [Vec3; 3]) -> Geometry {
         let positions: Vec<Vec3> = corners.into_iter().cycle().take(3 * count).collect();
         let indices = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         Geometry::Triangles { positions: Arc::new(positions.into()), indices: Arc::new(indices) }
@@ -314,17 +314,22 @@ mod tests {
     #[test]
     fn the_largest_surfaces_are_in_the_list_up_to_its_cost_but_not_those_with_holes() {
         let mut geometry = vec![triangles(100, Vec3::ZERO), triangles(2, Vec3::Z), triangles(13, -Vec3::Z)];
-        geometry.extend((1..=12).map(|i| ball(3.0 * i as f32, 0.05 * i as f32)));
-        // A ball costs 2, two equal triangles cost 2.
-        assert_eq!(listed(geometry.clone().into()), [1, 8, 9, 10, 11, 12, 13, 14]);
+        geometry.extend((1..=24).map(|i| ball(3.0 * i as f32, 0.05 * i as f32)));
+        // A ball costs 2.
+        assert_eq!(listed(geometry.clone().into()), (11..=26).collect::<Vec<_>>());
         let mut with_holes = Assembly::from(geometry);
-        let marks = (0..with_holes.geometry.len()).map(|i| i == 14).collect();
+        let marks = (0..with_holes.geometry.len()).map(|i| i == 26).collect();
         with_holes.filter = Some(GeometryFilter { filter: Arc::new(All), geometry: marks });
-        assert_eq!(listed(with_holes), [1, 7, 8, 9, 10, 11, 12, 13]);
+        assert_eq!(listed(with_holes), (10..=25).collect::<Vec<_>>());
         assert_eq!(listed(vec![triangles(100, Vec3::ZERO)].into()), [0; 0]);
-        // A mesh with a corner of one that stays in the tree stays there, too, and so does its neighbour.
-        let neighbours = vec![triangles(100, Vec3::ZERO), triangles(2, Vec3::X), triangles(2, Vec3::X * 2.0)];
-        assert_eq!(listed([neighbours, vec![ball(20.0, 9.0)]].concat().into()), [3]);
+        // A few balls are in the list even if they are small.
+        assert_eq!(listed(vec![triangles(100, Vec3::ZERO), ball(9.0, 1e-3)].into()), [1]);
+        // Meshes with a common edge are in the same part.
+        let (x, y) = (Vec3::X, Vec3::Y);
+        let neighbours = [mesh(2, [x, y, x + y]), mesh(2, [2.0 * x, x + y, x]), ball(20.0, 9.0)];
+        let with = |corners| listed([vec![mesh(100, corners)], neighbours.to_vec()].concat().into());
+        assert_eq!(with([y, Vec3::ZERO, x]), [3]);
+        assert_eq!(with([y, Vec3::ZERO, -x]), [1, 2, 3]);
         // Of many equal balls, none is worth a test of each ray. A floor below them is.
         let mut many: Vec<Geometry> = (0..40).map(|i| ball(i as f32, 0.3)).collect();
         assert_eq!(listed(many.clone().into()), [0; 0]);
