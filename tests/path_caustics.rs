@@ -77,6 +77,28 @@ fn light_paths_find_the_caustics_of_small_lamps() {
     assert!(noise[0] < 0.1 * noise[1], "{noise:?}");
 }
 
+const WALL: &str = "<shape type='rectangle'><transform name='to_world'><scale value='2'/><translate y='1.5' z='-1'/>\
+    </transform><bsdf type='twosided'><bsdf type='diffuse'/></bsdf></shape>";
+
+/// The caustic on the floor lights the wall, which may light the floor again.
+#[test]
+fn light_paths_find_surfaces_that_caustics_light() {
+    let lamp = LAMP.replace("'0.25'", "'0.02'").replace("20, 15, 10", "3000, 2500, 1500");
+    let scene = from_xml(&format!("{FLOOR}{GLASS}{WALL}{lamp}"), 16);
+    let bdpt = Settings::by_name("bdpt", limited(6)).expect("it exists");
+    let found = path(WhenPays::Never, WhenPays::Always, limited(6));
+    expect_same_of("small lamp", &scene, &[found.clone(), bdpt], 16, 64);
+    let folder = Folder::with(&format!("<scene version='3.0.0'>{FLOOR}{GLASS}{WALL}{lamp}</scene>"));
+    let surfaces = |options: &str| {
+        folder.render(&format!("s.xml --size 60x40 --spp 8 -q -o a.pfm --stats a.json {options}"));
+        let stats: serde_json::Value = serde_json::from_slice(&folder.read("a.json")).expect("JSON");
+        stats["prepared"]["caustic_surfaces"].as_f64().expect("a number")
+    };
+    assert_eq!(surfaces("--path-reuse never"), 3.0);
+    assert_eq!(surfaces("--path-reuse always"), 1.0);
+    assert_eq!(surfaces("--path-caustics never"), 0.0);
+}
+
 fn scene() -> Folder {
     let lamp = LAMP.replace("'0.25'", "'0.05'").replace("20, 15, 10", "500");
     Folder::with(&format!("<scene version='3.0.0'>{FLOOR}{GLASS}{lamp}</scene>"))

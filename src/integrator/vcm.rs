@@ -194,7 +194,7 @@ impl Integrator for Vcm {
             beyond: 2,
             merged: pass.merged(),
             media: None,
-            caustics: false,
+            caustics: None,
         };
         trace_both(scene, camera, light, Some(&pass), wave, query, worker, out);
     }

@@ -59,6 +59,8 @@ struct Subpath {
     /// The product of the weights at the vertices, for Russian roulette.
     beta: Rgb,
     state: State,
+    /// The number of vertices at which a finite lobe scattered the path.
+    finite: u32,
 }
 
 impl Subpath {
@@ -123,9 +125,10 @@ pub struct LightPathSettings<'a> {
     pub merged: Merged,
     /// The media, if they are rendered.
     pub media: Option<RenderedMedia<'a>>,
-    /// Whether only caustics are traced, that a camera path can find too: emitters are no Dirac deltas, and a path ends
-    /// at its first vertex with a finite lobe, which is kept unless it is the first of all.
-    pub caustics: bool,
+    /// If only caustics are traced, that a camera path can find too: the most vertices of a path that are kept.
+    /// Emitters are no Dirac deltas, and the first vertex scatters by a Dirac delta. The first vertex that is kept ends
+    /// the deltas.
+    pub caustics: Option<u32>,
 }
 
 impl LightPathSettings<'_> {
@@ -151,7 +154,7 @@ impl<'a> LightPaths<'a> {
         while !subpaths.is_empty() && !worker.interrupt.is_raised() {
             let rays: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
             intersect(scene, &rays, Coherence::Incoherent, &mut worker.hits, &mut worker.counters);
-            let ends = |hit: &Hit| settings.caustics && edges == 1 && !scene.has_deltas(hit);
+            let ends = |hit: &Hit| settings.caustics.is_some() && edges == 1 && !scene.has_deltas(hit);
             worker.hits.iter_mut().for_each(|hit| *hit = hit.filter(|hit| !ends(hit)));
             if let Some(media) = settings.media {
                 paths.fly(scene, media.list, settings, edges, &mut subpaths, worker, &mut next);
@@ -277,7 +280,7 @@ impl<'a> LightPaths<'a> {
             if go_on {
                 scatter(scene, &block, paths, &partials, roulette, numbers, settings, next);
             }
-            let kept = if settings.caustics && edges == 1 { 0 } else { block.finite };
+            let kept = if settings.caustics.is_some() && edges == 1 { 0 } else { block.finite };
             for i in bits(kept) {
                 self.keep(&paths[i], Vertex::Surface(LightVertex::new(&block, i)), partials[i], edges);
             }
@@ -312,10 +315,14 @@ fn scatter(
     let u_lobe = load(&numbers.bsdf_lobe, first);
     let sample = sample_adjoint_x16(&block.bsdfs, &block.wo, u_lobe, u, block.active);
     let mut valid = sample.valid.to_bitmask() & block.active;
-    let mut finite = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
+    let finite_lobes = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
+    let mut finite = finite_lobes;
     let LightPathSettings { caustics, media, .. } = settings;
-    if caustics {
-        (valid, finite) = (valid & !finite, 0);
+    if let Some(most) = caustics {
+        let begun = |path: &Subpath| path.finite > 0;
+        let goes_on = |path: &Subpath| matches!(path.state, State::Scattered(_)) && path.finite + 1 < most;
+        finite &= mask(paths, goes_on);
+        valid = finite | valid & !finite_lobes & !mask(paths, begun);
         if valid == 0 {
             return;
         }
@@ -345,15 +352,24 @@ fn scatter(
         let cos = f64::from(cosines[i]);
         let state = State::Scattered(match finite >> i & 1 {
             0 => partials[i].reflected(cos),
-            _ => partials[i].scattered(pdf[i].into(), reverse[i].into(), cos),
+            _ => {
+                let partial = partials[i].scattered(pdf[i].into(), reverse[i].into(), cos);
+                if caustics.is_some() { partial.unconnected() } else { partial }
+            }
         });
         let (d, on) = (block.rays.d.lane(i), rays[i].d);
         let medium = match media {
             Some(media) => medium_after(scene, media.list, &at.lane(i), (d, on), paths[i].medium),
             None => None,
         };
-        next.push(Subpath { beta, ray: rays[i], medium, state, ..paths[i] });
+        let scattered = paths[i].finite + (finite >> i & 1);
+        next.push(Subpath { beta, ray: rays[i], medium, state, finite: scattered, ..paths[i] });
     }
+}
+
+/// Returns the mask of the paths for which a condition is true.
+fn mask(paths: &[Subpath], condition: impl Fn(&Subpath) -> bool) -> u32 {
+    paths.iter().enumerate().map(|(i, path)| u32::from(condition(path)) << i).sum()
 }
 
 /// Returns the probability with which a light path starts at an emitter, times the typical density of its starts that
@@ -378,7 +394,7 @@ fn start(
         let (source, started) =
             (&scene.lights[emitter.index()], typical_start_density(scene, guide, emitter.index()));
         let start = Start::new(source, light.ray.d, light.cosine, 1.0, started);
-        if caustics && start.delta {
+        if caustics.is_some() && start.delta {
             continue;
         }
         let state = State::Started(emitter.index(), start);
@@ -390,7 +406,8 @@ fn start(
         if power.is_black() {
             continue;
         }
-        subpaths.push(Subpath { key: *key, index: i as u32, ray, medium, power, beta: Rgb::WHITE, state });
+        let (index, beta, finite) = (i as u32, Rgb::WHITE, 0);
+        subpaths.push(Subpath { key: *key, index, ray, medium, power, beta, state, finite });
     }
     subpaths
 }

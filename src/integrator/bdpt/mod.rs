@@ -164,7 +164,7 @@ impl Integrator for Bdpt {
             beyond: 2,
             merged: Merged::default(),
             media: self.media(scene),
-            caustics: false,
+            caustics: None,
         };
         trace_both(scene, camera, light, None, wave, query, worker, out);
     }
@@ -254,8 +254,17 @@ pub(super) struct LensConnections<'a> {
     pub merged: Merged,
     /// The media, if they are rendered.
     pub media: Option<RenderedMedia<'a>>,
-    /// If only caustics are traced: the density of light paths relative to one for each camera path.
-    pub caustics: Option<f64>,
+    /// If only caustics are traced: how.
+    pub caustics: Option<CausticPaths>,
+}
+
+/// Light paths for caustics only.
+#[derive(Clone, Copy)]
+pub(super) struct CausticPaths {
+    /// The density of light paths relative to one for each camera path.
+    pub density: f64,
+    /// The most vertices of a path that are connected to the camera.
+    pub vertices: u32,
 }
 
 impl<'a> LensConnections<'a> {
@@ -283,7 +292,7 @@ impl<'a> LensConnections<'a> {
             beyond: 1,
             merged: self.merged,
             media: self.media,
-            caustics: self.caustics.is_some(),
+            caustics: self.caustics.map(|caustics| caustics.vertices),
         };
         LightPaths::trace(self.scene, arena, settings, keys, worker)
     }
@@ -374,7 +383,8 @@ impl<'a> LensConnections<'a> {
         if scattered.is_black() {
             return None;
         }
-        let density = f64::from(seen.weight * vertex.cosine(seen.wi)) / self.caustics.unwrap_or(1.0);
+        let density = f64::from(seen.weight * vertex.cosine(seen.wi))
+            / self.caustics.map_or(1.0, |caustics| caustics.density);
         let weight = stored.partial.of_camera_connection(density, reverse.into(), self.merged);
         let weight = self.techniques.weight(stored.edges + 1, 1, weight);
         let value = stored.power * scattered * (seen.weight * weight as f32);

@@ -171,6 +171,12 @@ impl Partial {
         }
     }
 
+    /// Returns the partial weight without the technique that joins the path at the vertex before.
+    #[must_use]
+    pub fn unconnected(self) -> Self {
+        Partial { earlier: Earlier { connected: 0.0, ..self.earlier }, ..self }
+    }
+
     /// Returns the partial weight after scattering by a Dirac delta, whose probabilities are equal in both directions.
     #[must_use]
     pub fn reflected(self, cos: f64) -> Self {

@@ -3,12 +3,16 @@
 //! A camera path finds such light by chance: it leaves the surface x by a finite lobe, is scattered by Dirac deltas
 //! only, and hits an emitter. No emitter sample can do so. A light path finds it more often: it starts at the emitter,
 //! meets the same deltas, and x is connected to the camera. Both are combined by the power heuristic with exponent 2.
-//! [Veach 1997, Eq. 9.13] All other light is left to camera paths. So a light path ends at its first vertex with a
-//! finite lobe, and most end at once.
+//! [Veach 1997, Eq. 9.13] All other light is left to camera paths.
 //!
-//! The weights need the ratio of the densities of both techniques. Camera paths compute it from vertex to vertex: at x
-//! it is the density of light paths that are connected to the camera relative to that of camera paths, without the
-//! density of the emitter, and each delta contributes the ratio of the cosines at its two edges.
+//! Caustics light other surfaces, too. Between the deltas and the camera there may be up to [`MOST_SURFACES`] surfaces
+//! that scatter by a finite lobe, if the paths of pixels are not reused: reused paths have densities of the group. A
+//! light path that meets no delta at first ends at once.
+//!
+//! The weights need the ratio of the densities of both techniques. Camera paths compute it from vertex to vertex: at
+//! the first surface it is the density of light paths that are connected to the camera relative to that of camera
+//! paths, without the density of the emitter. Each later vertex contributes the ratio of the cosines at its two edges,
+//! and, if its lobe is finite, that of the densities of its two directions.
 //!
 //! Light paths do not pay in every scene. A pilot decides how many there are, or none. Emitters that no camera path can
 //! hit are left out, so the expected image does not depend on that.
@@ -16,10 +20,11 @@
 use super::pilot::{CAMERA_PATH_COST, handicap};
 use super::splitting::Splitting;
 use crate::accel::Hit;
+use crate::bsdf::lanes::pdf_adjoint_x16;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::ids::EmitterId;
 use crate::integrator::bdpt::weights::{Merged, Start};
-use crate::integrator::bdpt::{LensConnections, technique::Techniques};
+use crate::integrator::bdpt::{CausticPaths, LensConnections, technique::Techniques};
 use crate::integrator::block::ShadingBlock;
 use crate::integrator::photon::{
     Deposit, EmissionGuide, LightPathTracer, PathLimit, PathSequence, PhotonPaths,
@@ -29,7 +34,7 @@ use crate::integrator::ptracer::{LightTracer, Splat};
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{Continuation, PathWave};
 use crate::integrator::{Preparation, Radiance, RadianceQuery, Worker};
-use crate::math::lanes::bits;
+use crate::math::lanes::{bits, f32x16};
 use crate::math::{Ray, Vec2, Vec3};
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
@@ -55,6 +60,8 @@ const BATCH: u64 = 2048;
 const STREAM: u32 = 7;
 /// The number of blocks of the image along each axis, whose mean caustics the pilot estimates.
 const BLOCKS: usize = 32;
+/// The most surfaces with a finite lobe between the deltas and the camera.
+pub(super) const MOST_SURFACES: u32 = 3;
 /// The scale of the ratios of densities in the pilot, so that weights are not rounded to 1.
 const SCALE: f64 = 1e-4;
 /// The cost of a light path without its rays, in nearest-hit queries.
@@ -79,8 +86,10 @@ pub struct CausticTracer {
     /// The number of light paths for each camera path. It is infinite before it is chosen: then camera paths have the
     /// weight 0.
     share: f64,
-    /// The number of directions of each camera path at its first surface, which is where caustics fall.
+    /// The number of directions of each camera path at its first surface.
     directions: f64,
+    /// The most surfaces with a finite lobe between the deltas and the camera.
+    surfaces: u32,
 }
 
 /// The result of the pilot.
@@ -116,7 +125,14 @@ impl CausticTracer {
         };
         let guide =
             EmissionGuide::learn(&tracer, &paths, until, seed, |i| !scene.lights[i].is_delta(), seen)?;
-        Some(CausticTracer { camera: camera.clone(), guide, limits, share: f64::INFINITY, directions: 1.0 })
+        Some(CausticTracer {
+            camera: camera.clone(),
+            guide,
+            limits,
+            share: f64::INFINITY,
+            directions: 1.0,
+            surfaces: 1,
+        })
     }
 
     /// Returns the number of light paths for each camera path.
@@ -124,36 +140,54 @@ impl CausticTracer {
         self.share
     }
 
-    /// Chooses the number of light paths by a pilot, and the splitting of camera paths among those that are known.
-    /// Returns whether light paths are traced, which they are if `always` is true or if they pay, and the splitting.
+    /// Returns the most surfaces with a finite lobe between the deltas and the camera.
+    pub fn surfaces(&self) -> u32 {
+        self.surfaces
+    }
+
+    /// Chooses the number of light paths by a pilot, their [`surfaces`](Self::surfaces), which are 1 or
+    /// `most_surfaces`, and the splitting of camera paths among those that are known. Returns whether light paths are
+    /// traced, which they are if `always` is true or if they pay, and the splitting.
     pub(super) fn choose_share(
         &mut self,
         preparation: &Preparation<'_>,
         camera_paths: &[(Splitting, CameraPathPilot)],
         always: bool,
+        most_surfaces: u32,
     ) -> (bool, Splitting) {
-        let pilot = self.pilot(preparation);
+        // Between them, the figures differ little.
+        let mut surfaces = vec![1, most_surfaces];
+        surfaces.dedup();
+        let pilots: Vec<_> = surfaces.into_iter().map(|n| (n, self.pilot(preparation, n))).collect();
         let best = |camera_paths: &[(Splitting, CameraPathPilot)], shares: &[f64]| {
             let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
-                let errors = self.errors(&pilot, paths.mean, f64::from(splitting.directions));
-                let effort = |share: f64| {
-                    let cost = CAMERA_PATH_COST + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
-                    (paths.error + errors(share)) * cost * handicap(*splitting)
-                };
-                shares.iter().map(|&share| (effort(share), *splitting, share)).collect::<Vec<_>>()
+                let errors = |pilot| self.errors(pilot, paths.mean, f64::from(splitting.directions));
+                // Short light paths leave the other caustics to camera paths.
+                let all = errors(&pilots[pilots.len() - 1].1)(0.0);
+                let mut efforts = Vec::new();
+                for (surfaces, pilot) in &pilots {
+                    let errors = errors(pilot);
+                    let left = (all - errors(0.0)).max(0.0);
+                    for &share in shares {
+                        let cost = CAMERA_PATH_COST + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
+                        let error = paths.error + errors(share) + left;
+                        efforts.push((error * cost * handicap(*splitting), *splitting, share, *surfaces));
+                    }
+                }
+                efforts
             });
             efforts.min_by(|a, b| a.0.total_cmp(&b.0)).expect("some")
         };
         // The error of caustics is the least certain: whether light paths pay does not depend on other choices.
         let first = &camera_paths[..1];
         let traced = always || best(first, &SHARES).0 < PAYS * best(first, &[0.0]).0;
-        let (_, splitting, share) = best(camera_paths, if traced { &SHARES } else { &[0.0] });
-        (self.share, self.directions) = (share, f64::from(splitting.directions));
+        let (_, splitting, share, surfaces) = best(camera_paths, if traced { &SHARES } else { &[0.0] });
+        (self.share, self.directions, self.surfaces) = (share, f64::from(splitting.directions), surfaces);
         (traced, splitting)
     }
 
-    /// Traces some light paths.
-    fn pilot(&self, preparation: &Preparation<'_>) -> LightPilot {
+    /// Traces some light paths with the given number of [`surfaces`](Self::surfaces).
+    fn pilot(&self, preparation: &Preparation<'_>, surfaces: u32) -> LightPilot {
         let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt);
         let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
@@ -163,7 +197,8 @@ impl CausticTracer {
                 let keys: Vec<SampleKey> = (0..BATCH).map(|i| sequence.key(batch * BATCH + i)).collect();
                 let before = worker.counters.cost(scene);
                 let mut caustics = Vec::new();
-                let connections = self.connections(scene, camera, 0.0, SCALE);
+                let paths = CausticPaths { density: SCALE, vertices: surfaces };
+                let connections = self.connections(scene, camera, 0.0, paths);
                 connections.splat(&keys, worker, |splat, weight| {
                     let value = splat.value / weight as f32;
                     let ratio = (weight / (1.0 - weight)).sqrt() / SCALE;
@@ -217,14 +252,14 @@ impl CausticTracer {
         }
     }
 
-    /// Returns the connections to a camera. `relative` is the density of light paths relative to one for each direction
-    /// of a camera path.
+    /// Returns the connections to a camera. The density of the light paths is relative to one for each direction of a
+    /// camera path.
     fn connections<'a>(
         &'a self,
         scene: &'a Scene,
         camera: &'a Camera,
         margin: f64,
-        relative: f64,
+        paths: CausticPaths,
     ) -> LensConnections<'a> {
         LensConnections {
             scene,
@@ -236,7 +271,7 @@ impl CausticTracer {
             margin,
             merged: Merged::default(),
             media: None,
-            caustics: Some(relative),
+            caustics: Some(paths),
         }
     }
 
@@ -269,7 +304,8 @@ impl LightTracer for CausticTracer {
         // Neighbours in the sequence are well distributed, so the first ones are traced.
         let traced = ((keys.len() as f64 * self.share).ceil() as usize).min(keys.len());
         let factor = keys.len() as f32 / traced as f32;
-        let connections = self.connections(scene, camera, margin, self.share / self.directions);
+        let paths = CausticPaths { density: self.share / self.directions, vertices: self.surfaces };
+        let connections = self.connections(scene, camera, margin, paths);
         connections.splat(&keys[..traced], worker, |splat, _| {
             out.push(Splat { value: splat.value * factor, ..splat });
         });
@@ -285,8 +321,9 @@ pub(super) struct CausticWave<'a> {
     /// are in the densities of directions there.
     share: f64,
     /// For each entry of the output, the density of light paths relative to that of camera paths, without the density
-    /// of the emitter: positive for a path that was scattered by a finite lobe and then by Dirac deltas only, at least
-    /// one. It is negative, and without the density of the camera ray, if the delta is still to come.
+    /// of the emitter: positive for a path that was scattered by finite lobes and then by Dirac deltas only, at least
+    /// one of each. It is negative if the delta is still to come; at the first surface it is without the density of the
+    /// camera ray.
     ratios: Vec<f32>,
 }
 
@@ -317,8 +354,8 @@ impl<'a> CausticWave<'a> {
         self.ratios[slot as usize] > 0.0
     }
 
-    /// Updates the ratios of the paths of a block that continue. Those of split paths are `entries` behind those of
-    /// the paths from which they are split.
+    /// Updates the ratios of the paths of a block that continue, after `depth` earlier surfaces. Those of split paths
+    /// are `entries` behind those of the paths from which they are split.
     pub fn scatter(
         &mut self,
         block: &ShadingBlock<'_>,
@@ -326,7 +363,16 @@ impl<'a> CausticWave<'a> {
         next: &Continuation,
         survivors: u32,
         entries: u32,
+        depth: u32,
     ) {
+        let may_be_finite = depth < self.tracer.surfaces;
+        let reverse = if depth > 0 && may_be_finite {
+            let wi = block.at.frame.to_local(next.rays.d);
+            let finite = next.pdf.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & survivors;
+            pdf_adjoint_x16(&block.bsdfs, &wi, &block.wo, finite)
+        } else {
+            f32x16::ZERO
+        };
         let cosines = next.rays.d.dot(block.at.ng).abs() / block.rays.d.dot(block.at.ng).abs();
         let pdf = next.pdf.as_array();
         for i in bits(survivors) {
@@ -335,10 +381,15 @@ impl<'a> CausticWave<'a> {
             let (ratio, cosines) = (self.ratios[slot], cosines.as_array()[i]);
             self.ratios[slot] = match pdf[i].is_finite() {
                 true if ratio == BEGUN => -cosines / pdf[i],
-                false if ratio < 0.0 && ratio != BEGUN => {
-                    let ray = &self.rays[slot % self.rays.len()];
-                    let of_camera = self.tracer.camera.density(paths.from[path], ray.d, ray.time);
-                    (-f64::from(ratio * cosines) * self.share / of_camera) as f32
+                finite if ratio < 0.0 && ratio != BEGUN && (may_be_finite || !finite) => {
+                    let here = if finite { cosines * reverse.as_array()[i] / pdf[i] } else { -cosines };
+                    let of_first = if depth == 1 {
+                        let ray = &self.rays[slot % self.rays.len()];
+                        self.share / self.tracer.camera.density(paths.from[path], ray.d, ray.time)
+                    } else {
+                        1.0
+                    };
+                    (f64::from(ratio * here) * of_first) as f32
                 }
                 false if ratio > 0.0 => ratio * cosines,
                 _ => NO_CAUSTIC,

@@ -81,6 +81,8 @@ pub struct PathIntegrator {
 /// The state shared by all paths of a bounce.
 struct PathBounce<'a> {
     scene: &'a Scene,
+    /// The number of surfaces before.
+    depth: u32,
     /// The samples at each surface of this bounce.
     splitting: Splitting,
     /// The densities that guide paths.
@@ -183,7 +185,9 @@ impl Integrator for PathIntegrator {
         self.splitting = pilot.as_ref().map_or(Splitting::NONE, |pilot| pilot.splitting);
         if let (Some(caustics), Some(pilot)) = (&mut self.caustics, &pilot) {
             let always = self.light_paths == WhenPays::Always;
-            let (traced, splitting) = caustics.choose_share(preparation, &pilot.known, always);
+            // The points of reused paths have densities of the group.
+            let surfaces = if self.cells.is_some() { 1 } else { caustics::MOST_SURFACES };
+            let (traced, splitting) = caustics.choose_share(preparation, &pilot.known, always, surfaces);
             self.splitting = splitting;
             if !traced {
                 self.caustics = None;
@@ -206,6 +210,10 @@ impl Integrator for PathIntegrator {
             Statistic {
                 name: "caustic_light_paths",
                 value: self.caustics.as_ref().map_or(0.0, CausticTracer::share),
+            },
+            Statistic {
+                name: "caustic_surfaces",
+                value: self.caustics.as_ref().map_or(0.0, |caustics| f64::from(caustics.surfaces())),
             },
         ]
     }
@@ -288,6 +296,7 @@ impl PathIntegrator {
             }
             let bounce = PathBounce {
                 scene,
+                depth,
                 splitting: if depth == 0 { splitting } else { Splitting::NONE },
                 field: self.field.as_ref(),
                 next_event: samples_emitters && self.allows(depth + 2) && query.wants(depth + 2),
@@ -425,7 +434,7 @@ impl<'a> PathBounce<'a> {
                             }
                         }
                         if let Some(caustics) = caustics {
-                            caustics.scatter(&block, paths, &next, survivors, entries);
+                            caustics.scatter(&block, paths, &next, survivors, entries, self.depth);
                         }
                         let to = if number == 0 { &mut alive } else { &mut end };
                         let written = *to;
@@ -465,7 +474,7 @@ impl<'a> PathBounce<'a> {
                 reuse.set_tail(paths.slots[first + i], wi, path);
             }
             if let Some(caustics) = caustics {
-                caustics.scatter(&block, paths, &next, survivors, 0);
+                caustics.scatter(&block, paths, &next, survivors, 0, self.depth);
             }
             alive = paths.compact(first, alive, &next, survivors);
         }
