@@ -129,7 +129,7 @@ fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
     assert!(folder.run("info c").stdout.contains(", bias "));
     let whole = ROOM.replace("--sample-range 0..32", "--target-error 1e-9");
     let target = folder.run(&format!("render {scene} {whole} --checkpoint c --resume -o d.exr"));
-    assert!(target.code == 2 && target.stderr.contains("is more than half of that"), "{target:?}");
+    assert!(target.code == 2 && target.stderr.contains("is more than half of this target"), "{target:?}");
     // A part whose bias nobody has measured does not hide that of the other.
     let other = ROOM.replace("auto", "irrcache").replace("0..32", "32..64");
     folder.render(&format!("{scene} {other} --checkpoint e -o e.exr"));

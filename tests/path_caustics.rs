@@ -89,11 +89,8 @@ fn light_paths_find_surfaces_that_caustics_light() {
     let found = path(WhenPays::Never, WhenPays::Always, limited(6));
     expect_same_of("small lamp", &scene, &[found.clone(), bdpt], 16, 64);
     let folder = Folder::with(&format!("<scene version='3.0.0'>{FLOOR}{GLASS}{WALL}{lamp}</scene>"));
-    let surfaces = |options: &str| {
-        folder.render(&format!("s.xml --size 60x40 --spp 8 -q -o a.pfm --stats a.json {options}"));
-        let stats: serde_json::Value = serde_json::from_slice(&folder.read("a.json")).expect("JSON");
-        stats["prepared"]["caustic_surfaces"].as_f64().expect("a number")
-    };
+    let surfaces =
+        |options: &str| prepared(&folder, "s.xml --size 60x40 --spp 8 -o a.pfm", options, "caustic_surfaces");
     assert_eq!(surfaces("--path-reuse never"), 3.0);
     assert_eq!(surfaces("--path-reuse always"), 1.0);
     assert_eq!(surfaces("--path-caustics never"), 0.0);
@@ -109,9 +106,13 @@ fn light_paths(folder: &Folder, options: &str) -> f64 {
 }
 
 fn light_paths_in(folder: &Folder, scene: &str, options: &str) -> f64 {
+    prepared(folder, scene, options, "caustic_light_paths")
+}
+
+fn prepared(folder: &Folder, scene: &str, options: &str, name: &str) -> f64 {
     folder.render(&format!("{scene} -q --stats a.json {options}"));
     let stats: serde_json::Value = serde_json::from_slice(&folder.read("a.json")).expect("JSON");
-    stats["prepared"]["caustic_light_paths"].as_f64().expect("a number")
+    stats["prepared"][name].as_f64().expect("a number")
 }
 
 #[test]

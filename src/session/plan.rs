@@ -130,7 +130,7 @@ impl Session {
         {
             let bias = percent(squared_bias.sqrt());
             return Err(Error::usage(format!(
-                "--target-error {target}: {} has a bias of {bias}, and its square is more than half of that",
+                "--target-error {target}: {} has a bias of {bias}; its square is more than half of this target",
                 integrator.name()
             )));
         }
