@@ -84,13 +84,81 @@ fn media_are_left_to_camera_paths_or_to_both_ends() {
     assert_eq!(decide_in(&folder, "s.xml", "--spp 64 --size 64x64").0, "bdpt");
 }
 
+/// The Cornell box.
+const CORNELL_BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box/cornell-box.xml");
+/// A part of an image of 10^6 samples.
+const PART: &str = "--size 128x128 --crop 60,60,16,16 --spp 64";
+
+/// Renders a scene with `bdpt`; returns the name of the integrator, and what was decided.
+fn bdpt(folder: &Folder, scene: &str, options: &str) -> (String, Value) {
+    folder.render(&format!("{scene} --integrator bdpt {options} -q -o bdpt.pfm --stats s.json"));
+    let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+    (stats["integrator"].as_str().expect("a name").to_owned(), stats["auto"].clone())
+}
+
+#[test]
+fn connections_that_do_not_pay_are_left_out() {
+    let folder = Folder::new();
+    let (name, decision) = bdpt(&folder, CORNELL_BOX, PART);
+    let names = decision["trials"].as_array().expect("trials").iter().map(|trial| &trial["integrator"]);
+    assert_eq!((name.as_str(), &decision["asked"]), ("path", &"bdpt".into()), "{decision}");
+    assert_eq!(names.collect::<Vec<_>>(), ["bdpt", "path"]);
+    let pixels = folder.read("bdpt.pfm");
+    folder.render(&format!("{CORNELL_BOX} --integrator path {PART} -q -o path.pfm"));
+    assert!(folder.read("path.pfm") == pixels);
+    let run = folder.render(&format!("{CORNELL_BOX} --integrator bdpt {PART} -o a.exr -t 1"));
+    let note = "note: bdpt: connections do not pay, path renders the image (error at the same cost: bdpt ";
+    assert!(run.stderr.contains(note), "{run:?}");
+    // A resumed render and the parts of one keep the choice.
+    let sampler = "--sampler independent";
+    bdpt(&folder, CORNELL_BOX, &format!("{PART} {sampler}"));
+    let pixels = folder.read("bdpt.pfm");
+    let first = format!("{PART} {sampler} --sample-range 0..8 --checkpoint c");
+    assert_eq!(bdpt(&folder, CORNELL_BOX, &first).0, "path");
+    let (name, decision) = bdpt(&folder, CORNELL_BOX, &format!("{PART} {sampler} --checkpoint c --resume"));
+    assert_eq!((name.as_str(), decision), ("path", Value::Null));
+    assert!(folder.read("bdpt.pfm") == pixels);
+}
+
+/// Pilots are left out where they would cost too much, where the user wants connections, and where camera paths would
+/// not find all light.
+#[test]
+fn connections_are_kept_where_nothing_else_is_possible() {
+    let folder = Folder::new();
+    let lights = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/photon/emitters.xml");
+    let few = "--size 128x128 --crop 60,60,16,16 --spp 32";
+    for (scene, options) in
+        [(CORNELL_BOX, few), (CORNELL_BOX, &format!("{PART} --bdpt-connections always")), (lights, PART)]
+    {
+        assert_eq!(bdpt(&folder, scene, options), ("bdpt".into(), Value::Null), "{scene} {options}");
+    }
+    // Camera paths rarely find the caustics below waves.
+    let water = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/caustics/water.xml");
+    let (name, decision) = bdpt(&folder, water, PART);
+    assert_eq!(name, "bdpt", "{decision}");
+    for (options, expected) in [
+        ("--bdpt-connections never", "expected auto or always; without connections, bdpt is path or volpath"),
+        (
+            "--integrator path --bdpt-connections always",
+            "--bdpt-connections: path connects no paths; use bdpt",
+        ),
+        (
+            "--integrator bdpt --path-reuse never --spp 1024",
+            "--path-reuse: bdpt has no paths that are reused; use path",
+        ),
+        ("--integrator bdpt --adaptive --spp 1024", "--adaptive: bdpt traces paths from the emitters"),
+    ] {
+        let run = folder.run(&format!("render {CORNELL_BOX} {options} -o a.exr"));
+        assert!(run.code == 2 && run.stderr.contains(expected), "{options}: {run:?}");
+    }
+}
+
 /// A room whose image takes 10^8 rays. Only a corner of it is rendered.
 const ROOM: &str = "--integrator auto --size 640x640 --crop 312,312,16,16 --spp 64 --sample-range 0..32 -q";
 
 #[test]
 fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
-    let (folder, scene) =
-        (Folder::new(), concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box/cornell-box.xml"));
+    let (folder, scene) = (Folder::new(), CORNELL_BOX);
     let trials = |options: &str| {
         folder.render(&format!("{scene} {ROOM} {options} -o a.exr --stats s.json"));
         let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");

@@ -7,7 +7,8 @@ use std::ops::RangeInclusive;
 #[track_caller]
 pub fn agree(folder: &Folder, common: &str, integrators: [&str; 2]) {
     for (i, name) in integrators.iter().enumerate() {
-        let options = format!("--aov variance --integrator {name} --seed {i} -o {i}.exr");
+        let connections = if *name == "bdpt" { "--bdpt-connections always" } else { "" };
+        let options = format!("--aov variance --integrator {name} {connections} --seed {i} -o {i}.exr");
         folder.render(&format!("s.xml -q --sampler scene {common} {options}"));
     }
     let run = folder.run("diff 0.exr 1.exr --z");
@@ -87,6 +88,36 @@ pub fn check_bits(folder: &Folder, integrator: &str) {
     let run = folder.run("merge 0.bck 1.bck -o merged.exr");
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(data("1.exr") == data("merged.exr"));
+}
+
+/// Vertex connection and merging without merging is bidirectional path tracing, and without connections progressive
+/// photon mapping.
+#[test]
+fn parts_of_vertex_connection_and_merging_are_integrators() {
+    let folder = Folder::of_scene("light-tracing", "lights.xml");
+    let text = String::from_utf8(folder.read("s.xml")).expect("a scene is text");
+    let (head, rest) = text.split_once("<integrator").expect("an integrator");
+    let (_, tail) = rest.split_once("</integrator>").expect("its end");
+    let pixels = |integrator: &str| {
+        let integrator = format!(
+            r#"<integrator type={integrator}<integer name="max_depth" value="5"/>
+            <boolean name="hide_emitters" value="true"/></integrator>"#
+        );
+        folder.write("s.xml", format!("{head}{integrator}{tail}").as_bytes());
+        folder.render("s.xml -q --size 32x24 --spp 8 -o a.pfm");
+        folder.read("a.pfm")
+    };
+    let off = |what: &str| format!(r#""vcm"><boolean name="{what}" value="false"/>"#);
+    let radius = r#"<float name="initial_radius" value="0.1"/><float name="alpha" value="0.8"/>"#;
+    let [both, connections, merging] = ["\"vcm\">".to_owned(), off("merging"), off("connections")]
+        .map(|vcm| pixels(&format!("{vcm}{radius}")));
+    assert!(connections == pixels("\"bdpt\">") && merging == pixels(&format!("\"sppm\">{radius}")));
+    assert!(both != connections && both != merging);
+    let neither =
+        format!("{head}<integrator type={}{}</integrator>{tail}", off("merging"), &off("connections")[6..]);
+    folder.write("s.xml", neither.as_bytes());
+    let run = folder.run("render s.xml -o a.pfm");
+    assert!(run.code == 3 && run.stderr.contains("no light path counts: use path"), "{run:?}");
 }
 
 /// Returns a closed sphere with the reflectance 1/2 that emits the radiance 1, seen from inside.

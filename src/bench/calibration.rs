@@ -5,7 +5,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result};
 use crate::integrator::settings::AUTO;
 use crate::render::{Progress, StopReason};
-use crate::session::{Choices, Costs, Session};
+use crate::session::{Choices, Costs, Session, connected};
 use crate::util::is_same_file;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -89,6 +89,7 @@ fn measure(
             let choices = Choices {
                 integrator: Some((*name).into()),
                 replace_independent: true,
+                connections: connected(name),
                 stop: options.budgets[0].stop(),
                 seed: options.seed.wrapping_add(run.into()),
                 ..Choices::default()

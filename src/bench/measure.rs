@@ -7,7 +7,6 @@ use crate::error::{Error, Result};
 use crate::estimate::metrics;
 use crate::image::Image;
 use crate::integrator::Settings;
-use crate::integrator::settings::AUTO;
 use crate::render::{Progress, Rendered, StopReason, StopRules};
 use crate::session::{Choices, Plan, Session};
 
@@ -88,7 +87,8 @@ impl<'a> Candidate<'a> {
         let in_the_plural =
             |e: Error| Error { message: e.message.replacen("--integrator", "--integrators", 1), ..e };
         let plan = session.plan(&choices).map_err(in_the_plural)?;
-        let integrator = plan.decision.as_ref().map_or(plan.integrator.name(), |_| AUTO).to_string();
+        let integrator =
+            plan.decision.as_ref().map_or(plan.integrator.name(), |decision| decision.asked).to_string();
         let sampler = plan.job.sampler.kind();
         let ready = match plan.integrator {
             Settings::Ao(_) => {

@@ -2,10 +2,10 @@
 
 use super::render::RenderArgs;
 use crate::error::{Error, Result};
-use crate::integrator::settings::{AUTO, WhenPays};
+use crate::integrator::settings::WhenPays;
 use crate::render::RenderState;
 use crate::session::checkpoint::{CheckpointLabel, Identity, file};
-use crate::session::{Choices, Plan, SceneHashes, Session};
+use crate::session::{Choices, Plan, SceneHashes, Session, connected};
 use crate::util;
 use std::path::PathBuf;
 
@@ -61,8 +61,7 @@ impl Checkpointing {
         Ok(Some(Checkpointing { path, label, first, resumed, quiet: args.quiet }))
     }
 
-    /// Lets a resumed render keep the bias that is known. With `auto` it keeps the integrator that was chosen when it
-    /// began.
+    /// Lets a resumed render keep the bias that is known. If pilots chose the integrator when it began, it keeps that.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -70,9 +69,10 @@ impl Checkpointing {
         let begun = args.checkpoint.as_ref().filter(|path| args.resume && path.exists());
         let Some(path) = begun else { return Ok(()) };
         let CheckpointLabel { identity, image_description, .. } = file::label(path)?;
-        let name = choices.integrator.as_deref().unwrap_or_else(|| session.defaults.integrator_name());
         choices.squared_bias = image_description.squared_bias;
-        if name == AUTO {
+        let Some(question) = session.question(choices)? else { return Ok(()) };
+        if question.has_answer(&identity.integrator) {
+            choices.connections = connected(&identity.integrator);
             choices.integrator = Some(identity.integrator);
             (choices.allow_bias, choices.costs) = (None, None);
         }

@@ -19,7 +19,7 @@ use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{Aov, WhenPays};
 use crate::loader::LoadOptions;
 use crate::render::{Progress, StopReason, StopRules};
-use crate::session::{Choices, SceneChoices, SceneFile, SceneHashes, Session};
+use crate::session::{Choices, SceneChoices, SceneFile, SceneHashes, Session, connected};
 use crate::util;
 use clap::Args;
 use std::ops::Range;
@@ -71,6 +71,10 @@ pub struct RenderArgs {
     /// Let path sample directions from which photons come, which can pay for caustics. It adds no bias
     #[arg(long)]
     pub path_guiding: bool,
+    /// Whether bdpt connects paths: auto, always; auto: if pilots find that it pays, else camera paths alone (path or
+    /// volpath) render the image [default: the scene's, or auto]
+    #[arg(long, value_name = "WHEN", value_parser = values::connections)]
+    pub bdpt_connections: Option<WhenPays>,
     /// The choice by --integrator auto.
     #[command(flatten)]
     pub auto: AutoArgs,
@@ -223,12 +227,16 @@ fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     }
     let (session, origin, mut seconds) = open(args)?;
     let mut choices = choices(args, origin)?;
+    let strategies = args.aov.iter().any(|name| name == STRATEGIES);
+    if strategies {
+        let name = choices.integrator.as_deref().unwrap_or_else(|| session.defaults.integrator_name());
+        choices.connections = choices.connections.or_else(|| connected(name));
+    }
     Checkpointing::keep_integrator(args, &session, &mut choices)?;
     let mut plan = session.plan(&choices)?;
     if let Some(decision) = plan.decision.as_ref().filter(|_| !args.quiet) {
-        super::report!("buffon: note: auto: {decision}");
+        super::report!("buffon: note: {decision}");
     }
-    let strategies = args.aov.iter().any(|name| name == STRATEGIES);
     if strategies {
         session.check_techniques(&plan)?;
     }
@@ -425,6 +433,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Result<Choices> {
         path_splitting: args.path_splitting,
         path_guiding: args.path_guiding,
         path_caustics: args.path_caustics,
+        connections: args.bdpt_connections,
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
     })

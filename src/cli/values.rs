@@ -1,7 +1,10 @@
 //! Values of options: durations, sizes, rectangles, definitions.
 
 use crate::film::PixelRect;
+use crate::integrator::bdpt::CONNECTIONS;
+use crate::integrator::settings::WhenPays;
 use crate::memory::Limit;
+use crate::util;
 use std::ops::Range;
 use std::time::Duration;
 
@@ -107,6 +110,12 @@ pub fn positive(text: &str) -> Result<f64, String> {
         Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
         _ => Err("expected a positive number".into()),
     }
+}
+
+/// Parses the choice of connections of `bdpt`.
+pub fn connections(text: &str) -> Result<WhenPays, String> {
+    util::named(&CONNECTIONS, text)
+        .ok_or_else(|| "expected auto or always; without connections, bdpt is path or volpath".into())
 }
 
 /// Parses a number between 0 and 1.

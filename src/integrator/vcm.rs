@@ -11,9 +11,9 @@ use super::bdpt::technique::Techniques;
 use super::bdpt::{LightPathSettings, trace_both};
 use super::photon::{EmissionGuide, PathSequence, VisibleSurfaces};
 use super::progressive::{PreparedPass, Progressive, SamplePass};
-use super::settings::{PathLimits, Plugin, Source};
+use super::settings::{PathLimits, Plugin, Source, SppmSettings};
 use super::sppm::read_radius;
-use super::{Integrator, Preparation, Radiance, RadianceQuery, Splat, Statistic, Wave, Worker};
+use super::{Bdpt, Integrator, Preparation, Radiance, RadianceQuery, Splat, Sppm, Statistic, Wave, Worker};
 use crate::error::{Error, Result, counted};
 use crate::memory::Reservation;
 use crate::scene::Scene;
@@ -37,11 +37,31 @@ pub struct VcmSettings {
     pub initial_radius: f32,
     /// Parameter of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
     pub alpha: f32,
+    /// Whether vertices are connected and merged. Connections without merging are [`bdpt`](super::bdpt). Merging without
+    /// connections is progressive photon mapping: [`sppm`](super::sppm).
+    pub combined: Combined,
+}
+
+/// What is combined with the samples of emitters and of BSDFs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub enum Combined {
+    /// Connections and merging.
+    #[default]
+    Both,
+    /// Connections.
+    Connections,
+    /// Merging.
+    Merging,
 }
 
 impl Default for VcmSettings {
     fn default() -> Self {
-        VcmSettings { limits: PathLimits::default(), initial_radius: 0.0, alpha: 0.75 }
+        VcmSettings {
+            limits: PathLimits::default(),
+            initial_radius: 0.0,
+            alpha: 0.75,
+            combined: Combined::Both,
+        }
     }
 }
 
@@ -93,7 +113,18 @@ impl Plugin for Vcm {
     fn read(source: &mut dyn Source) -> Result<VcmSettings> {
         let default = VcmSettings::default();
         let (initial_radius, alpha) = read_radius(source, default.initial_radius, default.alpha)?;
-        Ok(VcmSettings { limits: PathLimits::read(source)?, initial_radius, alpha })
+        let connections = source.boolean("connections", true)?;
+        let combined = match (connections, source.boolean("merging", true)?) {
+            (true, true) => Combined::Both,
+            (true, false) => Combined::Connections,
+            (false, true) => Combined::Merging,
+            (false, false) => {
+                return Err(
+                    source.error("merging", "without it and connections, no light path counts: use path")
+                );
+            }
+        };
+        Ok(VcmSettings { limits: PathLimits::read(source)?, initial_radius, alpha, combined })
     }
 
     fn with_limits(limits: PathLimits) -> VcmSettings {
@@ -105,9 +136,17 @@ impl Plugin for Vcm {
     }
 
     fn create(settings: &VcmSettings) -> Box<dyn Integrator> {
+        let VcmSettings { limits, initial_radius, alpha, combined } = *settings;
+        match combined {
+            Combined::Both => {}
+            Combined::Connections => return Bdpt::create(&Bdpt::with_limits(limits)),
+            Combined::Merging => {
+                return Sppm::create(&SppmSettings { initial_radius, alpha, ..Sppm::with_limits(limits) });
+            }
+        }
         Box::new(Vcm {
             settings: *settings,
-            first_radius: settings.initial_radius,
+            first_radius: initial_radius,
             pixel: 0.0,
             camera: None,
             guide: None,

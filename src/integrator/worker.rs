@@ -1,5 +1,6 @@
 //! The data of one thread: sampler, counters and buffers.
 
+use super::bdpt::sharing::SharedLightPaths;
 use super::emission::skip_emitters;
 use super::flight::{Departure, Journey, follow};
 use super::{Interrupt, Radiance};
@@ -138,9 +139,9 @@ pub struct Worker {
     pub caustic_ratios: Vec<f32>,
     /// For each entry of the output, whether the path only searches for emitters. Empty if unused.
     pub probing: Vec<bool>,
-    /// The keys of the light paths that belong to the current wave of camera rays, for integrators that trace both.
-    /// Empty if each camera path has a light path with its own key.
-    pub light_keys: Vec<SampleKey>,
+    /// The light paths that belong to the current wave of camera rays, for integrators that trace both. Empty if each
+    /// camera path has a light path with its own key.
+    pub shared_light: SharedLightPaths,
     /// Memory for the BSDFs of the current wave that vary over the surface.
     pub arena: Bump,
     /// Memory for BSDFs that are used until the end of a wave.
@@ -436,7 +437,7 @@ impl Worker {
             specular_only: Vec::new(),
             caustic_ratios: Vec::new(),
             probing: Vec::new(),
-            light_keys: Vec::new(),
+            shared_light: SharedLightPaths::default(),
             arena: Bump::new(),
             kept_arena: Bump::new(),
             radiance: Vec::new(),

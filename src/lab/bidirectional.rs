@@ -41,7 +41,8 @@ struct Experiment<'a> {
 
 impl Experiment<'_> {
     fn shoot(&self, techniques: Techniques, take: u64) -> Result<Image> {
-        let settings = Settings::Bdpt(BdptSettings { limits: self.limits, techniques });
+        let settings =
+            Settings::Bdpt(BdptSettings { limits: self.limits, techniques, ..BdptSettings::default() });
         let sampling = Sampling::new(SamplerKind::Sobol, self.samples);
         Ok(self.studio.shoot(&settings, sampling, take)?.image)
     }

@@ -10,7 +10,7 @@ use crate::image::Image;
 use crate::integrator::settings::Aov;
 use crate::render::output;
 use crate::render::{Progress, Rendered, StopRules};
-use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session};
+use crate::session::{Choices, Plan, SceneChoices, SceneFile, Session, connected};
 use std::time::{Duration, Instant};
 
 /// Samples per pixel if the scene does not specify them.
@@ -196,8 +196,10 @@ impl<'a> Runner<'a> {
     ) -> Result<Plan> {
         let stop = StopRules { samples: Some(samples), ..StopRules::default() };
         let aov = vec!["variance".to_owned()];
+        // Cases are claimed by what connects paths.
+        let connections = connected(integrator.unwrap_or_else(|| session.defaults.integrator_name()));
         let integrator = integrator.map(str::to_owned);
-        let choices = Choices { integrator, stop, aov, seed, ..self.options.choices.clone() };
+        let choices = Choices { integrator, connections, stop, aov, seed, ..self.options.choices.clone() };
         let mut plan = session.plan(&choices)?;
         // The reference has another number of samples.
         plan.job.layers.retain(|layer| layer.aov != Aov::Samples);

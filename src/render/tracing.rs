@@ -17,8 +17,6 @@ use std::ops::Range;
 const WAVE: usize = 2048;
 /// The number of paths in a wave with groups, which need more memory.
 const GROUPED_WAVE: usize = 1024;
-/// The number of pixels, side by side, whose samples of the same index share a light path.
-const SHARING_PIXELS: u32 = 4;
 
 /// A sample that was dropped because it is not a finite, non-negative radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -202,14 +200,12 @@ impl CameraWorker {
             let (x, y) = span.position;
             self.keys.extend((span.first..span.end).map(|s| sampler.key(job.settings.seed, x, y, s)));
         }
-        self.worker.light_keys.clear();
+        self.worker.shared_light.clear();
         if job.integrator.shares_noise() && job.integrator.traces_light_paths() {
-            let (seed, spans) = (job.settings.seed, &self.spans);
-            self.worker.light_keys.extend(spans.iter().flat_map(|span| {
-                let (x, y) = span.position;
-                let x = x - x % SHARING_PIXELS;
-                (span.first..span.end).map(move |s| sampler.key(seed, x, y, s))
-            }));
+            for span in &self.spans {
+                let key = |x, y, sample| sampler.key(job.settings.seed, x, y, sample);
+                self.worker.shared_light.add(span.position, span.first..span.end, key);
+            }
         }
         draw_2d(sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         if job.camera.has_lens() {

@@ -461,6 +461,9 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
     Needs {
         emitter_sampling: can_sample && finite_lobes,
         hit_emitters: area_lights || distant,
+        delta_emitters: lights
+            .iter()
+            .any(|light| !matches!(light, Light::Area(_) | Light::Environment(_) | Light::Sun(_))),
         environment: distant,
         finite_lobes,
         specular_lobes: lobes.iter().any(|lobes| lobes.deltas > 0 && !lobes.finite),

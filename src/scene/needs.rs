@@ -9,6 +9,8 @@ pub struct Needs {
     pub emitter_sampling: bool,
     /// Some emitter can be hit by a scattered ray.
     pub hit_emitters: bool,
+    /// Some emitter cannot be hit, because it is a point or its light is parallel.
+    pub delta_emitters: bool,
     /// Rays that leave the scene carry light.
     pub environment: bool,
     /// Some material has a finite lobe, for which emitters can be sampled.
@@ -37,10 +39,11 @@ pub struct Needs {
 
 impl Needs {
     /// Returns the features with their names, in a fixed order.
-    pub fn list(&self) -> [(&'static str, bool); 14] {
+    pub fn list(&self) -> [(&'static str, bool); 15] {
         [
             ("emitter_sampling", self.emitter_sampling),
             ("hit_emitters", self.hit_emitters),
+            ("delta_emitters", self.delta_emitters),
             ("environment", self.environment),
             ("finite_lobes", self.finite_lobes),
             ("specular_lobes", self.specular_lobes),
@@ -67,9 +70,10 @@ impl fmt::Display for Needs {
 }
 
 /// The features in plain words, in the order of [`Needs::list`].
-const WORDS: [&str; 14] = [
+const WORDS: [&str; 15] = [
     "lights that are sampled",
     "lights that paths can hit",
+    "lights at points or with parallel rays",
     "an environment",
     "diffuse or glossy surfaces",
     "surfaces that only mirror or refract",

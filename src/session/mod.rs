@@ -13,10 +13,10 @@ mod plan;
 mod scene_hashes;
 mod techniques;
 
-pub use auto::{Costs, Decision};
+pub use auto::{Costs, Decision, Question};
 pub use image_description::ImageDescription;
 pub use memory::RenderMemory;
-pub use plan::{Choices, Plan};
+pub use plan::{Choices, Plan, connected};
 pub use scene_hashes::SceneHashes;
 
 use crate::accel::AccelKind;

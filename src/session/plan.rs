@@ -1,13 +1,13 @@
 //! The settings of a render, from the user's choices and the scene file.
 
 use super::Session;
-use super::auto::{Costs, Decision, leaves_room};
+use super::auto::{Costs, Decision, Question, leaves_room};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
-    AUTO, Aov, AovSettings, AutoSettings, IrrcacheSettings, Layer, PathSettings, WhenPays,
+    AUTO, Aov, AovSettings, AutoSettings, IrrcacheSettings, Layer, PathSettings, Techniques, WhenPays,
 };
-use crate::integrator::{self, Integrator, Settings};
+use crate::integrator::{self, Bdpt, Integrator, Plugin, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
 use crate::sensor::Camera;
@@ -45,10 +45,17 @@ pub struct Choices {
     pub path_guiding: bool,
     /// Whether light paths find caustics for `path`; the scene decides if it is `None`.
     pub path_caustics: Option<WhenPays>,
+    /// Whether `bdpt` connects paths; the scene decides if it is `None`.
+    pub connections: Option<WhenPays>,
     /// The file that stores the result of the integrator's preparation.
     pub cache: Option<CacheFile>,
     /// The range of samples of each pixel to take, out of those determined by the stop rules; all if `None`.
     pub samples: Option<Range<u64>>,
+}
+
+/// Returns the choice of connections with which the integrator of the given name is rendered without pilots.
+pub fn connected(integrator: &str) -> Option<WhenPays> {
+    (integrator == Bdpt::NAME).then_some(WhenPays::Always)
 }
 
 /// The settings of an integrator and a job.
@@ -56,7 +63,7 @@ pub struct Choices {
 pub struct Plan {
     /// The integrator.
     pub integrator: Settings,
-    /// How the integrator was chosen, if the user chose `auto`.
+    /// How the integrator was chosen, if there were pilots of several.
     pub decision: Option<Decision>,
     /// Sampler, seed, threads, stop rules and layers.
     pub job: JobSettings,
@@ -98,9 +105,10 @@ impl Session {
     /// If the integrator or a layer does not exist, a layer occurs twice, the integrator does not support adaptive
     /// sampling, or the image exceeds the memory limit.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
-        let decision = self.auto(choices)?.map(|auto| self.decide(choices, auto)).transpose()?;
+        let decision = self.question(choices)?.map(|question| self.decide(choices, question)).transpose()?;
         let name = decision.as_ref().map(|decision| decision.integrator).or(choices.integrator.as_deref());
         let mut integrator = choose_integrator(name, self.defaults.integrator.clone())?;
+        self.choose_connections(&mut integrator, choices, decision.is_some())?;
         let mut stop = choices.stop;
         if stop == StopRules::default() {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
@@ -154,6 +162,56 @@ impl Session {
         let plan = Plan { integrator, decision, job, adaptive, cache, first, target };
         drop(self.reserve(&plan)?);
         Ok(plan)
+    }
+
+    /// Returns what pilots decide, if the user or else the scene asks for that.
+    ///
+    /// # Errors
+    /// If there is no such integrator, or an option belongs to another one.
+    pub fn question(&self, choices: &Choices) -> Result<Option<Question>> {
+        let auto = self.auto(choices)?.map(Question::Integrator);
+        Ok(if auto.is_none() && self.asks_for_connections(choices)? {
+            Some(Question::Connections)
+        } else {
+            auto
+        })
+    }
+
+    /// Returns whether pilots decide if connections of `bdpt` pay. Options of `path` and all that `bdpt` cannot render
+    /// are left to [`plan`](Self::plan), which refuses them.
+    fn asks_for_connections(&self, choices: &Choices) -> Result<bool> {
+        let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
+        let Settings::Bdpt(bdpt) = &integrator else { return Ok(false) };
+        let of_path = choices.path_reuse.is_some()
+            || choices.path_splitting.is_some()
+            || choices.path_caustics.is_some()
+            || choices.path_guiding
+            || choices.adaptive == WhenPays::Always;
+        let created = integrator.create();
+        Ok(choices.connections.unwrap_or(bdpt.connections) == WhenPays::Auto
+            && bdpt.techniques == Techniques::All
+            && !of_path
+            && created.check(&self.scene).is_ok()
+            && obstacle_to_camera(created.as_ref(), self.camera()).is_none()
+            && self.may_leave_connections(choices))
+    }
+
+    /// Sets that `bdpt` connects paths. Pilots have decided so, or none are possible.
+    fn choose_connections(
+        &self,
+        integrator: &mut Settings,
+        choices: &Choices,
+        is_decided: bool,
+    ) -> Result<()> {
+        match (integrator, choices.connections) {
+            (Settings::Bdpt(bdpt), _) => bdpt.connections = WhenPays::Always,
+            (other, Some(_)) if !is_decided => {
+                let name = other.name();
+                return Err(Error::usage(format!("--bdpt-connections: {name} connects no paths; use bdpt")));
+            }
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Returns how pilots choose the integrator, if the user or else the scene asks for that.

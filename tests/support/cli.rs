@@ -133,7 +133,9 @@ impl Folder {
     /// Renders the scene with camera paths, light paths and both, and asserts that their images agree.
     pub fn light_paths_agree(&self, samples: u32) {
         for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
-            let options = format!("--spp {samples} --aov variance --seed {i} --integrator {integrator}");
+            let connections = if integrator == "bdpt" { "--bdpt-connections always" } else { "" };
+            let options =
+                format!("--spp {samples} --aov variance --seed {i} --integrator {integrator} {connections}");
             self.render(&format!("s.xml -q -o {integrator}.exr {options}"));
         }
         for other in ["ptracer", "bdpt"] {

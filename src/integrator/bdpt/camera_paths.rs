@@ -2,6 +2,7 @@
 
 use super::light_paths::{LightPaths, typical_start_density};
 use super::merging::Merging;
+use super::sharing::SharedLightPaths;
 use super::technique::Techniques;
 use super::weights::{Merged, Partial, Start};
 use crate::accel::{Coherence, Hit};
@@ -35,8 +36,8 @@ pub struct CameraPaths<'a> {
     pub techniques: Techniques,
     pub query: RadianceQuery,
     pub light: LightPaths<'a>,
-    /// The light path of each camera path.
-    pub light_path: Vec<u32>,
+    /// The light paths of each camera path.
+    pub shared: SharedLightPaths,
     /// The media, if they are rendered.
     pub media: Option<&'a SceneMedia>,
     /// The light paths with which camera paths are merged.
@@ -59,6 +60,8 @@ pub(super) struct Subpath {
     pub eta: f32,
     /// The partial weight; `None` before the first vertex.
     pub partial: Option<Partial>,
+    /// Whether a finite lobe has scattered the path.
+    pub finite: bool,
 }
 
 /// The vertices of up to sixteen camera paths. The `wo` of the block point to the viewer.
@@ -85,6 +88,7 @@ impl CameraPaths<'_> {
             beta: Rgb::WHITE,
             eta: 1.0,
             partial: None,
+            finite: false,
         };
         let mut subpaths: Vec<Subpath> = wave.rays.iter().zip(wave.keys).enumerate().map(subpath).collect();
         let mut next = Vec::new();
@@ -311,7 +315,17 @@ impl CameraPaths<'_> {
             let medium = self.media.and_then(|media| {
                 medium_after(self.scene, media, &block.at.lane(i), (d, ray.d), paths[i].medium)
             });
-            next.push(Subpath { ray, from, medium, beta, eta, partial: Some(partial), ..paths[i] });
+            let on = paths[i].finite || finite >> i & 1 != 0;
+            next.push(Subpath {
+                ray,
+                from,
+                medium,
+                beta,
+                eta,
+                partial: Some(partial),
+                finite: on,
+                ..paths[i]
+            });
         }
     }
 }

@@ -11,11 +11,14 @@ use crate::integrator::light_path::LightVertex;
 use crate::integrator::worker::ShadowQueue;
 use crate::math::lanes::{LANES, bits, each_lane, f32x16};
 use crate::math::{Ray, RayX16, Vec3, Vec3x16};
+use std::f32::consts::FRAC_1_PI;
 
 /// The least cosine in the estimate of a contribution: shading normals and lobes may be anywhere.
 const LEAST_COSINE: f32 = 0.05;
 /// What stands for the cosine at a point in a medium: the isotropic phase function relative to a diffuse BSDF.
 pub(super) const IN_MEDIUM: f32 = 0.25;
+/// The least weight in the estimate of a contribution: that of glossy surfaces is another one.
+const LEAST_WEIGHT: f32 = 1e-4;
 
 impl CameraPaths<'_> {
     /// Samples an emitter at each vertex with a finite lobe. Queues shadow rays with the weighted contributions.
@@ -57,19 +60,47 @@ impl CameraPaths<'_> {
         self.push(shadows, vertices, lanes, (&rays, 1), value);
     }
 
-    /// Connects each vertex with a finite lobe to one vertex of its light path. Queues shadow rays with the weighted
-    /// contributions. The vertex is chosen with a probability that is nearly in proportion to its contribution, by the
-    /// number of its lane in `u`.
+    /// Connects each vertex with a finite lobe to one vertex of each of its light paths. Queues shadow rays with the
+    /// weighted contributions. The vertices are chosen with probabilities that are nearly in proportion to their
+    /// contributions, by the number of the lane in `u`.
     pub(super) fn connect(&self, vertices: &CameraVertices<'_>, u: &[f32], shadows: &mut ShadowQueue) {
+        let CameraVertices { block, paths, partials, .. } = vertices;
+        let densities = (block.wo.z.abs() * f32x16::splat(FRAC_1_PI)).to_array();
+        let mut ratios = [0.0; LANES];
+        for i in bits(block.finite) {
+            ratios[i] = partials[i].ratios(densities[i].into()) as f32;
+        }
+        let most = bits(block.finite).map(|i| self.connections(&paths[i])).max().unwrap_or(0);
+        for k in 0..most {
+            self.connect_to(k, vertices, &ratios, u, shadows);
+        }
+    }
+
+    /// Returns the number of light paths to which the next vertex of a path is connected: several at the first one with
+    /// a finite lobe, which has most of the noise of connections. Merging has less noise there.
+    pub(super) fn connections(&self, path: &Subpath) -> u32 {
+        if path.finite || self.merging.is_some() { 1 } else { self.shared.connected() }
+    }
+
+    /// Connects the vertices to light path `k` of each.
+    fn connect_to(
+        &self,
+        k: u32,
+        vertices: &CameraVertices<'_>,
+        ratios: &[f32; LANES],
+        u: &[f32],
+        shadows: &mut ShadowQueue,
+    ) {
         let CameraVertices { block, partials, depth, .. } = vertices;
         let at = &block.at;
         let mut chosen = [None; LANES];
-        for i in bits(block.finite) {
+        for i in bits(block.finite).filter(|i| k < self.connections(&vertices.paths[*i])) {
             let (path, p, ng) = (&vertices.paths[i], at.p.lane(i), at.ng.lane(i));
-            chosen[i] = self.choose(path, *depth, p, |wi| wi.dot(ng).abs().max(LEAST_COSINE), u[i]);
+            let end = CameraEnd { path, depth: *depth, p, ratio: ratios[i] };
+            chosen[i] = self.choose(&end, |wi| wi.dot(ng).abs().max(LEAST_COSINE), (k, u[i]));
             if let Some(connection @ (StoredVertex { vertex: Vertex::Medium(_), .. }, _)) = chosen[i] {
                 let vertex = Vertex::Surface(LightVertex::new(block, i));
-                self.connect_one(path, &vertex, (partials[i], *depth), connection, shadows);
+                self.connect_one(path, &vertex, (partials[i], *depth), connection, k, shadows);
                 chosen[i] = None;
             }
         }
@@ -78,7 +109,7 @@ impl CameraPaths<'_> {
         let Some((any, _)) = chosen.iter().flatten().next().copied() else { return };
         // The lanes without a connection have any vertex, and are not used.
         let lights: [&StoredVertex<'_>; LANES] = each_lane(|i| chosen[i].map_or(any, |(light, _)| light));
-        let inverse_pmf = f32x16::new(each_lane(|i| chosen[i].map_or(0.0, |(_, inverse_pmf)| inverse_pmf)));
+        let of_choice = f32x16::new(each_lane(|i| chosen[i].map_or(0.0, |(_, factor)| factor)));
         let vectors = |vector: &dyn Fn(&StoredVertex<'_>) -> Vec3| {
             let mut all = Vec3x16::default();
             lights.iter().enumerate().for_each(|(i, light)| all.set_lane(i, vector(light)));
@@ -130,7 +161,7 @@ impl CameraPaths<'_> {
             );
             self.techniques.weight(lights[i].edges + 1, depth + 2, weight) as f32
         });
-        let factor = local.z.abs() * corrected / distance2 * weights * inverse_pmf;
+        let factor = local.z.abs() * corrected / distance2 * weights * of_choice;
         let powers = [0, 1, 2].map(|c| f32x16::new(each_lane(|i| lights[i].power.to_array()[c])));
         let value = std::array::from_fn(|c| scattered.f[c] * emerging.f[c] * powers[c] * factor);
         let mut targets = Vec3x16::default();
@@ -138,27 +169,27 @@ impl CameraPaths<'_> {
             targets.set_lane(i, lights[i].vertex.target(way.lane(i)));
         }
         let rays = self.scene.shadow_rays_to(at, targets, wi, block.rays.time);
-        self.push(shadows, vertices, lanes, (&rays, 2), value);
+        self.push(shadows, vertices, lanes, (&rays, 2 + k), value);
     }
 
-    /// Chooses the vertex of the light path to which a path is connected at the point `p` after `depth` scatterings.
-    /// `scatters` estimates how much light is scattered there from a direction, relative to a diffuse surface. Returns
-    /// it with the reciprocal of its probability.
+    /// Chooses the vertex of light path `k` of a camera path to which that is connected. `scatters` estimates how much
+    /// light the end scatters from a direction, relative to a diffuse surface. Returns the vertex with the factor of
+    /// the contribution: the reciprocal of its probability and of the number of light paths.
     pub(super) fn choose(
         &self,
-        path: &Subpath,
-        depth: u32,
-        p: Vec3,
+        end: &CameraEnd<'_>,
         scatters: impl Fn(Vec3) -> f32,
-        mut u: f32,
+        (k, u): (u32, f32),
     ) -> Option<(&StoredVertex<'_>, f32)> {
         let (mut sum, mut chosen) = (0.0f32, None);
-        for light in self.light.of(self.light_path[path.slot as usize] as usize) {
-            let edges = depth + light.edges + 2;
+        let count = self.connections(end.path) as f32;
+        let mut u = (u + k as f32 / count).fract();
+        for light in self.light.of(self.shared.of(end.path.slot, k)) {
+            let edges = end.depth + light.edges + 2;
             if !self.limits.allows(edges) || !self.query.wants(edges) {
                 continue;
             }
-            let importance = importance(p, &scatters, light);
+            let importance = importance(end, &scatters, light);
             if importance == 0.0 {
                 continue;
             }
@@ -171,7 +202,7 @@ impl CameraPaths<'_> {
                 u = (u - share) / (1.0 - share);
             }
         }
-        chosen.map(|(light, importance)| (light, sum / importance))
+        chosen.map(|(light, importance)| (light, sum / (importance * count)))
     }
 
     /// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the
@@ -205,10 +236,20 @@ impl CameraPaths<'_> {
     }
 }
 
-/// Returns an estimate of the contribution of a connection, which is positive if the contribution is: that of diffuse
-/// surfaces and isotropic media without absorption.
-fn importance(p: Vec3, scatters: impl Fn(Vec3) -> f32, light: &StoredVertex<'_>) -> f32 {
-    let way = light.vertex.p() - p;
+/// The end of a camera path, for the choice of a connection.
+pub(super) struct CameraEnd<'a> {
+    pub path: &'a Subpath,
+    /// The number of scatterings before.
+    pub depth: u32,
+    pub p: Vec3,
+    /// An estimate of the ratios of the other techniques.
+    pub ratio: f32,
+}
+
+/// Returns an estimate of the weighted contribution of a connection, which is positive if the contribution is: that of
+/// diffuse surfaces and isotropic media without absorption.
+fn importance(end: &CameraEnd<'_>, scatters: impl Fn(Vec3) -> f32, light: &StoredVertex<'_>) -> f32 {
+    let way = light.vertex.p() - end.p;
     let distance2 = way.length_squared();
     if distance2 == 0.0 {
         return 0.0;
@@ -218,7 +259,11 @@ fn importance(p: Vec3, scatters: impl Fn(Vec3) -> f32, light: &StoredVertex<'_>)
         Vertex::Surface(surface) => wi.dot(surface.at.ng).abs().max(LEAST_COSINE),
         Vertex::Medium(_) => IN_MEDIUM,
     };
-    light.power.max_component() * scatters(wi) * emerging / distance2
+    let geometry = scatters(wi) * emerging / distance2;
+    // The density with which either path would continue to the other.
+    let density = geometry * FRAC_1_PI;
+    let weight = 1.0 / (1.0 + density * density * (end.ratio + light.ratio));
+    light.power.max_component() * geometry * weight.max(LEAST_WEIGHT)
 }
 
 /// Returns a mask of the lanes in which a colour is not black.

@@ -5,7 +5,7 @@
 //! compute the same.
 
 use super::camera_paths::{CameraPaths, Subpath};
-use super::connections::IN_MEDIUM;
+use super::connections::{CameraEnd, IN_MEDIUM};
 use super::light_paths::{StoredVertex, typical_start_density};
 use super::vertex::{MediumPoint, Vertex};
 use super::weights::{self, End, Merged, Partial, Start};
@@ -110,8 +110,13 @@ impl<'a> CameraPaths<'a> {
             if self.query.wants(depth + 2) {
                 self.sample_emitter(vertex, depth, pair(&numbers.emitter_point, i), shadows);
             }
-            if let Some(chosen) = self.choose(path, depth, point.p, |_| IN_MEDIUM, connection[i]) {
-                self.connect_one(path, &Vertex::Medium(*point), (*partial, depth), chosen, shadows);
+            let vertex = Vertex::Medium(*point);
+            let ratio = partial.ratios(vertex.usual_density()) as f32;
+            for k in 0..self.connections(path) {
+                let end = CameraEnd { path, depth, p: point.p, ratio };
+                if let Some(chosen) = self.choose(&end, |_| IN_MEDIUM, (k, connection[i])) {
+                    self.connect_one(path, &vertex, (*partial, depth), chosen, k, shadows);
+                }
             }
             let mut beta = path.beta;
             if let Some(roulette) = roulette {
@@ -124,7 +129,7 @@ impl<'a> CameraPaths<'a> {
             let density = point.density(wi).into();
             let partial = Some(partial.scattered(density, density, 1.0));
             let ray = Ray { time: point.time, ..Ray::new(point.p, wi) };
-            next.push(Subpath { ray, from: point.p, beta, partial, ..*path });
+            next.push(Subpath { ray, from: point.p, beta, partial, finite: true, ..*path });
         }
     }
 
@@ -159,14 +164,15 @@ impl<'a> CameraPaths<'a> {
         }
     }
 
-    /// Connects a vertex of a camera path to a vertex of its light path, of which one at least is in a medium. `chosen`
-    /// is the latter with the reciprocal of its probability. Queues a shadow ray with the weighted contribution.
+    /// Connects a vertex of a camera path to a vertex of its light path `k`, of which one at least is in a medium. The
+    /// latter comes with the factor of its choice. Queues a shadow ray with the weighted contribution.
     pub fn connect_one(
         &self,
         path: &Subpath,
         vertex: &Vertex<'_>,
         (partial, depth): (Partial, u32),
-        (light, inverse_pmf): (&StoredVertex<'_>, f32),
+        (light, factor): (&StoredVertex<'_>, f32),
+        k: u32,
         shadows: &mut ShadowQueue,
     ) {
         let Some(media) = self.media else { return };
@@ -192,11 +198,11 @@ impl<'a> CameraPaths<'a> {
             },
         );
         let weight = self.techniques.weight(light.edges + 1, depth + 2, weight) as f32;
-        let value = value * (weight * inverse_pmf / distance2);
+        let value = value * (weight * factor / distance2);
         if !value.is_black() {
             let ray = vertex.ray_to(self.scene, light.vertex.target(way), wi);
             let medium = vertex.medium_towards(self.scene, media, wi, path.medium);
-            let random = stream(path.key, depth, 2);
+            let random = stream(path.key, depth, 2 + k);
             shadows.push_through_media(ray, path.slot, value, Departure { medium, random });
         }
     }

@@ -31,6 +31,8 @@ pub struct StoredVertex<'a> {
     pub power: Rgb,
     /// The partial weight at the vertex.
     pub partial: Partial,
+    /// An estimate of the ratios of the other techniques, for the choice of a connection.
+    pub ratio: f32,
     /// The number of edges from the emitter.
     pub edges: u32,
     /// The index of the light path.
@@ -238,8 +240,10 @@ impl<'a> LightPaths<'a> {
     fn keep(&mut self, path: &Subpath, vertex: Vertex<'a>, partial: Partial, edges: u32) {
         let previous = self.last[path.index as usize].replace(self.vertices.len() as u32);
         let (power, medium) = (path.power * path.beta, path.medium);
+        let ratio = partial.ratios(vertex.usual_density()) as f32;
         self.vertices.push(StoredVertex {
             vertex,
+            ratio,
             medium,
             power,
             partial,

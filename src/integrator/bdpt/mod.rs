@@ -1,8 +1,9 @@
 //! Bidirectional path tracing. [Lafortune & Willems 1993; Veach 1997, chapter 10]
 //!
-//! Each camera path has a light path, which it shares with those of neighbouring pixels. Every vertex of the camera
-//! path is a possible end: it may lie on an emitter, it samples an emitter, and it is connected to one vertex of the
-//! light path, which is chosen by an estimate of its contribution. The light paths of a second set, as many as there
+//! Each camera path has a light path, which it shares with those of neighbouring pixels ([`sharing`]). Every vertex of
+//! the camera path is a possible end: it may lie on an emitter, it samples an emitter, and it is connected to one
+//! vertex of the light path, which is chosen by an estimate of its contribution. The first vertex with a finite lobe
+//! is also connected to light paths of pixels nearby. The light paths of a second set, as many as there
 //! are pixels, are connected to the camera. The techniques are combined by multiple importance sampling ([`weights`]).
 //! Both kinds of paths may be scattered in participating media ([`in_media`], [`light_paths`]).
 
@@ -12,6 +13,7 @@ mod emitter_media;
 mod in_media;
 mod light_paths;
 pub(super) mod merging;
+pub mod sharing;
 pub mod technique;
 mod vertex;
 pub(super) mod weights;
@@ -21,6 +23,7 @@ use self::emitter_media::EmitterMedia;
 pub(super) use self::light_paths::{LightPathSettings, RenderedMedia};
 use self::light_paths::{LightPaths, StoredVertex, of_light_path};
 use self::merging::Merging;
+use self::sharing::SharedLightPaths;
 use self::technique::Techniques;
 use self::vertex::Vertex;
 use self::weights::Merged;
@@ -28,7 +31,7 @@ use super::flight::{Departure, stream};
 use super::photon::{EmissionGuide, VisibleSurfaces};
 use super::preparation::Statistic;
 use super::ptracer::{LightTracer, Splat};
-use super::settings::{PathLimits, Plugin, Source};
+use super::settings::{PathLimits, Plugin, Read, Source, WhenPays};
 use super::worker::draw_2d;
 use super::{Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -40,7 +43,6 @@ use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SceneMedia};
 use crate::sensor::Camera;
 use bumpalo::Bump;
-use std::collections::HashMap;
 
 /// The parameters of bidirectional path tracing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -49,7 +51,13 @@ pub struct BdptSettings {
     pub limits: PathLimits,
     /// The techniques that contribute.
     pub techniques: Techniques,
+    /// Whether paths are connected. If a pilot finds that it does not pay, another integrator renders the image with
+    /// camera paths alone.
+    pub connections: WhenPays,
 }
+
+/// When paths are connected.
+pub const CONNECTIONS: [(&str, WhenPays); 2] = [("auto", WhenPays::Auto), ("always", WhenPays::Always)];
 
 /// Bidirectional path tracing.
 pub struct Bdpt {
@@ -75,7 +83,8 @@ impl Plugin for Bdpt {
     fn read(source: &mut dyn Source) -> Result<BdptSettings> {
         source.ignore(&["light_image", "sample_direct"], "all techniques are used");
         let limits = PathLimits::read(source)?;
-        Ok(BdptSettings { limits, techniques: Techniques::read(source, limits)? })
+        let connections = source.choice("connections", &CONNECTIONS, WhenPays::Auto)?;
+        Ok(BdptSettings { limits, techniques: Techniques::read(source, limits)?, connections })
     }
 
     fn with_limits(limits: PathLimits) -> BdptSettings {
@@ -180,7 +189,7 @@ impl LightTracer for Bdpt {
         worker: &mut Worker,
         out: &mut Vec<Splat>,
     ) {
-        let BdptSettings { limits, techniques } = self.settings;
+        let BdptSettings { limits, techniques, .. } = self.settings;
         let (query, merged) = (RadianceQuery::ALL, Merged::default());
         let lens = LensConnections {
             scene,
@@ -215,13 +224,18 @@ pub(super) fn trace_both(
     // BSDFs of the light paths are used until the camera paths end.
     let mut arena = std::mem::take(&mut worker.kept_arena);
     arena.reset();
-    let (keys, light_path) = shared_keys(scene, wave.keys, &worker.light_keys);
-    let light = LightPaths::trace(scene, &arena, settings, &keys, worker);
+    // In a scene with motion, each camera path has a light path with its time.
+    let shared = match scene.needs.motion || worker.shared_light.camera_paths() != wave.keys.len() {
+        true => SharedLightPaths::unshared(wave.keys),
+        false => std::mem::take(&mut worker.shared_light),
+    };
+    let light = LightPaths::trace(scene, &arena, settings, &shared.keys, worker);
     let LightPathSettings { limits, guide, techniques, media, .. } = settings;
     let media = media.map(|media| media.list);
-    let paths =
-        CameraPaths { scene, camera, guide, limits, techniques, query, light, light_path, media, merging };
+    let mut paths =
+        CameraPaths { scene, camera, guide, limits, techniques, query, light, shared, media, merging };
     paths.trace(wave, worker, out);
+    worker.shared_light = std::mem::take(&mut paths.shared);
     drop(paths);
     worker.kept_arena = arena;
 }
@@ -356,20 +370,10 @@ impl<'a> LensConnections<'a> {
         let light = self.light_paths(&arena, wave.keys, worker);
         let points = self.queue(&light, wave.keys, worker);
         self.trace(&points, worker, |point, splat| add(point.path, splat));
-        let light_path = (0..wave.keys.len() as u32).collect();
+        let shared = SharedLightPaths::unshared(wave.keys);
         let merging = None;
-        let paths = CameraPaths {
-            scene,
-            camera,
-            guide,
-            limits,
-            techniques,
-            query,
-            light,
-            light_path,
-            media,
-            merging,
-        };
+        let paths =
+            CameraPaths { scene, camera, guide, limits, techniques, query, light, shared, media, merging };
         paths.trace(wave, worker, out);
         drop(paths);
         worker.kept_arena = arena;
@@ -391,23 +395,6 @@ impl<'a> LensConnections<'a> {
         let point = LensPoint { film: seen.film, path: stored.path, weight };
         Some((vertex.ray_to(self.scene, seen.target, seen.wi), point, value))
     }
-}
-
-/// Returns the different keys of the light paths of a wave, and the index of that of each camera path. In a scene with
-/// motion, each camera path has a light path with its own key, and therefore with its time.
-fn shared_keys(scene: &Scene, own: &[SampleKey], light: &[SampleKey]) -> (Vec<SampleKey>, Vec<u32>) {
-    if scene.needs.motion || light.len() != own.len() {
-        return (own.to_vec(), (0..own.len() as u32).collect());
-    }
-    let (mut keys, mut known) = (Vec::new(), HashMap::new());
-    let mut index = |key: &SampleKey| {
-        *known.entry(*key).or_insert_with(|| {
-            keys.push(*key);
-            keys.len() as u32 - 1
-        })
-    };
-    let indices = light.iter().map(&mut index).collect();
-    (keys, indices)
 }
 
 /// Returns random numbers for positions on the lens, one pair for each vertex; none if there is no lens.

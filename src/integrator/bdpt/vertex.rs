@@ -1,5 +1,6 @@
 //! The vertices of subpaths: surface points, and points in media.
 
+use super::connections::IN_MEDIUM;
 use crate::color::Rgb;
 use crate::ids::MediumId;
 use crate::integrator::flight::medium_after;
@@ -8,6 +9,7 @@ use crate::math::ray::{end_error, offset_origin};
 use crate::math::{Ray, Vec3};
 use crate::medium::Phase;
 use crate::scene::{Scene, SceneMedia};
+use std::f32::consts::FRAC_1_PI;
 
 /// A vertex of a subpath.
 pub enum Vertex<'a> {
@@ -57,6 +59,16 @@ impl<'a> Vertex<'a> {
             Vertex::Surface(surface) => surface.at.p,
             Vertex::Medium(point) => point.p,
         }
+    }
+
+    /// Returns an estimate of the density per unit solid angle with which the reversed path goes on: that of a diffuse
+    /// surface or an isotropic medium.
+    pub fn usual_density(&self) -> f64 {
+        let relative = match self {
+            Vertex::Surface(surface) => surface.wo.z.abs(),
+            Vertex::Medium(_) => IN_MEDIUM,
+        };
+        f64::from(relative * FRAC_1_PI)
     }
 
     /// Returns the time, in [0, 1] over the shutter interval.

@@ -198,7 +198,7 @@ impl Partial {
     /// Returns the sum of the squared ratios of the techniques that join the path at an earlier vertex or merge it at
     /// this one, relative to that which connects it to this vertex, without the reverse density of the joining edge.
     /// `reverse` is the density per unit solid angle with which the reversed path leaves the vertex.
-    fn ratios(&self, reverse: f64) -> f64 {
+    pub fn ratios(&self, reverse: f64) -> f64 {
         self.merged + self.all_earlier().ratios(reverse)
     }
 

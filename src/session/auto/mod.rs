@@ -1,4 +1,4 @@
-//! `--integrator auto`: the choice of an integrator by measurement.
+//! The choice of an integrator by measurement: any with `--integrator auto`; whether connections pay with `bdpt`.
 //!
 //! Each candidate renders a small image of the same view, its pilot. The candidate with the smallest product of error
 //! and cost renders the image. Pilots are thrown away. Costs are numbers of rays, weighted by what a ray of the
@@ -18,11 +18,11 @@ mod costs;
 
 pub use costs::Costs;
 
-use super::plan::DEFAULT_SPP;
+use super::plan::{DEFAULT_SPP, connected};
 use super::{Choices, Session};
 use crate::error::{Error, Result};
-use crate::integrator::settings::{AutoSettings, Plugin, WhenPays};
-use crate::integrator::{IrradianceCache, PathIntegrator, Photonmapper, Statistic};
+use crate::integrator::settings::{AUTO, AutoSettings, Plugin, WhenPays};
+use crate::integrator::{Bdpt, IrradianceCache, PathIntegrator, Photonmapper, Statistic, VolpathIntegrator};
 use crate::render::{Progress, Sinks, StopRules};
 use crate::sensor::Camera;
 use crate::util::wording::percent;
@@ -46,15 +46,14 @@ impl Candidate {
 
 /// The candidates. The first one is kept unless another one is clearly better. Those from [`SECOND`] on have a pilot
 /// only if it is not kept so far.
-const CANDIDATES: [Candidate; 4] = [
-    Candidate::new("path", Bias::None),
-    Candidate::new("bdpt", Bias::None),
-    Candidate::new("sppm", Bias::Vanishing),
-    Candidate::new("vcm", Bias::Vanishing),
-];
+const CANDIDATES: [Candidate; 4] =
+    [PATH, BDPT, Candidate::new("sppm", Bias::Vanishing), Candidate::new("vcm", Bias::Vanishing)];
 const SECOND: usize = 3;
 /// The candidates for scenes with media that are rendered.
-const IN_MEDIA: [Candidate; 2] = [Candidate::new("volpath", Bias::None), Candidate::new("bdpt", Bias::None)];
+const IN_MEDIA: [Candidate; 2] = [VOLPATH, BDPT];
+const PATH: Candidate = Candidate::new(PathIntegrator::NAME, Bias::None);
+const VOLPATH: Candidate = Candidate::new(VolpathIntegrator::NAME, Bias::None);
+const BDPT: Candidate = Candidate::new(Bdpt::NAME, Bias::None);
 /// The candidates in addition if a bias is allowed. There are as many photons for all sizes of an image, and about as
 /// many irradiance records as the side of the image has pixels.
 const BIASED: [Candidate; 2] = [
@@ -83,6 +82,45 @@ const USUAL_RATE: f64 = 1e6;
 /// without a bias that remains, beside those with one.
 const CLEARLY: f64 = 0.8;
 
+/// The least number of samples in an image of `bdpt` for which there are pilots: theirs are a tenth.
+const WORTH_PILOTS: f64 = 1e6;
+
+/// What pilots decide.
+#[derive(Clone, Copy, Debug)]
+pub enum Question {
+    /// Which integrator is the best one.
+    Integrator(AutoSettings),
+    /// Whether the connections of `bdpt` pay, or camera paths alone are better.
+    Connections,
+}
+
+impl Question {
+    /// Returns the integrator that the user named.
+    fn asked(self) -> &'static str {
+        match self {
+            Question::Integrator(_) => AUTO,
+            Question::Connections => Bdpt::NAME,
+        }
+    }
+
+    /// Returns whether it can be answered by the integrator with the given name.
+    pub fn has_answer(self, name: &str) -> bool {
+        let candidates = [false, true].into_iter().flat_map(|in_media| self.candidates(in_media));
+        matches!(self, Question::Integrator(_))
+            || candidates.into_iter().any(|candidate| candidate.name == name)
+    }
+
+    /// Returns the candidates without a bias that remains. The first one is kept unless another one is clearly better.
+    fn candidates(self, in_media: bool) -> &'static [Candidate] {
+        match (self, in_media) {
+            (Question::Integrator(_), false) => &CANDIDATES,
+            (Question::Integrator(_), true) => &IN_MEDIA,
+            (Question::Connections, false) => &[BDPT, PATH],
+            (Question::Connections, true) => &[BDPT, VOLPATH],
+        }
+    }
+}
+
 /// How a candidate did in its pilot.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Trial {
@@ -105,7 +143,9 @@ pub struct Trial {
 /// The chosen integrator, and what was tried.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Decision {
-    /// The name of the integrator.
+    /// The integrator that the user named: `auto` or `bdpt`.
+    pub asked: &'static str,
+    /// The name of the chosen integrator.
     pub integrator: &'static str,
     /// Its mean squared relative bias, if one remains with any number of samples.
     pub squared_bias: Option<f64>,
@@ -117,11 +157,19 @@ pub struct Decision {
 }
 
 impl fmt::Display for Decision {
-    /// Writes the choice with all efforts: `sppm (error at the same cost: path 3.10, bdpt 4.20, sppm 1.00)`.
+    /// Writes the question and the choice with all efforts: `auto: sppm (error at the same cost: path 3.10, bdpt 4.20,
+    /// sppm 1.00)`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let effort = |t: &Trial| t.effort.map(|effort| format!("{} {effort:.2}", t.integrator));
         let efforts: Vec<String> = self.trials.iter().filter_map(effort).collect();
-        f.write_str(self.integrator)?;
+        write!(f, "{}: ", self.asked)?;
+        match self.integrator {
+            Bdpt::NAME if self.asked == Bdpt::NAME => f.write_str("connections pay")?,
+            name if self.asked == Bdpt::NAME => {
+                write!(f, "connections do not pay, {name} renders the image")?
+            }
+            name => f.write_str(name)?,
+        }
         if !efforts.is_empty() {
             write!(f, " (error at the same cost: {})", efforts.join(", "))?;
         }
@@ -160,8 +208,26 @@ impl Session {
     pub fn candidates(&self) -> (Vec<&'static str>, bool) {
         let in_media = self.renders_media();
         let biased: &[Candidate] = if in_media { &[] } else { &BIASED };
-        let all = Self::consistent_candidates(in_media).iter().chain(biased);
+        let all = Question::Integrator(AutoSettings::default()).candidates(in_media).iter().chain(biased);
         (all.map(|candidate| candidate.name).collect(), in_media)
+    }
+
+    /// Returns the expected number of samples of each pixel.
+    fn expected_samples(&self, choices: &Choices) -> f64 {
+        let StopRules { samples, time, error } = choices.stop;
+        let of_scene = || self.defaults.samples_per_pixel.filter(|_| time.is_none() && error.is_none());
+        match (samples.or_else(of_scene), time, error) {
+            (Some(samples), ..) => samples as f64,
+            (None, Some(time), _) => time.as_secs_f64() * USUAL_RATE / self.camera().film.full_area() as f64,
+            (None, None, Some(_)) => USUAL_SAMPLES,
+            (None, None, None) => DEFAULT_SPP as f64,
+        }
+    }
+
+    /// Returns whether an image is large enough for pilots of `bdpt`, and camera paths alone find all of its light.
+    pub(super) fn may_leave_connections(&self, choices: &Choices) -> bool {
+        let finds_all = self.scene.needs.deltas == 0 || !self.scene.needs.delta_emitters;
+        finds_all && self.expected_samples(choices) * self.camera().film.full_area() as f64 >= WORTH_PILOTS
     }
 
     /// Chooses the integrator for a render with the given choices, whose own integrator does not count. If a bias is
@@ -169,20 +235,16 @@ impl Session {
     ///
     /// # Errors
     /// If no candidate can render the scene, or the memory limit is exceeded.
-    pub fn decide(&self, choices: &Choices, auto: AutoSettings) -> Result<Decision> {
+    pub(super) fn decide(&self, choices: &Choices, question: Question) -> Result<Decision> {
         let started = Instant::now();
-        let in_media = self.renders_media();
+        let in_media = match question {
+            Question::Integrator(_) => self.renders_media(),
+            Question::Connections => self.scene.media.is_some(),
+        };
         let film = &self.camera().film;
         // A crop has the integrator of the whole image, so that its pixels are the same.
         let area = film.full_area() as f64;
-        let StopRules { samples, time, error } = choices.stop;
-        let of_scene = || self.defaults.samples_per_pixel.filter(|_| time.is_none() && error.is_none());
-        let samples = match (samples.or_else(of_scene), time, error) {
-            (Some(samples), ..) => samples as f64,
-            (None, Some(time), _) => time.as_secs_f64() * USUAL_RATE / area,
-            (None, None, Some(_)) => USUAL_SAMPLES,
-            (None, None, None) => DEFAULT_SPP as f64,
-        };
+        let samples = self.expected_samples(choices);
         let pixels = (area * samples * SHARE / SAMPLES as f64).clamp(FEWEST_PIXELS, MOST_PIXELS);
         let side = (pixels / area).sqrt().min(1.0);
         let length = |length: u32| ((f64::from(length) * side).round() as u32).max(1);
@@ -192,7 +254,7 @@ impl Session {
         let side = (camera.film.full_area() as f64 / area).sqrt();
         let scale = Scale { side, samples: samples / SAMPLES as f64 };
         let mut tried: Vec<Tried> = Vec::new();
-        for candidate in Self::consistent_candidates(in_media) {
+        for candidate in question.candidates(in_media) {
             if tried.len() == SECOND
                 && choose(&tried, &efforts(&tried, scale)).is_some_and(|(chosen, _)| chosen == 0)
             {
@@ -200,7 +262,10 @@ impl Session {
             }
             tried.push((candidate, self.pilot(candidate, in_media, choices, &camera)));
         }
-        if let Some(most) = auto.allow_bias.filter(|_| !in_media) {
+        if let Question::Integrator(AutoSettings { allow_bias: Some(most) }) = question
+            && !in_media
+        {
+            let error = choices.stop.error;
             for candidate in &BIASED {
                 let pilot = self.pilot_with_bias(candidate, choices, &camera, (most, error), &tried, scale);
                 tried.push((candidate, pilot));
@@ -226,16 +291,12 @@ impl Session {
         };
         let integrator = tried[chosen].0.name;
         let trials = tried.into_iter().enumerate().map(trial).collect();
-        Ok(Decision { integrator, squared_bias, trials, elapsed: started.elapsed() })
+        let (asked, elapsed) = (question.asked(), started.elapsed());
+        Ok(Decision { asked, integrator, squared_bias, trials, elapsed })
     }
 
     fn renders_media(&self) -> bool {
         self.scene.media.is_some() && self.defaults.integrator.renders_media()
-    }
-
-    /// Returns the candidates without a bias that remains.
-    fn consistent_candidates(in_media: bool) -> &'static [Candidate] {
-        if in_media { &IN_MEDIA } else { &CANDIDATES }
     }
 
     /// Renders the pilot of a candidate and measures its bias, unless there is a reason not to choose it. `most` is the
@@ -310,6 +371,7 @@ impl Session {
             path_splitting: choices.path_splitting.filter(|_| is_path),
             path_caustics: choices.path_caustics.filter(|_| is_path),
             path_guiding: choices.path_guiding && is_path,
+            connections: connected(candidate.name),
             ..choices.clone()
         };
         let plan = self.plan(&choices)?;
