@@ -16,7 +16,7 @@ use buffon::estimate::metrics::RELATIVE_FLOOR;
 use buffon::integrator::settings::WhenPays;
 use buffon::render::{Progress, Rendered, StopRules};
 use buffon::sampling::SamplerKind;
-use buffon::session::{Choices, SceneChoices, SceneFile, Session, default_threads};
+use buffon::session::{Choices, SceneChoices, SceneFile, Session, connected, default_threads};
 use std::path::Path;
 
 const SCENES: [&str; 5] = [
@@ -127,10 +127,19 @@ impl Seeds {
     ) -> Result<Self, Error> {
         let stop = StopRules { samples: Some(samples), ..StopRules::default() };
         let render = |seed| {
+            let connections = connected(integrator);
             let (integrator, sampler) = (Some(integrator.to_string()), Some(sampler));
             let Options { adaptive, path_reuse, .. } = *options;
-            let choices =
-                Choices { integrator, sampler, stop, seed, adaptive, path_reuse, ..Choices::default() };
+            let choices = Choices {
+                integrator,
+                connections,
+                sampler,
+                stop,
+                seed,
+                adaptive,
+                path_reuse,
+                ..Choices::default()
+            };
             session.render(&session.plan(&choices)?, &Progress::new())
         };
         let renders = (0..options.seeds).map(render).collect::<Result<Vec<_>, _>>()?;

@@ -110,7 +110,7 @@ fn connections_that_do_not_pay_are_left_out() {
     let note = "note: bdpt: connections do not pay, path renders the image (error at the same cost: bdpt ";
     assert!(run.stderr.contains(note), "{run:?}");
     // A resumed render and the parts of one keep the choice.
-    let sampler = "--sampler independent";
+    let (sampler, few) = ("--sampler independent", "--size 128x128 --crop 60,60,16,16 --spp 32");
     bdpt(&folder, CORNELL_BOX, &format!("{PART} {sampler}"));
     let pixels = folder.read("bdpt.pfm");
     let first = format!("{PART} {sampler} --sample-range 0..8 --checkpoint c");
@@ -118,6 +118,11 @@ fn connections_that_do_not_pay_are_left_out() {
     let (name, decision) = bdpt(&folder, CORNELL_BOX, &format!("{PART} {sampler} --checkpoint c --resume"));
     assert_eq!((name.as_str(), decision), ("path", Value::Null));
     assert!(folder.read("bdpt.pfm") == pixels);
+    // So does one that goes on to fewer samples than are worth pilots.
+    let begun = "--size 128x128 --crop 60,60,16,16 --target-error 100 --sampler independent --checkpoint d";
+    assert_eq!(bdpt(&folder, CORNELL_BOX, begun).0, "path");
+    let further = format!("{few} {sampler} --checkpoint d --resume");
+    assert_eq!(bdpt(&folder, CORNELL_BOX, &further).0, "path");
 }
 
 /// Pilots are left out where they would cost too much, where the user wants connections, and where camera paths would
@@ -132,15 +137,27 @@ fn connections_are_kept_where_nothing_else_is_possible() {
     {
         assert_eq!(bdpt(&folder, scene, options), ("bdpt".into(), Value::Null), "{scene} {options}");
     }
+    // Layers of variances are those of bdpt.
+    let variances =
+        format!("render {CORNELL_BOX} --integrator bdpt {PART} --aov variance -q -o a.exr --stats s.json");
+    assert_eq!(folder.run(&variances).code, 0);
+    let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
+    assert_eq!((&stats["integrator"], &stats["auto"]), (&"bdpt".into(), &Value::Null));
+    // In fog, volpath counts no passage through a lamp with holes, which limits other paths.
+    let limited = "<integrator type='volpath'><integer name='max_depth' value='3'/></integrator>";
+    let lamp = glass_in_fog(limited).replace("<emitter", "<bsdf type='null'/><emitter");
+    folder.write("lamp.xml", lamp.as_bytes());
+    assert_eq!(bdpt(&folder, "lamp.xml", PART), ("bdpt".into(), Value::Null));
     // Camera paths rarely find the caustics below waves.
     let water = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/caustics/water.xml");
     let (name, decision) = bdpt(&folder, water, PART);
     assert_eq!(name, "bdpt", "{decision}");
     for (options, expected) in [
         ("--bdpt-connections never", "expected auto or always; without connections, bdpt is path or volpath"),
+        ("--integrator path --bdpt-connections always", "--bdpt-connections: expected bdpt, found path"),
         (
-            "--integrator path --bdpt-connections always",
-            "--bdpt-connections: path connects no paths; use bdpt",
+            "--integrator auto --bdpt-connections always",
+            "--bdpt-connections: auto tries bdpt with connections",
         ),
         (
             "--integrator bdpt --path-reuse never --spp 1024",

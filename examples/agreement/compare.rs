@@ -7,7 +7,7 @@ use buffon::error::Error;
 use buffon::image::Image;
 use buffon::render::{Progress, StopRules};
 use buffon::sampling::SamplerKind;
-use buffon::session::{Choices, SceneChoices, SceneFile};
+use buffon::session::{Choices, SceneChoices, SceneFile, connected};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -187,6 +187,7 @@ impl Comparer<'_> {
             stop: StopRules { samples: Some(samples), ..StopRules::default() },
             seed,
             aov: vec!["variance".into()],
+            connections: connected(estimator.integrator),
             ..Choices::default()
         };
         let plan = session.plan(&choices)?;

@@ -27,7 +27,8 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result, counted};
 use crate::film::PixelFormat;
 use crate::image::Image;
-use crate::integrator::settings::AUTO;
+use crate::integrator::Bdpt;
+use crate::integrator::settings::{AUTO, Plugin, WhenPays};
 use crate::render::Progress;
 use crate::sampling::SamplerKind;
 use crate::session::{Choices, Costs, SceneChoices, SceneFile, Session};
@@ -48,6 +49,8 @@ pub struct Options {
     pub allow_bias: Option<f64>,
     /// What a ray of each candidate of `auto` costs; the table of the program if `None`.
     pub costs: Option<Costs>,
+    /// Whether `bdpt` connects paths; the scene decides if it is `None`.
+    pub connections: Option<WhenPays>,
     /// Samplers; if empty, each scene's own is used.
     pub samplers: Vec<SamplerKind>,
     /// The traversals.
@@ -200,12 +203,17 @@ fn bench_scene(
     file.pass_panes(options.integrators.iter().map(String::as_str));
     warn(&file, tell);
     let of_scene = file.defaults.integrator_name();
-    let is_auto = |integrator: &Option<String>| integrator.as_deref().unwrap_or(of_scene) == AUTO;
+    let is = |integrator: &Option<String>, name| integrator.as_deref().unwrap_or(of_scene) == name;
+    let is_auto = |integrator: &Option<String>| is(integrator, AUTO);
+    let is_bdpt = |integrator: &Option<String>| is(integrator, Bdpt::NAME);
     let integrators = some_or_default(&options.integrators);
     let Options { allow_bias, costs, .. } = options;
     if !integrators.iter().any(is_auto) && (allow_bias.is_some() || costs.is_some()) {
         let option = if allow_bias.is_some() { "--allow-bias" } else { "--auto-costs" };
         return Err(Error::usage(format!("{option}: only the integrator auto uses it")));
+    }
+    if !integrators.iter().any(is_bdpt) && options.connections.is_some() {
+        return Err(Error::usage("--bdpt-connections: only the integrator bdpt uses it"));
     }
     let key = cache::key(&file);
     let mut sessions: Vec<_> = options
@@ -227,6 +235,7 @@ fn bench_scene(
                     integrator: integrator.clone(),
                     allow_bias: allow_bias.filter(|_| is_auto(&integrator)),
                     costs: costs.clone().filter(|_| is_auto(&integrator)),
+                    connections: options.connections.filter(|_| is_bdpt(&integrator)),
                     sampler,
                     replace_independent: true,
                     seed: options.seed,

@@ -85,8 +85,16 @@ pub struct BenchArgs {
 }
 
 /// The options that a calibration does not use.
-const OF_COMPARISONS: [&str; 7] =
-    ["integrators", "samplers", "accels", "reference", "output", "auto_costs", "allow_bias"];
+const OF_COMPARISONS: [&str; 8] = [
+    "integrators",
+    "samplers",
+    "accels",
+    "reference",
+    "output",
+    "auto_costs",
+    "allow_bias",
+    "bdpt_connections",
+];
 
 /// Measures, prints the table and writes the files.
 ///
@@ -160,6 +168,7 @@ fn options(args: &BenchArgs) -> Result<Options> {
         integrators,
         allow_bias: args.auto.allow_bias,
         costs: args.auto.costs()?,
+        connections: args.auto.bdpt_connections,
         samplers,
         accels,
         budgets,

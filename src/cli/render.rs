@@ -71,11 +71,7 @@ pub struct RenderArgs {
     /// Let path sample directions from which photons come, which can pay for caustics. It adds no bias
     #[arg(long)]
     pub path_guiding: bool,
-    /// Whether bdpt connects paths: auto, always; auto: if pilots find that it pays, else camera paths alone (path or
-    /// volpath) render the image [default: the scene's, or auto]
-    #[arg(long, value_name = "WHEN", value_parser = values::connections)]
-    pub bdpt_connections: Option<WhenPays>,
-    /// The choice by --integrator auto.
+    /// What pilots decide.
     #[command(flatten)]
     pub auto: AutoArgs,
     /// Definitions, folders, memory and threads.
@@ -230,7 +226,7 @@ fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     let strategies = args.aov.iter().any(|name| name == STRATEGIES);
     if strategies {
         let name = choices.integrator.as_deref().unwrap_or_else(|| session.defaults.integrator_name());
-        choices.connections = choices.connections.or_else(|| connected(name));
+        choices.connections = connected(name).or(choices.connections);
     }
     Checkpointing::keep_integrator(args, &session, &mut choices)?;
     let mut plan = session.plan(&choices)?;
@@ -433,7 +429,7 @@ fn choices(args: &RenderArgs, origin: Option<SceneHashes>) -> Result<Choices> {
         path_splitting: args.path_splitting,
         path_guiding: args.path_guiding,
         path_caustics: args.path_caustics,
-        connections: args.bdpt_connections,
+        connections: args.auto.bdpt_connections,
         cache: args.cache.as_ref().zip(origin).map(cache),
         samples: args.sample_range.clone(),
     })

@@ -5,7 +5,7 @@ use crate::accel::AccelKind;
 use crate::error::{Error, Result};
 use crate::image::{self, Tonemap};
 use crate::integrator::Settings;
-use crate::integrator::settings::AUTO;
+use crate::integrator::settings::{AUTO, WhenPays};
 use crate::loader::{LoadOptions, Tolerance};
 use crate::memory::Limit;
 use crate::sampling::SamplerKind;
@@ -70,6 +70,10 @@ pub struct AutoArgs {
     /// [default: a table of the program]
     #[arg(long, value_name = "FILE")]
     pub auto_costs: Option<PathBuf>,
+    /// Whether bdpt connects paths: auto, always; auto: if pilots find that it pays, else camera paths alone (path or
+    /// volpath) render the image [default: the scene's, or auto]
+    #[arg(long, value_name = "WHEN", value_parser = values::connections)]
+    pub bdpt_connections: Option<WhenPays>,
 }
 
 impl AutoArgs {

@@ -23,7 +23,7 @@ pub use super::irrcache::IrrcacheSettings;
 pub use super::path::PathSettings;
 pub use super::photon::mapper::{PhotonDebug, PhotonmapperSettings};
 pub use super::sppm::SppmSettings;
-pub use super::vcm::VcmSettings;
+pub use super::vcm::{Combined, VcmSettings};
 pub use super::when_pays::WhenPays;
 pub use super::whitted::WhittedSettings;
 
@@ -259,6 +259,7 @@ impl Settings {
     pub fn renders_media(&self) -> bool {
         match self {
             Settings::Volpath(_) | Settings::Bdpt(_) => true,
+            Settings::Vcm(vcm) => vcm.combined == Combined::Connections,
             Settings::Aov(aov) => aov.image.as_ref().is_some_and(|image| image.renders_media()),
             _ => false,
         }

@@ -461,9 +461,7 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
     Needs {
         emitter_sampling: can_sample && finite_lobes,
         hit_emitters: area_lights || distant,
-        delta_emitters: lights
-            .iter()
-            .any(|light| !matches!(light, Light::Area(_) | Light::Environment(_) | Light::Sun(_))),
+        delta_emitters: lights.iter().any(Light::is_delta),
         environment: distant,
         finite_lobes,
         specular_lobes: lobes.iter().any(|lobes| lobes.deltas > 0 && !lobes.finite),

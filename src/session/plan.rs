@@ -5,11 +5,13 @@ use super::auto::{Costs, Decision, Question, leaves_room};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
-    AUTO, Aov, AovSettings, AutoSettings, IrrcacheSettings, Layer, PathSettings, Techniques, WhenPays,
+    AUTO, Aov, AovSettings, AutoSettings, BdptSettings, IrrcacheSettings, Layer, PathLimits, PathSettings,
+    Techniques, WhenPays,
 };
 use crate::integrator::{self, Bdpt, Integrator, Plugin, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
+use crate::scene::{Scene, SceneShape};
 use crate::sensor::Camera;
 use crate::util::wording::{did_you_mean, percent};
 use std::ops::Range;
@@ -105,10 +107,11 @@ impl Session {
     /// If the integrator or a layer does not exist, a layer occurs twice, the integrator does not support adaptive
     /// sampling, or the image exceeds the memory limit.
     pub fn plan(&self, choices: &Choices) -> Result<Plan> {
-        let decision = self.question(choices)?.map(|question| self.decide(choices, question)).transpose()?;
+        let question = self.question(choices)?.filter(|question| self.is_worth_pilots(choices, *question));
+        let decision = question.map(|question| self.decide(choices, question)).transpose()?;
         let name = decision.as_ref().map(|decision| decision.integrator).or(choices.integrator.as_deref());
         let mut integrator = choose_integrator(name, self.defaults.integrator.clone())?;
-        self.choose_connections(&mut integrator, choices, decision.is_some())?;
+        choose_connections(&mut integrator, choices, decision.is_some())?;
         let mut stop = choices.stop;
         if stop == StopRules::default() {
             stop.samples = Some(self.defaults.samples_per_pixel.unwrap_or(DEFAULT_SPP));
@@ -164,54 +167,53 @@ impl Session {
         Ok(plan)
     }
 
-    /// Returns what pilots decide, if the user or else the scene asks for that.
+    /// Returns what pilots decide for an image of any size, if the user or else the scene asks for that.
     ///
     /// # Errors
     /// If there is no such integrator, or an option belongs to another one.
     pub fn question(&self, choices: &Choices) -> Result<Option<Question>> {
-        let auto = self.auto(choices)?.map(Question::Integrator);
-        Ok(if auto.is_none() && self.asks_for_connections(choices)? {
-            Some(Question::Connections)
-        } else {
-            auto
+        if let Some(auto) = self.auto(choices)? {
+            return match choices.connections {
+                None => Ok(Some(Question::Integrator(auto))),
+                Some(_) => {
+                    Err(Error::usage("--bdpt-connections: auto tries bdpt with connections; remove it"))
+                }
+            };
+        }
+        let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
+        Ok(match &integrator {
+            Settings::Bdpt(bdpt) if self.asks_for_connections(choices, bdpt) => Some(Question::Connections),
+            _ => None,
         })
     }
 
     /// Returns whether pilots decide if connections of `bdpt` pay. Options of `path` and all that `bdpt` cannot render
-    /// are left to [`plan`](Self::plan), which refuses them.
-    fn asks_for_connections(&self, choices: &Choices) -> Result<bool> {
-        let integrator = choose_integrator(choices.integrator.as_deref(), self.defaults.integrator.clone())?;
-        let Settings::Bdpt(bdpt) = &integrator else { return Ok(false) };
+    /// are left to [`plan`](Self::plan), which refuses them. Layers of variances differ between integrators, so `bdpt`
+    /// makes them itself.
+    fn asks_for_connections(&self, choices: &Choices, bdpt: &BdptSettings) -> bool {
         let of_path = choices.path_reuse.is_some()
             || choices.path_splitting.is_some()
             || choices.path_caustics.is_some()
             || choices.path_guiding
             || choices.adaptive == WhenPays::Always;
-        let created = integrator.create();
-        Ok(choices.connections.unwrap_or(bdpt.connections) == WhenPays::Auto
+        let variances = [Aov::Variance, Aov::BlockVariance].map(|layer| layer.name());
+        let created = Settings::Bdpt(*bdpt).create();
+        choices.connections.unwrap_or(bdpt.connections) == WhenPays::Auto
             && bdpt.techniques == Techniques::All
             && !of_path
+            && !choices.aov.iter().any(|name| variances.contains(&name.as_str()))
             && created.check(&self.scene).is_ok()
             && obstacle_to_camera(created.as_ref(), self.camera()).is_none()
-            && self.may_leave_connections(choices))
+            && self.camera_paths_are_enough(bdpt.limits)
     }
 
-    /// Sets that `bdpt` connects paths. Pilots have decided so, or none are possible.
-    fn choose_connections(
-        &self,
-        integrator: &mut Settings,
-        choices: &Choices,
-        is_decided: bool,
-    ) -> Result<()> {
-        match (integrator, choices.connections) {
-            (Settings::Bdpt(bdpt), _) => bdpt.connections = WhenPays::Always,
-            (other, Some(_)) if !is_decided => {
-                let name = other.name();
-                return Err(Error::usage(format!("--bdpt-connections: {name} connects no paths; use bdpt")));
-            }
-            _ => {}
-        }
-        Ok(())
+    /// Returns whether the expected image by camera paths alone is that of `bdpt`. Light of emitters that no ray can hit
+    /// reaches them by no Dirac delta. In media they do not count the passages through emitting shapes with holes.
+    fn camera_paths_are_enough(&self, limits: PathLimits) -> bool {
+        let Scene { needs, shapes, materials, media, .. } = &self.scene;
+        let has_holes = |shape: &SceneShape| shape.emitter.is_some() && materials.get(shape.material).holes;
+        let same_lengths = media.is_none() || limits.max_depth.is_none() || !shapes.iter().any(has_holes);
+        (needs.deltas == 0 || !needs.delta_emitters) && same_lengths
     }
 
     /// Returns how pilots choose the integrator, if the user or else the scene asks for that.
@@ -357,6 +359,25 @@ fn restrict(range: &Range<u64>, stop: &mut StopRules) -> Result<u64> {
     }
     stop.samples = Some(end);
     Ok(start)
+}
+
+/// Sets that `bdpt` connects paths. Pilots have decided so, or there are none.
+///
+/// # Errors
+/// If the user chooses connections of another integrator, which no pilot chose.
+fn choose_connections(integrator: &mut Settings, choices: &Choices, is_decided: bool) -> Result<()> {
+    match integrator {
+        Settings::Bdpt(bdpt) => bdpt.connections = WhenPays::Always,
+        Settings::Aov(AovSettings { image: Some(image), .. }) => {
+            return choose_connections(image, choices, is_decided);
+        }
+        other if choices.connections.is_some() && !is_decided => {
+            let name = other.name();
+            return Err(Error::usage(format!("--bdpt-connections: expected bdpt, found {name}")));
+        }
+        _ => {}
+    }
+    Ok(())
 }
 
 /// Returns the integrator named by the user, or else that of the scene. Path lengths and hidden emitters are taken

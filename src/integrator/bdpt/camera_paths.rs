@@ -315,7 +315,7 @@ impl CameraPaths<'_> {
             let medium = self.media.and_then(|media| {
                 medium_after(self.scene, media, &block.at.lane(i), (d, ray.d), paths[i].medium)
             });
-            let on = paths[i].finite || finite >> i & 1 != 0;
+            let is_spread = paths[i].finite || finite >> i & 1 != 0;
             next.push(Subpath {
                 ray,
                 from,

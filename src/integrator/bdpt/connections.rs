@@ -2,6 +2,7 @@
 
 use super::camera_paths::{CameraPaths, CameraVertices, Subpath};
 use super::light_paths::{StoredVertex, typical_start_density};
+use super::technique::Techniques;
 use super::vertex::Vertex;
 use super::weights::{self, End, Start};
 use crate::bsdf::lanes::{eval_x16, pdf_adjoint_x16};
@@ -11,6 +12,7 @@ use crate::integrator::light_path::LightVertex;
 use crate::integrator::worker::ShadowQueue;
 use crate::math::lanes::{LANES, bits, each_lane, f32x16};
 use crate::math::{Ray, RayX16, Vec3, Vec3x16};
+use crate::sampling::SampleKey;
 use std::f32::consts::FRAC_1_PI;
 
 /// The least cosine in the estimate of a contribution: shading normals and lobes may be anywhere.
@@ -57,7 +59,7 @@ impl CameraPaths<'_> {
         });
         let factor = wi.z.abs() / sample.pdf * weights;
         value = value.map(|channel| channel * factor);
-        self.push(shadows, vertices, lanes, (&rays, 1), value);
+        self.push(shadows, vertices, lanes, (&rays, |key| key, 1), value);
     }
 
     /// Connects each vertex with a finite lobe to one vertex of each of its light paths. Queues shadow rays with the
@@ -169,7 +171,7 @@ impl CameraPaths<'_> {
             targets.set_lane(i, lights[i].vertex.target(way.lane(i)));
         }
         let rays = self.scene.shadow_rays_to(at, targets, wi, block.rays.time);
-        self.push(shadows, vertices, lanes, (&rays, 2 + k), value);
+        self.push(shadows, vertices, lanes, (&rays, |key| of_connection(key, k), 2), value);
     }
 
     /// Chooses the vertex of light path `k` of a camera path to which that is connected. `scatters` estimates how much
@@ -183,13 +185,14 @@ impl CameraPaths<'_> {
     ) -> Option<(&StoredVertex<'_>, f32)> {
         let (mut sum, mut chosen) = (0.0f32, None);
         let count = self.connections(end.path) as f32;
+        let is_weighted = !matches!(self.techniques, Techniques::Alone(_));
         let mut u = (u + k as f32 / count).fract();
         for light in self.light.of(self.shared.of(end.path.slot, k)) {
             let edges = end.depth + light.edges + 2;
             if !self.limits.allows(edges) || !self.query.wants(edges) {
                 continue;
             }
-            let importance = importance(end, &scatters, light);
+            let importance = importance(end, &scatters, light, is_weighted);
             if importance == 0.0 {
                 continue;
             }
@@ -206,13 +209,14 @@ impl CameraPaths<'_> {
     }
 
     /// Queues the shadow rays of the lanes in a mask. Their contributions are the values times the weights of the
-    /// paths. `purpose` is that of the random numbers for their transmittance.
+    /// paths. `key` maps the key of a path to that of the random numbers for the transmittance of its ray, which have
+    /// the given purpose.
     fn push(
         &self,
         shadows: &mut ShadowQueue,
         vertices: &CameraVertices<'_>,
         lanes: u32,
-        (rays, purpose): (&RayX16, u32),
+        (rays, key, purpose): (&RayX16, impl Fn(SampleKey) -> SampleKey, u32),
         value: [f32x16; 3],
     ) {
         let CameraVertices { block, paths, depth, .. } = vertices;
@@ -230,10 +234,15 @@ impl CameraPaths<'_> {
             };
             let directions = (block.rays.d.lane(i), ray.d);
             let medium = medium_after(self.scene, media, &block.at.lane(i), directions, path.medium);
-            let random = stream(path.key, *depth, purpose);
+            let random = stream(key(path.key), *depth, purpose);
             shadows.push_through_media(ray, path.slot, value, Departure { medium, random });
         }
     }
+}
+
+/// Returns the key of the random numbers for the transmittance to light path `k`.
+pub(super) fn of_connection(key: SampleKey, k: u32) -> SampleKey {
+    SampleKey { scramble: key.scramble ^ k.wrapping_mul(0x9e37_79b9), ..key }
 }
 
 /// The end of a camera path, for the choice of a connection.
@@ -246,9 +255,14 @@ pub(super) struct CameraEnd<'a> {
     pub ratio: f32,
 }
 
-/// Returns an estimate of the weighted contribution of a connection, which is positive if the contribution is: that of
-/// diffuse surfaces and isotropic media without absorption.
-fn importance(end: &CameraEnd<'_>, scatters: impl Fn(Vec3) -> f32, light: &StoredVertex<'_>) -> f32 {
+/// Returns an estimate of the contribution of a connection, which is positive if the contribution is: that of diffuse
+/// surfaces and isotropic media without absorption. If `is_weighted`, it is that with the weight of the technique.
+fn importance(
+    end: &CameraEnd<'_>,
+    scatters: impl Fn(Vec3) -> f32,
+    light: &StoredVertex<'_>,
+    is_weighted: bool,
+) -> f32 {
     let way = light.vertex.p() - end.p;
     let distance2 = way.length_squared();
     if distance2 == 0.0 {
@@ -260,10 +274,14 @@ fn importance(end: &CameraEnd<'_>, scatters: impl Fn(Vec3) -> f32, light: &Store
         Vertex::Medium(_) => IN_MEDIUM,
     };
     let geometry = scatters(wi) * emerging / distance2;
-    // The density with which either path would continue to the other.
+    let contribution = light.power.max_component() * geometry;
+    if !is_weighted {
+        return contribution;
+    }
+    // About the density with which either path would continue to the other.
     let density = geometry * FRAC_1_PI;
     let weight = 1.0 / (1.0 + density * density * (end.ratio + light.ratio));
-    light.power.max_component() * geometry * weight.max(LEAST_WEIGHT)
+    contribution * weight.max(LEAST_WEIGHT)
 }
 
 /// Returns a mask of the lanes in which a colour is not black.

@@ -5,7 +5,7 @@
 //! compute the same.
 
 use super::camera_paths::{CameraPaths, Subpath};
-use super::connections::{CameraEnd, IN_MEDIUM};
+use super::connections::{CameraEnd, IN_MEDIUM, of_connection};
 use super::light_paths::{StoredVertex, typical_start_density};
 use super::vertex::{MediumPoint, Vertex};
 use super::weights::{self, End, Merged, Partial, Start};
@@ -84,7 +84,7 @@ impl<'a> CameraPaths<'a> {
         scattered
     }
 
-    /// Samples an emitter at each vertex in a medium, and connects it to a vertex of its light path: queues shadow rays
+    /// Samples an emitter at each vertex in a medium, and connects it to vertices of its light paths: queues shadow rays
     /// with the weighted contributions. Adds the continuations of the paths to `next`.
     pub fn scatter_in_media(
         &self,
@@ -202,7 +202,7 @@ impl<'a> CameraPaths<'a> {
         if !value.is_black() {
             let ray = vertex.ray_to(self.scene, light.vertex.target(way), wi);
             let medium = vertex.medium_towards(self.scene, media, wi, path.medium);
-            let random = stream(path.key, depth, 2 + k);
+            let random = stream(of_connection(path.key, k), depth, 2);
             shadows.push_through_media(ray, path.slot, value, Departure { medium, random });
         }
     }

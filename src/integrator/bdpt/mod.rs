@@ -225,18 +225,20 @@ pub(super) fn trace_both(
     let mut arena = std::mem::take(&mut worker.kept_arena);
     arena.reset();
     // In a scene with motion, each camera path has a light path with its time.
-    let shared = match scene.needs.motion || worker.shared_light.camera_paths() != wave.keys.len() {
-        true => SharedLightPaths::unshared(wave.keys),
-        false => std::mem::take(&mut worker.shared_light),
-    };
+    let mut taken = std::mem::take(&mut worker.shared_light);
+    let is_shared = !scene.needs.motion && taken.camera_paths() == wave.keys.len();
+    let shared = if is_shared { std::mem::take(&mut taken) } else { SharedLightPaths::unshared(wave.keys) };
     let light = LightPaths::trace(scene, &arena, settings, &shared.keys, worker);
     let LightPathSettings { limits, guide, techniques, media, .. } = settings;
     let media = media.map(|media| media.list);
     let mut paths =
         CameraPaths { scene, camera, guide, limits, techniques, query, light, shared, media, merging };
     paths.trace(wave, worker, out);
-    worker.shared_light = std::mem::take(&mut paths.shared);
+    if is_shared {
+        taken = std::mem::take(&mut paths.shared);
+    }
     drop(paths);
+    worker.shared_light = taken;
     worker.kept_arena = arena;
 }
 

@@ -84,6 +84,10 @@ const CLEARLY: f64 = 0.8;
 
 /// The least number of samples in an image of `bdpt` for which there are pilots: theirs are a tenth.
 const WORTH_PILOTS: f64 = 1e6;
+/// The samples of `bdpt` that a thread takes in a second, if only the time of the image is given.
+const USUAL_RATE_OF_A_THREAD: f64 = 2.5e5;
+/// The share of a time limit that the pilot of `bdpt` may take; beyond that there is no other one.
+const MOST_TIME: f64 = 0.15;
 
 /// What pilots decide.
 #[derive(Clone, Copy, Debug)]
@@ -224,10 +228,15 @@ impl Session {
         }
     }
 
-    /// Returns whether an image is large enough for pilots of `bdpt`, and camera paths alone find all of its light.
-    pub(super) fn may_leave_connections(&self, choices: &Choices) -> bool {
-        let finds_all = self.scene.needs.deltas == 0 || !self.scene.needs.delta_emitters;
-        finds_all && self.expected_samples(choices) * self.camera().film.full_area() as f64 >= WORTH_PILOTS
+    /// Returns whether an image has enough samples for the pilots that a question takes.
+    pub(super) fn is_worth_pilots(&self, choices: &Choices, question: Question) -> bool {
+        let samples = match choices.stop {
+            StopRules { samples: None, time: Some(time), .. } => {
+                time.as_secs_f64() * self.threads as f64 * USUAL_RATE_OF_A_THREAD
+            }
+            _ => self.expected_samples(choices) * self.camera().film.full_area() as f64,
+        };
+        matches!(question, Question::Integrator(_)) || samples >= WORTH_PILOTS
     }
 
     /// Chooses the integrator for a render with the given choices, whose own integrator does not count. If a bias is
@@ -260,7 +269,16 @@ impl Session {
             {
                 break;
             }
-            tried.push((candidate, self.pilot(candidate, in_media, choices, &camera)));
+            let pilot = self.pilot(candidate, in_media, choices, &camera);
+            if matches!(question, Question::Integrator(_)) {
+                tried.push((candidate, pilot));
+                continue;
+            }
+            // The user named the first one. If it cannot render its pilot, it cannot render the image.
+            tried.push((candidate, Ok(pilot?)));
+            if choices.stop.time.is_some_and(|time| started.elapsed() > time.mul_f64(MOST_TIME)) {
+                break;
+            }
         }
         if let Question::Integrator(AutoSettings { allow_bias: Some(most) }) = question
             && !in_media
