@@ -323,7 +323,7 @@ impl CameraPaths<'_> {
                 beta,
                 eta,
                 partial: Some(partial),
-                finite: on,
+                finite: is_spread,
                 ..paths[i]
             });
         }
