@@ -272,7 +272,8 @@ fn fog_in_a_furnace_is_invisible() {
     for &accel in AccelKind::CHOICES {
         let compiled = compiled(scene.clone(), accel);
         for (integrator, settings) in integrators(None) {
-            let rendered = render(&compiled, &settings, SamplerKind::Sobol, 256, 3);
+            // The standard error of bdpt is .009 with 256 samples, in some runs more than the bound.
+            let rendered = render(&compiled, &settings, SamplerKind::Sobol, 1024, 3);
             group.expect(&format!("{accel}, {integrator}"), &rendered, [1.0; 3]);
         }
     }

@@ -84,8 +84,8 @@ impl<'a> CameraPaths<'a> {
         scattered
     }
 
-    /// Samples an emitter at each vertex in a medium, and connects it to vertices of its light paths: queues shadow rays
-    /// with the weighted contributions. Adds the continuations of the paths to `next`.
+    /// Samples an emitter at each vertex in a medium, and connects it to vertices of its light paths: queues shadow
+    /// rays with the weighted contributions. Adds the continuations of the paths to `next`.
     pub fn scatter_in_media(
         &self,
         depth: u32,

@@ -43,7 +43,7 @@ impl SharedLightPaths {
         self.cells.clear();
     }
 
-    /// Adds camera paths: those of a range of samples of the pixel (x, y). `key` returns the key of a sample of a pixel.
+    /// Adds camera paths: those of a range of samples of the pixel (x, y). `key` returns the key of a pixel's sample.
     ///
     /// The pixel chooses its light paths at random from those of the cell, so that the noise that pixels share has no
     /// pattern. It chooses the same ones for all samples, so they are those of a few pixels, and are stratified.
