@@ -37,8 +37,8 @@ pub struct VcmSettings {
     pub initial_radius: f32,
     /// Parameter of the radius reduction, in (0, 1]; 1 keeps the radius, and its blur, constant.
     pub alpha: f32,
-    /// Whether vertices are connected and merged. Connections without merging are [`bdpt`](super::bdpt). Merging without
-    /// connections is progressive photon mapping: [`sppm`](super::sppm).
+    /// Whether vertices are connected and merged. Connections without merging are [`bdpt`](super::bdpt). Merging
+    /// without connections is progressive photon mapping: [`sppm`](super::sppm).
     pub combined: Combined,
 }
 

@@ -207,8 +207,8 @@ impl Session {
             && self.camera_paths_are_enough(bdpt.limits)
     }
 
-    /// Returns whether the expected image by camera paths alone is that of `bdpt`. Light of emitters that no ray can hit
-    /// reaches them by no Dirac delta. In media they do not count the passages through emitting shapes with holes.
+    /// Returns whether the expected image by camera paths alone is that of `bdpt`. Light of emitters that no ray can
+    /// hit reaches them by no Dirac delta. In media they do not count the passages through emitting shapes with holes.
     fn camera_paths_are_enough(&self, limits: PathLimits) -> bool {
         let Scene { needs, shapes, materials, media, .. } = &self.scene;
         let has_holes = |shape: &SceneShape| shape.emitter.is_some() && materials.get(shape.material).holes;
