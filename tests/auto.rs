@@ -86,8 +86,9 @@ fn media_are_left_to_camera_paths_or_to_both_ends() {
 
 /// The Cornell box.
 const CORNELL_BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box/cornell-box.xml");
-/// A part of an image of 10^6 samples.
+/// A part of an image of 10^6 samples, and of one of a quarter of these.
 const PART: &str = "--size 128x128 --crop 60,60,16,16 --spp 64";
+const FEW: &str = "--size 128x128 --crop 60,60,16,16 --spp 16";
 
 /// Renders a scene with `bdpt`; returns the name of the integrator, and what was decided.
 fn bdpt(folder: &Folder, scene: &str, options: &str) -> (String, Value) {
@@ -110,7 +111,7 @@ fn connections_that_do_not_pay_are_left_out() {
     let note = "note: bdpt: connections do not pay, path renders the image (error at the same cost: bdpt ";
     assert!(run.stderr.contains(note), "{run:?}");
     // A resumed render and the parts of one keep the choice.
-    let (sampler, few) = ("--sampler independent", "--size 128x128 --crop 60,60,16,16 --spp 32");
+    let sampler = "--sampler independent";
     bdpt(&folder, CORNELL_BOX, &format!("{PART} {sampler}"));
     let pixels = folder.read("bdpt.pfm");
     let first = format!("{PART} {sampler} --sample-range 0..8 --checkpoint c");
@@ -119,9 +120,8 @@ fn connections_that_do_not_pay_are_left_out() {
     assert_eq!((name.as_str(), decision), ("path", Value::Null));
     assert!(folder.read("bdpt.pfm") == pixels);
     // So does one that goes on to fewer samples than are worth pilots.
-    let begun = "--size 128x128 --crop 60,60,16,16 --target-error 100 --sampler independent --checkpoint d";
-    assert_eq!(bdpt(&folder, CORNELL_BOX, begun).0, "path");
-    let further = format!("{few} {sampler} --checkpoint d --resume");
+    assert_eq!(bdpt(&folder, CORNELL_BOX, &first.replace("checkpoint c", "checkpoint d")).0, "path");
+    let further = format!("{FEW} {sampler} --checkpoint d --resume");
     assert_eq!(bdpt(&folder, CORNELL_BOX, &further).0, "path");
 }
 
@@ -131,9 +131,8 @@ fn connections_that_do_not_pay_are_left_out() {
 fn connections_are_kept_where_nothing_else_is_possible() {
     let folder = Folder::new();
     let lights = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/photon/emitters.xml");
-    let few = "--size 128x128 --crop 60,60,16,16 --spp 32";
     for (scene, options) in
-        [(CORNELL_BOX, few), (CORNELL_BOX, &format!("{PART} --bdpt-connections always")), (lights, PART)]
+        [(CORNELL_BOX, FEW), (CORNELL_BOX, &format!("{PART} --bdpt-connections always")), (lights, PART)]
     {
         assert_eq!(bdpt(&folder, scene, options), ("bdpt".into(), Value::Null), "{scene} {options}");
     }

@@ -82,12 +82,12 @@ const USUAL_RATE: f64 = 1e6;
 /// without a bias that remains, beside those with one.
 const CLEARLY: f64 = 0.8;
 
-/// The least number of samples in an image of `bdpt` for which there are pilots: theirs are a tenth.
-const WORTH_PILOTS: f64 = 1e6;
+/// The least number of samples in an image of `bdpt` for which there are pilots: theirs are a fifth.
+const WORTH_PILOTS: f64 = 5e5;
 /// The samples of `bdpt` that a thread takes in a second, if only the time of the image is given.
 const USUAL_RATE_OF_A_THREAD: f64 = 2.5e5;
 /// The share of a time limit that the pilot of `bdpt` may take; beyond that there is no other one.
-const MOST_TIME: f64 = 0.15;
+const MOST_TIME: f64 = 0.25;
 
 /// What pilots decide.
 #[derive(Clone, Copy, Debug)]
