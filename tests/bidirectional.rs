@@ -1,14 +1,13 @@
 //! Bidirectional path tracing, compared with path tracing, light tracing and closed forms.
 
-use crate::support::cli::Folder;
+use crate::support::cli::{Folder, connected};
 use std::ops::RangeInclusive;
 
 /// Renders a scene with two integrators and checks that the images differ by noise alone.
 #[track_caller]
 pub fn agree(folder: &Folder, common: &str, integrators: [&str; 2]) {
     for (i, name) in integrators.iter().enumerate() {
-        let connections = if *name == "bdpt" { "--bdpt-connections always" } else { "" };
-        let options = format!("--aov variance --integrator {name} {connections} --seed {i} -o {i}.exr");
+        let options = format!("--aov variance --integrator {} --seed {i} -o {i}.exr", connected(name));
         folder.render(&format!("s.xml -q --sampler scene {common} {options}"));
     }
     let run = folder.run("diff 0.exr 1.exr --z");

@@ -508,7 +508,8 @@ fn info_tells_about_scenes_and_images() {
         "materials    1 conductor, 1 dielectric, 2 diffuse, 1 roughconductor",
         "emitters     1 area, 1 constant, 1 point",
         "needs        lights that are sampled, lights that paths can hit, lights at points or with parallel rays, \
-         an environment, diffuse or glossy surfaces, surfaces that only mirror or refract, mirrors or smooth glass, materials of several parts, \
+         an environment, diffuse or glossy surfaces, surfaces that only mirror or refract, mirrors or smooth glass, \
+         materials of several parts, \
          glossy surfaces and several lights",
         "samples      8 per pixel",
     ] {

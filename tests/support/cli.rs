@@ -133,9 +133,8 @@ impl Folder {
     /// Renders the scene with camera paths, light paths and both, and asserts that their images agree.
     pub fn light_paths_agree(&self, samples: u32) {
         for (i, integrator) in ["path", "ptracer", "bdpt"].into_iter().enumerate() {
-            let connections = if integrator == "bdpt" { "--bdpt-connections always" } else { "" };
-            let options =
-                format!("--spp {samples} --aov variance --seed {i} --integrator {integrator} {connections}");
+            let named = connected(integrator);
+            let options = format!("--spp {samples} --aov variance --seed {i} --integrator {named}");
             self.render(&format!("s.xml -q -o {integrator}.exr {options}"));
         }
         for other in ["ptracer", "bdpt"] {
@@ -150,6 +149,12 @@ impl Folder {
         assert_eq!((run.code, run.stdout.as_str()), (0, ""), "{arguments}: {run:?}");
         run
     }
+}
+
+/// Returns the name of an integrator for `--integrator`, with the option that lets `bdpt` connect paths without pilots.
+pub fn connected(integrator: &str) -> String {
+    let option = if integrator == "bdpt" { " --bdpt-connections always" } else { "" };
+    format!("{integrator}{option}")
 }
 
 /// Returns the program under test.

@@ -3,7 +3,7 @@
 use super::camera_paths::{CameraPaths, CameraVertices, Subpath};
 use super::light_paths::{StoredVertex, typical_start_density};
 use super::technique::Techniques;
-use super::vertex::Vertex;
+use super::vertex::{IN_MEDIUM, Vertex};
 use super::weights::{self, End, Start};
 use crate::bsdf::lanes::{eval_x16, pdf_adjoint_x16};
 use crate::color::Rgb;
@@ -17,8 +17,6 @@ use std::f32::consts::FRAC_1_PI;
 
 /// The least cosine in the estimate of a contribution: shading normals and lobes may be anywhere.
 const LEAST_COSINE: f32 = 0.05;
-/// What stands for the cosine at a point in a medium: the isotropic phase function relative to a diffuse BSDF.
-pub(super) const IN_MEDIUM: f32 = 0.25;
 /// The least weight in the estimate of a contribution: that of glossy surfaces is another one.
 const LEAST_WEIGHT: f32 = 1e-4;
 

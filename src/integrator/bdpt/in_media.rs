@@ -5,9 +5,9 @@
 //! compute the same.
 
 use super::camera_paths::{CameraPaths, Subpath};
-use super::connections::{CameraEnd, IN_MEDIUM, of_connection};
+use super::connections::{CameraEnd, of_connection};
 use super::light_paths::{StoredVertex, typical_start_density};
-use super::vertex::{MediumPoint, Vertex};
+use super::vertex::{IN_MEDIUM, MediumPoint, Vertex};
 use super::weights::{self, End, Merged, Partial, Start};
 use crate::accel::Hit;
 use crate::color::Rgb;

@@ -24,9 +24,8 @@ pub struct SharedLightPaths {
     pub keys: Vec<SampleKey>,
     /// The light paths to which each camera path is connected.
     of_camera: Vec<[u32; GROUPS as usize]>,
-    /// The light paths of each cell and sample, by their number in the cell.
+    /// The light paths of each cell and sample, by their number in the cell; none if nothing is shared.
     cells: HashMap<(u32, u32, u64), [u32; (GROUPS * IN_GROUP) as usize]>,
-    is_shared: bool,
 }
 
 impl SharedLightPaths {
@@ -48,7 +47,6 @@ impl SharedLightPaths {
     /// The pixel chooses its light paths at random from those of the cell, so that the noise that pixels share has no
     /// pattern. It chooses the same ones for all samples, so they are those of a few pixels, and are stratified.
     pub fn add(&mut self, (x, y): (u32, u32), samples: Range<u64>, key: impl Fn(u32, u32, u64) -> SampleKey) {
-        self.is_shared = true;
         let [random, first, _] = pcg3d(x, y, STREAM);
         let place = |k: u32| ((first >> 16) + k) % GROUPS * IN_GROUP + (random >> (8 * k)) % IN_GROUP;
         let (x, y) = (x - x % SIDE, y - y % SIDE);
@@ -73,7 +71,7 @@ impl SharedLightPaths {
 
     /// Returns the number of light paths to which the first vertex with a finite lobe of a camera path is connected.
     pub fn connected(&self) -> u32 {
-        if self.is_shared { GROUPS } else { 1 }
+        if self.cells.is_empty() { 1 } else { GROUPS }
     }
 
     /// Returns light path `k` of a camera path.

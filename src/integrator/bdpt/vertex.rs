@@ -1,6 +1,5 @@
 //! The vertices of subpaths: surface points, and points in media.
 
-use super::connections::IN_MEDIUM;
 use crate::color::Rgb;
 use crate::ids::MediumId;
 use crate::integrator::flight::medium_after;
@@ -10,6 +9,9 @@ use crate::math::{Ray, Vec3};
 use crate::medium::Phase;
 use crate::scene::{Scene, SceneMedia};
 use std::f32::consts::FRAC_1_PI;
+
+/// What stands for the cosine at a point in a medium: the isotropic phase function relative to a diffuse BSDF.
+pub const IN_MEDIUM: f32 = 0.25;
 
 /// A vertex of a subpath.
 pub enum Vertex<'a> {
