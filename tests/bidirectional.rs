@@ -289,7 +289,7 @@ fn merging_agrees(folder: &Folder, default: &str, common: &str) {
         let scene = text.replace(r#"<integrator type="$integrator">"#, integrator).replace(default, "");
         assert!(!scene.contains("$integrator"));
         folder.write("s.xml", scene.as_bytes());
-        folder.render(&format!("s.xml -q --sampler scene --aov variance --spp 256 {common} {options}"));
+        folder.render(&format!("s.xml -q --sampler scene --aov variance {common} {options}"));
     };
     render(r#"<integrator type="path">"#, "--seed 0 -o 0.exr");
     let small = r#"<integrator type="vcm"><float name="initial_radius" value="0.01"/>"#;
@@ -303,7 +303,7 @@ fn merged_paths_agree_with_camera_paths() {
     for sensor in 0..3 {
         let folder = Folder::of_scene("light-tracing", "lights.xml");
         let default = r#"<default name="integrator" value="ptracer"/>"#;
-        merging_agrees(&folder, default, &format!("--size 32x24 -s {sensor}"));
+        merging_agrees(&folder, default, &format!("--size 32x24 --spp 256 -s {sensor}"));
     }
 }
 
@@ -311,7 +311,8 @@ fn merged_paths_agree_with_camera_paths() {
 #[ignore = "takes long: make test-all"]
 fn merged_paths_agree_on_every_kind_of_emitter() {
     let folder = Folder::of_scene("photon", "emitters.xml");
-    merging_agrees(&folder, r#"<default name="integrator" value="path"/>"#, "--size 52x28");
+    // With 256 samples, 1 of 24 pairs of seeds is rejected, because few paths bring much of the light of some blocks.
+    merging_agrees(&folder, r#"<default name="integrator" value="path"/>"#, "--size 52x28 --spp 1024");
 }
 
 /// A mirror shows a floor that a spot lights through a pane. Neither camera paths nor connections find that light. The
