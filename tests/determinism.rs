@@ -9,6 +9,7 @@ use buffon::image::{Image, read};
 use buffon::integrator::settings::{PathLimits, PathSettings, WhenPays};
 use buffon::integrator::{self, Settings, Worker};
 use buffon::loader::{LoadOptions, load};
+use buffon::render::edges::EmitterEdges;
 use buffon::render::tracing::CameraWorker;
 use buffon::render::{Job, JobSettings, Progress, StopRules};
 use buffon::sampling::{Sampler, SamplerKind};
@@ -190,9 +191,12 @@ fn sorted_waves_have_the_pixels_of_unsorted_ones() {
 fn sums(job: &Job<'_>, passes: &[u64]) -> Vec<(u64, u64)> {
     let mut tile = Tile::new(PixelRect { x: 16, y: 3, width: 16, height: 16 }, 3, 2);
     let mut worker = CameraWorker::new(Worker::new(job.settings.sampler));
+    let edges = EmitterEdges::new(job, 1, &mut worker);
+    let edges = edges.as_ref().map(|edges| edges.of_tile(job, 0, tile.rect(), &mut worker));
+    let edges = edges.unwrap_or_default();
     let mut done = 0;
     for pass in passes {
-        worker.render_tile(job, &mut tile, done..done + pass);
+        worker.render_tile(job, &mut tile, edges, done..done + pass);
         done += pass;
     }
     let values = (0..tile.pixel_count()).flat_map(|i| (0..3).map(move |c| (i, c)));

@@ -38,6 +38,41 @@ pub fn integrators(max_depth: Option<u32>) -> [(&'static str, Settings); 2] {
     [("volpath", volpath(max_depth)), ("bdpt", Settings::Bdpt(bdpt))]
 }
 
+/// Every integrator renders media, ignores them as in Mitsuba, or refuses the scene. One of a file that would estimate
+/// the same image but for the media is `volpath`.
+#[test]
+fn no_integrator_renders_another_image_in_silence() {
+    let of_integrator = |integrator: &str| {
+        format!(
+            r#"<scene version="3.0.0">{integrator}<sensor type="perspective"/><emitter type="constant"/>
+  <shape type="sphere"><bsdf type="null"/><medium type="homogeneous" name="interior"/></shape></scene>"#
+        )
+    };
+    let folder = Folder::with(&of_integrator(""));
+    let render = |name: &str| folder.run(&format!("render s.xml {name} --size 4x4 --spp 1 -o f.exr"));
+    const IGNORED: &str = "every medium is vacuum";
+    for name in Settings::NAMES.iter().chain([&"auto"]).filter(|name| **name != "aov") {
+        let run = render(&format!("--integrator {name}"));
+        let expected = match *name {
+            "volpath" | "bdpt" | "auto" => (0, false, false),
+            "path" | "direct" | "ptracer" | "ao" | "depth" => (0, true, false),
+            _ => (3, false, true),
+        };
+        let refused = run.stderr.contains(&format!("{name} does not render the scene's media"));
+        assert_eq!((run.code, run.stderr.contains(IGNORED), refused), expected, "{name}: {}", run.stderr);
+    }
+    for (integrator, note) in [
+        ("ppm", "sppm does not render media: the integrator is volpath"),
+        ("mlt", "pssmlt does not render media: the integrator is volpath"),
+        ("photonmapper", "photonmapper does not render media: the integrator is volpath"),
+        ("direct", IGNORED),
+    ] {
+        folder.write("s.xml", of_integrator(&format!("<integrator type='{integrator}'/>")).as_bytes());
+        let run = render("");
+        assert!(run.code == 0 && run.stderr.contains(note), "{integrator}: {}", run.stderr);
+    }
+}
+
 /// Adds a medium with the given extinction and albedo.
 pub fn medium(scene: &mut Description, sigma_t: [f32; 3], albedo: [f32; 3], phase: Phase) -> MediumId {
     let sigma_s = [0, 1, 2].map(|c| sigma_t[c] * albedo[c]);

@@ -23,6 +23,7 @@ mod docs_commands;
 mod docs_links;
 #[cfg(feature = "embree")]
 mod embree_ffi;
+mod emitter_edges;
 mod emitters;
 mod environment_map;
 mod error_estimates;

@@ -140,6 +140,10 @@ impl Integrator for DirectIntegrator {
         "direct"
     }
 
+    fn shows_emitters(&self) -> bool {
+        !self.settings.hide_emitters
+    }
+
     fn adapts(&self) -> bool {
         true
     }

@@ -164,20 +164,33 @@ pub fn drop_missed(
     counts: TechniqueCounts,
     wants: impl Fn(&PathWave, usize) -> bool,
 ) {
-    if scene.needs.environment {
-        let (mut missed, mut count) = ([0; LANES], 0);
-        for i in 0..hits.len() {
-            if hits[i].is_none() && wants(paths, i) {
-                missed[count] = i;
-                count += 1;
-            }
-            if count == LANES || (count > 0 && i + 1 == hits.len()) {
-                add_environment(scene, paths, &missed[..count], counts, out);
-                count = 0;
-            }
+    add_missed(scene, paths, hits, out, counts, wants);
+    paths.keep_hits(hits, |_, _| {});
+}
+
+/// Adds the weighted radiance of the environment for the paths of a wave that hit nothing and that `wants` selects.
+pub fn add_missed(
+    scene: &Scene,
+    paths: &PathWave,
+    hits: &[Option<Hit>],
+    out: &mut [Radiance],
+    counts: TechniqueCounts,
+    wants: impl Fn(&PathWave, usize) -> bool,
+) {
+    if !scene.needs.environment {
+        return;
+    }
+    let (mut missed, mut count) = ([0; LANES], 0);
+    for i in 0..hits.len() {
+        if hits[i].is_none() && wants(paths, i) {
+            missed[count] = i;
+            count += 1;
+        }
+        if count == LANES || (count > 0 && i + 1 == hits.len()) {
+            add_environment(scene, paths, &missed[..count], counts, out);
+            count = 0;
         }
     }
-    paths.keep_hits(hits, |_, _| {});
 }
 
 /// Adds the weighted radiance of the environment and the sun for at most sixteen paths.

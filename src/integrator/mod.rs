@@ -80,7 +80,7 @@ pub struct Wave<'a> {
     pub keys: &'a [SampleKey],
     /// The coherence of neighbouring rays.
     pub coherence: Coherence,
-    /// Groups of rays of the same sample index. A ray is in one group at most; without groups, no path shares anything.
+    /// Groups of rays of the same sample index. Without groups, no path shares anything; else, each ray is in one.
     pub groups: &'a [Group],
 }
 
@@ -140,6 +140,12 @@ pub trait Integrator: Send + Sync {
 
     /// Returns whether rays that hit nothing show the environment with alpha 1.
     fn shows_environment(&self) -> bool {
+        false
+    }
+
+    /// Returns whether the image shows the emitters that camera rays hit, by paths that are independent of other pixels
+    /// but for their reuse. The mean of several paths may then be a sample of a pixel.
+    fn shows_emitters(&self) -> bool {
         false
     }
 

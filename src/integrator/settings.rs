@@ -255,12 +255,26 @@ impl Settings {
         !limits.hide_emitters && limits.max_depth.is_none_or(|edges| edges >= MANY_EDGES)
     }
 
-    /// Returns whether the image shows participating media. Other integrators ignore them.
+    /// Returns whether the image shows participating media.
     pub fn renders_media(&self) -> bool {
         match self {
             Settings::Volpath(_) | Settings::Bdpt(_) => true,
             Settings::Vcm(vcm) => vcm.combined == Combined::Connections,
             Settings::Aov(aov) => aov.image.as_ref().is_some_and(|image| image.renders_media()),
+            _ => false,
+        }
+    }
+
+    /// Returns whether every medium is vacuum for the integrator, as for that of the same name in Mitsuba. An
+    /// integrator that neither renders nor ignores media refuses scenes that have some.
+    pub fn ignores_media(&self) -> bool {
+        match self {
+            Settings::Path(_)
+            | Settings::Direct(_)
+            | Settings::Ptracer(_)
+            | Settings::Ao(_)
+            | Settings::Depth(_) => true,
+            Settings::Aov(aov) => aov.image.as_ref().is_none_or(|image| image.ignores_media()),
             _ => false,
         }
     }

@@ -279,46 +279,48 @@ impl PathWave {
         self.eta.resize(n, 0.0);
     }
 
-    /// Removes a range of paths.
+    /// Removes a range of paths. The last ones take their places.
     pub fn remove(&mut self, range: Range<usize>) {
-        self.rays.drain(range.clone());
-        self.keys.drain(range.clone());
-        self.slots.drain(range.clone());
-        for channel in &mut self.beta {
-            channel.drain(range.clone());
+        fn fill<T: Copy>(list: &mut Vec<T>, gap: &Range<usize>) {
+            let last = gap.end.max(list.len() - gap.len());
+            list.copy_within(last.., gap.start);
+            list.truncate(list.len() - gap.len());
         }
-        self.from.drain(range.clone());
+        fill(&mut self.rays, &range);
+        fill(&mut self.keys, &range);
+        fill(&mut self.slots, &range);
+        self.beta.iter_mut().for_each(|channel| fill(channel, &range));
+        fill(&mut self.from, &range);
         if !self.gloss.is_empty() {
-            self.gloss.drain(range.clone());
+            fill(&mut self.gloss, &range);
         }
-        self.pdf.drain(range.clone());
-        self.eta.drain(range);
+        fill(&mut self.pdf, &range);
+        fill(&mut self.eta, &range);
     }
 
-    /// Sorts the paths by the bucket of the shape that each has hit. Paths of a bucket keep their order.
-    ///
-    /// # Panics
-    /// If a path has no hit.
-    pub fn sort(&mut self, hits: &mut Vec<Option<Hit>>, bucket_of: &[u8], buffers: &mut SortBuffers) {
-        let bucket = |hit: &Option<Hit>| {
-            let geometry = hit.expect("paths without a hit were removed").geometry;
-            bucket_of[geometry as usize] as usize
-        };
+    /// Keeps the paths that have hit something, sorted by the bucket of the shape. Paths of a bucket keep their order.
+    /// Without buckets, all do.
+    pub fn keep_sorted(&mut self, hits: &mut Vec<Option<Hit>>, bucket_of: &[u8], buffers: &mut SortBuffers) {
+        let bucket = |hit: &Hit| bucket_of[hit.geometry as usize] as usize;
         let mut starts = [0; 256];
-        hits.iter().for_each(|hit| starts[bucket(hit)] += 1);
-        if hits.first().is_none_or(|hit| starts[bucket(hit)] == hits.len()) {
-            return;
+        if !bucket_of.is_empty() {
+            hits.iter().flatten().for_each(|hit| starts[bucket(hit)] += 1);
+        }
+        if starts.iter().filter(|count| **count > 0).count() < 2 {
+            return self.keep_hits(hits, |_, _| {});
         }
         let mut sum = 0;
         for start in &mut starts {
             (*start, sum) = (sum, sum + *start);
         }
         let SortBuffers { order, paths, hits: sorted } = buffers;
-        order.resize(hits.len(), 0);
+        order.resize(sum, 0);
         for (i, hit) in hits.iter().enumerate() {
-            let to = &mut starts[bucket(hit)];
-            order[*to] = i as u32;
-            *to += 1;
+            if let Some(hit) = hit {
+                let to = &mut starts[bucket(hit)];
+                order[*to] = i as u32;
+                *to += 1;
+            }
         }
         take(sorted, hits, order);
         take(&mut paths.rays, &self.rays, order);

@@ -16,7 +16,7 @@ mod volume;
 
 use crate::error::{Error, Kind, Place, Result};
 use crate::integrator::settings::{AUTO, AutoSettings};
-use crate::integrator::{self, Bdpt, Plugin, VolpathIntegrator};
+use crate::integrator::{self, PathLimits, Plugin, VolpathIntegrator};
 use crate::memory::{Budget, Limit, Reservation};
 use crate::sampling::SamplerKind;
 use crate::scene::description::Description;
@@ -130,18 +130,21 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
 /// The note about media that are not rendered.
 const NO_MEDIA: &str = "the scene has media, which are not rendered: every medium is vacuum";
 
-/// Returns whether the media of a file are rendered by its integrator, or by the one that the user names instead.
-fn renders_media(integrator: &integrator::Settings, replacement: Option<&str>) -> bool {
-    match replacement {
-        Some(name) if !["aov", AUTO].contains(&name) => [VolpathIntegrator::NAME, Bdpt::NAME].contains(&name),
-        _ => integrator.renders_media(),
-    }
+/// Returns the integrator that decides what media mean: that of the file, or the one that the user names instead.
+fn judge_of_media(of_file: &integrator::Settings, replacement: Option<&str>) -> integrator::Settings {
+    let replacement = match replacement {
+        Some(AUTO) => Some(VolpathIntegrator::NAME),
+        other => other.filter(|name| *name != "aov"),
+    };
+    replacement
+        .and_then(|name| integrator::Settings::by_name(name, PathLimits::default()))
+        .unwrap_or_else(|| of_file.clone())
 }
 
-/// Adds a note if the user's integrator does not render the media of a file.
+/// Adds a note if the user's integrator ignores the media of a file.
 fn note_media(mut loaded: Loaded, options: &LoadOptions) -> Loaded {
-    let rendered = renders_media(&loaded.integrator, options.integrator.as_deref());
-    if !loaded.description.media.is_empty() && !rendered {
+    let ignored = judge_of_media(&loaded.integrator, options.integrator.as_deref()).ignores_media();
+    if !loaded.description.media.is_empty() && ignored {
         loaded.notes.push(NO_MEDIA.to_owned());
     }
     loaded

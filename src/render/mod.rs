@@ -1,6 +1,7 @@
 //! Rendering: passes over sample ranges, threads, stop rules, progress, output.
 
 mod adaptive;
+pub mod edges;
 pub mod job;
 pub mod output;
 mod passes;

@@ -1,5 +1,6 @@
 //! The execution of a render: a sequence of passes and their accumulated result.
 
+use super::edges::EmitterEdges;
 use super::job::{Job, Rendered};
 use super::state::{self, CheckpointSink, PreviewSink, RenderState, Sinks};
 use super::stop::{StopReason, StopRules};
@@ -30,6 +31,7 @@ pub(super) struct Passes<'j, 'a> {
     /// The state after the last complete part of a pass, for renders that discard incomplete parts.
     whole: Option<RenderState>,
     workers: Vec<Mutex<CameraWorker>>,
+    edges: Option<EmitterEdges>,
     started: Instant,
     /// The sampling time before this render continued.
     before: Duration,
@@ -60,7 +62,7 @@ impl<'j, 'a> Passes<'j, 'a> {
         });
         // The pass that was interrupted may have been one of a longer render.
         now.pass_end = now.pass_end.min(job.settings.stop.samples.map_or(u64::MAX, |end| end.max(now.next)));
-        let workers = (0..pool.current_num_threads())
+        let mut workers: Vec<_> = (0..pool.current_num_threads())
             .map(|_| {
                 let worker = Worker::new(job.settings.sampler).with_interrupt(job.progress.interrupt_flag());
                 Mutex::new(CameraWorker::new(worker))
@@ -69,6 +71,8 @@ impl<'j, 'a> Passes<'j, 'a> {
         let samples = job.settings.stop.samples.map(|end| end.saturating_sub(job.first));
         let started = Instant::now();
         job.progress.begin();
+        let worker = workers[0].get_mut().unwrap_or_else(PoisonError::into_inner);
+        let edges = EmitterEdges::new(job, now.tiles.len(), worker);
         job.progress.add_samples((now.next - job.first).saturating_mul(job.camera.film.rect().area()));
         Passes {
             job,
@@ -76,6 +80,7 @@ impl<'j, 'a> Passes<'j, 'a> {
             pool,
             whole: job.needs_whole_passes().then(|| now.clone()),
             workers,
+            edges,
             started,
             before: now.elapsed,
             counters: now.counters,
@@ -161,7 +166,7 @@ impl<'j, 'a> Passes<'j, 'a> {
 
     /// Takes samples of every pixel; with adaptive sampling, the range applies to a pixel with the rate 1.
     fn take(&mut self, samples: Range<u64>) {
-        let Passes { job, pool, now, workers, .. } = self;
+        let Passes { job, pool, now, workers, edges, .. } = self;
         let tiles = &mut now.tiles;
         if let Some(progressive) = job.integrator.progressive() {
             let prepared = progressive::render(job, progressive, pool, workers, tiles, samples);
@@ -170,12 +175,16 @@ impl<'j, 'a> Passes<'j, 'a> {
             return;
         }
         pool.install(|| {
-            tiles.par_iter_mut().for_each(|tile| {
+            tiles.par_iter_mut().enumerate().for_each(|(i, tile)| {
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
+                let at_edges = edges.as_ref().map(|edges| edges.of_tile(job, i, tile.rect(), &mut worker));
+                let at_edges = at_edges.unwrap_or_default();
                 match &job.rates {
-                    None => worker.render_tile(job, tile, samples.clone()),
-                    Some(rates) => worker.render_allocated(job, tile, |p| rates.samples(p, &samples)),
+                    None => worker.render_tile(job, tile, at_edges, samples.clone()),
+                    Some(rates) => {
+                        worker.render_allocated(job, tile, at_edges, |p| rates.samples(p, &samples));
+                    }
                 }
             });
         });

@@ -1,5 +1,6 @@
 //! Rendering with integrators that prepare each sample separately.
 
+use super::edges::TileEdges;
 use super::job::Job;
 use super::splats;
 use super::tracing::CameraWorker;
@@ -49,7 +50,7 @@ pub fn render(
                 let thread = rayon::current_thread_index().unwrap_or(0);
                 let mut worker = workers[thread].lock().unwrap_or_else(PoisonError::into_inner);
                 worker.worker.time = begun.time;
-                worker.render_tile(job, tile, sample..sample + 1);
+                worker.render_tile(job, tile, TileEdges::default(), sample..sample + 1);
             });
         });
         let replicate = job.settings.sampler.replicate(sample) as usize;

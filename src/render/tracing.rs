@@ -1,12 +1,13 @@
 //! Sampling of one tile and one range of samples: camera rays, radiance, sums.
 
+use super::edges::TileEdges;
 use super::job::Job;
-use crate::accel::Coherence;
+use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::film::{FilterSample, PixelRect, Tile};
 use crate::integrator::path::groups::PixelGroups;
 use crate::integrator::worker::{draw_1d, draw_2d};
-use crate::integrator::{Group, Radiance, RadianceQuery, Wave, Worker};
+use crate::integrator::{Group, NO_RAY, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, f32x16, load};
 use crate::math::{DVec2, Ray, Vec2};
 use crate::sampling::{Dimension, SampleKey};
@@ -40,6 +41,20 @@ struct SampleSpan {
     position: (u32, u32),
     first: u64,
     end: u64,
+    /// The number of paths in addition to the first one of each sample.
+    more: u32,
+}
+
+/// A sample that is the mean of several paths.
+#[derive(Clone, Copy)]
+struct Mean {
+    /// The index of its first path in the wave.
+    first: usize,
+    /// The number of its other paths, which are a group if there are groups. Those of all such samples follow the
+    /// first paths of all samples of the wave.
+    more: u32,
+    /// The position of the pixel in the full image.
+    position: (u32, u32),
 }
 
 /// One thread's buffers for camera rays.
@@ -48,6 +63,8 @@ pub struct CameraWorker {
     pub worker: Worker,
     /// The pixels and samples of the current wave.
     spans: Vec<SampleSpan>,
+    /// The samples of the wave that are means.
+    means: Vec<Mean>,
     rays: Vec<Ray>,
     keys: Vec<SampleKey>,
     positions: [Vec<f32>; 2],
@@ -82,6 +99,7 @@ impl CameraWorker {
         CameraWorker {
             worker,
             spans: Vec::new(),
+            means: Vec::new(),
             rays: Vec::new(),
             keys: Vec::new(),
             positions: [Vec::new(), Vec::new()],
@@ -99,13 +117,19 @@ impl CameraWorker {
     }
 
     /// Takes the given samples of every pixel of the tile, unless the render is interrupted between waves.
-    pub fn render_tile(&mut self, job: &Job<'_>, tile: &mut Tile, samples: Range<u64>) {
-        self.render_region(job, tile, tile.rect(), samples);
+    pub fn render_tile(&mut self, job: &Job<'_>, tile: &mut Tile, edges: TileEdges<'_>, samples: Range<u64>) {
+        self.render_region(job, tile, (tile.rect(), edges), samples);
     }
 
     /// Takes the given samples of every pixel of a region of the tile, which contains whole cells or their parts inside
     /// the tile, unless the render is interrupted between waves.
-    fn render_region(&mut self, job: &Job<'_>, tile: &mut Tile, region: PixelRect, samples: Range<u64>) {
+    fn render_region(
+        &mut self,
+        job: &Job<'_>,
+        tile: &mut Tile,
+        (region, edges): (PixelRect, TileEdges<'_>),
+        samples: Range<u64>,
+    ) {
         let (film, seed) = (&job.camera.film, job.settings.seed);
         let cells = job.integrator.reuse_cells();
         let groups = cells.map(|side| PixelGroups::new(side, seed, [film.width, film.height], region));
@@ -122,7 +146,10 @@ impl CameraWorker {
         while first < samples.end && !job.progress.is_interrupted() {
             let end = (first + per_wave).min(samples.end);
             self.spans.clear();
-            let span = |&(pixel, position)| SampleSpan { pixel, position, first, end };
+            let span = |&(pixel, position): &(Option<usize>, _)| {
+                let more = pixel.map_or(0, |pixel| edges.more(pixel));
+                SampleSpan { pixel, position, first, end, more }
+            };
             self.spans.extend(pixels.iter().map(span));
             if let Some(groups) = &groups {
                 groups.of_wave((end - first) as u32, &mut self.groups);
@@ -139,11 +166,12 @@ impl CameraWorker {
         &mut self,
         job: &Job<'_>,
         tile: &mut Tile,
+        edges: TileEdges<'_>,
         samples: impl Fn((u32, u32)) -> Range<u64>,
     ) {
         if let Some(side) = job.integrator.reuse_cells() {
             for cell in tile.rect().cells(side as u32) {
-                self.render_region(job, tile, cell, samples((cell.x, cell.y)));
+                self.render_region(job, tile, (cell, edges), samples((cell.x, cell.y)));
             }
             return;
         }
@@ -155,7 +183,8 @@ impl CameraWorker {
             let Range { start: mut first, end: last } = samples(position);
             while first < last && !job.progress.is_interrupted() {
                 let end = last.min(first + free);
-                self.spans.push(SampleSpan { pixel: Some(pixel), position, first, end });
+                let more = edges.more(pixel);
+                self.spans.push(SampleSpan { pixel: Some(pixel), position, first, end, more });
                 free -= end - first;
                 first = end;
                 if free == 0 {
@@ -184,21 +213,55 @@ impl CameraWorker {
         }
         self.radiance.iter_mut().zip(&self.factors).for_each(|(radiance, factor)| radiance.value *= *factor);
         self.worker.counters.paths += self.rays.len() as u64;
+        let samples = self.average();
         if job.has_sampled_layers() {
-            self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
+            self.worker.intersect(job.scene, &self.rays[..samples], Coherence::Coherent);
         }
         self.accumulate(job, tile);
         let inside = self.spans.iter().filter(|span| span.pixel.is_some());
         job.progress.add_samples(inside.map(|span| span.end - span.first).sum());
     }
 
-    /// Generates the camera rays, pixel by pixel; the samples of a pixel are consecutive.
+    /// Replaces the radiance of the first path of each mean by that of all its paths. Returns the number of samples.
+    fn average(&mut self) -> usize {
+        let samples = self.rays.len() - self.means.iter().map(|mean| mean.more as usize).sum::<usize>();
+        let (firsts, mut others) = self.radiance.split_at(samples);
+        let means = self.means.iter().map(|mean| {
+            let (own, rest) = others.split_at(mean.more as usize);
+            others = rest;
+            let sum = own.iter().fold(firsts[mean.first].value, |sum, other| sum + other.value);
+            sum / (1 + mean.more) as f32
+        });
+        let means: Vec<Rgb> = means.collect();
+        for (mean, value) in self.means.iter().zip(means) {
+            self.radiance[mean.first].value = value;
+        }
+        samples
+    }
+
+    /// Generates the camera rays, pixel by pixel; the samples of a pixel are consecutive. The other paths of means
+    /// follow them.
     fn generate_rays(&mut self, job: &Job<'_>) {
         let sampler = self.worker.sampler;
         self.keys.clear();
+        self.means.clear();
         for span in &self.spans {
             let (x, y) = span.position;
+            let first = self.keys.len();
             self.keys.extend((span.first..span.end).map(|s| sampler.key(job.settings.seed, x, y, s)));
+            if span.more > 0 {
+                let mean = |first| Mean { first, more: span.more, position: span.position };
+                self.means.extend((first..self.keys.len()).map(mean));
+            }
+        }
+        for mean in &self.means {
+            if !self.groups.is_empty() {
+                let first = self.keys.len() as u32;
+                let path = |k| if k < mean.more { first + k } else { NO_RAY };
+                self.groups.push(std::array::from_fn(|k| path(k as u32)));
+            }
+            let key = self.keys[mean.first].beside();
+            self.keys.extend((0..mean.more).map(|k| sampler.split(key, mean.more, k)));
         }
         self.worker.shared_light.clear();
         if job.integrator.shares_noise() && job.integrator.traces_light_paths() {
@@ -216,10 +279,11 @@ impl CameraWorker {
         }
         self.film.iter_mut().for_each(Vec::clear);
         self.weights.clear();
+        let spans = self.spans.iter().map(|span| (span.position, span.end - span.first));
+        let means = self.means.iter().map(|mean| (mean.position, u64::from(mean.more)));
         let mut i = 0;
-        for span in &self.spans {
-            let (x, y) = span.position;
-            for _ in span.first..span.end {
+        for ((x, y), count) in spans.chain(means) {
+            for _ in 0..count {
                 let u = Vec2::new(self.positions[0][i], self.positions[1][i]);
                 let FilterSample { offset, weight } = job.filter.sample(u);
                 self.film[0].push(f64::from(x) + 0.5 + f64::from(offset.x));
@@ -240,11 +304,6 @@ impl CameraWorker {
     /// Generates at most sixteen rays, from the sample `first` of the wave on.
     fn generate_block(&mut self, job: &Job<'_>, first: usize) {
         let Job { camera, scene, .. } = job;
-        let count = LANES.min(self.keys.len() - first);
-        let mut film = [[0.0; LANES]; 2];
-        for (lanes, film) in film.iter_mut().zip(&self.film) {
-            lanes[..count].copy_from_slice(&film[first..first + count]);
-        }
         let u = match camera.has_lens() {
             true => [0, 1].map(|k| load(&self.lens[k], first)),
             false => [f32x16::ZERO; 2],
@@ -254,6 +313,17 @@ impl CameraWorker {
             None if scene.needs.time => load(&self.times, first),
             None => f32x16::ZERO,
         };
+        self.add_rays(job, first, u, time);
+    }
+
+    /// Adds at most sixteen rays through the points of `film` from `first` on. `u` chooses the points on the lens.
+    fn add_rays(&mut self, job: &Job<'_>, first: usize, u: [f32x16; 2], time: f32x16) {
+        let camera = job.camera;
+        let count = LANES.min(self.film[0].len() - first);
+        let mut film = [[0.0; LANES]; 2];
+        for (lanes, film) in film.iter_mut().zip(&self.film) {
+            lanes[..count].copy_from_slice(&film[first..first + count]);
+        }
         if let Some(rays) = camera.rays_x16([&film[0], &film[1]], u, time) {
             self.rays.extend_from_slice(&rays.to_rays()[..count]);
             return;
@@ -268,11 +338,36 @@ impl CameraWorker {
         }
     }
 
+    /// Returns whether rays through the centres of pixels of the full image and of the lens hit emitters that emit
+    /// towards them.
+    pub fn see_emitters(&mut self, job: &Job<'_>, pixels: impl Iterator<Item = (u32, u32)>) -> Vec<bool> {
+        self.film.iter_mut().for_each(Vec::clear);
+        for (x, y) in pixels {
+            self.film[0].push(f64::from(x) + 0.5);
+            self.film[1].push(f64::from(y) + 0.5);
+        }
+        self.rays.clear();
+        let centre = f32x16::splat(0.5);
+        for first in (0..self.film[0].len()).step_by(LANES) {
+            self.add_rays(job, first, [centre; 2], centre);
+        }
+        self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
+        let scene = job.scene;
+        let emits = |(ray, hit): (&Ray, &Option<Hit>)| {
+            let Some(hit) = hit.filter(|hit| scene.shapes[hit.geometry as usize].emitter.is_some()) else {
+                return false;
+            };
+            let at = scene.interaction(ray, &hit);
+            scene.emitter_at(&at).is_some_and(|emitter| !scene.emitted(emitter, &at).is_black())
+        };
+        self.rays.iter().zip(&self.worker.hits).map(emits).collect()
+    }
+
     fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile) {
         let only_colour = !job.alpha && !job.has_sampled_layers() && !job.filter.has_weights();
         let mut j = 0;
         for s in 0..self.spans.len() {
-            let SampleSpan { pixel, position, first, end } = self.spans[s];
+            let SampleSpan { pixel, position, first, end, .. } = self.spans[s];
             let Some(pixel) = pixel else {
                 j += (end - first) as usize;
                 continue;

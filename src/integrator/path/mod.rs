@@ -162,6 +162,10 @@ impl Integrator for PathIntegrator {
         self.splitting.directions
     }
 
+    fn shows_emitters(&self) -> bool {
+        !self.settings.hide_emitters && self.allows(1)
+    }
+
     fn adapts(&self) -> bool {
         true
     }
@@ -315,15 +319,13 @@ impl PathIntegrator {
                 reuse.add_missed(paths, hits);
             }
             let is_shared = |slot| reuse.as_ref().is_some_and(|(reuse, _)| reuse.is_shared(slot));
-            lighting::drop_missed(scene, paths, hits, out, TechniqueCounts::ONE_EACH, |paths, i| {
+            lighting::add_missed(scene, paths, hits, out, TechniqueCounts::ONE_EACH, |paths, i| {
                 let slot = paths.slots[i];
                 bounce.adds(specular_only, slot)
                     && !is_shared(slot)
                     && !caustics.as_ref().is_some_and(|caustics| caustics.are_in(slot))
             });
-            if !scene.shading_buckets.is_empty() {
-                paths.sort(hits, &scene.shading_buckets, sort_buffers);
-            }
+            paths.keep_sorted(hits, &scene.shading_buckets, sort_buffers);
             let scatter = self.allows(depth + 2) && (query.direct || query.indirect || query.caustic);
             if scatter {
                 let uses = BounceNumbers {

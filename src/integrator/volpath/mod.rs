@@ -97,6 +97,10 @@ impl Integrator for VolpathIntegrator {
         "volpath"
     }
 
+    fn shows_emitters(&self) -> bool {
+        !self.limits.hide_emitters && self.limits.allows(1)
+    }
+
     fn adapts(&self) -> bool {
         true
     }

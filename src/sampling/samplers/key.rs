@@ -19,6 +19,9 @@ pub struct SampleKey {
     pub replicate: u32,
 }
 
+/// Selects the random numbers of the other sequence of a pixel.
+const BESIDE: u32 = 0xed6e;
+
 impl SampleKey {
     /// Returns the key of sample `sample` of pixel (x, y) in the full image, with the halves as replicates.
     #[inline]
@@ -42,5 +45,12 @@ impl SampleKey {
     #[must_use]
     pub fn in_replicate(self, replicate: u32) -> Self {
         SampleKey { replicate, ..self }
+    }
+
+    /// Returns the key of the same point of another sequence of the same pixel and replicate. It is independent.
+    #[inline]
+    #[must_use]
+    pub fn beside(self) -> Self {
+        SampleKey { scramble: combine(self.scramble, BESIDE), ..self }
     }
 }

@@ -46,7 +46,7 @@ impl Builder<'_> {
                 self.note(format!("the integrator of the scene is not used: {}", error.message));
             }
             Err(error) => self.or_stand_in(Err(error), "replaced by path", |_| ())?,
-            known => return known,
+            Ok(known) => return Ok(self.for_media(known, replacement)),
         }
         let mut props = Props::new(self.graph, object);
         while let Ok(Some(inner)) = props.child("integrator") {
@@ -54,6 +54,28 @@ impl Builder<'_> {
         }
         let limits = PathLimits::read(&mut ObjectSource { builder: self, props: &props });
         Ok(Settings::Path(limits.unwrap_or_default().into()))
+    }
+
+    /// Returns whether the file has media.
+    pub(super) fn has_media(&self) -> bool {
+        self.graph.objects.iter().any(|object| object.class == "medium")
+    }
+
+    /// Returns `volpath` in place of an integrator that would estimate the same image, but for the media of the file.
+    fn for_media(&mut self, known: Settings, replacement: Option<&str>) -> Settings {
+        let same_image = matches!(
+            known,
+            Settings::Photonmapper(_)
+                | Settings::Sppm(_)
+                | Settings::Vcm(_)
+                | Settings::Pssmlt(_)
+                | Settings::Irrcache(_)
+        );
+        if replacement.is_some() || !same_image || known.renders_media() || !self.has_media() {
+            return known;
+        }
+        self.note(format!("{} does not render media: the integrator is volpath", known.name()));
+        Settings::Volpath(known.limits())
     }
 
     /// Leaves the choice of the integrator to pilots; returns what renders media and has its limits.
@@ -79,8 +101,7 @@ impl Builder<'_> {
             self.note(format!("the integrator {plugin} is rendered as the one inside it"));
             return self.integrator(inner);
         }
-        let has_media = || self.graph.objects.iter().any(|object| object.class == "medium");
-        let nearest = match VOLUMETRIC.contains(&plugin) && has_media() {
+        let nearest = match VOLUMETRIC.contains(&plugin) && self.has_media() {
             true => (plugin != VolpathIntegrator::NAME).then_some(VolpathIntegrator::NAME),
             false => NEAREST.iter().find(|(other, _)| *other == plugin).map(|(_, nearest)| *nearest),
         };

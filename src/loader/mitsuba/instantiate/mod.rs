@@ -23,7 +23,7 @@ use crate::error::{Error, Kind, Result};
 use crate::ids::{MaterialId, MediumId, TextureId};
 use crate::image::TextureImage;
 use crate::loader::files::Folders;
-use crate::loader::{LoadOptions, Loaded, NO_MEDIA, Tolerance, framing, renders_media, tolerated};
+use crate::loader::{LoadOptions, Loaded, NO_MEDIA, Tolerance, framing, judge_of_media, tolerated};
 use crate::memory::Budget;
 use crate::sensor::SensorSettings;
 use crate::util::wording;
@@ -106,8 +106,9 @@ impl<'g> Builder<'g> {
         } else if replacement.is_none() {
             self.note("the scene names no integrator: path is used");
         }
-        self.renders_media = renders_media(&self.loaded.integrator, replacement);
-        if !self.renders_media && graph.objects.iter().any(|object| object.class == "medium") {
+        let judge = judge_of_media(&self.loaded.integrator, replacement);
+        self.renders_media = judge.renders_media();
+        if judge.ignores_media() && self.has_media() {
             self.note(NO_MEDIA);
         }
         for (i, sensor) in self.once(&props, "sensor").into_iter().enumerate() {
