@@ -143,8 +143,8 @@ pub trait Integrator: Send + Sync {
         false
     }
 
-    /// Returns whether the image shows the emitters that camera rays hit, by paths that are independent of other pixels
-    /// but for their reuse. The mean of several paths may then be a sample of a pixel.
+    /// Returns whether the image shows the emitters that camera rays hit, and the mean of several paths may be a sample
+    /// of a pixel.
     fn shows_emitters(&self) -> bool {
         false
     }

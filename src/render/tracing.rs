@@ -269,6 +269,9 @@ impl CameraWorker {
                 let key = |x, y, sample| sampler.key(job.settings.seed, x, y, sample);
                 self.worker.shared_light.add(span.position, span.first..span.end, key);
             }
+            for mean in &self.means {
+                self.worker.shared_light.repeat(mean.first, mean.more);
+            }
         }
         draw_2d(sampler, Dimension::PIXEL, &self.keys, &mut self.positions);
         if job.camera.has_lens() {

@@ -118,6 +118,10 @@ impl Integrator for Bdpt {
         !self.settings.limits.hide_emitters
     }
 
+    fn shows_emitters(&self) -> bool {
+        !self.settings.limits.hide_emitters && self.settings.limits.allows(1)
+    }
+
     fn light_tracer(&self) -> Option<&dyn LightTracer> {
         Some(self)
     }

@@ -64,6 +64,12 @@ impl SharedLightPaths {
         }
     }
 
+    /// Adds `count` camera paths with the light paths of another one.
+    pub fn repeat(&mut self, camera_path: usize, count: u32) {
+        let of_path = self.of_camera[camera_path];
+        self.of_camera.extend((0..count).map(|_| of_path));
+    }
+
     /// Returns the number of camera paths.
     pub fn camera_paths(&self) -> usize {
         self.of_camera.len()
