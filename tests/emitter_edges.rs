@@ -55,3 +55,20 @@ fn edges_agree_with_reuse_and_from_both_ends() {
         assert!(bound < 0.005 * mean, "{bound}");
     }
 }
+
+/// A crop has the pixels of the whole image, also where a wide filter reaches beyond it.
+#[test]
+fn crops_have_the_edges_of_the_whole() {
+    let folder = Folder::of_scene("cornell-box", "cornell-box.xml");
+    let image = |options: &str| {
+        folder.render(&format!("s.xml -q --size 64x48 --spp 4 {options} -o f.exr"));
+        buffon::image::read(&folder.path("f.exr")).expect("an image")
+    };
+    let whole = image("");
+    let [x, y, width, height] = [28, 3, 9, 5];
+    let crop = image(&format!("--crop {x},{y},{width},{height}"));
+    for row in 0..height {
+        let of_whole = &whole.data[3 * ((y + row) * 64 + x)..][..3 * width];
+        assert_eq!(&crop.data[3 * row * width..][..3 * width], of_whole, "row {row}");
+    }
+}

@@ -6,7 +6,7 @@ use crate::compare;
 use crate::error::{Error, Result};
 use crate::estimate::metrics::relative_squared;
 use crate::image::{self, Image, Value, WriteOptions};
-use crate::integrator::Settings;
+use crate::integrator::{DirectIntegrator, PathIntegrator, Plugin, Settings, VolpathIntegrator};
 use crate::render::{Progress, StopRules};
 use crate::sampling::SamplerKind;
 use crate::session::{Choices, Session};
@@ -62,6 +62,8 @@ pub(super) fn find(
         return Ok(reference);
     }
     let plan = Wanted::new(options);
+    let integrator = reference_integrator(session, candidates)?;
+    let key = if integrator == VolpathIntegrator::NAME { format!("{key}-{integrator}") } else { key };
     let cached = cache::file(&session.path, &key);
     if let Some(path) = cached.as_deref().filter(|path| path.exists()) {
         // A file that cannot be read is rendered again.
@@ -72,7 +74,7 @@ pub(super) fn find(
             return Ok(reference);
         }
     }
-    let reference = render(session, options, &plan, candidates, progress, tell)?;
+    let reference = render(session, options, &plan, integrator, progress, tell)?;
     if let Some(path) = cached.filter(|_| !progress.is_interrupted()) {
         let folder = path.parent().unwrap_or(Path::new("."));
         let kept = std::fs::create_dir_all(folder)
@@ -121,17 +123,36 @@ impl Wanted {
     }
 }
 
+/// Returns the name of the integrator of a reference for the candidates. If all compute direct light only, so does it.
+///
+/// # Errors
+/// If some candidates render the media of the scene and others ignore them.
+fn reference_integrator(session: &Session, candidates: &[Candidate<'_>]) -> Result<&'static str> {
+    let settings: Vec<&Settings> = candidates.iter().filter_map(Candidate::integrator).collect();
+    if session.scene.media.is_some() {
+        let rendering = settings.iter().filter(|settings| settings.renders_media()).count();
+        if rendering > 0 && rendering < settings.len() {
+            let message =
+                "some of the integrators render the scene's media and others ignore them: measure one kind";
+            return Err(Error::usage(message).about("--integrators"));
+        }
+        if rendering > 0 {
+            return Ok(VolpathIntegrator::NAME);
+        }
+    }
+    let direct =
+        settings.len() == candidates.len() && settings.iter().all(|s| matches!(s, Settings::Direct(_)));
+    Ok(if direct { DirectIntegrator::NAME } else { PathIntegrator::NAME })
+}
+
 fn render(
     session: &Session,
     options: &Options,
     wanted: &Wanted,
-    candidates: &[Candidate<'_>],
+    integrator: &str,
     progress: &Progress,
     tell: &dyn Fn(&str),
 ) -> Result<Reference> {
-    // If all integrators compute direct light only, so does the reference.
-    let direct = candidates.iter().all(|c| matches!(c.integrator(), Some(Settings::Direct(_))));
-    let integrator = if direct { "direct" } else { "path" };
     let choices = Choices {
         integrator: Some(integrator.into()),
         sampler: Some(SamplerKind::default()),

@@ -134,7 +134,10 @@ fn check(scene: &Path, args: &CheckArgs) -> Checked {
         // What was found before a problem without a stand-in is not known.
         Loaded { tolerated: vec![error], ..Loaded::default() }
     });
+    let has_media = loaded.has_media();
+    let integrator = loader::judge_of_media(&loaded.integrator, args.integrator.as_deref());
     let Loaded { mut tolerated, warnings, approximations, notes, .. } = loaded;
+    tolerated.extend(integrator.check_media().err().filter(|_| has_media).map(|error| error.in_file(scene)));
     if loaded.description.sensors.is_empty() && tolerated.is_empty() {
         tolerated.push(Error::scene(NOTHING_TO_SEE).in_file(scene));
     }

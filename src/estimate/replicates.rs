@@ -22,7 +22,8 @@
 //! underestimate large errors, because a firefly would be compared with itself. Therefore r is estimated from those
 //! surrounding pixels that are equal within the pixel's own noise, with a smaller weight for pixels whose halves
 //! disagree. A pixel's own value has weight if both of its halves differ from the surroundings in the same direction,
-//! as at edges and emitters. The remaining uncertainty of r is part of the interval.
+//! as at edges and emitters, or if two neighbours are certainly brighter than the surroundings and at least as bright as
+//! the pixel: then it is the noisy edge of an emitter. The remaining uncertainty of r is part of the interval.
 
 use super::metrics::RELATIVE_FLOOR;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
@@ -46,6 +47,10 @@ const MARGIN: usize = RADIUS * SHARED_STRIDE;
 const PADDED_SIDE: usize = BLOCK + 2 * MARGIN;
 /// The greatest difference of a similar pixel, in standard deviations of the pixel.
 const MAX_DEVIATIONS: f32 = 4.0;
+/// The fraction of a pixel's offset from its surroundings that is not noise, below which it may be a noisy edge.
+const EDGE: f32 = 0.98;
+/// The least offset of a neighbour that is certainly bright, in its standard deviations.
+const CERTAIN: f32 = 8.0;
 /// The ratio between a pixel's difference of halves and the mean difference, above which the pixel has little weight
 /// for its neighbours.
 const OUTLIER_RATIO: f32 = 16.0;
@@ -205,17 +210,39 @@ impl PixelBlock {
             let offset = [0, 1, 2].map(|c| self.mean[c][i] - mean[c][i]);
             // 1 − σ²/(x − m)², where m is the mean of the surroundings: the fraction of the offset that is not noise.
             let common = 1.0 - self.noise(i) / norm_squared(offset).max(f32::MIN_POSITIVE);
-            let common = common.max(0.0);
+            let edge = common < EDGE && self.is_edge(i, [0, 1, 2].map(|c| mean[c][i]));
+            let common = if edge { 1.0 } else { common.max(0.0) };
             for c in 0..3 {
                 let r = mean[c][i] + common * offset[c];
                 let weight = 1.0 / (r * r + floor);
                 // Half the range of the weights over r ± s, relative to their mean.
                 let s = (1.0 - common) * spread[c][i];
                 truth.weights[c][i] = weight;
-                truth.uncertainties[c][i] = weight * (2.0 * r.abs() * s / (r * r + s * s + floor));
+                let uncertainty = 2.0 * r.abs() * s / (r * r + s * s + floor);
+                // Neighbours do not tell the noise of an edge, so its own squared error is uncertain.
+                truth.uncertainties[c][i] = weight * if edge { 1.0 } else { uncertainty };
             }
         }
         truth
+    }
+
+    /// Returns whether a pixel is brighter than its surroundings because it is at the edge of something brighter still.
+    /// At least two neighbours are then as bright, and certainly brighter than the mean of the surroundings.
+    fn is_edge(&self, i: usize, surroundings: [f32; 3]) -> bool {
+        let brightness = |j: usize| self.mean[0][j] + self.mean[1][j] + self.mean[2][j];
+        let own = brightness(i);
+        if own <= surroundings.iter().sum() {
+            return false;
+        }
+        let (x, y) = (i % BLOCK, i / BLOCK);
+        let around = |k: usize, length: usize| k.saturating_sub(RADIUS)..(k + RADIUS + 1).min(length);
+        let bright = around(y, self.height)
+            .flat_map(|y| around(x, self.width).map(move |x| y * BLOCK + x))
+            .filter(|&j| {
+                let offset = norm_squared([0, 1, 2].map(|c| self.mean[c][j] - surroundings[c]));
+                j != i && brightness(j) >= own && CERTAIN * CERTAIN * self.noise(j) < offset
+            });
+        bright.take(2).count() == 2
     }
 
     /// Returns the weight of each pixel for its neighbours.
@@ -534,6 +561,18 @@ mod tests {
         let edge = |x, _| if x < 8 { [0.0, 0.001] } else { [10.0, 0.0] };
         let estimate = sums(16, 16, edge).estimate(2).expect("pixels");
         assert!((estimate.relmse / (0.5 * 1e-4) - 1.0).abs() < 0.01, "{estimate:?}");
+    }
+
+    /// Half of the light of a pixel at the edge of a lamp is in one half of the samples, by chance.
+    #[test]
+    fn the_noisy_edge_of_a_lamp_is_no_firefly() {
+        let lamp = |x, _| match x {
+            ..7 => [0.1, 0.001],
+            7 => [20.0, 20.0],
+            _ => [100.0, 0.0],
+        };
+        let estimate = sums(16, 16, lamp).estimate(2).expect("pixels");
+        assert!((estimate.relmse * 16.0 - 1.0).abs() < 0.02, "{estimate:?}");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::{
     IrradianceCache, PathIntegrator, Photonmapper, Pssmlt, Ptracer, Sppm, Vcm, VolpathIntegrator,
     WhittedIntegrator, aov,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 pub use crate::util::parameters::{Parameters, Read};
 
 pub use super::ao::AoSettings;
@@ -265,8 +265,22 @@ impl Settings {
         }
     }
 
-    /// Returns whether every medium is vacuum for the integrator, as for that of the same name in Mitsuba. An
-    /// integrator that neither renders nor ignores media refuses scenes that have some.
+    /// Refuses media that the integrator neither renders nor ignores.
+    ///
+    /// # Errors
+    /// If that is so; the message tells what to use instead.
+    pub fn check_media(&self) -> Result<()> {
+        match self {
+            Settings::Aov(AovSettings { image: Some(image), .. }) => image.check_media(),
+            _ if self.renders_media() || self.ignores_media() => Ok(()),
+            _ => Err(Error::scene(format!(
+                "{} does not render the scene's media: use volpath or bdpt, or path for the scene without them",
+                self.name()
+            ))),
+        }
+    }
+
+    /// Returns whether every medium is vacuum for the integrator, as for that of the same name in Mitsuba 3.
     pub fn ignores_media(&self) -> bool {
         match self {
             Settings::Path(_)

@@ -130,8 +130,18 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded> {
 /// The note about media that are not rendered.
 const NO_MEDIA: &str = "the scene has media, which are not rendered: every medium is vacuum";
 
+impl Loaded {
+    /// Returns whether there is a medium around a sensor or at a shape.
+    pub fn has_media(&self) -> bool {
+        let Description { sensors, shapes, groups, .. } = &self.description;
+        let grouped = groups.iter().flatten();
+        sensors.iter().any(|sensor| sensor.medium.is_some())
+            || shapes.iter().chain(grouped).any(|shape| !shape.boundary.is_none())
+    }
+}
+
 /// Returns the integrator that decides what media mean: that of the file, or the one that the user names instead.
-fn judge_of_media(of_file: &integrator::Settings, replacement: Option<&str>) -> integrator::Settings {
+pub fn judge_of_media(of_file: &integrator::Settings, replacement: Option<&str>) -> integrator::Settings {
     let replacement = match replacement {
         Some(AUTO) => Some(VolpathIntegrator::NAME),
         other => other.filter(|name| *name != "aov"),

@@ -141,15 +141,14 @@ impl CameraWorker {
         });
         let pixels: Vec<_> = inside.chain(outside.iter().map(|&position| (None, position))).collect();
         let wave = if groups.is_some() { GROUPED_WAVE } else { rays_per_wave(job) };
-        let per_wave = (wave / pixels.len()).max(1) as u64;
+        let more = |pixel: Option<usize>| pixel.map_or(0, |pixel| edges.more(pixel));
+        let paths: usize = pixels.iter().map(|(pixel, _)| 1 + more(*pixel) as usize).sum();
+        let per_wave = (wave / paths).max(1) as u64;
         let mut first = samples.start;
         while first < samples.end && !job.progress.is_interrupted() {
             let end = (first + per_wave).min(samples.end);
             self.spans.clear();
-            let span = |&(pixel, position): &(Option<usize>, _)| {
-                let more = pixel.map_or(0, |pixel| edges.more(pixel));
-                SampleSpan { pixel, position, first, end, more }
-            };
+            let span = |&(pixel, position)| SampleSpan { pixel, position, first, end, more: more(pixel) };
             self.spans.extend(pixels.iter().map(span));
             if let Some(groups) = &groups {
                 groups.of_wave((end - first) as u32, &mut self.groups);
@@ -182,10 +181,11 @@ impl CameraWorker {
             let position = tile.position(pixel);
             let Range { start: mut first, end: last } = samples(position);
             while first < last && !job.progress.is_interrupted() {
-                let end = last.min(first + free);
                 let more = edges.more(pixel);
+                let paths = u64::from(1 + more);
+                let end = last.min(first + (free / paths).max(1));
                 self.spans.push(SampleSpan { pixel: Some(pixel), position, first, end, more });
-                free -= end - first;
+                free = free.saturating_sub(paths * (end - first));
                 first = end;
                 if free == 0 {
                     self.render_wave(job, tile);
@@ -213,30 +213,12 @@ impl CameraWorker {
         }
         self.radiance.iter_mut().zip(&self.factors).for_each(|(radiance, factor)| radiance.value *= *factor);
         self.worker.counters.paths += self.rays.len() as u64;
-        let samples = self.average();
         if job.has_sampled_layers() {
-            self.worker.intersect(job.scene, &self.rays[..samples], Coherence::Coherent);
+            self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
         }
         self.accumulate(job, tile);
         let inside = self.spans.iter().filter(|span| span.pixel.is_some());
         job.progress.add_samples(inside.map(|span| span.end - span.first).sum());
-    }
-
-    /// Replaces the radiance of the first path of each mean by that of all its paths. Returns the number of samples.
-    fn average(&mut self) -> usize {
-        let samples = self.rays.len() - self.means.iter().map(|mean| mean.more as usize).sum::<usize>();
-        let (firsts, mut others) = self.radiance.split_at(samples);
-        let means = self.means.iter().map(|mean| {
-            let (own, rest) = others.split_at(mean.more as usize);
-            others = rest;
-            let sum = own.iter().fold(firsts[mean.first].value, |sum, other| sum + other.value);
-            sum / (1 + mean.more) as f32
-        });
-        let means: Vec<Rgb> = means.collect();
-        for (mean, value) in self.means.iter().zip(means) {
-            self.radiance[mean.first].value = value;
-        }
-        samples
     }
 
     /// Generates the camera rays, pixel by pixel; the samples of a pixel are consecutive. The other paths of means
@@ -341,9 +323,11 @@ impl CameraWorker {
         }
     }
 
-    /// Returns whether rays through the centres of pixels of the full image and of the lens hit emitters that emit
-    /// towards them.
-    pub fn see_emitters(&mut self, job: &Job<'_>, pixels: impl Iterator<Item = (u32, u32)>) -> Vec<bool> {
+    /// Returns the radiance, in its brightest channel, of the emitters that rays through the centres of pixels of the
+    /// full image and of the lens hit; 0 where they hit none. The rays are not counted: they are few, and the same for
+    /// any number of samples.
+    pub fn emitted(&mut self, job: &Job<'_>, pixels: impl Iterator<Item = (u32, u32)>) -> Vec<f32> {
+        let counters = self.worker.counters;
         self.film.iter_mut().for_each(Vec::clear);
         for (x, y) in pixels {
             self.film[0].push(f64::from(x) + 0.5);
@@ -355,35 +339,43 @@ impl CameraWorker {
             self.add_rays(job, first, [centre; 2], centre);
         }
         self.worker.intersect(job.scene, &self.rays, Coherence::Coherent);
+        self.worker.counters = counters;
         let scene = job.scene;
-        let emits = |(ray, hit): (&Ray, &Option<Hit>)| {
+        let emitted = |(ray, hit): (&Ray, &Option<Hit>)| {
             let Some(hit) = hit.filter(|hit| scene.shapes[hit.geometry as usize].emitter.is_some()) else {
-                return false;
+                return 0.0;
             };
             let at = scene.interaction(ray, &hit);
-            scene.emitter_at(&at).is_some_and(|emitter| !scene.emitted(emitter, &at).is_black())
+            scene.emitter_at(&at).map_or(0.0, |emitter| scene.emitted(emitter, &at).max_component())
         };
-        self.rays.iter().zip(&self.worker.hits).map(emits).collect()
+        self.rays.iter().zip(&self.worker.hits).map(emitted).collect()
     }
 
     fn accumulate(&mut self, job: &Job<'_>, tile: &mut Tile) {
         let only_colour = !job.alpha && !job.has_sampled_layers() && !job.filter.has_weights();
-        let mut j = 0;
+        let (mut j, mut other) = (0, self.rays.len());
+        other -= self.means.iter().map(|mean| mean.more as usize).sum::<usize>();
         for s in 0..self.spans.len() {
-            let SampleSpan { pixel, position, first, end, .. } = self.spans[s];
+            let SampleSpan { pixel, position, first, end, more } = self.spans[s];
             let Some(pixel) = pixel else {
                 j += (end - first) as usize;
                 continue;
             };
             for sample in first..end {
-                let value = self.radiance[j].value;
+                let others = other..other + more as usize;
+                other = others.end;
+                let mut value = self.radiance[j].value;
+                if more > 0 {
+                    others.clone().for_each(|k| value += self.radiance[k].value);
+                    value = value / (1 + more) as f32;
+                }
                 let replicate = job.settings.sampler.replicate(sample) as usize;
                 if !value.is_valid() {
                     self.drop_sample(position, sample, value);
                 } else if only_colour {
                     tile.add(pixel, replicate, &value.to_array());
                 } else {
-                    self.evaluate_layers(job, j);
+                    self.evaluate_layers(job, j, others);
                     if let Some(&weight) = self.weights.get(j) {
                         self.values.iter_mut().for_each(|v| *v *= weight);
                     }
@@ -394,10 +386,26 @@ impl CameraWorker {
         }
     }
 
-    /// Fills `values` with all channels of sample `j` of the wave.
-    fn evaluate_layers(&mut self, job: &Job<'_>, j: usize) {
-        let radiance = self.radiance[j];
+    /// Fills `values` with the means of all channels over path `j` of the wave and others.
+    fn evaluate_layers(&mut self, job: &Job<'_>, j: usize, others: Range<usize>) {
+        let paths = 1 + others.len();
         self.values.clear();
+        self.append_layers(job, j);
+        let channels = self.values.len();
+        for k in others {
+            self.append_layers(job, k);
+            let (sum, added) = self.values.split_at_mut(channels);
+            sum.iter_mut().zip(added).for_each(|(sum, v)| *sum += *v);
+            self.values.truncate(channels);
+        }
+        if paths > 1 {
+            self.values.iter_mut().for_each(|v| *v /= paths as f32);
+        }
+    }
+
+    /// Appends all channels of path `j` of the wave to `values`.
+    fn append_layers(&mut self, job: &Job<'_>, j: usize) {
+        let radiance = self.radiance[j];
         self.values.extend(radiance.value.to_array());
         if job.alpha {
             let opaque = job.opaque_environment || radiance.distance.is_finite();

@@ -124,11 +124,8 @@ impl Session {
         self.choose_paths(&mut integrator, choices, &layers)?;
         let created = integrator.create();
         created.check(&self.scene)?;
-        if self.scene.media.is_some() && !integrator.renders_media() && !integrator.ignores_media() {
-            return Err(Error::scene(format!(
-                "{} does not render the scene's media: use volpath or bdpt, or path for the scene without them",
-                integrator.name()
-            )));
+        if self.scene.media.is_some() {
+            integrator.check_media()?;
         }
         if let Some(why) = obstacle_to_camera(created.as_ref(), self.camera()) {
             return Err(Error::scene(why));

@@ -144,7 +144,7 @@ impl Sampler {
     pub fn split(self, key: SampleKey, count: u32, number: u32) -> SampleKey {
         match self.points {
             PointSet::Zsobol { .. } if number > 0 => {
-                SampleKey { scramble: combine(key.scramble, number), ..key }
+                SampleKey { scramble: combine(combine(key.scramble, count), number), ..key }
             }
             PointSet::Zsobol { .. } => key,
             _ => SampleKey { index: key.index.wrapping_mul(count).wrapping_add(number), ..key },

@@ -2,9 +2,9 @@
 
 use super::{Builder, ObjectSource, unknown_plugin};
 use crate::error::Result;
-use crate::integrator::settings::{AUTO, AutoSettings};
+use crate::integrator::settings::{AUTO, AovSettings, AutoSettings};
 use crate::integrator::{PathLimits, Plugin, Settings, Source, VolpathIntegrator, aov};
-use crate::loader::mitsuba::graph::ObjectId;
+use crate::loader::mitsuba::graph::{Child, Object, ObjectId};
 use crate::loader::mitsuba::props::Props;
 
 const MITSUBA: [&str; 2] = ["batch", "volprim_rf_basic"];
@@ -56,13 +56,19 @@ impl Builder<'_> {
         Ok(Settings::Path(limits.unwrap_or_default().into()))
     }
 
-    /// Returns whether the file has media.
+    /// Returns whether a shape or a sensor of the file names a medium.
     pub(super) fn has_media(&self) -> bool {
-        self.graph.objects.iter().any(|object| object.class == "medium")
+        let is_medium = |child: &Child| self.graph.objects[child.object].class == "medium";
+        let in_medium = |object: &Object| object.class != "scene" && object.children.iter().any(is_medium);
+        self.graph.objects.iter().any(in_medium)
     }
 
     /// Returns `volpath` in place of an integrator that would estimate the same image, but for the media of the file.
     fn for_media(&mut self, known: Settings, replacement: Option<&str>) -> Settings {
+        if let Settings::Aov(AovSettings { image: Some(image), layers }) = known {
+            let image = Some(Box::new(self.for_media(*image, replacement)));
+            return Settings::Aov(AovSettings { image, layers });
+        }
         let same_image = matches!(
             known,
             Settings::Photonmapper(_)
