@@ -111,7 +111,7 @@ fn connections_that_do_not_pay_are_left_out() {
     let note = "note: bdpt: connections do not pay, path renders the image (error at the same cost: bdpt ";
     assert!(run.stderr.contains(note), "{run:?}");
     // A resumed render and the parts of one keep the choice.
-    let sampler = "--sampler independent";
+    let sampler = "--sampler independent --seed 1";
     bdpt(&folder, CORNELL_BOX, &format!("{PART} {sampler}"));
     let pixels = folder.read("bdpt.pfm");
     let first = format!("{PART} {sampler} --sample-range 0..8 --checkpoint c");

@@ -46,8 +46,9 @@ fn edges_agree_with_reuse_and_from_both_ends() {
     const RENDERS: u32 = 16;
     let folder = Folder::of_scene("cornell-box", "cornell-box.xml");
     let [independent, reused, from_both_ends] =
-        ["--path-reuse never", "--path-reuse always", "--integrator bdpt --bdpt-connections always"]
-            .map(|options| mean_and_deviation(&folder, RENDERS, &format!("--size 64x48 --spp 16 {options}")));
+        ["--path-reuse never", "--path-reuse always", "--integrator bdpt --bdpt-connections always"].map(
+            |options| mean_and_deviation(&folder, RENDERS, &format!("--size 128x96 --spp 16 {options}")),
+        );
     for [mean, deviation] in [reused, from_both_ends] {
         let bound = 4.0 * (deviation.hypot(independent[1])) / f64::from(RENDERS).sqrt();
         assert!((mean - independent[0]).abs() < bound, "{mean}, expected {} ± {bound}", independent[0]);
@@ -61,14 +62,14 @@ fn edges_agree_with_reuse_and_from_both_ends() {
 fn crops_have_the_edges_of_the_whole() {
     let folder = Folder::of_scene("cornell-box", "cornell-box.xml");
     let image = |options: &str| {
-        folder.render(&format!("s.xml -q --size 64x48 --spp 4 {options} -o f.exr"));
+        folder.render(&format!("s.xml -q --size 128x96 --spp 4 {options} -o f.exr"));
         buffon::image::read(&folder.path("f.exr")).expect("an image")
     };
     let whole = image("");
-    let [x, y, width, height] = [28, 3, 9, 5];
+    let [x, y, width, height] = [52, 8, 20, 9];
     let crop = image(&format!("--crop {x},{y},{width},{height}"));
     for row in 0..height {
-        let of_whole = &whole.data[3 * ((y + row) * 64 + x)..][..3 * width];
+        let of_whole = &whole.data[3 * ((y + row) * 128 + x)..][..3 * width];
         assert_eq!(&crop.data[3 * row * width..][..3 * width], of_whole, "row {row}");
     }
 }

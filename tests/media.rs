@@ -38,8 +38,8 @@ pub fn integrators(max_depth: Option<u32>) -> [(&'static str, Settings); 2] {
     [("volpath", volpath(max_depth)), ("bdpt", Settings::Bdpt(bdpt))]
 }
 
-/// Every integrator renders media, ignores them as in Mitsuba 3, or refuses the scene. One of a file that would estimate
-/// the same image but for the media is `volpath`.
+/// Every integrator renders media, ignores them as in Mitsuba 3, or refuses the scene. One of a file that would
+/// estimate the same image but for the media is `volpath`.
 #[test]
 fn no_integrator_renders_another_image_in_silence() {
     let of_integrator = |integrator: &str| {

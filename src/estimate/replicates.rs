@@ -22,8 +22,8 @@
 //! underestimate large errors, because a firefly would be compared with itself. Therefore r is estimated from those
 //! surrounding pixels that are equal within the pixel's own noise, with a smaller weight for pixels whose halves
 //! disagree. A pixel's own value has weight if both of its halves differ from the surroundings in the same direction,
-//! as at edges and emitters, or if two neighbours are certainly brighter than the surroundings and at least as bright as
-//! the pixel: then it is the noisy edge of an emitter. The remaining uncertainty of r is part of the interval.
+//! as at edges and emitters, or if two neighbours are certainly brighter than the surroundings and at least as bright
+//! as the pixel: then it is the noisy edge of an emitter. The remaining uncertainty of r is part of the interval.
 
 use super::metrics::RELATIVE_FLOOR;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
@@ -563,16 +563,17 @@ mod tests {
         assert!((estimate.relmse / (0.5 * 1e-4) - 1.0).abs() < 0.01, "{estimate:?}");
     }
 
-    /// Half of the light of a pixel at the edge of a lamp is in one half of the samples, by chance.
+    /// By chance, all light of the pixel at the corner of an emitter is in one half of the samples.
     #[test]
-    fn the_noisy_edge_of_a_lamp_is_no_firefly() {
-        let lamp = |x, _| match x {
-            ..7 => [0.1, 0.001],
-            7 => [20.0, 20.0],
-            _ => [100.0, 0.0],
+    fn a_noisy_edge_of_an_emitter_is_no_firefly() {
+        let emitter = |x, y| match (x, y) {
+            (8.., 8..) => [100.0, 0.0],
+            (7, 7) => [20.0, 20.0],
+            _ => [0.1, 0.0],
         };
-        let estimate = sums(16, 16, lamp).estimate(2).expect("pixels");
-        assert!((estimate.relmse * 16.0 - 1.0).abs() < 0.02, "{estimate:?}");
+        let estimate = sums(16, 16, emitter).estimate(2).expect("pixels");
+        assert!((estimate.relmse * 256.0 - 1.0).abs() < 0.02, "{estimate:?}");
+        assert!(estimate.interval[1] > 2.0 * estimate.relmse, "{estimate:?}");
     }
 
     #[test]

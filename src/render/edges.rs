@@ -2,8 +2,8 @@
 //!
 //! A pixel that is partly covered by an emitter is far from its expected value until many camera rays have found how
 //! much of it is covered, and no sampling of light paths helps. A sample of such a pixel is the mean of several paths,
-//! each through a point of its own. The edges are found by rays through the centres of pixels, which no path depends on,
-//! so the mean is unbiased.
+//! each through a point of its own. The edges are found by rays through the centres of pixels, which no path depends
+//! on, so the mean is unbiased.
 
 use super::job::Job;
 use super::tracing::CameraWorker;

@@ -60,6 +60,11 @@ impl SceneMedia {
         self.sealed[id.index()]
     }
 
+    /// Returns whether there is a medium around the sensor or at a shape.
+    pub fn are_used(&self) -> bool {
+        self.sensor.is_some() || !self.boundaries.is_empty()
+    }
+
     /// Returns whether some medium scatters light.
     pub fn scatters(&self) -> bool {
         self.list.iter().any(Medium::scatters)

@@ -56,8 +56,13 @@ impl Builder<'_> {
         Ok(Settings::Path(limits.unwrap_or_default().into()))
     }
 
-    /// Returns whether a shape or a sensor of the file names a medium.
+    /// Returns whether the file has media.
     pub(super) fn has_media(&self) -> bool {
+        self.graph.objects.iter().any(|object| object.class == "medium")
+    }
+
+    /// Returns whether a shape or a sensor of the file is in a medium.
+    fn uses_media(&self) -> bool {
         let is_medium = |child: &Child| self.graph.objects[child.object].class == "medium";
         let in_medium = |object: &Object| object.class != "scene" && object.children.iter().any(is_medium);
         self.graph.objects.iter().any(in_medium)
@@ -77,7 +82,7 @@ impl Builder<'_> {
                 | Settings::Pssmlt(_)
                 | Settings::Irrcache(_)
         );
-        if replacement.is_some() || !same_image || known.renders_media() || !self.has_media() {
+        if replacement.is_some() || !same_image || known.renders_media() || !self.uses_media() {
             return known;
         }
         self.note(format!("{} does not render media: the integrator is volpath", known.name()));
