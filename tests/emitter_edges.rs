@@ -14,10 +14,12 @@ const SCENE: &str = r#"<scene version="3.0.0"><integrator type="path"><integer n
     <emitter type="area"><rgb name="radiance" value="50"/></emitter></shape>
 </scene>"#;
 
+const CORNELL_BOX: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-box/cornell-box.xml");
+
 /// Returns the mean of the values of the images with different seeds, and the standard deviation of that of one image.
-fn mean_and_deviation(folder: &Folder, renders: u32, options: &str) -> [f64; 2] {
+fn mean_and_deviation(folder: &Folder, scene: &str, renders: u32, options: &str) -> [f64; 2] {
     let mean = |seed| {
-        folder.render(&format!("s.xml -q --seed {seed} {options} -o f.exr"));
+        folder.render(&format!("{scene} -q --seed {seed} {options} -o f.exr"));
         let image = buffon::image::read(&folder.path("f.exr")).expect("an image");
         image.data.iter().map(|v| f64::from(*v)).sum::<f64>() / image.data.len() as f64
     };
@@ -31,7 +33,7 @@ fn mean_and_deviation(folder: &Folder, renders: u32, options: &str) -> [f64; 2] 
 #[test]
 fn lamps_have_the_brightness_of_their_area() {
     const RENDERS: u32 = 64;
-    let [mean, deviation] = mean_and_deviation(&Folder::with(SCENE), RENDERS, "--spp 4");
+    let [mean, deviation] = mean_and_deviation(&Folder::with(SCENE), "s.xml", RENDERS, "--spp 4");
     let exact = 50.0 * 0.0036;
     // Four standard errors.
     let bound = 4.0 * deviation / f64::from(RENDERS).sqrt();
@@ -44,10 +46,17 @@ fn lamps_have_the_brightness_of_their_area() {
 #[test]
 fn edges_agree_with_reuse_and_from_both_ends() {
     const RENDERS: u32 = 16;
-    let folder = Folder::of_scene("cornell-box", "cornell-box.xml");
+    let folder = Folder::new();
     let [independent, reused, from_both_ends] =
         ["--path-reuse never", "--path-reuse always", "--integrator bdpt --bdpt-connections always"].map(
-            |options| mean_and_deviation(&folder, RENDERS, &format!("--size 128x96 --spp 16 {options}")),
+            |options| {
+                mean_and_deviation(
+                    &folder,
+                    CORNELL_BOX,
+                    RENDERS,
+                    &format!("--size 128x96 --spp 16 {options}"),
+                )
+            },
         );
     for [mean, deviation] in [reused, from_both_ends] {
         let bound = 4.0 * (deviation.hypot(independent[1])) / f64::from(RENDERS).sqrt();
@@ -60,9 +69,9 @@ fn edges_agree_with_reuse_and_from_both_ends() {
 /// A crop has the pixels of the whole image, also where a wide filter reaches beyond it.
 #[test]
 fn crops_have_the_edges_of_the_whole() {
-    let folder = Folder::of_scene("cornell-box", "cornell-box.xml");
+    let folder = Folder::new();
     let image = |options: &str| {
-        folder.render(&format!("s.xml -q --size 128x96 --spp 4 {options} -o f.exr"));
+        folder.render(&format!("{CORNELL_BOX} -q --size 128x96 --spp 4 {options} -o f.exr"));
         buffon::image::read(&folder.path("f.exr")).expect("an image")
     };
     let whole = image("");
