@@ -45,7 +45,7 @@ fn lamps_have_the_brightness_of_their_area() {
 /// In the Cornell box, whose lamp is seen, paths that are reused and those from both ends agree with other paths.
 #[test]
 fn edges_agree_with_reuse_and_from_both_ends() {
-    const RENDERS: u32 = 16;
+    const RENDERS: u32 = 8;
     let folder = Folder::new();
     let [independent, reused, from_both_ends] =
         ["--path-reuse never", "--path-reuse always", "--integrator bdpt --bdpt-connections always"].map(
