@@ -63,7 +63,7 @@ pub(super) fn find(
     }
     let plan = Wanted::new(options);
     let integrator = reference_integrator(session, candidates)?;
-    let key = if integrator == VolpathIntegrator::NAME { format!("{key}-{integrator}") } else { key };
+    let key = if integrator == PathIntegrator::NAME { key } else { format!("{key}-{integrator}") };
     let cached = cache::file(&session.path, &key);
     if let Some(path) = cached.as_deref().filter(|path| path.exists()) {
         // A file that cannot be read is rendered again.
@@ -129,7 +129,7 @@ impl Wanted {
 /// If some candidates render the media of the scene and others ignore them.
 fn reference_integrator(session: &Session, candidates: &[Candidate<'_>]) -> Result<&'static str> {
     let settings: Vec<&Settings> = candidates.iter().filter_map(Candidate::integrator).collect();
-    if session.scene.media.is_some() {
+    if session.scene.uses_media() {
         let rendering = settings.iter().filter(|settings| settings.renders_media()).count();
         if rendering > 0 && rendering < settings.len() {
             let message =

@@ -25,6 +25,11 @@ pub struct SceneMedia {
 }
 
 impl Scene {
+    /// Returns whether there is a medium around the sensor or at a shape.
+    pub fn uses_media(&self) -> bool {
+        self.media.as_ref().is_some_and(|media| media.sensor.is_some() || !media.boundaries.is_empty())
+    }
+
     /// Checks that all media can be rendered.
     ///
     /// # Errors
@@ -58,11 +63,6 @@ impl SceneMedia {
     #[inline]
     pub fn is_sealed(&self, id: MediumId) -> bool {
         self.sealed[id.index()]
-    }
-
-    /// Returns whether there is a medium around the sensor or at a shape.
-    pub fn are_used(&self) -> bool {
-        self.sensor.is_some() || !self.boundaries.is_empty()
     }
 
     /// Returns whether some medium scatters light.

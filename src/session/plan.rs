@@ -124,7 +124,7 @@ impl Session {
         self.choose_paths(&mut integrator, choices, &layers)?;
         let created = integrator.create();
         created.check(&self.scene)?;
-        if self.scene.media.as_ref().is_some_and(|media| media.are_used()) {
+        if self.scene.uses_media() {
             integrator.check_media()?;
         }
         if let Some(why) = obstacle_to_camera(created.as_ref(), self.camera()) {

@@ -210,7 +210,7 @@ struct Scale {
 impl Session {
     /// Returns the names of all candidates, the first of which is the unit of costs, and whether they render media.
     pub fn candidates(&self) -> (Vec<&'static str>, bool) {
-        let in_media = self.scene.media.is_some();
+        let in_media = self.scene.uses_media();
         let biased: &[Candidate] = if in_media { &[] } else { &BIASED };
         let all = Question::Integrator(AutoSettings::default()).candidates(in_media).iter().chain(biased);
         (all.map(|candidate| candidate.name).collect(), in_media)
@@ -246,7 +246,7 @@ impl Session {
     /// If no candidate can render the scene, or the memory limit is exceeded.
     pub(super) fn decide(&self, choices: &Choices, question: Question) -> Result<Decision> {
         let started = Instant::now();
-        let in_media = self.scene.media.is_some();
+        let in_media = self.scene.uses_media();
         let film = &self.camera().film;
         // A crop has the integrator of the whole image, so that its pixels are the same.
         let area = film.full_area() as f64;
