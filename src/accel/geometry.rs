@@ -160,6 +160,11 @@ impl Geometry {
         }
     }
 
+    /// Returns the bounding box of the valid primitives.
+    pub fn bounds(&self) -> Bounds {
+        check(&mut self.clone()).bounds
+    }
+
     /// Returns whether there is no primitive.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

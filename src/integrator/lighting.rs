@@ -136,7 +136,7 @@ pub fn emitted<'a>(
 
 /// Returns the radiance of the emitter hit at a surface point by the ray of path `i`, times the weight for the ray's
 /// density, which is infinite for delta lobes and the camera. Black if nothing is emitted.
-fn emitted_at(
+pub fn emitted_at(
     scene: &Scene,
     at: &SurfaceInteraction,
     paths: &PathWave,

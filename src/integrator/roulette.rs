@@ -59,10 +59,34 @@ impl Roulette {
         let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]);
         let strongest = strongest * importance;
         let survival = if self.equalizes { strongest } else { strongest.sqrt().sqrt() };
-        let survival = probability_below_x16(survival.fast_min(f32x16::splat(self.limit)));
-        let per_survival = f32x16::ONE / survival;
-        (beta.map(|channel| channel * per_survival), !u.simd_ge(survival))
+        survivors(beta, survival.fast_min(f32x16::splat(self.limit)), u)
     }
+}
+
+/// Returns the throughputs by channel of sixteen paths with the given survival probabilities, and a mask of the
+/// survivors.
+#[inline(always)]
+fn survivors(beta: [f32x16; 3], survival: f32x16, u: f32x16) -> ([f32x16; 3], f32x16) {
+    let survival = probability_below_x16(survival);
+    let per_survival = f32x16::ONE / survival;
+    (beta.map(|channel| channel * per_survival), !u.simd_ge(survival))
+}
+
+/// Plays the roulette of [`Roulette::at`] for sixteen paths with the given numbers of edges. Returns their throughputs by
+/// channel and a mask of the surviving paths.
+#[inline(always)]
+pub fn play_each_x16(
+    edges: f32x16,
+    rr_depth: u32,
+    beta: [f32x16; 3],
+    importance: f32x16,
+    u: f32x16,
+) -> ([f32x16; 3], f32x16) {
+    let limit = f32x16::ONE - f32x16::splat(2.0) / (edges + f32x16::splat(35.0));
+    let strongest = beta[0].fast_max(beta[1]).fast_max(beta[2]) * importance;
+    let (played, on) = survivors(beta, strongest.sqrt().sqrt().fast_min(limit), u);
+    let before = edges.simd_lt(f32x16::splat(rr_depth as f32));
+    (std::array::from_fn(|c| before.select(beta[c], played[c])), on | before)
 }
 
 #[cfg(test)]

@@ -3,10 +3,12 @@
 use super::bdpt::sharing::SharedLightPaths;
 use super::emission::skip_emitters;
 use super::flight::{Departure, Journey, follow};
+use super::path::bodies::Walkers;
 use super::{Interrupt, Radiance};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::emitter::{Gloss, GlossX16, Receiver};
+use crate::ids::MediumId;
 use crate::math::lanes::bits;
 use crate::math::{Ray, RayX16, Vec3, Vec3x16, f32x16};
 use crate::sampling::{Dimension, SampleKey, Sampler};
@@ -53,8 +55,8 @@ pub struct ShadowQueue {
     rays: Vec<Ray>,
     pending: Vec<(u32, Rgb)>,
     occluded: Vec<bool>,
-    /// If media are rendered: where each ray starts in them.
-    departures: Vec<Departure>,
+    /// Where rays start in media, beside their indices.
+    departures: Vec<(usize, Departure)>,
 }
 
 impl ShadowQueue {
@@ -80,8 +82,8 @@ impl ShadowQueue {
 
     /// Adds one ray through media; its value times the transmittance is added to entry `slot` if the ray is unoccluded.
     pub fn push_through_media(&mut self, ray: Ray, slot: u32, value: Rgb, departure: Departure) {
+        self.departures.push((self.rays.len(), departure));
         self.push_one(ray, slot, value);
-        self.departures.push(departure);
     }
 
     /// Calls `add` for each entry whose ray is unoccluded, in the order of the queue, and empties the queue.
@@ -91,17 +93,16 @@ impl ShadowQueue {
         occluded: impl Iterator<Item = bool>,
         mut add: impl FnMut(usize, Rgb),
     ) {
-        let through_media = !self.departures.is_empty();
+        let mut departures = self.departures.iter().peekable();
         let mut journeys = Vec::new();
-        for (i, ((slot, value), _)) in
-            self.pending.iter().zip(occluded).enumerate().filter(|(_, (_, occluded))| !occluded)
-        {
-            match through_media {
-                false => add(*slot as usize, *value),
-                true => journeys.push((i, self.departures[i].unscattered(self.rays[i]))),
+        for (i, ((slot, value), occluded)) in self.pending.iter().zip(occluded).enumerate() {
+            match departures.next_if(|(ray, _)| *ray == i) {
+                _ if occluded => {}
+                None => add(*slot as usize, *value),
+                Some((_, departure)) => journeys.push((i, departure.unscattered(self.rays[i]))),
             }
         }
-        if let (true, Some(media)) = (through_media, &scene.media) {
+        if let (false, Some(media)) = (journeys.is_empty(), &scene.media) {
             let (entries, mut journeys): (Vec<usize>, Vec<Journey>) = journeys.into_iter().unzip();
             follow(scene, media, &mut journeys, |_| None, |_, _, _| {});
             for (i, journey) in entries.into_iter().zip(&journeys) {
@@ -129,6 +130,8 @@ pub struct Worker {
     pub paths: PathWave,
     /// Memory for sorting the wave.
     pub sort_buffers: SortBuffers,
+    /// The paths of the current wave that are in media which fill bodies.
+    pub walkers: Walkers,
     /// Random numbers of the current wave.
     pub numbers: RandomNumbers,
     /// Random numbers of the samples at a surface where paths are split.
@@ -186,6 +189,17 @@ pub struct PathWave {
     pub pdf: Vec<f32>,
     /// Product of the relative indices of refraction along the path.
     pub eta: Vec<f32>,
+    /// Where the path is in media. Empty if unused.
+    pub in_media: Vec<InMedia>,
+}
+
+/// Where a path is in media that fill bodies.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct InMedia {
+    /// The medium in which the path's ray starts.
+    pub medium: Option<MediumId>,
+    /// The number of times that media have scattered the path.
+    pub events: u32,
 }
 
 /// Memory for sorting a wave.
@@ -216,6 +230,7 @@ impl PathWave {
         self.from.clear();
         self.from.extend(rays.iter().map(|ray| ray.o));
         self.gloss.clear();
+        self.in_media.clear();
         let [r, g, b] = &mut self.beta;
         let ones = [r, g, b, &mut self.eta].map(|values| (values, 1.0));
         for (values, v) in ones.into_iter().chain([(&mut self.pdf, f32::INFINITY)]) {
@@ -236,6 +251,7 @@ impl PathWave {
         if !self.gloss.is_empty() {
             self.gloss.push(Gloss::NONE);
         }
+        assert!(self.in_media.is_empty(), "media are followed from the camera");
         self.pdf.push(f32::INFINITY);
         self.eta.push(eta);
     }
@@ -250,6 +266,7 @@ impl PathWave {
         self.gloss.clone_from(&other.gloss);
         self.pdf.clone_from(&other.pdf);
         self.eta.clone_from(&other.eta);
+        self.in_media.clone_from(&other.in_media);
     }
 
     /// Keeps the first `n` paths.
@@ -262,6 +279,7 @@ impl PathWave {
         self.gloss.truncate(n);
         self.pdf.truncate(n);
         self.eta.truncate(n);
+        self.in_media.truncate(n);
     }
 
     /// Makes room for more paths behind the others, up to `n`.
@@ -277,6 +295,9 @@ impl PathWave {
         }
         self.pdf.resize(n, 0.0);
         self.eta.resize(n, 0.0);
+        if !self.in_media.is_empty() {
+            self.in_media.resize(n, InMedia::default());
+        }
     }
 
     /// Removes a range of paths. The last ones take their places.
@@ -296,6 +317,9 @@ impl PathWave {
         }
         fill(&mut self.pdf, &range);
         fill(&mut self.eta, &range);
+        if !self.in_media.is_empty() {
+            fill(&mut self.in_media, &range);
+        }
     }
 
     /// Keeps the paths that have hit something, sorted by the bucket of the shape. Paths of a bucket keep their order.
@@ -337,6 +361,11 @@ impl PathWave {
         }
         take(&mut paths.pdf, &self.pdf, order);
         take(&mut paths.eta, &self.eta, order);
+        if self.in_media.is_empty() {
+            paths.in_media.clear();
+        } else {
+            take(&mut paths.in_media, &self.in_media, order);
+        }
         std::mem::swap(self, paths);
         std::mem::swap(hits, sorted);
     }
@@ -374,6 +403,9 @@ impl PathWave {
             self.from[to] = next.from.lane(i);
             self.pdf[to] = pdf[i];
             self.eta[to] = eta[i];
+            if !self.in_media.is_empty() {
+                self.in_media[to] = self.in_media[first + i];
+            }
             to += 1;
         }
         to
@@ -401,6 +433,9 @@ impl PathWave {
             }
             self.pdf[to] = self.pdf[i];
             self.eta[to] = self.eta[i];
+            if !self.in_media.is_empty() {
+                self.in_media[to] = self.in_media[i];
+            }
             to += 1;
         }
         hits.truncate(to);
@@ -434,6 +469,7 @@ impl Worker {
             shadows: ShadowQueue::default(),
             paths: PathWave::default(),
             sort_buffers: SortBuffers::default(),
+            walkers: Walkers::default(),
             numbers: RandomNumbers::default(),
             split_numbers: Vec::new(),
             specular_only: Vec::new(),

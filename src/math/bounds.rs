@@ -40,6 +40,11 @@ impl Bounds {
         (self.min.cmple(p) & p.cmple(self.max)).all()
     }
 
+    /// Returns whether the boxes have a point in common, or touch.
+    pub fn touches(&self, other: &Bounds) -> bool {
+        (self.min.cmple(other.max) & other.min.cmple(self.max)).all()
+    }
+
     /// Returns the centre; zero for the empty box.
     pub fn center(&self) -> Vec3 {
         if self.is_empty() { Vec3::ZERO } else { self.min * 0.5 + self.max * 0.5 }

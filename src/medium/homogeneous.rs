@@ -20,4 +20,14 @@ impl Homogeneous {
     pub fn scatters(&self) -> bool {
         !self.sigma_s.is_black()
     }
+
+    /// Returns the mean cosine of the angle of deflection if the phase function is that of Henyey and Greenstein, of
+    /// which isotropic scattering is a case.
+    pub fn asymmetry(&self) -> Option<f32> {
+        match self.phase {
+            Phase::Isotropic => Some(0.0),
+            Phase::HenyeyGreenstein { g } => Some(g),
+            Phase::Rayleigh | Phase::Tabulated(_) | Phase::Blend { .. } => None,
+        }
+    }
 }

@@ -55,9 +55,14 @@ pub fn to_unit(h: u32) -> f32 {
 #[inline(always)]
 pub fn lower_digits(u: f32, p: Vec3) -> f32 {
     let place = combine(p.x.to_bits() ^ p.y.to_bits().rotate_left(11), p.z.to_bits());
+    digits_below(u, combine(place, u.to_bits()))
+}
+
+/// Returns digits below those of a random number `u` of [`to_unit`], from another hash.
+#[inline(always)]
+pub fn digits_below(u: f32, h: u32) -> f32 {
     let step = if u < FINE { 1.0 / 4_294_967_296.0 } else { 1.0 / 16_777_216.0 };
-    let digits = (combine(place, u.to_bits()) >> 8) as i32 as f32;
-    digits * (1.0 / 16_777_216.0) * step
+    (h >> 8) as i32 as f32 * (1.0 / 16_777_216.0) * step
 }
 
 /// Computes [`lower_digits`] in each lane.

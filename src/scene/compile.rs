@@ -315,9 +315,8 @@ impl SceneCompiler {
         memory: &Budget,
     ) -> Result<(Scene, CompileReport)> {
         let around = sensors.get(options.sensor).and_then(|sensor| sensor.medium);
-        // A lamp without size that is inside a body could be found by emitter samples only.
-        let may_seal = !emitters.iter().any(Emitter::is_at_a_point);
-        let media = self.media.finish(media, (around, may_seal), &self.assembly, options, memory)?;
+        let emitting = (&self.lights[..], emitters);
+        let media = self.media.finish(media, around, emitting, &self.assembly, options, memory)?;
         self.filter();
         let (holes, instances) = (self.assembly.filter.is_some(), self.assembly.instances.clone());
         let started = Instant::now();

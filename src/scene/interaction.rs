@@ -58,6 +58,12 @@ impl SurfaceInteraction {
 }
 
 impl SurfaceInteractionX16 {
+    /// Returns the shape of one lane.
+    #[inline]
+    pub fn shape(&self, i: usize) -> ShapeId {
+        ShapeId(self.hit[i].geometry)
+    }
+
     /// Returns the surface point of one lane.
     pub fn lane(&self, i: usize) -> SurfaceInteraction {
         SurfaceInteraction {

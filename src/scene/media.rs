@@ -2,20 +2,23 @@
 
 use super::{CompileOptions, Scene, SurfaceInteraction};
 use crate::accel::{self, Accel, Assembly, Coherence, Geometry, Hit};
+use crate::emitter::{BoundingSphere, Emitter, Light, LitRegion};
 use crate::error::{Error, Result};
 use crate::ids::{MediumId, ShapeId};
 use crate::math::{Bounds, Ray, Vec3};
 use crate::medium::{Medium, MediumBoundary};
 use crate::memory::Budget;
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 /// The media of a scene.
 pub struct SceneMedia {
     list: Vec<Medium>,
     /// For each medium, whether it is [sealed](Self::is_sealed).
     sealed: Vec<bool>,
-    /// The shapes that bound media.
-    boundaries: HashMap<ShapeId, MediumBoundary>,
+    /// What each shape bounds.
+    boundaries: Vec<MediumBoundary>,
+    /// Whether all media [fill bodies](Self::fill_bodies).
+    fill_bodies: bool,
     /// The boundaries of media that rays may pass without being scattered: `null`, and masks with holes. Rays of
     /// [`Scene::accel`](super::Scene::accel) do not hit `null`, nor the holes of a mask.
     passed: Option<Box<dyn Accel>>,
@@ -27,7 +30,9 @@ pub struct SceneMedia {
 impl Scene {
     /// Returns whether there is a medium around the sensor or at a shape.
     pub fn uses_media(&self) -> bool {
-        self.media.as_ref().is_some_and(|media| media.sensor.is_some() || !media.boundaries.is_empty())
+        self.media
+            .as_ref()
+            .is_some_and(|media| media.sensor.is_some() || media.boundaries.iter().any(|b| !b.is_none()))
     }
 
     /// Checks that all media can be rendered.
@@ -65,6 +70,15 @@ impl SceneMedia {
         self.sealed[id.index()]
     }
 
+    /// Returns whether light gets into all media by being scattered at their boundaries only, unless these have a hole
+    /// that a ray can pass, too: the media are [sealed](Self::is_sealed), there are no emitters in the boxes around
+    /// them, and scattered rays can hit every emitter. The media are homogeneous, with the phase functions of
+    /// [`Homogeneous::asymmetry`]; no shape is an instance.
+    #[inline]
+    pub fn fill_bodies(&self) -> bool {
+        self.fill_bodies
+    }
+
     /// Returns whether some medium scatters light.
     pub fn scatters(&self) -> bool {
         self.list.iter().any(Medium::scatters)
@@ -93,21 +107,27 @@ impl SceneMedia {
 
     /// Returns whether a shape is a boundary of media.
     pub fn is_boundary(&self, shape: ShapeId) -> bool {
-        self.boundaries.contains_key(&shape)
+        !self.boundary(shape).is_none()
+    }
+
+    /// Returns what a shape bounds.
+    #[inline]
+    fn boundary(&self, shape: ShapeId) -> MediumBoundary {
+        self.boundaries[shape.index()]
     }
 
     /// Returns the medium on the geometric front side of a shape, if the description tells.
     pub fn exterior(&self, shape: ShapeId) -> Option<MediumId> {
-        self.boundaries.get(&shape)?.exterior
+        self.boundary(shape).exterior
     }
 
     /// Returns the medium on the side of a surface towards which the direction `w` points: `current` if the surface is
     /// not a boundary of media.
     pub fn beside(&self, at: &SurfaceInteraction, w: Vec3, current: Option<MediumId>) -> Option<MediumId> {
-        match self.boundaries.get(&at.shape()) {
-            None => current,
-            Some(boundary) if w.dot(at.ng) > 0.0 => boundary.exterior,
-            Some(boundary) => boundary.interior,
+        match self.boundary(at.shape()) {
+            boundary if boundary.is_none() => current,
+            boundary if w.dot(at.ng) > 0.0 => boundary.exterior,
+            boundary => boundary.interior,
         }
     }
 }
@@ -115,7 +135,7 @@ impl SceneMedia {
 /// The media of a scene under construction.
 #[derive(Default)]
 pub(super) struct MediaCompiler {
-    boundaries: HashMap<ShapeId, MediumBoundary>,
+    boundaries: BTreeMap<ShapeId, MediumBoundary>,
     /// The media that light may reach on a straight line from outside.
     open: Vec<MediumId>,
     /// The geometry of the boundaries that rays may pass.
@@ -132,14 +152,15 @@ impl MediaCompiler {
     }
 
     /// Returns the media of the scene; `None` if there are none. `assembly` is that of the scene's shapes, `sensor` the
-    /// medium around the sensor. Media are sealed only if `may_seal` is true.
+    /// medium around the sensor, and `lights` are the emitting shapes.
     ///
     /// # Errors
     /// If an index is out of range, and the errors of [`build_within`](accel::build_within).
     pub fn finish(
         &mut self,
         list: Vec<Medium>,
-        (sensor, may_seal): (Option<MediumId>, bool),
+        sensor: Option<MediumId>,
+        (lights, emitters): (&[Light], &[Emitter]),
         assembly: &Assembly,
         options: CompileOptions,
         memory: &Budget,
@@ -152,10 +173,27 @@ impl MediaCompiler {
         if list.is_empty() {
             return Ok(None);
         }
-        let mut sealed = vec![may_seal; list.len()];
+        // A lamp without size that is inside a body could be found by emitter samples only.
+        let mut sealed = vec![!emitters.iter().any(Emitter::is_at_a_point); list.len()];
         for id in std::mem::take(&mut self.open).into_iter().chain(sensor) {
             sealed[id.index()] = false;
         }
+        let mut boxes = vec![Bounds::EMPTY; list.len()];
+        for (shape, boundary) in &boundaries {
+            for id in [boundary.interior, boundary.exterior].into_iter().flatten() {
+                boxes[id.index()] = boxes[id.index()].union(assembly.geometry[shape.index()].bounds());
+            }
+        }
+        let lamps: Vec<Bounds> = lights.iter().filter_map(Light::lit_region).map(around).collect();
+        let fills_bodies = |(medium, (sealed, inside)): (&Medium, (&bool, &Bounds))| {
+            let simple = matches!(medium, Medium::Homogeneous(medium) if medium.asymmetry().is_some());
+            inside.is_empty() || (simple && *sealed && !lamps.iter().any(|lamp| lamp.touches(inside)))
+        };
+        let fill_bodies = self.passed.is_empty()
+            && sensor.is_none()
+            && assembly.instances.is_empty()
+            && !emitters.iter().any(Emitter::is_delta)
+            && list.iter().zip(sealed.iter().zip(&boxes)).all(fills_bodies);
         let mut passed = None;
         if !self.passed.is_empty() {
             let mut geometry: Vec<Geometry> = assembly.geometry.iter().map(|_| Geometry::nothing()).collect();
@@ -166,13 +204,21 @@ impl MediaCompiler {
             let assembly = Assembly { geometry, groups, instances, filter: None };
             passed = Some(accel::build_within(options.accel, assembly, options.threads, true, memory)?.accel);
         }
-        let around = boundaries.values().filter_map(|boundary| boundary.exterior).chain(sensor);
-        let grids = around.filter_map(|id| match &list[id.index()] {
+        let open = boundaries.values().filter_map(|boundary| boundary.exterior).chain(sensor);
+        let grids = open.filter_map(|id| match &list[id.index()] {
             Medium::Heterogeneous(medium) => Some(medium.world_box()),
             Medium::Homogeneous(_) | Medium::Unsupported(_) => None,
         });
         let of_passed = passed.as_ref().map_or(Bounds::EMPTY, |passed| passed.bounds());
         let bounds = grids.fold(of_passed, Bounds::union);
-        Ok(Some(Box::new(SceneMedia { list, sealed, boundaries, passed, bounds, sensor })))
+        let of_shape = |shape| boundaries.get(&ShapeId::from(shape)).copied().unwrap_or_default();
+        let boundaries = (0..assembly.geometry.len()).map(of_shape).collect();
+        Ok(Some(Box::new(SceneMedia { list, sealed, boundaries, fill_bodies, passed, bounds, sensor })))
     }
+}
+
+/// Returns the box around an emitter.
+fn around(region: LitRegion) -> Bounds {
+    let BoundingSphere { center, radius } = region.sphere;
+    Bounds { min: center - radius, max: center + radius }
 }

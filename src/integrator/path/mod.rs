@@ -4,6 +4,7 @@
 //! traces all shadow rays. In shading, each path adds at most one shadow ray with its pending contribution and at
 //! most one next ray, or several at the first surface if paths are [split](splitting); terminated paths are removed.
 
+pub mod bodies;
 pub mod caustics;
 pub mod groups;
 mod links;
@@ -11,6 +12,7 @@ mod pilot;
 mod reuse;
 mod splitting;
 
+use self::bodies::Bodies;
 use self::caustics::{CausticTracer, CausticWave};
 use self::groups::CellSide;
 use self::reuse::Reuse;
@@ -68,6 +70,8 @@ pub struct PathIntegrator {
     when_split: WhenPays,
     guided: bool,
     light_paths: WhenPays,
+    /// Whether media that fill bodies are rendered.
+    in_bodies: bool,
     /// The cells in which paths are reused, as decided by the settings or the pilot.
     cells: Option<CellSide>,
     /// The samples at the first surface of paths that are not reused.
@@ -95,6 +99,8 @@ struct PathBounce<'a> {
     add_caustics: Option<bool>,
     /// Russian roulette, if it applies at this bounce.
     roulette: Option<Roulette>,
+    /// The media that fill bodies, if they are rendered.
+    bodies: Option<Bodies<'a>>,
 }
 
 impl PathIntegrator {
@@ -106,11 +112,18 @@ impl PathIntegrator {
             when_split: splitting,
             guided,
             light_paths: if guided { WhenPays::Never } else { caustics },
+            in_bodies: false,
             cells: (reuse == WhenPays::Always).then_some(CellSide::Eight),
             splitting: Splitting::NONE,
             field: None,
             caustics: None,
         }
+    }
+
+    /// Creates an integrator of independent paths that renders
+    /// [media that fill bodies](crate::scene::SceneMedia::fill_bodies).
+    pub fn in_bodies(limits: PathLimits) -> Self {
+        PathIntegrator { in_bodies: true, ..PathIntegrator::new(PathSettings::independent(limits)) }
     }
 
     /// Returns whether a path may have the given number of edges.
@@ -283,6 +296,8 @@ impl PathIntegrator {
         mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
     ) {
         worker.paths.begin(wave.rays, wave.keys);
+        let media = scene.media.as_ref().filter(|_| self.in_bodies);
+        let bodies = media.map(|media| Bodies::begin(scene, media, self.settings, &mut worker.paths));
         let buffer = std::mem::take(&mut worker.caustic_ratios);
         let mut caustics = self
             .caustics
@@ -298,6 +313,9 @@ impl PathIntegrator {
             if depth == 0 {
                 first_hits(scene, self.settings.hide_emitters, worker, out);
             }
+            if let Some(bodies) = &bodies {
+                bodies.walk(depth, worker, out);
+            }
             let bounce = PathBounce {
                 scene,
                 depth,
@@ -307,6 +325,7 @@ impl PathIntegrator {
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
+                bodies,
             };
             let Worker { paths, hits, numbers, split_numbers, specular_only, sampler, sort_buffers, .. } =
                 &mut *worker;
@@ -440,6 +459,9 @@ impl<'a> PathBounce<'a> {
                         }
                         let to = if number == 0 { &mut alive } else { &mut end };
                         let written = *to;
+                        if let Some(bodies) = &self.bodies {
+                            bodies.enter(&block, &next, survivors, &mut paths.in_media[first..]);
+                        }
                         *to = paths.compact(first, *to, &next, survivors);
                         if directions > 1 {
                             for i in written..*to {
@@ -553,7 +575,10 @@ impl<'a> PathBounce<'a> {
         let sample = lighting::draw_emitters(self.scene, block, u_point, counts);
         let sampled = lighting::reflect_emitters(self.scene, block, &sample, counts, guided, block.finite);
         let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
-        shadows.push(&sampled.rays, &paths.slots[block.first..], &value, sampled.lanes);
+        let clear = self.bodies.map_or(sampled.lanes, |bodies| {
+            bodies.queue_inside(block, paths, (&sample.wi, &sampled.rays, &value), sampled.lanes, shadows)
+        });
+        shadows.push(&sampled.rays, &paths.slots[block.first..], &value, clear);
     }
 
     /// Samples the BSDFs and applies Russian roulette, except in the lanes of the mask `spared`; returns the

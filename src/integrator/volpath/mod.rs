@@ -14,7 +14,7 @@ mod event;
 use self::equiangular::LegPoint;
 use self::event::{EventNumbers, Tracer};
 use super::flight::stream;
-use super::settings::{PathLimits, PathSettings, Plugin, Source};
+use super::settings::{PathLimits, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -24,12 +24,13 @@ use crate::error::Result;
 use crate::ids::MediumId;
 use crate::math::{Ray, Vec2, Vec3};
 use crate::sampling::{Dimension, SampleKey};
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneMedia};
 
 /// Unidirectional path tracing in media, with next-event estimation.
 pub struct VolpathIntegrator {
     limits: PathLimits,
-    without_media: PathIntegrator,
+    /// What renders scenes without media, and those whose media [fill bodies](SceneMedia::fill_bodies).
+    in_bodies: PathIntegrator,
     /// The points that each emitter may light; `None` at infinity.
     regions: Vec<Option<LitRegion>>,
 }
@@ -66,8 +67,8 @@ struct Path {
 impl VolpathIntegrator {
     /// Creates the integrator.
     pub fn new(limits: PathLimits) -> Self {
-        let without_media = PathIntegrator::new(PathSettings::independent(limits));
-        VolpathIntegrator { limits, without_media, regions: Vec::new() }
+        let in_bodies = PathIntegrator::in_bodies(limits);
+        VolpathIntegrator { limits, in_bodies, regions: Vec::new() }
     }
 }
 
@@ -133,8 +134,9 @@ impl Integrator for VolpathIntegrator {
         worker: &mut Worker,
         out: &mut [Radiance],
     ) {
-        let Some(media) = &scene.media else {
-            return self.without_media.li(scene, wave, query, worker, out);
+        let in_bodies = |media: &SceneMedia| media.fill_bodies() && query == RadianceQuery::ALL;
+        let Some(media) = scene.media.as_ref().filter(|media| !in_bodies(media)) else {
+            return self.in_bodies.li(scene, wave, query, worker, out);
         };
         out.fill(Radiance::NONE);
         let start = |(slot, (ray, key)): (usize, (&Ray, &SampleKey))| Path {
