@@ -48,7 +48,7 @@ pub struct Entry<'a, 's> {
     /// The part of the ray.
     pub segment: Segment,
     /// The surface at its end, if there is one.
-    pub ahead: Option<&'s SurfaceInteraction>,
+    pub ahead: &'s dyn Fn() -> Option<SurfaceInteraction>,
 }
 
 /// A ray on its way through media, from one boundary to the next.
@@ -70,6 +70,21 @@ impl Journey {
         Journey { medium, flight, leg: ray, before: 0.0 }
     }
 
+    /// Passes a surface, with the same flight. Returns the ray behind it.
+    pub fn pass(&mut self, scene: &Scene, media: &SceneMedia, at: &SurfaceInteraction) -> Ray {
+        let Ray { d, time, .. } = self.leg;
+        self.medium = media.beside(at, d, self.medium);
+        self.before += at.hit.t;
+        self.leg = scene.spawn_ray(at, d, time);
+        self.leg
+    }
+
+    /// Returns the distance from the start of the journey to a parameter of the rest of the ray, in the unit of its
+    /// parameters.
+    pub fn length(&self, t: f32) -> f32 {
+        self.before + t
+    }
+
     /// Ends the journey at a ray parameter.
     pub fn end_at(&mut self, t_max: f32) {
         self.leg.t_max = t_max;
@@ -81,22 +96,29 @@ impl Journey {
         &mut self,
         scene: &Scene,
         media: &'a SceneMedia,
-        (boundary, end): (Option<&SurfaceInteraction>, Option<&SurfaceInteraction>),
+        boundary: Option<&SurfaceInteraction>,
+        end: impl Fn() -> Option<SurfaceInteraction>,
         enter: impl FnOnce(&Entry<'a, '_>, &FreeFlight),
         collision: &mut Option<Collision<'a>>,
     ) -> bool {
         let Ray { o, d, t_max, time } = self.leg;
         let speed = f64::from(d.length());
-        let boundary = boundary.filter(|at| !end.is_some_and(|end| is_reached_first(end, at, d)));
+        let boundary = boundary.filter(|at| {
+            let before = (t_max - at.hit.t) * d.dot(at.ng).abs();
+            let is_close = before <= rounding(o, d * t_max);
+            !(is_close && end().is_some_and(|end| is_reached_first(&end, at, d)))
+        });
         if let Some((id, medium)) = self.medium.and_then(|id| Some((id, media.get(Some(id))?))) {
             let length = boundary.map_or(t_max, |at| at.hit.t).max(0.0);
             let direction = (d.as_dvec3() / speed).as_vec3();
             let segment = Segment { origin: o, direction, length: f64::from(length) * speed };
-            let ahead = boundary.or(end);
-            enter(&Entry { id, medium, segment, ahead }, &self.flight);
+            let ahead = || boundary.copied().or_else(&end);
+            enter(&Entry { id, medium, segment, ahead: &ahead }, &self.flight);
             if let Some(distance) = self.flight.advance(medium, &segment) {
                 let t = (distance / speed) as f32;
-                let p = before_end(o + d * t, ahead, d);
+                let p = o + d * t;
+                let is_close = (length - t) * d.length() <= rounding(o, d * length);
+                let p = if is_close { before_end(p, ahead().as_ref(), d) } else { p };
                 *collision = Some(Collision { medium, p, t: self.before + t, distance });
                 return false;
             }
@@ -115,32 +137,38 @@ impl Journey {
 }
 
 /// Follows rays up to the surfaces that `end` returns, or their greatest parameter, through boundaries of media that do
-/// not scatter them. Returns the scattering events in media of those whose flight ends before. `enter` is called for
-/// each part of a ray that is in a medium, before the flight through it.
-pub fn follow<'a, 's>(
+/// not scatter them. Returns the scattering events in media of those whose flight ends before. `first` are the first
+/// boundaries that rays may pass, if they are known. `enter` is called for each part of a ray that is in a medium,
+/// before the flight through it.
+pub fn follow<'a>(
     scene: &Scene,
     media: &'a SceneMedia,
     journeys: &mut [Journey],
-    end: impl Fn(usize) -> Option<&'s SurfaceInteraction>,
+    first: Option<&[Option<Hit>]>,
+    end: impl Fn(usize) -> Option<SurfaceInteraction>,
     mut enter: impl FnMut(usize, &Entry<'a, '_>, &FreeFlight),
 ) -> Vec<Option<Collision<'a>>> {
+    let mut first = first;
     let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
     if !media.has_passed() {
         for (i, (journey, collision)) in journeys.iter_mut().zip(&mut collisions).enumerate() {
             let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
-            journey.step(scene, media, (None, end(i)), enter, collision);
+            journey.step(scene, media, None, || end(i), enter, collision);
         }
         return collisions;
     }
     let mut active: Vec<usize> = (0..journeys.len()).collect();
     while !active.is_empty() {
         let legs: Vec<Ray> = active.iter().map(|&i| journeys[i].leg).collect();
-        let boundaries = surfaces(scene, &legs, &media.passed(&legs));
+        let boundaries = match first.take() {
+            Some(hits) => surfaces(scene, &legs, hits),
+            None => surfaces(scene, &legs, &media.passed(&legs)),
+        };
         let mut boundaries = boundaries.iter();
         active.retain(|&i| {
             let boundary = boundaries.next().and_then(Option::as_ref);
             let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
-            journeys[i].step(scene, media, (boundary, end(i)), enter, &mut collisions[i])
+            journeys[i].step(scene, media, boundary, || end(i), enter, &mut collisions[i])
         });
     }
     collisions
@@ -171,8 +199,8 @@ pub fn fly<'a, 's>(
         Journey::new(Ray { t_max, ..*ray }, medium, flight)
     };
     let mut journeys: Vec<Journey> = rays.iter().enumerate().map(depart).collect();
-    let end = |i: usize| Some(end(i)?.0);
-    let collisions = follow(scene, media, &mut journeys, end, |_, _, _| {});
+    let end = |i: usize| Some(*end(i)?.0);
+    let collisions = follow(scene, media, &mut journeys, None, end, |_, _, _| {});
     let land = |(Journey { medium, flight, .. }, collision): (Journey, Option<Collision<'a>>)| {
         let weight = match &collision {
             Some(collision) => flight.scattered(collision.medium),
@@ -229,6 +257,11 @@ pub fn surfaces(scene: &Scene, rays: &[Ray], hits: &[Option<Hit>]) -> Vec<Option
 /// Returns the unit normal of a surface in the hemisphere of `d`.
 fn normal_along(at: &SurfaceInteraction, d: Vec3) -> Vec3 {
     if at.ng.dot(d) < 0.0 { -at.ng } else { at.ng }
+}
+
+/// Returns a distance much longer than that by which rounding moves a point of a ray from `o` that ends at `o + to`.
+pub fn rounding(o: Vec3, to: Vec3) -> f32 {
+    1e-4 * (o.abs().max_element() + to.length())
 }
 
 /// Returns whether a ray in the direction `d` hits the surface `end` before it has passed the boundary `at`: a ray that

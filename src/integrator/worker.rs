@@ -3,7 +3,7 @@
 use super::bdpt::sharing::SharedLightPaths;
 use super::emission::skip_emitters;
 use super::flight::{Departure, Journey, follow};
-use super::path::bodies::Walkers;
+use super::volpath::bodies::Walkers;
 use super::{Interrupt, Radiance};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
@@ -104,7 +104,7 @@ impl ShadowQueue {
         }
         if let (false, Some(media)) = (journeys.is_empty(), &scene.media) {
             let (entries, mut journeys): (Vec<usize>, Vec<Journey>) = journeys.into_iter().unzip();
-            follow(scene, media, &mut journeys, |_| None, |_, _, _| {});
+            follow(scene, media, &mut journeys, None, |_| None, |_, _, _| {});
             for (i, journey) in entries.into_iter().zip(&journeys) {
                 let (slot, value) = self.pending[i];
                 add(slot as usize, value * journey.flight.passed());
@@ -193,13 +193,25 @@ pub struct PathWave {
     pub in_media: Vec<InMedia>,
 }
 
-/// Where a path is in media that fill bodies.
-#[derive(Clone, Copy, Debug, Default)]
+/// Where a path is in media.
+#[derive(Clone, Copy, Debug)]
 pub struct InMedia {
     /// The medium in which the path's ray starts.
     pub medium: Option<MediumId>,
-    /// The number of times that media have scattered the path.
+    /// The number of times that bodies have scattered the path.
     pub events: u32,
+    /// If a medium has scattered the path last: the index of that point on its ray, if points near emitters were
+    /// sampled there, and the probability with which an emitter was sampled.
+    pub on_leg: Option<u32>,
+    /// See above; otherwise 1.
+    pub emitter_share: f32,
+}
+
+impl InMedia {
+    /// Returns the state of a path that no medium has scattered last.
+    pub fn in_medium(medium: Option<MediumId>) -> Self {
+        InMedia { medium, events: 0, on_leg: None, emitter_share: 1.0 }
+    }
 }
 
 /// Memory for sorting a wave.
@@ -251,9 +263,15 @@ impl PathWave {
         if !self.gloss.is_empty() {
             self.gloss.push(Gloss::NONE);
         }
-        assert!(self.in_media.is_empty(), "media are followed from the camera");
         self.pdf.push(f32::INFINITY);
         self.eta.push(eta);
+    }
+
+    /// Adds a path that a medium has scattered, at the start of its ray, with the density `pdf`.
+    pub fn push_scattered(&mut self, key: SampleKey, slot: u32, ray: Ray, pdf: f32, beta: Rgb, eta: f32) {
+        self.push(ray, key, slot, beta, eta);
+        let last = self.pdf.len() - 1;
+        self.pdf[last] = pdf;
     }
 
     /// Copies another wave.
@@ -296,7 +314,7 @@ impl PathWave {
         self.pdf.resize(n, 0.0);
         self.eta.resize(n, 0.0);
         if !self.in_media.is_empty() {
-            self.in_media.resize(n, InMedia::default());
+            self.in_media.resize(n, InMedia::in_medium(None));
         }
     }
 
@@ -368,6 +386,14 @@ impl PathWave {
         }
         std::mem::swap(self, paths);
         std::mem::swap(hits, sorted);
+    }
+
+    /// Sets the throughput of path `i`.
+    #[inline]
+    pub fn set_beta(&mut self, i: usize, beta: Rgb) {
+        for (channel, value) in self.beta.iter_mut().zip(beta.to_array()) {
+            channel[i] = value;
+        }
     }
 
     /// Returns the throughput of path `i`.

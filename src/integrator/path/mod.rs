@@ -4,7 +4,7 @@
 //! traces all shadow rays. In shading, each path adds at most one shadow ray with its pending contribution and at
 //! most one next ray, or several at the first surface if paths are [split](splitting); terminated paths are removed.
 
-pub mod bodies;
+pub mod between;
 pub mod caustics;
 pub mod groups;
 mod links;
@@ -12,7 +12,7 @@ mod pilot;
 mod reuse;
 mod splitting;
 
-use self::bodies::Bodies;
+use self::between::{Between, Sides};
 use self::caustics::{CausticTracer, CausticWave};
 use self::groups::CellSide;
 use self::reuse::Reuse;
@@ -70,8 +70,6 @@ pub struct PathIntegrator {
     when_split: WhenPays,
     guided: bool,
     light_paths: WhenPays,
-    /// Whether media that fill bodies are rendered.
-    in_bodies: bool,
     /// The cells in which paths are reused, as decided by the settings or the pilot.
     cells: Option<CellSide>,
     /// The samples at the first surface of paths that are not reused.
@@ -99,8 +97,8 @@ struct PathBounce<'a> {
     add_caustics: Option<bool>,
     /// Russian roulette, if it applies at this bounce.
     roulette: Option<Roulette>,
-    /// The media that fill bodies, if they are rendered.
-    bodies: Option<Bodies<'a>>,
+    /// The media on the sides of surfaces, if they are rendered.
+    sides: Option<Sides<'a>>,
 }
 
 impl PathIntegrator {
@@ -112,18 +110,11 @@ impl PathIntegrator {
             when_split: splitting,
             guided,
             light_paths: if guided { WhenPays::Never } else { caustics },
-            in_bodies: false,
             cells: (reuse == WhenPays::Always).then_some(CellSide::Eight),
             splitting: Splitting::NONE,
             field: None,
             caustics: None,
         }
-    }
-
-    /// Creates an integrator of independent paths that renders
-    /// [media that fill bodies](crate::scene::SceneMedia::fill_bodies).
-    pub fn in_bodies(limits: PathLimits) -> Self {
-        PathIntegrator { in_bodies: true, ..PathIntegrator::new(PathSettings::independent(limits)) }
     }
 
     /// Returns whether a path may have the given number of edges.
@@ -253,7 +244,8 @@ impl Integrator for PathIntegrator {
         all.clear();
         all.resize(2 * out.len(), Radiance::NONE);
         let mut reuse = Reuse::new(wave.groups, out.len(), &arena);
-        self.trace(scene, wave, (query, Splitting::NONE), worker, &mut all, Some((&mut reuse, &arena)));
+        let with = (Some((&mut reuse, &arena)), None);
+        self.trace(scene, wave, (query, Splitting::NONE), worker, &mut all, with);
         out.copy_from_slice(&all[..out.len()]);
         reuse.finish(&all, out);
         drop(reuse);
@@ -274,14 +266,28 @@ impl PathIntegrator {
     ) {
         if splitting.directions == 1 {
             out.fill(Radiance::NONE);
-            return self.trace(scene, wave, (query, splitting), worker, out, None);
+            return self.trace(scene, wave, (query, splitting), worker, out, (None, None));
         }
         let mut all = std::mem::take(&mut worker.radiance);
         all.clear();
         all.resize(splitting.directions as usize * out.len(), Radiance::NONE);
-        self.trace(scene, wave, (query, splitting), worker, &mut all, None);
+        self.trace(scene, wave, (query, splitting), worker, &mut all, (None, None));
         splitting::gather(&all, out);
         worker.radiance = all;
+    }
+
+    /// Estimates the radiance along the rays of a wave, whose paths media scatter between surfaces.
+    pub fn trace_through<'a>(
+        &'a self,
+        between: &mut dyn Between<'a>,
+        wave: Wave<'_>,
+        query: RadianceQuery,
+        worker: &mut Worker,
+        out: &mut [Radiance],
+    ) {
+        out.fill(Radiance::NONE);
+        let scene = between.sides().scene;
+        self.trace(scene, wave, (query, Splitting::NONE), worker, out, (None, Some(between)));
     }
 
     /// Traces the paths of a wave. With reuse, the second half of `out` is for tails. If paths are split, `out` has an
@@ -293,11 +299,9 @@ impl PathIntegrator {
         (query, splitting): (RadianceQuery, Splitting),
         worker: &mut Worker,
         out: &mut [Radiance],
-        mut reuse: Option<(&mut Reuse<'a>, &'a Bump)>,
+        (mut reuse, mut between): (Option<(&mut Reuse<'a>, &'a Bump)>, Option<&mut dyn Between<'a>>),
     ) {
         worker.paths.begin(wave.rays, wave.keys);
-        let media = scene.media.as_ref().filter(|_| self.in_bodies);
-        let bodies = media.map(|media| Bodies::begin(scene, media, self.settings, &mut worker.paths));
         let buffer = std::mem::take(&mut worker.caustic_ratios);
         let mut caustics = self
             .caustics
@@ -311,10 +315,12 @@ impl PathIntegrator {
             let coherence = if depth == 0 { wave.coherence } else { Coherence::Incoherent };
             intersect(scene, &worker.paths.rays, coherence, &mut worker.hits, &mut worker.counters);
             if depth == 0 {
-                first_hits(scene, self.settings.hide_emitters, worker, out);
+                let hides = self.settings.hide_emitters;
+                let passes = between.as_ref().is_some_and(|between| between.passes_hidden());
+                first_hits(scene, hides && !passes, worker, out);
             }
-            if let Some(bodies) = &bodies {
-                bodies.walk(depth, worker, out);
+            if let Some(between) = &mut between {
+                between.advance(depth, worker, out);
             }
             let bounce = PathBounce {
                 scene,
@@ -325,7 +331,7 @@ impl PathIntegrator {
                 add_emission: query.wants(depth + 1) && !(depth == 0 && self.settings.hide_emitters),
                 add_caustics: (depth > 0 && query.separates_caustics()).then_some(query.caustic),
                 roulette: Roulette::at(depth + 1, self.settings.rr_depth),
-                bodies,
+                sides: between.as_ref().map(|between| between.sides()),
             };
             let Worker { paths, hits, numbers, split_numbers, specular_only, sampler, sort_buffers, .. } =
                 &mut *worker;
@@ -366,8 +372,11 @@ impl PathIntegrator {
                 }
                 None => bounce.shade(scatter, worker, out, &mut caustics, None),
             }
-            if bounce.next_event {
+            if bounce.next_event || between.is_some() {
                 worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
+            }
+            if let Some(between) = &mut between {
+                between.rejoin(&mut worker.paths);
             }
             depth += 1;
         }
@@ -459,8 +468,8 @@ impl<'a> PathBounce<'a> {
                         }
                         let to = if number == 0 { &mut alive } else { &mut end };
                         let written = *to;
-                        if let Some(bodies) = &self.bodies {
-                            bodies.enter(&block, &next, survivors, &mut paths.in_media[first..]);
+                        if let Some(sides) = &self.sides {
+                            sides.enter(&block, &next, survivors, &mut paths.in_media[first..]);
                         }
                         *to = paths.compact(first, *to, &next, survivors);
                         if directions > 1 {
@@ -575,8 +584,9 @@ impl<'a> PathBounce<'a> {
         let sample = lighting::draw_emitters(self.scene, block, u_point, counts);
         let sampled = lighting::reflect_emitters(self.scene, block, &sample, counts, guided, block.finite);
         let value = std::array::from_fn(|c| load(&paths.beta[c], block.first) * sampled.value[c]);
-        let clear = self.bodies.map_or(sampled.lanes, |bodies| {
-            bodies.queue_inside(block, paths, (&sample.wi, &sampled.rays, &value), sampled.lanes, shadows)
+        let clear = self.sides.map_or(sampled.lanes, |sides| {
+            let (sample, lanes) = ((&sample.wi, &sampled.rays, &value), sampled.lanes);
+            sides.queue_inside(block, paths, self.depth, sample, lanes, shadows)
         });
         shadows.push(&sampled.rays, &paths.slots[block.first..], &value, clear);
     }

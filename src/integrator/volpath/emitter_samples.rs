@@ -1,23 +1,22 @@
 //! Emitter samples at the events of a wave, sixteen at a time.
 
 use super::event::Tracer;
-use crate::bsdf::Bsdf;
 use crate::color::Rgb;
 use crate::emitter::EmitterSample;
 use crate::ids::MediumId;
-use crate::integrator::flight::{Departure, medium_after, ray_to_emitter};
+use crate::integrator::flight::{Departure, ray_to_emitter};
 use crate::integrator::worker::ShadowQueue;
 use crate::math::lanes::{LANES, each_lane};
 use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use crate::medium::{Phase, Stream};
 use crate::sampling::mis::power_heuristic_of_three;
-use crate::scene::SurfaceInteraction;
 
 /// An emitter sample to be taken at a point where a path is scattered.
 pub struct PendingSample<'e> {
     /// The point.
     pub p: Vec3,
-    pub scatterer: Scatterer<'e>,
+    /// The phase function there.
+    pub phase: &'e Phase,
     /// The direction in which the path arrives.
     pub d: Vec3,
     /// The medium in which it arrives.
@@ -34,15 +33,6 @@ pub struct PendingSample<'e> {
     pub u: Vec2,
     pub random: Stream,
     pub competitors: Competitors,
-}
-
-/// What scatters a path.
-#[derive(Clone, Copy)]
-pub enum Scatterer<'e> {
-    /// A medium.
-    Medium(&'e Phase),
-    /// A surface, with the direction towards the viewer in its frame.
-    Surface(&'e SurfaceInteraction, &'e Bsdf<'e>, Vec3),
 }
 
 /// The densities of the other techniques that find the same light.
@@ -83,18 +73,12 @@ impl Tracer<'_> {
 
     /// Queues the shadow ray of a sample, if it may carry light.
     fn push_shadow(&self, pending: &PendingSample<'_>, sample: &EmitterSample, shadows: &mut ShadowQueue) {
-        let PendingSample { p, d, medium, time, random, .. } = *pending;
+        let PendingSample { p, medium, time, random, .. } = *pending;
         let value = pending.contribution(sample);
         if value.is_black() {
             return;
         }
-        let (ray, medium) = match pending.scatterer {
-            Scatterer::Medium(_) => (ray_to_emitter(p, sample, time), medium),
-            Scatterer::Surface(at, ..) => {
-                let medium = medium_after(self.scene, self.media, at, (d, sample.wi), medium);
-                (self.scene.shadow_ray(at, sample), medium)
-            }
-        };
+        let ray = ray_to_emitter(p, sample, time);
         shadows.push_through_media(ray, pending.slot as u32, value, Departure { medium, random });
     }
 }
@@ -102,17 +86,7 @@ impl Tracer<'_> {
 impl PendingSample<'_> {
     /// Returns the weighted contribution of a sample, whose density does not include the choice of the emitter.
     fn contribution(&self, sample: &EmitterSample) -> Rgb {
-        let (scattered, density) = match self.scatterer {
-            Scatterer::Medium(phase) => {
-                let density = phase.eval(self.d.dot(sample.wi));
-                (Rgb::splat(density), density)
-            }
-            Scatterer::Surface(at, bsdf, wo) => {
-                let wi = at.frame.to_local(sample.wi);
-                let eval = bsdf.eval(wo, wi);
-                (eval.f * wi.z.abs(), eval.pdf)
-            }
-        };
+        let density = self.phase.eval(self.d.dot(sample.wi));
         // The density with which the event samples the direction, too.
         let other = if sample.delta { 0.0 } else { density };
         let pdf = sample.pdf * self.pmf;
@@ -128,6 +102,6 @@ impl PendingSample<'_> {
             }
         };
         // What has no density carries nothing.
-        if all > 0.0 { self.beta * scattered * sample.radiance * (weight / all) } else { Rgb::BLACK }
+        if all > 0.0 { self.beta * sample.radiance * (density * weight / all) } else { Rgb::BLACK }
     }
 }

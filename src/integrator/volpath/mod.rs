@@ -7,30 +7,32 @@
 //! homogeneous media, a third technique samples points near emitters ([`equiangular`]). In sealed media there are fewer
 //! emitter samples. Without media, the integrator is `path`.
 
+pub mod bodies;
 mod emitter_samples;
 mod equiangular;
 mod event;
+mod flights;
 
-use self::equiangular::LegPoint;
+use self::bodies::Bodies;
 use self::event::{EventNumbers, Tracer};
+use self::flights::Flights;
 use super::flight::stream;
-use super::settings::{PathLimits, Plugin, Source};
-use super::worker::{draw_1d, draw_2d, intersect};
+use super::settings::{PathLimits, PathSettings, Plugin, Source};
+use super::worker::{draw_1d, draw_2d};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
-use crate::accel::Coherence;
 use crate::color::Rgb;
 use crate::emitter::{Light, LitRegion};
 use crate::error::Result;
 use crate::ids::MediumId;
 use crate::math::{Ray, Vec2, Vec3};
-use crate::sampling::{Dimension, SampleKey};
-use crate::scene::{Scene, SceneMedia};
+use crate::sampling::{Dimension, SampleKey, Sampler};
+use crate::scene::Scene;
 
 /// Unidirectional path tracing in media, with next-event estimation.
 pub struct VolpathIntegrator {
     limits: PathLimits,
-    /// What renders scenes without media, and those whose media [fill bodies](SceneMedia::fill_bodies).
-    in_bodies: PathIntegrator,
+    /// The paths between events in media.
+    paths: PathIntegrator,
     /// The points that each emitter may light; `None` at infinity.
     regions: Vec<Option<LitRegion>>,
 }
@@ -58,8 +60,6 @@ struct Path {
     eta: f32,
     /// The number of scattering events. To pass a surface unscattered is none.
     depth: u32,
-    /// The length of the path's part before the ray, while no event has scattered it.
-    passed: f32,
     /// The index of the last event's point on the ray before it, if points near emitters were sampled there.
     on_leg: Option<u32>,
 }
@@ -67,8 +67,8 @@ struct Path {
 impl VolpathIntegrator {
     /// Creates the integrator.
     pub fn new(limits: PathLimits) -> Self {
-        let in_bodies = PathIntegrator::in_bodies(limits);
-        VolpathIntegrator { limits, in_bodies, regions: Vec::new() }
+        let paths = PathIntegrator::new(PathSettings::independent(limits));
+        VolpathIntegrator { limits, paths, regions: Vec::new() }
     }
 }
 
@@ -134,51 +134,17 @@ impl Integrator for VolpathIntegrator {
         worker: &mut Worker,
         out: &mut [Radiance],
     ) {
-        let in_bodies = |media: &SceneMedia| media.fill_bodies() && query == RadianceQuery::ALL;
-        let Some(media) = scene.media.as_ref().filter(|media| !in_bodies(media)) else {
-            return self.in_bodies.li(scene, wave, query, worker, out);
+        let Some(media) = &scene.media else {
+            return self.paths.li(scene, wave, query, worker, out);
         };
-        out.fill(Radiance::NONE);
-        let start = |(slot, (ray, key)): (usize, (&Ray, &SampleKey))| Path {
-            key: *key,
-            slot,
-            ray: *ray,
-            medium: media.sensor,
-            from: ray.o,
-            pdf: f32::INFINITY,
-            emitter_share: 1.0,
-            beta: Rgb::WHITE,
-            eta: 1.0,
-            depth: 0,
-            passed: 0.0,
-            on_leg: None,
-        };
-        let mut paths: Vec<Path> = wave.rays.iter().zip(wave.keys).enumerate().map(start).collect();
-        let has_near = self.regions.iter().any(Option::is_some);
-        let near_emitter = has_near.then(Default::default);
-        let mut numbers = WaveNumbers { near_emitter, ..WaveNumbers::default() };
-        let (mut leg_points, mut last_leg_points) = (Vec::<LegPoint>::new(), Vec::new());
-        let mut bounce = 0;
-        while !paths.is_empty() && self.limits.allows(1) && !worker.interrupt.is_raised() {
-            paths.retain(|path| {
-                // The sample is counted as invalid.
-                let invalid = (!path.beta.is_valid()).then_some(path.beta);
-                out[path.slot].value += invalid.unwrap_or(Rgb::BLACK);
-                invalid.is_none()
-            });
-            let coherence = if bounce == 0 { wave.coherence } else { Coherence::Incoherent };
-            numbers.draw(bounce, &paths, worker);
-            let numbers = |i: usize| numbers.of(i, bounce);
-            std::mem::swap(&mut leg_points, &mut last_leg_points);
-            let (limits, regions) = (self.limits, &self.regions);
-            let tracer =
-                Tracer { scene, media, limits, query, regions, has_near, leg_points: &last_leg_points };
-            let (journeys, rays) = tracer.depart(&paths, numbers);
-            intersect(scene, &rays, coherence, &mut worker.hits, &mut worker.counters);
-            paths = tracer.events(&paths, (journeys, &rays), numbers, worker, &mut leg_points, out);
-            worker.trace_shadows(scene, coherence, |slot, value| out[slot].value += value);
-            bounce += 1;
+        if media.fill_bodies() && query == RadianceQuery::ALL {
+            let mut bodies = Bodies::new(scene, media, self.limits);
+            return self.paths.trace_through(&mut bodies, wave, query, worker, out);
         }
+        let has_near = self.regions.iter().any(Option::is_some);
+        let (limits, regions) = (self.limits, &self.regions);
+        let tracer = Tracer { scene, media, limits, query, regions, has_near };
+        self.paths.trace_through(&mut Flights::new(tracer), wave, query, worker, out);
     }
 }
 
@@ -187,7 +153,6 @@ impl Integrator for VolpathIntegrator {
 struct WaveNumbers {
     keys: Vec<SampleKey>,
     emitter_point: [Vec<f32>; 2],
-    lobe: Vec<f32>,
     direction: [Vec<f32>; 2],
     roulette: Vec<f32>,
     free_flight: [Vec<f32>; 2],
@@ -196,9 +161,13 @@ struct WaveNumbers {
 }
 
 impl WaveNumbers {
+    /// Creates numbers for points near emitters, too, if `has_near` is true.
+    fn new(has_near: bool) -> Self {
+        WaveNumbers { near_emitter: has_near.then(Default::default), ..WaveNumbers::default() }
+    }
+
     /// Draws the random numbers of a wave's next event.
-    fn draw(&mut self, bounce: u32, paths: &[Path], worker: &Worker) {
-        let sampler = worker.sampler;
+    fn draw(&mut self, bounce: u32, paths: &[Path], sampler: Sampler) {
         self.keys.clear();
         self.keys.extend(paths.iter().map(|path| path.key));
         draw_2d(sampler, Dimension::free_flight(bounce), &self.keys, &mut self.free_flight);
@@ -207,7 +176,6 @@ impl WaveNumbers {
             draw_2d(sampler, Dimension::emitter_point(bounce).repeat(1), &self.keys, point);
             draw_1d(sampler, Dimension::equiangular(bounce), &self.keys, distance);
         }
-        draw_1d(sampler, Dimension::bsdf_lobe(bounce), &self.keys, &mut self.lobe);
         draw_2d(sampler, Dimension::bsdf_direction(bounce), &self.keys, &mut self.direction);
         draw_1d(sampler, Dimension::roulette(bounce), &self.keys, &mut self.roulette);
     }
@@ -220,7 +188,6 @@ impl WaveNumbers {
             free_flight: pair(&self.free_flight),
             emitter_point: pair(&self.emitter_point),
             near_emitter: self.near_emitter.as_ref().map(|(point, distance)| (pair(point), distance[i])),
-            lobe: self.lobe[i],
             direction: pair(&self.direction),
             roulette: self.roulette[i],
             flight_stream: stream(key, bounce, 0),

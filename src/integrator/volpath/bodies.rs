@@ -8,16 +8,16 @@
 
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
-use crate::integrator::block::ShadingBlock;
-use crate::integrator::flight::{Departure, before_end, medium_after};
+use crate::integrator::flight::before_end;
 use crate::integrator::lighting::{TechniqueCounts, emitted_at};
+use crate::integrator::path::between::{Between, Sides};
 use crate::integrator::roulette::play_each_x16;
-use crate::integrator::worker::{Continuation, InMedia, PathWave, ShadowQueue, draw_2d, intersect};
+use crate::integrator::worker::{InMedia, PathWave, draw_2d, intersect};
 use crate::integrator::{PathLimits, Radiance, Worker};
 use crate::math::functions::{exp_x16, ln_x16};
 use crate::math::lanes::{LANES, bits, each_lane, f32x16, load, mask_from_bits};
 use crate::math::{FrameX16, Ray, RayX16, Vec3x16};
-use crate::medium::{Medium, Stream};
+use crate::medium::Medium;
 use crate::sampling::hash::{combine, digits_below, lower_digits_x16, pcg3d, to_unit};
 use crate::sampling::warp::sin_cos_turn_x16;
 use crate::sampling::{Dimension, SampleKey};
@@ -29,7 +29,7 @@ const EVENTS: u32 = 0x626f_6479;
 /// The optical depth beyond which nothing is transmitted.
 const OPAQUE: f32 = 87.0;
 /// Rounding moves the points of rays by much less than this part of their coordinates and distances.
-const CLOSE: f32 = 1e-5;
+const CLOSE: f32 = 1e-4;
 
 /// The media of a scene, which fill bodies.
 #[derive(Clone, Copy)]
@@ -95,46 +95,9 @@ impl Walkers {
 }
 
 impl<'a> Bodies<'a> {
-    /// Begins a wave of camera paths. The camera is outside of the bodies.
-    pub fn begin(scene: &'a Scene, media: &'a SceneMedia, limits: PathLimits, paths: &mut PathWave) -> Self {
-        paths.in_media.resize(paths.rays.len(), InMedia::default());
+    /// Begins with paths outside of the bodies.
+    pub fn new(scene: &'a Scene, media: &'a SceneMedia, limits: PathLimits) -> Self {
         Bodies { scene, media, limits }
-    }
-
-    /// Follows the paths of a wave that are in bodies to the surfaces that they meet, which become the worker's hits.
-    /// Paths that end on the way have no hit and no throughput.
-    pub fn walk(&self, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
-        let Worker { paths, hits, walkers, counters, sampler, interrupt, .. } = worker;
-        walkers.truncate(0);
-        walkers.keys.clear();
-        walkers.hits.clear();
-        for i in (0..hits.len()).filter(|&i| paths.in_media[i].medium.is_some()) {
-            walkers.paths.push(i as u32);
-            walkers.rays.push(paths.rays[i]);
-            walkers.keys.push(paths.keys[i]);
-            walkers.hits.push(hits[i]);
-        }
-        walkers.ends.resize(walkers.rays.len(), f32::INFINITY);
-        let [flight, direction] = &mut walkers.first;
-        draw_2d(*sampler, Dimension::free_flight(depth), &walkers.keys, flight);
-        draw_2d(*sampler, Dimension::bsdf_direction(depth).repeat(1), &walkers.keys, direction);
-        for first in (0..walkers.rays.len()).step_by(LANES) {
-            self.depart(first, depth, walkers, paths);
-        }
-        let mut is_first = true;
-        while !walkers.rays.is_empty() && !interrupt.is_raised() {
-            if !is_first {
-                intersect(self.scene, &walkers.rays, Coherence::Incoherent, &mut walkers.hits, counters);
-            }
-            let mut alive = 0;
-            for first in (0..walkers.rays.len()).step_by(LANES) {
-                let block = walkers.block(first, paths);
-                alive = self.arrive(block, alive, (depth, is_first), walkers, paths, hits);
-            }
-            walkers.truncate(alive);
-            is_first = false;
-        }
-        self.end_longest(depth, paths, hits, out);
     }
 
     /// Returns whether a path may be scattered once more.
@@ -157,7 +120,7 @@ impl<'a> Bodies<'a> {
                 let at = self.scene.interaction(&paths.rays[i], &hit);
                 let radiance = emitted_at(self.scene, &at, paths, i, TechniqueCounts::ONE_EACH);
                 out[paths.slots[i] as usize].value += paths.beta(i) * radiance;
-                paths.beta.iter_mut().for_each(|channel| channel[i] = 0.0);
+                paths.set_beta(i, Rgb::BLACK);
             }
         }
     }
@@ -279,60 +242,55 @@ impl<'a> Bodies<'a> {
         }
         to
     }
+}
 
-    /// Updates the media of paths that a block scatters into `next`, for the lanes in the mask `lanes`. The paths of
-    /// the block are the first ones of `in_media`.
-    pub fn enter(&self, block: &ShadingBlock<'_>, next: &Continuation, lanes: u32, in_media: &mut [InMedia]) {
-        for i in bits(lanes) {
-            in_media[i].medium = self.medium_after(block, i, &next.rays.d, in_media[i]);
-        }
+impl<'a> Between<'a> for Bodies<'a> {
+    fn sides(&self) -> Sides<'a> {
+        Sides { scene: self.scene, media: self.media }
     }
 
-    /// Queues those shadow rays of a block that start in bodies, and returns a mask of the others. The rays have the
-    /// directions `wi`.
-    pub fn queue_inside(
-        &self,
-        block: &ShadingBlock<'_>,
-        paths: &PathWave,
-        (wi, rays, value): (&Vec3x16, &RayX16, &[f32x16; 3]),
-        lanes: u32,
-        shadows: &mut ShadowQueue,
-    ) -> u32 {
-        let mut outside = lanes;
-        for i in bits(lanes) {
-            let path = block.first + i;
-            let medium = self.medium_after(block, i, wi, paths.in_media[path]);
-            if medium.is_some() {
-                outside &= !(1 << i);
-                let ray = Ray {
-                    o: rays.o.lane(i),
-                    t_max: rays.t_max.as_array()[i],
-                    d: rays.d.lane(i),
-                    time: rays.time.as_array()[i],
-                };
-                let value = Rgb::from(value.map(|channel| channel.as_array()[i]));
-                // Homogeneous media need no random numbers.
-                let departure = Departure { medium, random: Stream::new([0; 2]) };
-                shadows.push_through_media(ray, paths.slots[path], value, departure);
+    fn passes_hidden(&self) -> bool {
+        false
+    }
+
+    fn advance(&mut self, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
+        if depth == 0 {
+            worker.paths.in_media.resize(worker.paths.rays.len(), InMedia::in_medium(None));
+        }
+        let Worker { paths, hits, walkers, counters, sampler, interrupt, .. } = worker;
+        walkers.truncate(0);
+        walkers.keys.clear();
+        walkers.hits.clear();
+        for i in (0..hits.len()).filter(|&i| paths.in_media[i].medium.is_some()) {
+            walkers.paths.push(i as u32);
+            walkers.rays.push(paths.rays[i]);
+            walkers.keys.push(paths.keys[i]);
+            walkers.hits.push(hits[i]);
+        }
+        walkers.ends.resize(walkers.rays.len(), f32::INFINITY);
+        let [flight, direction] = &mut walkers.first;
+        draw_2d(*sampler, Dimension::free_flight(depth), &walkers.keys, flight);
+        draw_2d(*sampler, Dimension::bsdf_direction(depth).repeat(1), &walkers.keys, direction);
+        for first in (0..walkers.rays.len()).step_by(LANES) {
+            self.depart(first, depth, walkers, paths);
+        }
+        let mut is_first = true;
+        while !walkers.rays.is_empty() && !interrupt.is_raised() {
+            if !is_first {
+                intersect(self.scene, &walkers.rays, Coherence::Incoherent, &mut walkers.hits, counters);
             }
+            let mut alive = 0;
+            for first in (0..walkers.rays.len()).step_by(LANES) {
+                let block = walkers.block(first, paths);
+                alive = self.arrive(block, alive, (depth, is_first), walkers, paths, hits);
+            }
+            walkers.truncate(alive);
+            is_first = false;
         }
-        outside
+        self.end_longest(depth, paths, hits, out);
     }
 
-    /// Returns the medium in which light starts in the direction `wi` at the surface of lane `i`.
-    fn medium_after(
-        &self,
-        block: &ShadingBlock<'_>,
-        i: usize,
-        wi: &Vec3x16,
-        before: InMedia,
-    ) -> Option<crate::ids::MediumId> {
-        if !self.media.is_boundary(block.at.shape(i)) {
-            return before.medium;
-        }
-        let directions = (block.rays.d.lane(i), wi.lane(i));
-        medium_after(self.scene, self.media, &block.at.lane(i), directions, before.medium)
-    }
+    fn rejoin(&mut self, _: &mut PathWave) {}
 }
 
 impl Coefficients {
