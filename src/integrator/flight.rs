@@ -4,12 +4,14 @@ use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::emitter::{EmitterSample, ShadowTarget};
 use crate::ids::MediumId;
+use crate::math::lanes::each_lane;
 use crate::math::ray::offset_origin;
 use crate::math::{LANES, Ray, RayX16, Vec3};
 use crate::medium::{FreeFlight, Medium, Segment, Stream};
 use crate::sampling::SampleKey;
 use crate::sampling::hash::combine;
-use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
+use crate::scene::{Scene, SceneMedia, SurfaceInteraction, SurfaceInteractionX16};
+use std::ops::Range;
 
 /// The start of a ray that nothing scatters.
 #[derive(Clone, Copy, Debug)]
@@ -158,20 +160,58 @@ pub fn follow<'a>(
         return collisions;
     }
     let mut active: Vec<usize> = (0..journeys.len()).collect();
+    let mut legs = Vec::with_capacity(active.len());
     while !active.is_empty() {
-        let legs: Vec<Ray> = active.iter().map(|&i| journeys[i].leg).collect();
-        let boundaries = match first.take() {
-            Some(hits) => surfaces(scene, &legs, hits),
-            None => surfaces(scene, &legs, &media.passed(&legs)),
+        legs.clear();
+        legs.extend(active.iter().map(|&i| journeys[i].leg));
+        let found;
+        let hits = match first.take() {
+            Some(hits) => hits,
+            None => {
+                found = media.passed(&legs);
+                &found
+            }
         };
-        let mut boundaries = boundaries.iter();
-        active.retain(|&i| {
-            let boundary = boundaries.next().and_then(Option::as_ref);
-            let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
-            journeys[i].step(scene, media, boundary, || end(i), enter, &mut collisions[i])
-        });
+        let mut count = 0;
+        for block in (0..legs.len()).step_by(LANES) {
+            let in_block = block..legs.len().min(block + LANES);
+            let boundaries = Boundaries::new(scene, &legs, hits, in_block.clone());
+            for j in in_block {
+                let i = active[j];
+                let boundary = boundaries.at(j - block);
+                let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
+                let goes_on =
+                    journeys[i].step(scene, media, boundary.as_ref(), || end(i), enter, &mut collisions[i]);
+                active[count] = i;
+                count += usize::from(goes_on);
+            }
+        }
+        active.truncate(count);
     }
     collisions
+}
+
+/// The boundaries on at most sixteen legs.
+struct Boundaries {
+    at: Option<SurfaceInteractionX16>,
+    lanes: u32,
+}
+
+impl Boundaries {
+    fn new(scene: &Scene, legs: &[Ray], hits: &[Option<Hit>], block: Range<usize>) -> Self {
+        let hits = &hits[block.clone()];
+        let lanes = hits.iter().enumerate().fold(0, |lanes, (k, hit)| lanes | u32::from(hit.is_some()) << k);
+        let some = hits.iter().flatten().next();
+        let at = some.map(|some| {
+            let hits = each_lane(|k| hits.get(k).copied().flatten().unwrap_or(*some));
+            scene.interactions(&RayX16::load(legs, block.start), &hits)
+        });
+        Boundaries { at, lanes }
+    }
+
+    fn at(&self, lane: usize) -> Option<SurfaceInteraction> {
+        self.at.as_ref().filter(|_| self.lanes >> lane & 1 == 1).map(|at| at.lane(lane))
+    }
 }
 
 /// The end of a flight.

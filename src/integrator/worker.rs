@@ -99,14 +99,31 @@ impl ShadowQueue {
             match departures.next_if(|(ray, _)| *ray == i) {
                 _ if occluded => {}
                 None => add(*slot as usize, *value),
-                Some((_, departure)) => journeys.push((i, departure.unscattered(self.rays[i]))),
+                Some((_, departure)) => journeys.push((i, *departure)),
             }
         }
         if let (false, Some(media)) = (journeys.is_empty(), &scene.media) {
-            let (entries, mut journeys): (Vec<usize>, Vec<Journey>) = journeys.into_iter().unzip();
-            follow(scene, media, &mut journeys, None, |_| None, |_, _, _| {});
-            for (i, journey) in entries.into_iter().zip(&journeys) {
-                let (slot, value) = self.pending[i];
+            let rays: Vec<Ray> = journeys.iter().map(|(i, _)| self.rays[*i]).collect();
+            let mut boundaries = media.passed(&rays);
+            // Rays that meet no medium need no journey.
+            let mut count = 0;
+            for k in 0..journeys.len() {
+                let (i, departure) = journeys[k];
+                if departure.medium.is_none() && boundaries[k].is_none() {
+                    let (slot, value) = self.pending[i];
+                    add(slot as usize, value);
+                } else {
+                    (journeys[count], boundaries[count]) = (journeys[k], boundaries[k]);
+                    count += 1;
+                }
+            }
+            journeys.truncate(count);
+            boundaries.truncate(count);
+            let start = |(i, departure): &(usize, Departure)| departure.unscattered(self.rays[*i]);
+            let mut flights: Vec<Journey> = journeys.iter().map(start).collect();
+            follow(scene, media, &mut flights, Some(&boundaries), |_| None, |_, _, _| {});
+            for ((i, _), journey) in journeys.iter().zip(&flights) {
+                let (slot, value) = self.pending[*i];
                 add(slot as usize, value * journey.flight.passed());
             }
         }

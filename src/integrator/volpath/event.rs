@@ -37,8 +37,6 @@ pub struct Tracer<'a> {
 /// The random numbers of an event.
 #[derive(Clone, Copy, Debug)]
 pub struct EventNumbers {
-    /// Channel and optical depth of the flight.
-    pub free_flight: Vec2,
     /// Choice of the emitter and position on it.
     pub emitter_point: Vec2,
     /// Direction.
@@ -47,8 +45,6 @@ pub struct EventNumbers {
     pub roulette: f32,
     /// Choice of an emitter and position on it, and the distance of a point near it.
     pub near_emitter: Option<(Vec2, f32)>,
-    /// The flight through heterogeneous media.
-    pub flight_stream: Stream,
     /// The transmittance of heterogeneous media up to the emitter, and up to the one near which there is a point.
     pub shadow_streams: [Stream; 2],
 }
@@ -97,12 +93,13 @@ impl First {
 }
 
 impl Tracer<'_> {
-    /// Returns the flight of a path.
-    pub fn flight(&self, path: &Path, numbers: &EventNumbers) -> FreeFlight {
+    /// Returns the flight of a path. `u` chooses the channel and the optical depth, `random` has the numbers of
+    /// heterogeneous media.
+    pub fn flight(&self, path: &Path, u: Vec2, random: Stream) -> FreeFlight {
         // Where paths end, scattering in media is loss.
         match self.scatters(path) {
-            true => FreeFlight::sampled(path.beta, numbers.free_flight, path.ray.o, numbers.flight_stream),
-            false => FreeFlight::unscattered(numbers.flight_stream),
+            true => FreeFlight::sampled(path.beta, u, path.ray.o, random),
+            false => FreeFlight::unscattered(random),
         }
     }
 

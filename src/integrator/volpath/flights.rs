@@ -8,7 +8,7 @@ use super::event::{First, Tracer};
 use super::{Path, WaveNumbers};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
-use crate::integrator::flight::{Collision, Entry, Journey, follow};
+use crate::integrator::flight::{Collision, Entry, Journey, follow, stream};
 use crate::integrator::path::between::{Between, Sides};
 use crate::integrator::worker::{InMedia, PathWave, intersect};
 use crate::integrator::{Radiance, Worker};
@@ -19,8 +19,8 @@ use crate::medium::FreeFlight;
 pub struct Flights<'a> {
     tracer: Tracer<'a>,
     numbers: WaveNumbers,
-    /// The points of the last events on their rays.
-    leg_points: Vec<LegPoint>,
+    /// The points of this event and of the last one on their rays.
+    leg_points: [Vec<LegPoint>; 2],
     /// The paths that media have scattered.
     scattered: Vec<Path>,
 }
@@ -29,12 +29,7 @@ impl<'a> Flights<'a> {
     /// Begins with paths that have not left the camera.
     pub fn new(tracer: Tracer<'a>) -> Self {
         let numbers = WaveNumbers::new(tracer.has_near);
-        Flights { tracer, numbers, leg_points: Vec::new(), scattered: Vec::new() }
-    }
-
-    /// Returns whether a surface hit by camera rays is a hidden emitter.
-    fn is_hidden(&self, hit: &Option<Hit>) -> bool {
-        hit.is_some_and(|hit| self.tracer.scene.shapes[hit.geometry as usize].emitter.is_some())
+        Flights { tracer, numbers, leg_points: Default::default(), scattered: Vec::new() }
     }
 
     /// Returns the path with an index in the wave.
@@ -71,6 +66,8 @@ impl<'a> Between<'a> for Flights<'a> {
         if depth == 0 {
             paths.in_media.resize(paths.rays.len(), InMedia::in_medium(media.sensor));
         }
+        let emits =
+            |hit: &Option<Hit>| hit.is_some_and(|hit| scene.shapes[hit.geometry as usize].emitter.is_some());
         let hides = depth == 0 && limits.hide_emitters && scene.needs.hit_emitters;
         let to_surface = |(ray, hit): (&Ray, &Option<Hit>)| match hit {
             Some(hit) => Ray { t_max: hit.t, ..*ray },
@@ -85,12 +82,19 @@ impl<'a> Between<'a> for Flights<'a> {
         self.numbers.draw(depth, &before, *sampler);
         let numbers = |k: usize| self.numbers.of(k, depth);
         let start = |(k, (path, &i)): (usize, (&Path, &usize))| {
-            Journey::new(rays[i], path.medium, self.tracer.flight(path, &numbers(k)))
+            Journey::new(
+                rays[i],
+                path.medium,
+                self.tracer.flight(path, self.numbers.free_flight(k), stream(path.key, depth, 0)),
+            )
         };
         let mut journeys: Vec<Journey> = before.iter().zip(&travellers).enumerate().map(start).collect();
         let mut collisions: Vec<Option<Collision<'a>>> = travellers.iter().map(|_| None).collect();
-        let (mut firsts, mut samples) = (vec![First::Ahead; travellers.len()], Vec::new());
-        let mut leg_points = Vec::new();
+        let mut firsts = vec![First::Ahead; travellers.len()];
+        let mut samples = Vec::with_capacity(travellers.len());
+        let [leg_points, last_leg_points] = &mut self.leg_points;
+        std::mem::swap(leg_points, last_leg_points);
+        leg_points.clear();
         let mut first_boundaries = Some(&boundaries[..]);
         let mut active: Vec<usize> = (0..travellers.len()).collect();
         while !active.is_empty() {
@@ -101,14 +105,14 @@ impl<'a> Between<'a> for Flights<'a> {
             };
             let enter = |j: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| {
                 let k = active[j];
-                let found = (&mut samples, &mut leg_points);
+                let found = (&mut samples, &mut *leg_points);
                 firsts[k].enter(&self.tracer, &before[k], (entry, flight), || numbers(k), found);
             };
             let found = follow(scene, media, &mut legs, first_boundaries.take(), end, enter);
             for ((&k, leg), collision) in active.iter().zip(legs).zip(found) {
                 (journeys[k], collisions[k]) = (leg, collision);
             }
-            active.retain(|&k| hides && collisions[k].is_none() && self.is_hidden(&hits[travellers[k]]));
+            active.retain(|&k| hides && collisions[k].is_none() && emits(&hits[travellers[k]]));
             let mut behind = Vec::with_capacity(active.len());
             for &k in &active {
                 let i = travellers[k];
@@ -140,15 +144,18 @@ impl<'a> Between<'a> for Flights<'a> {
                 // The wave knows the weight of what the ray finds.
                 None if path.on_leg.is_none() && path.emitter_share == 1.0 => {}
                 None => {
-                    let at = hits[i].map(|hit| scene.interaction(&paths.rays[i], &hit));
-                    let found = self.tracer.found(&path, at.as_ref(), &self.leg_points);
-                    out[path.slot].value += path.beta * found;
+                    let at = |hit: &Hit| scene.interaction(&paths.rays[i], hit);
+                    if hits[i].is_none() || emits(&hits[i]) {
+                        let found =
+                            self.tracer.found(&path, hits[i].as_ref().map(at).as_ref(), last_leg_points);
+                        out[path.slot].value += path.beta * found;
+                    }
                     // What the ray finds is weighted by 0 from now on.
                     paths.pdf[i] = 0.0;
                 }
                 Some(collision) => {
                     if !path.beta.is_black() {
-                        let on_leg = firsts[k].end(collision.distance, &mut leg_points);
+                        let on_leg = firsts[k].end(collision.distance, leg_points);
                         let point = on_leg.map(|index| &leg_points[index as usize]);
                         let (path, numbers) = (Path { on_leg, ..path }, numbers(k));
                         let next =
@@ -161,7 +168,6 @@ impl<'a> Between<'a> for Flights<'a> {
             }
         }
         self.tracer.sample_emitters(&samples, shadows);
-        self.leg_points = leg_points;
     }
 
     fn rejoin(&mut self, paths: &mut PathWave) {

@@ -180,17 +180,20 @@ impl WaveNumbers {
         draw_1d(sampler, Dimension::roulette(bounce), &self.keys, &mut self.roulette);
     }
 
+    /// Returns the numbers that choose channel and optical depth of the flight of path `i`.
+    fn free_flight(&self, i: usize) -> Vec2 {
+        Vec2::new(self.free_flight[0][i], self.free_flight[1][i])
+    }
+
     /// Returns the random numbers of path `i`.
     fn of(&self, i: usize, bounce: u32) -> EventNumbers {
         let key = self.keys[i];
         let pair = |pair: &[Vec<f32>; 2]| Vec2::new(pair[0][i], pair[1][i]);
         EventNumbers {
-            free_flight: pair(&self.free_flight),
             emitter_point: pair(&self.emitter_point),
             near_emitter: self.near_emitter.as_ref().map(|(point, distance)| (pair(point), distance[i])),
             direction: pair(&self.direction),
             roulette: self.roulette[i],
-            flight_stream: stream(key, bounce, 0),
             shadow_streams: [1, 2].map(|purpose| stream(key, bounce, purpose)),
         }
     }
