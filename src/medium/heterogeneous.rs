@@ -111,7 +111,7 @@ impl Heterogeneous {
                     break;
                 }
                 walk.t = next;
-                let at = self.tentative(segment, next, local + direction * next, majorant);
+                let at = self.tentative(segment, next, (local + direction * next, majorant), &mut uniform);
                 if !visit(&at) {
                     return;
                 }
@@ -123,8 +123,15 @@ impl Heterogeneous {
         }
     }
 
-    fn tentative(&self, segment: &Segment, distance: f64, local: DVec3, majorant: f64) -> Tentative {
-        let of_extinction = self.sigma_t.at_local(local) * self.scale;
+    /// The extinction is random. Its mean is that at the point; what depends on it is linear.
+    fn tentative(
+        &self,
+        segment: &Segment,
+        distance: f64,
+        (local, majorant): (DVec3, f64),
+        uniform: impl FnOnce() -> f64,
+    ) -> Tentative {
+        let of_extinction = self.sigma_t.sample_at_local(local, uniform) * self.scale;
         let p = segment.origin.as_dvec3() + segment.direction.as_dvec3() * distance;
         let albedo: Rgb = match self.albedo.constant_value() {
             Some(albedo) => albedo,
