@@ -6,14 +6,14 @@
 use crate::media::{SIGMA, density, filled, glass, integrators, medium, volpath};
 use crate::support::expect::Means;
 use crate::support::quadrature::over_square;
-use crate::support::scenes::{add, camera, compiled, diffuse, render, sphere};
+use crate::support::scenes::{add, camera, compiled, constant, diffuse, render, sphere};
 use buffon::accel::AccelKind;
 use buffon::color::Rgb;
 use buffon::emitter::Emitter;
 use buffon::ids::MediumId;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathLimits;
-use buffon::material::{Material, Null};
+use buffon::material::{Distribution, Interface, Material, Null, RoughDielectric, Roughness};
 use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
 use buffon::medium::{MediumBoundary, Phase};
 use buffon::sampling::SamplerKind;
@@ -91,13 +91,18 @@ fn light_diffuses_through_a_thick_slab() {
 
 /// Renders a scene as it is, and with a surface far away that shows that the fog is not sealed, and expects the same
 /// light.
-fn expect_the_same_unsealed(group: Means, name: &str, scene: &Description, fog: MediumId) {
+fn expect_the_same_unsealed(
+    group: Means,
+    name: &str,
+    scene: &Description,
+    (fog, depth): (MediumId, Option<u32>),
+) {
     let mut open = scene.clone();
     let far = add(&mut open, sphere(1e-3), DAffine3::from_translation(DVec3::X * -50.0), diffuse(0.0));
     open.shapes[far].boundary = MediumBoundary { interior: None, exterior: Some(fog) };
     for &accel in AccelKind::CHOICES {
         let [sealed, open] = [(scene, 1), (&open, 2)].map(|(scene, seed)| {
-            render(&compiled(scene.clone(), accel), &volpath(Some(8)), SamplerKind::Sobol, 1024, seed)
+            render(&compiled(scene.clone(), accel), &volpath(depth), SamplerKind::Sobol, 1024, seed)
         });
         group.expect_same(&format!("{name}, {accel}"), &sealed, &open);
     }
@@ -125,7 +130,7 @@ fn light_in_fog_that_seems_sealed_is_not_lost() {
     let inside = DAffine3::from_translation(DVec3::new(0.2, 0.3, 0.0));
     let lamp = add(&mut scene, sphere(0.25), inside, diffuse(0.0));
     scene.shapes[lamp].emission = Some(Rgb::splat(5.0).into());
-    expect_the_same_unsealed(group, "lamp inside", &scene, fog);
+    expect_the_same_unsealed(group, "lamp inside", &scene, (fog, Some(8)));
     for (name, emitter) in far_emitters {
         let (mut scene, fog) = start(Shape::Cylinder { p0: -Vec3::Y, p1: Vec3::Y, radius: 1.0 });
         // The disk does not name the fog below it. Above it is vacuum.
@@ -133,6 +138,53 @@ fn light_in_fog_that_seems_sealed_is_not_lost() {
         let up = DAffine3::from_translation(DVec3::Y) * DAffine3::from_rotation_x(-FRAC_PI_2);
         filled(&mut scene, Shape::Disk, up, Material::Null(Null), clear);
         scene.emitters.push(emitter);
-        expect_the_same_unsealed(group, name, &scene, fog);
+        expect_the_same_unsealed(group, name, &scene, (fog, Some(8)));
+    }
+}
+
+/// Media that fill bodies are rendered by code of their own: the light is the same as in other media. The bodies are
+/// balls of glass, smooth or rough, an open cylinder, one in the other, and one with a diffuse ball inside. A lamp and
+/// the sky light them.
+#[test]
+fn media_in_bodies_scatter_as_others() {
+    let phases = [Phase::Isotropic, Phase::HenyeyGreenstein { g: 0.8 }, Phase::HenyeyGreenstein { g: -0.6 }];
+    let roughness =
+        Roughness { distribution: Distribution::Ggx, alpha: [0.3.into(); 2], sample_visible: true };
+    let rough = Material::RoughDielectric(RoughDielectric {
+        interface: Interface { int_ior: 1.4, ext_ior: 1.0, specular_reflectance: Rgb::WHITE.into() },
+        specular_transmittance: Rgb::WHITE.into(),
+        roughness,
+    });
+    let ball = || sphere(1.0);
+    let tube = || Shape::Cylinder { p0: -Vec3::Y, p1: Vec3::Y, radius: 1.0 };
+    let cases = [
+        ("clear", ball(), glass(1.3), ALBEDO.map(|_| 0.0), 0, None),
+        ("isotropic", ball(), glass(1.3), ALBEDO, 0, Some(8)),
+        ("forward", ball(), rough.clone(), ALBEDO, 1, Some(8)),
+        ("backward", ball(), glass(1.5), [1.0, 0.99, 0.9], 2, None),
+        ("short", ball(), rough, ALBEDO, 1, Some(3)),
+        ("open", tube(), glass(1.1), ALBEDO, 0, Some(5)),
+    ];
+    let group = Means::of_images(2 * cases.len() * AccelKind::CHOICES.len(), 3e-2);
+    for (name, shape, material, albedo, phase, depth) in cases {
+        for inside in [false, true] {
+            let mut scene = Description { emitters: vec![constant(0.5)], ..Description::default() };
+            scene.sensors.push(camera(DVec3::new(0.5, 1.6, 4.0), DVec3::ZERO, 30.0, 12));
+            let fog = medium(&mut scene, SIGMA, albedo, phases[phase].clone());
+            filled(&mut scene, shape.clone(), DAffine3::IDENTITY, material.clone(), fog);
+            let above = DAffine3::from_translation(DVec3::Y * 3.0);
+            let lamp = add(&mut scene, sphere(0.7), above, diffuse(0.0));
+            scene.shapes[lamp].emission = Some(Rgb::splat(4.0).into());
+            if inside {
+                add(&mut scene, sphere(0.3), DAffine3::from_translation(DVec3::X * 0.4), diffuse(0.7));
+                let other = medium(&mut scene, [3.0; 3], [0.9; 3], Phase::Isotropic);
+                let at = DAffine3::from_translation(DVec3::X * -0.4);
+                filled(&mut scene, sphere(0.3), at, glass(1.2), other);
+            }
+            let fills =
+                compiled(scene.clone(), AccelKind::Auto).media.is_some_and(|media| media.fill_bodies());
+            assert!(fills, "{name}");
+            expect_the_same_unsealed(group, &format!("{name}, {inside}"), &scene, (fog, depth));
+        }
     }
 }

@@ -392,3 +392,86 @@ fn deflected(d: Vec3x16, g: f32x16, [u, azimuth]: [f32x16; 2]) -> Vec3x16 {
     let (sin_phi, cos_phi) = sin_cos_turn_x16(f32x16::splat(TAU) * azimuth);
     FrameX16::from_normal(d).to_world(Vec3x16::new(sin * cos_phi, sin * sin_phi, cos)).normalize_or_zero()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Vec2, Vec3};
+    use crate::medium::{FreeFlight, Homogeneous, Phase, Segment, Stream};
+
+    /// The logarithm is exact for numbers that are close to 0 and to 1, and digits below those of the number count.
+    #[test]
+    fn optical_depths_are_logarithms() {
+        let step = 2f32.powi(-24);
+        for u in
+            [0.0, 2f32.powi(-32), 1e-6, 0.004, 0.3, 0.5 - step, 0.5, 0.7, 0.999, 1.0 - 3.0 * step, 1.0 - step]
+        {
+            for digits in [0, 1 << 31, u32::MAX] {
+                let lower = digits_below(u, digits);
+                let found = optical_depths(f32x16::splat(u), f32x16::splat(lower)).as_array()[5];
+                let x = f64::from(u) + f64::from(lower) + 2f64.powi(-58);
+                let exact = if x > 0.5 { -(x - 1.0).ln_1p() } else { -x.ln() };
+                assert!((f64::from(found) / exact - 1.0).abs() < 1e-6, "{u} {lower}: {found}, {exact}");
+            }
+        }
+    }
+
+    /// The directions are those of the scalar phase functions.
+    #[test]
+    fn deflections_are_those_of_the_phase_function() {
+        let d = Vec3::new(0.3, -0.7, 0.2).normalize();
+        for g in [-0.999f32, -0.6, 0.0, 1e-6, 0.3, 0.9, 0.9999] {
+            for (u, v) in [(0.0, 0.3), (1e-4, 0.9), (0.2, 0.1), (0.5, 0.6), (0.97, 0.4), (1.0 - 1e-6, 0.8)] {
+                let numbers = [u, v].map(f32x16::splat);
+                let found = deflected(Vec3x16::splat(d), f32x16::splat(g), numbers).lane(3);
+                let exact = Phase::HenyeyGreenstein { g }.sample(d, Vec2::new(u, v));
+                assert!((found - exact).length() < 1e-5, "{g} {u} {v}: {found}, {exact}");
+            }
+        }
+    }
+
+    /// Ends of flights and throughputs are those of [`FreeFlight`], within 10⁻⁵.
+    #[test]
+    fn flights_are_those_of_one_path() {
+        let media =
+            [([1.0, 0.3, 4.0], [0.9, 0.3, 2.0]), ([2.0; 3], [1.0; 3]), ([0.0, 2.0, 0.5], [0.0, 2.0, 0.0])];
+        for (sigma_t, sigma_s) in media {
+            let homogeneous =
+                Homogeneous { sigma_t: sigma_t.into(), sigma_s: sigma_s.into(), phase: Phase::Isotropic };
+            let medium = Medium::Homogeneous(homogeneous);
+            let coefficients = Coefficients {
+                sigma_t: sigma_t.map(f32x16::splat),
+                sigma_s: sigma_s.map(f32x16::splat),
+                g: f32x16::ZERO,
+                grey: sigma_t == [2.0; 3],
+            };
+            let all = mask_from_bits(0xffff);
+            for i in 0..400 {
+                let [a, b, c] = pcg3d(i, 5, 7).map(to_unit);
+                let beta = Rgb::new(0.7, 0.2, if i % 2 == 0 { 0.05 } else { 0.0 });
+                let lanes = beta.to_array().map(f32x16::splat);
+                let depth = optical_depths(f32x16::splat(b), f32x16::ZERO);
+                let end = coefficients.ends(&lanes, f32x16::splat(a), depth, all).as_array()[0];
+                let at = Vec3::ONE;
+                let mut flight = FreeFlight::sampled(beta, Vec2::new(a, b), at, Stream::new([0; 2]));
+                let length = 3.0 * c;
+                let segment = Segment { origin: at, direction: Vec3::X, length: length.into() };
+                let ended = flight.advance(&medium, &segment);
+                // Where the digits below those of the number decide, both are right.
+                if (end / length - 1.0).abs() < 1e-4 {
+                    continue;
+                }
+                assert_eq!(ended.is_some(), end < length, "{i}: {ended:?}, {end}");
+                assert!(ended.is_none_or(|exact| (f64::from(end) / exact - 1.0).abs() < 1e-4), "{i}: {end}");
+                let weight = if ended.is_some() { flight.scattered(&medium) } else { flight.passed() };
+                let scattered = if ended.is_some() { all } else { f32x16::ZERO };
+                let travelled = f32x16::splat(end.min(length));
+                let found = coefficients.transport(lanes, travelled, all, scattered);
+                for (found, exact) in found.iter().zip((beta * weight).to_array()) {
+                    let found = found.as_array()[0];
+                    assert!((found - exact).abs() <= 1e-4 * exact + 1e-7, "{i}: {found}, expected {exact}");
+                }
+            }
+        }
+    }
+}
