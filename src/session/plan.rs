@@ -5,13 +5,12 @@ use super::auto::{Costs, Decision, Question, leaves_room};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
-    AUTO, Aov, AovSettings, AutoSettings, BdptSettings, IrrcacheSettings, Layer, PathLimits, PathSettings,
-    Techniques, WhenPays,
+    AUTO, Aov, AovSettings, AutoSettings, BdptSettings, IrrcacheSettings, Layer, PathSettings, Techniques,
+    WhenPays,
 };
 use crate::integrator::{self, Bdpt, Integrator, Plugin, Settings};
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
-use crate::scene::{Scene, SceneShape};
 use crate::sensor::Camera;
 use crate::util::wording::{did_you_mean, percent};
 use std::ops::Range;
@@ -207,16 +206,13 @@ impl Session {
             && !choices.aov.iter().any(|name| variances.contains(&name.as_str()))
             && created.check(&self.scene).is_ok()
             && obstacle_to_camera(created.as_ref(), self.camera()).is_none()
-            && self.camera_paths_are_enough(bdpt.limits)
+            && self.camera_paths_are_enough()
     }
 
     /// Returns whether the expected image by camera paths alone is that of `bdpt`. Light of emitters that no ray can
-    /// hit reaches them by no Dirac delta. In media they do not count the passages through emitting shapes with holes.
-    fn camera_paths_are_enough(&self, limits: PathLimits) -> bool {
-        let Scene { needs, shapes, materials, media, .. } = &self.scene;
-        let has_holes = |shape: &SceneShape| shape.emitter.is_some() && materials.get(shape.material).holes;
-        let same_lengths = media.is_none() || limits.max_depth.is_none() || !shapes.iter().any(has_holes);
-        (needs.deltas == 0 || !needs.delta_emitters) && same_lengths
+    /// hit reaches them by no Dirac delta.
+    fn camera_paths_are_enough(&self) -> bool {
+        self.scene.needs.deltas == 0 || !self.scene.needs.delta_emitters
     }
 
     /// Returns how pilots choose the integrator, if the user or else the scene asks for that.

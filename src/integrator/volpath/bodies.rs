@@ -377,7 +377,7 @@ fn optical_depths(u: f32x16, lower: f32x16) -> f32x16 {
 /// Returns directions after scattering with the mean cosines `g` by the function of [Henyey and Greenstein 1941].
 ///
 /// For the random number u, 1 − cos = 2 (1 − g)² (1 − u) (1 + gu) / s² and 1 + cos = 2 (1 + g)² u (1 − g (1 − u)) / s²
-/// with s = 1 − g + 2gu. Neither cancels.
+/// with s = 1 − g + 2gu. All sums are written such that nothing cancels.
 #[inline(always)]
 fn deflected(d: Vec3x16, g: f32x16, [u, azimuth]: [f32x16; 2]) -> Vec3x16 {
     let (one, two) = (f32x16::ONE, f32x16::splat(2.0));
@@ -385,8 +385,8 @@ fn deflected(d: Vec3x16, g: f32x16, [u, azimuth]: [f32x16; 2]) -> Vec3x16 {
     let forward = g.simd_gt(f32x16::ZERO);
     let s = forward.select(one - g + two * g * u, one + g - two * g * rest);
     let (back, ahead) = ((one - g) / s, (one + g) / s);
-    let versine = two * back * back * rest * (one + g * u);
-    let coversine = two * ahead * ahead * u * (one - g * rest);
+    let versine = two * back * back * rest * forward.select(one + g * u, one + g - g * rest);
+    let coversine = two * ahead * ahead * u * forward.select(one - g + g * u, one - g * rest);
     let cos = versine.simd_lt(one).select(one - versine, coversine - one);
     let sin = (versine * coversine).fast_max(f32x16::ZERO).sqrt();
     let (sin_phi, cos_phi) = sin_cos_turn_x16(f32x16::splat(TAU) * azimuth);
