@@ -93,43 +93,57 @@ impl ShadowQueue {
         occluded: impl Iterator<Item = bool>,
         mut add: impl FnMut(usize, Rgb),
     ) {
-        let mut departures = self.departures.iter().peekable();
-        let mut journeys = Vec::new();
-        for (i, ((slot, value), occluded)) in self.pending.iter().zip(occluded).enumerate() {
-            match departures.next_if(|(ray, _)| *ray == i) {
-                _ if occluded => {}
-                None => add(*slot as usize, *value),
-                Some((_, departure)) => journeys.push((i, *departure)),
-            }
-        }
-        if let (false, Some(media)) = (journeys.is_empty(), &scene.media) {
-            let rays: Vec<Ray> = journeys.iter().map(|(i, _)| self.rays[*i]).collect();
-            let mut boundaries = media.passed(&rays);
-            // Rays that meet no medium need no journey.
-            let mut count = 0;
-            for k in 0..journeys.len() {
-                let (i, departure) = journeys[k];
-                if departure.medium.is_none() && boundaries[k].is_none() {
-                    let (slot, value) = self.pending[i];
-                    add(slot as usize, value);
-                } else {
-                    (journeys[count], boundaries[count]) = (journeys[k], boundaries[k]);
-                    count += 1;
+        let unoccluded = self.pending.iter().zip(occluded).enumerate().filter(|(_, (_, occluded))| !occluded);
+        if self.departures.is_empty() {
+            unoccluded.for_each(|(_, ((slot, value), _))| add(*slot as usize, *value));
+        } else {
+            let mut departures = self.departures.iter().peekable();
+            let mut journeys = Vec::new();
+            for (i, ((slot, value), _)) in unoccluded {
+                while departures.next_if(|(ray, _)| *ray < i).is_some() {}
+                match departures.next_if(|(ray, _)| *ray == i) {
+                    None => add(*slot as usize, *value),
+                    Some((_, departure)) => journeys.push((i, *departure)),
                 }
             }
-            journeys.truncate(count);
-            boundaries.truncate(count);
-            let start = |(i, departure): &(usize, Departure)| departure.unscattered(self.rays[*i]);
-            let mut flights: Vec<Journey> = journeys.iter().map(start).collect();
-            follow(scene, media, &mut flights, Some(&boundaries), |_| None, |_, _, _| {});
-            for ((i, _), journey) in journeys.iter().zip(&flights) {
-                let (slot, value) = self.pending[*i];
-                add(slot as usize, value * journey.flight.passed());
-            }
+            self.finish_in_media(scene, journeys, add);
         }
         self.rays.clear();
         self.pending.clear();
         self.departures.clear();
+    }
+
+    /// Adds the values of rays, given by their indices, times the transmittances of the media through which they go.
+    fn finish_in_media(
+        &self,
+        scene: &Scene,
+        mut journeys: Vec<(usize, Departure)>,
+        mut add: impl FnMut(usize, Rgb),
+    ) {
+        let Some(media) = &scene.media else { return };
+        let rays: Vec<Ray> = journeys.iter().map(|(i, _)| self.rays[*i]).collect();
+        let mut boundaries = media.passed(&rays);
+        // Rays that meet no medium need no journey.
+        let mut count = 0;
+        for k in 0..journeys.len() {
+            let (i, departure) = journeys[k];
+            if departure.medium.is_none() && boundaries[k].is_none() {
+                let (slot, value) = self.pending[i];
+                add(slot as usize, value);
+            } else {
+                (journeys[count], boundaries[count]) = (journeys[k], boundaries[k]);
+                count += 1;
+            }
+        }
+        journeys.truncate(count);
+        boundaries.truncate(count);
+        let start = |(i, departure): &(usize, Departure)| departure.unscattered(self.rays[*i]);
+        let mut flights: Vec<Journey> = journeys.iter().map(start).collect();
+        follow(scene, media, &mut flights, Some(&boundaries), |_| None, |_, _, _| {});
+        for ((i, _), journey) in journeys.iter().zip(&flights) {
+            let (slot, value) = self.pending[*i];
+            add(slot as usize, value * journey.flight.passed());
+        }
     }
 }
 
@@ -435,6 +449,11 @@ impl PathWave {
         if next.gloss.is_some() {
             self.gloss.resize(self.rays.len(), Gloss::NONE);
         }
+        if !self.in_media.is_empty() {
+            for (to, i) in (to..).zip(bits(lanes)) {
+                self.in_media[to] = self.in_media[first + i];
+            }
+        }
         for i in bits(lanes) {
             if let Some(gloss) = self.gloss.get_mut(to) {
                 *gloss = next.gloss.as_ref().map_or(Gloss::NONE, |gloss| gloss.lane(i));
@@ -446,9 +465,6 @@ impl PathWave {
             self.from[to] = next.from.lane(i);
             self.pdf[to] = pdf[i];
             self.eta[to] = eta[i];
-            if !self.in_media.is_empty() {
-                self.in_media[to] = self.in_media[first + i];
-            }
             to += 1;
         }
         to

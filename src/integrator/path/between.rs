@@ -39,6 +39,7 @@ pub struct Sides<'a> {
 impl Sides<'_> {
     /// Updates the media of paths that a block scatters into `next`, for the lanes in the mask `lanes`. The paths of
     /// the block are the first ones of `in_media`.
+    #[inline(never)]
     pub fn enter(&self, block: &ShadingBlock<'_>, next: &Continuation, lanes: u32, in_media: &mut [InMedia]) {
         for i in bits(lanes) {
             let medium = self.after(block, i, &next.rays.d, in_media[i].medium);
@@ -48,6 +49,7 @@ impl Sides<'_> {
 
     /// Queues those shadow rays of a block that start in media, and returns a mask of the others. The rays have the
     /// directions `wi`.
+    #[inline(never)]
     pub fn queue_inside(
         &self,
         block: &ShadingBlock<'_>,
