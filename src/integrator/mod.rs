@@ -26,6 +26,7 @@ pub mod pssmlt;
 pub mod ptracer;
 pub mod roulette;
 pub mod settings;
+pub mod shadows;
 pub mod sppm;
 mod tree;
 pub mod vcm;

@@ -213,7 +213,7 @@ impl Volume {
     }
 
     /// Returns a random value whose mean is that at local coordinates, from the random number that `uniform` returns.
-    /// It reads one cell of a grid instead of eight. [Hofmann et al. 2021, stochastic filtering]
+    /// It reads one cell of a grid instead of eight. [Hofmann et al. 2021]
     #[inline]
     pub fn sample_at_local(&self, local: DVec3, uniform: impl FnOnce() -> f64) -> Rgb {
         match &self.field {

@@ -73,7 +73,7 @@ impl SceneMedia {
     /// Returns whether light gets into all media by being scattered at their boundaries only, unless these have a hole
     /// that a ray can pass, too: the media are [sealed](Self::is_sealed), there are no emitters in the boxes around
     /// them, and scattered rays can hit every emitter. The media are homogeneous, with the phase functions of
-    /// [`Homogeneous::asymmetry`]; no shape is an instance.
+    /// [`Homogeneous::asymmetry`](crate::medium::Homogeneous::asymmetry); no shape is an instance.
     #[inline]
     pub fn fill_bodies(&self) -> bool {
         self.fill_bodies

@@ -9,7 +9,7 @@ use crate::bsdf::lanes::{eval_x16, pdf_adjoint_x16};
 use crate::color::Rgb;
 use crate::integrator::flight::{Departure, medium_after, stream};
 use crate::integrator::light_path::LightVertex;
-use crate::integrator::worker::ShadowQueue;
+use crate::integrator::shadows::ShadowQueue;
 use crate::math::lanes::{LANES, bits, each_lane, f32x16};
 use crate::math::{Ray, RayX16, Vec3, Vec3x16};
 use crate::sampling::SampleKey;

@@ -16,9 +16,8 @@ use crate::integrator::photon::CausticMaps;
 use crate::integrator::photon::kdtree::NeighbourBuffer;
 use crate::integrator::roulette::Roulette;
 use crate::integrator::settings::PathLimits;
-use crate::integrator::worker::{
-    BounceNumbers, Continuation, PathWave, RandomNumbers, ShadowQueue, intersect,
-};
+use crate::integrator::shadows::ShadowQueue;
+use crate::integrator::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, intersect};
 use crate::integrator::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::math::{Ray, RayX16, Vec2, Vec3};

@@ -22,7 +22,8 @@ use super::guiding::{GuidedBlock, GuidingField};
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
 use super::settings::{PathLimits, Plugin, Read, Source, WhenPays};
-use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, ShadowQueue, intersect};
+use super::shadows::ShadowQueue;
+use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, intersect};
 use super::{
     Integrator, LightTracer, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission,
 };

@@ -5,7 +5,7 @@ use crate::color::Rgb;
 use crate::emitter::EmitterSample;
 use crate::ids::MediumId;
 use crate::integrator::flight::{Departure, ray_to_emitter};
-use crate::integrator::worker::ShadowQueue;
+use crate::integrator::shadows::ShadowQueue;
 use crate::math::lanes::{LANES, each_lane};
 use crate::math::{Vec2, Vec3, Vec3x16, f32x16};
 use crate::medium::{Phase, Stream};
