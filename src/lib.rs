@@ -209,10 +209,10 @@
 //!   EGSR.
 //! - `[Henyey and Greenstein 1941]` Diffuse radiation in the Galaxy. Astrophysical Journal 93.
 //! - `[Higham 2002]` Accuracy and Stability of Numerical Algorithms, 2nd edition.
-//! - `[Hosek 2012]` Hošek, Wilkie: An analytic model for full spectral sky-dome radiance. ACM Transactions on Graphics
-//!   31(4).
 //! - `[Hofmann et al. 2021]` Hofmann, Hasselgren, Clarberg, Munkberg: Interactive path tracing and reconstruction of
 //!   sparse volumes. Proceedings of the ACM on Computer Graphics and Interactive Techniques 4(1).
+//! - `[Hosek 2012]` Hošek, Wilkie: An analytic model for full spectral sky-dome radiance. ACM Transactions on Graphics
+//!   31(4).
 //! - `[Hosek 2013]` Hošek, Wilkie: Adding a solar-radiance function to the Hošek-Wilkie skylight model. IEEE Computer
 //!   Graphics and Applications 33(3).
 //! - `[Jakob 2014]` An improved visible normal sampling routine for the Beckmann distribution. ETH Zürich.
