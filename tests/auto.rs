@@ -142,11 +142,6 @@ fn connections_are_kept_where_nothing_else_is_possible() {
     assert_eq!(folder.run(&variances).code, 0);
     let stats: Value = serde_json::from_slice(&folder.read("s.json")).expect("JSON");
     assert_eq!((&stats["integrator"], &stats["auto"]), (&"bdpt".into(), &Value::Null));
-    // In fog, volpath counts no passage through a lamp with holes, which limits other paths.
-    let limited = "<integrator type='volpath'><integer name='max_depth' value='3'/></integrator>";
-    let lamp = glass_in_fog(limited).replace("<emitter", "<bsdf type='null'/><emitter");
-    folder.write("lamp.xml", lamp.as_bytes());
-    assert_eq!(bdpt(&folder, "lamp.xml", PART), ("bdpt".into(), Value::Null));
     // Camera paths rarely find the caustics below waves.
     let water = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/caustics/water.xml");
     let (name, decision) = bdpt(&folder, water, PART);

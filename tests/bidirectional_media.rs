@@ -112,6 +112,10 @@ fn paths_from_both_ends_agree_with_camera_paths_in_media() {
         agree(&folder, "--spp 512", ["volpath", "bdpt"]);
     }
     agree(&Folder::with(&glass_in_fog("<integrator type='volpath'/>")), "--spp 512", ["volpath", "bdpt"]);
+    // The passage through a lamp with holes counts as an edge.
+    let limited = "<integrator type='volpath'><integer name='max_depth' value='3'/></integrator>";
+    let lamp = glass_in_fog(limited).replace("<emitter", "<bsdf type='null'/><emitter");
+    agree(&Folder::with(&lamp), "--spp 512", ["volpath", "bdpt"]);
 }
 
 /// Writes a grid of 4 × 4 × 4 densities.

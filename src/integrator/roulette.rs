@@ -72,8 +72,8 @@ fn survivors(beta: [f32x16; 3], survival: f32x16, u: f32x16) -> ([f32x16; 3], f3
     (beta.map(|channel| channel * per_survival), !u.simd_ge(survival))
 }
 
-/// Plays the roulette of [`Roulette::at`] for sixteen paths with the given numbers of edges. Returns their throughputs by
-/// channel and a mask of the surviving paths.
+/// Plays the roulette of [`Roulette::at`] for sixteen paths with the given numbers of edges. Returns their throughputs
+/// by channel and a mask of the surviving paths.
 #[inline(always)]
 pub fn play_each_x16(
     edges: f32x16,

@@ -93,8 +93,8 @@ impl Grid {
         sum
     }
 
-    /// Returns the value of one of the cells whose mean is the value at a point in local coordinates, with its weight as
-    /// the probability. `u` is a random number.
+    /// Returns the value of one of the cells whose mean is the value at a point in local coordinates, with its weight
+    /// as the probability. `u` is a random number.
     fn one_of(&self, local: DVec3, mut u: f64) -> Rgb {
         if self.filter == FilterType::Nearest {
             return self.at(local);

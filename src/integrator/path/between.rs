@@ -20,8 +20,8 @@ pub trait Between<'a> {
     /// [rejoin](Self::rejoin) the wave, have no hit and no throughput afterwards.
     fn advance(&mut self, depth: u32, worker: &mut Worker, out: &mut [Radiance]);
 
-    /// Returns whether camera rays pass hidden emitters in [`advance`](Self::advance). If not, the rays and hits at depth
-    /// 0 are those behind them.
+    /// Returns whether camera rays pass hidden emitters in [`advance`](Self::advance). If not, the rays and hits at
+    /// depth 0 are those behind them.
     fn passes_hidden(&self) -> bool;
 
     /// Adds the paths to the wave that are scattered without a surface.

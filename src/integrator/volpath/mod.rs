@@ -1,11 +1,11 @@
 //! Path tracing in participating media. [Kajiya 1986; Veach 1997; Miller 2019]
 //!
-//! Surfaces are those of `path`. Between them, the ray of a path goes through boundaries of media that do not scatter it
-//! (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flights`]). At each event in a medium
-//! an emitter is sampled, with the transmittance of the media up to it, and a direction, by the phase function. Both are
-//! weighted by the power heuristic ([`event`]). In thin homogeneous media, a third technique samples points near emitters
-//! ([`equiangular`]). If all media fill bodies that light enters at surfaces only, no emitters are sampled in them
-//! ([`bodies`]). Without media, the integrator is `path`.
+//! Surfaces are those of `path`. Between them, the ray of a path goes through boundaries of media that do not scatter
+//! it (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flights`]). At each event in a
+//! medium an emitter is sampled, with the transmittance of the media up to it, and a direction, by the phase function.
+//! Both are weighted by the power heuristic ([`event`]). In thin homogeneous media, a third technique samples points
+//! near emitters ([`equiangular`]). If all media fill bodies that light enters at surfaces only, no emitter is sampled
+//! in them ([`bodies`]). Without media, the integrator is `path`.
 
 pub mod bodies;
 mod emitter_samples;
