@@ -72,11 +72,11 @@ impl Journey {
         Journey { medium, flight, leg: ray, before: 0.0 }
     }
 
-    /// Passes a surface, with the same flight. Returns the ray behind it.
+    /// Passes the surface `at` at its end, with the same flight. Returns the ray behind it.
     pub fn pass(&mut self, scene: &Scene, media: &SceneMedia, at: &SurfaceInteraction) -> Ray {
-        let Ray { d, time, .. } = self.leg;
+        let Ray { d, t_max, time, .. } = self.leg;
         self.medium = media.beside(at, d, self.medium);
-        self.before += at.hit.t;
+        self.before += t_max;
         self.leg = scene.spawn_ray(at, d, time);
         self.leg
     }

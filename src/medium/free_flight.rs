@@ -97,14 +97,6 @@ impl FreeFlight {
         self.end.is_finite()
     }
 
-    /// Returns the distance at which the flight ends in a medium that has no end; `None` if it does not end there, or
-    /// if that is not known beforehand.
-    pub fn reach(&self, medium: &Medium) -> Option<f64> {
-        let Medium::Homogeneous(medium) = medium else { return None };
-        let distance = (self.end - self.scattering[self.channel]) / f64::from(medium.sigma_t[self.channel]);
-        (medium.scatters() && distance.is_finite()).then_some(distance)
-    }
-
     /// Returns the probabilities of the channels by which the distance is sampled.
     pub fn choice(&self) -> [f64; 3] {
         self.choice

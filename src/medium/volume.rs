@@ -94,11 +94,8 @@ impl Grid {
     }
 
     /// Returns the value of one of the cells whose mean is the value at a point in local coordinates, with its weight
-    /// as the probability. `u` is a random number.
+    /// as the probability, for trilinear interpolation. `u` is a random number.
     fn one_of(&self, local: DVec3, mut u: f64) -> Rgb {
-        if self.filter == FilterType::Nearest {
-            return self.at(local);
-        }
         self.cell([0, 1, 2].map(|axis| {
             let x = local[axis] * self.size[axis] as f64 - 0.5;
             let first = x.floor();
@@ -213,12 +210,16 @@ impl Volume {
     }
 
     /// Returns a random value whose mean is that at local coordinates, from the random number that `uniform` returns.
-    /// It reads one cell of a grid instead of eight. [Hofmann et al. 2021]
+    /// It reads one cell of a grey grid instead of eight. [Hofmann et al. 2021]
     #[inline]
     pub fn sample_at_local(&self, local: DVec3, uniform: impl FnOnce() -> f64) -> Rgb {
         match &self.field {
             Field::Constant(value) => *value,
-            Field::Grid(grid) => grid.one_of(local, uniform()),
+            // The colour of one cell is not that of the mean, which spectral tracking would make noise of.
+            Field::Grid(grid) if grid.channels == 1 && grid.filter != FilterType::Nearest => {
+                grid.one_of(local, uniform())
+            }
+            Field::Grid(grid) => grid.at(local),
         }
     }
 

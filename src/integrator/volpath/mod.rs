@@ -33,6 +33,8 @@ pub struct VolpathIntegrator {
     limits: PathLimits,
     /// The paths between events in media.
     paths: PathIntegrator,
+    /// Whether all media [are in closed bodies](bodies::are_closed).
+    in_bodies: bool,
     /// The points that each emitter may light; `None` at infinity.
     regions: Vec<Option<LitRegion>>,
 }
@@ -68,7 +70,7 @@ impl VolpathIntegrator {
     /// Creates the integrator.
     pub fn new(limits: PathLimits) -> Self {
         let paths = PathIntegrator::new(PathSettings::independent(limits));
-        VolpathIntegrator { limits, paths, regions: Vec::new() }
+        VolpathIntegrator { limits, paths, in_bodies: false, regions: Vec::new() }
     }
 }
 
@@ -120,6 +122,7 @@ impl Integrator for VolpathIntegrator {
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         let scene = preparation.scene;
+        self.in_bodies = bodies::are_closed(scene);
         if scene.media.as_ref().is_some_and(|media| media.scatters()) {
             self.regions = scene.lights.iter().map(Light::lit_region).collect();
         }
@@ -137,7 +140,7 @@ impl Integrator for VolpathIntegrator {
         let Some(media) = &scene.media else {
             return self.paths.li(scene, wave, query, worker, out);
         };
-        if media.fill_bodies() && query == RadianceQuery::ALL {
+        if self.in_bodies && query == RadianceQuery::ALL {
             let mut bodies = Bodies::new(scene, media, self.limits);
             return self.paths.trace_through(&mut bodies, wave, query, worker, out);
         }
