@@ -13,6 +13,7 @@ use buffon::emitter::Emitter;
 use buffon::ids::MediumId;
 use buffon::integrator::Settings;
 use buffon::integrator::settings::PathLimits;
+use buffon::integrator::volpath::closed::are_closed;
 use buffon::material::{Distribution, Interface, Material, Null, RoughDielectric, Roughness};
 use buffon::math::{DAffine3, DQuat, DVec3, Vec3};
 use buffon::medium::{MediumBoundary, Phase};
@@ -142,9 +143,9 @@ fn light_in_fog_that_seems_sealed_is_not_lost() {
     }
 }
 
-/// Media that fill bodies are rendered by code of their own: the light is the same as in other media. The bodies are
-/// balls of glass, smooth or rough, an open cylinder, one in the other, and one with a diffuse ball inside. A lamp and
-/// the sky light them.
+/// Media that fill closed bodies are rendered by code of their own: the light is the same as in other media. The bodies
+/// are balls of glass, smooth or rough, also with a body and a diffuse ball inside. An open cylinder is no closed body.
+/// A lamp and the sky light them.
 #[test]
 fn media_in_bodies_scatter_as_others() {
     let phases = [Phase::Isotropic, Phase::HenyeyGreenstein { g: 0.8 }, Phase::HenyeyGreenstein { g: -0.6 }];
@@ -181,9 +182,9 @@ fn media_in_bodies_scatter_as_others() {
                 let at = DAffine3::from_translation(DVec3::X * -0.4);
                 filled(&mut scene, sphere(0.3), at, glass(1.2), other);
             }
-            let fills =
-                compiled(scene.clone(), AccelKind::Auto).media.is_some_and(|media| media.fill_bodies());
-            assert!(fills, "{name}");
+            let compiled = compiled(scene.clone(), AccelKind::Auto);
+            assert!(compiled.media.as_ref().is_some_and(|media| media.fill_bodies()), "{name}");
+            assert_eq!(are_closed(&compiled), name != "open", "{name}, {inside}");
             expect_the_same_unsealed(group, &format!("{name}, {inside}"), &scene, (fog, depth));
         }
     }

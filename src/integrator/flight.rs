@@ -81,10 +81,9 @@ impl Journey {
         self.leg
     }
 
-    /// Returns the distance from the start of the journey to a parameter of the rest of the ray, in the unit of its
-    /// parameters.
-    pub fn length(&self, t: f32) -> f32 {
-        self.before + t
+    /// Returns the length of the journey up to the end of its ray, in the unit of ray parameters.
+    pub fn length(&self) -> f32 {
+        self.before + self.leg.t_max
     }
 
     /// Ends the journey at a ray parameter.
@@ -146,11 +145,10 @@ pub fn follow<'a>(
     scene: &Scene,
     media: &'a SceneMedia,
     journeys: &mut [Journey],
-    first: Option<&[Option<Hit>]>,
+    mut first: Option<&[Option<Hit>]>,
     end: impl Fn(usize) -> Option<SurfaceInteraction>,
     mut enter: impl FnMut(usize, &Entry<'a, '_>, &FreeFlight),
 ) -> Vec<Option<Collision<'a>>> {
-    let mut first = first;
     let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
     if !media.has_passed() {
         for (i, (journey, collision)) in journeys.iter_mut().zip(&mut collisions).enumerate() {
@@ -299,7 +297,8 @@ fn normal_along(at: &SurfaceInteraction, d: Vec3) -> Vec3 {
     if at.ng.dot(d) < 0.0 { -at.ng } else { at.ng }
 }
 
-/// Returns a distance much longer than that by which rounding moves a point of a ray from `o` that ends at `o + to`.
+/// Returns a distance much longer than that by which rounding moves a point of a ray from `o` that ends at `o + to`,
+/// unless a surface is a thousand times as large.
 pub fn rounding(o: Vec3, to: Vec3) -> f32 {
     1e-4 * (o.abs().max_element() + to.length())
 }

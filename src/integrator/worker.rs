@@ -133,10 +133,10 @@ pub struct InMedia {
     pub medium: Option<MediumId>,
     /// The number of times that bodies have scattered the path.
     pub events: u32,
-    /// If a medium has scattered the path last: the index of that point on its ray, if points near emitters were
-    /// sampled there, and the probability with which an emitter was sampled.
+    /// The index of the point at which a medium scattered the path last, if points near emitters were sampled on that
+    /// ray.
     pub on_leg: Option<u32>,
-    /// See above; otherwise 1.
+    /// The probability with which an emitter was sampled at the last event; 1 at a surface.
     pub emitter_share: f32,
 }
 

@@ -12,26 +12,24 @@ use crate::integrator::flight::before_end;
 use crate::integrator::lighting::{TechniqueCounts, emitted_at};
 use crate::integrator::path::between::{Between, Sides};
 use crate::integrator::roulette::play_each_x16;
-use crate::integrator::worker::{Counters, InMedia, PathWave, draw_2d, intersect};
+use crate::integrator::worker::{InMedia, PathWave, draw_2d, intersect};
 use crate::integrator::{PathLimits, Radiance, Worker};
 use crate::math::functions::{exp_x16, ln_x16};
 use crate::math::lanes::{LANES, bits, each_lane, f32x16, load, mask_from_bits};
-use crate::math::{FrameX16, Ray, RayX16, Vec2, Vec3, Vec3x16};
+use crate::math::{FrameX16, Ray, RayX16, Vec3x16};
 use crate::medium::Medium;
 use crate::sampling::hash::{combine, digits_below, lower_digits_x16, pcg3d, to_unit};
-use crate::sampling::warp::{self, sin_cos_turn_x16};
+use crate::sampling::warp::sin_cos_turn_x16;
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SceneMedia};
 use std::f32::consts::TAU;
 
 /// Selects the random numbers of events in bodies.
 const EVENTS: u32 = 0x626f_6479;
-/// The number of rays that look for holes, and of their steps.
-const PROBES: u32 = 1024;
-const PROBE_STEPS: u32 = 8;
 /// The optical depth beyond which nothing is transmitted.
 const OPAQUE: f32 = 87.0;
-/// Rounding moves the points of rays by much less than this part of their coordinates and distances.
+/// Rounding moves the points of rays by much less than this part of their coordinates and distances, unless a surface
+/// is a thousand times as large.
 const CLOSE: f32 = 1e-4;
 
 /// The media of a scene, which fill bodies.
@@ -296,49 +294,6 @@ impl<'a> Between<'a> for Bodies<'a> {
     fn rejoin(&mut self, _: &mut PathWave) {}
 }
 
-/// Returns whether all media [fill bodies](SceneMedia::fill_bodies) whose boundaries are closed, as far as rays can
-/// tell: no ray that starts behind a boundary, in any direction, leaves the body but through the inner side of a
-/// boundary. Through a hole, lamps may be found by emitter samples only too well.
-pub fn are_closed(scene: &Scene) -> bool {
-    let Some(media) = scene.media.as_ref().filter(|media| media.fill_bodies()) else { return false };
-    let (center, radius) = (scene.bounds.center(), scene.bounds.radius());
-    let number = |i: u32, k: u32| pcg3d(i, k, EVENTS).map(to_unit);
-    // Rays from around the scene, to random points in it, find boundaries, and rays behind these find others.
-    let begin = |i: u32| {
-        let ([x, y, _], to) = (number(i, 0), Vec3::from(number(i, 1)));
-        let from = center + warp::square_to_sphere(Vec2::new(x, y)) * (2.0 * radius);
-        let to = scene.bounds.min + (scene.bounds.max - scene.bounds.min) * to;
-        Ray::new(from, (to - from).normalize_or(Vec3::Z))
-    };
-    let mut rays: Vec<Ray> = (0..PROBES).map(begin).collect();
-    let mut inside = vec![false; rays.len()];
-    let (mut hits, mut counters) = (Vec::new(), Counters::default());
-    for step in 2..PROBE_STEPS {
-        intersect(scene, &rays, Coherence::Incoherent, &mut hits, &mut counters);
-        let mut next = Vec::new();
-        for (i, ((ray, hit), inside)) in rays.iter().zip(&hits).zip(&mut inside).enumerate() {
-            let at = hit.map(|hit| scene.interaction(ray, &hit));
-            let boundary = at.filter(|at| media.is_boundary(at.shape()));
-            let enters = boundary.is_some_and(|at| at.ng.dot(ray.d) < 0.0);
-            if *inside
-                && (at.is_none()
-                    || enters && media.beside(&boundary.expect("entered"), -ray.d, None).is_none())
-            {
-                return false;
-            }
-            let Some(at) = at else { continue };
-            let [x, y, _] = number(i as u32, step);
-            let d = warp::square_to_sphere(Vec2::new(x, y));
-            // Behind a boundary, rays start in the body; others go on from the side from which they came.
-            let away = if boundary.is_some() { -at.ng } else { at.ng * -at.ng.dot(ray.d).signum() };
-            let d = if d.dot(away) < 0.0 { -d } else { d };
-            next.push((scene.spawn_ray(&at, d, ray.time), boundary.is_some() || *inside));
-        }
-        (rays, inside) = next.into_iter().unzip();
-    }
-    true
-}
-
 impl Coefficients {
     /// Returns the distances at which flights end: at optical depths in channels that are chosen in proportion to the
     /// throughput. Flights that are not sampled have no end.
@@ -442,6 +397,7 @@ fn deflected(d: Vec3x16, g: f32x16, [u, azimuth]: [f32x16; 2]) -> Vec3x16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::{Vec2, Vec3};
     use crate::medium::{FreeFlight, Homogeneous, Phase, Segment, Stream};
 
     /// The logarithm is exact for numbers that are close to 0 and to 1, and digits below those of the number count.

@@ -1,4 +1,4 @@
-//! One event of a path: scattering in a medium or at a surface, and the light found there.
+//! One event of a path in a medium, and the light that it finds.
 
 use super::Path;
 use super::emitter_samples::{Competitors, PendingSample};

@@ -137,7 +137,7 @@ impl<'a> Between<'a> for Flights<'a> {
             paths.set_beta(i, path.beta);
             paths.in_media[i].medium = medium;
             if depth == 0 {
-                let to_surface = || journeys[k].length(hits[i].map_or(f32::INFINITY, |hit| hit.t));
+                let to_surface = || hits[i].map_or(f32::INFINITY, |_| journeys[k].length());
                 out[path.slot].distance = collision.as_ref().map_or_else(to_surface, |collision| collision.t);
             }
             match collision {

@@ -8,6 +8,7 @@
 //! in them ([`bodies`]). Without media, the integrator is `path`.
 
 pub mod bodies;
+pub mod closed;
 mod emitter_samples;
 mod equiangular;
 mod event;
@@ -33,7 +34,7 @@ pub struct VolpathIntegrator {
     limits: PathLimits,
     /// The paths between events in media.
     paths: PathIntegrator,
-    /// Whether all media [are in closed bodies](bodies::are_closed).
+    /// Whether all media [are in closed bodies](closed::are_closed).
     in_bodies: bool,
     /// The points that each emitter may light; `None` at infinity.
     regions: Vec<Option<LitRegion>>,
@@ -122,7 +123,7 @@ impl Integrator for VolpathIntegrator {
 
     fn prepare(&mut self, preparation: &Preparation<'_>) -> Result<()> {
         let scene = preparation.scene;
-        self.in_bodies = bodies::are_closed(scene);
+        self.in_bodies = closed::are_closed(scene);
         if scene.media.as_ref().is_some_and(|media| media.scatters()) {
             self.regions = scene.lights.iter().map(Light::lit_region).collect();
         }
