@@ -207,5 +207,5 @@ lint-workflows: $(PYTHON_TOOLS)/bin/maturin ## check the files for GitHub and Gi
 	$(PYTHON_TOOLS)/bin/check-jsonschema --builtin-schema vendor.gitlab-ci docs/ci/gitlab*.yml
 
 clean: ## remove what was built, rendered and generated
-	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr lights-*.xml)
+	rm -rf out $(TERRAIN) $(addprefix scenes/speed/,*.png *.exr *.vol lights-*.xml)
 	if command -v cargo >/dev/null; then cargo clean; fi

@@ -2,12 +2,16 @@
 //!
 //! The files are tiny and in the repository. This program documents and reproduces their contents.
 
+#[path = "support/volume.rs"]
+mod volume;
+
 use buffon::image::{Image, WriteOptions, write};
 use flate2::{Compression, write::ZlibEncoder};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use std::f32::consts::{PI, TAU};
 use std::io::Write;
 use std::path::Path;
+use volume::volume;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/plugins");
@@ -100,19 +104,6 @@ fn exr(
     }
     write(path, &image, &WriteOptions::default())?;
     Ok(())
-}
-
-/// Writes a grid in the unit cube, x fastest, with its box 1 × 1 × 2.
-fn volume(
-    path: &Path,
-    size: [i32; 3],
-    channels: i32,
-    values: impl Iterator<Item = f32>,
-) -> std::io::Result<()> {
-    let header = [1, size[0], size[1], size[2], channels].map(i32::to_le_bytes);
-    let floats = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0].into_iter().chain(values).map(f32::to_le_bytes);
-    let words: Vec<[u8; 4]> = header.into_iter().chain(floats).collect();
-    std::fs::write(path, [b"VOL\x03", words.as_flattened()].concat())
 }
 
 /// Writes a measured material for viewers with the azimuths `phi`. `stretch` is how much its microfacets depend on the

@@ -1,7 +1,9 @@
 //! Writes what the scenes of `scenes/speed` need and what is too large to keep: `cargo run --release --example
-//! speed_scenes`. That is the textures, the sky, and the rooms of 400 and 10,000 lights.
+//! speed_scenes`. That is the textures, the sky, the smoke, and the rooms of 400 and 10,000 lights.
 
 mod support;
+#[path = "support/volume.rs"]
+mod volume;
 
 use buffon::image::{Image, WriteOptions, write};
 use image::{Rgb, RgbImage};
@@ -9,6 +11,7 @@ use std::f32::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::path::Path;
 use support::{noise, random};
+use volume::volume;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/speed");
@@ -49,10 +52,34 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     write(&folder.join("sky.exr"), &sky, &WriteOptions::default())?;
+    let side = SMOKE as u32;
+    let cells = (0..side.pow(3)).map(|i| smoke([i % side, i / side % side, i / side.pow(2)]));
+    volume(&folder.join("smoke.vol"), [SMOKE; 3], 1, cells)?;
     for lights in [400, 10_000] {
         std::fs::write(folder.join(format!("lights-{lights}.xml")), room_of_lights(lights))?;
     }
     Ok(())
+}
+
+/// The number of values of the smoke along each edge.
+const SMOKE: i32 = 256;
+
+/// Returns the density of the smoke, in [0, 1]: a column that winds, widens upwards and frays.
+fn smoke(cell: [u32; 3]) -> f32 {
+    let [x, y, z] = cell.map(|i| (i as f32 + 0.5) / SMOKE as f32);
+    let turbulence = |frequency: f32, seed| solid_noise([x, y, z].map(|t| t * frequency), seed);
+    let fray = 0.5 * turbulence(6.0, 20) + 0.3 * turbulence(17.0, 40) + 0.2 * turbulence(47.0, 90);
+    let (axis_x, axis_z) = (0.5 + 0.12 * y * (5.0 * y).sin(), 0.5 + 0.12 * y * (4.0 * y).cos());
+    let radius = (x - axis_x).hypot(z - axis_z) / (0.08 + 0.28 * y);
+    let inside = 1.25 - radius - 1.1 * (1.0 - fray) * (0.4 + 0.6 * y) + 0.2;
+    (3.0 * inside).clamp(0.0, 1.0) * (y * 20.0).min((1.0 - y) * 6.0).clamp(0.0, 1.0)
+}
+
+/// Returns smooth noise in [0, 1) of a point.
+fn solid_noise([x, y, z]: [f32; 3], seed: u32) -> f32 {
+    let (below, t) = (z.floor() as u32, z.fract());
+    let t = t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
+    noise(x, y, seed + below) * (1.0 - t) + noise(x, y, seed + below + 1) * t
 }
 
 /// Returns the sRGB code of a reflectance, approximately.

@@ -144,8 +144,8 @@ fn light_in_fog_that_seems_sealed_is_not_lost() {
 }
 
 /// Media that fill closed bodies are rendered by code of their own: the light is the same as in other media. The bodies
-/// are balls of glass, smooth or rough, also with a body and a diffuse ball inside. An open cylinder is no closed body.
-/// A lamp and the sky light them.
+/// are balls of glass, smooth or rough, also with a body and a diffuse ball inside, and a cylinder with lids. An open
+/// cylinder is no closed body. A lamp and the sky light them.
 #[test]
 fn media_in_bodies_scatter_as_others() {
     let phases = [Phase::Isotropic, Phase::HenyeyGreenstein { g: 0.8 }, Phase::HenyeyGreenstein { g: -0.6 }];
@@ -165,6 +165,7 @@ fn media_in_bodies_scatter_as_others() {
         ("backward", ball(), glass(1.5), [1.0, 0.99, 0.9], 2, None),
         ("short", ball(), rough, ALBEDO, 1, Some(3)),
         ("open", tube(), glass(1.1), ALBEDO, 0, Some(5)),
+        ("lids", tube(), glass(1.1), ALBEDO, 0, Some(5)),
     ];
     let group = Means::of_images(2 * cases.len() * AccelKind::CHOICES.len(), 3e-2);
     for (name, shape, material, albedo, phase, depth) in cases {
@@ -173,6 +174,11 @@ fn media_in_bodies_scatter_as_others() {
             scene.sensors.push(camera(DVec3::new(0.5, 1.6, 4.0), DVec3::ZERO, 30.0, 12));
             let fog = medium(&mut scene, SIGMA, albedo, phases[phase].clone());
             filled(&mut scene, shape.clone(), DAffine3::IDENTITY, material.clone(), fog);
+            for side in [1.0, -1.0].into_iter().filter(|_| name == "lids") {
+                let outwards = DAffine3::from_rotation_x(-side * FRAC_PI_2);
+                let at = DAffine3::from_translation(DVec3::Y * side) * outwards;
+                filled(&mut scene, Shape::Disk, at, material.clone(), fog);
+            }
             let above = DAffine3::from_translation(DVec3::Y * 3.0);
             let lamp = add(&mut scene, sphere(0.7), above, diffuse(0.0));
             scene.shapes[lamp].emission = Some(Rgb::splat(4.0).into());

@@ -16,7 +16,7 @@ pub fn cylinder_frame(p0: Vec3, p1: Vec3) -> [DVec3; 3] {
 }
 
 /// Returns the unit axis and the height.
-fn axis(p0: Vec3, p1: Vec3) -> (DVec3, f64) {
+pub(super) fn axis(p0: Vec3, p1: Vec3) -> (DVec3, f64) {
     let along = p1.as_dvec3() - p0.as_dvec3();
     let height = along.length();
     (along * height.recip(), height)
@@ -52,13 +52,17 @@ pub(super) fn intersect(
         let p = from_p0 + line.d * t;
         let v = p.dot(axis) / height;
         let t = line.within(t).filter(|_| (0.0..=1.0).contains(&v))?;
-        // As in `cylinder_frame`. Most rays do not get here.
-        let (x, y) = axis.any_orthonormal_pair();
-        let turn = p.dot(y).atan2(p.dot(x)) / TAU;
-        let u = (if turn < 0.0 { turn + 1.0 } else { turn }) as f32;
-        Some(PrimitiveHit { t, u: if u < 1.0 { u } else { 0.0 }, v: v as f32 })
+        Some(PrimitiveHit { t, u: turn(axis, p), v: v as f32 })
     };
     roots.into_iter().filter_map(hit).find(|hit| accept(hit))
+}
+
+/// Returns the coordinate u of a point relative to `p0`, in the frame of [`cylinder_frame`].
+pub(super) fn turn(axis: DVec3, p: DVec3) -> f32 {
+    let (x, y) = axis.any_orthonormal_pair();
+    let turn = p.dot(y).atan2(p.dot(x)) / TAU;
+    let u = (if turn < 0.0 { turn + 1.0 } else { turn }) as f32;
+    if u < 1.0 { u } else { 0.0 }
 }
 
 /// The relative margin of a test of squared distances in double precision that decides without a division.

@@ -1,7 +1,8 @@
 //! Analytic surfaces of a list.
 
 use super::{RayX8, Vec3x8};
-use crate::accel::Primitive;
+use crate::accel::{Primitive, cylinder};
+use crate::math::lanes::bits;
 use crate::math::{DVec3, Vec3};
 use wide::{f32x8, f64x8};
 
@@ -33,6 +34,7 @@ pub(super) enum SurfaceHits {
 enum Kernel {
     Sphere { center: DVec3, radius: f64 },
     Disk { center: DVec3, du: DVec3, dv: DVec3 },
+    Cylinder { p0: DVec3, axis: DVec3, height: f64, radius: f64 },
 }
 
 /// Eight vectors in double precision.
@@ -70,6 +72,14 @@ impl DVec3x8 {
         DVec3x8([x + a * s, y + b * s, z + c * s])
     }
 
+    /// Returns the parts perpendicular to a unit vector.
+    #[inline(always)]
+    fn across(self, axis: DVec3) -> Self {
+        let ([x, y, z], along) = (self.0, self.dot(axis));
+        let [a, b, c] = axis.to_array().map(f64x8::splat);
+        DVec3x8([x - a * along, y - b * along, z - c * along])
+    }
+
     /// Returns the cross products `self × v`.
     #[inline(always)]
     fn cross(self, v: DVec3) -> Self {
@@ -100,9 +110,12 @@ impl BoundedSurface {
                 let kernel = Kernel::Disk { center, du: du_64, dv: dv_64 };
                 (du.length_squared() + dv.length_squared(), Some(kernel))
             }
-            Primitive::Cylinder { .. } | Primitive::RoundCone(_) | Primitive::SdfCell(_) => {
-                ((bounds.max - center).length_squared(), None)
+            Primitive::Cylinder { p0, p1, radius } => {
+                let (axis, height) = cylinder::axis(p0, p1);
+                let kernel = Kernel::Cylinder { p0: p0.as_dvec3(), axis, height, radius: radius.into() };
+                ((bounds.max - center).length_squared(), Some(kernel))
             }
+            Primitive::RoundCone(_) | Primitive::SdfCell(_) => ((bounds.max - center).length_squared(), None),
         };
         // The margin exceeds the rounding error of the test.
         let radius_squared = radius_squared * 1.01 + 1e-5 * reach * reach;
@@ -116,9 +129,15 @@ impl BoundedSurface {
         let from_center = rays.o.relative_to(self.center);
         let b = from_center.dot_x8(rays.d);
         let c = from_center.dot_x8(from_center) - self.radius_squared;
-        let meets = (b * b).simd_ge(rays.d.dot_x8(rays.d) * c);
+        let a = rays.d.dot_x8(rays.d);
+        let meets = (b * b).simd_ge(a * c);
         let ahead = b.simd_lt(f32x8::ZERO) | c.simd_lt(f32x8::ZERO);
-        let candidates = meets & ahead & t_max.simd_gt(f32x8::ZERO);
+        // A ray that starts and ends outside, before the point nearest to the centre, does not reach the surface.
+        let at = a * t_max;
+        let past = (at + b).simd_ge(f32x8::ZERO)
+            | c.simd_le(f32x8::ZERO)
+            | t_max.mul_add(at + b + b, c).simd_le(f32x8::ZERO);
+        let candidates = meets & ahead & past & t_max.simd_gt(f32x8::ZERO);
         match &self.kernel {
             _ if candidates.none() => None,
             None => Some(SurfaceHits::Candidates(candidates.to_bitmask())),
@@ -140,17 +159,9 @@ impl Kernel {
         let (o, d) = (DVec3x8::new(rays.o), DVec3x8::new(rays.d));
         match *self {
             Kernel::Sphere { center, radius } => {
-                let r2 = f64x8::splat(radius * radius);
-                let f = o.minus(center);
-                let (a, b) = (d.dot_x8(d), -f.dot_x8(d));
-                let nearest = f.plus(d, b / a);
-                let discriminant = r2 - nearest.dot_x8(nearest);
-                let real = candidates & mask(discriminant.simd_ge(f64x8::ZERO));
-                if real.none() {
+                let Some(Roots { real, a, c, q }) = circle(o.minus(center), d, radius, candidates) else {
                     return (f32x8::ZERO, [f32x8::ZERO; 3]);
-                }
-                let c = f.dot_x8(f) - r2;
-                let q = b + ((a * discriminant).sqrt() | (b & f64x8::splat(-0.0)));
+                };
                 let t0 = c / q;
                 // From outside, this is the nearer root, and if it is beyond the end, the other one is, too.
                 let from_outside =
@@ -168,6 +179,9 @@ impl Kernel {
                 let n = du.cross(dv);
                 let from_center = o.minus(center);
                 let t = -from_center.dot(n) / d.dot(n);
+                if (candidates & within(rounded(t))).none() {
+                    return (f32x8::ZERO, [f32x8::ZERO; 3]);
+                }
                 let p = from_center.plus(d, t);
                 let n2 = f64x8::splat(n.length_squared());
                 let (u, v) = (p.cross(dv).dot(n) / n2, p.crossed_by(du).dot(n) / n2);
@@ -175,8 +189,58 @@ impl Kernel {
                 let t = rounded(t);
                 (candidates & inside & within(t), [t, rounded(u), rounded(v)])
             }
+            Kernel::Cylinder { p0, axis, height, radius } => {
+                let from_p0 = o.minus(p0);
+                let Some(Roots { real, a, c, q }) =
+                    circle(from_p0.across(axis), d.across(axis), radius, candidates)
+                else {
+                    return (f32x8::ZERO, [f32x8::ZERO; 3]);
+                };
+                let (t0, t1) = (c / q, q / a);
+                let is_first = t0.simd_lt(t1);
+                let roots = [is_first.select(t0, t1), is_first.select(t1, t0)];
+                let [(near, v_near), (far, v_far)] = roots.map(|t| {
+                    let v = from_p0.plus(d, t).dot(axis) / f64x8::splat(height);
+                    let is_on = mask(v.simd_ge(f64x8::ZERO) & v.simd_le(f64x8::ONE));
+                    (real & is_on & within(rounded(t)), rounded(v))
+                });
+                let hit = near | far;
+                let t = near.select(rounded(roots[0]), rounded(roots[1]));
+                // The angle is computed for hits only.
+                let mut u = [0.0; 8];
+                let at = roots.map(|t| from_p0.plus(d, t).0.map(f64x8::to_array));
+                for lane in bits(hit.to_bitmask()) {
+                    let root = usize::from(near.to_bitmask() >> lane & 1 == 0);
+                    u[lane] = cylinder::turn(axis, at[root].map(|lanes| lanes[lane]).into());
+                }
+                (hit, [t, f32x8::new(u), near.select(v_near, v_far)])
+            }
         }
     }
+}
+
+/// The parameters at which rays cross a sphere or an infinite cylinder: c/q and q/a.
+struct Roots {
+    /// Mask of the rays that cross it.
+    real: f32x8,
+    a: f64x8,
+    c: f64x8,
+    q: f64x8,
+}
+
+/// Computes [`cylinder::circle`] for the rays in a mask; `None` if none of them crosses the surface.
+#[inline(always)]
+fn circle(f: DVec3x8, d: DVec3x8, radius: f64, candidates: f32x8) -> Option<Roots> {
+    let r2 = f64x8::splat(radius * radius);
+    let (a, b) = (d.dot_x8(d), -f.dot_x8(d));
+    let nearest = f.plus(d, b / a);
+    let discriminant = r2 - nearest.dot_x8(nearest);
+    let real = candidates & mask(discriminant.simd_ge(f64x8::ZERO));
+    if real.none() {
+        return None;
+    }
+    let q = b + ((a * discriminant).sqrt() | (b & f64x8::splat(-0.0)));
+    Some(Roots { real, a, c: f.dot_x8(f) - r2, q })
 }
 
 /// Returns the mask of eight lanes of `f64` for lanes of `f32`.
@@ -203,11 +267,12 @@ mod tests {
         };
         let mut vector = || Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5);
         let (mut misses, mut found) = (0, 0);
-        for round in 0..20_000 {
+        for round in 0..30_000 {
             let center = vector() * [1.0, 100.0][round % 2];
             let (du, dv) = (vector(), vector());
-            let primitive = match round % 3 {
+            let primitive = match round % 4 {
                 0 => Primitive::Sphere { center, radius: du.length() },
+                3 => Primitive::Cylinder { p0: center - dv, p1: center + dv, radius: du.length() },
                 1 => Primitive::Disk { center, du, dv },
                 _ => Primitive::Disk { center, du, dv: du.cross(dv).normalize() * du.length() },
             };

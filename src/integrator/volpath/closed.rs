@@ -11,6 +11,8 @@ use crate::scene::Scene;
 /// The number of rays that look for holes, and of their steps.
 const PROBES: usize = 1024;
 const PROBE_STEPS: u32 = 8;
+/// The least side of the box where they begin, relative to its longest side.
+const LEAST_SIDE: f32 = 0.1;
 /// Selects their random numbers.
 const STREAM: u32 = 0x686f_6c65;
 
@@ -23,12 +25,13 @@ pub fn are_closed(scene: &Scene) -> bool {
     let boundaries = (0..scene.shapes.len()).filter(is_boundary);
     let boxes: Vec<Bounds> = boundaries.map(|i| scene.shapes[i].world.geometry().bounds()).collect();
     let number = |i: usize, k: u32| pcg3d(i as u32, k, STREAM).map(to_unit);
-    // Rays from around the box of a boundary to points in it.
+    // Rays from around the box of a boundary to points in it. In the plane of a flat boundary, rays would miss it.
     let begin = |i: usize| {
         let Bounds { min, max } = boxes[i % boxes.len()];
+        let thick = (max - min).max(Vec3::splat(LEAST_SIDE * (max - min).max_element()));
         let [from, to] = [0, 1].map(|k| Vec3::from(number(i, k)) - 0.5);
         let (from, to) =
-            [(from, 2.0), (to, 1.0)].map(|(at, scale)| min.midpoint(max) + (max - min) * at * scale).into();
+            [(from, thick * 2.0), (to, max - min)].map(|(at, size)| min.midpoint(max) + size * at).into();
         (Ray::new(from, (to - from).normalize_or(Vec3::Z)), None)
     };
     // Each ray, and the medium of the body in which it is, if that is known.
