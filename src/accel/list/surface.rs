@@ -129,15 +129,9 @@ impl BoundedSurface {
         let from_center = rays.o.relative_to(self.center);
         let b = from_center.dot_x8(rays.d);
         let c = from_center.dot_x8(from_center) - self.radius_squared;
-        let a = rays.d.dot_x8(rays.d);
-        let meets = (b * b).simd_ge(a * c);
+        let meets = (b * b).simd_ge(rays.d.dot_x8(rays.d) * c);
         let ahead = b.simd_lt(f32x8::ZERO) | c.simd_lt(f32x8::ZERO);
-        // A ray that starts and ends outside, before the point nearest to the centre, does not reach the surface.
-        let at = a * t_max;
-        let past = (at + b).simd_ge(f32x8::ZERO)
-            | c.simd_le(f32x8::ZERO)
-            | t_max.mul_add(at + b + b, c).simd_le(f32x8::ZERO);
-        let candidates = meets & ahead & past & t_max.simd_gt(f32x8::ZERO);
+        let candidates = meets & ahead & t_max.simd_gt(f32x8::ZERO);
         match &self.kernel {
             _ if candidates.none() => None,
             None => Some(SurfaceHits::Candidates(candidates.to_bitmask())),
