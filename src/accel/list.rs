@@ -61,7 +61,7 @@ impl List {
         let center = checked.bounds.center();
         let reach = REACH * checked.bounds.radius();
         let (quads, single) = facets(triangles(assembly), reach)?;
-        let surfaces: Vec<BoundedSurface> = surfaces(assembly, reach).collect();
+        let surfaces: Vec<BoundedSurface> = surfaces(assembly).collect();
         let cost = FACET_COST * (quads.len() + single.len()) + SURFACE_COST * surfaces.len();
         let usable = cost <= max_cost && reach.is_finite() && reach < checked.ray_limit;
         usable.then(|| List {
@@ -155,10 +155,10 @@ fn facets(triangles: Vec<ListTriangle>, reach: f32) -> Option<(Vec<ListFacet>, V
     Some((quads, single))
 }
 
-fn surfaces(assembly: &Assembly, reach: f32) -> impl Iterator<Item = BoundedSurface> {
-    (0..).zip(&assembly.geometry).filter_map(move |(geometry, of_list)| {
+fn surfaces(assembly: &Assembly) -> impl Iterator<Item = BoundedSurface> {
+    (0..).zip(&assembly.geometry).filter_map(|(geometry, of_list)| {
         let &Geometry::Analytic(primitive) = of_list else { return None };
-        primitive.is_valid().then(|| BoundedSurface::new(geometry, primitive, reach))
+        primitive.is_valid().then(|| BoundedSurface::new(geometry, primitive))
     })
 }
 

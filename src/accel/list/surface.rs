@@ -6,6 +6,9 @@ use crate::math::lanes::bits;
 use crate::math::{DVec3, Vec3};
 use wide::{f32x8, f64x8};
 
+/// The margin of bounding spheres, relative to squared distances. It exceeds the rounding errors of their tests.
+const MARGIN: f32 = 4e-6;
+
 /// An analytic surface and its bounding sphere.
 pub(super) struct BoundedSurface {
     pub geometry: u32,
@@ -96,10 +99,11 @@ impl DVec3x8 {
 }
 
 impl BoundedSurface {
-    /// Creates a surface of a list whose rays start at most `reach` from its centre.
-    pub fn new(geometry: u32, primitive: Primitive, reach: f32) -> Self {
+    /// Creates a surface of a list.
+    pub fn new(geometry: u32, primitive: Primitive) -> Self {
         let bounds = primitive.bounds();
         let center = bounds.center();
+        let to_corner = (bounds.max - center).max(center - bounds.min).length_squared();
         let (radius_squared, kernel) = match primitive {
             Primitive::Sphere { center, radius } => {
                 let kernel = Kernel::Sphere { center: center.as_dvec3(), radius: radius.into() };
@@ -113,12 +117,11 @@ impl BoundedSurface {
             Primitive::Cylinder { p0, p1, radius } => {
                 let (axis, height) = cylinder::axis(p0, p1);
                 let kernel = Kernel::Cylinder { p0: p0.as_dvec3(), axis, height, radius: radius.into() };
-                ((bounds.max - center).length_squared(), Some(kernel))
+                (to_corner, Some(kernel))
             }
-            Primitive::RoundCone(_) | Primitive::SdfCell(_) => ((bounds.max - center).length_squared(), None),
+            Primitive::RoundCone(_) | Primitive::SdfCell(_) => (to_corner, None),
         };
-        // The margin exceeds the rounding error of the test.
-        let radius_squared = radius_squared * 1.01 + 1e-5 * reach * reach;
+        let radius_squared = radius_squared * (1.0 + MARGIN);
         BoundedSurface { geometry, primitive, center, radius_squared, kernel }
     }
 
@@ -128,7 +131,7 @@ impl BoundedSurface {
     pub fn hits(&self, rays: &RayX8<'_>, t_max: f32x8) -> Option<SurfaceHits> {
         let from_center = rays.o.relative_to(self.center);
         let b = from_center.dot_x8(rays.d);
-        let c = from_center.dot_x8(from_center) - self.radius_squared;
+        let c = from_center.dot_x8(from_center) * (1.0 - MARGIN) - self.radius_squared;
         let meets = (b * b).simd_ge(rays.d.dot_x8(rays.d) * c);
         let ahead = b.simd_lt(f32x8::ZERO) | c.simd_lt(f32x8::ZERO);
         let candidates = meets & ahead & t_max.simd_gt(f32x8::ZERO);
@@ -274,7 +277,7 @@ mod tests {
                 .map(|i| {
                     let on = center + vector().normalize() * du.length();
                     let in_plane = center + du * (0.7 * vector().x) + dv * (0.7 * vector().x);
-                    let o = [on, in_plane, center + 3.0 * vector(), center][i % 4];
+                    let o = [on, in_plane, center + 3.0 * vector(), center, center + 400.0 * vector()][i % 5];
                     let to = [on, in_plane, vector() + center][(i + round) % 3];
                     let scale = [1.0, 0.9999, 1.0001, 100.0][(i + round / 3) % 4];
                     Ray { t_max: 1.0, ..Ray::new(o, (to - o) * scale) }
@@ -290,7 +293,7 @@ mod tests {
                 length: f32x8::ZERO,
                 grazing: f32x8::ZERO,
             };
-            let surface = BoundedSurface::new(0, primitive, 500.0);
+            let surface = BoundedSurface::new(0, primitive);
             let (hits, [t, u, v]) = match surface.hits(&lanes, f32x8::ONE) {
                 Some(SurfaceHits::Lanes { hit, t, u, v }) => (hit.to_bitmask(), [t, u, v]),
                 Some(SurfaceHits::Candidates(_)) => panic!("it has a kernel"),
