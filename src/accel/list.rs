@@ -5,8 +5,8 @@
 //! coordinates of the intersection in it. Where the rounding of these could change the result (near an edge, at a
 //! grazing angle, for an origin far outside the scene), the triangles are tested with the watertight test of the
 //! pure-Rust BVH. The list is therefore as watertight as the BVH, and it saves the tree traversal, which costs more
-//! than a few dozen planes. Analytic surfaces have the hits of the code that all back ends share, those of spheres and
-//! disks computed in lanes.
+//! than a few dozen planes. Analytic surfaces have the hits of the code that all back ends share, those of spheres,
+//! disks and cylinders computed in lanes.
 
 use super::assembly::{Assembly, CheckedAssembly};
 use super::geometry::valid_triangle;

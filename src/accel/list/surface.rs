@@ -265,7 +265,7 @@ mod tests {
         let mut vector = || Vec3::new(random() - 0.5, random() - 0.5, random() - 0.5);
         let (mut misses, mut found) = (0, 0);
         for round in 0..30_000 {
-            let center = vector() * [1.0, 100.0][round % 2];
+            let center = vector() * [1.0, 100.0][round / 4 % 2];
             let (du, dv) = (vector(), vector());
             let primitive = match round % 4 {
                 0 => Primitive::Sphere { center, radius: du.length() },
