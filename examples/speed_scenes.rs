@@ -71,7 +71,7 @@ fn smoke(cell: [u32; 3]) -> f32 {
     let fray = 0.5 * turbulence(6.0, 20) + 0.3 * turbulence(17.0, 40) + 0.2 * turbulence(47.0, 90);
     let (axis_x, axis_z) = (0.5 + 0.12 * y * (5.0 * y).sin(), 0.5 + 0.12 * y * (4.0 * y).cos());
     let radius = (x - axis_x).hypot(z - axis_z) / (0.08 + 0.28 * y);
-    let inside = 1.25 - radius - 1.1 * (1.0 - fray) * (0.4 + 0.6 * y) + 0.2;
+    let inside = 1.45 - radius - 1.1 * (1.0 - fray) * (0.4 + 0.6 * y);
     (3.0 * inside).clamp(0.0, 1.0) * (y * 20.0).min((1.0 - y) * 6.0).clamp(0.0, 1.0)
 }
 

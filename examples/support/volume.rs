@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// Writes a grid in the unit cube, x fastest, with its box 1 × 1 × 2.
+/// Writes a grid, x fastest. Its box is 1 × 1 × 2; scenes that do not ask for the box put the grid into the unit cube.
 pub fn volume(
     path: &Path,
     size: [i32; 3],

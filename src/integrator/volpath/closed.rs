@@ -25,7 +25,8 @@ pub fn are_closed(scene: &Scene) -> bool {
     let boundaries = (0..scene.shapes.len()).filter(is_boundary);
     let boxes: Vec<Bounds> = boundaries.map(|i| scene.shapes[i].world.geometry().bounds()).collect();
     let number = |i: usize, k: u32| pcg3d(i as u32, k, STREAM).map(to_unit);
-    // Rays from around the box of a boundary to points in it. In the plane of a flat boundary, rays would miss it.
+    // Rays from around the box of a boundary to points in it. In the plane of a flat lid, they would meet the edges of
+    // the surfaces beside it, where rays leave the body.
     let begin = |i: usize| {
         let Bounds { min, max } = boxes[i % boxes.len()];
         let thick = (max - min).max(Vec3::splat(LEAST_SIDE * (max - min).max_element()));
