@@ -348,9 +348,11 @@ impl SceneCompiler {
             instances: !instances.is_empty(),
             ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty())
         };
+        let depth = depth(&self.shapes);
         let scene = Scene {
             shading_buckets: shading_buckets(&self.shapes, &self.materials),
-            occlusion_cost: occlusion_cost(&self.shapes),
+            occlusion_cost: 0.3 + 0.0125 * depth,
+            camera_path_cost: (0.7 - 0.05 * depth).max(0.0),
             accel: built.accel,
             shapes: self.shapes,
             instances,
@@ -473,11 +475,11 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
     }
 }
 
-/// Returns the cost of an occlusion query relative to that of a nearest-hit query and the shading after it. The more
-/// primitives there are, the more a ray costs, but not the shading. A fit to ten scenes of 10 to 10⁶ primitives.
-fn occlusion_cost(shapes: &[SceneShape]) -> f64 {
+/// Returns the binary logarithm of the number of primitives: the more there are, the more a ray costs, but not what is
+/// computed besides. Costs are fits to ten scenes of 10 to 10⁶ primitives.
+fn depth(shapes: &[SceneShape]) -> f64 {
     let primitives: usize = shapes.iter().map(|shape| shape.world.geometry().len()).sum();
-    0.3 + 0.0125 * (primitives.max(1) as f64).log2()
+    (primitives.max(1) as f64).log2()
 }
 
 /// Returns a bucket for each shape, such that the shapes of a bucket are shaded by the same code; nothing if all are.

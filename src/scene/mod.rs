@@ -84,6 +84,8 @@ pub struct Scene {
     pub needs: Needs,
     /// The cost of an occlusion query relative to that of a nearest-hit query and the shading after it.
     pub occlusion_cost: f64,
+    /// The cost of a camera path without its rays, in nearest-hit queries.
+    pub camera_path_cost: f64,
     /// The participating media, if there are any. Integrators other than `volpath` and `bdpt` ignore
     /// them.
     pub media: Option<Box<SceneMedia>>,

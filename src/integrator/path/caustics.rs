@@ -17,7 +17,7 @@
 //! Light paths do not pay in every scene. A pilot decides how many there are, or none. Emitters that no camera path can
 //! hit are left out, so the expected image does not depend on that.
 
-use super::pilot::{CAMERA_PATH_COST, handicap};
+use super::pilot::{LEAST_GAIN_OF_SPLITTING, handicap};
 use super::splitting::Splitting;
 use crate::accel::Hit;
 use crate::bsdf::lanes::pdf_adjoint_x16;
@@ -49,6 +49,9 @@ const NO_CAUSTIC: f32 = 0.0;
 const SHARES: [f64; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
 /// Light paths must reduce error × cost to this share at least.
 const PAYS: f64 = 0.9;
+/// The least efficiency of split camera paths relative to others, if light paths are traced. It is far from 1, because
+/// where there are caustics, both pilots miss rare paths: the noise that is left is more than they find.
+const LEAST_GAIN_BESIDE_LIGHT_PATHS: f64 = 1.5;
 /// The light paths from which is learned where caustics start: one for each pixel, within these bounds, or fewer if
 /// they find so many deposits.
 const LEARNING: [u64; 2] = [1 << 14, 1 << 17];
@@ -159,7 +162,7 @@ impl CausticTracer {
         let mut surfaces = vec![1, most_surfaces];
         surfaces.dedup();
         let pilots: Vec<_> = surfaces.into_iter().map(|n| (n, self.pilot(preparation, n))).collect();
-        let best = |camera_paths: &[(Splitting, CameraPathPilot)], shares: &[f64]| {
+        let best = |camera_paths: &[(Splitting, CameraPathPilot)], shares: &[f64], least_gain: f64| {
             let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
                 let errors = |pilot| self.errors(pilot, paths.mean, f64::from(splitting.directions));
                 // Short light paths leave the other caustics to camera paths.
@@ -169,9 +172,15 @@ impl CausticTracer {
                     let errors = errors(pilot);
                     let left = (all - errors(0.0)).max(0.0);
                     for &share in shares {
-                        let cost = CAMERA_PATH_COST + paths.cost + share * (LIGHT_PATH_COST + pilot.cost);
+                        let camera_path = preparation.scene.camera_path_cost + paths.cost;
+                        let cost = camera_path + share * (LIGHT_PATH_COST + pilot.cost);
                         let error = paths.error + errors(share) + left;
-                        efforts.push((error * cost * handicap(*splitting), *splitting, share, *surfaces));
+                        efforts.push((
+                            error * cost * handicap(*splitting, least_gain),
+                            *splitting,
+                            share,
+                            *surfaces,
+                        ));
                     }
                 }
                 efforts
@@ -180,8 +189,11 @@ impl CausticTracer {
         };
         // The error of caustics is the least certain: whether light paths pay does not depend on other choices.
         let first = &camera_paths[..1];
-        let traced = always || best(first, &SHARES).0 < PAYS * best(first, &[0.0]).0;
-        let (_, splitting, share, surfaces) = best(camera_paths, if traced { &SHARES } else { &[0.0] });
+        let traced = always || best(first, &SHARES, 1.0).0 < PAYS * best(first, &[0.0], 1.0).0;
+        let (_, splitting, share, surfaces) = match traced {
+            true => best(camera_paths, &SHARES, LEAST_GAIN_BESIDE_LIGHT_PATHS),
+            false => best(camera_paths, &[0.0], LEAST_GAIN_OF_SPLITTING),
+        };
         (self.share, self.directions, self.surfaces) = (share, f64::from(splitting.directions), surfaces);
         (traced, splitting)
     }

@@ -50,10 +50,10 @@ const LEAST_GAIN: f64 = 1.3;
 const SPLIT: u32 = 4;
 const COUNTS: [u32; 3] = [1, 2, 4];
 /// The least efficiency of split paths relative to others.
-const LEAST_GAIN_OF_SPLITTING: f64 = 1.1;
-/// The cost of a camera path without its rays, and that of another emitter sample, in nearest-hit queries.
-pub(super) const CAMERA_PATH_COST: f64 = 1.0;
-const EMITTER_SAMPLE_COST: f64 = 0.3;
+pub(super) const LEAST_GAIN_OF_SPLITTING: f64 = 1.1;
+/// The cost of another emitter sample without its ray, in nearest-hit queries, and what a level of the tree of emitters
+/// adds.
+const EMITTER_SAMPLE_COST: [f64; 2] = [0.3, 0.1];
 
 /// A way to trace the paths of a cell.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -266,7 +266,8 @@ impl Pilot<'_> {
         let most = f64::from(SPLIT);
         let mut parts = [Way::SPLIT_EMITTERS, Way::SPLIT_DIRECTIONS].map(|way| {
             let part = self.found(way);
-            let left = (part.error / none.error).max(part.paths.error / none.paths.error);
+            // With and without the worst pixels: with them the error is uncertain, without them it is too low.
+            let left = (part.error / none.error * part.paths.error / none.paths.error).sqrt();
             // Also if there is no error at all.
             let gone = if left < 1.0 { (1.0 - left) * most / (most - 1.0) } else { 0.0 };
             (gone, (part.paths.cost - none.paths.cost) / (most - 1.0))
@@ -274,13 +275,15 @@ impl Pilot<'_> {
         // Together they are at most the whole variance, though each is found with an error.
         let sum = parts[0].0 + parts[1].0;
         parts.iter_mut().for_each(|(gone, _)| *gone /= f64::max(sum, 1.0));
+        let levels = (self.preparation.scene.lights.len().max(1) as f64).log2();
+        let emitter_sample = EMITTER_SAMPLE_COST[0] + EMITTER_SAMPLE_COST[1] * levels;
         let expected = |splitting: Splitting| {
             let (mut left, mut cost) = (1.0, none.paths.cost);
             for ((gone, added), count) in parts.into_iter().zip([splitting.emitters, splitting.directions]) {
                 left -= gone * (1.0 - 1.0 / f64::from(count));
                 cost += added * f64::from(count - 1);
             }
-            cost += EMITTER_SAMPLE_COST * f64::from(splitting.emitters - 1);
+            cost += emitter_sample * f64::from(splitting.emitters - 1);
             let paths = CameraPathPilot { error: left * none.paths.error, cost, ..none.paths };
             (splitting, Found { error: left * none.error, paths })
         };
@@ -293,10 +296,14 @@ impl Pilot<'_> {
 
     /// Returns the best numbers of samples at the first surface, and what is expected of them.
     fn best_splitting(&self) -> (Splitting, Found) {
-        let effort = |(splitting, found): &(Splitting, Found)| {
-            found.error * (found.paths.cost + CAMERA_PATH_COST) * handicap(*splitting)
-        };
-        self.splittings().into_iter().min_by(|a, b| effort(a).total_cmp(&effort(b))).expect("some")
+        let splittings = self.splittings().into_iter();
+        splittings.min_by(|a, b| self.effort(a).total_cmp(&self.effort(b))).expect("some")
+    }
+
+    /// Returns the effort of a splitting, for comparisons with others.
+    fn effort(&self, (splitting, found): &(Splitting, Found)) -> f64 {
+        let cost = found.paths.cost + self.preparation.scene.camera_path_cost;
+        found.error * cost * handicap(*splitting, LEAST_GAIN_OF_SPLITTING)
     }
 
     /// Traces the [`SAMPLES`] of each pixel of one group in each of the ways. The pixels are in the cell whose first
@@ -342,9 +349,9 @@ impl Pilot<'_> {
     }
 }
 
-/// Returns the factor of the effort of a splitting in comparisons, so that small gains do not count.
-pub(super) fn handicap(splitting: Splitting) -> f64 {
-    if splitting == Splitting::NONE { 1.0 / LEAST_GAIN_OF_SPLITTING } else { 1.0 }
+/// Returns the factor of the effort of a splitting in comparisons, so that gains below `least` do not count.
+pub(super) fn handicap(splitting: Splitting, least: f64) -> f64 {
+    if splitting == Splitting::NONE { 1.0 / least } else { 1.0 }
 }
 
 /// Returns an error from the squared errors of the pixels of each cell: a power mean, so that it is about the mean, but
