@@ -59,15 +59,13 @@ fn split_paths_have_less_noise() {
     assert!(noise[0] < 0.6 * noise[1], "{noise:?}");
 }
 
-fn scene() -> Folder {
+/// A scene under a sky, where splitting pays more the less the other emitters make of the noise.
+fn scene(emitters: &str) -> Folder {
     let cube = "<shape type='cube'><transform name='to_world'><scale value='0.3'/>\
         <translate x='1' y='0.3' z='0.4'/></transform></shape>";
-    let bar = "<shape type='rectangle'><transform name='to_world'><rotate x='1' angle='90'/>\
-        <scale x='0.2' y='1'/><translate x='-1' y='1.5'/></transform>\
-        <emitter type='area'><rgb name='radiance' value='2, 4, 6'/></emitter></shape>";
     let sensor = "<sensor type='perspective'><float name='fov' value='45'/><transform name='to_world'>\
         <lookat origin='0, 2, 4' target='0, 0.3, 0' up='0, 1, 0'/></transform></sensor>";
-    Folder::with(&format!("<scene version='3.0.0'>{sensor}{FLOOR}{cube}{BAR}{bar}{SKY}</scene>"))
+    Folder::with(&format!("<scene version='3.0.0'>{sensor}{FLOOR}{cube}{emitters}{SKY}</scene>"))
 }
 
 fn prepared(folder: &Folder, options: &str) -> [f64; 2] {
@@ -78,7 +76,7 @@ fn prepared(folder: &Folder, options: &str) -> [f64; 2] {
 
 #[test]
 fn a_pilot_decides_and_threads_and_ranges_do_not_matter() {
-    let folder = scene();
+    let folder = scene("");
     let counts = prepared(&folder, "--spp 8 -o a.pfm --threads 1");
     assert!(counts.iter().any(|&count| count > 1.0), "{counts:?}");
     assert_eq!(prepared(&folder, "--spp 8 -o never.pfm --path-splitting never"), [1.0; 2]);
@@ -97,7 +95,7 @@ fn a_pilot_decides_and_threads_and_ranges_do_not_matter() {
 /// Every sampler has a way to split its samples.
 #[test]
 fn all_samplers_split_their_samples() {
-    let folder = scene();
+    let folder = scene(BAR);
     let mean = |options: &str| {
         folder.render(&format!("s.xml --size 24x16 -q -o a.pfm --path-reuse never {options}"));
         let image = folder.read("a.pfm");
