@@ -1,4 +1,4 @@
-//! The back end on Embree 3: single rays, and waves in packets of sixteen.
+//! The back end on Embree 3: single rays, and waves in packets of sixteen, or one ray at a time among user geometries.
 
 use super::assembly::{Assembly, CheckedAssembly, FilterQuery, GeometryFilter, HitFilter, ray_id};
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, PrimitiveHit};
@@ -22,6 +22,9 @@ pub struct EmbreeAccel {
     bounds: Bounds,
     /// Whether hits are filtered, which needs [`ray_id`] for each ray.
     filtered: bool,
+    /// Whether the rays of waves are traced one at a time: in packets, most lanes are idle while user geometries test
+    /// theirs.
+    one_at_a_time: bool,
     /// The Embree id of the analytic surfaces in world space.
     surfaces_id: u32,
     /// The members of all groups, concatenated; [`INVALID_ID`] for the analytic surfaces ends each group.
@@ -54,6 +57,9 @@ impl EmbreeAccel {
         let surfaces =
             geometry.iter().map(|g| if let Geometry::Surfaces(many) = g { many.count() } else { 0 });
         let bytes = surfaces.sum::<usize>() as u64 * size_of::<UserSurface>() as u64;
+        let is_mesh = |g: &&Geometry| matches!(g, Geometry::Triangles { .. });
+        let triangles: usize = geometry.iter().filter(is_mesh).map(Geometry::len).sum();
+        let one_at_a_time = geometry.iter().map(Geometry::len).sum::<usize>() > 2 * triangles;
         let planned = memory.reserve(bytes).map_err(|refusal| {
             let message = refusal.sentence("the surfaces", "use fewer segments of curves or cells of grids");
             Error::scene(message)
@@ -86,6 +92,7 @@ impl EmbreeAccel {
             scene: builder.commit()?,
             bounds: checked.bounds,
             filtered: parts.filter.is_some(),
+            one_at_a_time,
             surfaces_id,
             members,
             first_members,
@@ -265,6 +272,10 @@ impl Accel for EmbreeAccel {
 
     fn intersect_wave(&self, rays: &[Ray], hits: &mut [Option<Hit>], coherence: Coherence) {
         assert_eq!(rays.len(), hits.len(), "one hit for each ray");
+        if self.one_at_a_time {
+            rays.iter().zip(hits).for_each(|(ray, hit)| *hit = self.intersect(ray));
+            return;
+        }
         let coherence = coherence.into();
         let mut packet = RayHits16::default();
         let trace = |packet: &mut RayHits16, hits: &mut [Option<Hit>]| {
@@ -290,6 +301,10 @@ impl Accel for EmbreeAccel {
 
     fn occluded_wave(&self, rays: &[Ray], occluded: &mut [bool], coherence: Coherence) {
         assert_eq!(rays.len(), occluded.len(), "one answer for each ray");
+        if self.one_at_a_time {
+            rays.iter().zip(occluded).for_each(|(ray, occluded)| *occluded = self.occluded(ray));
+            return;
+        }
         let coherence = coherence.into();
         let mut packet = Rays16::default();
         let trace = |packet: &mut Rays16, occluded: &mut [bool]| {
