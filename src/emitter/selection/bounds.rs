@@ -97,6 +97,9 @@ impl LightBounds {
     }
 }
 
+/// The cosine of the angle of normals in all directions.
+const ALL_NORMALS: f32 = -2.0;
+
 /// Sixteen [`LightBounds`], prepared for [`importance`](Self::importance).
 #[derive(Clone, Copy, Debug)]
 pub struct LightBoundsX16 {
@@ -109,6 +112,8 @@ pub struct LightBoundsX16 {
     intensity: f32x16,
     mean: Vec3x16,
     variance: f32x16,
+    /// Whether every light may emit in all directions, so that the angles do not matter.
+    everywhere: bool,
 }
 
 impl LightBoundsX16 {
@@ -124,6 +129,7 @@ impl LightBoundsX16 {
             intensity: f32x16::ZERO,
             mean: Vec3x16::default(),
             variance: f32x16::ZERO,
+            everywhere: true,
         }
     }
 
@@ -138,7 +144,7 @@ impl LightBoundsX16 {
         let cos_emission = if light.emission_angle < 3.1 { light.emission_angle.cos() - 1e-5 } else { -2.0 };
         for (lanes, value) in [
             (&mut self.radius_squared, half.length_squared()),
-            (&mut self.cos_normals, if light.normals.angle < 3.1 { cos } else { -2.0 }),
+            (&mut self.cos_normals, if light.normals.angle < 3.1 { cos } else { ALL_NORMALS }),
             (&mut self.sin_normals, sin),
             (&mut self.cos_emission, cos_emission),
             (&mut self.intensity, light.intensity.min(f32::MAX)),
@@ -146,6 +152,7 @@ impl LightBoundsX16 {
         ] {
             lanes.as_mut_array()[i] = value;
         }
+        self.everywhere &= self.cos_normals.as_array()[i] == ALL_NORMALS;
     }
 
     /// Returns the bounds of one lane in every lane.
@@ -162,6 +169,7 @@ impl LightBoundsX16 {
             intensity: all(&self.intensity),
             mean: Vec3x16::splat(self.mean.lane(i)),
             variance: all(&self.variance),
+            everywhere: self.cos_normals.as_array()[i] == ALL_NORMALS,
         }
     }
 
@@ -173,6 +181,19 @@ impl LightBoundsX16 {
         let p = receiver.p;
         let to = p - self.center;
         let distance_squared = to.length_squared();
+        let gain = receiver.gain(-to, distance_squared, self.radius_squared);
+        let cos_least = if self.everywhere { f32x16::ONE } else { self.cos_least(to, distance_squared) };
+        let distance_squared = (p - self.mean).length_squared() + self.variance;
+        let distance_squared = distance_squared.max(f32x16::splat(f32::MIN_POSITIVE));
+        let importance = self.intensity * cos_least / distance_squared;
+        let importance = gain.map_or(importance, |gain| importance * gain);
+        importance.min(f32x16::splat(1e30))
+    }
+
+    /// Returns the cosine of the least angle between a normal of the lights and the direction to a receiver, which is
+    /// in the direction `to` from the center; 0 where no light is emitted towards it.
+    #[inline(always)]
+    fn cos_least(&self, to: Vec3x16, distance_squared: f32x16) -> f32x16 {
         let inside = distance_squared.simd_lt(self.radius_squared);
         // The angle between the axis and the direction to the receiver, less that of the cone of normals.
         let cos = to.dot(self.axis) / distance_squared.sqrt();
@@ -186,13 +207,7 @@ impl LightBoundsX16 {
         let cos_sphere = inside.select(-cos_sphere, cos_sphere);
         let (cos_least, _) = beyond(cos_beyond, sin_beyond, cos_sphere, sin_sphere);
         let emitted = cos_least.simd_gt(self.cos_emission) & cos_least.simd_gt(f32x16::ZERO);
-        let cos_least = cos_least & emitted;
-        let gain = receiver.gain(-to, distance_squared, self.radius_squared);
-        let distance_squared = (p - self.mean).length_squared() + self.variance;
-        let distance_squared = distance_squared.max(f32x16::splat(f32::MIN_POSITIVE));
-        let importance = self.intensity * cos_least / distance_squared;
-        let importance = gain.map_or(importance, |gain| importance * gain);
-        importance.min(f32x16::splat(1e30))
+        cos_least & emitted
     }
 }
 
