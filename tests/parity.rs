@@ -58,14 +58,17 @@ fn scenes() -> Vec<Scene> {
         Scene::new("few boxes", (0..6).map(|_| boxes(&mut random)).collect(), vec![]),
         Scene::new("few", vec![soup(30, 0.5, 1.0, &mut random)], surfaces[..8].to_vec()),
         Scene::new("analytic", vec![soup(60, 0.5, 1.0, &mut random)], surfaces),
-        curves(&mut random),
-        isosurface(&mut random),
+        // Embree traces waves one ray at a time if there are fewer triangles than other primitives, else in packets.
+        curves("curves", 20, &mut random),
+        isosurface("isosurface", 20, &mut random),
+        curves("curves among triangles", 200, &mut random),
+        isosurface("isosurface among triangles", 300, &mut random),
     ]
 }
 
 /// Returns the isosurface of random distances.
-fn isosurface(random: &mut Random) -> Scene {
-    let mut scene = Scene::new("isosurface", vec![soup(20, 0.5, 1.0, random)], vec![]);
+fn isosurface(name: &'static str, triangles: u32, random: &mut Random) -> Scene {
+    let mut scene = Scene::new(name, vec![soup(triangles, 0.5, 1.0, random)], vec![]);
     let distances = (0..6 * 5 * 7).map(|_| random.unit() - 0.5).collect();
     let grid = SdfGrid::new([6, 5, 7], distances, SdfNormals::Smooth).expect("a grid");
     let to_world = DAffine3::from_scale_rotation_translation(
@@ -80,8 +83,8 @@ fn isosurface(random: &mut Random) -> Scene {
 }
 
 /// Returns curves with corners and smooth ones.
-fn curves(random: &mut Random) -> Scene {
-    let mut scene = Scene::new("curves", vec![soup(20, 0.5, 1.0, random)], vec![]);
+fn curves(name: &'static str, triangles: u32, random: &mut Random) -> Scene {
+    let mut scene = Scene::new(name, vec![soup(triangles, 0.5, 1.0, random)], vec![]);
     for smooth in [false, true] {
         let points = (0..60).map(|_| (random.cube(), 0.02 + 0.1 * random.unit())).collect();
         let first_points = (0..59).filter(|i| i % 6 != 5).collect();

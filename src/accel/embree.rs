@@ -1,4 +1,4 @@
-//! The back end on Embree 3: single rays, and waves in packets of sixteen, or one ray at a time among user geometries.
+//! The back end on Embree 3. Waves are traced in packets of sixteen, or among analytic surfaces one ray at a time.
 
 use super::assembly::{Assembly, CheckedAssembly, FilterQuery, GeometryFilter, HitFilter, ray_id};
 use super::{Accel, Coherence, Geometry, Hit, NO_INSTANCE, Primitive, PrimitiveHit};
@@ -22,8 +22,7 @@ pub struct EmbreeAccel {
     bounds: Bounds,
     /// Whether hits are filtered, which needs [`ray_id`] for each ray.
     filtered: bool,
-    /// Whether the rays of waves are traced one at a time: in packets, most lanes are idle while user geometries test
-    /// theirs.
+    /// Whether the rays of waves are traced one at a time, which is faster if most primitives are analytic surfaces.
     one_at_a_time: bool,
     /// The Embree id of the analytic surfaces in world space.
     surfaces_id: u32,
@@ -57,9 +56,11 @@ impl EmbreeAccel {
         let surfaces =
             geometry.iter().map(|g| if let Geometry::Surfaces(many) = g { many.count() } else { 0 });
         let bytes = surfaces.sum::<usize>() as u64 * size_of::<UserSurface>() as u64;
-        let is_mesh = |g: &&Geometry| matches!(g, Geometry::Triangles { .. });
-        let triangles: usize = geometry.iter().filter(is_mesh).map(Geometry::len).sum();
-        let one_at_a_time = geometry.iter().map(Geometry::len).sum::<usize>() > 2 * triangles;
+        let (meshes, analytic): (Vec<_>, Vec<_>) =
+            geometry.iter().partition(|g| matches!(g, Geometry::Triangles { .. }));
+        let [triangles, surfaces] =
+            [meshes, analytic].map(|of| of.into_iter().map(Geometry::len).sum::<usize>());
+        let one_at_a_time = surfaces > triangles;
         let planned = memory.reserve(bytes).map_err(|refusal| {
             let message = refusal.sentence("the surfaces", "use fewer segments of curves or cells of grids");
             Error::scene(message)

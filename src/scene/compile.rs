@@ -348,11 +348,11 @@ impl SceneCompiler {
             instances: !instances.is_empty(),
             ..find_needs(&self.shapes, &self.materials, &self.lights, !light_choice.is_empty())
         };
-        let depth = depth(&self.shapes);
+        let [occlusion_cost, camera_path_cost] = costs(&self.shapes);
         let scene = Scene {
             shading_buckets: shading_buckets(&self.shapes, &self.materials),
-            occlusion_cost: 0.3 + 0.0125 * depth,
-            camera_path_cost: (0.7 - 0.05 * depth).max(0.0),
+            occlusion_cost,
+            camera_path_cost,
             accel: built.accel,
             shapes: self.shapes,
             instances,
@@ -475,11 +475,13 @@ fn find_needs(shapes: &[SceneShape], materials: &Materials, lights: &[Light], ca
     }
 }
 
-/// Returns the binary logarithm of the number of primitives: the more there are, the more a ray costs, but not what is
-/// computed besides. Costs are fits to ten scenes of 10 to 10⁶ primitives.
-fn depth(shapes: &[SceneShape]) -> f64 {
+/// Returns the cost of an occlusion query, and that of a camera path without its rays, relative to a nearest-hit query
+/// and the shading after it. The more primitives there are, the more a ray costs, but not what is computed besides. The
+/// first is a fit to ten scenes of 10 to 10⁶ primitives, the second to twelve.
+fn costs(shapes: &[SceneShape]) -> [f64; 2] {
     let primitives: usize = shapes.iter().map(|shape| shape.world.geometry().len()).sum();
-    (primitives.max(1) as f64).log2()
+    let levels = (primitives.max(1) as f64).log2();
+    [0.3 + 0.0125 * levels, (0.7 - 0.05 * levels).max(0.0)]
 }
 
 /// Returns a bucket for each shape, such that the shapes of a bucket are shaded by the same code; nothing if all are.

@@ -97,8 +97,8 @@ impl LightBounds {
     }
 }
 
-/// The cosine of the angle of normals in all directions.
-const ALL_NORMALS: f32 = -2.0;
+/// The cosine of a cone of all directions: less than any cosine.
+const ALL_DIRECTIONS: f32 = -2.0;
 
 /// Sixteen [`LightBounds`], prepared for [`importance`](Self::importance).
 #[derive(Clone, Copy, Debug)]
@@ -112,8 +112,6 @@ pub struct LightBoundsX16 {
     intensity: f32x16,
     mean: Vec3x16,
     variance: f32x16,
-    /// Whether every light may emit in all directions, so that the angles do not matter.
-    everywhere: bool,
 }
 
 impl LightBoundsX16 {
@@ -123,13 +121,12 @@ impl LightBoundsX16 {
             center: Vec3x16::default(),
             radius_squared: f32x16::ZERO,
             axis: Vec3x16::default(),
-            cos_normals: f32x16::ZERO,
+            cos_normals: f32x16::splat(ALL_DIRECTIONS),
             sin_normals: f32x16::ZERO,
             cos_emission: f32x16::ZERO,
             intensity: f32x16::ZERO,
             mean: Vec3x16::default(),
             variance: f32x16::ZERO,
-            everywhere: true,
         }
     }
 
@@ -141,10 +138,11 @@ impl LightBoundsX16 {
         self.mean.set_lane(i, light.mean);
         let (sin, cos) = light.normals.angle.sin_cos();
         // The cosine of the greatest angle at which light may be emitted is rounded down.
-        let cos_emission = if light.emission_angle < 3.1 { light.emission_angle.cos() - 1e-5 } else { -2.0 };
+        let cos_emission = light.emission_angle.cos() - 1e-5;
+        let cos_emission = if light.emission_angle < 3.1 { cos_emission } else { ALL_DIRECTIONS };
         for (lanes, value) in [
             (&mut self.radius_squared, half.length_squared()),
-            (&mut self.cos_normals, if light.normals.angle < 3.1 { cos } else { ALL_NORMALS }),
+            (&mut self.cos_normals, if light.normals.angle < 3.1 { cos } else { ALL_DIRECTIONS }),
             (&mut self.sin_normals, sin),
             (&mut self.cos_emission, cos_emission),
             (&mut self.intensity, light.intensity.min(f32::MAX)),
@@ -152,7 +150,6 @@ impl LightBoundsX16 {
         ] {
             lanes.as_mut_array()[i] = value;
         }
-        self.everywhere &= self.cos_normals.as_array()[i] == ALL_NORMALS;
     }
 
     /// Returns the bounds of one lane in every lane.
@@ -169,7 +166,6 @@ impl LightBoundsX16 {
             intensity: all(&self.intensity),
             mean: Vec3x16::splat(self.mean.lane(i)),
             variance: all(&self.variance),
-            everywhere: self.cos_normals.as_array()[i] == ALL_NORMALS,
         }
     }
 
@@ -182,7 +178,11 @@ impl LightBoundsX16 {
         let to = p - self.center;
         let distance_squared = to.length_squared();
         let gain = receiver.gain(-to, distance_squared, self.radius_squared);
-        let cos_least = if self.everywhere { f32x16::ONE } else { self.cos_least(to, distance_squared) };
+        // The angles do not matter to lights with normals in all directions, such as spheres.
+        let cos_least = match self.cos_normals.simd_eq(f32x16::splat(ALL_DIRECTIONS)).all() {
+            true => f32x16::ONE,
+            false => self.cos_least(to, distance_squared),
+        };
         let distance_squared = (p - self.mean).length_squared() + self.variance;
         let distance_squared = distance_squared.max(f32x16::splat(f32::MIN_POSITIVE));
         let importance = self.intensity * cos_least / distance_squared;
@@ -218,4 +218,31 @@ fn beyond(cos: f32x16, sin: f32x16, cos_less: f32x16, sin_less: f32x16) -> (f32x
     let cos_difference = cos * cos_less + sin * sin_less;
     let sin_difference = sin * cos_less - cos * sin_less;
     (outside.select(cos_difference, f32x16::ONE), sin_difference & outside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether the angles are left out depends on all lanes, so it must not change a bit of any lane.
+    #[test]
+    fn lights_in_all_directions_have_the_same_importance_without_their_angles() {
+        let light = |i: usize| {
+            let corner = Vec3::new(i as f32, 0.5 * i as f32, -1.0);
+            let bounds = Bounds { min: corner, max: corner + Vec3::new(1.0, 0.0, 2.0) };
+            LightBounds::new(bounds, Cone::ALL, std::f32::consts::FRAC_PI_2, 1.0 + i as f32)
+        };
+        let mut all = LightBoundsX16::none();
+        (0..15).for_each(|i| all.set_lane(i, &light(i)));
+        let mut others = all;
+        others.set_lane(15, &LightBounds { normals: Cone { axis: Vec3::Z, angle: 0.5 }, ..light(15) });
+        // Far away, inside of some bounds, and at the center of one.
+        for p in [Vec3::new(50.0, -3.0, 7.0), Vec3::new(2.2, 1.0, 0.1), light(3).bounds.center()] {
+            let at = ReceiverX16::from(Vec3x16::splat(p));
+            let [all, others] = [all, others].map(|bounds| bounds.importance(&at));
+            assert!(all.as_array()[..15].iter().all(|importance| *importance > 0.0));
+            assert_eq!(all.as_array()[..15], others.as_array()[..15], "{p}");
+            assert_eq!(all.as_array()[15], 0.0);
+        }
+    }
 }

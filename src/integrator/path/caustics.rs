@@ -49,8 +49,8 @@ const NO_CAUSTIC: f32 = 0.0;
 const SHARES: [f64; 5] = [0.0625, 0.125, 0.25, 0.5, 1.0];
 /// Light paths must reduce error × cost to this share at least.
 const PAYS: f64 = 0.9;
-/// The least efficiency of split camera paths relative to others, if light paths are traced. It is far from 1, because
-/// where there are caustics, both pilots miss rare paths: the noise that is left is more than they find.
+/// The least efficiency of split camera paths relative to others, if light paths are traced. Where there are caustics,
+/// there are also rare bright paths. Both pilots miss most of them, so they expect too much of splitting.
 const LEAST_GAIN_BESIDE_LIGHT_PATHS: f64 = 1.5;
 /// The light paths from which is learned where caustics start: one for each pixel, within these bounds, or fewer if
 /// they find so many deposits.
@@ -175,12 +175,8 @@ impl CausticTracer {
                         let camera_path = preparation.scene.camera_path_cost + paths.cost;
                         let cost = camera_path + share * (LIGHT_PATH_COST + pilot.cost);
                         let error = paths.error + errors(share) + left;
-                        efforts.push((
-                            error * cost * handicap(*splitting, least_gain),
-                            *splitting,
-                            share,
-                            *surfaces,
-                        ));
+                        let effort = error * cost * handicap(*splitting, least_gain);
+                        efforts.push((effort, *splitting, share, *surfaces));
                     }
                 }
                 efforts

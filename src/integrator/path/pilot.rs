@@ -266,7 +266,7 @@ impl Pilot<'_> {
         let most = f64::from(SPLIT);
         let mut parts = [Way::SPLIT_EMITTERS, Way::SPLIT_DIRECTIONS].map(|way| {
             let part = self.found(way);
-            // With and without the worst pixels: with them the error is uncertain, without them it is too low.
+            // The mean of two ratios: with the worst pixels it is uncertain, without them it leaves out fireflies.
             let left = (part.error / none.error * part.paths.error / none.paths.error).sqrt();
             // Also if there is no error at all.
             let gone = if left < 1.0 { (1.0 - left) * most / (most - 1.0) } else { 0.0 };
