@@ -116,7 +116,7 @@ impl Instance {
 
     /// Returns the bounding box in world space, over all times, of the box `bounds` in group space. It is rounded
     /// outwards by [`transform_error`](Self::transform_error). The result is empty for an empty box.
-    pub(super) fn bounds(&self, bounds: Bounds) -> Bounds {
+    pub(crate) fn bounds(&self, bounds: Bounds) -> Bounds {
         if bounds.is_empty() {
             return Bounds::EMPTY;
         }

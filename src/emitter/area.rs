@@ -304,10 +304,14 @@ impl AreaEmitter {
     /// texture, however, the world-space direction depends on `u_direction` only: it is uniform over all directions,
     /// and `u_point` selects a point on the disk that the sphere presents in that direction.
     pub fn sample_ray_by_direction(&self, u_point: Vec2, u_direction: Vec2, time: f32) -> Option<LightRay> {
-        let Some((center, radius, radiance)) = self.sphere() else {
-            return self.sample_ray(u_point, u_direction, time);
-        };
-        let d = warp::square_to_sphere(u_direction);
+        let by_direction = self.sample_ray_towards(u_point, warp::square_to_sphere(u_direction), time);
+        by_direction.or_else(|| self.sample_ray(u_point, u_direction, time))
+    }
+
+    /// Samples a ray in the world-space direction `d`. Its power is that of a uniform density over all directions.
+    /// Returns `None` for all but spheres at rest without a texture.
+    pub fn sample_ray_towards(&self, u_point: Vec2, d: Vec3, time: f32) -> Option<LightRay> {
+        let (center, radius, radiance) = self.sphere()?;
         let disk = warp::square_to_disk(u_point);
         let height = (1.0 - disk.length_squared()).max(0.0).sqrt();
         let n = Frame::from_normal(d).to_world(disk.extend(height)).normalize();

@@ -43,7 +43,7 @@ impl DirectionalEmitter {
 }
 
 /// Samples a ray in a direction, from a uniform point on a disk outside the sphere.
-pub(super) fn distant_ray(scene: &BoundingSphere, direction: Vec3, u: Vec2, time: f32) -> Ray {
+pub fn distant_ray(scene: &BoundingSphere, direction: Vec3, u: Vec2, time: f32) -> Ray {
     let disk = warp::square_to_disk(u);
     let frame = Frame::from_normal(direction);
     let o = scene.center + (frame.s * disk.x + frame.t * disk.y - direction) * scene.radius;

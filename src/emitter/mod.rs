@@ -21,7 +21,7 @@ pub mod sun;
 
 pub use area::{AreaEmitter, EmitterHit};
 pub use daylight::Sky;
-pub use directional::DirectionalEmitter;
+pub use directional::{DirectionalEmitter, distant_ray};
 pub use emission::Emission;
 pub use environment::Environment;
 pub use environment_map::{EnvMap, EnvMapSample};
@@ -243,6 +243,23 @@ impl Light {
         match self {
             Light::Area(area) => area.sample_ray_by_direction(u_point, u_direction, time),
             _ => self.sample_ray(u_point, u_direction, time),
+        }
+    }
+
+    /// Samples a ray in the world-space direction `d` from the sphere of
+    /// [`constant_sphere`](Self::constant_sphere). Its power is that of a uniform density over all directions.
+    pub fn sample_ray_towards(&self, u_point: Vec2, d: Vec3, time: f32) -> Option<LightRay> {
+        match self {
+            Light::Area(area) => area.sample_ray_towards(u_point, d, time),
+            _ => None,
+        }
+    }
+
+    /// Returns the emitting surface if it is a sphere at rest without a texture.
+    pub fn constant_sphere(&self) -> Option<BoundingSphere> {
+        match self {
+            Light::Area(area) => area.sphere().map(|(center, radius, _)| BoundingSphere { center, radius }),
+            _ => None,
         }
     }
 

@@ -4,7 +4,7 @@
 //! These densities are those of sampling uniformly in area and without a guide, although some emitters are sampled
 //! better, and light paths are guided.
 
-use super::Light;
+use super::{BoundingSphere, Light};
 use crate::math::Vec3;
 use crate::sampling::warp;
 use std::f64::consts::PI;
@@ -50,8 +50,18 @@ impl Light {
         matches!(self, Light::Point(_) | Light::Spot(_) | Light::Directional(_) | Light::Projector(_))
     }
 
+    /// Returns the sphere around everything that an emitter at infinity can hit.
+    pub fn surroundings(&self) -> Option<&BoundingSphere> {
+        match self {
+            Light::Directional(parallel) => Some(&parallel.scene),
+            Light::Environment(environment) => Some(&environment.scene),
+            Light::Sun(sun) => Some(&sun.scene),
+            Light::Area(_) | Light::Point(_) | Light::Spot(_) | Light::Projector(_) => None,
+        }
+    }
+
     /// Returns whether the emitter is at infinity.
     pub fn is_distant(&self) -> bool {
-        matches!(self, Light::Directional(_) | Light::Environment(_) | Light::Sun(_))
+        self.surroundings().is_some()
     }
 }

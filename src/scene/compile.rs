@@ -1,6 +1,7 @@
 //! Compilation of a description to a scene: applies transforms, prepares emitters for sampling and builds the
 //! accelerator.
 
+use super::casters;
 use super::description::{Description, PlacedGroup, PlacedShape};
 use super::holes::OpacityFilter;
 use super::media::MediaCompiler;
@@ -319,6 +320,13 @@ impl SceneCompiler {
         let media = self.media.finish(media, around, emitting, &self.assembly, options, memory)?;
         self.filter();
         let (holes, instances) = (self.assembly.filter.is_some(), self.assembly.instances.clone());
+        let can_be_hit = emitters.iter().any(|emitter| !emitter.is_delta())
+            || self.lights.iter().any(|light| !light.is_delta());
+        let casters = if can_be_hit {
+            casters::find(&self.shapes, &self.materials, &self.assembly)
+        } else {
+            Vec::new()
+        };
         let started = Instant::now();
         let built = accel::build_within(options.accel, self.assembly.clone(), options.threads, true, memory)?;
         self.report.build_seconds = started.elapsed().as_secs_f64();
@@ -367,6 +375,7 @@ impl SceneCompiler {
             sun,
             sensors,
             bounds,
+            casters,
             needs,
             media,
         };

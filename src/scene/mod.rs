@@ -1,5 +1,6 @@
 //! The scene: a description as plain data, compiled to arrays and ids.
 
+mod casters;
 pub mod compile;
 pub mod description;
 mod holes;
@@ -21,8 +22,8 @@ use crate::bsdf::{Bsdf, Mask};
 use crate::color::Rgb;
 use crate::emitter::lanes::LightLanes;
 use crate::emitter::{
-    ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection, Receiver,
-    ReceiverX16, ShadowTarget,
+    BoundingSphere, ChoiceX16, EmitterHit, EmitterSample, EmitterSampleX16, Light, LightRay, LightSelection,
+    Receiver, ReceiverX16, ShadowTarget,
 };
 use crate::ids::{EmitterId, MaterialId};
 use crate::material::{MaterialPoint, Materials, Scattering, SceneMaterial};
@@ -80,6 +81,9 @@ pub struct Scene {
     pub sensors: Vec<Camera>,
     /// The bounding box of all shapes.
     pub bounds: Bounds,
+    /// Spheres around the surfaces with Dirac deltas, over all times, if there are emitters that scattered rays can
+    /// hit.
+    pub casters: Vec<BoundingSphere>,
     /// The features that the scene uses.
     pub needs: Needs,
     /// The cost of an occlusion query relative to that of a nearest-hit query and the shading after it.

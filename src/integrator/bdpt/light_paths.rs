@@ -1,6 +1,7 @@
 //! Light subpaths, whose vertices are kept.
 
 use super::emitter_media::EmitterMedia;
+use super::targets::Targets;
 use super::technique::Techniques;
 use super::vertex::{MediumPoint, Vertex};
 use super::weights::{Merged, Partial, Start};
@@ -127,10 +128,18 @@ pub struct LightPathSettings<'a> {
     pub merged: Merged,
     /// The media, if they are rendered.
     pub media: Option<RenderedMedia<'a>>,
-    /// If only caustics are traced, that a camera path can find too: the most vertices of a path that are kept.
-    /// Emitters are no Dirac deltas, and the first vertex scatters by a Dirac delta. The first vertex that is kept ends
-    /// the deltas.
-    pub caustics: Option<u32>,
+    /// If only caustics are traced, that a camera path can find too: which.
+    pub caustics: Option<Caustics<'a>>,
+}
+
+/// The caustics that light paths find. Emitters are no Dirac deltas, and the first vertex scatters by a Dirac delta.
+/// The first vertex that is kept ends the deltas.
+#[derive(Clone, Copy)]
+pub struct Caustics<'a> {
+    /// At what light paths are aimed.
+    pub targets: &'a Targets,
+    /// The most vertices of a path that are kept.
+    pub vertices: u32,
 }
 
 impl LightPathSettings<'_> {
@@ -322,7 +331,7 @@ fn scatter(
     let finite_lobes = valid & !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY)).to_bitmask();
     let mut finite = finite_lobes;
     let LightPathSettings { caustics, media, .. } = settings;
-    if let Some(most) = caustics {
+    if let Some(Caustics { vertices: most, .. }) = caustics {
         let begun = |path: &Subpath| path.finite > 0;
         let goes_on = |path: &Subpath| matches!(path.state, State::Scattered(_)) && path.finite + 1 < most;
         finite &= mask(paths, goes_on);
@@ -394,13 +403,15 @@ fn start(
     numbers.draw(scene, keys, worker);
     let mut subpaths = Vec::with_capacity(keys.len());
     for (i, key) in keys.iter().enumerate() {
-        let Some((emitter, light)) = numbers.start(scene, guide, i) else { continue };
-        let (source, started) =
-            (&scene.lights[emitter.index()], typical_start_density(scene, guide, emitter.index()));
+        let start = match caustics {
+            Some(Caustics { targets, .. }) => targets.sample(scene, &numbers, i),
+            None => numbers.start(scene, guide, i).map(|(emitter, light)| {
+                (emitter, light, typical_start_density(scene, guide, emitter.index()))
+            }),
+        };
+        let Some((emitter, light, started)) = start else { continue };
+        let source = &scene.lights[emitter.index()];
         let start = Start::new(source, light.ray.d, light.cosine, 1.0, started);
-        if caustics.is_some() && start.delta {
-            continue;
-        }
         let state = State::Started(emitter.index(), start);
         let medium = media.and_then(|media| media.of_emitters.of(emitter));
         let (ray, mut power) = (light.ray, light.power);

@@ -14,13 +14,14 @@ mod in_media;
 mod light_paths;
 pub(super) mod merging;
 pub mod sharing;
+pub(super) mod targets;
 pub mod technique;
 mod vertex;
 pub(super) mod weights;
 
 use self::camera_paths::CameraPaths;
 use self::emitter_media::EmitterMedia;
-pub(super) use self::light_paths::{LightPathSettings, RenderedMedia};
+pub(super) use self::light_paths::{Caustics, LightPathSettings, RenderedMedia};
 use self::light_paths::{LightPaths, StoredVertex, of_light_path};
 use self::merging::Merging;
 use self::sharing::SharedLightPaths;
@@ -207,7 +208,7 @@ impl LightTracer for Bdpt {
             media: self.media(scene),
             caustics: None,
         };
-        lens.splat(keys, worker, |splat, _| out.push(splat));
+        lens.splat(keys, worker, |_, splat| out.push(splat));
     }
 }
 
@@ -248,13 +249,13 @@ pub(super) fn trace_both(
 
 /// A vertex of a light path that is connected to the camera.
 #[derive(Clone, Copy)]
-struct LensPoint {
+pub(super) struct LensPoint {
     /// The position on the film in pixels.
     film: DVec2,
     /// The index of the light path.
-    path: u32,
+    pub path: u32,
     /// The weight of the technique, which is a factor of the contribution.
-    weight: f64,
+    pub weight: f64,
 }
 
 /// Connections of light paths to the camera.
@@ -275,29 +276,28 @@ pub(super) struct LensConnections<'a> {
     /// The media, if they are rendered.
     pub media: Option<RenderedMedia<'a>>,
     /// If only caustics are traced: how.
-    pub caustics: Option<CausticPaths>,
+    pub caustics: Option<CausticPaths<'a>>,
 }
 
 /// Light paths for caustics only.
 #[derive(Clone, Copy)]
-pub(super) struct CausticPaths {
+pub(super) struct CausticPaths<'a> {
     /// The density of light paths relative to one for each camera path.
     pub density: f64,
-    /// The most vertices of a path that are connected to the camera.
-    pub vertices: u32,
+    /// Which caustics: each vertex of a light path that is kept is connected to the camera.
+    pub which: Caustics<'a>,
 }
 
 impl<'a> LensConnections<'a> {
-    /// Traces a light path for each key, and calls `add` with each of its contributions to the film and the weight
-    /// that the contribution has.
-    pub fn splat(&self, keys: &[SampleKey], worker: &mut Worker, mut add: impl FnMut(Splat, f64)) {
+    /// Traces a light path for each key, and calls `add` with each of its contributions to the film.
+    pub fn splat(&self, keys: &[SampleKey], worker: &mut Worker, add: impl FnMut(&LensPoint, Splat)) {
         let mut arena = std::mem::take(&mut worker.kept_arena);
         arena.reset();
         let paths = self.light_paths(&arena, keys, worker);
         let points = self.queue(&paths, keys, worker);
         drop(paths);
         worker.kept_arena = arena;
-        self.trace(&points, worker, |point, splat| add(splat, point.weight));
+        self.trace(&points, worker, add);
     }
 
     /// Traces a light path for each key.
@@ -312,7 +312,7 @@ impl<'a> LensConnections<'a> {
             beyond: 1,
             merged: self.merged,
             media: self.media,
-            caustics: self.caustics.map(|caustics| caustics.vertices),
+            caustics: self.caustics.map(|caustics| caustics.which),
         };
         LightPaths::trace(self.scene, arena, settings, keys, worker)
     }

@@ -14,6 +14,8 @@
 //! paths, without the density of the emitter. Each later vertex contributes the ratio of the cosines at its two edges,
 //! and, if its lobe is finite, that of the densities of its two directions.
 //!
+//! Light paths are [aimed](crate::integrator::bdpt::targets) at the surfaces with Dirac deltas.
+//!
 //! Light paths do not pay in every scene. A pilot decides how many there are, or none. Emitters that no camera path can
 //! hit are left out, so the expected image does not depend on that.
 
@@ -23,19 +25,20 @@ use crate::accel::Hit;
 use crate::bsdf::lanes::pdf_adjoint_x16;
 use crate::estimate::metrics::RELATIVE_FLOOR;
 use crate::ids::EmitterId;
+use crate::integrator::bdpt::targets::{TargetChoice, Targets};
+use crate::integrator::bdpt::technique::Techniques;
 use crate::integrator::bdpt::weights::{Merged, Start};
-use crate::integrator::bdpt::{CausticPaths, LensConnections, technique::Techniques};
+use crate::integrator::bdpt::{CausticPaths, Caustics, LensConnections};
 use crate::integrator::block::ShadingBlock;
-use crate::integrator::photon::{
-    Deposit, EmissionGuide, LightPathTracer, PathLimit, PathSequence, PhotonPaths,
-};
+use crate::integrator::light_path::EmissionNumbers;
+use crate::integrator::photon::PathSequence;
 use crate::integrator::preparation::Workers;
 use crate::integrator::ptracer::{LightTracer, Splat};
 use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{Continuation, PathWave};
 use crate::integrator::{Preparation, Radiance, RadianceQuery, Worker};
 use crate::math::lanes::{bits, f32x16};
-use crate::math::{Ray, Vec2, Vec3};
+use crate::math::{Ray, Vec3};
 use crate::sampling::SampleKey;
 use crate::scene::Scene;
 use crate::sensor::Camera;
@@ -52,15 +55,14 @@ const PAYS: f64 = 0.9;
 /// The least efficiency of split camera paths relative to others, if light paths are traced. Where there are caustics,
 /// there are also rare bright paths. Both pilots miss most of them, so they expect too much of splitting.
 const LEAST_GAIN_BESIDE_LIGHT_PATHS: f64 = 1.5;
-/// The light paths from which is learned where caustics start: one for each pixel, within these bounds, or fewer if
-/// they find so many deposits.
-const LEARNING: [u64; 2] = [1 << 14, 1 << 17];
-const DEPOSITS: u64 = 1 << 13;
 /// The light paths of the pilot: one for every four pixels, within these bounds; those of a batch, and their stream of
 /// random numbers.
 const PILOT: [u64; 2] = [1 << 13, 1 << 15];
 const BATCH: u64 = 2048;
 const STREAM: u32 = 7;
+const LEARNING_STREAMS: [u32; 2] = [9, 11];
+/// The number of light paths for each camera path for which is learned where they start.
+const TYPICAL_SHARE: f64 = 0.125;
 /// The number of blocks of the image along each axis, whose mean caustics the pilot estimates.
 const BLOCKS: usize = 32;
 /// The most surfaces with a finite lobe between the deltas and the camera.
@@ -84,7 +86,7 @@ pub(super) struct CameraPathPilot {
 /// The light paths that find caustics.
 pub struct CausticTracer {
     camera: Camera,
-    guide: EmissionGuide,
+    targets: Targets,
     limits: PathLimits,
     /// The number of light paths for each camera path. It is infinite before it is chosen: then camera paths have the
     /// weight 0.
@@ -98,6 +100,8 @@ pub struct CausticTracer {
 /// The result of the pilot.
 struct LightPilot {
     caustics: Vec<Caustic>,
+    /// For each light path, what [`Targets::learn`] needs.
+    starts: Vec<(TargetChoice, f64)>,
     /// The number of light paths.
     paths: f64,
     /// The mean cost of their rays.
@@ -111,31 +115,26 @@ struct Caustic {
     ratio: f64,
 }
 
+impl Caustic {
+    /// Returns the mean over the channels.
+    fn grey(&self) -> f64 {
+        f64::from(self.splat.value.r + self.splat.value.g + self.splat.value.b) / 3.0
+    }
+}
+
 impl CausticTracer {
     /// Learns where caustic light starts. Returns `None` if none was found inside the view of the camera.
     pub fn learn(preparation: &Preparation<'_>, limits: PathLimits) -> Option<Self> {
-        let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
-        if scene.needs.deltas == 0 || !scene.needs.hit_emitters && !scene.needs.environment {
-            return None;
+        let (camera, share, directions) = (preparation.camera.clone(), f64::INFINITY, 1.0);
+        let targets = Targets::new(preparation.scene)?;
+        let mut tracer =
+            CausticTracer { camera, targets, limits, share, directions, surfaces: MOST_SURFACES };
+        let (mut starts, mut found) = (Vec::new(), false);
+        for stream in LEARNING_STREAMS {
+            starts.extend(tracer.pilot(preparation, MOST_SURFACES, stream).starts);
+            found = tracer.targets.learn(preparation.scene, &starts);
         }
-        let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
-        let paths = PhotonPaths { indirect: false, ..PhotonPaths::scattered(limits) };
-        let most = pixels(camera).clamp(LEARNING[0], LEARNING[1]);
-        let until = PathLimit { paths: most, kept: Some(DEPOSITS) };
-        let middle = Vec2::splat(0.5);
-        let seen = |deposit: &Deposit| {
-            deposit.caustic && camera.importance(deposit.p, middle, middle.x, 0.0).is_some()
-        };
-        let guide =
-            EmissionGuide::learn(&tracer, &paths, until, seed, |i| !scene.lights[i].is_delta(), seen)?;
-        Some(CausticTracer {
-            camera: camera.clone(),
-            guide,
-            limits,
-            share: f64::INFINITY,
-            directions: 1.0,
-            surfaces: 1,
-        })
+        found.then_some(tracer)
     }
 
     /// Returns the number of light paths for each camera path.
@@ -161,7 +160,7 @@ impl CausticTracer {
         // Between them, the figures differ little.
         let mut surfaces = vec![1, most_surfaces];
         surfaces.dedup();
-        let pilots: Vec<_> = surfaces.into_iter().map(|n| (n, self.pilot(preparation, n))).collect();
+        let pilots: Vec<_> = surfaces.into_iter().map(|n| (n, self.pilot(preparation, n, STREAM))).collect();
         let best = |camera_paths: &[(Splitting, CameraPathPilot)], shares: &[f64], least_gain: f64| {
             let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
                 let errors = |pilot| self.errors(pilot, paths.mean, f64::from(splitting.directions));
@@ -194,35 +193,53 @@ impl CausticTracer {
         (traced, splitting)
     }
 
-    /// Traces some light paths with the given number of [`surfaces`](Self::surfaces).
-    fn pilot(&self, preparation: &Preparation<'_>, surfaces: u32) -> LightPilot {
+    /// Traces some light paths with the given number of [`surfaces`](Self::surfaces) and stream of random numbers.
+    fn pilot(&self, preparation: &Preparation<'_>, surfaces: u32, stream: u32) -> LightPilot {
         let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt);
-        let sequence = PathSequence { seed, stream: STREAM, number: 0, first: 0 };
+        let sequence = PathSequence { seed, stream, number: 0, first: 0 };
         let batches = (pixels(camera) / 4).clamp(PILOT[0], PILOT[1]) / BATCH;
+        let which = Caustics { targets: &self.targets, vertices: surfaces };
         let trace = |batch: u64| {
             workers.with(|worker| {
                 let keys: Vec<SampleKey> = (0..BATCH).map(|i| sequence.key(batch * BATCH + i)).collect();
                 let before = worker.counters.cost(scene);
+                let mut numbers = EmissionNumbers::default();
+                numbers.draw(scene, &keys, worker);
+                let mut contributions = vec![0.0; keys.len()];
                 let mut caustics = Vec::new();
-                let paths = CausticPaths { density: SCALE, vertices: surfaces };
+                let paths = CausticPaths { density: SCALE, which };
                 let connections = self.connections(scene, camera, 0.0, paths);
-                connections.splat(&keys, worker, |splat, weight| {
-                    let value = splat.value / weight as f32;
-                    let ratio = (weight / (1.0 - weight)).sqrt() / SCALE;
-                    caustics.push(Caustic { splat: Splat { value, ..splat }, ratio });
+                connections.splat(&keys, worker, |point, splat| {
+                    let value = splat.value / point.weight as f32;
+                    let ratio = (point.weight / (1.0 - point.weight)).sqrt() / SCALE;
+                    let caustic = Caustic { splat: Splat { value, ..splat }, ratio };
+                    let square = (TYPICAL_SHARE * ratio).powi(2);
+                    let contribution = caustic.grey() * square / (1.0 + square);
+                    if contribution.is_finite() {
+                        contributions[point.path as usize] += contribution;
+                    }
+                    caustics.push(caustic);
                 });
-                (caustics, worker.counters.cost(scene) - before)
+                let starts: Vec<_> = contributions
+                    .into_iter()
+                    .enumerate()
+                    .filter_map(|(i, contribution)| {
+                        Some((self.targets.choose(scene, &numbers, i)?, contribution))
+                    })
+                    .collect();
+                (caustics, starts, worker.counters.cost(scene) - before)
             })
         };
         let paths = (batches * BATCH) as f64;
-        let (caustics, costs): (Vec<_>, Vec<f64>) =
-            pool.install(|| (0..batches).into_par_iter().map(trace).unzip());
-        LightPilot {
-            caustics: caustics.into_iter().flatten().collect(),
-            paths,
-            cost: costs.iter().sum::<f64>() / paths,
+        let traced: Vec<_> = pool.install(|| (0..batches).into_par_iter().map(trace).collect());
+        let mut pilot = LightPilot { caustics: Vec::new(), starts: Vec::new(), paths, cost: 0.0 };
+        for (caustics, starts, cost) in traced {
+            pilot.caustics.extend(caustics);
+            pilot.starts.extend(starts);
+            pilot.cost += cost / paths;
         }
+        pilot
     }
 
     /// Returns the relative mean squared error of the caustics in one sample of a pixel, as a function of the number of
@@ -235,17 +252,17 @@ impl CausticTracer {
             let along = |x: f64, length: f64| ((x / length * BLOCKS as f64) as usize).min(BLOCKS - 1);
             along(splat.film.y, size[1]) * BLOCKS + along(splat.film.x, size[0])
         };
-        let grey = |splat: &Splat| f64::from(splat.value.r + splat.value.g + splat.value.b) / 3.0;
         let mut means = vec![mean; BLOCKS * BLOCKS];
-        for Caustic { splat, .. } in caustics {
-            means[block(splat)] += grey(splat) * (BLOCKS * BLOCKS) as f64 / paths;
+        for caustic in caustics {
+            means[block(&caustic.splat)] += caustic.grey() * (BLOCKS * BLOCKS) as f64 / paths;
         }
         // The squared contribution of each light path, relative to its block, and its ratio.
         let squares: Vec<[f64; 2]> = caustics
             .iter()
-            .map(|Caustic { splat, ratio }| {
-                let mean = means[block(splat)];
-                [grey(splat).powi(2) / (mean * mean + RELATIVE_FLOOR) / paths, *ratio / directions]
+            .map(|caustic| {
+                let mean = means[block(&caustic.splat)];
+                let square = caustic.grey().powi(2) / (mean * mean + RELATIVE_FLOOR) / paths;
+                [square, caustic.ratio / directions]
             })
             .filter(|[square, ratio]| square.is_finite() && ratio.is_finite())
             .collect();
@@ -267,12 +284,12 @@ impl CausticTracer {
         scene: &'a Scene,
         camera: &'a Camera,
         margin: f64,
-        paths: CausticPaths,
+        paths: CausticPaths<'a>,
     ) -> LensConnections<'a> {
         LensConnections {
             scene,
             camera,
-            guide: Some(&self.guide),
+            guide: None,
             limits: self.limits,
             techniques: Techniques::All,
             query: RadianceQuery::ALL,
@@ -283,11 +300,19 @@ impl CausticTracer {
         }
     }
 
-    /// Returns the weight of a camera path that hits an emitter in the direction `d`, with the cosine `cosine` at its
-    /// surface.
-    fn weight(&self, scene: &Scene, emitter: EmitterId, d: Vec3, cosine: f32, ratio: f32) -> f32 {
+    /// Returns the weight of a camera path that hits an emitter. Its last ray has the direction `d`, and ends at the
+    /// point `o` with the cosine `cosine` or, if the emitter is at infinity, passes `o`.
+    fn weight(
+        &self,
+        scene: &Scene,
+        emitter: EmitterId,
+        (o, d): (Vec3, Vec3),
+        cosine: f32,
+        ratio: f32,
+    ) -> f32 {
         let i = emitter.index();
-        let start = Start::new(&scene.lights[i], -d, cosine, 0.0, self.guide.typical_density(i));
+        let started = self.targets.density(scene, i, (o, -d), cosine);
+        let start = Start::new(&scene.lights[i], -d, cosine, 0.0, started);
         let ratio = start.ray * f64::from(ratio) / f64::from(cosine);
         // Not NaN, if an infinite ratio meets a density of 0.
         (1.0 / (1.0 + ratio * ratio)).max(0.0) as f32
@@ -312,9 +337,10 @@ impl LightTracer for CausticTracer {
         // Neighbours in the sequence are well distributed, so the first ones are traced.
         let traced = ((keys.len() as f64 * self.share).ceil() as usize).min(keys.len());
         let factor = keys.len() as f32 / traced as f32;
-        let paths = CausticPaths { density: self.share / self.directions, vertices: self.surfaces };
+        let which = Caustics { targets: &self.targets, vertices: self.surfaces };
+        let paths = CausticPaths { density: self.share / self.directions, which };
         let connections = self.connections(scene, camera, margin, paths);
-        connections.splat(&keys[..traced], worker, |splat, _| {
+        connections.splat(&keys[..traced], worker, |_, splat| {
             out.push(Splat { value: splat.value * factor, ..splat });
         });
     }
@@ -410,7 +436,7 @@ impl<'a> CausticWave<'a> {
         for i in (0..hits.len()).filter(|&i| hits[i].is_none() && self.are_in(paths.slots[i])) {
             let (slot, d) = (paths.slots[i] as usize, paths.rays[i].d);
             for emitter in scene.distant_emitters() {
-                let weight = self.tracer.weight(scene, emitter, d, 1.0, self.ratios[slot]);
+                let weight = self.tracer.weight(scene, emitter, (paths.rays[i].o, d), 1.0, self.ratios[slot]);
                 out[slot].value += paths.beta(i) * scene.distant_radiance(emitter, d) * weight;
             }
         }
@@ -435,7 +461,7 @@ impl<'a> CausticWave<'a> {
                 let (at, d) = (block.at.lane(i), block.rays.d.lane(i));
                 let Some(emitter) = scene.emitter_at(&at) else { continue };
                 let ratio = self.ratios[slot as usize];
-                let weight = self.tracer.weight(scene, emitter, d, d.dot(at.ng).abs(), ratio);
+                let weight = self.tracer.weight(scene, emitter, (at.p, d), d.dot(at.ng).abs(), ratio);
                 out[slot as usize].value += paths.beta(path) * scene.emitted(emitter, &at) * weight;
             }
         }

@@ -7,6 +7,7 @@
 
 mod pilot;
 
+pub use self::pilot::PathHistogram;
 use self::pilot::{Learned, PilotResults};
 use super::cast::{LightPathTracer, PathLimit, PathSequence};
 use super::tracing::{Deposit, PhotonPaths};
@@ -61,24 +62,15 @@ impl EmissionGuide {
         let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
         let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
         let paths = PhotonPaths::scattered(limits);
-        Self::learn(
-            &tracer,
-            &paths,
-            Self::PILOT,
-            seed,
-            |_| true,
-            |deposit: &Deposit| visible.contains(deposit.p),
-        )
+        Self::learn(&tracer, &paths, Self::PILOT, seed, |deposit: &Deposit| visible.contains(deposit.p))
     }
 
-    /// Learns which starts from the emitters selected by `emitter` contribute power to the deposits selected by
-    /// `wanted`. Returns `None` if there are none.
+    /// Learns which starts contribute power to the deposits selected by `wanted`. Returns `None` if there are none.
     pub fn learn(
         tracer: &LightPathTracer<'_>,
         paths: &PhotonPaths,
         until: PathLimit,
         seed: u64,
-        emitter: impl Fn(usize) -> bool,
         wanted: impl Fn(&Deposit) -> bool + Sync,
     ) -> Option<Self> {
         let scene = tracer.scene;
@@ -100,7 +92,7 @@ impl EmissionGuide {
             numbers.draw(scene, &keys, &worker);
             for (i, brought) in brought.iter().enumerate() {
                 let choice = scene.light_choice.sample(numbers.choice[i]);
-                if let Some(choice) = choice.filter(|choice| emitter(choice.index)) {
+                if let Some(choice) = choice {
                     // The contribution of the path, for the case that its emitter is the only one.
                     let pairs = numbers.pairs(i);
                     found[choice.index].add(pairs, f64::from(brought * choice.pmf));

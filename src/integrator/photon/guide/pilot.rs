@@ -32,8 +32,8 @@ struct PilotPath {
 }
 
 /// The paths in each cell of a unit square: their number and the sum of their squared contributions.
-#[derive(Clone)]
-struct PathHistogram {
+#[derive(Clone, Debug)]
+pub struct PathHistogram {
     cells: usize,
     counts: Vec<u32>,
     squares: Vec<f64>,
@@ -117,7 +117,8 @@ impl PathHistogram {
         PathHistogram { cells, counts: vec![0; cells * cells], squares: vec![0.0; cells * cells] }
     }
 
-    fn add(&mut self, u: Vec2, value: f64) {
+    /// Adds a path with the given random numbers and contribution.
+    pub fn add(&mut self, u: Vec2, value: f64) {
         let [x, y] = (u * self.cells as f32).to_array().map(|x| (x as usize).min(self.cells - 1));
         self.counts[y * self.cells + x] += 1;
         self.squares[y * self.cells + x] += value * value;
@@ -142,7 +143,7 @@ impl PathHistogram {
 
     /// Returns a density proportional to the square root of the second moment in each cell, which minimises the
     /// variance. Returns `None` without contributions.
-    fn distribution(&self) -> Option<Distribution2D> {
+    pub fn distribution(&self) -> Option<Distribution2D> {
         let weights: Vec<f64> = self.moments().into_iter().map(f64::sqrt).collect();
         let found = weights.iter().any(|&weight| weight > 0.0);
         found.then(|| Distribution2D::new(self.cells, self.cells, &weights))

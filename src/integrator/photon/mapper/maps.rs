@@ -251,9 +251,7 @@ fn cast(
         // Objects that cause caustics often subtend a small solid angle at the emitters, so emission is guided.
         let guide = match light {
             MapKind::Global => None,
-            MapKind::Caustic => {
-                EmissionGuide::learn(&plain, &paths, EmissionGuide::PILOT, seed, |_| true, |_| true)
-            }
+            MapKind::Caustic => EmissionGuide::learn(&plain, &paths, EmissionGuide::PILOT, seed, |_| true),
         };
         let tracer = LightPathTracer { guide: guide.as_ref(), ..plain };
         let replicates = sampler.replicates();

@@ -1,0 +1,335 @@
+//! Light paths that are aimed at the surfaces where caustics begin.
+//!
+//! Each surface is inside a sphere. A light path chooses an emitter and a sphere. From a point of an emitting surface,
+//! it goes in a direction towards the sphere. An emitter that is a smaller sphere has the same directions for all its
+//! points. From an emitter at infinity, the path starts at a point of the disk that the sphere presents in the
+//! direction of the emitter. The direction or the point on the disk is a point of a unit square. The probabilities of
+//! the pairs and the densities on their squares are learned from the contributions of light paths. Camera paths know
+//! these densities, too, so the weights of both are exact. [After the projection maps of Jensen 1996]
+
+use crate::emitter::{BoundingSphere, Light, LightRay, distant_ray};
+use crate::ids::EmitterId;
+use crate::integrator::light_path::EmissionNumbers;
+use crate::integrator::photon::guide::PathHistogram;
+use crate::math::{Bounds, Frame, Ray, Vec2, Vec3};
+use crate::sampling::{Distribution1D, Distribution2D, warp};
+use crate::scene::Scene;
+
+/// The most spheres, and the most pairs of an emitter and a sphere, and of those for which densities are learned.
+const SPHERES: usize = 16;
+const PAIRS: usize = 1 << 16;
+const LEARNED_PAIRS: usize = 1 << 10;
+/// The factor on the radius of a sphere, so that rounding leaves no surface outside.
+const MARGIN: f32 = 1.01;
+/// The share of the light paths that choose a pair, and then a point of its square, as before anything was learned.
+const UNLEARNED: f32 = 0.1;
+
+/// The spheres at which light paths are aimed, and the densities of their starts.
+#[derive(Clone, Debug)]
+pub struct Targets {
+    spheres: Vec<BoundingSphere>,
+    /// The choice of an emitter and a sphere: all spheres of the first emitter, then those of the next.
+    choice: Distribution1D,
+    /// The learned density on the square of each pair; `None` or none if it is uniform.
+    squares: Vec<Option<Distribution2D>>,
+}
+
+/// How a light path starts.
+#[derive(Clone, Copy, Debug)]
+pub struct TargetChoice {
+    /// The index of the pair, and its probability.
+    pair: usize,
+    probability: f32,
+    /// The point on its square, and its density.
+    u: Vec2,
+    density: f32,
+}
+
+/// The directions from a point, or from all points of an emitter, to a sphere.
+struct Cone {
+    frame: Frame,
+    /// The squared sine of the half angle; `None` if the cone contains all directions.
+    sin_squared: Option<f32>,
+    one_minus_cos: f32,
+}
+
+impl Cone {
+    /// Returns the directions from `o` to a sphere; `None` if `o` is inside.
+    fn of(o: Vec3, sphere: &BoundingSphere) -> Option<Self> {
+        let to = sphere.center - o;
+        let sin_squared = sphere.radius * sphere.radius / to.length_squared();
+        (sin_squared < 1.0).then(|| {
+            let one_minus_cos = sin_squared / (1.0 + (1.0 - sin_squared).sqrt());
+            Cone { frame: Frame::from_normal(to.normalize()), sin_squared: Some(sin_squared), one_minus_cos }
+        })
+    }
+
+    /// Returns a cone that contains the directions from all points of an emitter, if that is a smaller sphere.
+    fn of_sphere(light: &Light, sphere: &BoundingSphere) -> Option<Self> {
+        let BoundingSphere { center, radius } = light.constant_sphere()?;
+        (radius <= sphere.radius).then(|| {
+            let grown = BoundingSphere { radius: sphere.radius + radius, ..*sphere };
+            let all = || Cone { frame: Frame::from_normal(Vec3::Z), sin_squared: None, one_minus_cos: 2.0 };
+            Cone::of(center, &grown).unwrap_or_else(all)
+        })
+    }
+
+    /// Returns the direction at a point of the unit square.
+    fn direction(&self, u: Vec2) -> Vec3 {
+        self.frame.to_world(warp::square_to_cone(u, self.one_minus_cos)).normalize()
+    }
+
+    /// Returns the point on the unit square of a direction; `None` if it is outside.
+    fn square(&self, d: Vec3) -> Option<Vec2> {
+        let local = self.frame.to_local(d);
+        let inside = |sin_squared| local.z > 0.0 && local.x * local.x + local.y * local.y <= sin_squared;
+        self.sin_squared.is_none_or(inside).then(|| warp::cone_to_square(local, self.one_minus_cos))
+    }
+}
+
+impl Targets {
+    /// Creates the targets in a scene. Returns `None` if no surface begins caustics, or no scattered ray can hit an
+    /// emitter.
+    pub fn new(scene: &Scene) -> Option<Self> {
+        let most = (PAIRS / scene.lights.len().max(1)).clamp(1, SPHERES);
+        let mut spheres = joined(&mut scene.casters.clone(), most);
+        spheres.iter_mut().for_each(|sphere| sphere.radius *= MARGIN);
+        let targets = Targets { choice: Distribution1D::default(), spheres, squares: Vec::new() };
+        let choice = Distribution1D::new(&targets.unlearned(scene));
+        (!choice.is_empty()).then_some(Targets { choice, ..targets })
+    }
+
+    /// Returns the probabilities of the pairs before anything is learned.
+    fn unlearned(&self, scene: &Scene) -> Vec<f64> {
+        let count = self.spheres.len();
+        let emitters: Vec<f64> = (0..scene.lights.len())
+            .map(|i| if scene.lights[i].is_delta() { 0.0 } else { f64::from(scene.light_choice.pmf(i)) })
+            .collect();
+        let sum: f64 = emitters.iter().sum();
+        emitters.iter().flat_map(|pmf| std::iter::repeat_n(pmf / (sum * count as f64), count)).collect()
+    }
+
+    /// Chooses the start of light path `i` of those with the given random numbers.
+    pub fn choose(&self, scene: &Scene, numbers: &EmissionNumbers, i: usize) -> Option<TargetChoice> {
+        let pair = self.choice.sample(numbers.choice[i])?;
+        let [point, direction] = numbers.pairs(i);
+        let emitter = pair.index / self.spheres.len();
+        let u = if scene.lights[emitter].is_distant() { point } else { direction };
+        let learned = self.squares.get(pair.index).and_then(Option::as_ref).filter(|_| pair.u >= UNLEARNED);
+        let (u, density) = match learned {
+            Some(square) => {
+                let (u, density) = square.sample(u)?;
+                (u.min(Vec2::splat(1f32.next_down())), UNLEARNED + (1.0 - UNLEARNED) * density)
+            }
+            None => (u, self.density_on_square(pair.index, u)),
+        };
+        Some(TargetChoice { pair: pair.index, probability: pair.pmf, u, density })
+    }
+
+    /// Returns the density on the square of a pair.
+    fn density_on_square(&self, pair: usize, u: Vec2) -> f32 {
+        let square = self.squares.get(pair).and_then(Option::as_ref);
+        square.map_or(1.0, |square| UNLEARNED + (1.0 - UNLEARNED) * square.pdf(u))
+    }
+
+    /// Learns the densities that minimise the second moment of the contributions of light paths. `paths` are pairs of a
+    /// start and the contribution of its path. Returns whether there are any contributions.
+    pub fn learn(&mut self, scene: &Scene, paths: &[(TargetChoice, f64)]) -> bool {
+        let unlearned = self.unlearned(scene);
+        // The contributions as if the pair had its unlearned probability, because emitters of much power are expected
+        // to contribute much.
+        let relative = |(start, contribution): &(TargetChoice, f64)| {
+            contribution * f64::from(start.probability) / unlearned[start.pair]
+        };
+        let mean = paths.iter().map(|path| relative(path).powi(2)).sum::<f64>() / paths.len().max(1) as f64;
+        // One more path for each pair has the mean, because few paths miss light.
+        let mut moments = vec![(mean, 1.0); unlearned.len()];
+        for path in paths {
+            moments[path.0.pair].0 += relative(path).powi(2);
+            moments[path.0.pair].1 += 1.0;
+        }
+        let learned: Vec<f64> =
+            unlearned.iter().zip(&moments).map(|(pmf, (sum, count))| pmf * (sum / count).sqrt()).collect();
+        let total: f64 = learned.iter().sum();
+        if !(total > 0.0 && total.is_finite()) {
+            return false;
+        }
+        if unlearned.len() <= LEARNED_PAIRS {
+            let mut histograms = vec![PathHistogram::default(); unlearned.len()];
+            for (start, contribution) in paths {
+                // As if it had started with a uniform density.
+                histograms[start.pair].add(start.u, contribution * f64::from(start.density));
+            }
+            self.squares = histograms.iter().map(PathHistogram::distribution).collect();
+        }
+        let share = f64::from(UNLEARNED);
+        let mixed = |(pmf, learned): (&f64, &f64)| share * pmf + (1.0 - share) * learned / total;
+        self.choice = Distribution1D::new(&unlearned.iter().zip(&learned).map(mixed).collect::<Vec<_>>());
+        true
+    }
+
+    /// Samples the ray of light path `i` of those with the given random numbers. Returns the emitter beside it, and its
+    /// [`density`](Self::density).
+    pub fn sample(
+        &self,
+        scene: &Scene,
+        numbers: &EmissionNumbers,
+        i: usize,
+    ) -> Option<(EmitterId, LightRay, f32)> {
+        let TargetChoice { pair, u, density, .. } = self.choose(scene, numbers, i)?;
+        let (emitter, sphere) = (pair / self.spheres.len(), &self.spheres[pair % self.spheres.len()]);
+        let (light, [u_point, u_direction], time) =
+            (&scene.lights[emitter], numbers.pairs(i), numbers.time(i));
+        let start = match light.surroundings() {
+            Some(around) => {
+                let start = light.sample_ray(u_point, u_direction, time)?;
+                let aimed = distant_ray(sphere, start.ray.d, u, time);
+                // It starts outside the scene.
+                let back = around.radius + (aimed.o - around.center).dot(aimed.d);
+                LightRay { ray: Ray { o: aimed.o - aimed.d * back, ..aimed }, ..start }
+            }
+            None => match Cone::of_sphere(light, sphere) {
+                Some(cone) => light.sample_ray_towards(u_point, cone.direction(u), time)?,
+                None => {
+                    // The middle of the square is the normal.
+                    let start = light.sample_ray(u_point, Vec2::splat(0.5), time)?;
+                    let (o, n) = (start.ray.o, start.ray.d);
+                    let d = match Cone::of(o, sphere) {
+                        Some(cone) => cone.direction(u),
+                        None => {
+                            Frame::from_normal(n).to_world(warp::square_to_cosine_hemisphere(u_direction))
+                        }
+                    };
+                    LightRay { ray: Ray { d, ..start.ray }, cosine: d.dot(n), ..start }
+                }
+            },
+        };
+        let ray = (start.ray.o, start.ray.d);
+        let density = self.density_knowing(scene, emitter, ray, start.cosine, Some((pair, density)));
+        let lit = start.cosine > 0.0 && density > 0.0 && !start.power.is_black();
+        let start = LightRay { power: start.power / density, ..start };
+        lit.then(|| (EmitterId::from(emitter), start, density))
+    }
+
+    /// Returns the density with which light paths start, relative to that of
+    /// [`Light::sample_ray`](crate::emitter::Light::sample_ray), with the probability of the emitter. The ray starts at
+    /// the point `o` of an emitting surface with the cosine `cosine`, or passes `o` if its emitter is at infinity; its
+    /// unit direction is `d`.
+    pub fn density(&self, scene: &Scene, emitter: usize, ray: (Vec3, Vec3), cosine: f32) -> f32 {
+        self.density_knowing(scene, emitter, ray, cosine, None)
+    }
+
+    /// Computes [`density`](Self::density) for a ray whose density on the square of one pair is `known`.
+    fn density_knowing(
+        &self,
+        scene: &Scene,
+        emitter: usize,
+        (o, d): (Vec3, Vec3),
+        cosine: f32,
+        known: Option<(usize, f32)>,
+    ) -> f32 {
+        let around =
+            scene.lights[emitter].surroundings().map(|around| (around.radius, Frame::from_normal(d)));
+        let relative = |pair: usize, sphere: &BoundingSphere| {
+            let known = known.filter(|known| known.0 == pair).map(|known| known.1);
+            match &around {
+                Some((radius, frame)) => {
+                    let on_square = known.or_else(|| {
+                        let aside = frame.to_local(o - sphere.center).truncate() / sphere.radius;
+                        let hits = aside.length_squared() <= 1.0;
+                        hits.then(|| self.density_on_square(pair, warp::disk_to_square(aside)))
+                    });
+                    (radius / sphere.radius).powi(2) * on_square.unwrap_or(0.0)
+                }
+                None => {
+                    let of_sphere = Cone::of_sphere(&scene.lights[emitter], sphere);
+                    // That of all directions is 1 / 4π, or cosine / π
+                    let unaimed = if of_sphere.is_some() { 0.5 } else { 2.0 * cosine };
+                    // Directions from inside are not aimed.
+                    let Some(cone) = of_sphere.or_else(|| Cone::of(o, sphere)) else { return 1.0 };
+                    let on_square = known.or_else(|| Some(self.density_on_square(pair, cone.square(d)?)));
+                    on_square.unwrap_or(0.0) / (cone.one_minus_cos * unaimed)
+                }
+            }
+        };
+        let first = emitter * self.spheres.len();
+        let of_pair = |(k, sphere)| self.choice.pmf(first + k) * relative(first + k, sphere);
+        self.spheres.iter().enumerate().map(of_pair).sum()
+    }
+}
+
+/// Returns at most `most` spheres around the given ones: those of neighbours are joined.
+fn joined(spheres: &mut [BoundingSphere], most: usize) -> Vec<BoundingSphere> {
+    if spheres.len() <= 1 || most <= 1 {
+        return around(spheres).into_iter().collect();
+    }
+    if spheres.len() <= most {
+        return spheres.to_vec();
+    }
+    let extent = Bounds::of(spheres.iter().map(|sphere| sphere.center));
+    let axis = (extent.max - extent.min).max_position();
+    let middle = spheres.len() / 2;
+    spheres.select_nth_unstable_by(middle, |a, b| a.center[axis].total_cmp(&b.center[axis]));
+    let (low, high) = spheres.split_at_mut(middle);
+    let mut all = joined(low, most / 2);
+    all.extend(joined(high, most - most / 2));
+    all
+}
+
+/// Returns a sphere around spheres.
+fn around(spheres: &[BoundingSphere]) -> Option<BoundingSphere> {
+    let corners =
+        |sphere: &BoundingSphere| [-1.0, 1.0].map(|sign| sphere.center + Vec3::splat(sign * sphere.radius));
+    let center = Bounds::of(spheres.iter().flat_map(corners)).center();
+    let radius =
+        spheres.iter().map(|sphere| sphere.center.distance(center) + sphere.radius).reduce(f32::max)?;
+    Some(BoundingSphere { center, radius })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sampling::hash::{pcg3d, to_unit};
+
+    fn numbers(i: u32) -> [f32; 3] {
+        pcg3d(i, 1, 2).map(to_unit)
+    }
+
+    #[test]
+    fn directions_to_a_sphere_are_points_of_its_square() {
+        let sphere = BoundingSphere { center: Vec3::new(1.0, -2.0, 0.5), radius: 0.7 };
+        for i in 0..200 {
+            let o = (Vec3::from(numbers(i)) - 0.5) * 8.0;
+            let Some(cone) = Cone::of(o, &sphere) else {
+                assert!(o.distance(sphere.center) <= sphere.radius * 1.001);
+                continue;
+            };
+            let [x, y, _] = numbers(1000 + i);
+            let d = cone.direction(Vec2::new(x, 0.999 * y));
+            let nearest = (sphere.center - o).cross(d).length();
+            assert!(nearest <= sphere.radius && d.dot(sphere.center - o) > 0.0, "{nearest}");
+            let u = cone.square(d).expect("inside");
+            assert!(u.distance(Vec2::new(x, 0.999 * y)) < 1e-2, "{u} {x} {y}");
+            assert!(cone.square(-d).is_none());
+        }
+    }
+
+    #[test]
+    fn spheres_are_joined_until_they_are_few() {
+        let all: Vec<BoundingSphere> = (0..100)
+            .map(|i| BoundingSphere { center: Vec3::from(numbers(i)) * 10.0, radius: 0.1 + numbers(i)[0] })
+            .collect();
+        for most in [1, 2, 7, 16] {
+            let few = joined(&mut all.clone(), most);
+            assert_eq!(few.len(), most);
+            for sphere in &all {
+                let around = |large: &&BoundingSphere| {
+                    large.center.distance(sphere.center) + sphere.radius <= large.radius * MARGIN
+                };
+                assert!(few.iter().any(|large| around(&large)), "{sphere:?}");
+            }
+        }
+        assert_eq!(joined(&mut all.clone(), 100), all);
+        assert!(joined(&mut [], 16).is_empty());
+    }
+}
