@@ -185,8 +185,7 @@ fn what_is_stored_is_what_was_emitted_less_what_was_absorbed() {
         let cast = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
             let wanted = |d: &Deposit| d.p.x > 0.9;
             let guide = guided.then(|| {
-                EmissionGuide::learn(tracer, &PATHS, EmissionGuide::PILOT, 1, |_| true, wanted)
-                    .expect("light is there")
+                EmissionGuide::learn(tracer, &PATHS, EmissionGuide::PILOT, 1, wanted).expect("light is there")
             });
             let tracer = LightPathTracer { guide: guide.as_ref(), ..*tracer };
             tracer.cast(&PATHS, SEQUENCE, PathLimit { paths: 1 << 19, kept: None }, |d, _| Some(*d))
@@ -249,7 +248,7 @@ fn a_guide_finds_glass_and_changes_no_power() {
     let caustics = PhotonPaths { direct: false, indirect: false, ..PATHS };
     let unguided = deposits(&scene, &caustics, 1 << 25);
     let guided = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
-        let guide = EmissionGuide::learn(tracer, &caustics, EmissionGuide::PILOT, 1, |_| true, |_| true)
+        let guide = EmissionGuide::learn(tracer, &caustics, EmissionGuide::PILOT, 1, |_| true)
             .expect("light is there");
         let tracer = LightPathTracer { guide: Some(&guide), ..*tracer };
         tracer.cast(&caustics, SEQUENCE, PathLimit { paths: 1 << 25, kept: None }, |d, _| Some(*d))
@@ -298,7 +297,7 @@ fn tracing_ends_where_nothing_lands() {
     scene.emitters.push(Emitter::Point { position: Vec3::new(0.0, 1.0, 0.0), intensity: Rgb::WHITE });
     let scene = compiled(scene, AccelKind::default());
     let cast = with_caster(&scene, 2, SamplerKind::Sobol, |tracer| {
-        assert!(EmissionGuide::learn(tracer, &PATHS, EmissionGuide::PILOT, 1, |_| true, |_| true).is_none());
+        assert!(EmissionGuide::learn(tracer, &PATHS, EmissionGuide::PILOT, 1, |_| true).is_none());
         tracer.cast(&PATHS, SEQUENCE, PathLimit { paths: u64::MAX, kept: Some(1000) }, |d, _| Some(*d))
     });
     assert!(cast.kept.is_empty() && (1 << 20..1 << 22).contains(&cast.emitted), "{}", cast.emitted);

@@ -189,7 +189,7 @@ impl TextureImage {
         match &self.texels {
             Texels::Bytes { codes, values } => self.pixel(&codes[at..], |v| values[usize::from(v)]),
             Texels::Shorts { codes, values } => self.pixel(&codes[at..], |v| values[usize::from(v)]),
-            Texels::Halves(values) => self.pixel(&values[at..], f16::to_f32),
+            Texels::Halves(values) => self.pixel(&values[at..], of_half),
             Texels::Floats(values) => self.pixel(&values[at..], |v| v),
         }
     }
@@ -209,7 +209,7 @@ impl TextureImage {
             Texels::Shorts { codes, values } => {
                 self.bilinear_of(codes, columns, rows, at, |v| values[usize::from(v)])
             }
-            Texels::Halves(values) => self.bilinear_of(values, columns, rows, at, f16::to_f32),
+            Texels::Halves(values) => self.bilinear_of(values, columns, rows, at, of_half),
             Texels::Floats(values) => self.bilinear_of(values, columns, rows, at, |v| v),
         }
     }
@@ -257,7 +257,7 @@ impl TextureImage {
             Texels::Shorts { codes, values } => {
                 self.bilinear_of_x16(codes, columns, rows, at, |v| values[usize::from(v)])
             }
-            Texels::Halves(values) => self.bilinear_of_x16(values, columns, rows, at, f16::to_f32),
+            Texels::Halves(values) => self.bilinear_of_x16(values, columns, rows, at, of_half),
             Texels::Floats(values) => self.bilinear_of_x16(values, columns, rows, at, |v| v),
         }
     }
@@ -314,13 +314,22 @@ impl TextureImage {
 }
 
 impl Texels {
-    /// Stores halves if all values are exactly representable, otherwise floats.
+    /// Stores halves if all values are finite and exactly representable, otherwise floats.
     fn of_floats(values: Vec<f32>) -> Texels {
-        if values.iter().all(|v| f16::from_f32(*v).to_f32().to_bits() == v.to_bits()) {
+        if values.iter().all(|v| v.is_finite() && f16::from_f32(*v).to_f32().to_bits() == v.to_bits()) {
             return Texels::Halves(values.into_iter().map(f16::from_f32).collect());
         }
         Texels::Floats(values)
     }
+}
+
+/// Returns the value of a finite half, inline, without asking what the processor can do.
+#[inline(always)]
+fn of_half(half: f16) -> f32 {
+    let (sign, magnitude) = (u32::from(half.to_bits() & 0x8000) << 16, u32::from(half.to_bits() & 0x7fff));
+    // The bits of a float have five more for the exponent's range: its bias is 112 greater.
+    const SCALE: f32 = f32::from_bits((127 + 112) << 23);
+    f32::from_bits((f32::from_bits(magnitude << 13) * SCALE).to_bits() | sign)
 }
 
 /// Removes the alpha channel, if any.
@@ -365,6 +374,16 @@ mod tests {
         assert_eq!((halves.memory_bytes(), halves.rgb(0, 1)), (4, [65504.0; 3]));
         let floats = TextureImage::from_floats(1, 2, 1, vec![0.1, 65536.0]).unwrap();
         assert_eq!((floats.memory_bytes(), floats.rgb(0, 0)), (8, [0.1; 3]));
+    }
+
+    #[test]
+    fn halves_have_their_values() {
+        for bits in 0..=u16::MAX {
+            let half = f16::from_bits(bits);
+            if half.is_finite() {
+                assert_eq!(of_half(half).to_bits(), half.to_f32().to_bits());
+            }
+        }
     }
 
     #[test]

@@ -55,9 +55,9 @@ const PAYS: f64 = 0.9;
 /// The least efficiency of split camera paths relative to others, if light paths are traced. Where there are caustics,
 /// there are also rare bright paths. Both pilots miss most of them, so they expect too much of splitting.
 const LEAST_GAIN_BESIDE_LIGHT_PATHS: f64 = 1.5;
-/// The light paths of the pilot: one for every four pixels, within these bounds; those of a batch, and their stream of
+/// The light paths of the pilot: one for every eight pixels, within these bounds; those of a batch, and their stream of
 /// random numbers.
-const PILOT: [u64; 2] = [1 << 13, 1 << 15];
+const PILOT: [u64; 2] = [1 << 13, 1 << 14];
 const BATCH: u64 = 2048;
 const STREAM: u32 = 7;
 const LEARNING_STREAMS: [u32; 2] = [9, 11];
@@ -198,7 +198,7 @@ impl CausticTracer {
         let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt);
         let sequence = PathSequence { seed, stream, number: 0, first: 0 };
-        let batches = (pixels(camera) / 4).clamp(PILOT[0], PILOT[1]) / BATCH;
+        let batches = (pixels(camera) / 8).clamp(PILOT[0], PILOT[1]) / BATCH;
         let which = Caustics { targets: &self.targets, vertices: surfaces };
         let trace = |batch: u64| {
             workers.with(|worker| {
