@@ -15,12 +15,16 @@ use crate::math::{Bounds, Frame, Ray, Vec2, Vec3};
 use crate::sampling::{Distribution1D, Distribution2D, warp};
 use crate::scene::Scene;
 
-/// The most spheres, and the most pairs of an emitter and a sphere, and of those for which densities are learned.
+/// The most spheres, and the most pairs of an emitter and a sphere, unless there are more emitters. Up to that number,
+/// densities are learned, each of which takes 33 kB.
 const SPHERES: usize = 16;
-const PAIRS: usize = 1 << 16;
-const LEARNED_PAIRS: usize = 1 << 10;
+const PAIRS: usize = 1 << 10;
 /// The factor on the radius of a sphere, so that rounding leaves no surface outside.
 const MARGIN: f32 = 1.01;
+/// The least sine of the half angle of a cone, in which many directions are representable.
+const LEAST_SIN: f32 = 1e-4;
+/// The least contributions from which a density on a square is learned.
+const CONTRIBUTIONS: usize = 16;
 /// The share of the light paths that choose a pair, and then a point of its square, as before anything was learned.
 const UNLEARNED: f32 = 0.1;
 
@@ -59,6 +63,7 @@ impl Cone {
         let to = sphere.center - o;
         let sin_squared = sphere.radius * sphere.radius / to.length_squared();
         (sin_squared < 1.0).then(|| {
+            let sin_squared = sin_squared.max(LEAST_SIN * LEAST_SIN);
             let one_minus_cos = sin_squared / (1.0 + (1.0 - sin_squared).sqrt());
             Cone { frame: Frame::from_normal(to.normalize()), sin_squared: Some(sin_squared), one_minus_cos }
         })
@@ -154,13 +159,10 @@ impl Targets {
         if !(total > 0.0 && total.is_finite()) {
             return false;
         }
-        if unlearned.len() <= LEARNED_PAIRS {
-            let mut histograms = vec![PathHistogram::default(); unlearned.len()];
-            for (start, contribution) in paths {
-                // As if it had started with a uniform density.
-                histograms[start.pair].add(start.u, contribution * f64::from(start.density));
-            }
-            self.squares = histograms.iter().map(PathHistogram::distribution).collect();
+        if unlearned.len() <= PAIRS {
+            let mut of_pairs = vec![Vec::new(); unlearned.len()];
+            paths.iter().for_each(|path| of_pairs[path.0.pair].push(path));
+            self.squares = of_pairs.iter().map(|paths| learned_square(paths)).collect();
         }
         let share = f64::from(UNLEARNED);
         let mixed = |(pmf, learned): (&f64, &f64)| share * pmf + (1.0 - share) * learned / total;
@@ -181,12 +183,10 @@ impl Targets {
         let (light, [u_point, u_direction], time) =
             (&scene.lights[emitter], numbers.pairs(i), numbers.time(i));
         let start = match light.surroundings() {
-            Some(around) => {
+            Some(_) => {
                 let start = light.sample_ray(u_point, u_direction, time)?;
                 let aimed = distant_ray(sphere, start.ray.d, u, time);
-                // It starts outside the scene.
-                let back = around.radius + (aimed.o - around.center).dot(aimed.d);
-                LightRay { ray: Ray { o: aimed.o - aimed.d * back, ..aimed }, ..start }
+                LightRay { ray: Ray { o: before(&scene.bounds, aimed.o, aimed.d), ..aimed }, ..start }
             }
             None => match Cone::of_sphere(light, sphere) {
                 Some(cone) => light.sample_ray_towards(u_point, cone.direction(u), time)?,
@@ -228,34 +228,68 @@ impl Targets {
         cosine: f32,
         known: Option<(usize, f32)>,
     ) -> f32 {
-        let around =
-            scene.lights[emitter].surroundings().map(|around| (around.radius, Frame::from_normal(d)));
+        let light = &scene.lights[emitter];
+        let from = light.constant_sphere();
         let relative = |pair: usize, sphere: &BoundingSphere| {
             let known = known.filter(|known| known.0 == pair).map(|known| known.1);
-            match &around {
-                Some((radius, frame)) => {
-                    let on_square = known.or_else(|| {
-                        let aside = frame.to_local(o - sphere.center).truncate() / sphere.radius;
-                        let hits = aside.length_squared() <= 1.0;
-                        hits.then(|| self.density_on_square(pair, warp::disk_to_square(aside)))
-                    });
-                    (radius / sphere.radius).powi(2) * on_square.unwrap_or(0.0)
-                }
-                None => {
-                    let of_sphere = Cone::of_sphere(&scene.lights[emitter], sphere);
-                    // That of all directions is 1 / 4π, or cosine / π
-                    let unaimed = if of_sphere.is_some() { 0.5 } else { 2.0 * cosine };
-                    // Directions from inside are not aimed.
-                    let Some(cone) = of_sphere.or_else(|| Cone::of(o, sphere)) else { return 1.0 };
-                    let on_square = known.or_else(|| Some(self.density_on_square(pair, cone.square(d)?)));
-                    on_square.unwrap_or(0.0) / (cone.one_minus_cos * unaimed)
-                }
+            if let Some(around) = light.surroundings() {
+                let on_square = known.or_else(|| {
+                    let to = sphere.center - o;
+                    // Most rays miss most spheres.
+                    (to.cross(d).length_squared() <= sphere.radius * sphere.radius).then(|| {
+                        let aside = Frame::from_normal(d).to_local(-to).truncate() / sphere.radius;
+                        self.density_on_square(pair, warp::disk_to_square(aside))
+                    })
+                });
+                return (around.radius / sphere.radius).powi(2) * on_square.unwrap_or(0.0);
             }
+            let of_sphere = from.filter(|from| from.radius <= sphere.radius);
+            let (apex, radius) =
+                of_sphere.map_or((o, sphere.radius), |from| (from.center, sphere.radius + from.radius));
+            let to = sphere.center - apex;
+            let reach = radius.max(LEAST_SIN * to.length());
+            let misses = to.dot(d) <= 0.0 || to.cross(d).length_squared() > reach * reach;
+            if known.is_none() && misses && to.length_squared() > radius * radius {
+                return 0.0;
+            }
+            // That of all directions is 1 / 4π, or cosine / π.
+            let unaimed = if of_sphere.is_some() { 0.5 } else { 2.0 * cosine };
+            // Directions from inside are not aimed.
+            let Some(cone) = Cone::of_sphere(light, sphere).or_else(|| Cone::of(o, sphere)) else {
+                return 1.0;
+            };
+            let on_square = known.or_else(|| Some(self.density_on_square(pair, cone.square(d)?)));
+            on_square.unwrap_or(0.0) / (cone.one_minus_cos * unaimed)
         };
         let first = emitter * self.spheres.len();
         let of_pair = |(k, sphere)| self.choice.pmf(first + k) * relative(first + k, sphere);
         self.spheres.iter().enumerate().map(of_pair).sum()
     }
+}
+
+/// Returns the density on a square that minimises the second moment of the contributions of the paths that start there;
+/// `None` if there are too few.
+fn learned_square(paths: &[&(TargetChoice, f64)]) -> Option<Distribution2D> {
+    if paths.iter().filter(|path| path.1 > 0.0).count() < CONTRIBUTIONS {
+        return None;
+    }
+    let mut histogram = PathHistogram::default();
+    for (start, contribution) in paths {
+        // As if it had started with a uniform density.
+        histogram.add(start.u, contribution * f64::from(start.density));
+    }
+    histogram.distribution()
+}
+
+/// Returns a point on the line through `o` with the direction `d` that is outside a box, and before it. It is no
+/// farther from the box than necessary, because the rounding error of the line grows with the distance.
+fn before(bounds: &Bounds, o: Vec3, d: Vec3) -> Vec3 {
+    let entry = |axis: usize| {
+        let near = if d[axis] > 0.0 { bounds.min[axis] } else { bounds.max[axis] };
+        if d[axis] == 0.0 { f32::NEG_INFINITY } else { (near - o[axis]) / d[axis] }
+    };
+    let enters = (0..3).map(entry).fold(f32::NEG_INFINITY, f32::max);
+    o + d * (enters.min(0.0) - 1e-3 * bounds.radius())
 }
 
 /// Returns at most `most` spheres around the given ones: those of neighbours are joined.
@@ -312,6 +346,20 @@ mod tests {
             assert!(u.distance(Vec2::new(x, 0.999 * y)) < 1e-2, "{u} {x} {y}");
             assert!(cone.square(-d).is_none());
         }
+    }
+
+    #[test]
+    fn rays_start_before_a_box() {
+        let bounds = Bounds { min: Vec3::new(-1e6, 0.0, -1e6), max: Vec3::new(1e6, 1.0, 1e6) };
+        for i in 0..100 {
+            let o = Vec3::new(0.3, 0.5, -0.2);
+            let d = (Vec3::from(numbers(i)) - Vec3::new(0.5, 1.2, 0.5)).normalize();
+            let start = before(&bounds, o, d);
+            assert!(start.y > 1.0 && start.distance(o) < 2e4, "{start}");
+            assert!((start - o).cross(d).length() < 0.01);
+        }
+        let outside = before(&Bounds { min: -Vec3::ONE, max: Vec3::ONE }, Vec3::new(0.0, 0.0, 5.0), -Vec3::Z);
+        assert!(outside.z >= 5.0, "{outside}");
     }
 
     #[test]

@@ -91,7 +91,8 @@ pub struct Start {
 impl Start {
     /// Creates the start of a ray that leaves an emitter in the world-space direction `d`, with the cosine `cosine` at
     /// its surface. A vertex chooses the emitter with the probability `sampled`. `started` is the density with which
-    /// light paths start there: see [`typical_start_density`](super::light_paths::typical_start_density).
+    /// light paths start there: see [`typical_start_density`](super::light_paths::typical_start_density) and
+    /// [`Targets::density`](super::targets::Targets::density).
     pub fn new(light: &Light, d: Vec3, cosine: f32, sampled: f32, started: f32) -> Self {
         let density = light.start_density(d, cosine);
         Start {
