@@ -15,9 +15,10 @@ use crate::math::{Bounds, Frame, Ray, Vec2, Vec3};
 use crate::sampling::{Distribution1D, Distribution2D, warp};
 use crate::scene::Scene;
 
-/// The most spheres, and the most pairs of an emitter and a sphere, unless there are more emitters. Up to that number,
-/// densities are learned, each of which takes 33 kB.
+/// The most spheres.
 const SPHERES: usize = 16;
+/// The most pairs of an emitter and a sphere for which densities on squares are learned. There are fewer spheres if they
+/// would make more pairs.
 const PAIRS: usize = 1 << 10;
 /// The factor on the radius of a sphere, so that rounding leaves no surface outside.
 const MARGIN: f32 = 1.01;
@@ -34,7 +35,7 @@ pub struct Targets {
     spheres: Vec<BoundingSphere>,
     /// The choice of an emitter and a sphere: all spheres of the first emitter, then those of the next.
     choice: Distribution1D,
-    /// The learned density on the square of each pair; `None` or none if it is uniform.
+    /// The learned density on the square of each pair; `None` if it is uniform. Empty if nothing is learned.
     squares: Vec<Option<Distribution2D>>,
 }
 
@@ -49,46 +50,64 @@ pub struct TargetChoice {
     density: f32,
 }
 
-/// The directions from a point, or from all points of an emitter, to a sphere.
+/// The directions to a sphere: from a point, or from all points of a smaller sphere that emits.
+struct View {
+    /// The vector to the centre of the sphere.
+    to: Vec3,
+    /// The radius, with that of the emitter.
+    radius: f32,
+    from_sphere: bool,
+}
+
+/// A cone of directions.
 struct Cone {
     frame: Frame,
-    /// The squared sine of the half angle; `None` if the cone contains all directions.
-    sin_squared: Option<f32>,
     one_minus_cos: f32,
 }
 
-impl Cone {
-    /// Returns the directions from `o` to a sphere; `None` if `o` is inside.
-    fn of(o: Vec3, sphere: &BoundingSphere) -> Option<Self> {
+impl View {
+    /// Creates the view of a sphere from all points of an emitter, if that is a smaller sphere.
+    fn from_sphere(light: &Light, sphere: &BoundingSphere) -> Option<Self> {
+        let from = light.constant_sphere().filter(|from| from.radius <= sphere.radius)?;
+        let grown = BoundingSphere { radius: sphere.radius + from.radius, ..*sphere };
+        Some(View { from_sphere: true, ..View::from_point(from.center, &grown) })
+    }
+
+    fn from_point(o: Vec3, sphere: &BoundingSphere) -> Self {
         let to = sphere.center - o;
-        let sin_squared = sphere.radius * sphere.radius / to.length_squared();
-        (sin_squared < 1.0).then(|| {
-            let sin_squared = sin_squared.max(LEAST_SIN * LEAST_SIN);
-            let one_minus_cos = sin_squared / (1.0 + (1.0 - sin_squared).sqrt());
-            Cone { frame: Frame::from_normal(to.normalize()), sin_squared: Some(sin_squared), one_minus_cos }
-        })
+        View { to, radius: sphere.radius.max(LEAST_SIN * to.length()), from_sphere: false }
     }
 
-    /// Returns a cone that contains the directions from all points of an emitter, if that is a smaller sphere.
-    fn of_sphere(light: &Light, sphere: &BoundingSphere) -> Option<Self> {
-        let BoundingSphere { center, radius } = light.constant_sphere()?;
-        (radius <= sphere.radius).then(|| {
-            let grown = BoundingSphere { radius: sphere.radius + radius, ..*sphere };
-            let all = || Cone { frame: Frame::from_normal(Vec3::Z), sin_squared: None, one_minus_cos: 2.0 };
-            Cone::of(center, &grown).unwrap_or_else(all)
-        })
+    fn is_inside(&self) -> bool {
+        self.to.length_squared() <= self.radius * self.radius
     }
 
+    fn contains(&self, d: Vec3) -> bool {
+        let hits = || self.to.cross(d).length_squared() <= self.radius * self.radius;
+        self.is_inside() || (self.to.dot(d) > 0.0 && hits())
+    }
+
+    /// Returns the cone of the directions, which from inside are all directions. `None` if they are not aimed, as from a
+    /// point inside.
+    fn cone(&self) -> Option<Cone> {
+        if self.is_inside() {
+            return self.from_sphere.then(|| Cone { frame: Frame::from_normal(Vec3::Z), one_minus_cos: 2.0 });
+        }
+        let sin_squared = self.radius * self.radius / self.to.length_squared();
+        let one_minus_cos = sin_squared / (1.0 + (1.0 - sin_squared).max(0.0).sqrt());
+        Some(Cone { frame: Frame::from_normal(self.to.normalize()), one_minus_cos })
+    }
+}
+
+impl Cone {
     /// Returns the direction at a point of the unit square.
     fn direction(&self, u: Vec2) -> Vec3 {
         self.frame.to_world(warp::square_to_cone(u, self.one_minus_cos)).normalize()
     }
 
-    /// Returns the point on the unit square of a direction; `None` if it is outside.
-    fn square(&self, d: Vec3) -> Option<Vec2> {
-        let local = self.frame.to_local(d);
-        let inside = |sin_squared| local.z > 0.0 && local.x * local.x + local.y * local.y <= sin_squared;
-        self.sin_squared.is_none_or(inside).then(|| warp::cone_to_square(local, self.one_minus_cos))
+    /// Inverts [`direction`](Self::direction).
+    fn square(&self, d: Vec3) -> Vec2 {
+        warp::cone_to_square(self.frame.to_local(d), self.one_minus_cos)
     }
 }
 
@@ -188,18 +207,16 @@ impl Targets {
                 let aimed = distant_ray(sphere, start.ray.d, u, time);
                 LightRay { ray: Ray { o: before(&scene.bounds, aimed.o, aimed.d), ..aimed }, ..start }
             }
-            None => match Cone::of_sphere(light, sphere) {
+            None => match View::from_sphere(light, sphere).and_then(|view| view.cone()) {
                 Some(cone) => light.sample_ray_towards(u_point, cone.direction(u), time)?,
                 None => {
                     // The middle of the square is the normal.
                     let start = light.sample_ray(u_point, Vec2::splat(0.5), time)?;
                     let (o, n) = (start.ray.o, start.ray.d);
-                    let d = match Cone::of(o, sphere) {
-                        Some(cone) => cone.direction(u),
-                        None => {
-                            Frame::from_normal(n).to_world(warp::square_to_cosine_hemisphere(u_direction))
-                        }
-                    };
+                    let unaimed =
+                        || Frame::from_normal(n).to_world(warp::square_to_cosine_hemisphere(u_direction));
+                    let cone = View::from_point(o, sphere).cone();
+                    let d = cone.map_or_else(unaimed, |cone| cone.direction(u));
                     LightRay { ray: Ray { d, ..start.ray }, cosine: d.dot(n), ..start }
                 }
             },
@@ -229,7 +246,6 @@ impl Targets {
         known: Option<(usize, f32)>,
     ) -> f32 {
         let light = &scene.lights[emitter];
-        let from = light.constant_sphere();
         let relative = |pair: usize, sphere: &BoundingSphere| {
             let known = known.filter(|known| known.0 == pair).map(|known| known.1);
             if let Some(around) = light.surroundings() {
@@ -243,23 +259,15 @@ impl Targets {
                 });
                 return (around.radius / sphere.radius).powi(2) * on_square.unwrap_or(0.0);
             }
-            let of_sphere = from.filter(|from| from.radius <= sphere.radius);
-            let (apex, radius) =
-                of_sphere.map_or((o, sphere.radius), |from| (from.center, sphere.radius + from.radius));
-            let to = sphere.center - apex;
-            let reach = radius.max(LEAST_SIN * to.length());
-            let misses = to.dot(d) <= 0.0 || to.cross(d).length_squared() > reach * reach;
-            if known.is_none() && misses && to.length_squared() > radius * radius {
+            let view = View::from_sphere(light, sphere).unwrap_or_else(|| View::from_point(o, sphere));
+            if known.is_none() && !view.contains(d) {
                 return 0.0;
             }
+            let Some(cone) = view.cone() else { return 1.0 };
+            let on_square = known.unwrap_or_else(|| self.density_on_square(pair, cone.square(d)));
             // That of all directions is 1 / 4π, or cosine / π.
-            let unaimed = if of_sphere.is_some() { 0.5 } else { 2.0 * cosine };
-            // Directions from inside are not aimed.
-            let Some(cone) = Cone::of_sphere(light, sphere).or_else(|| Cone::of(o, sphere)) else {
-                return 1.0;
-            };
-            let on_square = known.or_else(|| Some(self.density_on_square(pair, cone.square(d)?)));
-            on_square.unwrap_or(0.0) / (cone.one_minus_cos * unaimed)
+            let unaimed = if view.from_sphere { 0.5 } else { 2.0 * cosine };
+            on_square / (cone.one_minus_cos * unaimed)
         };
         let first = emitter * self.spheres.len();
         let of_pair = |(k, sphere)| self.choice.pmf(first + k) * relative(first + k, sphere);
@@ -334,7 +342,8 @@ mod tests {
         let sphere = BoundingSphere { center: Vec3::new(1.0, -2.0, 0.5), radius: 0.7 };
         for i in 0..200 {
             let o = (Vec3::from(numbers(i)) - 0.5) * 8.0;
-            let Some(cone) = Cone::of(o, &sphere) else {
+            let view = View::from_point(o, &sphere);
+            let Some(cone) = view.cone() else {
                 assert!(o.distance(sphere.center) <= sphere.radius * 1.001);
                 continue;
             };
@@ -342,9 +351,9 @@ mod tests {
             let d = cone.direction(Vec2::new(x, 0.999 * y));
             let nearest = (sphere.center - o).cross(d).length();
             assert!(nearest <= sphere.radius && d.dot(sphere.center - o) > 0.0, "{nearest}");
-            let u = cone.square(d).expect("inside");
+            let u = cone.square(d);
             assert!(u.distance(Vec2::new(x, 0.999 * y)) < 1e-2, "{u} {x} {y}");
-            assert!(cone.square(-d).is_none());
+            assert!(view.contains(d) && !view.contains(-d));
         }
     }
 
