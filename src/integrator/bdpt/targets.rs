@@ -17,8 +17,8 @@ use crate::scene::Scene;
 
 /// The most spheres.
 const SPHERES: usize = 16;
-/// The most pairs of an emitter and a sphere for which densities on squares are learned. There are fewer spheres if they
-/// would make more pairs.
+/// The most pairs of an emitter and a sphere for which densities on squares are learned. Spheres are joined until there
+/// are no more.
 const PAIRS: usize = 1 << 10;
 /// The factor on the radius of a sphere, so that rounding leaves no surface outside.
 const MARGIN: f32 = 1.01;
