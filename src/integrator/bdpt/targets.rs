@@ -27,7 +27,7 @@ const LEAST_SIN: f32 = 1e-4;
 /// The least contributions from which a density on a square is learned.
 const CONTRIBUTIONS: usize = 16;
 /// The share of the light paths that choose a pair, and then a point of its square, as before anything was learned.
-const UNLEARNED: f32 = 0.1;
+const UNLEARNED: f32 = 0.25;
 
 /// The spheres at which light paths are aimed, and the densities of their starts.
 #[derive(Clone, Debug)]
@@ -87,8 +87,8 @@ impl View {
         self.is_inside() || (self.to.dot(d) > 0.0 && hits())
     }
 
-    /// Returns the cone of the directions, which from inside are all directions. `None` if they are not aimed, as from a
-    /// point inside.
+    /// Returns the cone of the directions, which from inside are all directions. Returns `None` if they are not aimed:
+    /// from a point inside.
     fn cone(&self) -> Option<Cone> {
         if self.is_inside() {
             return self.from_sphere.then(|| Cone { frame: Frame::from_normal(Vec3::Z), one_minus_cos: 2.0 });

@@ -60,7 +60,11 @@ const LEAST_GAIN_BESIDE_LIGHT_PATHS: f64 = 1.5;
 const PILOT: [u64; 2] = [1 << 13, 1 << 14];
 const BATCH: u64 = 2048;
 const STREAM: u32 = 7;
-const LEARNING_STREAMS: [u32; 2] = [9, 11];
+/// The rounds of as many light paths from which is learned where they start, and their stream. They end before if so
+/// many light paths have contributed.
+const LEARNING: u32 = 8;
+const LEARNING_STREAM: u32 = 9;
+const CONTRIBUTIONS: usize = 4096;
 /// The number of light paths for each camera path for which is learned where they start.
 const TYPICAL_SHARE: f64 = 0.125;
 /// The number of blocks of the image along each axis, whose mean caustics the pilot estimates.
@@ -130,9 +134,12 @@ impl CausticTracer {
         let mut tracer =
             CausticTracer { camera, targets, limits, share, directions, surfaces: MOST_SURFACES };
         let (mut starts, mut found) = (Vec::new(), false);
-        for stream in LEARNING_STREAMS {
-            starts.extend(tracer.pilot(preparation, MOST_SURFACES, stream).starts);
+        for round in 0..LEARNING {
+            starts.extend(tracer.pilot(preparation, MOST_SURFACES, (LEARNING_STREAM, round)).starts);
             found = tracer.targets.learn(preparation.scene, &starts);
+            if starts.iter().filter(|(_, contribution)| *contribution > 0.0).count() >= CONTRIBUTIONS {
+                break;
+            }
         }
         found.then_some(tracer)
     }
@@ -160,7 +167,8 @@ impl CausticTracer {
         // Between them, the figures differ little.
         let mut surfaces = vec![1, most_surfaces];
         surfaces.dedup();
-        let pilots: Vec<_> = surfaces.into_iter().map(|n| (n, self.pilot(preparation, n, STREAM))).collect();
+        let pilots: Vec<_> =
+            surfaces.into_iter().map(|n| (n, self.pilot(preparation, n, (STREAM, 0)))).collect();
         let best = |camera_paths: &[(Splitting, CameraPathPilot)], shares: &[f64], least_gain: f64| {
             let efforts = camera_paths.iter().flat_map(|(splitting, paths)| {
                 let errors = |pilot| self.errors(pilot, paths.mean, f64::from(splitting.directions));
@@ -193,11 +201,16 @@ impl CausticTracer {
         (traced, splitting)
     }
 
-    /// Traces some light paths with the given number of [`surfaces`](Self::surfaces) and stream of random numbers.
-    fn pilot(&self, preparation: &Preparation<'_>, surfaces: u32, stream: u32) -> LightPilot {
+    /// Traces some light paths with the given number of [`surfaces`](Self::surfaces) and sequence of random numbers.
+    fn pilot(
+        &self,
+        preparation: &Preparation<'_>,
+        surfaces: u32,
+        (stream, number): (u32, u32),
+    ) -> LightPilot {
         let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
         let workers = Workers::new(pool, sampler, interrupt);
-        let sequence = PathSequence { seed, stream, number: 0, first: 0 };
+        let sequence = PathSequence { seed, stream, number, first: 0 };
         let batches = (pixels(camera) / 8).clamp(PILOT[0], PILOT[1]) / BATCH;
         let which = Caustics { targets: &self.targets, vertices: surfaces };
         let trace = |batch: u64| {
