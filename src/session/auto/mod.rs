@@ -2,13 +2,15 @@
 //!
 //! Each candidate renders a small image of the same view, its pilot. The candidate with the smallest product of error
 //! and cost renders the image. Pilots are thrown away. Costs are numbers of rays, weighted by what a ray of the
-//! candidate costs as a whole, so the choice is the same on every machine and in every run.
+//! candidate costs as a whole, so the choice is the same on every machine and in every run. Only a time limit makes it
+//! depend on the clock.
 //!
 //! The halves of a pilot show its error, but a pilot that has not found some light does not know that it is missing:
 //! before its first firefly, a caustic is a black, exact pixel. So the pilots are compared with each other in blocks of
 //! pixels. A block that is darker in one pilot than in another, by more than both know, adds to the error of the darker
-//! one. Candidates that are only consistent may be biased. What their blocks differ from those of unbiased candidates,
-//! in either direction, adds to their own error, scaled to the photon radii of the image.
+//! one. Candidates that are only consistent are biased, mostly at edges. The squared bias is measured in pixels, against
+//! an unbiased pilot, and scaled to the photon radii of the image. Their noise decreases more slowly than that of
+//! others.
 //!
 //! If the user allows a bias, `irrcache` and `photonmapper` take part, whose bias remains with any number of samples.
 //! It is measured in the same blocks, and is part of the error of the image.
@@ -78,6 +80,14 @@ const MOST_PIXELS: f64 = 24576.0;
 /// time is. They set the size of the pilots; the clock would make them different in each run.
 const USUAL_SAMPLES: f64 = 256.0;
 const USUAL_RATE: f64 = 1e6;
+/// The rates of candidates whose bias vanishes, whose photon radii have squares in proportion to N^(α - 1) after N
+/// passes: their noise decreases as N^-α. [Knaus and Zwicker 2011]
+const ALPHA: f64 = 0.7;
+/// The power of the photon radius to which their squared bias is proportional: 1 at edges of light, 4 inside. In five
+/// scenes it was 0.1 to 2.7.
+const BIAS_OF_RADIUS: f64 = 1.3;
+/// The share of a time limit after which no other pilot is begun.
+const TIME_OF_PILOTS: f64 = 0.1;
 /// The first candidate is kept unless the effort of another one is below this share of its own. So is the best one
 /// without a bias that remains, beside those with one.
 const CLEARLY: f64 = 0.8;
@@ -130,7 +140,7 @@ impl Question {
 pub struct Trial {
     /// The name of the integrator.
     pub integrator: &'static str,
-    /// The relMSE of the pilot, with the light that it lacks. A bias that remains is not part of it.
+    /// The relMSE of the pilot, with the light that it lacks. A bias is not part of it.
     pub relmse: Option<f64>,
     /// The cost of the pilot in nearest-hit queries of `path`, without its preparation.
     pub cost: Option<f64>,
@@ -267,13 +277,15 @@ impl Session {
                 break;
             }
             let pilot = self.pilot(candidate, in_media, choices, &camera);
-            if matches!(question, Question::Integrator(_)) {
-                tried.push((candidate, pilot));
-                continue;
-            }
-            // The user named the first one. If it cannot render its pilot, it cannot render the image.
-            tried.push((candidate, Ok(pilot?)));
-            if choices.stop.time.is_some_and(|time| started.elapsed() > time.mul_f64(MOST_TIME)) {
+            let most_time = match question {
+                Question::Integrator(_) => TIME_OF_PILOTS,
+                Question::Connections => MOST_TIME,
+            };
+            // The user of `bdpt` named it. If it cannot render its pilot, it cannot render the image.
+            let pilot = if question.asked() == AUTO { pilot } else { Ok(pilot?) };
+            let found = pilot.is_ok();
+            tried.push((candidate, pilot));
+            if found && choices.stop.time.is_some_and(|time| started.elapsed() > time.mul_f64(most_time)) {
                 break;
             }
         }
@@ -295,7 +307,7 @@ impl Session {
             (Candidate { bias: Bias::Remaining, .. }, Ok(pilot)) => Some(pilot.squared_bias),
             _ => None,
         };
-        let errors = errors(&tried, scale);
+        let errors = errors(&tried);
         let trial = |(i, (candidate, pilot)): (usize, (&Candidate, Result<Pilot>))| Trial {
             integrator: candidate.name,
             relmse: errors[i],
@@ -405,13 +417,11 @@ impl Scale {
 }
 
 /// Returns the error of each pilot, with the light that it lacks.
-fn errors(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
-    // The square of the error of a density estimate within a radius is proportional to the fourth power of that.
-    let vanishing = scale.side.powi(4);
+fn errors(tried: &[Tried]) -> Vec<Option<f64>> {
     let all = || tried.iter().filter_map(|(c, pilot)| Some((&pilot.as_ref().ok()?.blocks, c.bias)));
     let error = |(candidate, pilot): &Tried| {
         let pilot = pilot.as_ref().ok()?;
-        let unknown = all().map(|other| pilot.blocks.unknown_error(candidate.bias, other, vanishing));
+        let unknown = all().map(|other| pilot.blocks.unknown_error(candidate.bias, other));
         Some(pilot.relmse? + unknown.fold(0.0, f64::max))
     };
     tried.iter().map(error).collect()
@@ -432,15 +442,31 @@ pub fn leaves_room(squared_bias: f64, target: f64) -> bool {
 /// the pilots. A preparation takes a part of that cost, and a bias does not decrease with it.
 fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
     let image = cost_of_image(tried, scale);
-    let effort = |((candidate, pilot), error): (&Tried, Option<f64>)| {
-        let pilot = pilot.as_ref().ok()?;
-        let left = match candidate.bias {
-            Bias::Remaining => 1.0 - scale.preparation(candidate, pilot) / image,
-            Bias::None | Bias::Vanishing => 1.0,
-        };
-        Some(error? * pilot.cost / left + pilot.squared_bias * image)
+    let errors = errors(tried);
+    let unbiased = tried.iter().zip(&errors).filter(|((candidate, _), _)| candidate.bias == Bias::None);
+    let exact = unbiased
+        .filter_map(|((_, pilot), error)| Some((pilot.as_ref().ok()?, (*error)?)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(pilot, _)| pilot);
+    let effort = |((candidate, pilot), error): (&Tried, &Option<f64>)| {
+        let (pilot, error) = (pilot.as_ref().ok()?, (*error)?);
+        let noise = error * pilot.cost;
+        Some(match candidate.bias {
+            Bias::None => noise,
+            Bias::Vanishing => {
+                // The ratio of the passes of the image to those of the pilot.
+                let passes = image / pilot.cost;
+                let radius = scale.side * passes.powf((ALPHA - 1.0) / 2.0);
+                let bias = exact.map_or(0.0, |exact| pilot.blocks.squared_bias_of_pixels(&exact.blocks));
+                noise * passes.powf(1.0 - ALPHA) + bias * radius.powf(BIAS_OF_RADIUS) * image
+            }
+            Bias::Remaining => {
+                let left = 1.0 - scale.preparation(candidate, pilot) / image;
+                noise / left + pilot.squared_bias * image
+            }
+        })
     };
-    tried.iter().zip(errors(tried, scale)).map(effort).collect()
+    tried.iter().zip(&errors).map(effort).collect()
 }
 
 /// Returns the index of the chosen candidate, and the least effort; `None` if all efforts are unknown. The first

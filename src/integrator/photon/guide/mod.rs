@@ -25,6 +25,9 @@ use crate::scene::Scene;
 const CHUNK: usize = 2048;
 /// The stream of the pilot's random numbers. Photons have even streams.
 const STREAM: u32 = 1;
+/// The number of deposits for each pixel of the full image after which no more is learned: a small image is traced in
+/// less time than the pilot.
+const DEPOSITS_OF_A_PIXEL: u64 = 16;
 /// The fraction of paths started without guiding: emitter, position and direction together. The power of a path is
 /// therefore at most twice its unguided power, whatever the pilot missed.
 const UNGUIDED: f64 = 0.5;
@@ -59,10 +62,11 @@ impl EmissionGuide {
         preparation: &Preparation<'_>,
         limits: PathLimits,
     ) -> Option<Self> {
-        let Preparation { scene, sampler, seed, pool, interrupt, .. } = *preparation;
+        let Preparation { scene, camera, sampler, seed, pool, interrupt, .. } = *preparation;
         let tracer = LightPathTracer { scene, sampler, guide: None, pool, interrupt, time: None };
         let paths = PhotonPaths::scattered(limits);
-        Self::learn(&tracer, &paths, Self::PILOT, seed, |deposit: &Deposit| visible.contains(deposit.p))
+        let until = PathLimit { kept: Some(DEPOSITS_OF_A_PIXEL * camera.film.full_area()), ..Self::PILOT };
+        Self::learn(&tracer, &paths, until, seed, |deposit: &Deposit| visible.contains(deposit.p))
     }
 
     /// Learns which starts contribute power to the deposits selected by `wanted`. Returns `None` if there are none.
