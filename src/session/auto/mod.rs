@@ -8,9 +8,9 @@
 //! The halves of a pilot show its error, but a pilot that has not found some light does not know that it is missing:
 //! before its first firefly, a caustic is a black, exact pixel. So the pilots are compared with each other in blocks of
 //! pixels. A block that is darker in one pilot than in another, by more than both know, adds to the error of the darker
-//! one. Candidates that are only consistent are biased, mostly at edges. The squared bias is measured in pixels, against
-//! an unbiased pilot, and scaled to the photon radii of the image. Their noise decreases more slowly than that of
-//! others.
+//! one. Candidates that are only consistent are biased, mostly at edges. The squared bias is measured in pixels,
+//! against an unbiased pilot, and scaled to the photon radii of the image. Their noise decreases more slowly than that
+//! of others.
 //!
 //! If the user allows a bias, `irrcache` and `photonmapper` take part, whose bias remains with any number of samples.
 //! It is measured in the same blocks, and is part of the error of the image.
