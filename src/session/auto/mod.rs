@@ -87,7 +87,7 @@ const ALPHA: f64 = 0.7;
 /// scenes it was 0.1 to 2.7.
 const BIAS_OF_RADIUS: f64 = 1.3;
 /// The share of a time limit after which no other pilot is begun.
-const TIME_OF_PILOTS: f64 = 0.1;
+const TIME_OF_PILOTS: f64 = 0.15;
 /// The first candidate is kept unless the effort of another one is below this share of its own. So is the best one
 /// without a bias that remains, beside those with one.
 const CLEARLY: f64 = 0.8;
