@@ -8,9 +8,8 @@
 //! The halves of a pilot show its error, but a pilot that has not found some light does not know that it is missing:
 //! before its first firefly, a caustic is a black, exact pixel. So the pilots are compared with each other in blocks of
 //! pixels. A block that is darker in one pilot than in another, by more than both know, adds to the error of the darker
-//! one. Candidates that are only consistent are biased, mostly at edges. The squared bias is measured in pixels,
-//! against an unbiased pilot, and scaled to the photon radii of the image. Their noise decreases more slowly than that
-//! of others.
+//! one. Candidates that are only consistent are biased. The squared bias is measured in pixels, against an unbiased
+//! pilot, and scaled to the photon radii of the image. Their noise decreases more slowly than that of others.
 //!
 //! If the user allows a bias, `irrcache` and `photonmapper` take part, whose bias remains with any number of samples.
 //! It is measured in the same blocks, and is part of the error of the image.
@@ -81,7 +80,7 @@ const MOST_PIXELS: f64 = 24576.0;
 const USUAL_SAMPLES: f64 = 256.0;
 const USUAL_RATE: f64 = 1e6;
 /// The rates of candidates whose bias vanishes, whose photon radii have squares in proportion to N^(α - 1) after N
-/// passes: their noise decreases as N^-α. [Knaus and Zwicker 2011]
+/// passes: their noise decreases as N^-α. [Knaus and Zwicker 2011] This is the α of `sppm`; `vcm` has 0.75.
 const ALPHA: f64 = 0.7;
 /// The power of the photon radius to which their squared bias is proportional: 1 at edges of light, 4 inside. In five
 /// scenes it was 0.1 to 2.7.
