@@ -42,6 +42,53 @@ fn light_through_glass_is_left_to_light_paths_and_a_diffuse_room_to_camera_paths
     assert_eq!(name, "path", "{trials}");
 }
 
+/// A slab of glass over a floor, with a spot, and a sky that lights the floor, too. `path` and `bdpt` never find the
+/// light of the spot on the floor under the glass.
+const SLAB: &str = r#"<scene version="3.0.0">
+    <integrator type="path"/>
+    <sensor type="perspective">
+        <float name="fov" value="45"/>
+        <transform name="to_world"><lookat origin="0, 3, 5" target="0, 0.5, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="64"/>
+            <integer name="height" value="64"/>
+            <rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="rectangle">
+        <transform name="to_world"><scale value="4"/><rotate x="1" angle="-90"/></transform>
+        <bsdf type="diffuse"/>
+    </shape>
+    <shape type="cube">
+        <transform name="to_world"><scale x="1.5" y="0.3" z="1.5"/><translate y="0.6"/></transform>
+        <bsdf type="dielectric"/>
+    </shape>
+    <emitter type="spot">
+        <transform name="to_world"><lookat origin="0, 4, 0" target="0, 0, 0.01" up="0, 0, 1"/></transform>
+        <rgb name="intensity" value="20, 20, 20"/>
+        <float name="cutoff_angle" value="40"/>
+    </emitter>
+    <emitter type="constant"><rgb name="radiance" value="0.1, 0.1, 0.1"/></emitter>
+</scene>"#;
+
+#[test]
+fn light_that_is_never_found_is_no_bias_of_those_that_find_it() {
+    let folder = Folder::with(SLAB);
+    let finds_all = |options: &str| {
+        let (name, trials) = decide_in(&folder, "s.xml", options);
+        assert!(["sppm", "vcm"].contains(&name.as_str()), "{options}: {name}, {trials}");
+    };
+    // A part of a long render, and a limit that the first pilot exceeds.
+    finds_all("--spp 65536 --sample-range 0..2");
+    finds_all("--time 0.01s");
+    // With an emitter that rays can hit, the first pilot may be the only one.
+    let spot = SLAB.find("<emitter type=\"spot\">").expect("a spot");
+    let sky = SLAB.find("<emitter type=\"constant\">").expect("a sky");
+    folder.write("sky.xml", format!("{}{}", &SLAB[..spot], &SLAB[sky..]).as_bytes());
+    let (_, trials) = decide_in(&folder, "sky.xml", "--time 0.01s");
+    assert_eq!(trials.as_array().map(Vec::len), Some(1), "{trials}");
+}
+
 #[test]
 fn resumed_and_merged_renders_keep_the_choice() {
     let folder = Folder::of_scene("caustics", "glass-sphere.xml");

@@ -165,6 +165,19 @@ fn light_paths_that_find_little_are_left_out() {
 }
 
 /// A render that began with `--adaptive` is continued without naming it again.
+/// Glass that is too small for a ray to hit leaves the light paths to other glass as they are.
+#[test]
+fn glass_without_a_size_is_no_target() {
+    let point = "<shape type='sphere'><float name='radius' value='1e-20'/><bsdf type='dielectric'/></shape>";
+    let triangle =
+        "<shape type='obj'><string name='filename' value='point.obj'/><bsdf type='dielectric'/></shape>";
+    for small in ["", point, triangle] {
+        let folder = Folder::with(&format!("<scene version='3.0.0'>{FLOOR}{GLASS}{small}{SKY}</scene>"));
+        folder.write("point.obj", b"v 0 1 0\nv 0 1 0\nv 0 1 0\nf 1 2 3\n");
+        assert!(light_paths(&folder, "--spp 4 -o a.pfm --path-caustics always") > 0.0, "{small}");
+    }
+}
+
 #[test]
 fn a_resumed_adaptive_render_has_no_light_paths() {
     let folder = scene();

@@ -22,6 +22,8 @@ const SPHERES: usize = 16;
 const PAIRS: usize = 1 << 10;
 /// The factor on the radius of a sphere, so that rounding leaves no surface outside.
 const MARGIN: f32 = 1.01;
+/// The least radius of a sphere, relative to the scene. The square of its inverse is representable.
+const LEAST_RADIUS: f32 = 1e-15;
 /// The least sine of the half angle of a cone, in which many directions are representable.
 const LEAST_SIN: f32 = 1e-4;
 /// The least contributions from which a density on a square is learned.
@@ -116,7 +118,10 @@ impl Targets {
     /// emitter.
     pub fn new(scene: &Scene) -> Option<Self> {
         let most = (PAIRS / scene.lights.len().max(1)).clamp(1, SPHERES);
-        let mut spheres = joined(&mut scene.casters.clone(), most);
+        let least = LEAST_RADIUS * scene.bounds.radius();
+        let mut casters: Vec<_> =
+            scene.casters.iter().filter(|sphere| sphere.radius > least).copied().collect();
+        let mut spheres = joined(&mut casters, most);
         spheres.iter_mut().for_each(|sphere| sphere.radius *= MARGIN);
         let targets = Targets { choice: Distribution1D::default(), spheres, squares: Vec::new() };
         let choice = Distribution1D::new(&targets.unlearned(scene));
@@ -283,8 +288,8 @@ fn learned_square(paths: &[&(TargetChoice, f64)]) -> Option<Distribution2D> {
     }
     let mut histogram = PathHistogram::default();
     for (start, contribution) in paths {
-        // As if it had started with a uniform density.
-        histogram.add(start.u, contribution * f64::from(start.density));
+        // As if all paths had chosen the pair with the same probability, and its square with a uniform density.
+        histogram.add(start.u, contribution * f64::from(start.probability) * f64::from(start.density));
     }
     histogram.distribution()
 }

@@ -8,6 +8,8 @@ const BLOCK: usize = 8;
 /// A block that is brighter by this factor in the pilot of a candidate that may be biased shows that another one lacks
 /// light.
 const LACKS: f64 = 8.0;
+/// The same where the other candidate never finds some light. Blur changes the mean of a block by less.
+const MISSES: f64 = 1.25;
 /// The number of standard errors by which a block may be wrong.
 const DEVIATIONS: f64 = 2.0;
 
@@ -90,15 +92,26 @@ impl Blocks {
         (sum / (3 * self.blocks.len()) as f64).max(0.0)
     }
 
+    /// Returns the mean squared relative light that this pilot never finds, but another one does.
+    pub fn missing_light(&self, other: &Self) -> f64 {
+        let of_channel = |([mine, theirs], [my_error, their_error]): ([f64; 2], [f64; 2])| {
+            let gap = (theirs - mine - DEVIATIONS * (my_error.abs() + their_error.abs())).max(0.0);
+            if misses_light(mine, theirs) { gap * gap / (theirs * theirs + RELATIVE_FLOOR) } else { 0.0 }
+        };
+        let channels = self.blocks.iter().flatten().zip(other.blocks.iter().flatten());
+        let sum: f64 = channels.map(|(a, b)| of_channel(([a[0], b[0]], [a[1], b[1]]))).sum();
+        sum / (3 * self.blocks.len()) as f64
+    }
+
     /// Returns an estimate of the mean squared relative difference of the pixels of the expected image from those of an
-    /// unbiased pilot, where that does not lack light. Each half of this pilot may have the random numbers of the same
-    /// half of the other.
-    pub fn squared_bias_of_pixels(&self, exact: &Self) -> f64 {
+    /// unbiased pilot, where that does not lack light. `finds_more` means that the unbiased pilot never finds some of
+    /// the light. Each half of this pilot may have the random numbers of the same half of the other.
+    pub fn squared_bias_of_pixels(&self, exact: &Self, finds_more: bool) -> f64 {
         let of_pixel = |i: usize| {
             let block = block_of(i, self.width);
             let of_channel = |c: usize| {
                 let ([mine, _], theirs) = (self.blocks[block][c], exact.blocks[block][c]);
-                if lacks_light(theirs, mine) {
+                if lacks_light(theirs, mine) || (finds_more && misses_light(theirs[0], mine)) {
                     return 0.0;
                 }
                 let ([mine, my_half], [theirs, their_half]) = (self.pixels[i][c], exact.pixels[i][c]);
@@ -146,6 +159,11 @@ fn block_of(i: usize, width: usize) -> usize {
 /// Returns whether a block with the given mean and difference of halves lacks light that another pilot has found.
 fn lacks_light([mean, difference]: [f64; 2], other: f64) -> bool {
     other > LACKS * (mean + difference.abs())
+}
+
+/// Returns whether a block with the given mean misses light that is in the mean of another pilot.
+fn misses_light(mean: f64, other: f64) -> bool {
+    other > MISSES * mean
 }
 
 #[cfg(test)]
@@ -219,12 +237,25 @@ mod tests {
         };
         let exact = pilot(0, 0.0);
         for (bias, tolerance) in [(0.0, 1.5e-3), (0.1, 2e-3)] {
-            let found = pilot(1, bias).squared_bias_of_pixels(&exact);
+            let found = pilot(1, bias).squared_bias_of_pixels(&exact, false);
             assert!((found - bias * bias).abs() < tolerance, "{bias}: {found}");
         }
         // Where the unbiased pilot lacks light, nothing is known.
         let dark = Blocks::of_pixels(vec![[[0.0; 2]; 3]; SIDE * SIDE], SIDE);
-        assert_eq!(pilot(1, 0.1).squared_bias_of_pixels(&dark), 0.0);
+        assert_eq!(pilot(1, 0.1).squared_bias_of_pixels(&dark, false), 0.0);
+    }
+
+    #[test]
+    fn light_that_is_never_found_is_beyond_noise_and_blur() {
+        let one = |mine: [f64; 2], theirs: [f64; 2]| grey(&[mine]).missing_light(&grey(&[theirs]));
+        assert!((one([1.0, 0.0], [2.0, 0.0]) - 1.0 / 4.01).abs() < 1e-9);
+        assert_eq!(one([2.0, 0.0], [1.0, 0.0]), 0.0);
+        assert_eq!(one([1.0, 0.0], [1.2, 0.0]), 0.0);
+        assert_eq!(one([1.0, 0.1], [2.0, -0.4]), 0.0);
+        // It is no bias of the pilot that finds it.
+        let [dark, bright] = [1.0, 2.0].map(|mean| grey(&[[mean, 0.0]]));
+        assert_eq!(bright.squared_bias_of_pixels(&dark, true), 0.0);
+        assert!(bright.squared_bias_of_pixels(&dark, false) > 0.4);
     }
 
     /// Blocks with noise of known standard deviation, and standard errors from two halves.

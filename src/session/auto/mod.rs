@@ -35,31 +35,50 @@ use std::time::{Duration, Instant};
 struct Candidate {
     name: &'static str,
     bias: Bias,
+    hidden_light: HiddenLight,
     /// The exponent of the side of the image in the cost of the preparation.
     preparation: i32,
 }
 
+/// What a candidate finds of the light that mirrors and smooth glass send from emitters that no ray can hit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum HiddenLight {
+    /// Nothing.
+    Missed,
+    /// Where the camera sees it neither in mirrors nor through glass.
+    Direct,
+    /// All of it.
+    Found,
+}
+
 impl Candidate {
-    const fn new(name: &'static str, bias: Bias) -> Self {
-        Candidate { name, bias, preparation: 0 }
+    const fn new(name: &'static str, bias: Bias, hidden_light: HiddenLight) -> Self {
+        Candidate { name, bias, hidden_light, preparation: 0 }
     }
 }
 
 /// The candidates. The first one is kept unless another one is clearly better. Those from [`SECOND`] on have a pilot
 /// only if it is not kept so far.
-const CANDIDATES: [Candidate; 4] =
-    [PATH, BDPT, Candidate::new("sppm", Bias::Vanishing), Candidate::new("vcm", Bias::Vanishing)];
+const CANDIDATES: [Candidate; 4] = [
+    PATH,
+    BDPT,
+    Candidate::new("sppm", Bias::Vanishing, HiddenLight::Found),
+    Candidate::new("vcm", Bias::Vanishing, HiddenLight::Found),
+];
 const SECOND: usize = 3;
 /// The candidates for scenes with media that are rendered.
 const IN_MEDIA: [Candidate; 2] = [VOLPATH, BDPT];
-const PATH: Candidate = Candidate::new(PathIntegrator::NAME, Bias::None);
-const VOLPATH: Candidate = Candidate::new(VolpathIntegrator::NAME, Bias::None);
-const BDPT: Candidate = Candidate::new(Bdpt::NAME, Bias::None);
+const PATH: Candidate = Candidate::new(PathIntegrator::NAME, Bias::None, HiddenLight::Missed);
+const VOLPATH: Candidate = Candidate::new(VolpathIntegrator::NAME, Bias::None, HiddenLight::Missed);
+const BDPT: Candidate = Candidate::new(Bdpt::NAME, Bias::None, HiddenLight::Direct);
 /// The candidates in addition if a bias is allowed. There are as many photons for all sizes of an image, and about as
 /// many irradiance records as the side of the image has pixels.
 const BIASED: [Candidate; 2] = [
-    Candidate { name: IrradianceCache::NAME, bias: Bias::Remaining, preparation: 1 },
-    Candidate { name: Photonmapper::NAME, bias: Bias::Remaining, preparation: 0 },
+    Candidate {
+        preparation: 1,
+        ..Candidate::new(IrradianceCache::NAME, Bias::Remaining, HiddenLight::Missed)
+    },
+    Candidate::new(Photonmapper::NAME, Bias::Remaining, HiddenLight::Found),
 ];
 /// Makes the random numbers of pilots whose bias is measured others than those of the pilots beside them.
 const OTHER_SEED: u64 = 0x6269_6173;
@@ -201,7 +220,11 @@ struct Pilot {
     preparation: f64,
     /// The mean squared relative bias that remains.
     squared_bias: f64,
+    /// What it finds of hidden light; everything, if the scene has none.
+    hidden_light: HiddenLight,
     blocks: Blocks,
+    /// The wall-clock time of its samples.
+    elapsed: Duration,
 }
 
 /// A candidate with its pilot, or the reason why there is none.
@@ -225,16 +248,19 @@ impl Session {
         (all.map(|candidate| candidate.name).collect(), in_media)
     }
 
-    /// Returns the expected number of samples of each pixel.
-    fn expected_samples(&self, choices: &Choices) -> f64 {
+    /// Returns the expected number of samples of each pixel. `rate` is the number of samples in a second.
+    fn expected_samples(&self, choices: &Choices, rate: f64) -> f64 {
         let StopRules { samples, time, error } = choices.stop;
         let of_scene = || self.defaults.samples_per_pixel.filter(|_| time.is_none() && error.is_none());
-        match (samples.or_else(of_scene), time, error) {
-            (Some(samples), ..) => samples as f64,
-            (None, Some(time), _) => time.as_secs_f64() * USUAL_RATE / self.camera().film.full_area() as f64,
-            (None, None, Some(_)) => USUAL_SAMPLES,
-            (None, None, None) => DEFAULT_SPP as f64,
-        }
+        let samples = samples.or_else(of_scene).map(|samples| samples as f64);
+        let in_time = time.map(|time| time.as_secs_f64() * rate / self.camera().film.full_area() as f64);
+        let usual = if error.is_some() { USUAL_SAMPLES } else { DEFAULT_SPP as f64 };
+        samples.into_iter().chain(in_time).reduce(f64::min).unwrap_or(usual)
+    }
+
+    /// Returns whether no ray can hit some emitter, and mirrors or smooth glass may send its light elsewhere.
+    fn has_hidden_light(&self) -> bool {
+        self.scene.needs.delta_emitters && self.scene.needs.deltas > 0
     }
 
     /// Returns whether an image has enough samples for the pilots that a question takes.
@@ -243,7 +269,7 @@ impl Session {
             StopRules { samples: None, time: Some(time), .. } => {
                 time.as_secs_f64() * self.threads as f64 * USUAL_RATE_OF_A_THREAD
             }
-            _ => self.expected_samples(choices) * self.camera().film.full_area() as f64,
+            _ => self.expected_samples(choices, USUAL_RATE) * self.camera().film.full_area() as f64,
         };
         matches!(question, Question::Integrator(_)) || samples >= WORTH_PILOTS
     }
@@ -259,7 +285,7 @@ impl Session {
         let film = &self.camera().film;
         // A crop has the integrator of the whole image, so that its pixels are the same.
         let area = film.full_area() as f64;
-        let samples = self.expected_samples(choices);
+        let samples = self.expected_samples(choices, USUAL_RATE);
         let pixels = (area * samples * SHARE / SAMPLES as f64).clamp(FEWEST_PIXELS, MOST_PIXELS);
         let side = (pixels / area).sqrt().min(1.0);
         let length = |length: u32| ((f64::from(length) * side).round() as u32).max(1);
@@ -267,24 +293,34 @@ impl Session {
         camera.film.crop = None;
         // The sides are whole numbers.
         let side = (camera.film.full_area() as f64 / area).sqrt();
-        let scale = Scale { side, samples: samples / SAMPLES as f64 };
+        let mut scale = Scale { side, samples: samples / SAMPLES as f64 };
         let mut tried: Vec<Tried> = Vec::new();
-        for candidate in question.candidates(in_media) {
+        let candidates = question.candidates(in_media);
+        let most_found = candidates.iter().map(|candidate| candidate.hidden_light).max();
+        let most_time = match question {
+            Question::Integrator(_) => TIME_OF_PILOTS,
+            Question::Connections => MOST_TIME,
+        };
+        let is_late = || choices.stop.time.is_some_and(|time| started.elapsed() > time.mul_f64(most_time));
+        for candidate in candidates {
             if tried.len() == SECOND
                 && choose(&tried, &efforts(&tried, scale)).is_some_and(|(chosen, _)| chosen == 0)
             {
                 break;
             }
             let pilot = self.pilot(candidate, in_media, choices, &camera);
-            let most_time = match question {
-                Question::Integrator(_) => TIME_OF_PILOTS,
-                Question::Connections => MOST_TIME,
-            };
             // The user of `bdpt` named it. If it cannot render its pilot, it cannot render the image.
             let pilot = if question.asked() == AUTO { pilot } else { Ok(pilot?) };
-            let found = pilot.is_ok();
+            let found = pilot.as_ref().ok().map(|pilot| (pilot.hidden_light, pilot.elapsed));
+            let is_first = tried.iter().all(|(_, pilot)| pilot.is_err());
             tried.push((candidate, pilot));
-            if found && choices.stop.time.is_some_and(|time| started.elapsed() > time.mul_f64(most_time)) {
+            let Some((finds, elapsed)) = found else { continue };
+            if is_first && choices.stop.time.is_some() {
+                let rate = camera.film.full_area() as f64 * SAMPLES as f64 / elapsed.as_secs_f64();
+                scale.samples = self.expected_samples(choices, rate) / SAMPLES as f64;
+            }
+            // The darkest pilot must not be the only one.
+            if is_late() && Some(finds) >= most_found {
                 break;
             }
         }
@@ -293,7 +329,10 @@ impl Session {
         {
             let error = choices.stop.error;
             for candidate in &BIASED {
-                let pilot = self.pilot_with_bias(candidate, choices, &camera, (most, error), &tried, scale);
+                let pilot = match is_late() {
+                    true => Err(Error::scene("the other pilots have taken their share of the time")),
+                    false => self.pilot_with_bias(candidate, choices, &camera, (most, error), &tried, scale),
+                };
                 tried.push((candidate, pilot));
             }
         }
@@ -309,7 +348,7 @@ impl Session {
         let errors = errors(&tried);
         let trial = |(i, (candidate, pilot)): (usize, (&Candidate, Result<Pilot>))| Trial {
             integrator: candidate.name,
-            relmse: errors[i],
+            relmse: errors[i].map(|[noise, missing]| noise + missing),
             cost: pilot.as_ref().ok().map(|pilot| pilot.cost),
             bias: pilot.as_ref().ok().map(|pilot| pilot.squared_bias.sqrt()),
             effort: efforts[i].map(|effort| if least > 0.0 { effort / least } else { 1.0 }),
@@ -403,7 +442,12 @@ impl Session {
             cost: of_ray * rendered.counters.cost(&self.scene),
             preparation: of_ray * Statistic::rays(&rendered.statistics).cost(&self.scene),
             squared_bias: 0.0,
+            hidden_light: match self.has_hidden_light() {
+                true => candidate.hidden_light,
+                false => HiddenLight::Found,
+            },
             blocks: Blocks::of(&rendered),
+            elapsed: rendered.elapsed,
         })
     }
 }
@@ -415,13 +459,17 @@ impl Scale {
     }
 }
 
-/// Returns the error of each pilot, with the light that it lacks.
-fn errors(tried: &[Tried]) -> Vec<Option<f64>> {
-    let all = || tried.iter().filter_map(|(c, pilot)| Some((&pilot.as_ref().ok()?.blocks, c.bias)));
+/// Returns the error of each pilot, with the light that it lacks, and the squared light that it can never find.
+fn errors(tried: &[Tried]) -> Vec<Option<[f64; 2]>> {
+    let all = || tried.iter().filter_map(|(c, pilot)| Some((pilot.as_ref().ok()?, c.bias)));
     let error = |(candidate, pilot): &Tried| {
         let pilot = pilot.as_ref().ok()?;
-        let unknown = all().map(|other| pilot.blocks.unknown_error(candidate.bias, other));
-        Some(pilot.relmse? + unknown.fold(0.0, f64::max))
+        let unknown =
+            all().map(|(other, bias)| pilot.blocks.unknown_error(candidate.bias, (&other.blocks, bias)));
+        let more =
+            all().filter(|(other, bias)| other.hidden_light > pilot.hidden_light && *bias != Bias::Remaining);
+        let missing = more.map(|(other, _)| pilot.blocks.missing_light(&other.blocks));
+        Some([pilot.relmse? + unknown.fold(0.0, f64::max), missing.fold(0.0, f64::max)])
     };
     tried.iter().map(error).collect()
 }
@@ -444,19 +492,22 @@ fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
     let errors = errors(tried);
     let unbiased = tried.iter().zip(&errors).filter(|((candidate, _), _)| candidate.bias == Bias::None);
     let exact = unbiased
-        .filter_map(|((_, pilot), error)| Some((pilot.as_ref().ok()?, (*error)?)))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .filter_map(|((_, pilot), error)| Some((pilot.as_ref().ok()?, (*error)?[0])))
+        .min_by(|a, b| b.0.hidden_light.cmp(&a.0.hidden_light).then(a.1.total_cmp(&b.1)))
         .map(|(pilot, _)| pilot);
-    let effort = |((candidate, pilot), error): (&Tried, &Option<f64>)| {
-        let (pilot, error) = (pilot.as_ref().ok()?, (*error)?);
+    let effort = |((candidate, pilot), error): (&Tried, &Option<[f64; 2]>)| {
+        let (pilot, [error, missing]) = (pilot.as_ref().ok()?, (*error)?);
         let noise = error * pilot.cost;
         Some(match candidate.bias {
-            Bias::None => noise,
+            Bias::None => noise + missing * image,
             Bias::Vanishing => {
                 // The ratio of the passes of the image to those of the pilot.
                 let passes = image / pilot.cost;
                 let radius = scale.side * passes.powf((ALPHA - 1.0) / 2.0);
-                let bias = exact.map_or(0.0, |exact| pilot.blocks.squared_bias_of_pixels(&exact.blocks));
+                let bias = exact.map_or(0.0, |exact| {
+                    let finds_more = pilot.hidden_light > exact.hidden_light;
+                    pilot.blocks.squared_bias_of_pixels(&exact.blocks, finds_more)
+                });
                 noise * passes.powf(1.0 - ALPHA) + bias * radius.powf(BIAS_OF_RADIUS) * image
             }
             Bias::Remaining => {
