@@ -149,14 +149,16 @@ pub fn follow<'a>(
     end: impl Fn(usize) -> Option<SurfaceInteraction>,
     mut enter: impl FnMut(usize, &Entry<'a, '_>, &FreeFlight),
 ) -> Vec<Option<Collision<'a>>> {
-    let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
     if !media.has_passed() {
-        for (i, (journey, collision)) in journeys.iter_mut().zip(&mut collisions).enumerate() {
+        let step = |(i, journey): (usize, &mut Journey)| {
+            let mut collision = None;
             let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
-            journey.step(scene, media, None, || end(i), enter, collision);
-        }
-        return collisions;
+            journey.step(scene, media, None, || end(i), enter, &mut collision);
+            collision
+        };
+        return journeys.iter_mut().enumerate().map(step).collect();
     }
+    let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
     let mut active: Vec<usize> = (0..journeys.len()).collect();
     let mut legs = Vec::with_capacity(active.len());
     while !active.is_empty() {

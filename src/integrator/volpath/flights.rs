@@ -89,36 +89,35 @@ impl<'a> Between<'a> for Flights<'a> {
             )
         };
         let mut journeys: Vec<Journey> = before.iter().zip(&travellers).enumerate().map(start).collect();
-        let mut collisions: Vec<Option<Collision<'a>>> = travellers.iter().map(|_| None).collect();
         let mut firsts = vec![First::Ahead; travellers.len()];
         let mut samples = Vec::with_capacity(travellers.len());
         let [leg_points, last_leg_points] = &mut self.leg_points;
         std::mem::swap(leg_points, last_leg_points);
         leg_points.clear();
-        let mut first_boundaries = Some(&boundaries[..]);
-        let mut active: Vec<usize> = (0..travellers.len()).collect();
-        while !active.is_empty() {
-            let mut legs: Vec<Journey> = active.iter().map(|&k| journeys[k]).collect();
-            let end = |j: usize| {
-                let i = travellers[active[j]];
-                hits[i].map(|hit| scene.interaction(&paths.rays[i], &hit))
-            };
-            let enter = |j: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| {
-                let k = active[j];
-                let found = (&mut samples, &mut *leg_points);
-                firsts[k].enter(&self.tracer, &before[k], (entry, flight), || numbers(k), found);
-            };
-            let found = follow(scene, media, &mut legs, first_boundaries.take(), end, enter);
-            for ((&k, leg), collision) in active.iter().zip(legs).zip(found) {
-                (journeys[k], collisions[k]) = (leg, collision);
+        let end = |k: usize, paths: &PathWave, hits: &[Option<Hit>]| {
+            let i = travellers[k];
+            hits[i].map(|hit| scene.interaction(&paths.rays[i], &hit))
+        };
+        let mut enter = |k: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| {
+            let found = (&mut samples, &mut *leg_points);
+            firsts[k].enter(&self.tracer, &before[k], (entry, flight), || numbers(k), found);
+        };
+        let at_end = |k| end(k, paths, hits);
+        let mut collisions: Vec<Option<Collision<'a>>> =
+            follow(scene, media, &mut journeys, Some(&boundaries), at_end, &mut enter);
+        // Camera rays pass hidden emitters.
+        let mut active: Vec<usize> = if hides { (0..travellers.len()).collect() } else { Vec::new() };
+        loop {
+            active.retain(|&k| collisions[k].is_none() && emits(&hits[travellers[k]]));
+            if active.is_empty() {
+                break;
             }
-            active.retain(|&k| hides && collisions[k].is_none() && emits(&hits[travellers[k]]));
             let mut behind = Vec::with_capacity(active.len());
             for &k in &active {
-                let i = travellers[k];
-                let at = hits[i].map(|hit| scene.interaction(&paths.rays[i], &hit));
-                paths.rays[i] = journeys[k].pass(scene, media, &at.expect("a hidden emitter was hit"));
-                behind.push(paths.rays[i]);
+                let at = end(k, paths, hits).expect("a hidden emitter was hit");
+                let ray = &mut paths.rays[travellers[k]];
+                *ray = journeys[k].pass(scene, media, &at);
+                behind.push(*ray);
             }
             let mut found = Vec::new();
             intersect(scene, &behind, Coherence::Incoherent, &mut found, counters);
@@ -126,16 +125,25 @@ impl<'a> Between<'a> for Flights<'a> {
                 hits[travellers[k]] = hit;
                 journeys[k].end_at(hit.map_or(f32::INFINITY, |hit| hit.t));
             }
+            let mut legs: Vec<Journey> = active.iter().map(|&k| journeys[k]).collect();
+            let (at_end, enter) = (
+                |j: usize| end(active[j], paths, hits),
+                |j: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| enter(active[j], entry, flight),
+            );
+            let found = follow(scene, media, &mut legs, None, at_end, enter);
+            for ((&k, leg), collision) in active.iter().zip(legs).zip(found) {
+                (journeys[k], collisions[k]) = (leg, collision);
+            }
         }
         for (k, (collision, &i)) in collisions.into_iter().zip(&travellers).enumerate() {
-            let Journey { medium, flight, .. } = journeys[k];
+            let Journey { medium, flight, .. } = &journeys[k];
             let weight = match &collision {
                 Some(collision) => flight.scattered(collision.medium),
                 None => flight.passed(),
             };
-            let path = Path { medium, beta: before[k].beta * weight, ..before[k] };
+            let path = Path { medium: *medium, beta: before[k].beta * weight, ..before[k] };
             paths.set_beta(i, path.beta);
-            paths.in_media[i].medium = medium;
+            paths.in_media[i].medium = *medium;
             if depth == 0 {
                 let to_surface = || hits[i].map_or(f32::INFINITY, |_| journeys[k].length());
                 out[path.slot].distance = collision.as_ref().map_or_else(to_surface, |collision| collision.t);
