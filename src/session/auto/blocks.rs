@@ -8,7 +8,7 @@ const BLOCK: usize = 8;
 /// A block that is brighter by this factor in the pilot of a candidate that may be biased shows that another one lacks
 /// light.
 const LACKS: f64 = 8.0;
-/// The same where the other candidate never finds some light. Blur changes the mean of a block by less.
+/// The same where the other candidate never finds some light. A smaller difference may be blur.
 const MISSES: f64 = 1.25;
 /// The number of standard errors by which a block may be wrong.
 const DEVIATIONS: f64 = 2.0;

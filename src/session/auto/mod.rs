@@ -316,7 +316,8 @@ impl Session {
             tried.push((candidate, pilot));
             let Some((finds, elapsed)) = found else { continue };
             if is_first && choices.stop.time.is_some() {
-                let rate = camera.film.full_area() as f64 * SAMPLES as f64 / elapsed.as_secs_f64();
+                let seconds = elapsed.max(Duration::from_micros(1)).as_secs_f64();
+                let rate = (camera.film.full_area() * SAMPLES) as f64 / seconds;
                 scale.samples = self.expected_samples(choices, rate) / SAMPLES as f64;
             }
             // The darkest pilot must not be the only one.
