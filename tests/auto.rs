@@ -81,6 +81,11 @@ fn light_that_is_never_found_is_no_bias_of_those_that_find_it() {
     // A part of a long render, and a limit that the first pilot exceeds.
     finds_all("--spp 65536 --sample-range 0..2");
     finds_all("--time 0.01s");
+    // An integrator that the user names says so.
+    let run = folder.render("s.xml --integrator path --spp 2 -o path.pfm");
+    assert!(run.stderr.contains("note: path does not find what mirrors and glass send"), "{run:?}");
+    let run = folder.render("s.xml --integrator sppm --spp 2 -o sppm.pfm");
+    assert!(!run.stderr.contains("does not find"), "{run:?}");
     // With an emitter that rays can hit, the first pilot may be the only one.
     let spot = SLAB.find("<emitter type=\"spot\">").expect("a spot");
     let sky = SLAB.find("<emitter type=\"constant\">").expect("a sky");

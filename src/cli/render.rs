@@ -247,6 +247,9 @@ fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     {
         super::report!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
     }
+    if let Some(missed) = session.missed_light(&plan).filter(|_| !args.quiet) {
+        super::report!("buffon: note: {missed}");
+    }
     let checkpoint = Checkpointing::open(args, &session, &mut plan, origin)?;
     let advice = kind.advice(plan.job.stop.samples);
     if let Some(advice) = advice.filter(|_| !args.quiet) {

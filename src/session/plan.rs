@@ -9,8 +9,10 @@ use crate::integrator::settings::{
     WhenPays,
 };
 use crate::integrator::{self, Bdpt, Integrator, Plugin, Settings};
+use crate::material::SceneMaterial;
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
+use crate::scene::SceneShape;
 use crate::sensor::Camera;
 use crate::util::wording::{did_you_mean, percent};
 use std::ops::Range;
@@ -87,6 +89,31 @@ pub(super) fn states_variances(layers: &[Layer]) -> bool {
 pub(super) const DEFAULT_SPP: u64 = 64;
 /// The integrators that need only rays of a camera: neither light paths to it nor the extent of its pixels.
 const RAYS_ONLY: [&str; 8] = ["path", "volpath", "direct", "whitted", "distribution", "ao", "depth", "aov"];
+
+/// The integrators that miss what mirrors and smooth glass send from emitters that no ray can hit.
+const MISS_HIDDEN_LIGHT: [&str; 5] = ["path", "volpath", "irrcache", "whitted", "distribution"];
+
+impl Session {
+    /// Returns whether no ray can hit some emitter, and a surface mirrors or refracts light, whose material `counts`
+    /// accepts.
+    pub(super) fn has_hidden_light(&self, counts: impl Fn(&SceneMaterial) -> bool) -> bool {
+        let sends = |shape: &SceneShape| {
+            let material = self.scene.materials.get(shape.material);
+            !material.is_absent() && material.lobes_of(false).deltas > 0 && counts(material)
+        };
+        self.scene.needs.delta_emitters && self.scene.shapes.iter().any(sends)
+    }
+
+    /// Returns what the integrator of a plan can never find, if mirrors or smooth glass send much of it.
+    pub fn missed_light(&self, plan: &Plan) -> Option<String> {
+        let name = plan.integrator.name();
+        let sends_much = |material: &SceneMaterial| !material.lobes_of(false).finite && !material.is_pane();
+        (MISS_HIDDEN_LIGHT.contains(&name) && self.has_hidden_light(sends_much)).then(|| {
+            let finds = if self.scene.uses_media() { "bdpt finds a part of it" } else { "sppm does" };
+            format!("{name} does not find what mirrors and glass send of points, spots and parallel lights: {finds}")
+        })
+    }
+}
 
 impl Plan {
     /// Sets whether noisier cells get more samples, as in the render that is continued.

@@ -258,11 +258,6 @@ impl Session {
         samples.into_iter().chain(in_time).reduce(f64::min).unwrap_or(usual)
     }
 
-    /// Returns whether no ray can hit some emitter, and mirrors or smooth glass may send its light elsewhere.
-    fn has_hidden_light(&self) -> bool {
-        self.scene.needs.delta_emitters && self.scene.needs.deltas > 0
-    }
-
     /// Returns whether an image has enough samples for the pilots that a question takes.
     pub(super) fn is_worth_pilots(&self, choices: &Choices, question: Question) -> bool {
         let samples = match choices.stop {
@@ -443,7 +438,7 @@ impl Session {
             cost: of_ray * rendered.counters.cost(&self.scene),
             preparation: of_ray * Statistic::rays(&rendered.statistics).cost(&self.scene),
             squared_bias: 0.0,
-            hidden_light: match self.has_hidden_light() {
+            hidden_light: match self.has_hidden_light(|_| true) {
                 true => candidate.hidden_light,
                 false => HiddenLight::Found,
             },
