@@ -247,14 +247,9 @@ fn render(args: &RenderArgs, watch: Option<&Watch>) -> Result<u8> {
     {
         super::report!("buffon: note: the sampler {kind} replaces the scene's; --sampler scene keeps it");
     }
-    if let Some(missed) = session.missed_light(&plan).filter(|_| !args.quiet) {
-        super::report!("buffon: note: {missed}");
-    }
     let checkpoint = Checkpointing::open(args, &session, &mut plan, origin)?;
-    let advice = kind.advice(plan.job.stop.samples);
-    if let Some(advice) = advice.filter(|_| !args.quiet) {
-        super::report!("buffon: note: {advice}");
-    }
+    let notes = kind.advice(plan.job.stop.samples).into_iter().chain(session.missed_light(&plan));
+    notes.filter(|_| !args.quiet).for_each(|note| super::report!("buffon: note: {note}"));
     let files = named.iter().chain(args.checkpoint.as_ref().filter(|_| args.no_image));
     let names = files.map(|file| file.display().to_string()).collect::<Vec<_>>().join(", ");
     let progress = Arc::new(Progress::new());
