@@ -83,9 +83,21 @@ fn light_that_is_never_found_is_no_bias_of_those_that_find_it() {
     finds_all("--time 0.01s");
     // An integrator that the user names says so.
     let run = folder.render("s.xml --integrator path --spp 2 -o path.pfm");
-    assert!(run.stderr.contains("note: path does not find what mirrors and glass send"), "{run:?}");
+    let note = "does not find light that mirrors and glass send from points, spots and parallel lights";
+    assert!(run.stderr.contains(&format!("note: path {note}; sppm does\n")), "{run:?}");
+    let run = folder.render("s.xml --integrator bdpt --spp 2 -o bdpt.pfm");
+    assert!(
+        run.stderr.contains(&format!("note: bdpt {note} where the camera sees it in a mirror")),
+        "{run:?}"
+    );
     let run = folder.render("s.xml --integrator sppm --spp 2 -o sppm.pfm");
     assert!(!run.stderr.contains("does not find"), "{run:?}");
+    // Smooth plastic sends little, and `null` nothing.
+    for other in ["plastic", "null"] {
+        folder.write("other.xml", SLAB.replace("dielectric", other).as_bytes());
+        let run = folder.render("other.xml --integrator path --spp 2 -o other.pfm");
+        assert!(!run.stderr.contains("does not find"), "{run:?}");
+    }
     // With an emitter that rays can hit, the first pilot may be the only one.
     let spot = SLAB.find("<emitter type=\"spot\">").expect("a spot");
     let sky = SLAB.find("<emitter type=\"constant\">").expect("a sky");

@@ -164,7 +164,6 @@ fn light_paths_that_find_little_are_left_out() {
     }
 }
 
-/// A render that began with `--adaptive` is continued without naming it again.
 /// Glass that is too small for a ray to hit leaves the light paths to other glass as they are.
 #[test]
 fn glass_without_a_size_is_no_target() {
@@ -178,6 +177,7 @@ fn glass_without_a_size_is_no_target() {
     }
 }
 
+/// A render that began with `--adaptive` is continued without naming it again.
 #[test]
 fn a_resumed_adaptive_render_has_no_light_paths() {
     let folder = scene();

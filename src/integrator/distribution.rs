@@ -12,7 +12,7 @@
 
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
-use super::settings::{MAX_SAMPLES, PathLimits, Plugin, Read, Source};
+use super::settings::{HiddenLight, MAX_SAMPLES, PathLimits, Plugin, Read, Source};
 use super::tree::{RayTree, TreeStrategy, split};
 use super::worker::{Continuation, PathWave, draw_1d, draw_2d};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
@@ -184,6 +184,7 @@ impl TreeStrategy for DistributionTree {
 
 impl Plugin for DistributionIntegrator {
     const NAME: &'static str = "distribution";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Missed;
     type Settings = DistributionSettings;
 
     fn read(source: &mut dyn Source) -> Result<DistributionSettings> {

@@ -13,7 +13,7 @@ use super::bdpt::weights::Merged;
 use super::photon::{EmissionGuide, PathSequence, VisibleSurfaces};
 use super::preparation::Workers;
 use super::progressive::{PreparedPass, Progressive, SamplePass};
-use super::settings::{PathLimits, PathSettings, Plugin, Source};
+use super::settings::{HiddenLight, PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Splat, Wave, Worker};
 use crate::accel::Coherence;
@@ -77,6 +77,7 @@ fn start(sequence: PathSequence, i: u64) -> SampleKey {
 
 impl Plugin for Pssmlt {
     const NAME: &'static str = "pssmlt";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Direct;
     type Settings = PathLimits;
 
     fn read(source: &mut dyn Source) -> Result<PathLimits> {

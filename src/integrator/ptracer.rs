@@ -8,7 +8,7 @@
 use super::block::ShadingBlock;
 use super::light_path::{self, LightVertex, Survivors};
 use super::roulette::Roulette;
-use super::settings::{PathLimits, PathSettings, Plugin, Source};
+use super::settings::{HiddenLight, PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, PathIntegrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -123,6 +123,7 @@ impl LightTracer for Ptracer {
 
 impl Plugin for Ptracer {
     const NAME: &'static str = "ptracer";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Direct;
     type Settings = PathLimits;
 
     fn read(source: &mut dyn Source) -> Result<PathLimits> {

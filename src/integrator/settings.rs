@@ -68,10 +68,23 @@ pub trait Source: Parameters {
     fn note(&mut self, text: &str);
 }
 
+/// What an integrator finds of [hidden light](crate::scene::Scene::has_hidden_light).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum HiddenLight {
+    /// Nothing.
+    Missed,
+    /// Where the camera sees it neither in mirrors nor through glass.
+    Direct,
+    /// All that belongs in its image.
+    Found,
+}
+
 /// An integrator of the scene language.
 pub trait Plugin {
     /// Its name in the scene language.
     const NAME: &'static str;
+    /// What it finds of hidden light.
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Found;
     /// Its parameters.
     type Settings;
 
@@ -189,6 +202,11 @@ macro_rules! integrators {
             /// Returns the integrator's name in the scene language.
             pub fn name(&self) -> &'static str {
                 match self { $(Settings::$name(_) => <$plugin as Plugin>::NAME,)* }
+            }
+
+            /// Returns what the integrator finds of hidden light.
+            pub fn hidden_light(&self) -> HiddenLight {
+                match self { $(Settings::$name(_) => <$plugin as Plugin>::HIDDEN_LIGHT,)* }
             }
 
             /// Creates the integrator. The render job handles the layers of `aov`.

@@ -11,7 +11,7 @@
 
 use super::block::ShadingBlock;
 use super::lighting::TechniqueCounts;
-use super::settings::{PathLimits, Plugin, Read, Source};
+use super::settings::{HiddenLight, PathLimits, Plugin, Read, Source};
 use super::tree::{RayTree, TreeStrategy};
 use super::worker::PathWave;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
@@ -124,6 +124,7 @@ impl TreeStrategy for WhittedIntegrator {
 
 impl Plugin for WhittedIntegrator {
     const NAME: &'static str = "whitted";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Missed;
     type Settings = WhittedSettings;
 
     fn read(source: &mut dyn Source) -> Result<WhittedSettings> {

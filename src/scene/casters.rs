@@ -1,6 +1,6 @@
 //! The surfaces at which caustics begin.
 
-use super::SceneShape;
+use super::{Scene, SceneShape};
 use crate::accel::Assembly;
 use crate::emitter::BoundingSphere;
 use crate::material::Materials;
@@ -9,8 +9,7 @@ use crate::shape::WorldShape;
 
 /// Returns spheres around the shapes with Dirac deltas, and around each instance of those in a group, over all times.
 pub(super) fn find(shapes: &[SceneShape], materials: &Materials, assembly: &Assembly) -> Vec<BoundingSphere> {
-    let begins =
-        |shape: &SceneShape| materials.get(shape.material).lobes_of(shape.emitter.is_some()).deltas > 0;
+    let begins = |shape: &SceneShape| begins(shape, materials);
     let mut grouped = vec![false; shapes.len()];
     assembly.groups.iter().flatten().for_each(|&member| grouped[member as usize] = true);
     let alone = shapes.iter().zip(&grouped).filter(|(shape, grouped)| !**grouped && begins(shape));
@@ -23,6 +22,30 @@ pub(super) fn find(shapes: &[SceneShape], materials: &Materials, assembly: &Asse
     let instances = assembly.instances.iter();
     spheres.extend(instances.filter_map(|instance| of_box(instance.bounds(boxes[instance.group as usize]))));
     spheres
+}
+
+/// Returns whether a surface mirrors or refracts light. Rays do not hit `null`, unless it emits.
+fn begins(shape: &SceneShape, materials: &Materials) -> bool {
+    let (material, emits) = (materials.get(shape.material), shape.emitter.is_some());
+    material.lobes_of(emits).deltas > 0 && (emits || !material.is_absent())
+}
+
+impl Scene {
+    /// Returns whether no ray can hit some emitter, and a surface mirrors or refracts its light. No camera path finds
+    /// that.
+    pub fn has_hidden_light(&self) -> bool {
+        self.needs.delta_emitters && self.shapes.iter().any(|shape| begins(shape, &self.materials))
+    }
+
+    /// Returns whether the [hidden light](Self::has_hidden_light) is much: a surface has no other lobes, and is no thin
+    /// pane, which most light passes.
+    pub fn has_much_hidden_light(&self) -> bool {
+        let sends_much = |shape: &SceneShape| {
+            let material = self.materials.get(shape.material);
+            begins(shape, &self.materials) && !material.lobes_of(false).finite && !material.is_pane()
+        };
+        self.needs.delta_emitters && self.shapes.iter().any(sends_much)
+    }
 }
 
 /// Returns a sphere around a shape; `None` if it has no valid primitive.

@@ -5,14 +5,12 @@ use super::auto::{Costs, Decision, Question, leaves_room};
 use crate::error::{Error, Result, counted};
 use crate::integrator::preparation::CacheFile;
 use crate::integrator::settings::{
-    AUTO, Aov, AovSettings, AutoSettings, BdptSettings, IrrcacheSettings, Layer, PathSettings, Techniques,
-    WhenPays,
+    AUTO, Aov, AovSettings, AutoSettings, BdptSettings, HiddenLight, IrrcacheSettings, Layer, PathSettings,
+    Techniques, WhenPays,
 };
 use crate::integrator::{self, Bdpt, Integrator, Plugin, Settings};
-use crate::material::SceneMaterial;
 use crate::render::{JobSettings, StopRules};
 use crate::sampling::{Sampler, SamplerKind};
-use crate::scene::SceneShape;
 use crate::sensor::Camera;
 use crate::util::wording::{did_you_mean, percent};
 use std::ops::Range;
@@ -90,30 +88,8 @@ pub(super) const DEFAULT_SPP: u64 = 64;
 /// The integrators that need only rays of a camera: neither light paths to it nor the extent of its pixels.
 const RAYS_ONLY: [&str; 8] = ["path", "volpath", "direct", "whitted", "distribution", "ao", "depth", "aov"];
 
-/// The integrators that miss what mirrors and smooth glass send from emitters that no ray can hit.
-const MISS_HIDDEN_LIGHT: [&str; 5] = ["path", "volpath", "irrcache", "whitted", "distribution"];
-
-impl Session {
-    /// Returns whether no ray can hit some emitter, and a surface mirrors or refracts light, whose material `counts`
-    /// accepts.
-    pub(super) fn has_hidden_light(&self, counts: impl Fn(&SceneMaterial) -> bool) -> bool {
-        let sends = |shape: &SceneShape| {
-            let material = self.scene.materials.get(shape.material);
-            !material.is_absent() && material.lobes_of(false).deltas > 0 && counts(material)
-        };
-        self.scene.needs.delta_emitters && self.scene.shapes.iter().any(sends)
-    }
-
-    /// Returns what the integrator of a plan can never find, if mirrors or smooth glass send much of it.
-    pub fn missed_light(&self, plan: &Plan) -> Option<String> {
-        let name = plan.integrator.name();
-        let sends_much = |material: &SceneMaterial| !material.lobes_of(false).finite && !material.is_pane();
-        (MISS_HIDDEN_LIGHT.contains(&name) && self.has_hidden_light(sends_much)).then(|| {
-            let finds = if self.scene.uses_media() { "bdpt finds a part of it" } else { "sppm does" };
-            format!("{name} does not find what mirrors and glass send of points, spots and parallel lights: {finds}")
-        })
-    }
-}
+/// Where the camera sees light that [`HiddenLight::Direct`] does not find.
+const SEEN_BY_DELTAS: &str = " where the camera sees it in a mirror or through glass";
 
 impl Plan {
     /// Sets whether noisier cells get more samples, as in the render that is continued.
@@ -233,13 +209,26 @@ impl Session {
             && !choices.aov.iter().any(|name| variances.contains(&name.as_str()))
             && created.check(&self.scene).is_ok()
             && obstacle_to_camera(created.as_ref(), self.camera()).is_none()
-            && self.camera_paths_are_enough()
+            && !self.scene.has_hidden_light()
     }
 
-    /// Returns whether the expected image by camera paths alone is that of `bdpt`. Light of emitters that no ray can
-    /// hit reaches them by no Dirac delta.
-    fn camera_paths_are_enough(&self) -> bool {
-        self.scene.needs.deltas == 0 || !self.scene.needs.delta_emitters
+    /// Returns what the integrator of a plan never finds, if mirrors or smooth glass send much of it.
+    pub fn missed_light(&self, plan: &Plan) -> Option<String> {
+        let integrator = match &plan.integrator {
+            Settings::Aov(AovSettings { image: Some(image), .. }) => image,
+            own => own,
+        };
+        let (where_seen, others) = match integrator.hidden_light() {
+            HiddenLight::Found => return None,
+            HiddenLight::Missed if self.scene.uses_media() => ("", "; bdpt finds a part of it"),
+            HiddenLight::Missed => ("", "; sppm does"),
+            HiddenLight::Direct if self.scene.uses_media() => (SEEN_BY_DELTAS, ""),
+            HiddenLight::Direct => (SEEN_BY_DELTAS, "; sppm does"),
+        };
+        self.scene.has_much_hidden_light().then(|| {
+            let name = integrator.name();
+            format!("{name} does not find light that mirrors and glass send from points, spots and parallel lights{where_seen}{others}")
+        })
     }
 
     /// Returns how pilots choose the integrator, if the user or else the scene asks for that.

@@ -32,7 +32,7 @@ use super::flight::{Departure, stream};
 use super::photon::{EmissionGuide, VisibleSurfaces};
 use super::preparation::Statistic;
 use super::ptracer::{LightTracer, Splat};
-use super::settings::{PathLimits, Plugin, Read, Source, WhenPays};
+use super::settings::{HiddenLight, PathLimits, Plugin, Read, Source, WhenPays};
 use super::worker::draw_2d;
 use super::{Integrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
@@ -79,6 +79,7 @@ impl Bdpt {
 
 impl Plugin for Bdpt {
     const NAME: &'static str = "bdpt";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Direct;
     type Settings = BdptSettings;
 
     fn read(source: &mut dyn Source) -> Result<BdptSettings> {

@@ -28,7 +28,9 @@ mod shading;
 pub mod weight;
 
 use super::preparation::reject_motion;
-use super::settings::{Aov, PathLimits, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source};
+use super::settings::{
+    Aov, HiddenLight, PathLimits, PathSettings, PhotonmapperSettings, Plugin, Read, Settings, Source,
+};
 use super::{
     Counters, Integrator, PathIntegrator, Photonmapper, Preparation, Radiance, RadianceQuery, Statistic,
     Wave, Worker,
@@ -244,6 +246,7 @@ impl IrradianceCache {
 
 impl Plugin for IrradianceCache {
     const NAME: &'static str = "irrcache";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Missed;
     type Settings = IrrcacheSettings;
 
     fn read(source: &mut dyn Source) -> Result<IrrcacheSettings> {

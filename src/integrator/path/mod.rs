@@ -21,7 +21,7 @@ use super::block::ShadingBlock;
 use super::guiding::{GuidedBlock, GuidingField};
 use super::lighting::{self, TechniqueCounts};
 use super::roulette::Roulette;
-use super::settings::{PathLimits, Plugin, Read, Source, WhenPays};
+use super::settings::{HiddenLight, PathLimits, Plugin, Read, Source, WhenPays};
 use super::shadows::ShadowQueue;
 use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, intersect};
 use super::{
@@ -126,6 +126,7 @@ impl PathIntegrator {
 
 impl Plugin for PathIntegrator {
     const NAME: &'static str = "path";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Missed;
     type Settings = PathSettings;
 
     fn read(source: &mut dyn Source) -> Result<PathSettings> {

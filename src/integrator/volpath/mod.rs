@@ -18,7 +18,7 @@ use self::bodies::Bodies;
 use self::event::{EventNumbers, Tracer};
 use self::flights::Flights;
 use super::flight::stream;
-use super::settings::{PathLimits, PathSettings, Plugin, Source};
+use super::settings::{HiddenLight, PathLimits, PathSettings, Plugin, Source};
 use super::worker::{draw_1d, draw_2d};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::color::Rgb;
@@ -77,6 +77,7 @@ impl VolpathIntegrator {
 
 impl Plugin for VolpathIntegrator {
     const NAME: &'static str = "volpath";
+    const HIDDEN_LIGHT: HiddenLight = HiddenLight::Missed;
     type Settings = PathLimits;
 
     fn read(source: &mut dyn Source) -> Result<PathLimits> {

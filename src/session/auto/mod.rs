@@ -15,71 +15,25 @@
 //! It is measured in the same blocks, and is part of the error of the image.
 
 mod blocks;
+mod candidates;
 mod costs;
 
+pub use candidates::Question;
 pub use costs::Costs;
 
 use super::plan::{DEFAULT_SPP, connected};
 use super::{Choices, Session};
 use crate::error::{Error, Result};
-use crate::integrator::settings::{AUTO, AutoSettings, Plugin, WhenPays};
-use crate::integrator::{Bdpt, IrradianceCache, PathIntegrator, Photonmapper, Statistic, VolpathIntegrator};
+use crate::integrator::settings::{AUTO, AutoSettings, HiddenLight, Plugin, WhenPays};
+use crate::integrator::{Bdpt, PathIntegrator, Statistic};
 use crate::render::{Progress, Sinks, StopRules};
 use crate::sensor::Camera;
 use crate::util::wording::percent;
 use blocks::{Bias, Blocks};
+use candidates::{BIASED, Candidate, SECOND};
 use std::fmt;
 use std::time::{Duration, Instant};
 
-/// An integrator that may be chosen.
-struct Candidate {
-    name: &'static str,
-    bias: Bias,
-    hidden_light: HiddenLight,
-    /// The exponent of the side of the image in the cost of the preparation.
-    preparation: i32,
-}
-
-/// What a candidate finds of the light that mirrors and smooth glass send from emitters that no ray can hit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum HiddenLight {
-    /// Nothing.
-    Missed,
-    /// Where the camera sees it neither in mirrors nor through glass.
-    Direct,
-    /// All of it.
-    Found,
-}
-
-impl Candidate {
-    const fn new(name: &'static str, bias: Bias, hidden_light: HiddenLight) -> Self {
-        Candidate { name, bias, hidden_light, preparation: 0 }
-    }
-}
-
-/// The candidates. The first one is kept unless another one is clearly better. Those from [`SECOND`] on have a pilot
-/// only if it is not kept so far.
-const CANDIDATES: [Candidate; 4] = [
-    PATH,
-    BDPT,
-    Candidate::new("sppm", Bias::Vanishing, HiddenLight::Found),
-    Candidate::new("vcm", Bias::Vanishing, HiddenLight::Found),
-];
-const SECOND: usize = 3;
-/// The candidates for scenes with media that are rendered.
-const IN_MEDIA: [Candidate; 2] = [VOLPATH, BDPT];
-const PATH: Candidate = Candidate::new(PathIntegrator::NAME, Bias::None, HiddenLight::Missed);
-const VOLPATH: Candidate = Candidate::new(VolpathIntegrator::NAME, Bias::None, HiddenLight::Missed);
-const BDPT: Candidate = Candidate::new(Bdpt::NAME, Bias::None, HiddenLight::Direct);
-/// The candidates in addition if a bias is allowed. There are as many photons for all sizes of an image, and about as
-/// many irradiance records as the side of the image has pixels.
-const BIASED: [Candidate; 2] = [
-    Candidate {
-        preparation: 1,
-        ..Candidate::new(IrradianceCache::NAME, Bias::Remaining, HiddenLight::Missed)
-    },
-    Candidate::new(Photonmapper::NAME, Bias::Remaining, HiddenLight::Found),
-];
 /// Makes the random numbers of pilots whose bias is measured others than those of the pilots beside them.
 const OTHER_SEED: u64 = 0x6269_6173;
 /// The least cost of the image, in nearest-hit queries, at which candidates with a bias have pilots: the preparation of
@@ -117,48 +71,12 @@ const USUAL_RATE_OF_A_THREAD: f64 = 2.5e5;
 /// The share of a time limit that the pilot of `bdpt` may take; beyond that there is no other one.
 const MOST_TIME: f64 = 0.25;
 
-/// What pilots decide.
-#[derive(Clone, Copy, Debug)]
-pub enum Question {
-    /// Which integrator is the best one.
-    Integrator(AutoSettings),
-    /// Whether the connections of `bdpt` pay, or camera paths alone are better.
-    Connections,
-}
-
-impl Question {
-    /// Returns the integrator that the user named.
-    fn asked(self) -> &'static str {
-        match self {
-            Question::Integrator(_) => AUTO,
-            Question::Connections => Bdpt::NAME,
-        }
-    }
-
-    /// Returns whether it can be answered by the integrator with the given name.
-    pub fn has_answer(self, name: &str) -> bool {
-        let candidates = [false, true].into_iter().flat_map(|in_media| self.candidates(in_media));
-        matches!(self, Question::Integrator(_))
-            || candidates.into_iter().any(|candidate| candidate.name == name)
-    }
-
-    /// Returns the candidates without a bias that remains. The first one is kept unless another one is clearly better.
-    fn candidates(self, in_media: bool) -> &'static [Candidate] {
-        match (self, in_media) {
-            (Question::Integrator(_), false) => &CANDIDATES,
-            (Question::Integrator(_), true) => &IN_MEDIA,
-            (Question::Connections, false) => &[BDPT, PATH],
-            (Question::Connections, true) => &[BDPT, VOLPATH],
-        }
-    }
-}
-
 /// How a candidate did in its pilot.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Trial {
     /// The name of the integrator.
     pub integrator: &'static str,
-    /// The relMSE of the pilot, with the light that it lacks. A bias is not part of it.
+    /// The relMSE of the pilot, with the light that it lacks or never finds. Another bias is not part of it.
     pub relmse: Option<f64>,
     /// The cost of the pilot in nearest-hit queries of `path`, without its preparation.
     pub cost: Option<f64>,
@@ -315,7 +233,7 @@ impl Session {
                 let rate = (camera.film.full_area() * SAMPLES) as f64 / seconds;
                 scale.samples = self.expected_samples(choices, rate) / SAMPLES as f64;
             }
-            // The darkest pilot must not be the only one.
+            // Without the pilot of one that finds more, nobody would know that light is missing.
             if is_late() && Some(finds) >= most_found {
                 break;
             }
@@ -438,7 +356,7 @@ impl Session {
             cost: of_ray * rendered.counters.cost(&self.scene),
             preparation: of_ray * Statistic::rays(&rendered.statistics).cost(&self.scene),
             squared_bias: 0.0,
-            hidden_light: match self.has_hidden_light(|_| true) {
+            hidden_light: match self.scene.has_hidden_light() {
                 true => candidate.hidden_light,
                 false => HiddenLight::Found,
             },
